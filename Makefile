@@ -1,0 +1,63 @@
+# make         sets up, generates and builds the C, checks it against the model, follows a line and a circle
+# make test    every test
+# make clean   leaves what git has
+PYTHON ?= python3
+VENV := .venv
+NOSLIP := $(VENV)/bin/noslip
+READY := $(VENV)/.ready
+export NOSLIP_CACHE ?= $(CURDIR)/build/compiled
+
+MODEL := $(wildcard __init__.py model/*.py model/robots/*.py codegen/*.py)
+ALL_PYTHON := $(MODEL) $(wildcard harness/*.py)
+RUNTIME := $(wildcard runtime_c/*)
+ROBOTS := labmate
+RUNS := line circle
+
+.PHONY: all setup generate check-generated check simulate test trig-sweep clean
+.DELETE_ON_ERROR:
+
+all: check simulate
+	@cat build/check.txt $(RUNS:%=build/%.txt)
+	@echo
+	@echo "pictures: $(RUNS:%=build/%.png)"
+
+setup: $(READY)
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $@
+
+generate: build/generated.stamp
+
+build/generated.stamp: $(READY) $(MODEL)
+	@mkdir -p build
+	$(foreach robot,$(ROBOTS),$(NOSLIP) generate $(robot) &&) touch $@
+
+check-generated: $(READY)
+	$(foreach robot,$(ROBOTS),$(NOSLIP) generate $(robot) --check &&) true
+
+check: build/check.txt
+
+build/check.txt: build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
+	$(NOSLIP) check > $@ || (cat $@; false)
+
+simulate: $(RUNS:%=build/%.txt)
+
+build/%.txt: specs/%.toml build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
+	$(NOSLIP) simulate $< -o build/$*.csv --plot build/$*.png > $@ || (cat $@; false)
+
+test: $(READY)
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/python -m pytest -n 2
+
+# Every float in range against a higher precision (about a minute on two cores), and a dense sample of doubles.
+trig-sweep:
+	@mkdir -p build
+	$(CC) -std=c99 -O2 -ffp-contract=off -fno-math-errno -Iruntime_c tests/c/trig_sweep.c -lm -o build/trig_sweep
+	build/trig_sweep float
+	build/trig_sweep double 100000000 1992
+
+clean:
+	rm -rf build $(VENV) *.egg-info .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

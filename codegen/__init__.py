@@ -1,0 +1,1 @@
+"""From symbolic laws to C text: graph, passes, names, print."""

@@ -1,0 +1,91 @@
+"""What goes with exported C: a Makefile, a page to read first, and a program that steps a law once."""
+
+import json
+from collections.abc import Mapping
+
+from .scalar import SCALARS
+
+
+def example(generated: Mapping[str, str]) -> dict[str, str]:
+    """Makefile, README.md and example.c for the files of one robot."""
+    manifest = json.loads(generated["manifest.json"])
+    robot, laws = manifest["robot"], list(manifest["laws"])
+    suffix = "_f" if f"{robot}.h" not in generated else ""
+    scalar = next(s for s in SCALARS.values() if s.suffix == suffix)
+    return {
+        "Makefile": _makefile(robot),
+        "README.md": _readme(robot, laws, manifest["tools"]),
+        "example.c": _example(robot, laws[0], scalar.suffix, scalar.real),
+    }
+
+
+def _makefile(robot: str) -> str:
+    return f"""# make: builds lib{robot}.a and the example, and runs it. CC and CFLAGS are yours to set, but keep
+# -std=c99 (or -ffp-contract=off) and no -ffast-math, so that every target gives the same bits.
+CC ?= cc
+AR ?= ar
+CFLAGS ?= -O2
+CFLAGS += -std=c99 -ffp-contract=off -fno-math-errno -Wall -Wextra
+OBJECTS := $(patsubst %.c,%.o,$(filter-out example.c,$(wildcard *.c)))
+
+.PHONY: all clean
+all: example
+\t./example
+
+lib{robot}.a: $(OBJECTS)
+\t$(AR) rcs $@ $(OBJECTS)
+
+example: example.c lib{robot}.a
+\t$(CC) $(CFLAGS) -o $@ example.c lib{robot}.a
+
+%.o: %.c $(wildcard *.h *.inc)
+\t$(CC) $(CFLAGS) -c -o $@ $<
+
+clean:
+\trm -f *.o lib{robot}.a example
+"""
+
+
+def _readme(robot: str, laws: list[str], tools: str) -> str:
+    listed = "\n".join(f"- `{robot}_{law}.h`" for law in laws)
+    return f"""# {robot}: control laws in C
+
+Made by {tools}. C99, no heap, no globals, no libm; the caller owns all memory. Add the `.c` files (without
+`example.c`) to your project, or `make` here for `lib{robot}.a`. The headers are the documentation; start with one of
+
+{listed}
+
+Names that end in `_f` are the same in `float`. Every function answers a status (`noslip_status.h`): 0 good, 1 good
+but cut to a limit, negative an error, and then the inputs are zero or held, as `options` say. Compile with `-std=c99`
+or `-ffp-contract=off`; `-ffast-math` is refused. `example.c` makes a law and steps it once.
+"""
+
+
+def _example(robot: str, law: str, suffix: str, real: str) -> str:
+    name = f"{robot}_{law}"
+    return f"""/* Makes one law from the default parameters and steps it once. */
+#include <stdio.h>
+
+#include "{name}{suffix}.h"
+
+int main(void)
+{{
+    {robot}_params{suffix} params;
+    {name}_config{suffix} config = {{0}};       /* yours to fill in: see {name}{suffix}.h */
+    {name}_gains{suffix} gains = {{0}};
+    {robot}_state{suffix} state = {{0}};         /* from your sensors */
+    {name}_reference{suffix} reference = {{0}};  /* what the outputs shall do */
+    {name}{suffix} law;
+    {real} tau[sizeof law.held / sizeof law.held[0]];
+    int status = {robot}_default_params{suffix}(&params);
+
+    if (status == NOSLIP_OK) {{
+        status = {name}_init{suffix}(&law, &params, &config, &gains, NULL);
+    }}
+    if (status == NOSLIP_OK) {{
+        status = {name}_step{suffix}(&law, &state, &reference, tau);
+    }}
+    printf("{name}{suffix}: %s\\n", noslip_status_name(status));
+    return 0;
+}}
+"""

@@ -1,0 +1,183 @@
+"""The expression graph of a law: scalar nodes, each made once, so that equal subexpressions are one node."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import frexp
+
+import casadi as ca
+
+from ..model.errors import ModelError
+from ..model.expression import fold
+
+COMMUTATIVE = frozenset({"add", "mul"})
+ARITHMETIC = ("mul", "add", "sub", "neg", "div", "sqrt", "abs")
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """One scalar: a constant (`value`), a leaf (`group` and `name`) or an operation on `arguments`."""
+
+    operation: str
+    arguments: tuple["Node", ...] = ()
+    value: float = 0.0
+    group: str = ""
+    name: str = ""
+    order: int = 0  # order of creation: an argument always comes before its user
+
+    def __repr__(self) -> str:
+        return f"<{self.operation} {self.name or self.value or ''}#{self.order}>"
+
+
+class Graph:
+    """Makes nodes, at most one of a kind; simplifies only where the value stays the same to the last bit."""
+
+    def __init__(self) -> None:
+        self._nodes: dict[tuple, Node] = {}
+
+    def constant(self, value: float) -> Node:
+        """A number."""
+        return self._make("constant", (), value=float(value) + 0.0)
+
+    def leaf(self, group: str, name: str) -> Node:
+        """An input of the law: a parameter, a gain, part of the state or the reference."""
+        return self._make("leaf", (), group=group, name=name)
+
+    def apply(self, operation: str, *arguments: Node) -> Node:
+        """An operation: add, sub, mul, div, neg, sqrt, sin, cos, abs."""
+        simpler = self._simplify(operation, arguments)
+        if simpler is not None:
+            return simpler
+        if operation in COMMUTATIVE:
+            arguments = tuple(sorted(arguments, key=lambda node: node.order))
+        return self._make(operation, arguments)
+
+    def _make(self, operation: str, arguments: tuple[Node, ...], value: float = 0.0, group: str = "", name: str = "") -> Node:
+        key = (operation, arguments, value, group, name)
+        if key not in self._nodes:
+            self._nodes[key] = Node(operation, arguments, value, group, name, len(self._nodes))
+        return self._nodes[key]
+
+    def _simplify(self, operation: str, arguments: tuple[Node, ...]) -> Node | None:
+        a = arguments[0]
+        b = arguments[1] if len(arguments) > 1 else None
+        if operation == "mul":
+            return self._simplify_product(a, b)
+        if operation == "add":
+            if is_constant(a, 0) or is_constant(b, 0):
+                return b if is_constant(a, 0) else a
+            if b.operation == "neg" or a.operation == "neg":
+                return self.apply("sub", a, b.arguments[0]) if b.operation == "neg" else self.apply("sub", b, a.arguments[0])
+        if operation == "sub":
+            if is_constant(b, 0):
+                return a
+            if is_constant(a, 0):
+                return self.apply("neg", b)
+            if b.operation == "neg":
+                return self.apply("add", a, b.arguments[0])
+        if operation == "neg":
+            if a.operation == "neg":
+                return a.arguments[0]
+            if a.operation == "constant":
+                return self.constant(-a.value)
+            if a.operation == "sub":
+                return self.apply("sub", a.arguments[1], a.arguments[0])
+        if operation == "div":
+            if is_constant(b, 1):
+                return a
+            if b.operation == "constant" and abs(frexp(b.value)[0]) == 0.5:  # a power of two: its inverse is exact
+                return self.apply("mul", a, self.constant(1 / b.value))
+            if a.operation == "neg":
+                return self.apply("neg", self.apply("div", a.arguments[0], b))
+        if operation == "cos" and a.operation == "neg":
+            return self.apply("cos", a.arguments[0])
+        return None
+
+    def _simplify_product(self, a: Node, b: Node) -> Node | None:
+        for one, other in ((a, b), (b, a)):
+            if is_constant(one, 1):
+                return other
+            if is_constant(one, -1):
+                return self.apply("neg", other)
+            if one.operation == "neg":
+                return self.apply("neg", self.apply("mul", one.arguments[0], other))
+            if one.operation == "constant" and one.value < 0:
+                return self.apply("neg", self.apply("mul", self.constant(-one.value), other))
+        return None
+
+
+def is_constant(node: Node, value: float) -> bool:
+    """Is the node this number?"""
+    return node.operation == "constant" and node.value == value
+
+
+def reachable(roots: Iterable[Node]) -> list[Node]:
+    """Every node the roots depend on, arguments before users."""
+    seen: set[Node] = set()
+    stack = list(roots)
+    while stack:
+        node = stack.pop()
+        if node not in seen:
+            seen.add(node)
+            stack.extend(node.arguments)
+    return sorted(seen, key=lambda node: node.order)
+
+
+def count(nodes: Iterable[Node]) -> dict[str, int]:
+    """How many of each operation; a sine and a cosine of the same angle count as one sincos."""
+    nodes = list(nodes)
+    counted = {operation: sum(node.operation == operation for node in nodes) for operation in ARITHMETIC}
+    counted["sincos"] = len({node.arguments for node in nodes if node.operation in ("sin", "cos")})
+    return counted
+
+
+def from_casadi(graph: Graph, expression: ca.SX, symbols: Sequence[ca.SX], leaves: Sequence[Node], where: str) -> list[list[Node]]:
+    """The entries of an SX matrix as nodes, row by row. Raises ModelError for a function that has no C without libm."""
+
+    def apply(code: int, arguments: tuple[Node, ...]) -> Node:
+        if code not in FROM_CASADI:
+            raise ModelError(f"{where}: uses {NAMES.get(code, f'operation {code}')}, for which there is no C without libm; {SUPPORTED}")
+        return FROM_CASADI[code](graph, *arguments)
+
+    entries = fold(expression, symbols, lambda k: leaves[k], graph.constant, apply)
+    rows, columns = expression.shape
+    return [[entries[row + column * rows] for column in range(columns)] for row in range(rows)]
+
+
+SUPPORTED = "use + - * / sqrt sin cos tan fabs and whole powers"
+
+FROM_CASADI = {
+    ca.OP_ASSIGN: lambda g, a: a,
+    ca.OP_ADD: lambda g, a, b: g.apply("add", a, b),
+    ca.OP_SUB: lambda g, a, b: g.apply("sub", a, b),
+    ca.OP_MUL: lambda g, a, b: g.apply("mul", a, b),
+    ca.OP_DIV: lambda g, a, b: g.apply("div", a, b),
+    ca.OP_NEG: lambda g, a: g.apply("neg", a),
+    ca.OP_SQ: lambda g, a: g.apply("mul", a, a),
+    ca.OP_TWICE: lambda g, a: g.apply("mul", g.constant(2), a),
+    ca.OP_INV: lambda g, a: g.apply("div", g.constant(1), a),
+    ca.OP_SQRT: lambda g, a: g.apply("sqrt", a),
+    ca.OP_FABS: lambda g, a: g.apply("abs", a),
+    ca.OP_SIN: lambda g, a: g.apply("sin", a),
+    ca.OP_COS: lambda g, a: g.apply("cos", a),
+    ca.OP_TAN: lambda g, a: g.apply("div", g.apply("sin", a), g.apply("cos", a)),
+}
+
+for _code in (ca.OP_POW, ca.OP_CONSTPOW):
+    FROM_CASADI[_code] = lambda g, a, b: _power(g, a, b)
+
+NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
+
+
+def _power(graph: Graph, base: Node, exponent: Node) -> Node:
+    """base^n for a whole or half n, by repeated squaring."""
+    twice = exponent.value * 2
+    if exponent.operation != "constant" or twice != int(twice) or abs(twice) > 64:
+        raise ModelError(f"a power must be a constant multiple of 1/2 up to 32, for there is no pow without libm; {SUPPORTED}")
+    whole, half = divmod(int(abs(twice)), 2)
+    result = graph.apply("sqrt", base) if half else graph.constant(1)
+    square = base
+    while whole:
+        whole, odd = divmod(whole, 2)
+        result = graph.apply("mul", result, square) if odd else result
+        square = graph.apply("mul", square, square) if whole else square
+    return result if twice >= 0 else graph.apply("div", graph.constant(1), result)

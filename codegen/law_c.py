@@ -1,0 +1,369 @@
+"""C of one control law: its header and its source."""
+
+from collections.abc import Sequence
+
+from ..model.mechanism import per_second
+from .graph import Node, count, reachable
+from .layout import body, comment, fill, guard_name
+from .program import ENTRIES, Entry, Program, fixed_nodes
+from .robot_c import fields, refuse_parameters, struct
+from .scalar import Scalar
+from .statements import Statements
+
+OUTPUTS = {  # quantity -> name in C
+    "h": "h",
+    "ydot": "ydot",
+    "Phi": "Phi",
+    "Phidot": "Phidot",
+    "u": "u",
+    "tau": "tau",
+    "tau_of_demand": "tau",
+}
+
+
+class LawC:
+    """Text of one law in one scalar."""
+
+    def __init__(self, program: Program, scalar: Scalar, banner: Sequence[str]):
+        self.program = program
+        self.law = program.law
+        self.scalar = scalar
+        self.banner = list(banner)
+        self.robot = self.law.system.mechanism.name
+        self.inputs = len(self.law.system.mechanism.inputs)
+        self.prefix = f"{self.robot}_{self.law.name}"
+        self.type = scalar.name(self.prefix)
+        self.state_type = scalar.name(f"{self.robot}_state")
+        self.entries = [e for e in ENTRIES if self.answered(e)]
+
+    def files(self) -> dict[str, str]:
+        """File name -> text."""
+        return {f"{self.type}.h": self.header(), f"{self.type}.c": self.source()}
+
+    def answered(self, entry: Entry) -> list[str]:
+        """The quantities an entry point answers that are not empty."""
+        return [name for name in entry.answers if self.program.quantities[name]]
+
+    def operations(self, entry: Entry) -> dict[str, int]:
+        """Operations of an entry point's mathematics, without its checks of input and limits."""
+        return count(self._executed(self.program.roots(entry)))
+
+    # -- header ---------------------------------------------------------------------------------------------------
+
+    def declarations(self) -> str:
+        """Types and prototypes, without anything for the preprocessor."""
+        real, name, law = self.scalar.real, self.scalar.name, self.law
+        rows = ", ".join(f"{row.name} ({row.unit})" for row in law.output.rows)
+        types = [
+            struct(name(f"{self.prefix}_config"), f"What the output map is made of: {law.output.about}.", fields(self.scalar, law.config)),
+            struct(name(f"{self.prefix}_gains"), "Gains of the outer loop.", fields(self.scalar, law.gains)),
+            struct(name(f"{self.prefix}_reference"), f"What the outputs {rows} shall do.", fields(self.scalar, law.reference)),
+            struct(
+                name(f"{self.prefix}_evaluation"),
+                "All quantities of the law at one state.",
+                [(f"{real} {OUTPUTS[q]}{self.shape(q)};", self._meaning(q)) for q in self.answered(self.entry("evaluate"))],
+            ),
+            struct(
+                self.type,
+                "The law: made by init, owned by the caller, not to be written to.",
+                [
+                    (f"{name(self.robot + '_options')} options;", "limits, and what to answer on an error"),
+                    (f"{real} held[{self.inputs}];", "the inputs answered last"),
+                    ("int ready;", "set by init"),
+                    *[(f"{real} {field};", self._formula(node)) for node, field in self.program.constants.items()],
+                ],
+            ),
+        ]
+        return "\n\n".join([*types, self._init_prototype(), self._reset_prototype(), *map(self._prototype, self.entries)])
+
+    def header(self) -> str:
+        """The whole header of the law."""
+        file_name = f"{self.type}.h"
+        guard = guard_name(file_name)
+        lines = [comment([f"{file_name} - {self.law.output.about}, {self.robot}, {self.scalar.real}", *self.banner])]
+        lines += [f"#ifndef {guard}", f"#define {guard}", "", f'#include "{self.scalar.name(self.robot)}.h"', ""]
+        lines += [self.declarations(), "", "#endif", ""]
+        return "\n".join(lines)
+
+    def entry(self, name: str) -> Entry:
+        """An entry point by name."""
+        return next(entry for entry in ENTRIES if entry.name == name)
+
+    def shape(self, quantity: str) -> str:
+        """C array bounds of a quantity: a column has one, a matrix two (row major)."""
+        matrix = self.program.quantities[quantity]
+        return f"[{len(matrix)}]" if len(matrix[0]) == 1 and quantity not in ("Phi", "Phidot") else f"[{len(matrix)}][{len(matrix[0])}]"
+
+    def _meaning(self, quantity: str) -> str:
+        law = self.law
+        rows = law.output.rows
+        second = [row for row, degree in zip(rows, law.linearization.relative_degree, strict=True) if degree == 2]
+        inputs = law.system.mechanism.inputs
+        motions = law.system.quasi_velocities
+        listed = {
+            "h": ", ".join(f"{row.name} ({row.unit})" for row in rows),
+            "ydot": ", ".join(f"{row.name}_rate ({per_second(row.unit)})" for row in second),
+            "Phi": "rows: " + ", ".join(row.name for row in rows) + "; columns: " + ", ".join(q.name for q in motions),
+            "Phidot": "as Phi, per second",
+            "u": "wanted rates of " + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in motions),
+            "tau": ", ".join(f"{q.name} ({q.unit})" for q in inputs),
+        }
+        return listed[OUTPUTS[quantity]]
+
+    def _formula(self, node: Node) -> str:
+        """A constant's formula in the parameters' names, or its name's meaning where that is too long."""
+        if node.operation == "leaf":
+            quantity = next(q for q in self.law.groups[node.group] if q.name == node.name)
+            return quantity.unit
+        writer = Statements(self.scalar, lambda n: n.name if n.operation == "leaf" else None, {}, str)
+        text = writer.text(node)
+        return text if len(text) <= 70 and not writer.lines else "see init"
+
+    def _prototype(self, entry: Entry) -> str:
+        counted = self.operations(entry)
+        cost = ", ".join(f"{number} {operation}" for operation, number in counted.items() if number)
+        answers = [f"{OUTPUTS[q]}{self.shape(q)}: {self._meaning(q)}" for q in self.answered(entry)]
+        if entry.name == "evaluate":
+            answers = []
+        wanted = [f"v[{len(self.law.demand)}]: " + ", ".join(f"{q.name} ({q.unit})" for q in self.law.demand)] if entry.takes == "demand" else []
+        lines = [entry.about + ".", *wanted, *answers, f"Operations: {cost or 'none'}."]
+        return comment(lines) + "\n" + "\n".join(fill(self._signature(entry) + ";", ""))
+
+    def _init_prototype(self) -> str:
+        lines = [
+            "Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.",
+            "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.",
+        ]
+        return comment(lines) + "\n" + "\n".join(fill(self._init_signature() + ";", ""))
+
+    def _reset_prototype(self) -> str:
+        return comment(["Forgets the inputs that are held."]) + f"\nint {self._function('reset')}({self.type} *self);"
+
+    # -- source ---------------------------------------------------------------------------------------------------
+
+    def source(self) -> str:
+        """The whole source of the law."""
+        parts = [
+            comment([f"{self.type}.c - {self.law.output.about}, {self.robot}, {self.scalar.real}", *self.banner])
+            + f'\n#include "{self.type}.h"',
+            self._init(),
+            self._reset(),
+            self._admit(),
+            *[part for entry in self.entries for part in (self._mathematics(entry), self._entry_point(entry))],
+        ]
+        return "\n\n".join(parts) + "\n"
+
+    def _init(self) -> str:
+        name, law = self.scalar.name, self.law
+        writer = Statements(self.scalar, self._init_given, {}, lambda condition: self._leave(condition, "NOSLIP_SINGULAR"))
+        writer.plan(self.program.constants)
+        for node, field in self.program.constants.items():
+            writer.uses[node] = 1  # its field is its name
+            writer.assign(f"self->{field}", node)
+            if node.operation != "leaf":
+                writer.names[node] = f"self->{field}"
+        constants = [f"self->{field}" for node, field in self.program.constants.items() if node.operation != "leaf"]
+        conditions = self._conditions()
+        finite = " &&\n        ".join(f"{name('noslip_is_finite')}({constant})" for constant in constants)
+        return "\n".join(
+            [
+                *fill(self._init_signature(), ""),
+                "{",
+                "    int status;",
+                "    if (self == NULL) {",
+                "        return NOSLIP_NULL;",
+                "    }",
+                "    self->ready = 0;",
+                "    if (config == NULL || gains == NULL) {",
+                "        return NOSLIP_NULL;",
+                "    }",
+                f"    status = {name(self.robot + '_check_params')}(params);",
+                "    if (status != NOSLIP_OK) {",
+                "        return status;",
+                "    }",
+                f"    if ({refuse_parameters(self.scalar, 'config', law.config)} ||",
+                f"        {refuse_parameters(self.scalar, 'gains', law.gains)}) {{",
+                "        return NOSLIP_BAD_PARAMETER;",
+                "    }",
+                *([conditions] if conditions else []),
+                f"    status = {self._function('reset')}(self);",
+                "    if (options != NULL) {",
+                f"        if (!{name('noslip_limits_ok')}(options->limit, {self.inputs}) ||",
+                "            (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD)) {",
+                "            return NOSLIP_BAD_PARAMETER;",
+                "        }",
+                "        self->options = *options;",
+                "    } else {",
+                *[f"        self->options.limit[{k}] = 0;" for k in range(self.inputs)],
+                "        self->options.on_error = NOSLIP_ZERO;",
+                "    }",
+                body(writer.lines),
+                *([f"    if (!({finite})) {{", "        return NOSLIP_BAD_PARAMETER;", "    }"] if constants else []),
+                "    self->ready = NOSLIP_READY;",
+                "    return status;",
+                "}",
+            ]
+        )
+
+    def _conditions(self) -> str:
+        """Expressions of the configuration that must be positive."""
+        lines = []
+        for node in self.program.conditions:
+            writer = Statements(self.scalar, self._init_given, {}, str)
+            lines.append(self._leave(f"!({writer.text(node)} > 0)", "NOSLIP_BAD_PARAMETER"))
+        return body(lines)
+
+    def _reset(self) -> str:
+        zeros = [f"    self->held[{k}] = 0;" for k in range(self.inputs)]
+        head = [f"int {self._function('reset')}({self.type} *self)", "{", "    if (self == NULL) {", "        return NOSLIP_NULL;", "    }"]
+        return "\n".join([*head, *zeros, "    return NOSLIP_OK;", "}"])
+
+    def _admit(self) -> str:
+        """The check of the state that every entry point makes first."""
+        lines = [
+            "/* Is the law ready, the state finite, and every angle in range? */",
+            f"static int {self._function('admit')}(const {self.type} *self, const {self.state_type} *state)",
+            "{",
+            "    if (self->ready != NOSLIP_READY) {",
+            "        return NOSLIP_NOT_READY;",
+            "    }",
+        ]
+        angles = [angle for angle in self.program.angles if angle.operation == "leaf"]
+        check = f"{self.scalar.name(self.robot + '_check_state')}(state)"
+        if not angles:
+            return "\n".join([*lines, f"    return {check};", "}"])
+        in_range = " && ".join(f"{self.scalar.name('noslip_angle_ok')}(state->{angle.name})" for angle in angles)
+        return "\n".join(
+            [
+                *lines,
+                f"    if ({check} != NOSLIP_OK) {{",
+                "        return NOSLIP_NONFINITE;",
+                "    }",
+                f"    return {in_range} ? NOSLIP_OK : NOSLIP_RANGE;",
+                "}",
+            ]
+        )
+
+    def _mathematics(self, entry: Entry) -> str:
+        """The static function that computes, for arguments that have been checked."""
+        program = self.program
+        leave = lambda condition: self._leave(condition, "NOSLIP_SINGULAR")  # noqa: E731
+        writer = Statements(self.scalar, self._step_given, program.labels, leave)
+        writer.plan(program.roots(entry))
+        for angle in program.angles:
+            if angle.operation != "leaf" and angle in self._executed(program.roots(entry)):
+                checked = f"!{self.scalar.name('noslip_angle_ok')}({writer.named(angle)})"
+                writer.lines.append(self._leave(checked, "NOSLIP_RANGE"))
+        if entry.inverts:
+            writer.not_singular(*program.singular)
+        for quantity in self.answered(entry):
+            matrix = program.quantities[quantity]
+            for i, row in enumerate(matrix):
+                for j, node in enumerate(row):
+                    place = self._place(entry, quantity) + (f"[{i}][{j}]" if "][" in self.shape(quantity) else f"[{i}]")
+                    writer.assign(place, node)
+        unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
+        head = f"static int {self._function(entry.name)}_law({', '.join(self._parameters(entry).values())})"
+        return "\n".join([*fill(head, ""), "{", body([*unused, *writer.lines, "return NOSLIP_OK;"]), "}"])
+
+    def _entry_point(self, entry: Entry) -> str:
+        """The public function: checks, mathematics, a safe answer."""
+        names = self._arguments(entry)
+        answer, given = names[-1], names[:-1]
+        pieces = self._pieces(entry)
+        lines = ["int status = NOSLIP_NULL;"]
+        if entry.name == "step":
+            lines.append(self._leave("self == NULL", f"{self.scalar.name('noslip_finish')}(NOSLIP_NULL, {answer}, {self.inputs})"))
+            given = given[1:]
+        lines.append(self._leave(f"{answer} == NULL", "NOSLIP_NULL"))
+        present = " && ".join(f"{name} != NULL" for name in given)
+        lines.append(f"if ({present}) {{\n    status = {self._function('admit')}(self, state);\n}}")
+        if entry.takes:
+            lines.append(f"if (status == NOSLIP_OK && !({self._finite_input(entry)})) {{\n    status = NOSLIP_NONFINITE;\n}}")
+        lines.append(f"if (status == NOSLIP_OK) {{\n    status = {self._function(entry.name)}_law({', '.join(names)});\n}}")
+        if entry.name == "step":
+            answer_args = f"status, self->options.on_error, self->options.limit, self->held, {answer}, {self.inputs}"
+            lines.append(f"return {self.scalar.name('noslip_answer')}({answer_args});")
+            return "\n".join([*fill(self._signature(entry), ""), "{", body(lines), "}"])
+        if len(pieces) > 1:
+            finite = " && ".join(f"{self.scalar.name('noslip_all_finite')}({place}, {size})" for place, size in pieces)
+            lines.append(f"if (status == NOSLIP_OK && !({finite})) {{\n    status = NOSLIP_NONFINITE;\n}}")
+        calls = [f"{self.scalar.name('noslip_finish')}(status, {place}, {size});" for place, size in pieces]
+        lines += [*(f"(void){call}" for call in calls[:-1]), f"return {calls[-1]}"]
+        return "\n".join([*fill(self._signature(entry), ""), "{", body(lines), "}"])
+
+    def _finite_input(self, entry: Entry) -> str:
+        if entry.takes == "demand":
+            return f"{self.scalar.name('noslip_all_finite')}(v, {len(self.law.demand)})"
+        return " && ".join(f"{self.scalar.name('noslip_is_finite')}(reference->{q.name})" for q in self.law.reference)
+
+    # -- pieces ---------------------------------------------------------------------------------------------------
+
+    def _function(self, name: str) -> str:
+        return self.scalar.name(f"{self.prefix}_{name}")
+
+    def _signature(self, entry: Entry) -> str:
+        return f"int {self._function(entry.name)}({', '.join(self._parameters(entry, public=True).values())})"
+
+    def _init_signature(self) -> str:
+        name = self.scalar.name
+        types = [
+            (f"const {name(self.robot + '_params')}", "params"),
+            (f"const {name(self.prefix + '_config')}", "config"),
+            (f"const {name(self.prefix + '_gains')}", "gains"),
+            (f"const {name(self.robot + '_options')}", "options"),
+        ]
+        return f"int {self._function('init')}({self.type} *self, {', '.join(f'{kind} *{argument}' for kind, argument in types)})"
+
+    def _parameters(self, entry: Entry, public: bool = False) -> dict[str, str]:
+        """Names and declarations of an entry point's arguments; only the public step may write to self."""
+        real = self.scalar.real
+        constant = "" if public and entry.name == "step" else "const "
+        declared = {"self": f"{constant}{self.type} *self", "state": f"const {self.state_type} *state"}
+        if entry.takes == "reference":
+            declared["reference"] = f"const {self.scalar.name(self.prefix + '_reference')} *reference"
+        if entry.takes == "demand":
+            declared["v"] = f"const {real} v[{len(self.law.demand)}]"
+        if entry.name == "evaluate":
+            declared["all"] = f"{self.scalar.name(self.prefix + '_evaluation')} *all"
+        else:
+            (quantity,) = self.answered(entry)
+            declared[OUTPUTS[quantity]] = f"{real} {OUTPUTS[quantity]}{self.shape(quantity)}"
+        return declared
+
+    def _arguments(self, entry: Entry) -> list[str]:
+        return list(self._parameters(entry))
+
+    def _place(self, entry: Entry, quantity: str) -> str:
+        return f"all->{OUTPUTS[quantity]}" if entry.name == "evaluate" else OUTPUTS[quantity]
+
+    def _pieces(self, entry: Entry) -> list[tuple[str, int]]:
+        """The arrays an entry point answers, each with its length; a matrix row by row."""
+        pieces = []
+        for quantity in self.answered(entry):
+            matrix, place = self.program.quantities[quantity], self._place(entry, quantity)
+            rows = [(f"{place}[{i}]", len(row)) for i, row in enumerate(matrix)]
+            pieces += rows if "][" in self.shape(quantity) else [(place, len(matrix))]
+        return pieces
+
+    def _leave(self, condition: str, answer: str) -> str:
+        return f"if ({condition}) {{\n    return {answer};\n}}"
+
+    def _init_given(self, node: Node) -> str | None:
+        return f"{node.group}->{node.name}" if node.operation == "leaf" else None
+
+    def _step_given(self, node: Node) -> str | None:
+        if node in self.program.constants:
+            return f"self->{self.program.constants[node]}"
+        if node.operation == "leaf" and node.group == "demand":
+            return f"v[{[q.name for q in self.law.demand].index(node.name)}]"
+        return f"{node.group}->{node.name}" if node.operation == "leaf" else None
+
+    def _executed(self, roots: Sequence[Node]) -> list[Node]:
+        """The nodes a step computes, constants of init left out."""
+        fixed = fixed_nodes(roots)
+        return [node for node in reachable(roots) if not fixed[node]]
+
+
+def _uses(line: str, name: str) -> bool:
+    return f"{name}->" in line or f"{name}[" in line

@@ -1,0 +1,72 @@
+"""Walking CasADi expressions: the flat list of scalar operations behind a set of SX outputs."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import casadi as ca
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One scalar operation `code` (a casadi.OP_* number) on earlier `values`; `result` is its place in the work vector."""
+
+    code: int
+    arguments: tuple[int, ...]
+    result: int
+    constant: float = 0.0
+
+
+def operations(function: ca.Function) -> Iterator[Operation]:
+    """The operations of an SX function in order of execution, places as CasADi assigns them (they are reused)."""
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        if code == ca.OP_CONST:
+            yield Operation(code, (), function.instruction_output(k)[0], function.instruction_constant(k))
+        elif code == ca.OP_OUTPUT:
+            yield Operation(code, tuple(function.instruction_input(k)), function.instruction_output(k)[1])
+        elif code == ca.OP_INPUT:
+            yield Operation(code, (function.instruction_input(k)[1],), function.instruction_output(k)[0])
+        else:
+            arguments = tuple(function.instruction_input(k))
+            yield Operation(code, arguments, function.instruction_output(k)[0])
+
+
+def fold(
+    outputs: ca.SX,
+    symbols: Sequence[ca.SX],
+    leaf: Callable[[int], Value],
+    constant: Callable[[float], Value],
+    apply: Callable[[int, tuple[Value, ...]], Value],
+) -> list[Value]:
+    """Rebuild the dense entries (column-major) of `outputs` in another algebra.
+
+    `leaf(k)` stands for symbols[k], `constant` for a number, `apply` for one operation.
+    """
+    dense = ca.densify(ca.vec(outputs))
+    function = ca.Function("walk", [ca.vertcat(*symbols)], [dense])
+    work: dict[int, Value] = {}
+    results: list[Value] = [constant(0.0)] * dense.numel()
+    for operation in operations(function):
+        if operation.code == ca.OP_CONST:
+            work[operation.result] = constant(operation.constant)
+        elif operation.code == ca.OP_INPUT:
+            work[operation.result] = leaf(operation.arguments[0])
+        elif operation.code == ca.OP_OUTPUT:
+            results[operation.result] = work[operation.arguments[0]]
+        else:
+            arguments = tuple(work[a] for a in operation.arguments)
+            work[operation.result] = apply(operation.code, arguments)
+    return results
+
+
+def free_symbols(expression: ca.SX) -> list[ca.SX]:
+    """The symbols `expression` depends on, each once."""
+    return ca.symvar(expression)
+
+
+def time_derivative(expression: ca.SX, variables: ca.SX, rates: ca.SX) -> ca.SX:
+    """d/dt of `expression` (any shape) when `variables` move at `rates`: (d expression / d variables) * rates."""
+    return ca.reshape(ca.jtimes(ca.vec(expression), variables, rates), expression.shape)

@@ -1,0 +1,80 @@
+"""Paths to follow, given as f(x, y) = 0: signed distance h1 of a point from the path, in m."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+
+from .errors import ModelError
+from .mechanism import Quantity, quantity
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A curve and its parameters. `distance(x, y)` is zero on it and grows with unit gradient across it."""
+
+    kind: str
+    about: str
+    parameters: tuple[Quantity, ...]
+    distance: Callable[[ca.SX, ca.SX], ca.SX]
+    conditions: tuple[tuple[ca.SX, str], ...] = ()  # (expression that must be positive, what it means)
+
+
+def config(name: str, default: float, unit: str, about: str, sign: str = "any") -> Quantity:
+    """A parameter of an output map; its symbol is marked so that it cannot be taken for one of the robot's."""
+    made = quantity(name, unit, about, default, sign)
+    return Quantity(name, unit, about, made.default, sign, ca.SX.sym(f"config.{name}"))
+
+
+def line() -> Path:
+    """A x + B y + C = 0; positive on the side that (A, B) points to; exact distance."""
+    A = config("A", 1.0, "1", "line A x + B y + C = 0")
+    B = config("B", -1.0, "1", "line A x + B y + C = 0")
+    C = config("C", 0.0, "m", "line A x + B y + C = 0")
+    norm_squared = A.symbol**2 + B.symbol**2
+
+    def distance(x: ca.SX, y: ca.SX) -> ca.SX:
+        inverse = 1 / ca.sqrt(norm_squared)
+        return (A.symbol * inverse) * x + (B.symbol * inverse) * y + C.symbol * inverse
+
+    return Path("line", "line", (A, B, C), distance, ((norm_squared, "A and B are both zero: no line"),))
+
+
+def circle() -> Path:
+    """Circle of radius R about (x_f, y_f); positive outside; exact distance."""
+    x_f = config("x_f", 20.0, "m", "centre of the circle")
+    y_f = config("y_f", 20.0, "m", "centre of the circle")
+    R = config("R", 10.0, "m", "radius of the circle", "positive")
+
+    def distance(x: ca.SX, y: ca.SX) -> ca.SX:
+        return ca.sqrt((x - x_f.symbol) ** 2 + (y - y_f.symbol) ** 2) - R.symbol
+
+    return Path("circle", "circle", (x_f, y_f, R), distance)
+
+
+def implicit(kind: str, about: str, parameters: tuple[Quantity, ...], f: Callable[[ca.SX, ca.SX], ca.SX]) -> Path:
+    """Any curve f(x, y) = 0 as f / |grad f|: zero and of unit slope on the curve, a first-order distance beside it.
+
+    Raises ModelError when f does not depend on the point.
+    """
+
+    def distance(x: ca.SX, y: ca.SX) -> ca.SX:
+        point = ca.SX.sym("point", 2)
+        value = ca.SX(f(point[0], point[1]))
+        gradient = ca.gradient(value, point)
+        if gradient.is_zero():
+            raise ModelError(f"path {kind!r}: f(x, y) does not depend on x or y")
+        return ca.substitute(value / ca.sqrt(ca.sumsqr(gradient)), point, ca.vertcat(x, y))
+
+    return Path(kind, about, parameters, distance)
+
+
+def ellipse() -> Path:
+    """(x/a)^2 + (y/b)^2 = 1 about the origin, the shipped example of an implicit curve; positive outside."""
+    a = config("a", 4.0, "m", "half axis of the ellipse along x", "positive")
+    b = config("b", 2.0, "m", "half axis of the ellipse along y", "positive")
+
+    def f(x: ca.SX, y: ca.SX) -> ca.SX:
+        return (x / a.symbol) ** 2 + (y / b.symbol) ** 2 - 1
+
+    return implicit("ellipse", "ellipse, f / |grad f|", (a, b), f)

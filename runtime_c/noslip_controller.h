@@ -1,0 +1,30 @@
+/*
+ * noslip_controller.h - what surrounds a generated law and makes it a controller: finite input, limits, a safe answer.
+ *
+ * Each function exists for double and, with the suffix _f, for float; both come from noslip_controller.inc.
+ */
+#ifndef NOSLIP_CONTROLLER_H
+#define NOSLIP_CONTROLLER_H
+
+#include <stddef.h>
+
+#include "noslip_real.h"
+#include "noslip_status.h"
+#include "noslip_trig.h"
+
+/* The value of `ready` in a law that init has accepted: unlikely in memory that was never initialized. */
+#define NOSLIP_READY 0x5eed1992
+
+#define NOSLIP_REAL double
+#define NOSLIP_NAME(name) name
+#include "noslip_controller.inc"
+#undef NOSLIP_REAL
+#undef NOSLIP_NAME
+
+#define NOSLIP_REAL float
+#define NOSLIP_NAME(name) name##_f
+#include "noslip_controller.inc"
+#undef NOSLIP_REAL
+#undef NOSLIP_NAME
+
+#endif

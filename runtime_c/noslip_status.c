@@ -1,0 +1,16 @@
+#include "noslip_status.h"
+
+const char *noslip_status_name(int status)
+{
+    switch (status) {
+    case NOSLIP_OK: return "ok";
+    case NOSLIP_SATURATED: return "saturated";
+    case NOSLIP_NULL: return "null";
+    case NOSLIP_NONFINITE: return "nonfinite";
+    case NOSLIP_RANGE: return "range";
+    case NOSLIP_BAD_PARAMETER: return "bad_parameter";
+    case NOSLIP_SINGULAR: return "singular";
+    case NOSLIP_NOT_READY: return "not_ready";
+    default: return "unknown";
+    }
+}

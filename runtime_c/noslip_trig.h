@@ -1,0 +1,99 @@
+/*
+ * noslip_trig.h - sine and cosine together, with the same bits on every target.
+ *
+ * Only + - * and a look at the bits of one number: no division, fused operation, table, library call or branch in the C.
+ *
+ *   |x| <= NOSLIP_ANGLE_MAX_F    float:  absolute error below 1e-7
+ *   |x| <= NOSLIP_ANGLE_MAX      double: error below 1 ulp
+ *
+ * Exact: sin(-x) = -sin(x), cos(-x) = cos(x), sin(0) = 0, cos(0) = 1. Check the angle with noslip_angle_ok first: outside,
+ * the call is harmless, but its results mean nothing and may be infinite or NaN.
+ *
+ * How: n = x / (pi/2) to the nearest integer, r = x - n pi/2, polynomials for sine and cosine of r in [-pi/4, pi/4], and n
+ * quarter turns. pi/2 is cut into parts, all but the last so short that their product with n is exact.
+ * The admit comments give Frama-C the bounds in range, which its intervals cannot find; trig_sweep checks them.
+ * All constants come from tests/trig/fit_coefficients.py (minimax fits of our own); tests/c/trig_sweep.c measures the errors.
+ */
+#ifndef NOSLIP_TRIG_H
+#define NOSLIP_TRIG_H
+
+#include "noslip_real.h"
+
+#define NOSLIP_ANGLE_MAX 1048576.0
+#define NOSLIP_ANGLE_MAX_F 8192.0f
+
+/* 1 if x is in the range of noslip_sincos, 0 if it is outside, infinite or NaN. */
+static inline int noslip_angle_ok(double x)
+{
+    return noslip_abs(x) <= NOSLIP_ANGLE_MAX;
+}
+
+static inline int noslip_angle_ok_f(float x)
+{
+    return noslip_abs_f(x) <= NOSLIP_ANGLE_MAX_F;
+}
+
+static inline void noslip_sincos_f(float x, float *sine, float *cosine)
+{
+    /* Adding 1.5 * 2^23 leaves no room for a fraction: the sum is rounded to an integer, found in its lowest bits. */
+    const float shifter = 12582912.0f;
+    noslip_bits_f turns;
+    float n, y, w, r, z, s, c, s_turned, c_turned;
+
+    turns.value = x * 0.63661975f + shifter;
+    n = turns.value - shifter;
+
+    y = x - n * 1.5708008f; /* exact; this part is 3217/2048 */
+    w = n * 4.454455e-6f;   /* pi/2 lies below it by so much */
+    r = y + w;
+    z = r * r;
+
+    /* sin r = y - (r^3 P(z) - w): from y, not r, so that the rounding of r does not count */
+    s = y - (r * z * (0.16666651f + z * (-0.008331982f + z * 0.00019495949f)) - w);
+    /* cos r = 1 - (z/2 - z^2 Q(z)): halving is exact, one rounding less than in plain Horner form */
+    c = 1.0f - (0.5f * z - z * z * (0.041666646f + z * (-0.0013887301f + z * 2.443067e-5f)));
+
+    s_turned = (turns.bits & 1) ? c : s;
+    c_turned = (turns.bits & 1) ? -s : c;
+    *sine = (turns.bits & 2) ? -s_turned : s_turned;
+    *cosine = (turns.bits & 2) ? -c_turned : c_turned;
+    /*@ admit -1 <= *sine <= 1 && -1 <= *cosine <= 1; */
+}
+
+static inline void noslip_sincos(double x, double *sine, double *cosine)
+{
+    const double shifter = 6755399441055744.0; /* 1.5 * 2^52 */
+    noslip_bits turns;
+    double n, y, w, r, tail, z, h, one_less_h, s, c, s_turned, c_turned;
+
+    turns.value = x * 0.6366197723675814 + shifter;
+    n = turns.value - shifter;
+
+    /* The first two steps are exact. r - tail is the reduced angle to 2^-120 or so: a double can come as near as 2^-60 to a
+     * multiple of pi/2, and its sine or cosine is to be good to the last bit there too. */
+    y = x - n * 1.5707963267341256;
+    y = y - n * 6.077094383272197e-11;
+    w = n * 6.12323399538461e-17;
+    r = y - w;
+    tail = (w - (y - r)) + n * 3.5215598651832e-27;
+    z = r * r;
+
+    /* sin(r - tail) = r - (r^3 P(z) + tail) */
+    s = r - (r * z * (0.16666666666666632 + z * (-0.00833333333332249 + z * (0.00019841269829857798 +
+        z * (-2.7557313706999946e-6 + z * (2.5050760240224308e-8 + z * -1.5896909079600978e-10))))) + tail);
+
+    /* cos(r - tail) = 1 - z/2 + z^2 Q(z) + r tail; what rounding takes from 1 - z/2 is put back */
+    h = 0.5 * z;
+    one_less_h = 1.0 - h;
+    c = one_less_h + (((1.0 - one_less_h) - h) + (z * z * (0.0416666666666666 + z * (-0.0013888888888874474 +
+        z * (2.480158728967154e-5 + z * (-2.755731440103283e-7 + z * (2.0875729281712837e-9 +
+        z * -1.1359934277081767e-11))))) + r * tail));
+
+    s_turned = (turns.bits & 1) ? c : s;
+    c_turned = (turns.bits & 1) ? -s : c;
+    *sine = (turns.bits & 2) ? -s_turned : s_turned;
+    *cosine = (turns.bits & 2) ? -c_turned : c_turned;
+    /*@ admit -1 <= *sine <= 1 && -1 <= *cosine <= 1; */
+}
+
+#endif
