@@ -10,6 +10,7 @@ from ..model.errors import ModelError
 from ..model.expression import fold
 
 COMMUTATIVE = frozenset({"add", "mul"})
+CONSTANT_GROUPS = frozenset({"params", "config", "gains"})  # known to init; the others change from step to step
 ARITHMETIC = ("mul", "add", "sub", "neg", "div", "sqrt", "abs")
 
 
@@ -36,11 +37,11 @@ class Graph:
 
     def constant(self, value: float) -> Node:
         """A number."""
-        return self._make("constant", (), value=float(value) + 0.0)
+        return self.make("constant", (), value=float(value) + 0.0)
 
     def leaf(self, group: str, name: str) -> Node:
         """An input of the law: a parameter, a gain, part of the state or the reference."""
-        return self._make("leaf", (), group=group, name=name)
+        return self.make("leaf", (), group=group, name=name)
 
     def apply(self, operation: str, *arguments: Node) -> Node:
         """An operation: add, sub, mul, div, neg, sqrt, sin, cos, abs."""
@@ -49,9 +50,10 @@ class Graph:
             return simpler
         if operation in COMMUTATIVE:
             arguments = tuple(sorted(arguments, key=lambda node: node.order))
-        return self._make(operation, arguments)
+        return self.make(operation, arguments)
 
-    def _make(self, operation: str, arguments: tuple[Node, ...], value: float = 0.0, group: str = "", name: str = "") -> Node:
+    def make(self, operation: str, arguments: tuple[Node, ...], value: float = 0.0, group: str = "", name: str = "") -> Node:
+        """A node as it is asked for, made once."""
         key = (operation, arguments, value, group, name)
         if key not in self._nodes:
             self._nodes[key] = Node(operation, arguments, value, group, name, len(self._nodes))
@@ -130,12 +132,16 @@ def count(nodes: Iterable[Node]) -> dict[str, int]:
     return counted
 
 
-def from_casadi(graph: Graph, expression: ca.SX, symbols: Sequence[ca.SX], leaves: Sequence[Node], where: str) -> list[list[Node]]:
+def from_casadi(
+    graph: Graph, expression: ca.SX, symbols: Sequence[ca.SX], leaves: Sequence[Node], where: str
+) -> list[list[Node]]:
     """The entries of an SX matrix as nodes, row by row. Raises ModelError for a function that has no C without libm."""
 
     def apply(code: int, arguments: tuple[Node, ...]) -> Node:
         if code not in FROM_CASADI:
-            raise ModelError(f"{where}: uses {NAMES.get(code, f'operation {code}')}, for which there is no C without libm; {SUPPORTED}")
+            raise ModelError(
+                f"{where}: uses {NAMES.get(code, f'operation {code}')}, for which there is no C without libm; {SUPPORTED}"
+            )
         return FROM_CASADI[code](graph, *arguments)
 
     entries = fold(expression, symbols, lambda k: leaves[k], graph.constant, apply)

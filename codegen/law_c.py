@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from ..model.mechanism import per_second
 from .graph import Node, count, reachable
-from .layout import body, comment, fill, guard_name
+from .layout import body, c_linkage, comment, fill, guard_name
 from .program import ENTRIES, Entry, Program, fixed_nodes
 from .robot_c import fields, refuse_parameters, struct
-from .scalar import Scalar
+from .scalar import DOUBLE, Scalar
 from .statements import Statements
 
 OUTPUTS = {  # quantity -> name in C
@@ -34,34 +34,38 @@ class LawC:
         self.prefix = f"{self.robot}_{self.law.name}"
         self.type = scalar.name(self.prefix)
         self.state_type = scalar.name(f"{self.robot}_state")
-        self.entries = [e for e in ENTRIES if self.answered(e)]
+        self.entries = list(program.entries)
 
     def files(self) -> dict[str, str]:
         """File name -> text."""
         return {f"{self.type}.h": self.header(), f"{self.type}.c": self.source()}
 
     def answered(self, entry: Entry) -> list[str]:
-        """The quantities an entry point answers that are not empty."""
-        return [name for name in entry.answers if self.program.quantities[name]]
+        """The quantities an entry point answers."""
+        return list(self.program.entries[entry].quantities)
 
     def operations(self, entry: Entry) -> dict[str, int]:
         """Operations of an entry point's mathematics, without its checks of input and limits."""
-        return count(self._executed(self.program.roots(entry)))
+        return count(self._executed(self.program.entries[entry].roots))
 
     # -- header ---------------------------------------------------------------------------------------------------
 
     def declarations(self) -> str:
         """Types and prototypes, without anything for the preprocessor."""
-        real, name, law = self.scalar.real, self.scalar.name, self.law
+        real, name, law, entry = self.scalar.real, self.scalar.name, self.law, self.entry("evaluate")
         rows = ", ".join(f"{row.name} ({row.unit})" for row in law.output.rows)
         types = [
-            struct(name(f"{self.prefix}_config"), f"What the output map is made of: {law.output.about}.", fields(self.scalar, law.config)),
+            struct(
+                name(f"{self.prefix}_config"),
+                f"Where and what: {law.output.about}.",
+                fields(self.scalar, law.config),
+            ),
             struct(name(f"{self.prefix}_gains"), "Gains of the outer loop.", fields(self.scalar, law.gains)),
             struct(name(f"{self.prefix}_reference"), f"What the outputs {rows} shall do.", fields(self.scalar, law.reference)),
             struct(
                 name(f"{self.prefix}_evaluation"),
                 "All quantities of the law at one state.",
-                [(f"{real} {OUTPUTS[q]}{self.shape(q)};", self._meaning(q)) for q in self.answered(self.entry("evaluate"))],
+                [(f"{real} {OUTPUTS[q]}{self.shape(entry, q)};", self._meaning(q)) for q in self.answered(entry)],
             ),
             struct(
                 self.type,
@@ -82,17 +86,21 @@ class LawC:
         guard = guard_name(file_name)
         lines = [comment([f"{file_name} - {self.law.output.about}, {self.robot}, {self.scalar.real}", *self.banner])]
         lines += [f"#ifndef {guard}", f"#define {guard}", "", f'#include "{self.scalar.name(self.robot)}.h"', ""]
-        lines += [self.declarations(), "", "#endif", ""]
+        lines += [*c_linkage(self.declarations()), "", "#endif", ""]
         return "\n".join(lines)
 
     def entry(self, name: str) -> Entry:
         """An entry point by name."""
         return next(entry for entry in ENTRIES if entry.name == name)
 
-    def shape(self, quantity: str) -> str:
+    def shape(self, entry: Entry, quantity: str) -> str:
         """C array bounds of a quantity: a column has one, a matrix two (row major)."""
-        matrix = self.program.quantities[quantity]
-        return f"[{len(matrix)}]" if len(matrix[0]) == 1 and quantity not in ("Phi", "Phidot") else f"[{len(matrix)}][{len(matrix[0])}]"
+        matrix = self.program.entries[entry].quantities[quantity]
+        return (
+            f"[{len(matrix)}]"
+            if len(matrix[0]) == 1 and quantity not in ("Phi", "Phidot")
+            else f"[{len(matrix)}][{len(matrix[0])}]"
+        )
 
     def _meaning(self, quantity: str) -> str:
         law = self.law
@@ -115,17 +123,21 @@ class LawC:
         if node.operation == "leaf":
             quantity = next(q for q in self.law.groups[node.group] if q.name == node.name)
             return quantity.unit
-        writer = Statements(self.scalar, lambda n: n.name if n.operation == "leaf" else None, {}, str)
+        writer = Statements(DOUBLE, lambda n: n.name if n.operation == "leaf" else None, {}, None)
         text = writer.text(node)
-        return text if len(text) <= 70 and not writer.lines else "see init"
+        return text if len(text) <= 80 and not writer.lines else "see init"
 
     def _prototype(self, entry: Entry) -> str:
         counted = self.operations(entry)
         cost = ", ".join(f"{number} {operation}" for operation, number in counted.items() if number)
-        answers = [f"{OUTPUTS[q]}{self.shape(q)}: {self._meaning(q)}" for q in self.answered(entry)]
+        answers = [f"{OUTPUTS[q]}{self.shape(entry, q)}: {self._meaning(q)}" for q in self.answered(entry)]
         if entry.name == "evaluate":
             answers = []
-        wanted = [f"v[{len(self.law.demand)}]: " + ", ".join(f"{q.name} ({q.unit})" for q in self.law.demand)] if entry.takes == "demand" else []
+        wanted = (
+            [f"v[{len(self.law.demand)}]: " + ", ".join(f"{q.name} ({q.unit})" for q in self.law.demand)]
+            if entry.takes == "demand"
+            else []
+        )
         lines = [entry.about + ".", *wanted, *answers, f"Operations: {cost or 'none'}."]
         return comment(lines) + "\n" + "\n".join(fill(self._signature(entry) + ";", ""))
 
@@ -148,7 +160,7 @@ class LawC:
             + f'\n#include "{self.type}.h"',
             self._init(),
             self._reset(),
-            self._admit(),
+            *self._admits(),
             *[part for entry in self.entries for part in (self._mathematics(entry), self._entry_point(entry))],
         ]
         return "\n\n".join(parts) + "\n"
@@ -215,52 +227,58 @@ class LawC:
 
     def _reset(self) -> str:
         zeros = [f"    self->held[{k}] = 0;" for k in range(self.inputs)]
-        head = [f"int {self._function('reset')}({self.type} *self)", "{", "    if (self == NULL) {", "        return NOSLIP_NULL;", "    }"]
-        return "\n".join([*head, *zeros, "    return NOSLIP_OK;", "}"])
-
-    def _admit(self) -> str:
-        """The check of the state that every entry point makes first."""
-        lines = [
-            "/* Is the law ready, the state finite, and every angle in range? */",
-            f"static int {self._function('admit')}(const {self.type} *self, const {self.state_type} *state)",
+        head = [
+            f"int {self._function('reset')}({self.type} *self)",
             "{",
-            "    if (self->ready != NOSLIP_READY) {",
-            "        return NOSLIP_NOT_READY;",
+            "    if (self == NULL) {",
+            "        return NOSLIP_NULL;",
             "    }",
         ]
-        angles = [angle for angle in self.program.angles if angle.operation == "leaf"]
-        check = f"{self.scalar.name(self.robot + '_check_state')}(state)"
-        if not angles:
-            return "\n".join([*lines, f"    return {check};", "}"])
-        in_range = " && ".join(f"{self.scalar.name('noslip_angle_ok')}(state->{angle.name})" for angle in angles)
-        return "\n".join(
-            [
-                *lines,
-                f"    if ({check} != NOSLIP_OK) {{",
-                "        return NOSLIP_NONFINITE;",
-                "    }",
-                f"    return {in_range} ? NOSLIP_OK : NOSLIP_RANGE;",
-                "}",
-            ]
+        return "\n".join([*head, *zeros, "    return NOSLIP_OK;", "}"])
+
+    def _admits(self) -> list[str]:
+        """The checks that entry points make first: of self and state, and of the reference where there is one."""
+        state = [f"state->{q.name}" for q in self.law.state]
+        reference = [f"reference->{q.name}" for q in self.law.reference]
+        check_state = f"{self.scalar.name(self.robot + '_check_state')}(state)"
+        parts = " && ".join(f"{self.scalar.name('noslip_is_finite')}({part})" for part in reference)
+        reference_type = f"const {self.scalar.name(self.prefix + '_reference')} *reference"
+        return [
+            self._admit("admit", "", state, f"{check_state} != NOSLIP_OK"),
+            self._admit("admit_both", f", {reference_type}", state + reference, f"({check_state} != NOSLIP_OK || !({parts}))"),
+        ]
+
+    def _admit(self, name: str, more: str, parts: list[str], refused: str) -> str:
+        lines = [self._leave("self->ready != NOSLIP_READY", "NOSLIP_NOT_READY")]
+        lines.append("/* A sum is finite only if all its parts are; one that overflows is looked at part by part. */")
+        lines.append(
+            self._leave(f"!{self.scalar.name('noslip_is_finite')}({' + '.join(parts)}) && {refused}", "NOSLIP_NONFINITE")
         )
+        angles = [angle for angle in self.program.angles if angle.operation == "leaf"]
+        in_range = " && ".join(f"{self.scalar.name('noslip_angle_ok')}(state->{angle.name})" for angle in angles)
+        lines.append(f"return {in_range} ? NOSLIP_OK : NOSLIP_RANGE;" if angles else "return NOSLIP_OK;")
+        head = f"static int {self._function(name)}(const {self.type} *self, const {self.state_type} *state{more})"
+        return "\n".join([*fill(head, ""), "{", body(lines), "}"])
 
     def _mathematics(self, entry: Entry) -> str:
         """The static function that computes, for arguments that have been checked."""
         program = self.program
         leave = lambda condition: self._leave(condition, "NOSLIP_SINGULAR")  # noqa: E731
         writer = Statements(self.scalar, self._step_given, program.labels, leave)
-        writer.plan(program.roots(entry))
+        law = program.entries[entry]
+        writer.plan(law.roots)
+        executed = self._executed(law.roots)
         for angle in program.angles:
-            if angle.operation != "leaf" and angle in self._executed(program.roots(entry)):
+            if angle.operation != "leaf" and angle in executed:
                 checked = f"!{self.scalar.name('noslip_angle_ok')}({writer.named(angle)})"
                 writer.lines.append(self._leave(checked, "NOSLIP_RANGE"))
         if entry.inverts:
-            writer.not_singular(*program.singular)
+            writer.not_singular(*law.singular)
         for quantity in self.answered(entry):
-            matrix = program.quantities[quantity]
+            matrix = law.quantities[quantity]
             for i, row in enumerate(matrix):
                 for j, node in enumerate(row):
-                    place = self._place(entry, quantity) + (f"[{i}][{j}]" if "][" in self.shape(quantity) else f"[{i}]")
+                    place = self._place(entry, quantity) + (f"[{i}][{j}]" if "][" in self.shape(entry, quantity) else f"[{i}]")
                     writer.assign(place, node)
         unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
         head = f"static int {self._function(entry.name)}_law({', '.join(self._parameters(entry).values())})"
@@ -273,13 +291,18 @@ class LawC:
         pieces = self._pieces(entry)
         lines = ["int status = NOSLIP_NULL;"]
         if entry.name == "step":
-            lines.append(self._leave("self == NULL", f"{self.scalar.name('noslip_finish')}(NOSLIP_NULL, {answer}, {self.inputs})"))
+            lines.append(
+                self._leave("self == NULL", f"{self.scalar.name('noslip_finish')}(NOSLIP_NULL, {answer}, {self.inputs})")
+            )
             given = given[1:]
         lines.append(self._leave(f"{answer} == NULL", "NOSLIP_NULL"))
         present = " && ".join(f"{name} != NULL" for name in given)
-        lines.append(f"if ({present}) {{\n    status = {self._function('admit')}(self, state);\n}}")
-        if entry.takes:
-            lines.append(f"if (status == NOSLIP_OK && !({self._finite_input(entry)})) {{\n    status = NOSLIP_NONFINITE;\n}}")
+        both = entry.takes == "reference"
+        admit = f"{self._function('admit_both')}(self, state, reference)" if both else f"{self._function('admit')}(self, state)"
+        lines.append(f"if ({present}) {{\n    status = {admit};\n}}")
+        if entry.takes == "demand":
+            finite = f"{self.scalar.name('noslip_all_finite')}(v, {len(self.law.demand)})"
+            lines.append(f"if (status == NOSLIP_OK && !{finite}) {{\n    status = NOSLIP_NONFINITE;\n}}")
         lines.append(f"if (status == NOSLIP_OK) {{\n    status = {self._function(entry.name)}_law({', '.join(names)});\n}}")
         if entry.name == "step":
             answer_args = f"status, self->options.on_error, self->options.limit, self->held, {answer}, {self.inputs}"
@@ -291,11 +314,6 @@ class LawC:
         calls = [f"{self.scalar.name('noslip_finish')}(status, {place}, {size});" for place, size in pieces]
         lines += [*(f"(void){call}" for call in calls[:-1]), f"return {calls[-1]}"]
         return "\n".join([*fill(self._signature(entry), ""), "{", body(lines), "}"])
-
-    def _finite_input(self, entry: Entry) -> str:
-        if entry.takes == "demand":
-            return f"{self.scalar.name('noslip_all_finite')}(v, {len(self.law.demand)})"
-        return " && ".join(f"{self.scalar.name('noslip_is_finite')}(reference->{q.name})" for q in self.law.reference)
 
     # -- pieces ---------------------------------------------------------------------------------------------------
 
@@ -328,7 +346,7 @@ class LawC:
             declared["all"] = f"{self.scalar.name(self.prefix + '_evaluation')} *all"
         else:
             (quantity,) = self.answered(entry)
-            declared[OUTPUTS[quantity]] = f"{real} {OUTPUTS[quantity]}{self.shape(quantity)}"
+            declared[OUTPUTS[quantity]] = f"{real} {OUTPUTS[quantity]}{self.shape(entry, quantity)}"
         return declared
 
     def _arguments(self, entry: Entry) -> list[str]:
@@ -341,9 +359,9 @@ class LawC:
         """The arrays an entry point answers, each with its length; a matrix row by row."""
         pieces = []
         for quantity in self.answered(entry):
-            matrix, place = self.program.quantities[quantity], self._place(entry, quantity)
+            matrix, place = self.program.entries[entry].quantities[quantity], self._place(entry, quantity)
             rows = [(f"{place}[{i}]", len(row)) for i, row in enumerate(matrix)]
-            pieces += rows if "][" in self.shape(quantity) else [(place, len(matrix))]
+            pieces += rows if "][" in self.shape(entry, quantity) else [(place, len(matrix))]
         return pieces
 
     def _leave(self, condition: str, answer: str) -> str:

@@ -42,3 +42,8 @@ def body(statements: Sequence[str], indent: str = "    ") -> str:
 def guard_name(file_name: str) -> str:
     """Include guard of a header."""
     return re.sub(r"[^A-Z0-9]", "_", file_name.upper())
+
+
+def c_linkage(declarations: str) -> list[str]:
+    """Declarations that C++ can use too."""
+    return ["#ifdef __cplusplus", 'extern "C" {', "#endif", "", declarations, "", "#ifdef __cplusplus", "}", "#endif"]

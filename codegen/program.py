@@ -1,16 +1,17 @@
 """A law as a program: one graph for all its entry points, split into what init computes and what a step computes."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import casadi as ca
 
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR_SQUARED
-from .graph import Graph, Node, from_casadi, reachable
+from .graph import CONSTANT_GROUPS, Graph, Node, from_casadi, reachable
+from .optimize import Optimizer
+from .stages import PART, STEP, Stages, staged
 
 Matrix = list[list[Node]]
-CONSTANT_GROUPS = frozenset({"params", "config", "gains"})  # known to init; the others change from step to step
 
 
 @dataclass(frozen=True)
@@ -40,25 +41,33 @@ ENTRIES = (
 
 
 @dataclass(frozen=True, eq=False)
+class Body:
+    """What one entry point computes: its quantities as nodes; singular where not first > second of `singular`."""
+
+    quantities: dict[str, Matrix]
+    singular: tuple[Node, ...]
+
+    @property
+    def roots(self) -> list[Node]:
+        """Every node that must be computed, guards included."""
+        return [*self.singular, *(node for matrix in self.quantities.values() for row in matrix for node in row)]
+
+
+@dataclass(frozen=True, eq=False)
 class Program:
-    """Nodes of every quantity of a law, the constants init makes, and names for the nodes that have one."""
+    """A law's entry points, the constants init makes for them, and names for the nodes that have one."""
 
     law: ControlLaw
-    quantities: dict[str, Matrix]
-    singular: tuple[Node, Node]  # singular where not first > second
+    entries: dict[Entry, Body]
     constants: dict[Node, str]  # node -> field of the law's struct, in the order init makes them
     labels: dict[Node, str]
     conditions: list[Node]  # functions of the configuration that must be positive
-
-    def roots(self, entry: Entry) -> list[Node]:
-        """What an entry point must compute, guards included."""
-        answered = [node for name in entry.answers for row in self.quantities[name] for node in row]
-        return [*self.singular, *answered] if entry.inverts else answered
+    graph: Graph
 
     @property
     def angles(self) -> list[Node]:
         """Arguments of sines and cosines that change from step to step."""
-        fixed = fixed_nodes(node for matrix in self.quantities.values() for row in matrix for node in row)
+        fixed = fixed_nodes(root for body in self.entries.values() for root in body.roots)
         found = {node.arguments[0]: None for node in fixed if node.operation in ("sin", "cos") and not fixed[node]}
         return list(found)
 
@@ -72,99 +81,107 @@ def fixed_nodes(roots: Iterable[Node]) -> dict[Node, bool]:
     return fixed
 
 
-def compile_law(law: ControlLaw, transform: Callable[[Graph, dict[str, Matrix]], dict[str, Matrix]] | None = None) -> Program:
-    """Build the graph of every quantity of the law and split it. `transform` may rewrite the graph before the split."""
+def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = None) -> Program:
+    """Build the graph of every entry point of the law and split off what init computes.
+
+    `stages` says whether to write the law in short steps first, `optimize` whether to run the optimizer's passes; without
+    both, the expressions are the model's own, as they come out of CasADi.
+    """
     graph = Graph()
+    source = staged(law) if (optimize if stages is None else stages) else plain(law)
+    nodes = {q.symbol.element_hash(): graph.leaf(group, q.name) for group, members in law.groups.items() for q in members}
+    symbols = [q.symbol for members in law.groups.values() for q in members]
+    where = f"{law.system.mechanism.name} {law.name}"
+    labels: dict[Node, str] = {}
+
+    def build(expression: ca.SX) -> Matrix:
+        return from_casadi(graph, expression, symbols, [nodes[symbol.element_hash()] for symbol in symbols], where)
+
+    for symbol, expression in source.steps:
+        ((node,),) = build(expression)
+        nodes[symbol.element_hash()] = node
+        symbols.append(symbol)
+        if not str(symbol).startswith(PART):
+            labels.setdefault(node, str(symbol).removeprefix(STEP))
+    quantities = {name: build(expression) for name, expression in source.quantities.items()}
+    labels = _own_names(law, quantities) | labels
+    entries = {}
+    for entry in ENTRIES:
+        chosen = {name: quantities[name] for name in entry.answers if quantities[name]}
+        singular = tuple(row[0] for row in quantities["singular"]) if entry.inverts else ()
+        if chosen:
+            entries[entry] = _optimized(graph, Body(chosen, singular), labels) if optimize else Body(chosen, singular)
+    conditions = [row[0] for row in quantities["conditions"]]
+    return Program(law, entries, _constants(entries, labels), labels, conditions, graph)
+
+
+def plain(law: ControlLaw) -> Stages:
+    """The law's quantities as the model has them, in one step."""
     found = law.linearization
-    symbols = ca.vertcat(*[q.symbol for group in law.groups.values() for q in group])
-    leaves = [graph.leaf(group, q.name) for group, quantities in law.groups.items() for q in quantities]
-    determinant = found.determinant
-    expressions = {
+    quantities = {
         "h": found.h,
         "ydot": found.rate,
         "Phi": found.Phi,
         "Phidot": found.Phidot,
-        "drift": found.drift,
         "v": law.v,
         "u": law.u,
         "tau": law.tau,
         "tau_of_demand": law.tau_of_demand,
-        "Mbar": law.system.Mbar,
-        "bias": law.system.bias,
-        "determinant": determinant,
-        "singular": ca.vertcat(determinant**2, SINGULAR_SQUARED * found.scale_squared),
+        "singular": ca.vertcat(found.determinant**2, SINGULAR_SQUARED * found.scale_squared),
         "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
     }
-    stacked = ca.vertcat(*[ca.vec(expression.T) for expression in expressions.values()])
-    entries = iter(row[0] for row in from_casadi(graph, stacked, [symbols], leaves, f"{law.system.mechanism.name} {law.name}"))
-    quantities = {
-        name: [[next(entries) for _ in range(expression.shape[1])] for _ in range(expression.shape[0])]
-        for name, expression in expressions.items()
-    }
-    if transform is not None:
-        quantities = transform(graph, quantities)
-    labels = _labels(law, quantities)
-    left, right = (row[0] for row in quantities.pop("singular"))
-    conditions = [row[0] for row in quantities.pop("conditions")]
-    return Program(law, quantities, (left, right), _split(quantities, (left, right), labels), labels, conditions)
+    return Stages([], quantities=quantities)
 
 
-def _labels(law: ControlLaw, quantities: dict[str, Matrix]) -> dict[Node, str]:
-    """The field's own names for the nodes that have one; the first name given stays."""
+def _optimized(graph: Graph, body: Body, labels: dict[Node, str]) -> Body:
+    """The body after the optimizer's passes; names follow the nodes whose value they are."""
+    improved = iter(Optimizer(graph, labels).run(body.roots))
+    singular = tuple(next(improved) for _ in body.singular)
+    quantities = {name: [[next(improved) for _ in row] for row in matrix] for name, matrix in body.quantities.items()}
+    return Body(quantities, singular)
+
+
+def _own_names(law: ControlLaw, quantities: dict[str, Matrix]) -> dict[Node, str]:
+    """The field's own names for what a law answers."""
     rows = [row.name for row in law.output.rows]
     second = [row for row, degree in zip(rows, law.linearization.relative_degree, strict=True) if degree == 2]
-    motions = [q.name for q in law.system.quasi_velocities]
-    inputs = [q.name for q in law.system.mechanism.inputs]
     size = range(1, len(rows) + 1)
-    square = [[f"{i}{j}" for j in size] for i in size]
     names = {
         "h": [[name] for name in rows],
         "ydot": [[f"{name}_rate"] for name in second],
-        "Phi": [[f"Phi_{place}" for place in row] for row in square],
-        "determinant": [["det_Phi"]],
-        "Phidot": [[f"Phidot_{place}" for place in row] for row in square],
-        "drift": [[f"drift_{name}"] for name in rows],
+        "Phi": [[f"Phi_{i}{j}" for j in size] for i in size],
+        "Phidot": [[f"Phidot_{i}{j}" for j in size] for i in size],
         "v": [[f"v_{name}"] for name in rows],
-        "u": [[f"u_{name}"] for name in motions],
-        "Mbar": [[f"Mbar_{place}" for place in row] for row in square],
-        "bias": [[f"bias_{name}"] for name in motions],
-        "tau": [[name] for name in inputs],
+        "u": [[f"u_{q.name}"] for q in law.system.quasi_velocities],
+        "tau": [[q.name] for q in law.system.mechanism.inputs],
     }
     labels: dict[Node, str] = {}
-    taken: set[str] = set()
     for quantity, texts in names.items():
         for nodes, row in zip(quantities[quantity], texts, strict=True):
             for node, text in zip(nodes, row, strict=True):
-                if node.operation not in ("leaf", "constant") and node not in labels and text not in taken:
-                    labels[node] = text
-                    taken.add(text)
+                if node.operation not in ("leaf", "constant"):
+                    labels.setdefault(node, text)
     return labels
 
 
-def _split(quantities: dict[str, Matrix], singular: tuple[Node, Node], labels: dict[Node, str]) -> dict[Node, str]:
+def _constants(entries: dict[Entry, Body], labels: dict[Node, str]) -> dict[Node, str]:
     """The fixed nodes that a step uses directly, with the names of their fields."""
-    roots = [node for name, matrix in quantities.items() if name in NEEDED for row in matrix for node in row]
+    roots = [root for body in entries.values() for root in body.roots]
+    fixed = fixed_nodes(roots)
     used: dict[Node, None] = {}
-    fixed = fixed_nodes([*roots, *singular])
     for node in [n for n in fixed if not fixed[n]]:
         used.update((argument, None) for argument in node.arguments if fixed[argument])
-    used.update((root, None) for root in (*roots, *singular) if fixed[root])
+    used.update((root, None) for root in roots if fixed[root])
     names: dict[Node, str] = {}
-    taken = set(labels.values())
     number = 0
     for node in sorted(used, key=lambda n: n.order):
         if node.operation == "constant":
             continue
         if node.operation == "leaf":
-            name = node.name if node.name not in taken else f"{node.group}_{node.name}"
-        elif node in labels:
-            name = labels[node]
+            names[node] = node.name if node.name not in names.values() else f"{node.group}_{node.name}"
+        elif node in labels and labels[node] not in names.values():
+            names[node] = labels[node]
         else:
             number += 1
-            name = f"k{number}"
-        taken.add(name)
-        names[node] = name
+            names[node] = f"k{number}"
     return names
-
-
-NEEDED = frozenset(name for entry in ENTRIES for name in entry.answers)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from ..model.mechanism import Mechanism, Quantity
 from ..model.reduction import ReducedSystem
-from .layout import comment, guard_name, table
+from .layout import c_linkage, comment, guard_name, table
 from .scalar import Scalar
 
 
@@ -75,7 +75,7 @@ def robot_header(system: ReducedSystem, scalar: Scalar, banner: Sequence[str]) -
             "",
             '#include "noslip_controller.h"',
             "",
-            robot_declarations(system, scalar),
+            *c_linkage(robot_declarations(system, scalar)),
             "",
             "#endif",
             "",

@@ -15,10 +15,12 @@ Printed = tuple[str, int]  # text and how tightly it binds
 class Statements:
     """Writes the C that computes a set of nodes, each at most once; `given` names what needs no computing.
 
-    `guard(condition)` is the line that leaves the function where a division or an angle has no meaning.
+    `guard(condition)` is the line that leaves the function where a division or an angle has no meaning; None for none.
     """
 
-    def __init__(self, scalar: Scalar, given: Callable[[Node], str | None], labels: dict[Node, str], guard: Callable[[str], str]):
+    def __init__(
+        self, scalar: Scalar, given: Callable[[Node], str | None], labels: dict[Node, str], guard: Callable[[str], str] | None
+    ):
         self.scalar = scalar
         self.given = given
         self.labels = labels
@@ -66,9 +68,7 @@ class Statements:
         """Leave the function unless the first is greater than the second; NaN leaves."""
         left, right = self._operand(determinant_squared, 1), self._operand(bound, 1)
         self.lines.append(self.guard(f"!({left} > {right})"))
-        self.guarded.add(determinant_squared)
-        if determinant_squared.operation == "mul":
-            self.guarded.update(determinant_squared.arguments)
+        self.guarded.update(factors(determinant_squared))
 
     def _operand(self, node: Node, binding: int) -> str:
         text, precedence = self._print(node)
@@ -108,9 +108,10 @@ class Statements:
         return f"{self._operand(first, binding)} {SIGN[node.operation]} {self._operand(second, binding + 1)}", binding
 
     def _guard_division(self, denominator: Node) -> None:
-        if denominator in self.guarded or denominator.operation == "constant":
+        changing = {factor for factor in factors(denominator) if factor.operation != "constant"}
+        if self.guard is None or changing <= self.guarded:
             return
-        self.guarded.add(denominator)
+        self.guarded |= changing
         name = self.named(denominator)
         size = name if denominator.operation == "sqrt" else f"{self.scalar.name('noslip_abs')}({name})"
         self.lines.append(self.guard(f"!({size} > 0)"))
@@ -138,3 +139,10 @@ class Statements:
     def _temporary(self) -> str:
         self.temporaries += 1
         return f"t{self.temporaries}"
+
+
+def factors(node: Node) -> list[Node]:
+    """The factors of a product or a root, or the node itself: none is zero where the node is not."""
+    if node.operation in ("mul", "neg", "sqrt"):
+        return [factor for argument in node.arguments for factor in factors(argument)]
+    return [node]

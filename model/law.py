@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from .linearization import Linearization, linearize
-from .mechanism import Quantity, per_second, quantity
+from .mechanism import Quantity, per_second, quantity, refuse_twice
 from .outputs import OutputMap
 from .reduction import ReducedSystem
 
@@ -73,17 +73,20 @@ def symbols(quantities: Sequence[Quantity]) -> ca.SX:
 def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
     """Build the law for one output map. Raises ModelError as `linearize` does."""
     found = linearize(system, output)
-    gains, reference, v = _outer_loop(found)
+    gains, reference = _outer_loop_symbols(found)
+    v = outer_loop(found.relative_degree, [k.symbol for k in gains], [y.symbol for y in reference], found.h, found.rate)
     demand = tuple(
         quantity(f"v_{row.name}", _derivative_unit(row.unit, degree), f"wanted derivative {degree} of {row.name}")
         for row, degree in zip(output.rows, found.relative_degree, strict=True)
     )
+    for group, members in (("reference", reference), ("gains", gains)):
+        refuse_twice([q.name for q in members], f"{system.mechanism.name}, output {output.name}, {group}")
     u, u_of_demand = found.second_feedback(v), found.second_feedback(symbols(demand))
     mechanism = system.mechanism
     return ControlLaw(
         linearization=found,
         parameters=tuple(mechanism.parameters),
-        config=output.parameters,
+        config=tuple(output.parameters),
         gains=gains,
         state=system.state,
         reference=reference,
@@ -96,30 +99,34 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
     )
 
 
-def _outer_loop(found: Linearization) -> tuple[tuple[Quantity, ...], tuple[Quantity, ...], ca.SX]:
-    """Gains, references and v of every row. The paper's gains are lost in the scan: 1, 2.5 and 2 are assumed."""
+def outer_loop(degree: Sequence[int], gains: Sequence[ca.SX], reference: Sequence[ca.SX], h: ca.SX, rate: ca.SX) -> ca.SX:
+    """The wanted derivatives v from outputs h and their rates, gains and references taken in order, row by row."""
+    gain, wanted, rates = iter(gains), iter(reference), iter(ca.vertsplit(rate) if rate.numel() else ())
+    v = []
+    for k, y in zip(degree, ca.vertsplit(h), strict=True):
+        error, rate_d = next(wanted) - y, next(wanted)
+        if k == 1:
+            v.append(rate_d + next(gain) * error)
+        else:
+            v.append(next(wanted) + next(gain) * error + next(gain) * (rate_d - next(rates)))
+    return ca.vertcat(*v)
+
+
+def _outer_loop_symbols(found: Linearization) -> tuple[tuple[Quantity, ...], tuple[Quantity, ...]]:
+    """Gains and references of every row. The paper's gains are lost in the scan: 1, 2.5 and 2 are assumed."""
     gains: list[Quantity] = []
     reference: list[Quantity] = []
-    v = []
-    second_order = iter(ca.vertsplit(found.rate)) if found.rate.numel() else iter(())
-
-    def add(group: list[Quantity], name: str, unit: str, about: str, default: float = 0.0, sign: str = "any") -> ca.SX:
-        group.append(quantity(name, unit, about, default, sign))
-        return group[-1].symbol
-
-    for row, degree, h in zip(found.output.rows, found.relative_degree, ca.vertsplit(found.h), strict=True):
-        y_d = add(reference, row.name, row.unit, f"wanted {row.about}")
-        rate_d = add(reference, f"{row.name}_rate", per_second(row.unit), f"wanted rate of {row.name}")
+    for row, degree in zip(found.output.rows, found.relative_degree, strict=True):
+        name, unit = row.name, row.unit
+        reference.append(quantity(name, unit, f"wanted {row.about}"))
+        reference.append(quantity(f"{name}_rate", per_second(unit), f"wanted rate of {name}"))
         if degree == 1:
-            kv = add(gains, f"kv_{row.name}", "1/s", f"{row.name} error", 2.0, "nonnegative")
-            v.append(rate_d + kv * (y_d - h))
+            gains.append(quantity(f"kv_{name}", "1/s", f"{name} error", 2.0, "nonnegative"))
             continue
-        unit = _derivative_unit(row.unit, 2)
-        acceleration_d = add(reference, f"{row.name}_acceleration", unit, f"wanted second derivative of {row.name}")
-        kp = add(gains, f"kp_{row.name}", "1/s^2", f"{row.name} error", 1.0, "nonnegative")
-        kd = add(gains, f"kd_{row.name}", "1/s", f"error of the rate of {row.name}", 2.5, "nonnegative")
-        v.append(acceleration_d + kd * (rate_d - next(second_order)) + kp * (y_d - h))
-    return tuple(gains), tuple(reference), ca.vertcat(*v)
+        reference.append(quantity(f"{name}_acceleration", _derivative_unit(unit, 2), f"wanted second derivative of {name}"))
+        gains.append(quantity(f"kp_{name}", "1/s^2", f"{name} error", 1.0, "nonnegative"))
+        gains.append(quantity(f"kd_{name}", "1/s", f"error of the rate of {name}", 2.5, "nonnegative"))
+    return tuple(gains), tuple(reference)
 
 
 def _derivative_unit(unit: str, degree: int) -> str:

@@ -1,6 +1,7 @@
 """Input-output linearization: relative degrees, decoupling matrix (15), its derivative, second feedback (20)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -9,6 +10,7 @@ from .errors import ModelError
 from .exact import canonical
 from .outputs import OutputMap
 from .reduction import ReducedSystem
+from .samples import Sampled
 
 SINGULAR = 1e-5  # |det Phi| at or below this times the product of Phi's row norms counts as singular, everywhere
 SINGULAR_SQUARED = 1e-10  # the same for the squares, which need no root
@@ -30,7 +32,7 @@ class Linearization:
     Phidot: ca.SX
     drift: ca.SX
 
-    @property
+    @cached_property
     def determinant(self) -> ca.SX:
         """det Phi."""
         return canonical(ca.det(self.Phi))
@@ -52,24 +54,27 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
     """Find each row's relative degree and build Phi, its derivative along the motion and the drift.
 
     A row that depends on nu has degree 1: its row of Phi is dh/dnu. A row h(q) has degree 2: dh/dq S.
-    Raises ModelError when the rows are not n-m, or when a row of Phi vanishes identically.
+    Raises ModelError when the output map is not one of this system's (`OutputMap.check`), when the rows are not n-m, when a
+    row of Phi vanishes identically or when Phi is singular everywhere.
     """
     where = f"{system.mechanism.name}, output {output.name}"
     if len(output.rows) != system.freedom:
         raise ModelError(f"{where}: {len(output.rows)} outputs for n - m = {system.freedom}; give exactly as many")
     if system.freedom > 3:
         raise ModelError(f"{where}: n - m = {system.freedom}, the closed-form inverse of Phi goes up to 3")
+    output.check(system)
     q, nu = system.mechanism.q, system.nu
     degree, rates, rows, drift = [], [], [], []
-    for row in output.rows:
-        rate = system.along_motion(row.expression)
-        by_velocity = canonical(ca.jacobian(row.expression, nu))
+    h = ca.vertcat(*[row.expression for row in output.rows])
+    for row, expression in zip(output.rows, ca.vertsplit(h), strict=True):
+        rate = system.along_motion(expression)
+        by_velocity = canonical(ca.jacobian(expression, nu))
         if not _vanishes(system, output, by_velocity):
             degree.append(1)
             rows.append(by_velocity)
             drift.append(rate)
             continue
-        through = canonical(ca.jacobian(row.expression, q) @ system.S)
+        through = canonical(ca.jacobian(expression, q) @ system.S)
         if _vanishes(system, output, through):
             raise ModelError(
                 f"{where}: row {row.name!r} of Phi vanishes identically: neither the output nor its rate "
@@ -80,25 +85,32 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
         rows.append(through)
         drift.append(system.along_motion(through) @ nu)
     Phi = ca.vertcat(*rows)
-    h = ca.vertcat(*[row.expression for row in output.rows])
+    _check_regular(system, output, Phi)
     Phidot = ca.densify(system.along_motion(Phi))
     return Linearization(system, output, tuple(degree), h, ca.vertcat(*rates), ca.densify(Phi), Phidot, ca.vertcat(*drift))
 
 
 def _vanishes(system: ReducedSystem, output: OutputMap, row: ca.SX) -> bool:
-    """Is this row zero at random states, parameters at their defaults?"""
-    if row.is_zero():
-        return True
-    symbols = [system.mechanism.q, system.nu, system.mechanism.p, ca.vertcat(*[c.symbol for c in output.parameters])]
-    function = ca.Function("row", symbols, [ca.densify(row)])
-    random = np.random.default_rng(1992)
-    p = [parameter.default for parameter in system.mechanism.parameters]
-    config = [parameter.default + 0.125 for parameter in output.parameters]
-    samples = (random.uniform(-1.5, 1.5, symbols[0].numel() + symbols[1].numel()) for _ in range(8))
-    values = [np.asarray(function(x[: q_size(system)], x[q_size(system) :], p, config)) for x in samples]
-    return bool(np.nanmax(np.abs(values)) < 1e-12)
+    """Is this row zero at random states and parameters?"""
+    return row.is_zero() or _sampled(system, output, row).largest() < 1e-12
 
 
-def q_size(system: ReducedSystem) -> int:
-    """n, the number of coordinates."""
-    return len(system.mechanism.coordinates)
+def _sampled(system: ReducedSystem, output: OutputMap, matrix: ca.SX) -> Sampled:
+    where = f"{system.mechanism.name}, output {output.name}"
+    return Sampled(matrix, ca.vertcat(system.mechanism.q, system.nu), (*system.mechanism.parameters, *output.parameters), where)
+
+
+def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX) -> None:
+    """Refuse outputs that can never be controlled together."""
+    values = _sampled(system, output, Phi).values
+    if any(abs(np.linalg.det(value)) > SINGULAR * np.prod(np.linalg.norm(value, axis=1)) for value in values):
+        return
+    where = f"{system.mechanism.name}, output {output.name}"
+    for column, velocity in enumerate(system.quasi_velocities):
+        if max(np.abs(value[:, column]).max() for value in values) < 1e-12:
+            raise ModelError(
+                f"{where}: Phi is singular everywhere: no output feels the input along {velocity.name}; "
+                f"replace one by {velocity.name} itself or by an output whose rate depends on it"
+            )
+    names = ", ".join(row.name for row in output.rows)
+    raise ModelError(f"{where}: Phi is singular everywhere: the outputs {names} depend on each other; replace one of them")

@@ -6,8 +6,9 @@ something rolls, and says where the inputs act. M, V, A and E follow by CasADi's
 
 import keyword
 import math
+import numbers
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -38,25 +39,45 @@ class Quantity:
     def check(self, value: float, where: str = "") -> float:
         """Answer `value` as a float. Raises ModelError when it is not finite or has the wrong sign."""
         place = f"{where}: " if where else ""
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if not is_number(value):
             raise ModelError(f"{place}{self.name} = {value!r} is not a number")
-        if not math.isfinite(value):
-            raise ModelError(f"{place}{self.name} = {value} is not finite")
+        try:
+            number = float(value)
+        except OverflowError as error:
+            raise ModelError(f"{place}{self.name} = {str(value)[:12]}... is too large for a number") from error
+        if not math.isfinite(number):
+            raise ModelError(f"{place}{self.name} = {number} is not finite")
         holds, wanted = SIGNS[self.sign]
-        if not holds(value):
-            raise ModelError(f"{place}{self.name} = {value:g} {self.unit} must be {wanted} ({self.about})")
-        return float(value)
+        if not holds(number):
+            raise ModelError(f"{place}{self.name} = {number:g} {self.unit} must be {wanted} ({self.about})")
+        return number
 
 
 def quantity(name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any") -> Quantity:
     """A Quantity with a fresh symbol. Raises ModelError for a name that C or Python cannot take, or an unknown sign."""
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or keyword.iskeyword(name) or name in C_KEYWORDS:
-        raise ModelError(f"name {name!r} cannot be used in C: letters, digits and _ only, no keyword")
-    if sign not in SIGNS:
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or is_reserved(name):
+        raise ModelError(f"name {name!r} cannot be used in C: letters, digits and _ only, no keyword of C, C++ or Python")
+    for text, what in ((unit, "unit"), (about, "about")):
+        if not isinstance(text, str) or not text.isprintable() or "*/" in text:
+            raise ModelError(f"{name}: {what} {text!r} must be text on one line that can stand in a C comment")
+    if sign not in tuple(SIGNS):
         raise ModelError(f"{name}: sign {sign!r} is not one of {', '.join(SIGNS)}")
-    made = Quantity(name, unit, about, default, sign, ca.SX.sym(name))
-    made.check(default, f"default of {name}")
-    return made
+    default = Quantity(name, unit, about, sign=sign).check(default, f"default of {name}")
+    return Quantity(name, unit, about, default, sign, ca.SX.sym(name))
+
+
+def is_number(value: object) -> bool:
+    """A real number of any kind: Python's, NumPy's, a fraction."""
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)
+
+
+def is_reserved(name: str) -> bool:
+    """Does the name mean something in C, C++, stdint.h or Python already?"""
+    return (
+        keyword.iskeyword(name)
+        or name in RESERVED
+        or re.fullmatch(r"u?int(_fast|_least)?(8|16|32|64|max|ptr)_t", name) is not None
+    )
 
 
 def per_second(unit: str) -> str:
@@ -67,10 +88,49 @@ def per_second(unit: str) -> str:
     return f"{base}/s^{int(power[1:] or 1) + 1}"
 
 
-C_KEYWORDS = frozenset(
+RESERVED = frozenset(
     "auto break case char const continue default do double else enum extern float for goto if inline int long register "
-    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while".split()
+    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while "
+    "alignas alignof and and_eq asm bitand bitor bool catch char8_t char16_t char32_t class co_await co_return co_yield compl "
+    "concept const_cast consteval constexpr constinit decltype delete dynamic_cast explicit export false friend mutable "
+    "namespace new noexcept not not_eq nullptr operator or or_eq private protected public reinterpret_cast requires "
+    "static_assert static_cast template this thread_local throw true try typeid typename typeof typeof_unqual using virtual "
+    "wchar_t xor xor_eq NULL NAN INFINITY size_t ptrdiff_t".split()
 )
+
+
+def scalar(expression: ca.SX, where: str) -> ca.SX:
+    """The expression as a 1 x 1 SX. Raises ModelError when it is none."""
+    made = matrix(expression, where)
+    if made.shape != (1, 1):
+        raise ModelError(f"{where} must be a scalar, it is {made.shape[0]} x {made.shape[1]}")
+    return made
+
+
+def matrix(expression: ca.SX, where: str) -> ca.SX:
+    """The expression as SX of any shape. Raises ModelError when it is none."""
+    try:
+        return ca.SX(expression)
+    except (NotImplementedError, TypeError, RuntimeError) as error:
+        text = " ".join(repr(expression).split())
+        raise ModelError(f"{where} is no expression: {text[:60]}") from error
+
+
+def refuse_strangers(expression: ca.SX, known: ca.SX, where: str, belongs: str) -> None:
+    """Raise ModelError when the expression uses a symbol that is not among the known ones."""
+    elements = {symbol.element_hash() for symbol in ca.symvar(known)}
+    for symbol in free_symbols(expression):
+        if symbol.element_hash() not in elements:
+            raise ModelError(f"{where} uses {symbol}, which is no {belongs}")
+
+
+def refuse_twice(names: Iterable[str], where: str) -> None:
+    """Raise ModelError when a name comes twice."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise ModelError(f"{where}: the name {name!r} is used twice")
+        seen.add(name)
 
 
 def values_of(quantities: list[Quantity], given: Mapping[str, float], where: str) -> list[float]:
@@ -78,6 +138,8 @@ def values_of(quantities: list[Quantity], given: Mapping[str, float], where: str
 
     Raises ModelError for a name that is not among the quantities, a value that is not finite or has the wrong sign.
     """
+    if not isinstance(given, Mapping):
+        raise ModelError(f"{where}: must be names with their values, got {given!r}")
     known = {q.name for q in quantities}
     for name in given:
         if name not in known:
@@ -114,29 +176,31 @@ class Mechanism:
 
     def coordinate(self, name: str, unit: str, about: str = "") -> ca.SX:
         """Add a generalized coordinate and answer its symbol."""
-        self._new_name(name)
-        q = quantity(name, unit, about)
+        q = self._new(name, unit, about)
+        self.velocities.append(self._new(f"{name}_dot", per_second(unit), f"rate of {name}"))
         self.coordinates.append(q)
-        self.velocities.append(quantity(f"{name}_dot", per_second(unit), f"rate of {name}"))
+        self._forget()
         return q.symbol
 
     def parameter(self, name: str, default: float, unit: str, about: str = "", sign: str = "positive") -> ca.SX:
         """Add a physical parameter (SI) and answer its symbol; `sign` is positive, nonnegative or any."""
-        self._new_name(name)
-        self.parameters.append(quantity(name, unit, about, default, sign))
+        self.parameters.append(self._new(name, unit, about, default, sign))
         return self.parameters[-1].symbol
 
     def rate(self, expression: ca.SX) -> ca.SX:
         """Time derivative of an expression in the coordinates, along qdot."""
-        return time_derivative(self._scalar_or_matrix(expression, "rate"), self.q, self.qdot)
+        position = self._at_rest(matrix(expression, f"{self.name}: rate"), "rate of an expression")
+        return time_derivative(position, self.q, self.qdot) if self.coordinates else ca.SX(*position.shape)
 
     def kinetic_energy(self, energy: ca.SX) -> None:
         """Add the kinetic energy of a body, J, quadratic in the coordinates' rates."""
         self._kinetic += self._scalar(energy, "kinetic energy")
+        self._forget()
 
     def potential_energy(self, energy: ca.SX) -> None:
         """Add a potential energy, J, a function of the coordinates."""
-        self._potential += self._scalar(energy, "potential energy")
+        self._potential += self._at_rest(self._scalar(energy, "potential energy"), "potential energy")
+        self._forget()
 
     def force(self, force: ca.SX, on: ca.SX) -> None:
         """Add a force (N or N m) that does the power force * `on`; `on` is a velocity, linear in the rates.
@@ -144,38 +208,55 @@ class Mechanism:
         Dissipation is force(-k * w, on=w).
         """
         self._forces.append((self._scalar(force, "force"), self._scalar(on, "force's velocity")))
+        self._forget()
 
     def rolls(self, name: str, velocity: ca.SX) -> None:
         """Add a constraint (2): this velocity, linear in the rates, stays zero."""
-        self.constraint_names.append(name)
+        if not isinstance(name, str) or not name.strip() or not name.isprintable():
+            raise ModelError(f"{self.name}: a constraint's name must be text on one line, got {name!r}")
+        refuse_twice([*self.constraint_names, name], f"{self.name}, constraints")
         self._constraints.append(self._scalar(velocity, f"constraint {name!r}"))
+        self.constraint_names.append(name)
+        self._forget()
 
     def holds(self, name: str, position: ca.SX) -> None:
         """Add a holonomic constraint (1) C(q) = const; its derivative becomes a row of A."""
-        self.rolls(name, self.rate(self._scalar(position, f"constraint {name!r}")))
+        where = f"constraint {name!r}"
+        self.rolls(name, self.rate(self._at_rest(self._scalar(position, where), where)))
 
     def input(self, name: str, unit: str, on: ca.SX, about: str = "") -> None:
         """Add an input (force or torque) that does the power input * `on`: a column of E(q)."""
-        self._new_name(name)
-        self.inputs.append(quantity(name, unit, about))
+        made = self._new(name, unit, about)
         self._actuation.append(self._scalar(on, f"input {name!r}"))
+        self.inputs.append(made)
+        self._forget()
 
     def quasi_velocity(self, name: str, unit: str, expression: ca.SX, about: str = "") -> None:
         """Choose a quasi-velocity nu_i as an expression linear in the rates; S(q) follows from all of them (9)."""
-        self._new_name(name)
-        self.quasi_velocities.append(quantity(name, unit, about))
+        made = self._new(name, unit, about)
+        if self._null_space is not None:
+            raise ModelError(f"{self.name}: quasi-velocity {name!r} after null_space, which names them all; use one or the other")
         self._quasi_expressions.append(self._scalar(expression, f"quasi-velocity {name!r}"))
+        self.quasi_velocities.append(made)
+        self._forget()
 
     def null_space(self, S: ca.SX, names: Mapping[str, str]) -> None:
         """Give S(q), n x (n-m), outright; `names` maps each quasi-velocity's name to its unit."""
-        for name, unit in names.items():
-            self._new_name(name)
-            self.quasi_velocities.append(quantity(name, unit))
-        self._null_space = ca.SX(S)
+        if not isinstance(names, Mapping):
+            raise ModelError(f"{self.name}: null_space needs the quasi-velocities' names with their units, got {names!r}")
+        made = [self._new(name, unit) for name, unit in names.items()]
+        if self.quasi_velocities:
+            raise ModelError(
+                f"{self.name}: null_space after quasi-velocity {self.quasi_velocities[0].name!r}; use one or the other, once"
+            )
+        self._null_space = self._at_rest(matrix(S, f"{self.name}: S"), "S")
+        self.quasi_velocities = made
 
     def moves_in_plane(self, x: ca.SX, y: ca.SX, heading: ca.SX) -> None:
         """Say where the vehicle is, for output Types I to IV: a point (m) and a heading (rad, from the x axis)."""
-        self.vehicle = Vehicle(ca.SX(x), ca.SX(y), ca.SX(heading))
+        places = {"x": x, "y": y, "heading": heading}
+        made = {name: self._scalar(place, f"the vehicle's {name}") for name, place in places.items()}
+        self.vehicle = Vehicle(**{name: self._at_rest(place, f"the vehicle's {name}") for name, place in made.items()})
 
     # -- what follows -------------------------------------------------------------------------------------------
 
@@ -210,23 +291,28 @@ class Mechanism:
         coriolis = time_derivative(momentum, self.q, self.qdot) - ca.gradient(self._kinetic, self.q)
         applied = ca.SX.zeros(len(self.coordinates))
         for force, velocity in self._forces:
-            applied += force * ca.gradient(velocity, self.qdot)
+            applied += force * self._rows({"the velocity of a force": velocity}).T
         return canonical(coriolis + ca.gradient(self._potential, self.q) - applied)
 
     @cached_property
     def A(self) -> ca.SX:
         """Constraint matrix (2), m x n."""
-        return self._rows(self._constraints)
+        return self._rows(
+            {f"constraint {name!r}": row for name, row in zip(self.constraint_names, self._constraints, strict=True)}
+        )
 
     @cached_property
     def E(self) -> ca.SX:
         """Input matrix (8), n x r."""
-        return self._rows(self._actuation).T
+        return self._rows({f"input {u.name!r}": row for u, row in zip(self.inputs, self._actuation, strict=True)}).T
 
     @cached_property
     def quasi_velocity_rows(self) -> ca.SX | None:
         """Gamma(q) with nu = Gamma qdot, (n-m) x n; None when the user gave S or nothing."""
-        return self._rows(self._quasi_expressions) if self._quasi_expressions else None
+        if not self._quasi_expressions:
+            return None
+        pairs = zip(self.quasi_velocities, self._quasi_expressions, strict=True)
+        return self._rows({f"quasi-velocity {v.name!r}": row for v, row in pairs})
 
     @property
     def given_null_space(self) -> ca.SX | None:
@@ -248,18 +334,22 @@ class Mechanism:
             raise ModelError(f"{self.name}: {m} constraints leave no motion in {n} coordinates")
         if not self.inputs:
             raise ModelError(f"{self.name}: no inputs; add them with input(name, unit, on=velocity)")
-        known = set(self._symbols())
+        known = ca.vertcat(self.q, self.qdot, self.p)
         for where, expression in self._everything():
-            for symbol in free_symbols(expression):
-                if symbol.__hash__() not in known:
-                    raise ModelError(f"{self.name}: {where} uses {symbol}, which is no coordinate, rate or parameter of it")
-        if not ca.jacobian(self.M, self.qdot).is_zero():
+            refuse_strangers(expression, known, f"{self.name}: {where}", "coordinate, rate or parameter of it")
+        still = ca.SX.zeros(n)
+        rest = ca.substitute(ca.vertcat(self._kinetic, ca.gradient(self._kinetic, self.qdot)), self.qdot, still)
+        if not ca.jacobian(self.M, self.qdot).is_zero() or not canonical(rest).is_zero():
             raise ModelError(f"{self.name}: the kinetic energy is not quadratic in the rates")
+        _ = (self.V, self.A, self.E, self.quasi_velocity_rows)  # each refuses what is not linear in the rates
+
+    @property
+    def names(self) -> list[str]:
+        """Every name given so far."""
+        groups = (self.coordinates, self.velocities, self.parameters, self.inputs, self.quasi_velocities)
+        return [known.name for group in groups for known in group]
 
     # -- inside -------------------------------------------------------------------------------------------------
-
-    def _symbols(self) -> list[int]:
-        return [s.symbol.__hash__() for s in (*self.coordinates, *self.velocities, *self.parameters)]
 
     def _everything(self) -> list[tuple[str, ca.SX]]:
         named = zip(self.constraint_names, self._constraints, strict=True)
@@ -271,33 +361,41 @@ class Mechanism:
             *[(f"input {name!r}", row) for name, row in inputs],
             *[("a force", ca.vertcat(*pair)) for pair in self._forces],
             *[("a quasi-velocity", row) for row in self._quasi_expressions],
+            *([("S", self._null_space)] if self._null_space is not None else []),
+            *([("the vehicle's place", ca.vertcat(*vars(self.vehicle).values()))] if self.vehicle else []),
         ]
 
-    def _rows(self, velocities: list[ca.SX]) -> ca.SX:
+    def _rows(self, velocities: Mapping[str, ca.SX]) -> ca.SX:
         """The matrix R(q) with velocities = R qdot. Raises ModelError when one is not linear in the rates."""
-        stacked = ca.vertcat(*velocities)
+        stacked = ca.vertcat(*velocities.values())
         rows = canonical(ca.jacobian(stacked, self.qdot))
-        rest = ca.substitute(stacked, self.qdot, ca.SX.zeros(len(self.coordinates)))
-        if not ca.jacobian(rows, self.qdot).is_zero() or not canonical(rest).is_zero():
-            raise ModelError(f"{self.name}: a constraint, input or quasi-velocity is not linear in the coordinates' rates")
+        rest = canonical(ca.substitute(stacked, self.qdot, ca.SX.zeros(len(self.coordinates))))
+        for k, where in enumerate(velocities):
+            if ca.depends_on(rows[k, :], self.qdot) or not rest[k].is_zero():
+                raise ModelError(f"{self.name}: {where} is not linear in the coordinates' rates")
         return rows
 
-    def _new_name(self, name: str) -> None:
-        taken = (*self.coordinates, *self.velocities, *self.parameters, *self.inputs, *self.quasi_velocities)
-        if name in {known.name for known in taken}:
+    def _new(self, name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any") -> Quantity:
+        made = quantity(name, unit, about, default, sign)
+        if name in self.names:
             raise ModelError(f"{self.name}: the name {name!r} is used twice")
+        return made
 
-    def _scalar_or_matrix(self, expression: ca.SX, where: str) -> ca.SX:
-        try:
-            return ca.SX(expression)
-        except (NotImplementedError, TypeError) as error:
-            raise ModelError(f"{self.name}: {where} is no expression: {expression!r}") from error
+    def _forget(self) -> None:
+        """Drop the matrices made so far: something was added that changes them."""
+        for matrix in ("M", "V", "A", "E", "quasi_velocity_rows"):
+            self.__dict__.pop(matrix, None)
 
     def _scalar(self, expression: ca.SX, where: str) -> ca.SX:
-        made = self._scalar_or_matrix(expression, where)
-        if made.shape != (1, 1):
-            raise ModelError(f"{self.name}: {where} must be a scalar, it is {made.shape[0]} x {made.shape[1]}")
-        return made
+        return scalar(expression, f"{self.name}: {where}")
+
+    def _at_rest(self, expression: ca.SX, where: str) -> ca.SX:
+        """The expression, refused when it uses rates."""
+        if ca.depends_on(expression, self.qdot) if self.coordinates else False:
+            raise ModelError(
+                f"{self.name}: {where} uses rates of coordinates; it must be a function of coordinates and parameters"
+            )
+        return expression
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,18 @@ import casadi as ca
 
 from .errors import ModelError
 from .exact import canonical
-from .mechanism import Quantity
+from .mechanism import Quantity, quantity, refuse_strangers, refuse_twice, scalar
 from .paths import Path, circle, config, ellipse, line
 from .reduction import ReducedSystem
+
+
+@dataclass(frozen=True, eq=False)
+class Through:
+    """An output as outer(z), z = inner(q), such as a distance of a point: the chain rule in two short steps."""
+
+    symbols: ca.SX
+    inner: ca.SX
+    outer: ca.SX
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +33,7 @@ class OutputRow:
     unit: str
     about: str
     expression: ca.SX
+    through: Through | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,30 +47,50 @@ class OutputMap:
     conditions: tuple[tuple[ca.SX, str], ...] = ()
     path: Path | None = None
 
+    def check(self, system: ReducedSystem) -> None:
+        """Raise ModelError for names that C cannot take or that come twice, and for rows not of q, nu and parameters."""
+        where = f"{system.mechanism.name}, output {self.name}"
+        quantity(self.name, "")
+        refuse_twice([row.name for row in self.rows], where)
+        refuse_twice([parameter.name for parameter in self.parameters], f"{where}, parameters")
+        fixed = ca.vertcat(system.mechanism.p, *[parameter.symbol for parameter in self.parameters])
+        known = ca.vertcat(system.mechanism.q, system.nu, fixed)
+        for row in self.rows:
+            quantity(row.name, row.unit, row.about)
+            place = f"{where}: {row.name}"
+            expression = scalar(row.expression, place)
+            if ca.depends_on(expression, system.mechanism.qdot):
+                rates = " ".join(str(s) for s in ca.symvar(expression) if ca.depends_on(system.mechanism.qdot, s))
+                raise ModelError(
+                    f"{place} uses {rates}: write outputs in q and nu; system.along_motion(f) is the rate of f(q) in these"
+                )
+            refuse_strangers(expression, known, place, "coordinate, quasi-velocity or parameter of the robot or the output map")
+        for condition, meaning in self.conditions:
+            refuse_strangers(scalar(condition, f"{where}: condition"), fixed, f"{where}: condition {meaning!r}", "parameter")
+
 
 def type_i(system: ReducedSystem) -> OutputMap:
     """Type I: the position of P_l."""
     L = look_ahead()
-    x, y = reference_point(system, L)
-    return OutputMap("type_i", "Type I: position of P_l", (_x(x), _y(y)), (L,))
+    return OutputMap("type_i", "Type I: position of P_l", (_x(system, L), _y(system, L)), (L,))
 
 
 def type_ii(system: ReducedSystem) -> OutputMap:
     """Type II: x of P_l and the heading."""
     L = look_ahead()
-    return OutputMap("type_ii", "Type II: x of P_l and heading", (_x(reference_point(system, L)[0]), _heading(system)), (L,))
+    return OutputMap("type_ii", "Type II: x of P_l and heading", (_x(system, L), _heading(system)), (L,))
 
 
 def type_iii(system: ReducedSystem) -> OutputMap:
     """Type III: y of P_l and the heading."""
     L = look_ahead()
-    return OutputMap("type_iii", "Type III: y of P_l and heading", (_y(reference_point(system, L)[1]), _heading(system)), (L,))
+    return OutputMap("type_iii", "Type III: y of P_l and heading", (_y(system, L), _heading(system)), (L,))
 
 
 def type_iv(system: ReducedSystem, path: Path) -> OutputMap:
     """Type IV: signed distance of P_l from a path, and the forward speed."""
     L = look_ahead()
-    distance = OutputRow("distance", "m", "signed distance of P_l from the path", path.distance(*reference_point(system, L)))
+    distance = at_point(system, L, "distance", "signed distance of P_l from the path", path.distance)
     speed = OutputRow("speed", "m/s", "forward speed", forward_speed(system))
     name, about = f"type_iv_{path.kind}", f"Type IV: path following, {path.about}"
     return OutputMap(name, about, (distance, speed), (L, *path.parameters), path.conditions, path)
@@ -96,16 +126,25 @@ def forward_speed(system: ReducedSystem) -> ca.SX:
 
 def _vehicle(system: ReducedSystem):
     if system.mechanism.vehicle is None:
-        raise ModelError(f"{system.mechanism.name}: Types I to IV need to know where the vehicle is; call moves_in_plane(x, y, heading)")
+        raise ModelError(
+            f"{system.mechanism.name}: Types I to IV need to know where the vehicle is; call moves_in_plane(x, y, heading)"
+        )
     return system.mechanism.vehicle
 
 
-def _x(expression: ca.SX) -> OutputRow:
-    return OutputRow("x_l", "m", "x of P_l", expression)
+def at_point(system: ReducedSystem, L: Quantity, name: str, about: str, outer: Callable[[ca.SX, ca.SX], ca.SX]) -> OutputRow:
+    """An output in m that is a function of where P_l is."""
+    point = ca.vertcat(*reference_point(system, L))
+    symbols = ca.vertcat(ca.SX.sym("x_l"), ca.SX.sym("y_l"))
+    return OutputRow(name, "m", about, outer(point[0], point[1]), Through(symbols, point, outer(symbols[0], symbols[1])))
 
 
-def _y(expression: ca.SX) -> OutputRow:
-    return OutputRow("y_l", "m", "y of P_l", expression)
+def _x(system: ReducedSystem, L: Quantity) -> OutputRow:
+    return at_point(system, L, "x_l", "x of P_l", lambda x, y: x)
+
+
+def _y(system: ReducedSystem, L: Quantity) -> OutputRow:
+    return at_point(system, L, "y_l", "y of P_l", lambda x, y: y)
 
 
 def _heading(system: ReducedSystem) -> OutputRow:

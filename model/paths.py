@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from .errors import ModelError
-from .mechanism import Quantity, quantity
+from .mechanism import Quantity, quantity, scalar
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ def implicit(kind: str, about: str, parameters: tuple[Quantity, ...], f: Callabl
 
     def distance(x: ca.SX, y: ca.SX) -> ca.SX:
         point = ca.SX.sym("point", 2)
-        value = ca.SX(f(point[0], point[1]))
+        value = scalar(f(point[0], point[1]), f"path {kind!r}: f(x, y)")
         gradient = ca.gradient(value, point)
         if gradient.is_zero():
             raise ModelError(f"path {kind!r}: f(x, y) does not depend on x or y")

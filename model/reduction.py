@@ -1,6 +1,6 @@
 """From a constrained mechanism to its reduced equations: paper (3), (9) to (13)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,10 +10,10 @@ import numpy as np
 from .errors import ModelError
 from .exact import canonical
 from .expression import time_derivative
-from .mechanism import Mechanism, Quantity, per_second, quantity
+from .mechanism import Mechanism, Quantity, is_number, per_second, quantity
+from .samples import RANK_TOLERANCE, Sampled, smallest_eigenvalue
 
-SAMPLES = 8  # random states at which generic ranks are looked at
-RANK_TOLERANCE = 1e-9  # of the largest singular value
+NEGLIGIBLE_MASS = 1e-12  # smallest eigenvalue of S'MS scaled to a diagonal of ones, at or below which it is singular
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,17 +77,17 @@ class ReducedSystem:
         """nudot = (S'MS)^-1 (S'E tau - bias) (11), (n-m) x 1."""
         return solve(self.Mbar, self.input_map @ tau - self.bias)
 
-    def first_feedback(self, u: ca.SX, weight: Sequence[float] | None = None) -> ca.SX:
-        """tau (12) that makes nudot = u (13), r x 1.
-
-        With more inputs than n-m the one of least sum(weight_i tau_i^2); `weight` is positive, default all 1.
-        """
-        wanted = self.Mbar @ u + self.bias
-        r = len(self.mechanism.inputs)
+    def input_inverse(self, weight: Sequence[float] | None = None) -> ca.SX:
+        """(S'E)^+, r x (n-m): with more inputs than n-m the one of least sum(weight_i tau_i^2), weights 1 by default."""
+        r, unit = len(self.mechanism.inputs), ca.SX.eye(self.freedom)
         if r == self.freedom:
-            return solve(self.input_map, wanted)
+            return solve(self.input_map, unit)
         inverse = ca.diag(1 / _weights(weight, r))
-        return inverse @ self.input_map.T @ solve(canonical(self.input_map @ inverse @ self.input_map.T), wanted)
+        return inverse @ self.input_map.T @ solve(canonical(self.input_map @ inverse @ self.input_map.T), unit)
+
+    def first_feedback(self, u: ca.SX, weight: Sequence[float] | None = None) -> ca.SX:
+        """tau (12) that makes nudot = u (13), r x 1; `weight` as for `input_inverse`."""
+        return self.input_inverse(weight) @ (self.Mbar @ u + self.bias)
 
     def constraint_forces(self, tau: ca.SX, nudot: ca.SX) -> ca.SX:
         """lambda of (8), m x 1, with the paper's sign: +A' lambda on the left-hand side."""
@@ -99,11 +99,12 @@ class ReducedSystem:
 def reduce(mechanism: Mechanism) -> ReducedSystem:
     """Choose S(q) (the user's, from her quasi-velocities, or computed) and check what the method needs.
 
-    Raises ModelError when A has not full rank, A S is not zero, S or S'E has not full rank, or inputs are too few.
+    Raises ModelError when A has not full rank, A S is not zero, S or S'E has not full rank, S'MS is not positive definite,
+    or inputs are too few.
     """
     mechanism.check()
     n, m = len(mechanism.coordinates), mechanism.A.shape[0]
-    A = Sampled(mechanism, mechanism.A)
+    A = _sampled(mechanism, mechanism.A, "A")
     if A.rank() < m:
         dependent = mechanism.constraint_names[A.dependent_row()]
         raise ModelError(f"{mechanism.name}: the constraints are not independent: {dependent!r} follows from the others; drop it")
@@ -115,23 +116,35 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
     S, quasi_velocities = _null_space(mechanism)
     if S.shape != (n, n - m):
         raise ModelError(f"{mechanism.name}: S is {S.shape[0]} x {S.shape[1]}, it must be n x (n-m) = {n} x {n - m}")
-    product = Sampled(mechanism, mechanism.A @ S)
+    if len(quasi_velocities) != n - m:
+        raise ModelError(f"{mechanism.name}: S has {n - m} columns, null_space names {len(quasi_velocities)} quasi-velocities")
+    product = _sampled(mechanism, mechanism.A @ S, "A S")
     if product.largest() > RANK_TOLERANCE:
         raise ModelError(
             f"{mechanism.name}: A S is not zero (up to {product.largest():.1e}): S does not satisfy "
             f"constraint {mechanism.constraint_names[product.largest_row()]!r}"
         )
-    if Sampled(mechanism, S).rank() < n - m:
+    if _sampled(mechanism, S, "S").rank() < n - m:
         raise ModelError(f"{mechanism.name}: the columns of S are dependent; choose other quasi-velocities")
     system = ReducedSystem(mechanism, quasi_velocities, S)
-    if Sampled(mechanism, system.input_map).rank() < n - m:
+    if _sampled(mechanism, system.input_map, "S'E").rank() < n - m:
         raise ModelError(
             f"{mechanism.name}: S'E has rank below n - m = {n - m}: the inputs do not reach every motion; "
             "move an input to a coordinate that is free"
         )
-    if Sampled(mechanism, system.Mbar).rank() < n - m:
+    Mbar = _sampled(mechanism, system.Mbar, "S'MS")
+    if min(map(smallest_eigenvalue, Mbar.at_defaults), default=0.0) < -NEGLIGIBLE_MASS:
+        raise ModelError(
+            f"{mechanism.name}: the mass matrix S'MS is not positive definite: a motion with negative kinetic energy; "
+            "look for a sign or a default that is wrong"
+        )
+    if max(map(smallest_eigenvalue, Mbar.values)) <= NEGLIGIBLE_MASS:
         raise ModelError(f"{mechanism.name}: the mass matrix S'MS is singular: a motion without kinetic energy")
     return system
+
+
+def _sampled(mechanism: Mechanism, matrix: ca.SX, name: str) -> Sampled:
+    return Sampled(matrix, mechanism.q, mechanism.parameters, f"{mechanism.name}: {name}")
 
 
 def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
@@ -143,46 +156,11 @@ def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
     return ca.adj(matrix) @ right / determinant if n > 1 else right / matrix
 
 
-class Sampled:
-    """A matrix of the mechanism at a few random states, defaults for the parameters: generic rank and size."""
-
-    def __init__(self, mechanism: Mechanism, matrix: ca.SX):
-        function = ca.Function("sample", [mechanism.q, mechanism.p], [ca.densify(matrix)])
-        random = np.random.default_rng(1992)
-        p = [parameter.default for parameter in mechanism.parameters]
-        states = random.uniform(-1.5, 1.5, (SAMPLES, len(mechanism.coordinates)))
-        self.values = [np.asarray(function(q, p)) for q in states]
-
-    def rank(self) -> int:
-        """The largest rank seen: the generic one."""
-        return max(_rank(value) for value in self.values)
-
-    def largest(self) -> float:
-        """The largest absolute entry seen."""
-        return max(float(np.abs(value).max()) for value in self.values)
-
-    def largest_row(self) -> int:
-        """The row of that entry."""
-        return int(np.argmax(np.max(np.abs(self.values), axis=(0, 2))))
-
-    def dependent_row(self) -> int:
-        """The first row that adds nothing to those before it."""
-        value = self.values[0]
-        return next(k for k in range(value.shape[0]) if _rank(value[: k + 1]) <= k)
-
-
-def _rank(value: np.ndarray) -> int:
-    if not np.all(np.isfinite(value)):
-        return 0
-    singular = np.linalg.svd(value, compute_uv=False)
-    return int(np.sum(singular > RANK_TOLERANCE * max(singular[0], np.finfo(float).tiny)))
-
-
 def _weights(weight: Sequence[float] | None, r: int) -> ca.SX:
-    given = [1.0] * r if weight is None else list(weight)
-    if len(given) != r or not all(np.isfinite(w) and w > 0 for w in given):
+    given = [1.0] * r if weight is None else list(weight) if isinstance(weight, Iterable) else [weight]
+    if len(given) != r or not all(is_number(w) and 0 < w < np.inf for w in given):
         raise ModelError(f"weights must be {r} positive numbers, got {given}")
-    return ca.SX(given)
+    return ca.SX([float(w) for w in given])
 
 
 def _null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...]]:
@@ -192,34 +170,71 @@ def _null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...]]:
     n, m = len(mechanism.coordinates), mechanism.A.shape[0]
     rows, names = mechanism.quasi_velocity_rows, tuple(mechanism.quasi_velocities)
     if rows is None:
-        chosen = _independent_rates(mechanism)
-        rows = ca.SX.eye(n)[chosen, :]
-        names = tuple(
-            quantity(f"{c.name}_rate", per_second(c.unit), f"rate of {c.name}")
-            for c in (mechanism.coordinates[k] for k in chosen)
-        )
+        chosen = _choose_velocities(mechanism)
+        rows, names = ca.vertcat(*[row for row, _ in chosen]), tuple(velocity for _, velocity in chosen)
     if rows.shape[0] != n - m:
         raise ModelError(f"{mechanism.name}: {rows.shape[0]} quasi-velocities, there must be n - m = {n - m}")
     square = ca.vertcat(mechanism.A, rows)
-    if Sampled(mechanism, square).rank() < n:
-        raise ModelError(f"{mechanism.name}: the quasi-velocities do not fix the motion: they depend on the constraints or on each other")
+    if _sampled(mechanism, square, "the quasi-velocities").rank() < n:
+        raise ModelError(
+            f"{mechanism.name}: the quasi-velocities do not fix the motion: they depend on the constraints or on each other"
+        )
     return eliminate(square, ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m))), names
 
 
-def _independent_rates(mechanism: Mechanism) -> list[int]:
-    """n-m coordinates whose rates fix the motion: actuated ones first, then the best conditioned."""
-    n, m = len(mechanism.coordinates), mechanism.A.shape[0]
-    reached = np.any([v != 0 for v in Sampled(mechanism, mechanism.E).values], axis=(0, 2))
-    A = Sampled(mechanism, mechanism.A).values[0]
-    chosen: list[int] = []
-    for _ in range(n - m):
-        def score(k: int) -> tuple[bool, float]:
-            stacked = np.vstack([A, np.eye(n)[[*chosen, k]]])
-            smallest = np.linalg.svd(stacked, compute_uv=False)[-1]
-            return smallest > RANK_TOLERANCE and bool(reached[k]), smallest
+def _choose_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
+    """n-m velocities that fix the motion, as rows of Gamma: where inputs act, then rates of coordinates.
 
-        chosen.append(max((k for k in range(n) if k not in chosen), key=score))
-    return sorted(chosen)
+    Of each kind first the one that, together with A, stays farthest from singular in the worst sample.
+    """
+    n, m = len(mechanism.coordinates), mechanism.A.shape[0]
+    candidates = _actuated_velocities(mechanism) + [(ca.SX.eye(n)[k, :], _rate(mechanism.coordinates[k])) for k in range(n)]
+    actuated = len(mechanism.inputs)
+    stacked = _sampled(mechanism, ca.vertcat(mechanism.A, *[row for row, _ in candidates]), "A and E").values
+    chosen: list[int] = []
+
+    def score(k: int) -> tuple[bool, float]:
+        rows = [*range(m), *[m + j for j in (*chosen, k)]]
+        worst = min(_distance_from_singular(value[rows]) for value in stacked)
+        return worst > RANK_TOLERANCE and k < actuated, worst
+
+    for _ in range(n - m):
+        chosen.append(max((k for k in range(len(candidates)) if k not in chosen), key=score))
+    velocities = [candidates[k] for k in sorted(chosen)]
+    for _, velocity in velocities:
+        if velocity.name in mechanism.names:
+            raise ModelError(
+                f"{mechanism.name}: the name {velocity.name!r} is used twice, it is also that of a quasi-velocity chosen here; "
+                "choose your own with quasi_velocity(name, unit, expression)"
+            )
+    return velocities
+
+
+def _actuated_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
+    """The velocity each input acts on: a coordinate's rate where it is one."""
+    found = []
+    for k, force in enumerate(mechanism.inputs):
+        row = mechanism.E[:, k].T
+        rates = [
+            c
+            for j, c in enumerate(mechanism.coordinates)
+            if ca.is_equal(ca.densify(row), ca.densify(ca.SX.eye(len(mechanism.coordinates))[j, :]), 1)
+        ]
+        unit = {"N": "m/s", "N m": "rad/s"}.get(force.unit, f"W/({force.unit})")
+        found.append(
+            (row, _rate(rates[0]) if rates else quantity(f"{force.name}_velocity", unit, f"velocity on which {force.name} acts"))
+        )
+    return found
+
+
+def _rate(coordinate: Quantity) -> Quantity:
+    return quantity(f"{coordinate.name}_rate", per_second(coordinate.unit), f"rate of {coordinate.name}")
+
+
+def _distance_from_singular(rows: np.ndarray) -> float:
+    """Smallest singular value of the rows scaled to length 1."""
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return float(np.linalg.svd(rows / np.where(length > 0, length, 1.0), compute_uv=False)[-1])
 
 
 def eliminate(matrix: ca.SX, right: ca.SX) -> ca.SX:

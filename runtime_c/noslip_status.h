@@ -4,6 +4,10 @@
 #ifndef NOSLIP_STATUS_H
 #define NOSLIP_STATUS_H
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 enum {
     NOSLIP_OK = 0,
     NOSLIP_SATURATED = 1,      /* good, but an input was cut to its limit */
@@ -23,5 +27,9 @@ enum {
 
 /* Name of a status, in lower case; "unknown" for any other number. */
 const char *noslip_status_name(int status);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -1,0 +1,45 @@
+"""What each pass of the pipeline brings: operations of a law's step, pass by pass."""
+
+import casadi as ca
+
+from ..model.law import ControlLaw
+from .graph import count, reachable
+from .optimize import Optimizer
+from .program import ENTRIES, compile_law, fixed_nodes
+from .stages import inner_velocities
+
+COLUMNS = ("mul", "add", "sub", "neg", "div", "sqrt", "sincos")
+
+
+def explain(law: ControlLaw) -> str:
+    """A table of operations after every pass, and what was found about the law."""
+    step = next(entry for entry in ENTRIES if entry.name == "step")
+    plain, staged = (compile_law(law, stages=stages, optimize=False).entries[step].roots for stages in (False, True))
+    program = compile_law(law, stages=True, optimize=False)
+    rows = [("the model as CasADi has it", plain), ("in short steps", staged)]
+    optimizer = Optimizer(program.graph, {})
+    rows += list(optimizer.passes(program.entries[step].roots))
+    width = max(len(name) for name, _ in rows)
+    lines = [f"{law.name}: {law.output.about}", *(f"  {line}" for line in _facts(law)), ""]
+    lines.append("  " + "step, operations after".ljust(width) + "".join(column.rjust(7) for column in COLUMNS) + "    sum")
+    for name, roots in rows:
+        fixed = fixed_nodes(roots)
+        counted = count(node for node in reachable(roots) if not fixed[node])
+        total = sum(counted[column] for column in COLUMNS)
+        lines.append(
+            "  " + name.ljust(width) + "".join(str(counted[column]).rjust(7) for column in COLUMNS) + str(total).rjust(7)
+        )
+    lines.append(f"  constants made by init: {len(compile_law(law).constants)}")
+    return "\n".join(lines)
+
+
+def _facts(law: ControlLaw) -> list[str]:
+    system = law.system
+    inner, _ = inner_velocities(system)
+    state = [*system.mechanism.coordinates, *system.quasi_velocities]
+    facts = []
+    for name, matrix in (("S'MS", system.Mbar), ("bias", system.bias)):
+        free = [q.name for q in state if not ca.depends_on(matrix, q.symbol)]
+        facts.append(f"{name} does not depend on {', '.join(free)} (exact, modulo sin^2 + cos^2 = 1)")
+    facts.append("quasi-velocities inside the law: " + ", ".join(q.name for q in inner.quasi_velocities))
+    return facts

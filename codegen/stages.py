@@ -1,0 +1,319 @@
+"""The law in short steps: the same mathematics, written in the frame where it is cheapest.
+
+Inside the law the quasi-velocities are the vehicle's forward speed and yaw rate (w = W nu), where S and S'MS are sparse.
+Outputs at a point go through that point, whose own acceleration is taken out of the inverse. Every step is exact: what
+cancels is gone, and what depends on parameters only stands by itself, to be computed once.
+"""
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+
+from ..model.exact import canonical
+from ..model.expression import fold, operations, time_derivative
+from ..model.law import ControlLaw, outer_loop
+from ..model.linearization import SINGULAR_SQUARED, Linearization, linearize
+from ..model.mechanism import Quantity, quantity
+from ..model.outputs import OutputMap, OutputRow
+from ..model.reduction import ReducedSystem, solve
+from .taylor import second_derivative
+
+STEP, PART = "step.", "part."  # before the names of symbols made here, so that they differ from all others
+
+
+@dataclass
+class Stages:
+    """Named steps, each a symbol and an expression in earlier symbols, and the quantities built from them."""
+
+    fixed: list[ca.SX]  # the symbols that init knows
+    steps: list[tuple[ca.SX, ca.SX]] = field(default_factory=list)
+    quantities: dict[str, ca.SX] = field(default_factory=dict)
+    _parts: dict[str, ca.SX] = field(default_factory=dict)
+
+    def step(self, name: str, expression: ca.SX) -> ca.SX:
+        """A symbol for the expression, its constant factor left outside; what is short already stays as it is."""
+        factor, rest = self._split(expression)
+        if rest is None or rest.is_symbolic():
+            return self._times(factor, rest)
+        symbol = ca.SX.sym(STEP + name)
+        self.steps.append((symbol, rest))
+        return self._times(factor, symbol)
+
+    def row(self, names: list[str], expressions: ca.SX) -> ca.SX:
+        """A step for each entry of a row."""
+        return ca.horzcat(*[self.step(name, expressions[k]) for k, name in enumerate(names)])
+
+    def exact(self, matrix: ca.SX) -> ca.SX:
+        """The matrix in canonical form, with a symbol for whatever init can compute."""
+        simple = ca.densify(canonical(matrix))
+        entries = [self._times(*self._split(entry)) for entry in ca.vertsplit(ca.vec(simple))]
+        return ca.reshape(ca.vertcat(*entries), simple.shape)
+
+    def _split(self, expression: ca.SX) -> tuple[ca.SX, ca.SX | None]:
+        """factor * rest, the factor known to init; rest is None when init knows the whole."""
+        symbols = ca.symvar(expression)
+        known = {symbol.element_hash() for symbol in self.fixed}
+
+        def leaf(k: int) -> tuple[ca.SX, ca.SX | None]:
+            return (symbols[k], None) if symbols[k].element_hash() in known else (ca.SX(1), symbols[k])
+
+        def apply(code: int, arguments: tuple) -> tuple[ca.SX, ca.SX | None]:
+            if all(rest is None for _, rest in arguments):
+                return OPERATION[code](*[factor for factor, _ in arguments]), None
+            if code in (ca.OP_NEG, ca.OP_TWICE, ca.OP_SQ, ca.OP_INV):
+                ((factor, rest),) = arguments
+                keeps = code in (ca.OP_NEG, ca.OP_TWICE)
+                return OPERATION[code](factor), rest if keeps else OPERATION[code](rest)
+            if code in (ca.OP_MUL, ca.OP_DIV):
+                (f, a), (g, b) = arguments
+                rest = a if b is None else OPERATION[code](ca.SX(1) if a is None else a, b)
+                return OPERATION[code](f, g), rest
+            return ca.SX(1), OPERATION[code](*[self._times(*argument) for argument in arguments])
+
+        if expression.is_constant():
+            return expression, None
+        (pair,) = fold(expression, symbols, leaf, lambda value: (ca.SX(value), None), apply)
+        return pair
+
+    def _times(self, factor: ca.SX, rest: ca.SX | None) -> ca.SX:
+        part = self._part(factor)
+        return part if rest is None else part * rest
+
+    def _part(self, factor: ca.SX) -> ca.SX:
+        """A symbol for an expression of parameters, the same for equal ones, or its negative."""
+        if factor.is_constant() or factor.is_symbolic():
+            return factor
+        key = str(factor)
+        if key not in self._parts:
+            self._parts[key] = self._new_part(canonical(factor))
+        return self._parts[key]
+
+    def _new_part(self, factor: ca.SX) -> ca.SX:
+        if factor.is_constant() or factor.is_symbolic():
+            return factor
+        if factor.op() == ca.OP_NEG:
+            return -self._part(factor.dep(0))
+        key = str(factor)
+        if key not in self._parts:
+            self._parts[key] = ca.SX.sym(f"{PART}{len(self.steps)}")
+            self.steps.append((self._parts[key], factor))
+            self.fixed.append(self._parts[key])
+        return self._parts[key]
+
+
+def staged(law: ControlLaw) -> Stages:
+    """The law's quantities in steps."""
+    stages = Stages([q.symbol for group in ("params", "config", "gains") for q in law.groups[group]])
+    inner, W = inner_velocities(law.system)
+    for q, speed in zip(inner.quasi_velocities, ca.vertsplit(stages.exact(W) @ law.system.nu), strict=True):
+        stages.steps.append((q.symbol, speed))
+    output = _in_velocities(law.output, law.system, inner, W)
+    plain = linearize(inner, output)
+    rows = [_point_row(stages, inner, row) if row.through else _plain_row(stages, plain, k) for k, row in enumerate(output.rows)]
+    second = [row for row, degree in zip(rows, plain.relative_degree, strict=True) if degree == 2]
+    h, rate = ca.vertcat(*[row.h for row in rows]), ca.vertcat(*[row.rate for row in second])
+    gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
+    v = outer_loop(plain.relative_degree, gains, reference, h, rate)
+    v = ca.vertcat(*[stages.step(q.name, v[k]) for k, q in enumerate(law.demand)])
+    demand = ca.vertcat(*[q.symbol for q in law.demand])
+
+    feedback = _Feedback(stages, inner, rows)
+    unit = ca.SX.eye(law.system.freedom)
+    back = stages.exact(solve(W, unit))
+    Phi = ca.vertcat(*[row.Phi for row in rows])
+    quantities = {
+        "h": h,
+        "ydot": rate,
+        "Phi": Phi @ stages.exact(W),
+        "Phidot": ca.vertcat(*[row.Phidot for row in rows]) @ stages.exact(W),
+        "v": v,
+        "u": back @ feedback.acceleration(v),
+        "tau": feedback.inputs(v),
+        "tau_of_demand": feedback.inputs(demand),
+        "singular": _singular(stages, Phi, W),
+        "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
+    }
+    stages.quantities = {name: ca.densify(quantity) for name, quantity in quantities.items()}
+    return stages
+
+
+def inner_velocities(system: ReducedSystem) -> tuple[ReducedSystem, ca.SX]:
+    """The system in w = W nu, w being forward speed and yaw rate where these are n-m fixed combinations of nu, else nu."""
+    vehicle, nu = system.mechanism.vehicle, system.nu
+    n = system.freedom
+    if vehicle is not None and n == 2:
+        forward = ca.cos(vehicle.heading) * system.along_motion(vehicle.x) + ca.sin(vehicle.heading) * system.along_motion(
+            vehicle.y
+        )
+        W = canonical(ca.jacobian(ca.vertcat(forward, system.along_motion(vehicle.heading)), nu))
+        if not ca.depends_on(W, ca.vertcat(system.mechanism.q, nu)) and not canonical(ca.det(W)).is_zero():
+            names = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
+            return ReducedSystem(system.mechanism, names, canonical(system.S @ solve(W, ca.SX.eye(n)))), W
+    same = tuple(Quantity(f"w_{q.name}", q.unit, q.about, symbol=ca.SX.sym(f"w_{q.name}")) for q in system.quasi_velocities)
+    return ReducedSystem(system.mechanism, same, system.S), ca.SX.eye(n)
+
+
+@dataclass
+class _Row:
+    """An output in w: value, rate, rows of Phi (in steps, and written out) and of its derivative, drift; for outputs at a
+    point also the point's Jacobian and drift, and the part of the output's drift that is due to the path's curvature."""
+
+    h: ca.SX
+    rate: ca.SX
+    Phi: ca.SX
+    Phi_written_out: ca.SX
+    Phidot: ca.SX
+    drift: ca.SX
+    point: ca.SX | None = None
+    point_drift: ca.SX | None = None
+    curvature: ca.SX | None = None
+
+
+def _in_velocities(output: OutputMap, system: ReducedSystem, inner: ReducedSystem, W: ca.SX) -> OutputMap:
+    """The same outputs as functions of q and w."""
+    nu_of_w = solve(W, inner.nu)
+    rows = [
+        OutputRow(row.name, row.unit, row.about, canonical(ca.substitute(row.expression, system.nu, nu_of_w)), row.through)
+        for row in output.rows
+    ]
+    return OutputMap(output.name, output.about, tuple(rows), output.parameters, output.conditions, output.path)
+
+
+def _plain_row(stages: Stages, plain: Linearization, k: int) -> _Row:
+    """A row straight from its expression."""
+    name, Phi = plain.output.rows[k].name, stages.exact(plain.Phi[k, :])
+    h, drift = stages.step(name, stages.exact(plain.h[k])), stages.exact(plain.drift[k])
+    rate = stages.step(f"{name}_rate", Phi @ plain.system.nu)
+    return _Row(h, rate, Phi, Phi, stages.exact(plain.Phidot[k, :]), drift)
+
+
+def _point_row(stages: Stages, inner: ReducedSystem, row: OutputRow) -> _Row:
+    """A row h = outer(z(q)): first the point z, then the outer function's slope and curvature there."""
+    through, q, w = row.through, inner.mechanism.q, inner.nu
+    names = [str(symbol) for symbol in ca.vertsplit(through.symbols)]
+    z = stages.row(names, through.inner.T).T
+    outer = ca.substitute(through.outer, through.symbols, z)
+    point = stages.exact(ca.jacobian(through.inner, q) @ inner.S)
+    point_rate = stages.exact(time_derivative(point, q, inner.qdot))
+    point_drift = stages.exact(point_rate @ w)
+    zdot = stages.row([f"{name}_rate" for name in names], (point @ w).T).T
+
+    gradient = ca.jacobian(outer, z)
+    slope = stages.row([f"{row.name}_by_{name}" for name in names], gradient)
+    Phi = written_out = stages.exact(slope @ point)
+    if not slope.is_constant():
+        Phi = stages.row([f"{row.name}_by_{q.name}" for q in inner.quasi_velocities], Phi)
+    rate = stages.step(f"{row.name}_rate", Phi @ w)
+
+    def shorten(expression: ca.SX) -> ca.SX:
+        """The square of the point's speed, say, does not depend on the heading."""
+        if expression.is_constant() or not ca.depends_on(expression, ca.vertcat(z, zdot)) or ca.depends_on(expression, z):
+            return expression
+        shorter = stages.exact(ca.substitute(expression, zdot, point @ w))
+        return expression if ca.depends_on(shorter, q) else shorter
+
+    curvature = ca.SX(0)
+    if not slope.is_constant() and not gradient.is_zero() and ca.depends_on(gradient, z):
+        curvature = stages.step(f"{row.name}_curvature", second_derivative(outer, z, zdot, rate, shorten))
+    slope_rate = stages.row([f"{row.name}_by_{name}_rate" for name in names], (ca.jacobian(gradient, z) @ zdot).T)
+    Phidot = stages.exact(slope_rate @ point + slope @ point_rate)
+    drift = stages.exact(slope @ point_drift) + curvature
+    return _Row(stages.step(row.name, outer), rate, Phi, written_out, Phidot, drift, point, point_drift, curvature)
+
+
+class _Feedback:
+    """Both feedbacks in w: u = Phi^-1 (v - residual) - rest, tau = K u + B (12), (20)."""
+
+    def __init__(self, stages: Stages, inner: ReducedSystem, rows: list[_Row]):
+        self.stages, self.inner = stages, inner
+        Phi = ca.vertcat(*[row.Phi for row in rows])
+        self.inverse = stages.exact(ca.adj(Phi) / ca.det(Phi) if inner.freedom > 1 else 1 / Phi)
+        self.rest = self._acceleration_at_rest(rows)
+        self.residual = ca.vertcat(*[self._residual(row) for row in rows])
+        to_inputs = stages.exact(inner.input_inverse())
+        self.K = stages.exact(to_inputs @ stages.exact(inner.Mbar))
+        self.B = _by_monomials(stages, to_inputs @ stages.exact(inner.bias) - self.K @ self.rest, inner.nu)
+
+    def acceleration(self, v: ca.SX) -> ca.SX:
+        """u, the rate of w."""
+        return self._solved(v) - self.rest
+
+    def inputs(self, v: ca.SX) -> ca.SX:
+        """tau."""
+        return self.K @ self._solved(v) + self.B
+
+    def _solved(self, v: ca.SX) -> ca.SX:
+        wanted = ca.vertcat(*[self.stages.step(f"wanted_{k}", v[k] - self.residual[k]) for k in range(v.numel())])
+        names = [f"u_{q.name}" for q in self.inner.quasi_velocities]
+        return ca.vertcat(*[self.stages.step(name, (self.inverse @ wanted)[k]) for k, name in enumerate(names)])
+
+    def _acceleration_at_rest(self, rows: list[_Row]) -> ca.SX:
+        """minus the w-dot at which the outputs' point has no acceleration; zero where Phi can be regular and that is not."""
+        none = ca.SX.zeros(self.inner.freedom)
+        points = [row.point for row in rows if row.point is not None]
+        if not points or points[0].shape[0] != self.inner.freedom or any(str(point) != str(points[0]) for point in points):
+            return none
+        determinant = canonical(ca.det(points[0]))
+        written_out = ca.vertcat(*[row.Phi_written_out for row in rows])
+        if determinant.is_zero() or _divides(canonical(ca.det(written_out) / determinant)):
+            return none
+        drift = next(row.point_drift for row in rows if row.point is not None)
+        return self.stages.exact(solve(points[0], drift))
+
+    def _residual(self, row: _Row) -> ca.SX:
+        if row.curvature is not None and not self.rest.is_zero():
+            return row.curvature
+        return self.stages.exact(row.drift - row.Phi @ self.rest) if not self.rest.is_zero() else row.drift
+
+
+def _singular(stages: Stages, Phi: ca.SX, W: ca.SX) -> ca.SX:
+    """(det Phi)^2 and what it must exceed, both divided by (det W)^2 so that they are in w."""
+    scale = ca.SX(SINGULAR_SQUARED)
+    metric = canonical(W @ W.T)
+    for k in range(Phi.shape[0]):
+        scale *= stages.exact(Phi[k, :] @ metric @ Phi[k, :].T)
+    return ca.vertcat(stages.exact(ca.det(Phi)) ** 2, scale / ca.det(W) ** 2)
+
+
+def _by_monomials(stages: Stages, expression: ca.SX, w: ca.SX) -> ca.SX:
+    """A column of polynomials of degree 2 in w, written monomial by monomial; anything else stays as it is."""
+    rows = []
+    zeros = ca.SX.zeros(w.numel())
+    for entry in ca.vertsplit(canonical(expression)):
+        hessian, gradient = ca.hessian(entry, w)
+        constant, linear = ca.substitute(entry, w, zeros), ca.substitute(gradient, w, zeros)
+        square = stages.exact(hessian / 2)
+        terms = [stages.exact(constant)] + [stages.exact(linear[k]) * w[k] for k in range(w.numel())]
+        terms += [
+            (square[j, k] if j == k else stages.exact(2 * square[j, k])) * (w[j] * w[k])
+            for j in range(w.numel())
+            for k in range(j, w.numel())
+        ]
+        rows.append(sum(terms, start=ca.SX(0)) if not ca.depends_on(square, w) else entry)
+    return ca.vertcat(*rows)
+
+
+def _divides(expression: ca.SX) -> bool:
+    """Is there a division by something that is not a number?"""
+    function = ca.Function("f", [ca.vertcat(*ca.symvar(expression))], [expression])
+    return any(operation.code in (ca.OP_DIV, ca.OP_INV) for operation in operations(function))
+
+
+OPERATION = {
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_ADD: lambda a, b: a + b,
+    ca.OP_SUB: lambda a, b: a - b,
+    ca.OP_MUL: lambda a, b: a * b,
+    ca.OP_DIV: lambda a, b: a / b,
+    ca.OP_NEG: lambda a: -a,
+    ca.OP_SQ: lambda a: a**2,
+    ca.OP_TWICE: lambda a: 2 * a,
+    ca.OP_INV: lambda a: 1 / a,
+    ca.OP_SIN: ca.sin,
+    ca.OP_COS: ca.cos,
+    ca.OP_SQRT: ca.sqrt,
+    ca.OP_FABS: ca.fabs,
+    ca.OP_TAN: ca.tan,
+    ca.OP_POW: lambda a, b: a**b,
+    ca.OP_CONSTPOW: lambda a, b: a**b,
+}

@@ -1,0 +1,72 @@
+"""Compiles generated C with the system's compiler into a shared library, once per content."""
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from .errors import BadInput
+
+RUNTIME = Path(__file__).resolve().parent.parent / "runtime_c"
+FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-Wall", "-Wextra")
+
+
+def runtime_files() -> dict[str, str]:
+    """The hand-written C that generated laws stand on: file name -> text."""
+    return {path.name: path.read_text() for path in sorted(RUNTIME.iterdir()) if path.suffix in (".h", ".c", ".inc")}
+
+
+def compiler() -> list[str]:
+    """The compiler and its leading arguments: $CC, else cc, gcc or clang. Raises BadInput when there is none."""
+    chosen = os.environ.get("CC")
+    if chosen:
+        return shlex.split(chosen)
+    for name in ("cc", "gcc", "clang"):
+        if shutil.which(name):
+            return [name]
+    raise BadInput("no C compiler found: install gcc or clang, or name one in CC")
+
+
+def shared_library(files: Mapping[str, str]) -> Path:
+    """Compile the .c files among `files` (name -> text) with the runtime, or find the result of an earlier time.
+
+    Raises BadInput when there is no compiler or no place to write, RuntimeError when the C does not compile.
+    """
+    everything = {**runtime_files(), **files}
+    command = [*compiler(), *FLAGS]
+    key = hashlib.sha256(repr((command, _version(command[0]), sorted(everything.items()))).encode()).hexdigest()
+    target = _cache() / f"{key[:32]}.so"
+    if target.exists():
+        return target
+    with tempfile.TemporaryDirectory(dir=target.parent) as folder:
+        for name, text in everything.items():
+            Path(folder, name).write_text(text)
+        sources = [name for name in everything if name.endswith(".c")]
+        result = subprocess.run([*command, *sources, "-o", "law.so"], cwd=folder, capture_output=True, text=True)
+        if result.returncode:
+            raise RuntimeError(f"generated C does not compile with {command[0]}:\n{result.stderr}")
+        os.replace(Path(folder, "law.so"), target)
+    return target
+
+
+def _version(name: str) -> str:
+    """What the compiler says it is: a new compiler builds anew."""
+    try:
+        return subprocess.run([name, "--version"], capture_output=True, text=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError) as error:
+        raise BadInput(f"the C compiler {name!r} does not run: {error}") from error
+
+
+def _cache() -> Path:
+    """Where libraries are kept: $NOSLIP_CACHE, else the user's cache folder."""
+    base = os.environ.get("NOSLIP_CACHE") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "noslip"
+    folder = Path(base)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"cannot make the folder for compiled laws {folder}: {error.strerror}; set NOSLIP_CACHE") from error
+    return folder

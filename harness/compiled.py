@@ -1,0 +1,113 @@
+"""A controller whose numbers come from the generated C, in double or float."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import cffi
+import numpy as np
+
+from ..codegen.files import law_text, shared_files
+from ..codegen.law_c import LawC
+from ..codegen.program import compile_law
+from ..codegen.robot_c import robot_declarations
+from ..codegen.scalar import SCALARS
+from ..model.law import ControlLaw
+from .backends import QUANTITIES, Evaluation
+from .build import shared_library
+
+
+class Library:
+    """The compiled C of one law in one scalar: `ffi` knows its types, `lib` its functions, `name` its names."""
+
+    def __init__(self, law: ControlLaw, scalar: str):
+        self.text: LawC = law_text(compile_law(law), SCALARS[scalar])
+        self.ffi = cffi.FFI()
+        self.ffi.cdef("const char *noslip_status_name(int status);")
+        self.ffi.cdef(robot_declarations(law.system, SCALARS[scalar]))
+        self.ffi.cdef(self.text.declarations())
+        files = {**shared_files(law.system, SCALARS[scalar]), **self.text.files()}
+        self.lib = self.ffi.dlopen(str(shared_library(files)))
+
+    def name(self, name: str) -> str:
+        """The C name of something of this law."""
+        return self.text.scalar.name(f"{self.text.prefix}_{name}" if name else self.text.prefix)
+
+    def robot_name(self, name: str) -> str:
+        """The C name of something that the robot's laws share."""
+        return self.text.scalar.name(f"{self.text.robot}_{name}")
+
+    def function(self, name: str):
+        """An entry point of the law."""
+        return getattr(self.lib, self.name(name))
+
+    def status(self, number: int) -> str:
+        """Name of a status."""
+        return self.ffi.string(self.lib.noslip_status_name(number)).decode()
+
+
+@lru_cache(maxsize=64)
+def library(law: ControlLaw, scalar: str) -> Library:
+    """The law's compiled C, loaded once per process."""
+    return Library(law, scalar)
+
+
+class CompiledController:
+    """One instance of a generated law: its struct, made by init from parameters, configuration and gains.
+
+    A parameter that init refuses is kept as `refused`, and every call answers that status, as in firmware.
+    """
+
+    def __init__(
+        self, law: ControlLaw, params: Sequence[float], config: Sequence[float], gains: Sequence[float], scalar: str = "double"
+    ):
+        self.law = law
+        self._library = library(law, scalar)
+        ffi, name = self._library.ffi, self._library.name
+        self._self = ffi.new(f"{name('')} *")
+        self._state = ffi.new(f"{self._library.robot_name('state')} *")
+        self._reference = ffi.new(f"{name('reference')} *")
+        self._evaluation = ffi.new(f"{name('evaluation')} *")
+        self._tau = ffi.new(f"{self._library.text.scalar.real}[{len(law.system.mechanism.inputs)}]")
+        groups = [
+            (f"{self._library.robot_name('params')} *", law.parameters, params),
+            (f"{name('config')} *", law.config, config),
+            (f"{name('gains')} *", law.gains, gains),
+        ]
+        structs = [self._filled(ffi.new(kind), quantities, values) for kind, quantities, values in groups]
+        status = self._library.function("init")(self._self, *structs, ffi.NULL)
+        self.refused = None if status == 0 else self._library.status(status)
+
+    def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
+        """h, ydot, Phi, Phidot, u and tau at one state; no values unless the status is ok."""
+        if self.refused:
+            return Evaluation(self.refused, {})
+        self._load(state, reference)
+        status = self._library.function("evaluate")(self._self, self._state, self._reference, self._evaluation)
+        if status != 0:
+            return Evaluation(self._library.status(status), {})
+        present = set(dir(self._evaluation))
+        return Evaluation(
+            "ok", {q: self._array(getattr(self._evaluation, q)) if q in present else np.zeros(0) for q in QUANTITIES}
+        )
+
+    def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
+        """The controller's answer: status and inputs (N or N m), zeros on an error."""
+        if self.refused:
+            return self.refused, np.zeros(len(self._tau))
+        self._load(state, reference)
+        status = self._library.function("step")(self._self, self._state, self._reference, self._tau)
+        return self._library.status(status), np.array(list(self._tau))
+
+    def _load(self, state: np.ndarray, reference: np.ndarray) -> None:
+        self._filled(self._state, self.law.state, state)
+        self._filled(self._reference, self.law.reference, reference)
+
+    @staticmethod
+    def _filled(struct, quantities, values):
+        for quantity, value in zip(quantities, values, strict=True):
+            setattr(struct, quantity.name, float(value))
+        return struct
+
+    @staticmethod
+    def _array(values) -> np.ndarray:
+        return np.array([list(row) for row in values] if hasattr(values[0], "__len__") else list(values))

@@ -1,0 +1,50 @@
+"""`noslip export`: a folder with everything a C project needs, which any C99 compiler builds as it is."""
+
+import argparse
+import os
+import tempfile
+from pathlib import Path
+
+from .build import runtime_files
+from .errors import BadInput
+from .files import write_folder
+from .generate import add_selection, robot_name, selected_files
+
+EXAMPLE = """example:
+  noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "export",
+        help="write a folder of C that builds as it is",
+        description="Write the C of a robot's laws with the runtime, a Makefile and an example into a new folder.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
+    add_selection(parser)
+    parser.add_argument("-o", dest="out", metavar="DIR", required=True, help="a folder that does not exist yet, or is empty")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command. Raises BadInput when the folder holds something already."""
+    from ..codegen.example import example
+
+    target = Path(args.out)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise BadInput(f"{target}: exists and is not an empty folder; choose another")
+    generated = selected_files(args)
+    files = {**runtime_files(), **generated, **example(generated)}
+    parent = target.resolve().parent
+    parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=parent, prefix=".noslip-") as work:
+        made = Path(work, "export")
+        write_folder(made, files)
+        if target.is_dir():
+            target.rmdir()
+        os.replace(made, target)
+    print(f"{target}: {len(files)} files; `make -C {target}` builds the library and runs {robot_name(generated)}'s example")
+    return 0

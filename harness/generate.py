@@ -1,0 +1,119 @@
+"""`noslip generate`: the C of a robot's control laws, written or compared with what is there."""
+
+import argparse
+import difflib
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+from .errors import BadInput
+from .files import write_folder
+
+EXAMPLE = """examples:
+  noslip generate labmate                      write generated/labmate/
+  noslip generate labmate --check              exit 1 with a diff unless generated/labmate/ is current
+  noslip generate labmate --explain            print what each pass of the optimizer brings
+  noslip generate my_robot.py:cart -o c --output type_i --scalar float"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "generate",
+        help="write the C of a robot's control laws",
+        description="Write the C of a robot's control laws into DIR/ROBOT/, double and float.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
+    parser.add_argument("-o", dest="out", metavar="DIR", default="generated", help="where to write (default: generated)")
+    add_selection(parser)
+    parser.add_argument(
+        "--check", action="store_true", help="write nothing; fail with a diff unless DIR is what would be written"
+    )
+    parser.add_argument("--explain", action="store_true", help="write nothing; print what each pass of the optimizer brings")
+    parser.set_defaults(run=run)
+
+
+def add_selection(parser: argparse.ArgumentParser) -> None:
+    """The options that choose laws and scalars."""
+    parser.add_argument(
+        "--output", action="append", default=[], metavar="LAW", help="a law, such as type_i; may be repeated (default: all)"
+    )
+    parser.add_argument("--scalar", choices=("double", "float", "both"), default="both", help="default: both")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command. Answers 1 when --check finds a difference."""
+    if args.explain:
+        from ..codegen.explain import explain
+
+        print("\n\n".join(explain(law) for law in selected_laws(args)))
+        return 0
+    files = selected_files(args)
+    folder = Path(args.out) / robot_name(files)
+    if args.check:
+        return _compare(files, folder)
+    write_folder(folder, files, stale=_written_before(folder) - set(files))
+    print(f"{folder}: {len(files)} files")
+    return 0
+
+
+def selected_files(args: argparse.Namespace) -> dict[str, str]:
+    """Text of the C that the command line asks for."""
+    from ..codegen.files import robot_files
+
+    laws = selected_laws(args)
+    scalars = ("double", "float") if args.scalar == "both" else (args.scalar,)
+    return robot_files(laws[0].system, laws, scalars)
+
+
+def selected_laws(args: argparse.Namespace) -> list:
+    """The control laws that the command line asks for. Raises BadInput when the robot has none."""
+    from .robots import find_laws, find_robot, law_of, system_of
+
+    system = system_of(find_robot(args.robot))
+    names = args.output or find_laws(system)
+    if not names:
+        raise BadInput(f"{args.robot}: none of the standard outputs fits it; say moves_in_plane(x, y, heading) in its model")
+    return [law_of(system, name) for name in dict.fromkeys(names)]
+
+
+def robot_name(files: Mapping[str, str]) -> str:
+    """The robot whose files these are."""
+    return json.loads(files["manifest.json"])["robot"]
+
+
+def _written_before(folder: Path) -> set[str]:
+    """The files an earlier run has listed in its manifest."""
+    try:
+        return set(json.loads((folder / "manifest.json").read_text())["files"])
+    except (OSError, ValueError, KeyError):
+        return set()
+
+
+def _compare(files: Mapping[str, str], folder: Path) -> int:
+    """Print how the folder differs from `files`; a file added or missing counts. Answers 0 only if nothing does."""
+    present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    different = 0
+    for name in sorted(present | set(files)):
+        path = folder / name
+        if name not in files:
+            print(f"{path}: nothing generates this file; remove it", file=sys.stderr)
+        elif name not in present:
+            print(f"{path}: missing; run noslip generate", file=sys.stderr)
+        elif path.read_bytes() != files[name].encode():
+            old = path.read_text(errors="replace").splitlines(keepends=True)
+            sys.stderr.writelines(
+                difflib.unified_diff(old, files[name].splitlines(keepends=True), str(path), "what the model gives")
+            )
+        else:
+            continue
+        different += 1
+    print(
+        f"{folder}: {different} of {len(present | set(files))} files differ"
+        if different
+        else f"{folder}: {len(files)} files current"
+    )
+    return int(different > 0)

@@ -1,0 +1,80 @@
+"""The true robot: dynamics (10), (11) of a mechanism with parameters of its own."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import DOP853
+
+from ..model.reduction import ReducedSystem
+from .direct import Direct
+
+
+class Plant:
+    """A robot with its true parameters (SI, in the order of mechanism.parameters). State x = [q; nu] (11)."""
+
+    def __init__(self, system: ReducedSystem, parameters: Sequence[float]):
+        self.system = system
+        self.parameters = np.array(parameters, float)
+        self._functions = _functions(system)
+        self._rate, self._step = Direct(self._functions["rate"]), Direct(self._functions["step"])
+
+    def rate(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """xdot = [S nu; (S'MS)^-1 (S'E tau - S'(M Sdot nu + V))] (11)."""
+        return self._rate(x, tau, self.parameters)[0]
+
+    def step(self, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float) -> tuple[np.ndarray, float]:
+        """State after h seconds of constant tau by one DOP853 step, and its error norm: 1 is just within tolerance."""
+        after, error = self._step(x, tau, self.parameters, h, tolerance)
+        return after, float(error[0])
+
+    def energy(self, x: np.ndarray) -> np.ndarray:
+        """Total energy T + U, J, of each row of x."""
+        return self._rows("energy", x)[:, 0]
+
+    def slip(self, x: np.ndarray) -> np.ndarray:
+        """A qdot, what the constraints (2) leave, of each row of x."""
+        return self._rows("slip", x)
+
+    def constraint_forces(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """lambda of (8), in the paper's sign, of each row of x and tau."""
+        return self._rows("forces", x, tau)
+
+    def _rows(self, name: str, *rows: np.ndarray) -> np.ndarray:
+        return self._functions[name](*[np.atleast_2d(r).T for r in rows], self.parameters).full().T
+
+
+@lru_cache(maxsize=16)
+def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
+    mechanism = system.mechanism
+    x, p = ca.vertcat(mechanism.q, system.nu), mechanism.p
+    tau, h, tolerance = ca.SX.sym("tau", len(mechanism.inputs)), ca.SX.sym("h"), ca.SX.sym("tolerance")
+    acceleration = system.acceleration(tau)
+    rate = ca.Function("rate", [x, tau, p], [ca.densify(ca.vertcat(system.qdot, acceleration))])
+    step = _dop853(rate, x, tau, p, h, tolerance)
+    energy = ca.substitute(mechanism.energy(), mechanism.qdot, system.qdot)
+    return {
+        "rate": rate,
+        "step": ca.Function("step", [x, tau, p, h, tolerance], [ca.densify(s) for s in step]),
+        "energy": ca.Function("energy", [x, p], [ca.densify(energy)]),
+        "slip": ca.Function("slip", [x, p], [ca.densify(mechanism.A @ system.qdot)]),
+        "forces": ca.Function("forces", [x, tau, p], [ca.densify(system.constraint_forces(tau, acceleration))]),
+    }
+
+
+def _dop853(rate: ca.Function, x: ca.SX, tau: ca.SX, p: ca.SX, h: ca.SX, tolerance: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """One step of Dormand and Prince's method of order 8 and its error norm (Hairer, Norsett, Wanner, II.10)."""
+    slopes: list[ca.SX] = []
+    for row in DOP853.A[: DOP853.n_stages]:
+        slopes.append(rate(x + h * _weighted(row[: len(slopes)], slopes, x), tau, p))
+    after = x + h * _weighted(DOP853.B, slopes, x)
+    scale = tolerance * (1 + ca.fmax(ca.fabs(x), ca.fabs(after)))
+    fifth = ca.sumsqr(_weighted(DOP853.E5[:-1], slopes, x) / scale)
+    third = ca.sumsqr(_weighted(DOP853.E3[:-1], slopes, x) / scale)
+    tiny = np.finfo(float).tiny  # both estimates vanish at rest
+    return after, h * fifth / ca.sqrt((fifth + 0.01 * third) * x.numel() + tiny)
+
+
+def _weighted(weights: np.ndarray, slopes: list[ca.SX], x: ca.SX) -> ca.SX:
+    return sum((float(w) * k for w, k in zip(weights, slopes, strict=True) if w), ca.SX.zeros(x.shape))

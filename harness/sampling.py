@@ -1,0 +1,112 @@
+"""Seeded random parameters, states and references at which a law can be tried."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import casadi as ca
+import numpy as np
+
+from ..model.law import ControlLaw, symbols
+from ..model.mechanism import Quantity
+from .backends import Evaluation, ParameterRefused, make_controller
+from .errors import BadInput
+
+STATES_PER_PLANT = 20  # states that share parameters, config and gains
+REGULAR = 1e-2  # |det Phi| is at or above this times the product of Phi's row norms
+DRAWS = 100  # per wanted state, before giving up
+NEWTON_STEPS = 8  # to bring a point onto a path
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """Parameters, config and gains in the order of the law's groups, and the points to try with them."""
+
+    params: tuple[float, ...]
+    config: tuple[float, ...]
+    gains: tuple[float, ...]
+    points: "tuple[Point, ...]"
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A state, a reference, and what CasADi says there. `number` counts the states of a law from 0."""
+
+    number: int
+    state: np.ndarray
+    reference: np.ndarray
+    truth: Evaluation
+
+
+def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
+    """Plants with `states` regular points in all. Raises BadInput when hardly any state is regular."""
+    random = np.random.default_rng(seed)
+    found = drawn = 0
+    while found < states:
+        if drawn > DRAWS * states:
+            raise BadInput(
+                f"{law.name}: hardly any random state is regular: {found} of {drawn}; is the output singular everywhere?"
+            )
+        numbers = tuple(_values(group, random) for group in (law.parameters, law.config, law.gains))
+        drawn += STATES_PER_PLANT
+        try:
+            controller = make_controller("casadi", law, *numbers)
+        except ParameterRefused:
+            continue
+        points = []
+        for _ in range(min(STATES_PER_PLANT, states - found)):
+            state, reference = _state(law, numbers[1], random), random.uniform(-2, 2, len(law.reference))
+            truth = controller.evaluate(state, reference)
+            if truth.status == "ok" and _regular(truth.values["Phi"]):
+                points.append(Point(found + len(points), state, reference, truth))
+        found += len(points)
+        yield Plant(*numbers, tuple(points))
+
+
+def _values(quantities: Sequence[Quantity], random: np.random.Generator) -> tuple[float, ...]:
+    """Between half and twice the default, with either sign where any is allowed; up to 1 where the default is zero."""
+    values = []
+    for quantity in quantities:
+        size = quantity.default * random.uniform(0.5, 2) if quantity.default else random.uniform(0, 1)
+        values.append(float(size * random.choice((-1, 1)) if quantity.sign == "any" else size))
+    return tuple(values)
+
+
+def _state(law: ControlLaw, config: Sequence[float], random: np.random.Generator) -> np.ndarray:
+    """Positions within 5 m, near the path if there is one; heading within pi, other angles 20, angular rates 15."""
+    state = np.array([random.uniform(-1, 1) * _range(law, quantity) for quantity in law.state])
+    place = _vehicle_place(law)
+    if law.output.path and place:
+        state[place] = np.asarray(_onto_path(law)(state[place], config)).ravel() + random.uniform(-1, 1, 2)
+    return state
+
+
+def _range(law: ControlLaw, quantity: Quantity) -> float:
+    vehicle = law.system.mechanism.vehicle
+    if vehicle and quantity.name in map(str, ca.symvar(vehicle.heading)):
+        return np.pi
+    return {"rad": 20.0, "rad/s": 15.0}.get(quantity.unit, 5.0)
+
+
+def _vehicle_place(law: ControlLaw) -> list[int]:
+    """Where in the state the vehicle's x and y are; empty unless they are coordinates."""
+    vehicle, names = law.system.mechanism.vehicle, [quantity.name for quantity in law.state]
+    point = [str(vehicle.x), str(vehicle.y)] if vehicle else []
+    return [names.index(name) for name in point] if point and set(point) <= set(names) else []
+
+
+@cache
+def _onto_path(law: ControlLaw) -> ca.Function:
+    """(point, config) to a point on the path, by Newton's method across it."""
+    start, config = ca.SX.sym("start", 2), symbols(law.config)
+    distance = law.output.path.distance(start[0], start[1])
+    gradient = ca.gradient(distance, start)
+    step = ca.Function("step", [start, config], [start - distance * gradient / ca.sumsqr(gradient)])
+    point = start
+    for _ in range(NEWTON_STEPS):
+        point = step(point, config)
+    return ca.Function("onto_path", [start, config], [point])
+
+
+def _regular(Phi: np.ndarray) -> bool:
+    return abs(np.linalg.det(Phi)) >= REGULAR * np.prod(np.linalg.norm(Phi, axis=1))

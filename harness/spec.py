@@ -1,0 +1,236 @@
+"""SPEC.toml of `noslip simulate`: read, checked, frozen.
+
+A section is a frozen dataclass; each of its entries knows how to read its value. Unknown keys are always refused.
+"""
+
+import dataclasses
+import math
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path as File
+from typing import Any, TypeVar
+
+from ..model.mechanism import SIGNS
+from .errors import BadInput
+from .robots import suggestion
+
+Section = TypeVar("Section")
+Reader = Callable[[Any, str], Any]
+
+TYPES = ("I", "II", "III", "IV")
+TOLERANCES = (1e-13, 1e-2)  # below, rounding is larger than the tolerance; above, it is no simulation
+MOST_ROWS = 10_000_000
+
+
+def check_keys(given: Iterable[str], known: Iterable[str], where: str) -> None:
+    """Raise BadInput for a key that is not known, with the nearest known one."""
+    known = list(known)
+    for key in given:
+        if key not in known:
+            raise BadInput(f"{where}: unknown key {key!r}{suggestion(key, known)}")
+
+
+def number(sign: str = "any") -> Reader:
+    """Reads a finite number of the given sign (any, positive, nonnegative)."""
+    holds, wanted = SIGNS[sign]
+
+    def read(value: Any, where: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise BadInput(f"{where} = {value!r} is not a number")
+        try:
+            value = float(value)
+        except OverflowError:
+            value = math.inf
+        if not math.isfinite(value):
+            raise BadInput(f"{where} = {value} is not finite")
+        if not holds(value):
+            raise BadInput(f"{where} = {value:g} must be {wanted}")
+        return value
+
+    return read
+
+
+def numbers(value: Any, where: str) -> tuple[float, ...]:
+    """Reads a list of finite numbers."""
+    if not isinstance(value, list):
+        raise BadInput(f"{where} = {value!r} is not a list of numbers")
+    return tuple(number()(item, f"{where}[{k}]") for k, item in enumerate(value))
+
+
+def point(value: Any, where: str) -> tuple[float, ...]:
+    """Reads [x, y]."""
+    made = numbers(value, where)
+    if len(made) != 2:
+        raise BadInput(f"{where} has {len(made)} numbers, it must be [x, y]")
+    return made
+
+
+def text(value: Any, where: str) -> str:
+    """Reads a string."""
+    if not isinstance(value, str):
+        raise BadInput(f"{where} = {value!r} is not a string")
+    return value
+
+
+def named_numbers(value: Any, where: str) -> dict[str, float]:
+    """Reads a table of finite numbers; which names it may have, the robot or law decides."""
+    return {key: number()(item, f"{where} {key}") for key, item in _table(value, where).items()}
+
+
+def section(kind: type[Section]) -> Callable[[Any, str], Section]:
+    """Reads a table into the dataclass `kind`."""
+
+    def read(value: Any, where: str) -> Section:
+        given, entries = _table(value, where), dataclasses.fields(kind)
+        check_keys(given, [e.name for e in entries], where or "top level")
+        for e in entries:
+            required = e.default is dataclasses.MISSING and e.default_factory is dataclasses.MISSING
+            if required and e.name not in given:
+                raise BadInput(f"{_path(where, e)} is missing")
+        return kind(**{e.name: e.metadata["read"](given[e.name], _path(where, e)) for e in entries if e.name in given})
+
+    return read
+
+
+def entry(read: Reader, default: Any = dataclasses.MISSING) -> Any:
+    """An entry of a section: how its value is read, and what it is when absent (nothing: it must be there)."""
+    if isinstance(default, dict):
+        return dataclasses.field(default_factory=lambda: dict(default), metadata={"read": read})
+    return dataclasses.field(default=default, metadata={"read": read})
+
+
+def _path(where: str, e: dataclasses.Field) -> str:
+    if where:
+        return f"{where} {e.name}"
+    return f"[{e.name}]" if "section" in e.metadata["read"].__qualname__ else e.name
+
+
+def _table(value: Any, where: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise BadInput(f"{where} = {value!r} is not a table")
+    return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path:
+    """The curve of Type IV: its kind and its parameters by name."""
+
+    kind: str
+    parameters: Mapping[str, float]
+
+
+def _read_path(value: Any, where: str) -> Path:
+    rest = dict(_table(value, where))
+    if "kind" not in rest:
+        raise BadInput(f'{where} kind is missing, for example path = {{ kind = "line", A = 1, B = -1, C = 0 }}')
+    kind = text(rest.pop("kind"), f"{where} kind")
+    if kind == "composite":
+        raise BadInput(f"{where} kind 'composite' is not supported yet; follow its segments one by one")
+    return Path(kind=kind, parameters=named_numbers(rest, where))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """What is controlled: Type I to IV, of the point P_l a distance L (m) ahead of the vehicle's point."""
+
+    type: str = entry(text)
+    L: float = entry(number(), 0.0)
+    path: Path | None = entry(_read_path, None)
+
+    def __post_init__(self):
+        if self.type not in TYPES:
+            raise BadInput(f"[output] type = {self.type!r} is not one of {', '.join(TYPES)}")
+        if (self.type == "IV") != (self.path is not None):
+            raise BadInput(f"[output] path belongs to type IV and to no other; type is {self.type}")
+
+    @property
+    def law(self) -> str:
+        """Name of the control law."""
+        return f"type_{self.type.lower()}" + (f"_{self.path.kind}" if self.path else "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """What the outputs shall do. Type IV: forward speed, m/s, at distance 0 from the path.
+
+    Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad).
+    """
+
+    speed: float | None = entry(number(), None)
+    position: tuple[float, ...] | None = entry(numbers, None)
+    velocity: tuple[float, ...] | None = entry(numbers, None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Initial:
+    """Where it starts: P_l (m), heading (rad) and forward speed (m/s) without turning; or coordinates q, quasi-velocities nu."""
+
+    point: tuple[float, ...] | None = entry(point, None)
+    heading: float | None = entry(number(), None)
+    speed: float | None = entry(number(), None)
+    q: tuple[float, ...] | None = entry(numbers, None)
+    nu: tuple[float, ...] | None = entry(numbers, None)
+
+    def __post_init__(self):
+        by_pose = [name for name in ("point", "heading", "speed") if getattr(self, name) is not None]
+        by_state = [name for name in ("q", "nu") if getattr(self, name) is not None]
+        if by_pose and by_state:
+            raise BadInput(f"[initial] has both {by_pose[0]} and {by_state[0]}: give point, heading, speed or q, nu")
+        if self.point is None and self.q is None:
+            raise BadInput("[initial] point = [x, y] or q = [...] is missing")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation:
+    """How it is run: seconds, s between controller calls (0: continuous), s between rows, backend, integration tolerance."""
+
+    duration: float = entry(number("positive"))
+    period: float = entry(number("nonnegative"), 0.0)
+    output_step: float = entry(number("positive"), 0.01)
+    backend: str = entry(text, "c")
+    tolerance: float = entry(number("positive"), 1e-10)
+
+    def __post_init__(self):
+        low, high = TOLERANCES
+        if not low <= self.tolerance <= high:
+            raise BadInput(f"[simulation] tolerance = {self.tolerance:g} must lie between {low:g} and {high:g}")
+        if self.duration / self.output_step > MOST_ROWS:
+            raise BadInput(f"[simulation] output_step = {self.output_step:g} gives more than {MOST_ROWS} rows; make it longer")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spec:
+    """One closed-loop run. `parameters` is what the controller believes, `plant` where the truth differs."""
+
+    robot: str = entry(text)
+    parameters: Mapping[str, float] = entry(named_numbers, {})
+    plant: Mapping[str, float] = entry(named_numbers, {})
+    gains: Mapping[str, float] = entry(named_numbers, {})
+    output: Output = entry(section(Output))
+    reference: Reference = entry(section(Reference))
+    initial: Initial = entry(section(Initial))
+    simulation: Simulation = entry(section(Simulation))
+
+    def __post_init__(self):
+        wanted, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity",))
+        for name in ("speed", "position", "velocity"):
+            given = getattr(self.reference, name) is not None
+            if given and name not in (wanted, *optional):
+                takes = " and ".join((wanted, *optional))
+                raise BadInput(f"[reference] {name} is not for type {self.output.type}, which takes {takes}")
+            if not given and name == wanted:
+                raise BadInput(f"[reference] {name} is missing; type {self.output.type} needs it")
+
+
+def read_spec(file: File | str) -> Spec:
+    """Read SPEC.toml. Raises BadInput, naming the file, for anything that is not a SPEC."""
+    try:
+        with open(file, "rb") as stream:
+            return section(Spec)(tomllib.load(stream), "")
+    except OSError as error:
+        raise BadInput(f"{file}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadInput(f"{file}: not TOML: {error}") from error
+    except BadInput as error:
+        raise BadInput(f"{file}: {error}") from error

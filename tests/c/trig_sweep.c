@@ -1,0 +1,195 @@
+/*
+ * trig_sweep.c - measures noslip_trig.h and noslip_real.h against the host's libm.
+ *
+ *   trig_sweep float [stride [part parts]]   every float (or every stride-th) in range; fails above 1e-7 absolute
+ *   trig_sweep double N seed                 N arguments and the neighbourhood of every multiple of pi/4 in range;
+ *                                            fails above 1 ulp
+ *   trig_sweep sqrt N seed                   both routines, bit for bit
+ *   trig_sweep digest N seed                 digest of the bits, to compare between targets
+ *
+ * part of parts (0 ... parts - 1) lets several processes share the sweep. Build: -std=c99 -O2 -ffp-contract=off, -lm.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "trig_digest.h"
+
+#define HALF_PI_L 1.57079632679489661923132169163975144L
+
+typedef struct {
+    double error, at;
+} worst;
+
+static void note(worst *w, double error, double at)
+{
+    if (!(error <= w->error)) { /* a NaN counts as an error */
+        w->error = error;
+        w->at = at;
+    }
+}
+
+static int report(const char *name, const worst *w, double limit, const char *unit)
+{
+    printf("%-6s max error %.4g %s at %.17g\n", name, w->error, unit, w->at);
+    return !(w->error <= limit);
+}
+
+static int same_f(float a, float b)
+{
+    return memcmp(&a, &b, sizeof a) == 0;
+}
+
+static int same(double a, double b)
+{
+    return memcmp(&a, &b, sizeof a) == 0;
+}
+
+/* Negative floats need no reference of their own: their bits are compared with the positive ones'. */
+static int sweep_float(uint32_t stride, uint32_t part, uint32_t parts)
+{
+    worst sine = {0, 0}, cosine = {0, 0};
+    uint64_t count = 0, broken = 0, i;
+    noslip_bits_f last, x;
+    last.value = NOSLIP_ANGLE_MAX_F;
+    for (i = (uint64_t)part * stride; i <= last.bits; i += (uint64_t)stride * parts, count++) {
+        float s, c, s2, c2;
+        x.bits = (uint32_t)i;
+        noslip_sincos_f(x.value, &s, &c);
+        noslip_sincos_f(-x.value, &s2, &c2);
+        broken += !same_f(s2, -s) || !same_f(c2, c) || !(fabsf(s) <= 1.0f && fabsf(c) <= 1.0f);
+        note(&sine, fabs((double)s - sin((double)x.value)), (double)x.value);
+        note(&cosine, fabs((double)c - cos((double)x.value)), (double)x.value);
+        if (count % (1u << 27) == 0) {
+            fprintf(stderr, "%5.1f %%\n", 100.0 * (double)i / last.bits);
+        }
+    }
+    printf("%llu floats of each sign, %llu not odd/even or above 1\n", (unsigned long long)count, (unsigned long long)broken);
+    return (report("sine", &sine, 1e-7, "") | report("cosine", &cosine, 1e-7, "")) || broken > 0;
+}
+
+static double ulps(double y, long double exact)
+{
+    int exponent;
+    frexpl(exact, &exponent);
+    return (double)ldexpl(fabsl((long double)y - exact), 53 - (exponent > -1021 ? exponent : -1021));
+}
+
+typedef struct {
+    worst sine, cosine;
+    unsigned long long count, broken;
+} tally;
+
+static void check_double(tally *t, double x)
+{
+    double s, c, s2, c2;
+    noslip_sincos(x, &s, &c);
+    noslip_sincos(-x, &s2, &c2);
+    t->broken += !same(s2, -s) || !same(c2, c) || !(fabs(s) <= 1.0 && fabs(c) <= 1.0);
+    note(&t->sine, ulps(s, sinl((long double)x)), x);
+    note(&t->cosine, ulps(c, cosl((long double)x)), x);
+    if (t->count++ % (1u << 25) == 0) {
+        fprintf(stderr, "%llu\n", t->count - 1);
+    }
+}
+
+/* in [0, 1) */
+static double uniform(uint64_t *state)
+{
+    return (double)(trig_random(state) >> 11) / 9007199254740992.0;
+}
+
+static int sweep_double(unsigned long long n, uint64_t seed)
+{
+    tally t = {{0, 0}, {0, 0}, 0, 0};
+    uint64_t state = seed * 2 + 1;
+    long k;
+    /* The three doubles around every multiple of pi/4: the hardest to reduce, and where the quadrant changes. */
+    for (k = 0; k <= 1335088; k++) {
+        const double x = (double)((long double)k * HALF_PI_L / 2);
+        check_double(&t, x);
+        check_double(&t, nextafter(x, -1.0));
+        check_double(&t, nextafter(x, NOSLIP_ANGLE_MAX));
+    }
+    for (k = -1074; k <= 20; k++) {
+        check_double(&t, ldexp(1.0, (int)k)); /* from the smallest subnormal to the end of the range */
+    }
+    while (t.count < n) {
+        const double u = uniform(&state), v = uniform(&state);
+        const long double distance = (long double)exp2(-60 * v);
+        const long double multiple = (long double)floor(u * 667544) * HALF_PI_L;
+        check_double(&t, u * NOSLIP_ANGLE_MAX);
+        check_double(&t, u * 8.0);                       /* the angles of daily life */
+        check_double(&t, (1.0 + u) * exp2(60 * v - 41)); /* 2^-41 ... 2^20, uniform in the logarithm */
+        check_double(&t, (double)(multiple + distance)); /* near a multiple of pi/2, uniform in the logarithm */
+        check_double(&t, (double)(multiple - distance));
+    }
+    printf("%llu doubles of each sign, %llu not odd/even or above 1\n", t.count, t.broken);
+    return (report("sine", &t.sine, 1.0, "ulp") | report("cosine", &t.cosine, 1.0, "ulp")) || t.broken > 0;
+}
+
+static int sweep_sqrt(unsigned long long n, uint64_t seed)
+{
+    static const uint64_t special[] = {0, 1, 0x000fffffffffffffu, 0x0010000000000000u, 0x3fefffffffffffffu,
+        0x7fefffffffffffffu, 0x7ff0000000000000u, 0x7ff8000000000000u};
+    const size_t specials = sizeof special / sizeof *special;
+    unsigned long long wrong = 0, i;
+    uint64_t state = seed * 2 + 1;
+    for (i = 0; i < n; i++) {
+        noslip_bits x;
+        noslip_bits_f x_f;
+        double hard, soft, root;
+        float hard_f, soft_f, root_f;
+        x.bits = i < 2 * specials ? special[i / 2] | i << 63 : trig_random(&state); /* each special with either sign */
+        x_f.bits = i < 2 * specials ? (uint32_t)(i << 31) | (uint32_t)(special[i / 2] >> 29 & 0x7fffffffu)
+                                    : (uint32_t)(x.bits >> 13);
+        if (i % 8 == 7) { /* squares and their neighbours */
+            x.value = (double)(x.bits >> 37) * (double)(x.bits >> 37) + (double)((int)(x.bits % 3) - 1);
+            x_f.value = (float)((double)(x_f.bits >> 20) * (double)(x_f.bits >> 20) + (double)((int)(x.bits % 3) - 1));
+        } else if (i % 8 == 6 && i > 2 * specials) { /* subnormals */
+            x.bits >>= 12 + (x.bits & 31);
+            x_f.bits >>= 9 + (x_f.bits & 15);
+        }
+        root = sqrt(x.value);
+        root_f = sqrtf(x_f.value);
+        hard = noslip_sqrt(x.value);
+        soft = noslip_soft_sqrt(x.value);
+        hard_f = noslip_sqrt_f(x_f.value);
+        soft_f = noslip_soft_sqrt_f(x_f.value);
+        wrong += isnan(root) ? !(isnan(hard) && isnan(soft)) : !(same(hard, root) && same(soft, root));
+        wrong += isnan(root_f) ? !(isnan(hard_f) && isnan(soft_f))
+                               : !(same_f(hard_f, root_f) && same_f(soft_f, root_f));
+    }
+    /* every significand, with an even and an odd exponent: all the soft routine can tell apart of normal floats */
+    for (i = 0x3f800000u; i < 0x40800000u; i++) {
+        noslip_bits_f x_f;
+        x_f.bits = (uint32_t)i;
+        wrong += !same_f(noslip_soft_sqrt_f(x_f.value), sqrtf(x_f.value));
+    }
+    printf("%llu floats and doubles, %llu square roots wrong\n", n, wrong);
+    return wrong > 0;
+}
+
+int main(int argc, char **argv)
+{
+    const char *mode = argc > 1 ? argv[1] : "";
+    const unsigned long long a = argc > 2 ? strtoull(argv[2], NULL, 10) : 1;
+    const unsigned long long b = argc > 3 ? strtoull(argv[3], NULL, 10) : 0;
+    const unsigned long long parts = argc > 4 ? strtoull(argv[4], NULL, 10) : 1;
+    if (strcmp(mode, "float") == 0 && a > 0 && b < parts) {
+        return sweep_float((uint32_t)a, (uint32_t)b, (uint32_t)parts);
+    }
+    if (strcmp(mode, "double") == 0) {
+        return sweep_double(a, b);
+    }
+    if (strcmp(mode, "sqrt") == 0) {
+        return sweep_sqrt(a, b);
+    }
+    if (strcmp(mode, "digest") == 0) {
+        printf("%016llx\n", (unsigned long long)trig_digest((uint32_t)a, b));
+        return 0;
+    }
+    fprintf(stderr, "usage: trig_sweep float [stride [part parts]] | double N seed | sqrt N seed | digest N seed\n");
+    return 2;
+}

@@ -1,0 +1,125 @@
+"""Evaluates expression graphs apart from any C: exactly (in mpmath), or rounded as C in double or float rounds."""
+
+import random
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+
+import mpmath
+import numpy as np
+from casadi import cos, sin
+from noslip.codegen.graph import Node, reachable
+from noslip.model import Mechanism, OutputMap, OutputRow, control_law
+from noslip.model.outputs import OUTPUTS, at_point, look_ahead, type_iv
+from noslip.model.paths import config, implicit
+from noslip.model.reduction import ReducedSystem, reduce
+
+mpmath.mp.dps = 50
+
+EXACT = {"sqrt": mpmath.sqrt, "sin": mpmath.sin, "cos": mpmath.cos, "abs": abs}
+
+
+def evaluate(roots: Sequence[Node], leaf: Callable[[Node], object], number=mpmath.mpf, functions: Mapping = EXACT) -> list:
+    """The roots' values."""
+    value: dict[Node, object] = {}
+    for node in reachable(roots):
+        a = [value[argument] for argument in node.arguments]
+        match node.operation:
+            case "constant":
+                value[node] = number(node.value)
+            case "leaf":
+                value[node] = leaf(node)
+            case "add":
+                value[node] = a[0] + a[1]
+            case "sub":
+                value[node] = a[0] - a[1]
+            case "mul":
+                value[node] = a[0] * a[1]
+            case "div":
+                value[node] = a[0] / a[1]
+            case "neg":
+                value[node] = -a[0]
+            case operation:
+                value[node] = functions[operation](a[0])
+    return [value[root] for root in roots]
+
+
+def random_leaves(seed: int) -> Callable[[Node], mpmath.mpf]:
+    """A value for every leaf, by its group and name: 0.5 to 2, of either sign where it is part of state or reference."""
+
+    @cache
+    def value(group: str, name: str) -> mpmath.mpf:
+        source = random.Random(f"{seed} {group} {name}")
+        size = source.uniform(0.5, 2)
+        return mpmath.mpf(size if group in ("params", "config", "gains") else size * source.choice((-1, 1)))
+
+    return lambda node: value(node.group, node.name)
+
+
+def relative_error(values: Sequence[mpmath.mpf], truth: Sequence[mpmath.mpf]) -> float:
+    """The largest difference, relative to the largest true value."""
+    largest = max((abs(t) for t in truth), default=0)
+    worst = max((abs(a - t) for a, t in zip(values, truth, strict=True)), default=0)
+    return float(worst / largest if largest else worst)
+
+
+def in_c(scalar: type, sincos: Callable[[float], tuple[float, float]]) -> dict[str, Callable]:
+    """What a graph's functions are in C, `scalar` being np.float32 or np.float64."""
+    return {
+        "sqrt": np.sqrt,
+        "abs": np.abs,
+        "sin": lambda x: scalar(sincos(x)[0]),
+        "cos": lambda x: scalar(sincos(x)[1]),
+    }
+
+
+# -- robots and laws that the LABMATE's do not cover ------------------------------------------------------------------
+
+
+def unicycle(name: str = "unicycle", mass: str = "m", arm: bool = False) -> Mechanism:
+    """Pushed forward and turned; with an arm that turns about the same axle, n - m = 3."""
+    robot = Mechanism(name, "a unicycle")
+    x, y, heading = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("heading", "rad")
+    m, inertia = robot.parameter(mass, 12.0, "kg"), robot.parameter("I_z", 0.8, "kg m^2")
+    forward = cos(heading) * robot.rate(x) + sin(heading) * robot.rate(y)
+    robot.kinetic_energy(m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + inertia * robot.rate(heading) ** 2 / 2)
+    robot.rolls("no side slip", cos(heading) * robot.rate(y) - sin(heading) * robot.rate(x))
+    robot.input("push", "N", on=forward)
+    robot.input("turn", "N m", on=robot.rate(heading))
+    robot.quasi_velocity("v", "m/s", forward)
+    robot.quasi_velocity("omega", "rad/s", robot.rate(heading))
+    if arm:
+        angle, length = robot.coordinate("arm", "rad"), robot.parameter("c", 0.4, "m")
+        tip = (x + length * cos(heading + angle), y + length * sin(heading + angle))
+        robot.kinetic_energy(0.3 * (robot.rate(tip[0]) ** 2 + robot.rate(tip[1]) ** 2) / 2)
+        robot.input("lift", "N m", on=robot.rate(angle))
+        robot.quasi_velocity("arm_rate", "rad/s", robot.rate(angle))
+    robot.moves_in_plane(x, y, heading)
+    return robot
+
+
+def wave_law(system: ReducedSystem):
+    """Type IV on y = s sin(x / w), an implicit path whose slope has a sine."""
+    s, w = config("s", 0.7, "m", "height of the wave", "positive"), config("w", 1.3, "m", "length of the wave", "positive")
+    return control_law(system, type_iv(system, implicit("wave", "wave", (s, w), lambda x, y: y - s.symbol * sin(x / w.symbol))))
+
+
+def arm_law(system: ReducedSystem):
+    """Position of P_l and the arm's angle: three outputs."""
+    L = look_ahead()
+    rows = [at_point(system, L, "x_l", "x", lambda x, y: x), at_point(system, L, "y_l", "y", lambda x, y: y)]
+    angle = OutputRow("angle", "rad", "angle of the arm", system.mechanism.q[3])
+    return control_law(system, OutputMap("arm", "position and arm", (*rows, angle), (L,)))
+
+
+@cache
+def laws() -> dict[str, object]:
+    """Every LABMATE law, and others: name -> law."""
+    from noslip.harness.robots import find_robot, law_of
+
+    labmate = find_robot("labmate")
+    found = {name: law_of(labmate, name) for name in OUTPUTS}
+    plain, armed = reduce(unicycle()), reduce(unicycle("armed", arm=True))
+    return found | {"unicycle type_i": law_of(plain, "type_i"), "unicycle wave": wave_law(plain), "arm": arm_law(armed)}
+
+
+NAMES = (*OUTPUTS, "unicycle type_i", "unicycle wave", "arm")

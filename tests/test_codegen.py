@@ -1,0 +1,680 @@
+"""From expressions to C text: graph, passes, steps, printing, files. Values are compared with evaluations of the graph."""
+
+import json
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import cffi
+import mpmath
+import noslip
+import numpy as np
+import pytest
+from noslip.codegen import program as program_module
+from noslip.codegen.files import law_text, robot_files, standard_laws
+from noslip.codegen.graph import Graph, count, from_casadi, reachable
+from noslip.codegen.optimize import Optimizer
+from noslip.codegen.program import compile_law, fixed_nodes
+from noslip.codegen.scalar import DOUBLE, FLOAT, SCALARS
+from noslip.codegen.stages import inner_velocities
+from noslip.codegen.statements import Statements
+from noslip.codegen.taylor import second_derivative
+from noslip.harness.build import shared_library
+from noslip.harness.cli import main
+from noslip.harness.compiled import CompiledController, library
+from noslip.harness.robots import find_robot, law_of, system_of
+from noslip.harness.sampling import random_plants
+from noslip.harness.symbolic import CasadiController
+from noslip.model import ModelError, control_law, reduce
+from noslip.model.outputs import OUTPUTS, type_iv
+from noslip.model.paths import implicit
+from noslip.tests.codegen_tools import NAMES, evaluate, in_c, laws, random_leaves, relative_error, unicycle
+
+ROOT = Path(noslip.__file__).parent
+SHIPPED = ROOT / "generated"
+EXACT = 1e-30  # relative, of evaluations with 50 digits
+NUMPY = {"double": np.float64, "float": np.float32}
+GROUPS = ("params", "config", "gains", "state", "reference")
+
+each_law = pytest.mark.parametrize("name", NAMES)
+each_labmate_law = pytest.mark.parametrize("name", list(OUTPUTS))
+each_scalar = pytest.mark.parametrize("scalar", list(SCALARS))
+
+
+@cache
+def compiled(name: str):
+    return compile_law(laws()[name])
+
+
+# -- graph --------------------------------------------------------------------------------------------------------------
+
+
+def test_equal_expressions_are_one_node():
+    graph = Graph()
+    x, y = graph.leaf("state", "x"), graph.leaf("state", "y")
+    assert graph.leaf("state", "x") is x and graph.leaf("params", "x") is not x
+    assert graph.constant(2) is graph.constant(2.0) and graph.constant(-0.0) is graph.constant(0.0)
+    assert graph.apply("add", x, y) is graph.apply("add", y, x)
+    assert graph.apply("mul", x, y) is graph.apply("mul", y, x)
+    assert graph.apply("sub", x, y) is not graph.apply("sub", y, x)
+    assert all(a.order < node.order for node in reachable([graph.apply("div", x, y)]) for a in node.arguments)
+
+
+def random_graph(seed: int, size: int = 25):
+    """A graph of `size` operations, few of them used once, and its last nodes as roots."""
+    source, graph = random.Random(seed), Graph()
+    nodes = [graph.leaf(group, f"{group[0]}{k}") for group in GROUPS for k in range(3)]
+    nodes += [graph.constant(c) for c in (0, 1, -1, 2, 0.5, -0.25, 3, 0.1)]
+    for _ in range(size):
+        operation = source.choice(["add", "sub", "mul"] * 6 + ["div", "neg"] * 3 + ["sqrt", "sin", "cos", "abs"])
+        a, b = (source.choice(nodes[-12:] if source.random() < 0.7 else nodes) for _ in range(2))
+        if operation in ("sin", "cos"):  # CasADi leaves no sine of a number
+            a = graph.apply("add", graph.apply("mul", a, nodes[0]), nodes[9])
+        if operation == "sqrt":
+            a = graph.apply("abs", a)
+        if operation == "div":  # away from zero, and not always a sum
+            b = (
+                graph.apply("add", graph.constant(3), graph.apply("sin", b))
+                if source.random() < 0.5
+                else source.choice(nodes[:15])
+            )
+        nodes.append(graph.apply(operation, *((a, b) if operation in ("add", "sub", "mul", "div") else (a,))))
+    return graph, nodes[-6:]
+
+
+@pytest.mark.parametrize("scalar", [np.float32, np.float64])
+def test_simplifying_keeps_every_bit(scalar):
+    """apply against make, which never simplifies, over every pair of small expressions; rounded arithmetic."""
+    graph, source = Graph(), random.Random(1)
+    x, y = graph.leaf("state", "x"), graph.leaf("state", "y")
+    numbers = [graph.constant(c) for c in (0, 1, -1, 2, -0.5, 0.125, 3, -0.1)]
+    small = [x, y, *numbers]
+    small += [graph.make("neg", (a,)) for a in (x, y)] + [graph.make("sub", (x, y)), graph.make("mul", (x, y))]
+    small += [graph.make("neg", (a,)) for a in small[-2:]]
+    functions = in_c(scalar, lambda angle: (np.sin(angle), np.cos(angle)))
+    for operation in ("add", "sub", "mul", "div", "neg", "abs", "sin", "cos"):
+        two = operation in ("add", "sub", "mul", "div")
+        for arguments in [(a, b) for a in small for b in small] if two else [(a,) for a in small]:
+            if operation == "div" and arguments[1].value == 0 and arguments[1].operation == "constant":
+                continue
+            leaves = {n: scalar(source.uniform(-2, 2)) for n in (x, y)}
+            simple = graph.apply(operation, *arguments)
+            with np.errstate(all="ignore"):
+                a, b = evaluate([simple, graph.make(operation, arguments)], leaves.__getitem__, scalar, functions)
+            assert a == b, (operation, arguments)
+
+
+# -- passes ------------------------------------------------------------------------------------------------------------
+
+
+class Checked(Optimizer):
+    """An Optimizer that compares the roots' values before and after each of its passes."""
+
+    seen: set[str] = set()
+    leaf = staticmethod(random_leaves(7))
+
+    def passes(self, roots):
+        before = evaluate(roots, self.leaf)
+        for name, improved in super().passes(roots):
+            for after, value in zip(evaluate(improved, self.leaf), before, strict=True):
+                assert abs(after - value) <= EXACT * max(abs(value), 1e-15), name
+            self.seen.add(name)
+            yield name, improved
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_passes_keep_the_value_of_random_graphs(seed):
+    tried = 0
+    for k in range(40):
+        graph, roots = random_graph(1000 * seed + k)
+        try:
+            values = evaluate(roots, Checked.leaf)
+        except ZeroDivisionError:
+            continue
+        if max(map(abs, values)) > 1e15:  # what is left of 50 digits would not be enough
+            continue
+        tried += 1
+        named = reachable(roots)[::3]
+        truth = dict(zip([f"n{node.order}" for node in named], evaluate(named, Checked.leaf), strict=True))
+        labels = {node: f"n{node.order}" for node in named}
+        final = Checked(graph, labels).run(roots)
+        assert {node.operation for node in reachable(final)} <= {
+            "constant",
+            "leaf",
+            "add",
+            "sub",
+            "mul",
+            "div",
+            "neg",
+            "sqrt",
+            "abs",
+            "sin",
+            "cos",
+        }
+        kept = [node for node in reachable(final) if node in labels]
+        for node, value in zip(kept, evaluate(kept, Checked.leaf), strict=True):
+            assert abs(value - truth[labels[node]]) <= EXACT * max(abs(value), 1e-15), "a name moved to another value"
+    assert tried >= 20
+
+
+@each_law
+def test_passes_keep_the_value_of_laws(name, monkeypatch):
+    monkeypatch.setattr(program_module, "Optimizer", Checked)
+    monkeypatch.setattr(Checked, "seen", set())
+    compile_law(laws()[name])
+    assert len(Checked.seen) >= 5
+
+
+@each_law
+def test_steps_are_the_law(name):
+    """The cheap frame, the steps and all passes against the law as the model writes it."""
+    plain = compile_law(laws()[name], optimize=False)
+    assert list(plain.entries) == list(compiled(name).entries)
+    for seed in range(3):
+        leaf = random_leaves(seed)
+        for entry, body in compiled(name).entries.items():
+            truth = plain.entries[entry]
+            assert body.quantities.keys() == truth.quantities.keys()
+            for quantity, matrix in body.quantities.items():
+                assert [len(row) for row in matrix] == [len(row) for row in truth.quantities[quantity]]
+                values, expected = ([n for row in m for n in row] for m in (matrix, truth.quantities[quantity]))
+                assert relative_error(evaluate(values, leaf), evaluate(expected, leaf)) <= EXACT, (entry.name, quantity)
+            if entry.inverts:  # both sides may carry the same factor
+                (square, bound), (square_0, bound_0) = evaluate(body.singular, leaf), evaluate(truth.singular, leaf)
+                assert square >= 0 and bound > 0
+                assert relative_error([square / bound], [square_0 / bound_0]) <= EXACT
+
+
+@each_law
+def test_names_stand_for_their_values(name):
+    """A named row or torque in C is that row or torque."""
+    law, leaf = laws()[name], random_leaves(3)
+    plain = compile_law(law, optimize=False)
+    truth: dict[str, list] = {}
+    for node, label in plain.labels.items():
+        truth.setdefault(label, []).extend(evaluate([node], leaf))
+    program = compiled(name)
+    written = reachable(root for body in program.entries.values() for root in body.roots)
+    for node, label in ((node, program.labels[node]) for node in written if node in program.labels):
+        if label in truth and not label.startswith(("u_", "v_")):  # a demand is a leaf in one and a sum in the other
+            (value,) = evaluate([node], leaf)
+            assert any(abs(value - t) <= EXACT * max(abs(t), 1) for t in truth[label]), label
+
+
+@each_labmate_law
+def test_fewer_operations_than_the_plain_law(name):
+    plain = compile_law(laws()[name], optimize=False)
+    for entry, body in compiled(name).entries.items():
+        both = []
+        for roots in (body.roots, plain.entries[entry].roots):
+            fixed = fixed_nodes(roots)
+            both.append(sum(count(node for node in reachable(roots) if not fixed[node]).values()))
+        assert both[0] <= both[1], entry.name
+        if entry.name == "step":
+            assert both[0] < 0.6 * both[1]
+
+
+# -- second derivatives --------------------------------------------------------------------------------------------------
+
+CURVES = {
+    "constant": lambda x, y, p: p + 0 * x,
+    "linear": lambda x, y, p: p * x - y - 2,
+    "square": lambda x, y, p: x**2 - y * y / p,
+    "circle": lambda x, y, p: ca.sqrt((x - p) ** 2 + (y - 1) ** 2) - p,
+    "ellipse": lambda x, y, p: ((x / p) ** 2 + y**2 - 1) / ca.sqrt(4 * x**2 / p**4 + 4 * y**2),
+    "wave": lambda x, y, p: y - p * ca.sin(x * y) + ca.cos(-x),
+    "inverse": lambda x, y, p: 1 / (x**2 + p) - 1 / (1 + ca.sin(y) ** 2),
+    "quotient": lambda x, y, p: (x + ca.sin(y)) / (p + ca.cos(x * y) ** 2) - ca.sqrt(x**2 + 1) * 2 * y,
+    "cube": lambda x, y, p: (x**2 * x - 2 * (x + y)) * -y,
+}
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_second_derivative_along_a_motion(curve):
+    z, zdot, p = ca.SX.sym("z", 2), ca.SX.sym("zdot", 2), ca.SX.sym("p")
+    outer = ca.SX(CURVES[curve](z[0], z[1], p))
+    rate = ca.jtimes(outer, z, zdot)
+    ours = second_derivative(outer, z, zdot, rate, lambda expression: expression)
+    function = ca.Function("both", [z, zdot, p], [ours, ca.jtimes(rate, z, zdot)])
+    source = np.random.default_rng(5)
+    for _ in range(200):
+        x = source.uniform(0.3, 2, 2) * source.choice((-1, 1), 2)
+        a, b = (float(value) for value in function(x, source.uniform(-2, 2, 2), source.uniform(0.5, 2)))
+        assert abs(a - b) <= 1e-11 * max(1, abs(b))
+
+
+def test_second_derivative_uses_the_known_rate():
+    z, zdot, rate = ca.SX.sym("z", 2), ca.SX.sym("zdot", 2), ca.SX.sym("rate")
+    made = second_derivative(ca.sqrt(z[0] ** 2 + z[1] ** 2) - 3, z, zdot, rate, lambda expression: expression)
+    assert ca.depends_on(made, rate)
+
+
+# -- structure -----------------------------------------------------------------------------------------------------------
+
+
+def law_function(text: str, name: str) -> str:
+    """The body of a static function of the C."""
+    return re.search(rf"^static int \w+_{name}(?:_f)?_law\(.*?\n\{{\n(.*?)^\}}", text, re.S | re.M)[1]
+
+
+@each_labmate_law
+def test_masses_and_bias_do_not_know_the_heading(name):
+    """tau from the wanted accelerations of speed and yaw rate on: no sine, no cosine, no heading."""
+    inner, _ = inner_velocities(laws()[name].system)
+    assert not ca.depends_on(ca.vertcat(ca.vec(inner.Mbar), inner.bias), inner.mechanism.q)
+    body = law_function(law_text(compiled(name), DOUBLE).source(), "feedback")
+    assigned = dict(re.findall(r"^\s*(?:const double )?([\w\[\]]+) =\s+(.*?);", body, re.S | re.M))
+    seen, stack = set(), ["tau[0]", "tau[1]"]
+    while stack:
+        for used in re.findall(r"(?:self|state)->\w+|[A-Za-z]\w*(?:\[\d\])?", assigned[stack.pop()]):
+            if used not in seen and not used.startswith("u_"):
+                seen.add(used)
+                stack += [used] if used in assigned else []
+    assert not {word for word in seen if "phi" in word}
+    assert any(word.startswith("u_") for expression in assigned.values() for word in re.findall(r"\w+", expression))
+
+
+@each_scalar
+@each_labmate_law
+def test_one_sincos(name, scalar):
+    text = law_text(compiled(name), SCALARS[scalar])
+    for entry in text.entries:
+        assert law_function(text.source(), entry.name).count("noslip_sincos") <= 1
+
+
+# -- printing ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scalar", [DOUBLE, FLOAT])
+def test_literals_are_the_shortest_that_read_back(scalar):
+    kind, bits = (np.float64, np.uint64) if scalar is DOUBLE else (np.float32, np.uint32)
+    source = np.random.default_rng(11)
+    values = np.concatenate(
+        [source.integers(0, np.iinfo(bits).max, 3000, bits, True).view(kind), np.arange(-20, 20).astype(kind)]
+    )
+    values = np.concatenate([values, source.uniform(-10, 10, 1000).astype(kind), [np.finfo(kind).tiny, np.finfo(kind).max]])
+    for value in values[np.isfinite(values)]:
+        text = scalar.literal(float(value))
+        assert re.fullmatch(r"-?\d+(\.\d+)?(e[-+]?\d+)?f?", text) and ("." in text or "e" in text)
+        assert text.endswith("f") == (scalar is FLOAT)
+        assert kind(text.rstrip("f")) == value
+        digits = len(re.sub(r"e.*|\D", "", text).strip("0"))
+        assert digits <= 1 or kind(f"{value:.{digits - 2}e}") != value, f"{text} could be shorter"
+
+
+@pytest.mark.parametrize(
+    ("scalar", "value"),
+    [(FLOAT, 1e39), (FLOAT, -3.5e38), (FLOAT, 1e-50), (FLOAT, np.inf), (FLOAT, np.nan), (DOUBLE, np.inf), (DOUBLE, np.nan)],
+)
+def test_a_constant_that_does_not_fit_is_refused(scalar, value):
+    with pytest.raises(ModelError, match="does not fit"):
+        scalar.literal(value)
+
+
+RANDOM_C = 60  # graphs
+
+
+def graph_in_c(k: int, scalar) -> str:
+    """A C function that computes the roots of random graph k from an array of leaves."""
+    _, roots = random_graph(k)
+    writer = Statements(
+        scalar, lambda node: f"x->{node.name}" if node.operation == "leaf" else None, {}, lambda c: f"if ({c}) {{ return 1; }}"
+    )
+    writer.plan(roots)
+    for i, root in enumerate(roots):
+        writer.assign(f"out[{i}]", root)
+    return f"int graph{k}(const leaves *x, {scalar.real} *out)\n{{\n" + "\n".join(writer.lines) + "\nreturn 0;\n}\n"
+
+
+@each_scalar
+def test_random_c_computes_what_the_graph_says(scalar):
+    """Parentheses, order, names: bit by bit what the operations give when each is rounded once."""
+    kind, real = NUMPY[scalar], SCALARS[scalar].real
+    names = [f"{group[0]}{k}" for group in GROUPS for k in range(3)]
+    struct = f"typedef struct leaves {{ {real} {', '.join(dict.fromkeys(names))}; }} leaves;\n"
+    trig = f"void trig({real} x, {real} *sine, {real} *cosine)"
+    sincos = f"{trig}\n{{\n{SCALARS[scalar].name('noslip_sincos')}(x, sine, cosine);\n}}\n"
+    text = '#include "noslip_controller.h"\n' + struct + sincos + "".join(graph_in_c(k, SCALARS[scalar]) for k in range(RANDOM_C))
+    ffi = cffi.FFI()
+    ffi.cdef(struct + trig + ";" + "".join(f"int graph{k}(const leaves *x, {real} *out);" for k in range(RANDOM_C)))
+    lib = ffi.dlopen(str(shared_library({"graphs.c": text})))
+    sine, cosine = ffi.new(f"{real} *"), ffi.new(f"{real} *")
+
+    def c_sincos(angle):
+        lib.trig(float(angle), sine, cosine)
+        return sine[0], cosine[0]
+
+    source, leaves, out, compared = np.random.default_rng(3), ffi.new("leaves *"), ffi.new(f"{real}[6]"), 0
+    for k in range(RANDOM_C):
+        _, roots = random_graph(k)
+        for _ in range(20):
+            given = {name: kind(source.uniform(-2, 2)) for name in names}
+            for name, value in given.items():
+                setattr(leaves, name, float(value))
+            if getattr(lib, f"graph{k}")(leaves, out) != 0:
+                continue
+            with np.errstate(all="ignore"):
+                expected = evaluate(roots, lambda n, given=given: given[n.name], kind, in_c(kind, c_sincos))
+            answered = np.array(list(out), kind)
+            assert np.array_equal(answered, np.array(expected, kind), equal_nan=True), k
+            compared += 1
+    assert compared > 0.8 * RANDOM_C * 20
+
+
+@each_scalar
+@each_law
+def test_laws_in_c_compute_what_the_graph_says(name, scalar):
+    """Every bit of h, ydot, Phi, Phidot, u, tau at random states, init's constants included."""
+    law, kind = laws()[name], NUMPY[scalar]
+    program, built = compiled(name), library(law, scalar)
+    trig = cffi.FFI()
+    real = SCALARS[scalar].real
+    trig.cdef(f"void trig({real} x, {real} *sine, {real} *cosine);")
+    source = f'#include "noslip_trig.h"\nvoid trig({real} x, {real} *s, {real} *c);\nvoid trig({real} x, {real} *s, {real} *c)\n'
+    lib = trig.dlopen(str(shared_library({"trig.c": source + f"{{\n{SCALARS[scalar].name('noslip_sincos')}(x, s, c);\n}}\n"})))
+    sine, cosine = trig.new(f"{real} *"), trig.new(f"{real} *")
+
+    def c_sincos(angle):
+        lib.trig(float(angle), sine, cosine)
+        return sine[0], cosine[0]
+
+    entry = next(entry for entry in program.entries if entry.name == "evaluate")
+    quantities = program.entries[entry].quantities
+    for plant in random_plants(law, 40, seed=21):
+        controller = CompiledController(law, plant.params, plant.config, plant.gains, scalar)
+        for point in plant.points:
+            answer = controller.evaluate(point.state, point.reference)
+            groups = dict(zip(GROUPS, (plant.params, plant.config, plant.gains, point.state, point.reference), strict=True))
+            given = {(g, q.name): kind(v) for g in GROUPS for q, v in zip(law.groups[g], groups[g], strict=True)}
+            assert answer.status == "ok"
+            for quantity, matrix in quantities.items():
+                roots = [node for row in matrix for node in row]
+                expected = evaluate(roots, lambda n, given=given: given[n.group, n.name], kind, in_c(kind, c_sincos))
+                assert answer.values[quantity].ravel().tolist() == [float(value) for value in expected], quantity
+            assert controller.step(point.state, point.reference)[0] == "ok"
+    assert built.text.program.law is law
+
+
+def test_names_of_the_path_may_be_those_of_the_robot():
+    """The ellipse's b beside half the wheels' distance b: both count, each for itself."""
+    law = laws()["type_iv_ellipse"]
+    assert "b" in [q.name for q in law.parameters] and "b" in [q.name for q in law.config]
+    for changed in (None, "params", "config"):
+        values = {g: [q.default or 0.3 for q in law.groups[g]] for g in ("params", "config", "gains")}
+        if changed:
+            values[changed][[q.name for q in law.groups[changed]].index("b")] *= 1.7
+        numbers = [values[g] for g in ("params", "config", "gains")]
+        state, reference = np.array([4.1, 0.5, 1.2, 0, 0, 7.0, 9.0]), np.array([0.1, 0.2, 0.3, 1.0, 0.4])
+        ours, truth = (made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController))
+        for quantity in quantities_of(ours):
+            assert np.abs(ours.values[quantity] - truth.values[quantity]).max() <= 1e-12 * np.abs(truth.values[quantity]).max()
+
+
+def quantities_of(evaluation) -> list[str]:
+    assert evaluation.status == "ok"
+    return [name for name, value in evaluation.values.items() if value.size]
+
+
+@pytest.mark.parametrize(
+    "mass",
+    ["k1", "k2", "t1", "ready", "held", "options", "self", "state", "reference", "config", "params", "gains", "status", "limit"]
+    + ["tau", "h", "v", "all", "sin_heading", "x_l_rate", "Phi_11", "yaw_rate", "forward_speed", "part", "root"],
+)
+def test_any_name_of_a_parameter_gives_c(mass):
+    """What the generator calls its own does not meet what the user calls hers."""
+    law = control_law(system := reduce(unicycle(f"u_{mass}", mass)), OUTPUTS["type_i"](system))
+    numbers = [[q.default or 0.3 for q in law.groups[g]] for g in ("params", "config", "gains")]
+    state, reference = np.array([1.0, 0.5, 1.2, 0.7, 0.9]), np.array([0.1, 0.2, 0.3, 1.0, 0.4, 0.2])
+    ours, truth = (made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController))
+    for quantity in quantities_of(ours):
+        assert np.abs(ours.values[quantity] - truth.values[quantity]).max() <= 1e-13 * np.abs(truth.values[quantity]).max()
+
+
+@pytest.mark.parametrize(
+    "row", ["k1", "t1", "self", "state", "reference", "tau", "h", "v", "all", "status", "sin_heading", "Phi"]
+)
+def test_any_name_of_an_output_gives_c(row):
+    from noslip.model import OutputMap, OutputRow
+
+    system = reduce(unicycle(f"o_{row}"))
+    heading, x = system.mechanism.q[2], system.mechanism.q[0]
+    rows = (OutputRow(row, "m", "a point ahead", x + 0.3 * ca.cos(heading)), OutputRow("heading", "rad", "heading", heading))
+    law = control_law(system, OutputMap("own", "own", rows))
+    numbers = [[q.default for q in law.groups[g]] for g in ("params", "config", "gains")]
+    state, reference = np.array([1.0, 0.5, 0.4, 0.7, 0.9]), np.arange(6) / 7
+    ours, truth = (made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController))
+    for quantity in quantities_of(ours):
+        assert np.abs(ours.values[quantity] - truth.values[quantity]).max() <= 1e-13 * np.abs(truth.values[quantity]).max()
+
+
+# -- what cannot be written in C -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("function", "says"),
+    [
+        (lambda x, y: ca.exp(x), "exp"),
+        (lambda x, y: ca.log(x * x + 1), "log"),
+        (lambda x, y: ca.atan2(x, y), "atan2"),
+        (lambda x, y: ca.atan(x), "atan"),
+        (lambda x, y: ca.tanh(x), "tanh"),
+        (lambda x, y: ca.fmax(x, y), "fmax"),
+        (lambda x, y: ca.if_else(x > 0, x, y), ""),
+        (lambda x, y: ca.sign(x), "sign"),
+        (lambda x, y: ca.floor(x), "floor"),
+        (lambda x, y: x**y, "power"),
+        (lambda x, y: x**1.3, "power"),
+        (lambda x, y: x**65, "power"),
+        (lambda x, y: 2**x, ""),
+    ],
+)
+def test_functions_without_c(function, says):
+    graph, symbols = Graph(), [ca.SX.sym("x"), ca.SX.sym("y")]
+    leaves = [graph.leaf("state", "x"), graph.leaf("state", "y")]
+    with pytest.raises(ModelError) as error:
+        from_casadi(graph, ca.SX(function(*symbols)), symbols, leaves, "robot law")
+    text = str(error.value)
+    assert says in text and "robot law" in text and "\n" not in text and "use + - * /" in text
+
+
+@pytest.mark.parametrize("function", [ca.exp, ca.tanh, lambda x: x**1.3, lambda x: ca.atan2(x, 1 + x * x)])
+@pytest.mark.parametrize("optimize", [True, False])
+def test_a_path_with_a_function_without_c(function, optimize):
+    system = system_of(find_robot("labmate"))
+    law = control_law(system, type_iv(system, implicit("odd", "odd", (), lambda x, y: y - function(x))))
+    with pytest.raises(ModelError, match="use"):
+        compile_law(law, optimize)
+
+
+@pytest.mark.parametrize("exponent", [-3, -0.5, 0, 0.5, 1, 1.5, 2, 3, 7, 2.5, 32])
+def test_powers(exponent):
+    graph, symbol = Graph(), ca.SX.sym("x")
+    leaf = graph.leaf("state", "x")
+    (((node,),)) = from_casadi(graph, ca.SX(symbol**exponent), [symbol], [leaf], "")
+    value = mpmath.mpf("1.37")
+    (ours,) = evaluate([node], lambda _: value)
+    assert abs(ours - value ** mpmath.mpf(exponent)) <= EXACT * ours
+
+
+def test_tangent():
+    graph, symbol = Graph(), ca.SX.sym("x")
+    (((node,),)) = from_casadi(graph, ca.tan(symbol), [symbol], [graph.leaf("state", "x")], "")
+    (ours,) = evaluate([node], lambda _: mpmath.mpf("0.7"))
+    assert abs(ours - mpmath.tan(mpmath.mpf("0.7"))) <= EXACT
+
+
+# -- files ---------------------------------------------------------------------------------------------------------------
+
+
+def test_shipped_files_are_current(capsys):
+    assert main(["generate", "labmate", "-o", str(SHIPPED), "--check"]) == 0, "run noslip generate labmate"
+
+
+def test_the_same_bytes_everywhere(tmp_path):
+    """Under another hash seed, from another folder, in another process."""
+    run = "import sys; from noslip.harness.cli import main; sys.exit(main())"
+    processes = []
+    for seed in ("0", "4242"):
+        folder = tmp_path / seed
+        folder.mkdir()
+        command = [sys.executable, "-c", run, "generate", "labmate", "-o", "here"]
+        processes.append(
+            subprocess.Popen(command, cwd=folder, env=os.environ | {"PYTHONHASHSEED": seed}, stdout=subprocess.DEVNULL)
+        )
+    system = system_of(find_robot("labmate"))
+    ours = robot_files(system, [law_of(system, name) for name in OUTPUTS])
+    assert [process.wait() for process in processes] == [0, 0]
+    assert ours == robot_files(reduce(fresh := find_robot.__wrapped__("labmate")), standard_laws(reduce(fresh)))
+    for seed in ("0", "4242"):
+        folder = tmp_path / seed / "here" / "labmate"
+        assert {path.name: path.read_bytes() for path in folder.iterdir()} == {name: text.encode() for name, text in ours.items()}
+
+
+@pytest.fixture
+def small(tmp_path, capsys):
+    """A generated folder of one law, and a check of it: answers exit code and what it says."""
+    argv = ["generate", "labmate", "-o", str(tmp_path), "--output", "type_ii", "--scalar", "double"]
+    assert main(argv) == 0
+
+    def check() -> tuple[int, str]:
+        capsys.readouterr()
+        before = {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()}
+        code = main([*argv, "--check"])
+        assert {path: path.read_bytes() for path in sorted(tmp_path.rglob("*")) if path.is_file()} == before
+        return code, capsys.readouterr().err
+
+    return tmp_path / "labmate", check
+
+
+def test_check_of_what_is_current(small):
+    assert small[1]() == (0, "")
+
+
+def test_check_sees_an_extra_file(small):
+    folder, check = small
+    (folder / "labmate_type_ix.c").write_text("int x;\n")
+    code, err = check()
+    assert code == 1 and "labmate_type_ix.c" in err and "remove" in err
+
+
+def test_check_sees_an_extra_folder(small):
+    folder, check = small
+    (folder / "old").mkdir()
+    code, err = check()
+    assert code == 1 and "old" in err
+
+
+@pytest.mark.parametrize("name", ["labmate.h", "labmate_type_ii.c", "manifest.json"])
+def test_check_sees_a_missing_file(small, name):
+    folder, check = small
+    (folder / name).unlink()
+    code, err = check()
+    assert code == 1 and f"{name}: missing" in err
+
+
+def test_check_of_a_missing_folder(small):
+    folder, check = small
+    shutil.rmtree(folder)
+    code, err = check()
+    assert code == 1 and err.count("missing") == 5
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "shown"),
+    [(b" + ", b" - ", True), (b"\n", b"\r\n", False), (b"\n", b"\n\xff", True), (b"}\n", b"}", False)],
+)
+def test_check_sees_an_edited_file(small, old, new, shown):
+    folder, check = small
+    path = folder / "labmate_type_ii.c"
+    text = path.read_bytes()
+    place = text.rindex(old)
+    path.write_bytes(text[:place] + new + text[place + len(old) :])
+    code, err = check()
+    assert code == 1 and f"--- {path}" in err and "@@" in err
+    if shown:
+        assert any(line.startswith("-") and not line.startswith("---") for line in err.splitlines())
+
+
+def test_generating_again_removes_what_it_wrote_before_and_nothing_else(small):
+    folder, check = small
+    (folder / "notes.txt").write_text("mine\n")
+    assert main(["generate", "labmate", "-o", str(folder.parent), "--output", "type_iii", "--scalar", "float"]) == 0
+    left = {path.name for path in folder.iterdir()}
+    assert left == {"notes.txt", "manifest.json"} | {f"{n}_f.{e}" for n in ("labmate", "labmate_type_iii") for e in "hc"}
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [["labmates"], ["labmate", "--output", "type_v"], ["labmate", "--scalar", "half"], ["nowhere.py:robot"]],
+)
+def test_generate_refuses(argv, bad_input, tmp_path):
+    bad_input(["generate", *argv, "-o", str(tmp_path / "c")])
+
+
+def test_generate_where_nothing_can_be_written(bad_input, tmp_path):
+    (tmp_path / "file").write_text("")
+    bad_input(["generate", "labmate", "--output", "type_ii", "-o", str(tmp_path / "file")])
+
+
+SUM_OR_DIFFERENCE = {"+": "add", "-": "sub", "*": "mul", "/": "div"}
+
+
+def recount(body: str) -> dict[str, int]:
+    """Operations in the text of a C function, guards of divisions left out."""
+    found = dict.fromkeys(("mul", "add", "sub", "neg", "div", "sqrt", "abs", "sincos"), 0)
+    body = re.sub(r"if \(!\((?:noslip_abs(?:_f)?\()?[\w>-]+\)? > 0\)\) \{", "", body)
+    body = re.sub(r"\(void\)\w+;|(float|double) \w+, \w+;", "", body)
+    before = "="
+    for token in re.findall(r"\d+(?:\.\d+)?(?:e[-+]?\d+)?f?|\w+|->|[-+*/()=;>!{}&,\[\]]", body):
+        if token in SUM_OR_DIFFERENCE:
+            unary = before in ("=", "(", ",", "+", "-", "*", "/", ">") or before == "return"
+            found["neg" if unary else SUM_OR_DIFFERENCE[token]] += 1
+        for function in ("sqrt", "abs", "sincos"):
+            found[function] += bool(re.fullmatch(f"noslip_{function}(_f)?", token))
+        before = token
+    found["neg"] -= len(re.findall(r"return -|[(=,*/+] -\d", body))
+    return found
+
+
+@each_scalar
+@each_labmate_law
+def test_operation_counts_are_those_of_the_text(name, scalar):
+    text, manifest = law_text(compiled(name), SCALARS[scalar]), json.loads((SHIPPED / "labmate" / "manifest.json").read_text())
+    source, header = text.source(), text.header()
+    for entry in text.entries:
+        counted = recount(law_function(source, entry.name))
+        assert counted == text.operations(entry), entry.name
+        assert counted == manifest["laws"][name]["operations"][entry.name], entry.name
+        said = ", ".join(f"{number} {operation}" for operation, number in counted.items() if number)
+        prototype = header[: header.index(f"int {text.prefix}_{entry.name}{SCALARS[scalar].suffix}(")]
+        assert " ".join(prototype[prototype.rindex("Operations:") :].split()).startswith(f"Operations: {said or 'none'}.")
+
+
+def test_nothing_of_this_machine_in_the_text():
+    for path in (SHIPPED / "labmate").iterdir():
+        text = path.read_text()
+        assert text.isascii() and "\t" not in text and "\r" not in text and text.endswith("\n") and not text.endswith("\n\n")
+        assert not re.search(r"\b20\d\d\b|\d:\d\d|[A-Z][a-z]{2} \d{1,2},", text)
+        assert not any(part in text for part in (str(ROOT), str(Path.home()) + "/", "/tmp", "/usr", os.uname().nodename))
+        assert all(len(line) <= 120 for line in text.splitlines())
+        assert all(line == line.rstrip() for line in text.splitlines())
+        if path.suffix != ".json":
+            assert f"Generated by noslip {noslip.__version__}" in text and re.search(r"Model SHA-256 [0-9a-f]{64}", text)
+
+
+def test_the_hash_follows_the_model():
+    """Whatever changes the C changes the hash in its banner."""
+    system = reduce(unicycle())
+    base = robot_files(system, standard_laws(system, ["type_i"]))
+    other = reduce(unicycle(mass="m_2"))
+    changed = robot_files(other, standard_laws(other, ["type_i"]))
+    assert base.keys() == changed.keys()
+    for name in base:
+        first, second = (re.findall(r"[0-9a-f]{64}", files[name])[0] for files in (base, changed))
+        assert first != second
