@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from ..model.law import symbols
 from ..model.outputs import forward_speed, reference_point
 from .cases import gain_entries
+from .closed_loop import Run
 from .files import write_whole
-from .simulate import Run
 
 FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"
 SECOND = "#8a4fa3"  # beside POINT where two like things are drawn

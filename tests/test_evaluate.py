@@ -120,13 +120,15 @@ def test_every_law_fits_the_labmate():
 @each_backend
 @pytest.mark.parametrize("name", OUTPUTS)
 def test_step_and_evaluate_agree(name, backend):
+    limit = {"casadi": 0, "c": 1e-12, "cf": 1e-4}[backend]
     law = law_of(find_robot("labmate"), name)
     for plant in random_plants(law, 40, seed=5):
         controller = make_controller(backend, law, plant.params, plant.config, plant.gains)
         for point in plant.points:
             status, tau = controller.step(point.state, point.reference)
             assert status == "ok"
-            assert np.array_equal(tau, controller.evaluate(point.state, point.reference).values["tau"])
+            together = controller.evaluate(point.state, point.reference).values["tau"]  # optimized by itself: other roundings
+            assert np.abs(tau - together).max() <= limit * np.abs(together).max()
 
 
 # -- statuses -----------------------------------------------------------------------------------------------------------

@@ -1,0 +1,199 @@
+"""What is measured: for each way of writing a law, a C file that runs one function of it over all states."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cases import COUNT, TOLERANCE
+from noslip.codegen.law_c import LawC
+from noslip.codegen.program import compile_law
+from noslip.codegen.scalar import SCALARS
+from noslip.model.law import ControlLaw
+
+ENTRY = {"tau": "step", "Phi": "decoupling", "Phidot": "decoupling_rate"}  # our C function of each quantity
+HAND = {"type_i": "type_i", "type_iv_line": "line", "type_iv_circle": "circle", "type_iv_ellipse": "ellipse"}
+ONCE = "__attribute__((noipa))"  # GCC: not inlined, cloned or otherwise known to its caller
+
+
+@dataclass(frozen=True)
+class Program:
+    """A C (or C++) file with `measured`, the function to count, called only by `driver`."""
+
+    law: str
+    quantity: str
+    text: str
+    language: str = "c"
+
+    @property
+    def name(self) -> str:
+        """What the program's functions and files are called after."""
+        return f"{self.law}_{self.quantity}"
+
+    @property
+    def measured(self) -> str:
+        """The function that is counted."""
+        return f"measured_{self.name}"
+
+    @property
+    def driver(self) -> str:
+        """Its only caller."""
+        return f"drive_{self.name}"
+
+
+class Unguarded(LawC):
+    """The law itself: what the guards would leave through is not there."""
+
+    def _leave(self, condition: str, answer: str) -> str:
+        return "" if answer in ("NOSLIP_SINGULAR", "NOSLIP_RANGE") else super()._leave(condition, answer)
+
+
+def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True) -> Program:
+    """Our law without guards: the body of the generated function, alone."""
+    text = Unguarded(compile_law(law, optimize), SCALARS[scalar], ["for the bench, without guards"])
+    core = SCALARS[scalar].name(f"{text.prefix}_{ENTRY[quantity]}") + "_law"
+    types, arguments = _signature(text, quantity)
+    return _program(
+        law,
+        scalar,
+        quantity,
+        [
+            text.header(),
+            f"static inline int {core}({types}) __attribute__((always_inline));",
+            text.source(),
+            f"{ONCE} void {{measured}}({types})\n{{{{\n    (void){core}({arguments});\n}}}}",
+        ],
+        *_own_calls(text, quantity),
+    )
+
+
+def guarded(law: ControlLaw, scalar: str, quantity: str) -> Program:
+    """Our public function, as users call it."""
+    text = LawC(compile_law(law), SCALARS[scalar], ["for the bench"])
+    public = SCALARS[scalar].name(f"{text.prefix}_{ENTRY[quantity]}")
+    renamed = f"#define {public} {{measured}}"
+    types, _ = _signature(text, quantity, public=True)
+    return _program(
+        law,
+        scalar,
+        quantity,
+        [renamed, text.header(), f"{ONCE} int {{measured}}({types});", text.source()],
+        *_own_calls(text, quantity),
+    )
+
+
+def unoptimized(law: ControlLaw, scalar: str, quantity: str) -> Program:
+    """Our law as the model has it, no pass applied; no guards."""
+    return ours(law, scalar, quantity, optimize=False)
+
+
+def hand(law: ControlLaw, scalar: str, quantity: str) -> Program:
+    """The hand-written law."""
+    name, kind, robot = SCALARS[scalar].name, HAND[law.name], law.system.mechanism.name
+    what = f"hand_{kind}" if quantity == "tau" else f"hand_{kind}_matrix"
+    function = name(f"hand_{kind}_{'step' if quantity == 'tau' else quantity}")
+    state = name(f"{robot}_state")
+    reference = name(f"{robot}_{law.name}_reference")
+    given = [(f"const {name(what)} *", "self"), (f"const {state} *", "state")]
+    given += [(f"const {reference} *", "wanted")] if quantity == "tau" else []
+    types = ", ".join(f"{kind}{argument}" for kind, argument in given) + f", {scalar} answer[2]{'' if quantity == 'tau' else '[2]'}"
+    arguments = ", ".join([*(argument for _, argument in given), "answer"])
+    casts = [f"(const {name(f'{robot}_params')} *){law.name}_params"]
+    casts += [f"(const {name(f'{robot}_{law.name}_config')} *){law.name}_config"]
+    casts += [f"(const {name(f'{robot}_{law.name}_gains')} *){law.name}_gains"] if quantity == "tau" else []
+    call = f"{{measured}}(&law, (const {state} *){law.name}_state[i]"
+    call += f", (const {reference} *){law.name}_reference[i], answer[i]);" if quantity == "tau" else f", ({scalar}(*)[2])answer[i]);"
+    return _program(
+        law,
+        scalar,
+        quantity,
+        ['#include "hand.h"', f"{ONCE} void {{measured}}({types})\n{{{{\n    {function}({arguments});\n}}}}"],
+        f"static {name(what)} law;",
+        f"{name(what + '_init')}(&law, {', '.join(casts)});",
+        call,
+    )
+
+
+def flat(law: ControlLaw, scalar: str, quantity: str, text: str, call: str, language: str = "c") -> Program:
+    """A peer: a function of the arrays themselves, nothing made beforehand. `call` names them by group and `answer`."""
+    groups = {group: f"{law.name}_{group}" for group in ("params", "config", "gains")}
+    groups |= {group: f"{law.name}_{group}[i]" for group in ("state", "reference")}
+    return _program(law, scalar, quantity, [text], "", "", call.format(**groups, answer="answer[i]", measured="{measured}"), language)
+
+
+def _signature(text: LawC, quantity: str, public: bool = False) -> tuple[str, str]:
+    declared = text._parameters(text.entry(ENTRY[quantity]), public=public)
+    return ", ".join(declared.values()), ", ".join(declared)
+
+
+def _own_calls(text: LawC, quantity: str) -> tuple[str, str, str]:
+    """Declaration, preparation and call of a generated law."""
+    name, law = text.scalar.name, text.law.name
+    given = [f"(const {name(f'{text.robot}_params')} *){law}_params"]
+    given += [f"(const {name(f'{text.prefix}_{group}')} *){law}_{group}" for group in ("config", "gains")]
+    call = f"(void){{measured}}(&law, (const {text.state_type} *){law}_state[i]"
+    if quantity == "tau":
+        call += f", (const {name(f'{text.prefix}_reference')} *){law}_reference[i], answer[i]);"
+    else:
+        call += f", ({text.scalar.real}(*)[2])answer[i]);"
+    prepare = f"(void){name(f'{text.prefix}_init')}(&law, {', '.join(given)}, NULL);"
+    return f"static {text.type} law;", prepare, call
+
+
+def _program(
+    law: ControlLaw,
+    scalar: str,
+    quantity: str,
+    parts: list[str],
+    declare: str,
+    prepare: str,
+    call: str,
+    language: str = "c",
+) -> Program:
+    empty = Program(law.name, quantity, "")
+    size = 2 if quantity == "tau" else 4
+    body = "\n\n".join(part.format(measured=empty.measured) if "{measured}" in part else part for part in parts)
+    text = f"""{body}
+
+#include "cases_{scalar}.h"
+
+static {scalar} answer[{COUNT}][{size}];
+{declare}
+
+{ONCE} void {empty.driver}(void)
+{{
+    int i;
+    for (i = 0; i < {COUNT}; i++) {{
+        {call.format(measured=empty.measured)}
+    }}
+}}
+
+int check_{empty.name}(void)
+{{
+    int i, k;
+    {prepare}
+    {empty.driver}();
+    for (i = 0; i < {COUNT}; i++) {{
+        for (k = 0; k < {size}; k++) {{
+            const double wanted = {law.name}_{quantity}[i][k], error = answer[i][k] - wanted;
+            const double most = {TOLERANCE[scalar]} * (1 + (wanted < 0 ? -wanted : wanted));
+            if (!(error <= most && -error <= most)) {{
+                return 1;
+            }}
+        }}
+    }}
+    return 0;
+}}
+"""
+    if language == "c++":
+        text = text.replace("int check_", 'extern "C" int check_').replace(f"{ONCE} void drive_", f'extern "C" {ONCE} void drive_')
+    return Program(law.name, quantity, text, language)
+
+
+def main_text(programs: list[Program]) -> str:
+    """A main that runs every program and answers the number of the first that is wrong."""
+    lines = [f"int check_{program.name}(void);" for program in programs]
+    lines += ["int main(void)", "{"]
+    lines += [f"    if (check_{program.name}()) return {number};" for number, program in enumerate(programs, 1)]
+    return "\n".join([*lines, "    return 0;", "}", ""])
+
+
+Writer = Callable[[ControlLaw, str, str], Program]
