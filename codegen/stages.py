@@ -6,6 +6,7 @@ cancels is gone, and what depends on parameters only stands by itself, to be com
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import casadi as ca
 
@@ -137,6 +138,7 @@ def staged(law: ControlLaw) -> Stages:
     return stages
 
 
+@lru_cache(maxsize=16)
 def inner_velocities(system: ReducedSystem) -> tuple[ReducedSystem, ca.SX]:
     """The system in w = W nu, w being forward speed and yaw rate where these are n-m fixed combinations of nu, else nu."""
     vehicle, nu = system.mechanism.vehicle, system.nu
