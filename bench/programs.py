@@ -59,7 +59,7 @@ def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True) -> 
             text.header(),
             f"static inline int {core}({types}) __attribute__((always_inline));",
             text.source(),
-            f"{ONCE} void {{measured}}({types})\n{{{{\n    (void){core}({arguments});\n}}}}",
+            f"{ONCE} void MEASURED({types})\n{{\n    (void){core}({arguments});\n}}",
         ],
         *_own_calls(text, quantity),
     )
@@ -69,13 +69,13 @@ def guarded(law: ControlLaw, scalar: str, quantity: str) -> Program:
     """Our public function, as users call it."""
     text = LawC(compile_law(law), SCALARS[scalar], ["for the bench"])
     public = SCALARS[scalar].name(f"{text.prefix}_{ENTRY[quantity]}")
-    renamed = f"#define {public} {{measured}}"
+    renamed = f"#define {public} MEASURED"
     types, _ = _signature(text, quantity, public=True)
     return _program(
         law,
         scalar,
         quantity,
-        [renamed, text.header(), f"{ONCE} int {{measured}}({types});", text.source()],
+        [renamed, text.header(), f"{ONCE} int MEASURED({types});", text.source()],
         *_own_calls(text, quantity),
     )
 
@@ -99,13 +99,13 @@ def hand(law: ControlLaw, scalar: str, quantity: str) -> Program:
     casts = [f"(const {name(f'{robot}_params')} *){law.name}_params"]
     casts += [f"(const {name(f'{robot}_{law.name}_config')} *){law.name}_config"]
     casts += [f"(const {name(f'{robot}_{law.name}_gains')} *){law.name}_gains"] if quantity == "tau" else []
-    call = f"{{measured}}(&law, (const {state} *){law.name}_state[i]"
+    call = f"MEASURED(&law, (const {state} *){law.name}_state[i]"
     call += f", (const {reference} *){law.name}_reference[i], answer[i]);" if quantity == "tau" else f", ({scalar}(*)[2])answer[i]);"
     return _program(
         law,
         scalar,
         quantity,
-        ['#include "hand.h"', f"{ONCE} void {{measured}}({types})\n{{{{\n    {function}({arguments});\n}}}}"],
+        ['#include "hand.h"', f"{ONCE} void MEASURED({types})\n{{\n    {function}({arguments});\n}}"],
         f"static {name(what)} law;",
         f"{name(what + '_init')}(&law, {', '.join(casts)});",
         call,
@@ -113,10 +113,13 @@ def hand(law: ControlLaw, scalar: str, quantity: str) -> Program:
 
 
 def flat(law: ControlLaw, scalar: str, quantity: str, text: str, call: str, language: str = "c") -> Program:
-    """A peer: a function of the arrays themselves, nothing made beforehand. `call` names them by group and `answer`."""
-    groups = {group: f"{law.name}_{group}" for group in ("params", "config", "gains")}
-    groups |= {group: f"{law.name}_{group}[i]" for group in ("state", "reference")}
-    return _program(law, scalar, quantity, [text], "", "", call.format(**groups, answer="answer[i]", measured="{measured}"), language)
+    """A peer's function of plain arrays, nothing made beforehand; `call` is C in terms of `arrays` and answer[i]."""
+    return _program(law, scalar, quantity, [text], "", "", call, language)
+
+
+def arrays(law: ControlLaw) -> list[str]:
+    """The law's inputs as the driver's loop sees them: params, config, gains, state, reference."""
+    return [f"{law.name}_{group}" for group in ("params", "config", "gains")] + [f"{law.name}_{g}[i]" for g in ("state", "reference")]
 
 
 def _signature(text: LawC, quantity: str, public: bool = False) -> tuple[str, str]:
@@ -129,7 +132,7 @@ def _own_calls(text: LawC, quantity: str) -> tuple[str, str, str]:
     name, law = text.scalar.name, text.law.name
     given = [f"(const {name(f'{text.robot}_params')} *){law}_params"]
     given += [f"(const {name(f'{text.prefix}_{group}')} *){law}_{group}" for group in ("config", "gains")]
-    call = f"(void){{measured}}(&law, (const {text.state_type} *){law}_state[i]"
+    call = f"(void)MEASURED(&law, (const {text.state_type} *){law}_state[i]"
     if quantity == "tau":
         call += f", (const {name(f'{text.prefix}_reference')} *){law}_reference[i], answer[i]);"
     else:
@@ -150,8 +153,8 @@ def _program(
 ) -> Program:
     empty = Program(law.name, quantity, "")
     size = 2 if quantity == "tau" else 4
-    body = "\n\n".join(part.format(measured=empty.measured) if "{measured}" in part else part for part in parts)
-    text = f"""{body}
+    text = f"""#define MEASURED {empty.measured}
+{(chr(10) * 2).join(parts)}
 
 #include "cases_{scalar}.h"
 
@@ -162,7 +165,7 @@ static {scalar} answer[{COUNT}][{size}];
 {{
     int i;
     for (i = 0; i < {COUNT}; i++) {{
-        {call.format(measured=empty.measured)}
+        {call}
     }}
 }}
 

@@ -5,13 +5,14 @@ Outputs at a point go through that point, whose own acceleration is taken out of
 cancels is gone, and what depends on parameters only stands by itself, to be computed once.
 """
 
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
 import casadi as ca
 
 from ..model.exact import canonical
-from ..model.expression import fold, operations, time_derivative
+from ..model.expression import fold, operate, operations, time_derivative
 from ..model.law import ControlLaw, outer_loop
 from ..model.linearization import SINGULAR_SQUARED, Linearization, linearize
 from ..model.mechanism import Quantity, quantity
@@ -29,7 +30,8 @@ class Stages:
     fixed: list[ca.SX]  # the symbols that init knows
     steps: list[tuple[ca.SX, ca.SX]] = field(default_factory=list)
     quantities: dict[str, ca.SX] = field(default_factory=dict)
-    _parts: dict[str, ca.SX] = field(default_factory=dict)
+    _parts: dict[tuple[int, ...], ca.SX] = field(default_factory=dict)
+    _keys: dict[tuple, int] = field(default_factory=dict)
 
     def step(self, name: str, expression: ca.SX) -> ca.SX:
         """A symbol for the expression, its constant factor left outside; what is short already stays as it is."""
@@ -50,6 +52,17 @@ class Stages:
         entries = [self._times(*self._split(entry)) for entry in ca.vertsplit(ca.vec(simple))]
         return ca.reshape(ca.vertcat(*entries), simple.shape)
 
+    def key(self, matrix: ca.SX) -> tuple[int, ...]:
+        """The same for matrices whose entries are the same operations on the same symbols and numbers, else different."""
+
+        def number(*operation: Hashable) -> int:
+            return self._keys.setdefault(operation, len(self._keys))
+
+        symbols = ca.symvar(matrix)
+        return tuple(
+            fold(matrix, symbols, lambda k: number(symbols[k].element_hash()), lambda value: number("is", value), number)
+        )
+
     def _split(self, expression: ca.SX) -> tuple[ca.SX, ca.SX | None]:
         """factor * rest, the factor known to init; rest is None when init knows the whole."""
         symbols = ca.symvar(expression)
@@ -60,16 +73,16 @@ class Stages:
 
         def apply(code: int, arguments: tuple) -> tuple[ca.SX, ca.SX | None]:
             if all(rest is None for _, rest in arguments):
-                return OPERATION[code](*[factor for factor, _ in arguments]), None
+                return operate(code, *[factor for factor, _ in arguments]), None
             if code in (ca.OP_NEG, ca.OP_TWICE, ca.OP_SQ, ca.OP_INV):
                 ((factor, rest),) = arguments
                 keeps = code in (ca.OP_NEG, ca.OP_TWICE)
-                return OPERATION[code](factor), rest if keeps else OPERATION[code](rest)
+                return operate(code, factor), rest if keeps else operate(code, rest)
             if code in (ca.OP_MUL, ca.OP_DIV):
                 (f, a), (g, b) = arguments
-                rest = a if b is None else OPERATION[code](ca.SX(1) if a is None else a, b)
-                return OPERATION[code](f, g), rest
-            return ca.SX(1), OPERATION[code](*[self._times(*argument) for argument in arguments])
+                rest = a if b is None else operate(code, ca.SX(1) if a is None else a, b)
+                return operate(code, f, g), rest
+            return ca.SX(1), operate(code, *[self._times(*argument) for argument in arguments])
 
         if expression.is_constant():
             return expression, None
@@ -84,7 +97,7 @@ class Stages:
         """A symbol for an expression of parameters, the same for equal ones, or its negative."""
         if factor.is_constant() or factor.is_symbolic():
             return factor
-        key = str(factor)
+        key = self.key(factor)
         if key not in self._parts:
             self._parts[key] = self._new_part(canonical(factor))
         return self._parts[key]
@@ -94,7 +107,7 @@ class Stages:
             return factor
         if factor.op() == ca.OP_NEG:
             return -self._part(factor.dep(0))
-        key = str(factor)
+        key = self.key(factor)
         if key not in self._parts:
             self._parts[key] = ca.SX.sym(f"{PART}{len(self.steps)}")
             self.steps.append((self._parts[key], factor))
@@ -253,7 +266,7 @@ class _Feedback:
         """minus the w-dot at which the outputs' point has no acceleration; zero where Phi can be regular and that is not."""
         none = ca.SX.zeros(self.inner.freedom)
         points = [row.point for row in rows if row.point is not None]
-        if not points or points[0].shape[0] != self.inner.freedom or any(str(point) != str(points[0]) for point in points):
+        if not points or points[0].shape[0] != self.inner.freedom or len({self.stages.key(point) for point in points}) > 1:
             return none
         determinant = canonical(ca.det(points[0]))
         written_out = ca.vertcat(*[row.Phi_written_out for row in rows])
@@ -299,23 +312,3 @@ def _divides(expression: ca.SX) -> bool:
     """Is there a division by something that is not a number?"""
     function = ca.Function("f", [ca.vertcat(*ca.symvar(expression))], [expression])
     return any(operation.code in (ca.OP_DIV, ca.OP_INV) for operation in operations(function))
-
-
-OPERATION = {
-    ca.OP_ASSIGN: lambda a: a,
-    ca.OP_ADD: lambda a, b: a + b,
-    ca.OP_SUB: lambda a, b: a - b,
-    ca.OP_MUL: lambda a, b: a * b,
-    ca.OP_DIV: lambda a, b: a / b,
-    ca.OP_NEG: lambda a: -a,
-    ca.OP_SQ: lambda a: a**2,
-    ca.OP_TWICE: lambda a: 2 * a,
-    ca.OP_INV: lambda a: 1 / a,
-    ca.OP_SIN: ca.sin,
-    ca.OP_COS: ca.cos,
-    ca.OP_SQRT: ca.sqrt,
-    ca.OP_FABS: ca.fabs,
-    ca.OP_TAN: ca.tan,
-    ca.OP_POW: lambda a, b: a**b,
-    ca.OP_CONSTPOW: lambda a, b: a**b,
-}

@@ -6,7 +6,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from ..model.expression import fold
+from ..model.expression import fold, operate
 from ..model.law import ControlLaw, symbols
 from ..model.linearization import SINGULAR
 from .backends import Evaluation
@@ -68,12 +68,12 @@ def step_function(law: ControlLaw) -> ca.Function:
 
 def angles(law: ControlLaw, expression: ca.SX) -> ca.SX:
     """The arguments of every sine and cosine in `expression`, each once, as a column."""
-    found: dict[str, ca.SX] = {}
+    found: dict[int, ca.SX] = {}
 
     def apply(code: int, arguments: tuple[ca.SX, ...]) -> ca.SX:
         if code in (ca.OP_SIN, ca.OP_COS):
-            found[str(arguments[0])] = arguments[0]
-        return ca.SX.unary(code, *arguments) if len(arguments) == 1 else ca.SX.binary(code, *arguments)
+            found[arguments[0].element_hash()] = arguments[0]
+        return operate(code, *arguments)
 
     leaves = [quantity.symbol for group in law.groups.values() for quantity in group]
     fold(expression, leaves, leaves.__getitem__, ca.SX, apply)

@@ -62,6 +62,11 @@ def fold(
     return results
 
 
+def operate(code: int, *arguments: ca.SX) -> ca.SX:
+    """One scalar operation, by its casadi.OP_* number."""
+    return ca.SX.unary(code, *arguments) if len(arguments) == 1 else ca.SX.binary(code, *arguments)
+
+
 def free_symbols(expression: ca.SX) -> list[ca.SX]:
     """The symbols `expression` depends on, each once."""
     return ca.symvar(expression)

@@ -8,7 +8,7 @@ import casadi as ca
 from sympy import QQ
 from sympy.polys.rings import PolyElement, ring
 
-from .expression import fold, free_symbols
+from .expression import fold, free_symbols, operate
 from .ratios import (
     CONSTANT,
     POWER,
@@ -116,8 +116,7 @@ class Field:
             elif kind == POWER:
                 made = self._rebuilt(arguments[0]) ** arguments[1]
             else:
-                apply = ca.SX.unary if len(arguments) == 1 else ca.SX.binary
-                made = apply(kind, *[self._rebuilt(argument) for argument in arguments])
+                made = operate(kind, *[self._rebuilt(argument) for argument in arguments])
             self._expression_of[place] = made
         return self._expression_of[place]
 
