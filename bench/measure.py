@@ -44,6 +44,7 @@ class Target:
     flags: Sequence[str] = ()
     startup: Sequence[str] = ()
     link: Sequence[str] = ()
+    runner: Sequence[str] = ("valgrind",)
 
     def __init__(self, folder: Path):
         self.folder = folder / self.name
@@ -53,8 +54,6 @@ class Target:
         """Which tool is not there; empty when all are."""
         tools = [*(self.prefix + tool for tool in ("gcc", "g++", "nm", "objcopy")), *self.runner]
         return next((tool for tool in tools if not shutil.which(tool)), "")
-
-    runner: Sequence[str] = ("valgrind",)
 
     def measure(self, label: str, programs: Sequence[Program], scalar: str, shared: Path) -> dict[str, Count]:
         """Program name -> count. `shared` holds generated headers, cases and the robot's own source."""
@@ -104,7 +103,9 @@ class Target:
         """Function -> address and bytes."""
         lines = run([self.prefix + "nm", "-S", str(image)], image.parent).stdout.splitlines()
         rows = [line.split() for line in lines if len(line.split()) == 4 and line.split()[2] in "tTW"]
-        return {name.split(".")[0] if name.endswith(".isra.0") else name: (int(at, 16), int(size, 16)) for at, size, _, name in rows}
+        return {
+            name.split(".")[0] if name.endswith(".isra.0") else name: (int(at, 16), int(size, 16)) for at, size, _, name in rows
+        }
 
 
 class CortexM4F(Target):
@@ -149,7 +150,9 @@ class CortexM4F(Target):
 def measure_all(target: Target, jobs: Sequence[tuple[str, Sequence[Program], str]], shared: Path) -> dict:
     """(label, scalar) -> program name -> count; as many jobs at a time as there are processors."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        futures = {(label, scalar): pool.submit(target.measure, label, programs, scalar, shared) for label, programs, scalar in jobs}
+        futures = {
+            (label, scalar): pool.submit(target.measure, label, programs, scalar, shared) for label, programs, scalar in jobs
+        }
         return {key: future.result() for key, future in futures.items()}
 
 
@@ -163,10 +166,10 @@ def run(command: Sequence[str], folder: Path, check: bool = True) -> subprocess.
 
 def _checked(done: subprocess.CompletedProcess, programs: Sequence[Program], image: Path) -> None:
     """A program whose answers are not those expected is not measured."""
+    if 0 < done.returncode <= len(programs):
+        raise RuntimeError(f"{image}: {programs[done.returncode - 1].name} answers wrong numbers")
     if done.returncode:
-        known = 0 < done.returncode <= len(programs)
-        wrong = programs[done.returncode - 1].name if known else f"exit {done.returncode} {done.stderr}"
-        raise RuntimeError(f"{image}: wrong answer: {wrong}")
+        raise RuntimeError(f"{image}: exit {done.returncode} {done.stderr}")
 
 
 def _inclusive(text: str) -> dict[str, int]:

@@ -43,15 +43,15 @@ def sympy_cse(law: ControlLaw, scalar: str, quantity: str) -> Program:
     printer = C99CodePrinter({"type_aliases": {real: float32}} if scalar == "float" else {})
     lines = [f"const {scalar} {name} = {printer.doprint(value)};" for name, value in steps]
     lines += [f"answer[{k}] = {printer.doprint(value)};" for k, value in enumerate(results)]
-    return flat(law, scalar, quantity, _function(law, scalar, symbols, lines), _call(law))
+    return flat(law, scalar, quantity, f"#include <math.h>\n{_function(law, scalar, symbols, lines)}", _call(law))
 
 
 def symforce(law: ControlLaw, scalar: str, quantity: str) -> Program:
     """SymForce's C++ for a function of scalars."""
-    sf, codegen = _symforce()
+    sf, codegen, Values = _symforce()
     symbols, tau = _translated(law, sf)
     names = [str(symbol) for symbol in symbols]
-    inputs, outputs = codegen.Values(), codegen.Values()
+    inputs, outputs = Values(), Values()
     for name, symbol in zip(names, symbols, strict=True):
         inputs[name] = symbol
     for k, value in enumerate(tau):
@@ -61,8 +61,7 @@ def symforce(law: ControlLaw, scalar: str, quantity: str) -> Program:
         (path,) = made.generate_function(output_dir=folder, skip_directory_nesting=True).generated_files
         header = Path(path).read_text()
     call = f"sym::Law<{scalar}>({', '.join(names)}, &answer[0], &answer[1]);"
-    text = header + "\n" + _function(law, scalar, symbols, [call])
-    text = text.replace("#include <cmath>", "").replace(f"{ONCE} void", f'extern "C" {ONCE} void')
+    text = f'{header}\nextern "C" {_function(law, scalar, symbols, [call])}'
     return flat(law, scalar, quantity, text, _call(law), "c++")
 
 
@@ -98,19 +97,15 @@ def _call(law: ControlLaw) -> str:
     return f"MEASURED({', '.join(arrays(law))}, answer[i]);"
 
 
-def _symforce() -> tuple[ModuleType, ModuleType]:
+def _symforce() -> tuple[ModuleType, ModuleType, type]:
     import symforce
 
-    try:
-        symforce.set_epsilon_to_number(0.0)
-    except symforce.AlreadyUsedEpsilon:
-        pass
+    symforce.set_log_level("ERROR")  # its advice about epsilon: no expression here has one
     import symforce.symbolic as sf
     from symforce import codegen
     from symforce.values import Values
 
-    codegen.Values = Values
-    return sf, codegen
+    return sf, codegen, Values
 
 
 def _translated(law: ControlLaw, tool: ModuleType) -> tuple[list, list]:
@@ -132,7 +127,7 @@ def _function(law: ControlLaw, scalar: str, symbols: list, lines: list[str]) -> 
     named = [f"const {scalar} {symbol} = {group}[{k}];" for symbol, (group, k) in zip(symbols, groups, strict=True)]
     arguments = ", ".join([*(f"const {scalar} *{group}" for group in GROUPS), f"{scalar} *answer"])
     body = "\n    ".join([*named, *lines])
-    return f"#include <math.h>\n{ONCE} void MEASURED({arguments})\n{{\n    {body}\n}}"
+    return f"{ONCE} void MEASURED({arguments})\n{{\n    {body}\n}}"
 
 
 _OPERATION = {

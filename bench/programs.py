@@ -94,13 +94,17 @@ def hand(law: ControlLaw, scalar: str, quantity: str) -> Program:
     reference = name(f"{robot}_{law.name}_reference")
     given = [(f"const {name(what)} *", "self"), (f"const {state} *", "state")]
     given += [(f"const {reference} *", "wanted")] if quantity == "tau" else []
-    types = ", ".join(f"{kind}{argument}" for kind, argument in given) + f", {scalar} answer[2]{'' if quantity == 'tau' else '[2]'}"
+    types = (
+        ", ".join(f"{kind}{argument}" for kind, argument in given) + f", {scalar} answer[2]{'' if quantity == 'tau' else '[2]'}"
+    )
     arguments = ", ".join([*(argument for _, argument in given), "answer"])
     casts = [f"(const {name(f'{robot}_params')} *){law.name}_params"]
     casts += [f"(const {name(f'{robot}_{law.name}_config')} *){law.name}_config"]
     casts += [f"(const {name(f'{robot}_{law.name}_gains')} *){law.name}_gains"] if quantity == "tau" else []
     call = f"MEASURED(&law, (const {state} *){law.name}_state[i]"
-    call += f", (const {reference} *){law.name}_reference[i], answer[i]);" if quantity == "tau" else f", ({scalar}(*)[2])answer[i]);"
+    call += (
+        f", (const {reference} *){law.name}_reference[i], answer[i]);" if quantity == "tau" else f", ({scalar}(*)[2])answer[i]);"
+    )
     return _program(
         law,
         scalar,
@@ -119,7 +123,9 @@ def flat(law: ControlLaw, scalar: str, quantity: str, text: str, call: str, lang
 
 def arrays(law: ControlLaw) -> list[str]:
     """The law's inputs as the driver's loop sees them: params, config, gains, state, reference."""
-    return [f"{law.name}_{group}" for group in ("params", "config", "gains")] + [f"{law.name}_{g}[i]" for g in ("state", "reference")]
+    return [f"{law.name}_{group}" for group in ("params", "config", "gains")] + [
+        f"{law.name}_{g}[i]" for g in ("state", "reference")
+    ]
 
 
 def _signature(text: LawC, quantity: str, public: bool = False) -> tuple[str, str]:
@@ -187,7 +193,9 @@ int check_{empty.name}(void)
 }}
 """
     if language == "c++":
-        text = text.replace("int check_", 'extern "C" int check_').replace(f"{ONCE} void drive_", f'extern "C" {ONCE} void drive_')
+        text = text.replace("int check_", 'extern "C" int check_').replace(
+            f"{ONCE} void drive_", f'extern "C" {ONCE} void drive_'
+        )
     return Program(law.name, quantity, text, language)
 
 

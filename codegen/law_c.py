@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from ..model.mechanism import per_second
 from .graph import Node, count, reachable
 from .layout import body, c_linkage, comment, fill, guard_name
-from .program import ENTRIES, Entry, Program, fixed_nodes
+from .program import ENTRIES, Entry, Program, fixed_nodes, hidden_inputs
 from .robot_c import fields, refuse_parameters, struct
 from .scalar import DOUBLE, Scalar
 from .statements import Statements
@@ -71,8 +71,9 @@ class LawC:
                 self.type,
                 "The law: made by init, owned by the caller, not to be written to.",
                 [
-                    (f"{name(self.robot + '_options')} options;", "limits, and what to answer on an error"),
+                    (f"{real} limit[{self.inputs}];", "largest absolute values of the inputs"),
                     (f"{real} held[{self.inputs}];", "the inputs answered last"),
+                    ("int on_error;", "what to answer then"),
                     ("int ready;", "set by init"),
                     *[(f"{real} {field};", self._formula(node)) for node, field in self.program.constants.items()],
                 ],
@@ -199,16 +200,15 @@ class LawC:
                 "    }",
                 *([conditions] if conditions else []),
                 f"    status = {self._function('reset')}(self);",
-                "    if (options != NULL) {",
-                f"        if (!{name('noslip_limits_ok')}(options->limit, {self.inputs}) ||",
-                "            (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD)) {",
-                "            return NOSLIP_BAD_PARAMETER;",
-                "        }",
-                "        self->options = *options;",
-                "    } else {",
-                *[f"        self->options.limit[{k}] = 0;" for k in range(self.inputs)],
-                "        self->options.on_error = NOSLIP_ZERO;",
+                f"    if (options != NULL && (!{name('noslip_limits_ok')}(options->limit, {self.inputs}) ||",
+                "        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {",
+                "        return NOSLIP_BAD_PARAMETER;",
                 "    }",
+                *[
+                    f"    self->limit[{k}] = {name('noslip_limit')}(options != NULL ? options->limit[{k}] : 0);"
+                    for k in range(self.inputs)
+                ],
+                "    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;",
                 body(writer.lines),
                 *([f"    if (!({finite})) {{", "        return NOSLIP_BAD_PARAMETER;", "    }"] if constants else []),
                 "    self->ready = NOSLIP_READY;",
@@ -289,12 +289,9 @@ class LawC:
         names = self._arguments(entry)
         answer, given = names[-1], names[:-1]
         pieces = self._pieces(entry)
-        lines = ["int status = NOSLIP_NULL;"]
         if entry.name == "step":
-            lines.append(
-                self._leave("self == NULL", f"{self.scalar.name('noslip_finish')}(NOSLIP_NULL, {answer}, {self.inputs})")
-            )
-            given = given[1:]
+            return self._step(entry)
+        lines = ["int status = NOSLIP_NULL;"]
         lines.append(self._leave(f"{answer} == NULL", "NOSLIP_NULL"))
         present = " && ".join(f"{name} != NULL" for name in given)
         both = entry.takes == "reference"
@@ -304,16 +301,59 @@ class LawC:
             finite = f"{self.scalar.name('noslip_all_finite')}(v, {len(self.law.demand)})"
             lines.append(f"if (status == NOSLIP_OK && !{finite}) {{\n    status = NOSLIP_NONFINITE;\n}}")
         lines.append(f"if (status == NOSLIP_OK) {{\n    status = {self._function(entry.name)}_law({', '.join(names)});\n}}")
-        if entry.name == "step":
-            answer_args = f"status, self->options.on_error, self->options.limit, self->held, {answer}, {self.inputs}"
-            lines.append(f"return {self.scalar.name('noslip_answer')}({answer_args});")
-            return "\n".join([*fill(self._signature(entry), ""), "{", body(lines), "}"])
         if len(pieces) > 1:
             finite = " && ".join(f"{self.scalar.name('noslip_all_finite')}({place}, {size})" for place, size in pieces)
             lines.append(f"if (status == NOSLIP_OK && !({finite})) {{\n    status = NOSLIP_NONFINITE;\n}}")
         calls = [f"{self.scalar.name('noslip_finish')}(status, {place}, {size});" for place, size in pieces]
         lines += [*(f"(void){call}" for call in calls[:-1]), f"return {calls[-1]}"]
         return "\n".join([*fill(self._signature(entry), ""), "{", body(lines), "}"])
+
+    def _step(self, entry: Entry) -> str:
+        """The controller: first as if nothing were wrong, with checks that only then hold; else with care."""
+        name = self.scalar.name
+        names = ["self", "state", "reference", "tau"]
+        angles = [angle for angle in self.program.angles if angle.operation == "leaf"]
+        checked = {f"state->{angle.name}" for angle in angles}
+        hidden = [place for place in self._hidden(entry) if place not in checked]
+        begin = [*(f"{argument} != NULL" for argument in names), "self->ready == NOSLIP_READY"]
+        begin += [f"{name('noslip_angle_ok')}(state->{angle.name})" for angle in angles]
+        end = ["status == NOSLIP_OK", *(f"{name('noslip_abs')}(tau[{k}]) <= self->limit[{k}]" for k in range(self.inputs))]
+        if hidden:
+            end.append(f"{name('noslip_is_finite')}({' + '.join(hidden)})")
+        fast = [
+            f"status = {self._function('step')}_law({', '.join(names)});",
+            "/* Any other input that is not finite shows in the result. */",
+            f"if ({' && '.join(end)}) {{",
+            *[f"    self->held[{k}] = tau[{k}];" for k in range(self.inputs)],
+            "    return status;",
+            "}",
+        ]
+        slow = self._function("step") + "_with_care"
+        parameters = self._parameters(entry, public=True)
+        care = [
+            self._leave("self == NULL || tau == NULL", f"{name('noslip_finish')}(NOSLIP_NULL, tau, {self.inputs})"),
+            self._leave("self->ready != NOSLIP_READY", f"{name('noslip_finish')}(NOSLIP_NOT_READY, tau, {self.inputs})"),
+            "if (state != NULL && reference != NULL) {",
+            f"    const int admitted = {self._function('admit_both')}(self, state, reference);",
+            "    status = admitted == NOSLIP_OK ? status : admitted;",
+            "}",
+            f"return {name('noslip_answer')}(status, self->on_error, self->limit, self->held, tau, {self.inputs});",
+        ]
+        lines = ["int status = NOSLIP_NULL;", f"if ({' && '.join(begin)}) {{", *(f"    {line}" for line in fast), "}"]
+        lines.append(f"return {slow}({', '.join(names)}, status);")
+        head = f"static NOSLIP_COLD int {slow}({', '.join(parameters.values())}, int status)"
+        return "\n".join(
+            ["/* The step when something is wrong, or cut: finds out what. */", *fill(head, ""), "{", body(care), "}", ""]
+            + [*fill(self._signature(entry), ""), "{", body(lines), "}"]
+        )
+
+    def _hidden(self, entry: Entry) -> list[str]:
+        """Inputs, as C, whose being finite the result does not show."""
+        used = reachable(self.program.entries[entry].roots)
+        shown = {(n.group, n.name) for n in used if n.operation == "leaf"}
+        shown -= {(n.group, n.name) for n in hidden_inputs(self.program.entries[entry])}
+        inputs = [(group, q.name) for group in ("state", "reference") for q in self.law.groups[group]]
+        return [f"{group}->{name}" for group, name in inputs if (group, name) not in shown]
 
     # -- pieces ---------------------------------------------------------------------------------------------------
 

@@ -72,6 +72,21 @@ class Program:
         return list(found)
 
 
+def hidden_inputs(body: Body) -> list[Node]:
+    """Inputs of a step that can be infinite or NaN while every result is finite.
+
+    Sums, products, roots and numerators pass such a value on; a denominator need not, and an angle is checked by itself.
+    """
+    shown: set[Node] = set()
+    stack = [root for matrix in body.quantities.values() for row in matrix for root in row]
+    while stack:
+        node = stack.pop()
+        if node not in shown and node.operation not in ("sin", "cos"):
+            shown.add(node)
+            stack.extend(node.arguments[:1] if node.operation == "div" else node.arguments)
+    return [node for node in reachable(body.roots) if node.operation == "leaf" and node not in shown]
+
+
 def fixed_nodes(roots: Iterable[Node]) -> dict[Node, bool]:
     """For every node the roots depend on: does it depend on nothing but parameters, so that init can compute it?"""
     fixed: dict[Node, bool] = {}

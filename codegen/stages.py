@@ -287,7 +287,26 @@ def _singular(stages: Stages, Phi: ca.SX, W: ca.SX) -> ca.SX:
     metric = canonical(W @ W.T)
     for k in range(Phi.shape[0]):
         scale *= stages.exact(Phi[k, :] @ metric @ Phi[k, :].T)
-    return ca.vertcat(stages.exact(ca.det(Phi)) ** 2, scale / ca.det(W) ** 2)
+    square, bound = stages.exact(ca.det(Phi)) ** 2, scale / ca.det(W) ** 2
+    shorter = _one_square(stages, square, bound)
+    return ca.vertcat(square, bound) if shorter is None else shorter
+
+
+def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> ca.SX | None:
+    """a x^2 > b x^2 + c y^2 as x^2 > c / (a - b) y^2, if that is what it is."""
+    known = {symbol.element_hash() for symbol in stages.fixed}
+    variables = [symbol for symbol in ca.symvar(square) if symbol.element_hash() not in known]
+    others = [symbol for symbol in ca.symvar(bound) if symbol.element_hash() not in known]
+    if len(variables) != 1 or any(not str(symbol).startswith(STEP) for symbol in others):
+        return None
+    x = ca.vertcat(*variables, *[symbol for symbol in others if symbol.element_hash() != variables[0].element_hash()])
+    factors = canonical(ca.hessian(square - bound, x)[0])
+    if ca.depends_on(factors, x) or not canonical(square - bound - x.T @ factors @ x / 2).is_zero():
+        return None
+    if any(not factors[i, j].is_zero() for i in range(x.numel()) for j in range(i)):
+        return None
+    rest = [stages.exact(-factors[k, k] / factors[0, 0]) * x[k] ** 2 for k in range(1, x.numel())]
+    return ca.vertcat(x[0] ** 2, sum(rest, start=ca.SX(0)))
 
 
 def _by_monomials(stages: Stages, expression: ca.SX, w: ca.SX) -> ca.SX:

@@ -33,12 +33,12 @@ def run(args: argparse.Namespace) -> int:
     """The command. Raises BadInput when the folder holds something already."""
     from ..codegen.example import example
 
-    target = Path(args.out)
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise BadInput(f"{target}: exists and is not an empty folder; choose another")
+    target = Path(os.path.realpath(args.out))
+    if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
+        raise BadInput(f"{args.out}: exists and is not an empty folder; choose another")
     generated = selected_files(args)
     files = {**runtime_files(), **generated, **example(generated)}
-    parent = target.resolve().parent
+    parent = target.parent
     parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=parent, prefix=".noslip-") as work:
         made = Path(work, "export")
@@ -46,5 +46,5 @@ def run(args: argparse.Namespace) -> int:
         if target.is_dir():
             target.rmdir()
         os.replace(made, target)
-    print(f"{target}: {len(files)} files; `make -C {target}` builds the library and runs {robot_name(generated)}'s example")
+    print(f"{args.out}: {len(files)} files; `make -C {args.out}` builds the library and runs {robot_name(generated)}'s example")
     return 0

@@ -104,7 +104,7 @@ def _compare(files: Mapping[str, str], folder: Path) -> int:
         elif name not in present:
             print(f"{path}: missing; run noslip generate", file=sys.stderr)
         elif path.read_bytes() != files[name].encode():
-            old = path.read_text(errors="replace").splitlines(keepends=True)
+            old = path.read_bytes().decode(errors="replace").splitlines(keepends=True)
             sys.stderr.writelines(
                 difflib.unified_diff(old, files[name].splitlines(keepends=True), str(path), "what the model gives")
             )

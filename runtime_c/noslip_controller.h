@@ -12,19 +12,31 @@
 #include "noslip_status.h"
 #include "noslip_trig.h"
 
-/* The value of `ready` in a law that init has accepted: unlikely in memory that was never initialized. */
-#define NOSLIP_READY 0x5eed1992
+/* The value of `ready` in a law that init has accepted: unlikely in memory that was never initialized, and an immediate
+ * operand on Thumb. */
+#define NOSLIP_READY 0x5e5e5e5e
+
+/* What a step does when something is wrong stays out of the way of what it does when nothing is. */
+#if defined(__GNUC__)
+#define NOSLIP_COLD __attribute__((noinline, cold))
+#else
+#define NOSLIP_COLD
+#endif
 
 #define NOSLIP_REAL double
+#define NOSLIP_LARGEST DBL_MAX
 #define NOSLIP_NAME(name) name
 #include "noslip_controller.inc"
 #undef NOSLIP_REAL
+#undef NOSLIP_LARGEST
 #undef NOSLIP_NAME
 
 #define NOSLIP_REAL float
+#define NOSLIP_LARGEST FLT_MAX
 #define NOSLIP_NAME(name) name##_f
 #include "noslip_controller.inc"
 #undef NOSLIP_REAL
+#undef NOSLIP_LARGEST
 #undef NOSLIP_NAME
 
 #endif

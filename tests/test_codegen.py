@@ -79,11 +79,8 @@ def random_graph(seed: int, size: int = 25):
         if operation == "sqrt":
             a = graph.apply("abs", a)
         if operation == "div":  # away from zero, and not always a sum
-            b = (
-                graph.apply("add", graph.constant(3), graph.apply("sin", b))
-                if source.random() < 0.5
-                else source.choice(nodes[:15])
-            )
+            positive = graph.apply("add", graph.constant(3), graph.apply("abs", b))
+            b = positive if source.random() < 0.5 else source.choice(nodes[:15])
         nodes.append(graph.apply(operation, *((a, b) if operation in ("add", "sub", "mul", "div") else (a,))))
     return graph, nodes[-6:]
 
@@ -113,11 +110,23 @@ def test_simplifying_keeps_every_bit(scalar):
 # -- passes ------------------------------------------------------------------------------------------------------------
 
 
+TURNS = 100  # more than any law needs
+
+
 class Checked(Optimizer):
-    """An Optimizer that compares the roots' values before and after each of its passes."""
+    """An Optimizer that compares the roots' values before and after each of its passes, and does not turn for ever."""
 
     seen: set[str] = set()
     leaf = staticmethod(random_leaves(7))
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.turns = 0
+
+    def _to_turn(self, signed):
+        self.turns += 1
+        assert self.turns < TURNS, "differences are turned round and round"
+        return super()._to_turn(signed)
 
     def passes(self, roots):
         before = evaluate(roots, self.leaf)
@@ -185,10 +194,46 @@ def test_steps_are_the_law(name):
                 assert [len(row) for row in matrix] == [len(row) for row in truth.quantities[quantity]]
                 values, expected = ([n for row in m for n in row] for m in (matrix, truth.quantities[quantity]))
                 assert relative_error(evaluate(values, leaf), evaluate(expected, leaf)) <= EXACT, (entry.name, quantity)
-            if entry.inverts:  # both sides may carry the same factor
-                (square, bound), (square_0, bound_0) = evaluate(body.singular, leaf), evaluate(truth.singular, leaf)
-                assert square >= 0 and bound > 0
-                assert relative_error([square / bound], [square_0 / bound_0]) <= EXACT
+
+
+@each_law
+def test_singular_is_where_the_law_says(name):
+    """Near the boundary, in exact arithmetic: the cheap condition holds where the plain one does."""
+    plain, singular = compile_law(laws()[name], optimize=False), []
+    entries = [entry for entry in compiled(name).entries if entry.inverts]
+    sources = {entry.name: (compiled(name).entries[entry].singular, plain.entries[entry].singular) for entry in entries}
+    Phi = next(body.quantities["Phi"] for entry, body in plain.entries.items() if entry.name == "evaluate")
+    for seed in range(4):
+        there, at = singular_place(Phi, random_leaves(seed))
+        near = random.Random(seed)
+        for _ in range(25):
+            leaf = at(there + near.choice((-1, 1)) * mpmath.mpf(10) ** near.uniform(-9, -1))
+            for ours, truth in sources.values():
+                (square, bound), (square_0, bound_0) = evaluate(ours, leaf), evaluate(truth, leaf)
+                assert (square > bound) == (square_0 > bound_0)
+                singular.append(square <= bound)
+    assert 0.2 < np.mean(singular) < 0.95
+
+
+def singular_place(Phi, leaf):
+    """Where det Phi changes sign as the heading or L is moved, and leaves with that moved."""
+
+    def moved(name: str):
+        return lambda value: lambda node: value if node.name == name else leaf(node)
+
+    def determinant(leaves) -> mpmath.mpf:
+        return mpmath.det(mpmath.matrix([evaluate(row, leaves) for row in Phi]))
+
+    for name, low, high in (("phi", -1, mpmath.pi - 1), ("heading", -1, mpmath.pi - 1), ("L", -5, 5)):
+        at, low, high = moved(name), mpmath.mpf(low), mpmath.mpf(high)
+        side = determinant(at(low))
+        if not any(node.name == name for row in Phi for node in reachable(row)) or side * determinant(at(high)) >= 0:
+            continue
+        for _ in range(100):
+            middle = (low + high) / 2
+            low, high = (middle, high) if determinant(at(middle)) * side > 0 else (low, middle)
+        return low, at
+    raise AssertionError("regular everywhere")
 
 
 @each_law
@@ -430,7 +475,7 @@ def quantities_of(evaluation) -> list[str]:
 @pytest.mark.parametrize(
     "mass",
     ["k1", "k2", "t1", "ready", "held", "options", "self", "state", "reference", "config", "params", "gains", "status", "limit"]
-    + ["tau", "h", "v", "all", "sin_heading", "x_l_rate", "Phi_11", "yaw_rate", "forward_speed", "part", "root"],
+    + ["tau", "h", "all", "sin_heading", "x_l_rate", "Phi_11", "yaw_rate", "forward_speed", "part", "root"],
 )
 def test_any_name_of_a_parameter_gives_c(mass):
     """What the generator calls its own does not meet what the user calls hers."""
@@ -476,7 +521,6 @@ def test_any_name_of_an_output_gives_c(row):
         (lambda x, y: ca.floor(x), "floor"),
         (lambda x, y: x**y, "power"),
         (lambda x, y: x**1.3, "power"),
-        (lambda x, y: x**65, "power"),
         (lambda x, y: 2**x, ""),
     ],
 )
@@ -489,7 +533,7 @@ def test_functions_without_c(function, says):
     assert says in text and "robot law" in text and "\n" not in text and "use + - * /" in text
 
 
-@pytest.mark.parametrize("function", [ca.exp, ca.tanh, lambda x: x**1.3, lambda x: ca.atan2(x, 1 + x * x)])
+@pytest.mark.parametrize("function", [ca.exp, ca.tanh, lambda x: (1 + x * x) ** 1.3, lambda x: ca.atan2(x, 1 + x * x)])
 @pytest.mark.parametrize("optimize", [True, False])
 def test_a_path_with_a_function_without_c(function, optimize):
     system = system_of(find_robot("labmate"))
@@ -588,7 +632,7 @@ def test_check_of_a_missing_folder(small):
     folder, check = small
     shutil.rmtree(folder)
     code, err = check()
-    assert code == 1 and err.count("missing") == 5
+    assert code == 1 and err.count(": missing;") == 5
 
 
 @pytest.mark.parametrize(
@@ -651,15 +695,18 @@ def recount(body: str) -> dict[str, int]:
 @each_scalar
 @each_labmate_law
 def test_operation_counts_are_those_of_the_text(name, scalar):
-    text, manifest = law_text(compiled(name), SCALARS[scalar]), json.loads((SHIPPED / "labmate" / "manifest.json").read_text())
-    source, header = text.source(), text.header()
-    for entry in text.entries:
-        counted = recount(law_function(source, entry.name))
-        assert counted == text.operations(entry), entry.name
-        assert counted == manifest["laws"][name]["operations"][entry.name], entry.name
+    """What the shipped manifest and header say, counted again in the shipped C."""
+    folder, own = SHIPPED / "labmate", f"labmate_{name}{SCALARS[scalar].suffix}"
+    manifest = json.loads((folder / "manifest.json").read_text())["laws"][name]["operations"]
+    source, header = (folder / f"{own}.c").read_text(), " ".join((folder / f"{own}.h").read_text().replace(" * ", " ").split())
+    assert manifest.keys() == {entry.name for entry in compiled(name).entries}
+    for entry, listed in manifest.items():
+        counted = recount(law_function(source, entry))
+        assert counted == listed, entry
         said = ", ".join(f"{number} {operation}" for operation, number in counted.items() if number)
-        prototype = header[: header.index(f"int {text.prefix}_{entry.name}{SCALARS[scalar].suffix}(")]
-        assert " ".join(prototype[prototype.rindex("Operations:") :].split()).startswith(f"Operations: {said or 'none'}.")
+        function = f"labmate_{name}_{entry}{SCALARS[scalar].suffix}("
+        before = header[: header.index(f"int {function}")]
+        assert before[before.rindex("Operations:") :].startswith(f"Operations: {said or 'none'}."), entry
 
 
 def test_nothing_of_this_machine_in_the_text():

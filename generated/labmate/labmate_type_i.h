@@ -47,28 +47,29 @@ typedef struct labmate_type_i_evaluation {
 
 /* The law: made by init, owned by the caller, not to be written to. */
 typedef struct labmate_type_i {
-    labmate_options options; /* limits, and what to answer on an error */
-    double held[2];          /* the inputs answered last */
-    int ready;               /* set by init */
-    double L;                /* m */
-    double kp_x_l;           /* 1/s^2 */
-    double kd_x_l;           /* 1/s */
-    double kp_y_l;           /* 1/s^2 */
-    double kd_y_l;           /* 1/s */
-    double k1;               /* r * 0.5 */
-    double k2;               /* r / (b * 2.0) */
-    double k3;               /* d + L */
-    double k4;               /* b * b */
-    double k5;               /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k6;               /* see init */
-    double k7;               /* see init */
-    double k8;               /* see init */
-    double k9;               /* 1.0 / r */
-    double k10;              /* (d + L) * (d + L) */
-    double k11;              /* r / (b * 2.0) * (d + L) */
-    double k12;              /* b * b - (d + L) * (d + L) */
-    double k13;              /* see init */
-    double k14;              /* 1.0 / (d + L) * (b / r) */
+    double limit[2]; /* largest absolute values of the inputs */
+    double held[2];  /* the inputs answered last */
+    int on_error;    /* what to answer then */
+    int ready;       /* set by init */
+    double L;        /* m */
+    double kp_x_l;   /* 1/s^2 */
+    double kd_x_l;   /* 1/s */
+    double kp_y_l;   /* 1/s^2 */
+    double kd_y_l;   /* 1/s */
+    double k1;       /* r * 0.5 */
+    double k2;       /* r / (b * 2.0) */
+    double k3;       /* d + L */
+    double k4;       /* b * b */
+    double k5;       /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k6;       /* see init */
+    double k7;       /* see init */
+    double k8;       /* see init */
+    double k9;       /* 1.0 / r */
+    double k10;      /* (d + L) * (d + L) */
+    double k11;      /* r / (b * 2.0) * (d + L) */
+    double k12;      /* b * b - (d + L) * (d + L) */
+    double k13;      /* see init */
+    double k14;      /* 1.0 / (d + L) * (b / r) */
 } labmate_type_i;
 
 /*

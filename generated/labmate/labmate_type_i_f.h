@@ -47,28 +47,29 @@ typedef struct labmate_type_i_evaluation_f {
 
 /* The law: made by init, owned by the caller, not to be written to. */
 typedef struct labmate_type_i_f {
-    labmate_options_f options; /* limits, and what to answer on an error */
-    float held[2];             /* the inputs answered last */
-    int ready;                 /* set by init */
-    float L;                   /* m */
-    float kp_x_l;              /* 1/s^2 */
-    float kd_x_l;              /* 1/s */
-    float kp_y_l;              /* 1/s^2 */
-    float kd_y_l;              /* 1/s */
-    float k1;                  /* r * 0.5 */
-    float k2;                  /* r / (b * 2.0) */
-    float k3;                  /* d + L */
-    float k4;                  /* b * b */
-    float k5;                  /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k6;                  /* see init */
-    float k7;                  /* see init */
-    float k8;                  /* see init */
-    float k9;                  /* 1.0 / r */
-    float k10;                 /* (d + L) * (d + L) */
-    float k11;                 /* r / (b * 2.0) * (d + L) */
-    float k12;                 /* b * b - (d + L) * (d + L) */
-    float k13;                 /* see init */
-    float k14;                 /* 1.0 / (d + L) * (b / r) */
+    float limit[2]; /* largest absolute values of the inputs */
+    float held[2];  /* the inputs answered last */
+    int on_error;   /* what to answer then */
+    int ready;      /* set by init */
+    float L;        /* m */
+    float kp_x_l;   /* 1/s^2 */
+    float kd_x_l;   /* 1/s */
+    float kp_y_l;   /* 1/s^2 */
+    float kd_y_l;   /* 1/s */
+    float k1;       /* r * 0.5 */
+    float k2;       /* r / (b * 2.0) */
+    float k3;       /* d + L */
+    float k4;       /* b * b */
+    float k5;       /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k6;       /* see init */
+    float k7;       /* see init */
+    float k8;       /* see init */
+    float k9;       /* 1.0 / r */
+    float k10;      /* (d + L) * (d + L) */
+    float k11;      /* r / (b * 2.0) * (d + L) */
+    float k12;      /* b * b - (d + L) * (d + L) */
+    float k13;      /* see init */
+    float k14;      /* 1.0 / (d + L) * (b / r) */
 } labmate_type_i_f;
 
 /*

@@ -47,28 +47,29 @@ typedef struct labmate_type_ii_evaluation {
 
 /* The law: made by init, owned by the caller, not to be written to. */
 typedef struct labmate_type_ii {
-    labmate_options options; /* limits, and what to answer on an error */
-    double held[2];          /* the inputs answered last */
-    int ready;               /* set by init */
-    double L;                /* m */
-    double kp_x_l;           /* 1/s^2 */
-    double kd_x_l;           /* 1/s */
-    double kp_heading;       /* 1/s^2 */
-    double kd_heading;       /* 1/s */
-    double k1;               /* r * 0.5 */
-    double Phi_21;           /* r / (b * 2.0) */
-    double k2;               /* d + L */
-    double k3;               /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k4;               /* see init */
-    double k5;               /* r * 0.5 * (d * m_c) */
-    double k6;               /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 */
-    double k7;               /* 1.0 / r */
-    double k8;               /* b / r */
-    double k9;               /* (d + L) * (d + L) */
-    double Phi_22;           /* -(r / (b * 2.0)) */
-    double k10;              /* r / (b * 2.0) * (d + L) */
-    double k11;              /* b * b - (d + L) * (d + L) */
-    double k12;              /* see init */
+    double limit[2];   /* largest absolute values of the inputs */
+    double held[2];    /* the inputs answered last */
+    int on_error;      /* what to answer then */
+    int ready;         /* set by init */
+    double L;          /* m */
+    double kp_x_l;     /* 1/s^2 */
+    double kd_x_l;     /* 1/s */
+    double kp_heading; /* 1/s^2 */
+    double kd_heading; /* 1/s */
+    double k1;         /* r * 0.5 */
+    double Phi_21;     /* r / (b * 2.0) */
+    double k2;         /* d + L */
+    double k3;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k4;         /* see init */
+    double k5;         /* r * 0.5 * (d * m_c) */
+    double k6;         /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 */
+    double k7;         /* 1.0 / r */
+    double k8;         /* b / r */
+    double k9;         /* (d + L) * (d + L) */
+    double Phi_22;     /* -(r / (b * 2.0)) */
+    double k10;        /* r / (b * 2.0) * (d + L) */
+    double k11;        /* b * b - (d + L) * (d + L) */
+    double k12;        /* see init */
 } labmate_type_ii;
 
 /*

@@ -28,17 +28,13 @@ int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_params_f *para
         return NOSLIP_BAD_PARAMETER;
     }
     status = labmate_type_ii_reset_f(self);
-    if (options != NULL) {
-        if (!noslip_limits_ok_f(options->limit, 2) ||
-            (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD)) {
-            return NOSLIP_BAD_PARAMETER;
-        }
-        self->options = *options;
-    } else {
-        self->options.limit[0] = 0;
-        self->options.limit[1] = 0;
-        self->options.on_error = NOSLIP_ZERO;
+    if (options != NULL && (!noslip_limits_ok_f(options->limit, 2) ||
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        return NOSLIP_BAD_PARAMETER;
     }
+    self->limit[0] = noslip_limit_f(options != NULL ? options->limit[0] : 0);
+    self->limit[1] = noslip_limit_f(options != NULL ? options->limit[1] : 0);
+    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
     self->L = config->L;
     self->kp_x_l = gains->kp_x_l;
     self->kd_x_l = gains->kd_x_l;
@@ -398,21 +394,37 @@ static int labmate_type_ii_step_f_law(const labmate_type_ii_f *self, const labma
     return NOSLIP_OK;
 }
 
+/* The step when something is wrong, or cut: finds out what. */
+static NOSLIP_COLD int labmate_type_ii_step_f_with_care(labmate_type_ii_f *self, const labmate_state_f *state,
+    const labmate_type_ii_reference_f *reference, float tau[2], int status)
+{
+    if (self == NULL || tau == NULL) {
+        return noslip_finish_f(NOSLIP_NULL, tau, 2);
+    }
+    if (self->ready != NOSLIP_READY) {
+        return noslip_finish_f(NOSLIP_NOT_READY, tau, 2);
+    }
+    if (state != NULL && reference != NULL) {
+        const int admitted = labmate_type_ii_admit_both_f(self, state, reference);
+        status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    return noslip_answer_f(status, self->on_error, self->limit, self->held, tau, 2);
+}
+
 int labmate_type_ii_step_f(labmate_type_ii_f *self, const labmate_state_f *state,
     const labmate_type_ii_reference_f *reference, float tau[2])
 {
     int status = NOSLIP_NULL;
-    if (self == NULL) {
-        return noslip_finish_f(NOSLIP_NULL, tau, 2);
-    }
-    if (tau == NULL) {
-        return NOSLIP_NULL;
-    }
-    if (state != NULL && reference != NULL) {
-        status = labmate_type_ii_admit_both_f(self, state, reference);
-    }
-    if (status == NOSLIP_OK) {
+    if (self != NULL && state != NULL && reference != NULL && tau != NULL && self->ready == NOSLIP_READY &&
+        noslip_angle_ok_f(state->phi)) {
         status = labmate_type_ii_step_f_law(self, state, reference, tau);
+        /* Any other input that is not finite shows in the result. */
+        if (status == NOSLIP_OK && noslip_abs_f(tau[0]) <= self->limit[0] && noslip_abs_f(tau[1]) <= self->limit[1] &&
+        noslip_is_finite_f(state->y_c + state->theta_r + state->theta_l)) {
+            self->held[0] = tau[0];
+            self->held[1] = tau[1];
+            return status;
+        }
     }
-    return noslip_answer_f(status, self->options.on_error, self->options.limit, self->held, tau, 2);
+    return labmate_type_ii_step_f_with_care(self, state, reference, tau, status);
 }

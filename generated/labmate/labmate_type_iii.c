@@ -28,17 +28,13 @@ int labmate_type_iii_init(labmate_type_iii *self, const labmate_params *params, 
         return NOSLIP_BAD_PARAMETER;
     }
     status = labmate_type_iii_reset(self);
-    if (options != NULL) {
-        if (!noslip_limits_ok(options->limit, 2) ||
-            (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD)) {
-            return NOSLIP_BAD_PARAMETER;
-        }
-        self->options = *options;
-    } else {
-        self->options.limit[0] = 0;
-        self->options.limit[1] = 0;
-        self->options.on_error = NOSLIP_ZERO;
+    if (options != NULL && (!noslip_limits_ok(options->limit, 2) ||
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        return NOSLIP_BAD_PARAMETER;
     }
+    self->limit[0] = noslip_limit(options != NULL ? options->limit[0] : 0);
+    self->limit[1] = noslip_limit(options != NULL ? options->limit[1] : 0);
+    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
     self->L = config->L;
     self->kp_y_l = gains->kp_y_l;
     self->kd_y_l = gains->kd_y_l;
@@ -390,21 +386,37 @@ static int labmate_type_iii_step_law(const labmate_type_iii *self, const labmate
     return NOSLIP_OK;
 }
 
+/* The step when something is wrong, or cut: finds out what. */
+static NOSLIP_COLD int labmate_type_iii_step_with_care(labmate_type_iii *self, const labmate_state *state,
+    const labmate_type_iii_reference *reference, double tau[2], int status)
+{
+    if (self == NULL || tau == NULL) {
+        return noslip_finish(NOSLIP_NULL, tau, 2);
+    }
+    if (self->ready != NOSLIP_READY) {
+        return noslip_finish(NOSLIP_NOT_READY, tau, 2);
+    }
+    if (state != NULL && reference != NULL) {
+        const int admitted = labmate_type_iii_admit_both(self, state, reference);
+        status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    return noslip_answer(status, self->on_error, self->limit, self->held, tau, 2);
+}
+
 int labmate_type_iii_step(labmate_type_iii *self, const labmate_state *state,
     const labmate_type_iii_reference *reference, double tau[2])
 {
     int status = NOSLIP_NULL;
-    if (self == NULL) {
-        return noslip_finish(NOSLIP_NULL, tau, 2);
-    }
-    if (tau == NULL) {
-        return NOSLIP_NULL;
-    }
-    if (state != NULL && reference != NULL) {
-        status = labmate_type_iii_admit_both(self, state, reference);
-    }
-    if (status == NOSLIP_OK) {
+    if (self != NULL && state != NULL && reference != NULL && tau != NULL && self->ready == NOSLIP_READY &&
+        noslip_angle_ok(state->phi)) {
         status = labmate_type_iii_step_law(self, state, reference, tau);
+        /* Any other input that is not finite shows in the result. */
+        if (status == NOSLIP_OK && noslip_abs(tau[0]) <= self->limit[0] && noslip_abs(tau[1]) <= self->limit[1] &&
+        noslip_is_finite(state->x_c + state->theta_r + state->theta_l)) {
+            self->held[0] = tau[0];
+            self->held[1] = tau[1];
+            return status;
+        }
     }
-    return noslip_answer(status, self->options.on_error, self->options.limit, self->held, tau, 2);
+    return labmate_type_iii_step_with_care(self, state, reference, tau, status);
 }

@@ -47,28 +47,29 @@ typedef struct labmate_type_iii_evaluation_f {
 
 /* The law: made by init, owned by the caller, not to be written to. */
 typedef struct labmate_type_iii_f {
-    labmate_options_f options; /* limits, and what to answer on an error */
-    float held[2];             /* the inputs answered last */
-    int ready;                 /* set by init */
-    float L;                   /* m */
-    float kp_y_l;              /* 1/s^2 */
-    float kd_y_l;              /* 1/s */
-    float kp_heading;          /* 1/s^2 */
-    float kd_heading;          /* 1/s */
-    float k1;                  /* r * 0.5 */
-    float Phi_21;              /* r / (b * 2.0) */
-    float k2;                  /* d + L */
-    float k3;                  /* b * b */
-    float k4;                  /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k5;                  /* see init */
-    float k6;                  /* r * 0.5 * (d * m_c) */
-    float k7;                  /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 */
-    float k8;                  /* 1.0 / r */
-    float k9;                  /* b / r */
-    float Phi_22;              /* -(r / (b * 2.0)) */
-    float k10;                 /* r / (b * 2.0) * (d + L) */
-    float k11;                 /* b * b - (d + L) * (d + L) */
-    float k12;                 /* see init */
+    float limit[2];   /* largest absolute values of the inputs */
+    float held[2];    /* the inputs answered last */
+    int on_error;     /* what to answer then */
+    int ready;        /* set by init */
+    float L;          /* m */
+    float kp_y_l;     /* 1/s^2 */
+    float kd_y_l;     /* 1/s */
+    float kp_heading; /* 1/s^2 */
+    float kd_heading; /* 1/s */
+    float k1;         /* r * 0.5 */
+    float Phi_21;     /* r / (b * 2.0) */
+    float k2;         /* d + L */
+    float k3;         /* b * b */
+    float k4;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k5;         /* see init */
+    float k6;         /* r * 0.5 * (d * m_c) */
+    float k7;         /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 */
+    float k8;         /* 1.0 / r */
+    float k9;         /* b / r */
+    float Phi_22;     /* -(r / (b * 2.0)) */
+    float k10;        /* r / (b * 2.0) * (d + L) */
+    float k11;        /* b * b - (d + L) * (d + L) */
+    float k12;        /* see init */
 } labmate_type_iii_f;
 
 /*

@@ -48,30 +48,30 @@ typedef struct labmate_type_iv_circle_evaluation {
 
 /* The law: made by init, owned by the caller, not to be written to. */
 typedef struct labmate_type_iv_circle {
-    labmate_options options; /* limits, and what to answer on an error */
-    double held[2];          /* the inputs answered last */
-    int ready;               /* set by init */
-    double L;                /* m */
-    double x_f;              /* m */
-    double y_f;              /* m */
-    double R;                /* m */
-    double kp_distance;      /* 1/s^2 */
-    double kd_distance;      /* 1/s */
-    double kv_speed;         /* 1/s */
-    double Phi_21;           /* r * 0.5 */
-    double k1;               /* r / (b * 2.0) */
-    double k2;               /* d + L */
-    double k3;               /* (d + L) * (d + L) */
-    double k4;               /* b * b */
-    double k5;               /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k6;               /* see init */
-    double k7;               /* see init */
-    double k8;               /* see init */
-    double k9;               /* 1.0 / r */
-    double k10;              /* r / (b * 2.0) * (d + L) */
-    double k11;              /* see init */
-    double k12;              /* r * 0.5 * (r * 0.5) */
-    double k13;              /* 1.0 / (d + L) * (b / r) */
+    double limit[2];    /* largest absolute values of the inputs */
+    double held[2];     /* the inputs answered last */
+    int on_error;       /* what to answer then */
+    int ready;          /* set by init */
+    double L;           /* m */
+    double x_f;         /* m */
+    double y_f;         /* m */
+    double R;           /* m */
+    double kp_distance; /* 1/s^2 */
+    double kd_distance; /* 1/s */
+    double kv_speed;    /* 1/s */
+    double Phi_21;      /* r * 0.5 */
+    double k1;          /* r / (b * 2.0) */
+    double k2;          /* d + L */
+    double k3;          /* (d + L) * (d + L) */
+    double k4;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k5;          /* see init */
+    double k6;          /* see init */
+    double k7;          /* see init */
+    double k8;          /* 1.0 / r */
+    double k9;          /* see init */
+    double k10;         /* r / (b * 2.0) * (d + L) */
+    double k11;         /* r * 0.5 * (r * 0.5) */
+    double k12;         /* 1.0 / (d + L) * (b / r) */
 } labmate_type_iv_circle;
 
 /*
@@ -120,14 +120,14 @@ int labmate_type_iv_circle_decoupling_rate(const labmate_type_iv_circle *self, c
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 33 mul, 8 add, 12 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 31 mul, 7 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_feedback(const labmate_type_iv_circle *self, const labmate_state *state, const double v[2],
     double tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 62 mul, 20 add, 27 sub, 2 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 60 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_evaluate(const labmate_type_iv_circle *self, const labmate_state *state,
     const labmate_type_iv_circle_reference *reference, labmate_type_iv_circle_evaluation *all);
@@ -135,7 +135,7 @@ int labmate_type_iv_circle_evaluate(const labmate_type_iv_circle *self, const la
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 36 mul, 12 add, 15 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 34 mul, 11 add, 15 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_step(labmate_type_iv_circle *self, const labmate_state *state,
     const labmate_type_iv_circle_reference *reference, double tau[2]);

@@ -31,17 +31,13 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
         return NOSLIP_BAD_PARAMETER;
     }
     status = labmate_type_iv_circle_reset_f(self);
-    if (options != NULL) {
-        if (!noslip_limits_ok_f(options->limit, 2) ||
-            (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD)) {
-            return NOSLIP_BAD_PARAMETER;
-        }
-        self->options = *options;
-    } else {
-        self->options.limit[0] = 0;
-        self->options.limit[1] = 0;
-        self->options.on_error = NOSLIP_ZERO;
+    if (options != NULL && (!noslip_limits_ok_f(options->limit, 2) ||
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        return NOSLIP_BAD_PARAMETER;
     }
+    self->limit[0] = noslip_limit_f(options != NULL ? options->limit[0] : 0);
+    self->limit[1] = noslip_limit_f(options != NULL ? options->limit[1] : 0);
+    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
     self->L = config->L;
     self->x_f = config->x_f;
     self->y_f = config->y_f;
@@ -57,32 +53,33 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
     self->k1 = params->r / t1;
     self->k2 = params->d + config->L;
     self->k3 = self->k2 * self->k2;
-    self->k4 = params->b * params->b;
     const float t2 = params->r * params->r;
     if (!(noslip_abs_f(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k5 = self->Phi_21 * ((params->I_w * 2.0f + t2 * params->m_c + t2 * params->m_w * 2.0f) / t2);
+    self->k4 = self->Phi_21 * ((params->I_w * 2.0f + t2 * params->m_c + t2 * params->m_w * 2.0f) / t2);
     if (!(noslip_abs_f(self->k2) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t3 = 1.0f / self->k2;
-    const float t4 = t2 * params->I_c + t2 * params->I_m * 2.0f + self->k4 * params->I_w * 2.0f + t2 * (self->k4 *
-        params->m_w) * 2.0f;
-    self->k6 = t3 * (self->k1 * ((t4 + t2 * (params->d * params->d * params->m_c)) / t2));
-    const float t5 = params->d * params->m_c;
-    self->k7 = self->Phi_21 * t5 - self->k5 * self->k2;
-    self->k8 = 0.5f * (self->k1 * t5 - self->k6) * 2.0f;
-    self->k9 = 1.0f / params->r;
-    self->k10 = self->k1 * self->k2;
-    const float t6 = self->Phi_21 * self->k1 * 2.0f;
-    const float t7 = t6 * t6;
-    if (!(noslip_abs_f(t7) > 0)) {
+    const float t4 = params->b * params->b;
+    const float t5 = t2 * params->I_c + t2 * params->I_m * 2.0f + t4 * params->I_w * 2.0f + t2 * (t4 * params->m_w) *
+        2.0f;
+    self->k5 = t3 * (self->k1 * ((t5 + t2 * (params->d * params->d * params->m_c)) / t2));
+    const float t6 = params->d * params->m_c;
+    self->k6 = self->Phi_21 * t6 - self->k4 * self->k2;
+    self->k7 = 0.5f * (self->k1 * t6 - self->k5) * 2.0f;
+    self->k8 = 1.0f / params->r;
+    const float t7 = t2 * 0.5f;
+    const float t8 = t2 / (t4 * 2.0f);
+    const float t9 = t7 * (t8 * (self->k3 * t4)) * 7.7371253e+15f - self->k3 * (t2 * t2) * 1.9342813e+25f;
+    if (!(noslip_abs_f(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k11 = t2 * 0.5f * (t2 / (self->k4 * 2.0f) * 1e-10f) * (1.0f / t7);
-    self->k12 = self->Phi_21 * self->Phi_21;
-    self->k13 = t3 * (params->b / params->r);
+    self->k9 = t7 * (t8 * (t4 * t4)) * 7.7371253e+15f / t9;
+    self->k10 = self->k1 * self->k2;
+    self->k11 = self->Phi_21 * self->Phi_21;
+    self->k12 = t3 * (params->b / params->r);
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
@@ -95,8 +92,7 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
         noslip_is_finite_f(self->k9) &&
         noslip_is_finite_f(self->k10) &&
         noslip_is_finite_f(self->k11) &&
-        noslip_is_finite_f(self->k12) &&
-        noslip_is_finite_f(self->k13))) {
+        noslip_is_finite_f(self->k12))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -318,24 +314,23 @@ static int labmate_type_iv_circle_feedback_f_law(const labmate_type_iv_circle_f 
     const float t5 = t4 * t1;
     const float t6 = t4 * t2;
     const float t7 = t5 * sin_phi - t6 * cos_phi;
-    const float t8 = self->k3 * t7 * t7;
-    const float t9 = t5 * cos_phi + t6 * sin_phi;
-    if (!(t8 > self->k11 * (t8 + self->k4 * t9 * t9))) {
+    const float t8 = t5 * cos_phi + t6 * sin_phi;
+    if (!(t7 * t7 > -(self->k9 * t8 * t8))) {
         return NOSLIP_SINGULAR;
     }
-    const float t10 = state->thetadot_r + state->thetadot_l;
-    const float forward_speed = self->Phi_21 * t10;
-    const float t11 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k1 * t11;
-    const float t12 = yaw_rate * yaw_rate;
-    const float t13 = self->k10 * t7 * t11 - forward_speed * t9;
-    const float distance_curvature = t4 * (self->k12 * t10 * t10 + self->k3 * t12 - t13 * t13);
+    const float t9 = state->thetadot_r + state->thetadot_l;
+    const float forward_speed = self->Phi_21 * t9;
+    const float t10 = state->thetadot_r - state->thetadot_l;
+    const float yaw_rate = self->k1 * t10;
+    const float t11 = yaw_rate * yaw_rate;
+    const float t12 = self->k10 * t7 * t10 - forward_speed * t8;
+    const float distance_curvature = t4 * (self->k11 * t9 * t9 + self->k3 * t11 - t12 * t12);
     const float wanted_0 = v[0] - distance_curvature;
-    const float wanted_1 = v[1] - t12 * self->k2;
-    const float t14 = self->k8 * (forward_speed * yaw_rate) + self->k6 * (wanted_0 + t9 * wanted_1) / t7;
-    const float t15 = self->k5 * wanted_1 - t12 * self->k7;
-    tau[0] = t14 + t15;
-    tau[1] = t15 - t14;
+    const float wanted_1 = v[1] - t11 * self->k2;
+    const float t13 = self->k7 * (forward_speed * yaw_rate) + self->k5 * (wanted_0 + t8 * wanted_1) / t7;
+    const float t14 = self->k4 * wanted_1 - t11 * self->k6;
+    tau[0] = t13 + t14;
+    tau[1] = t14 - t13;
     return NOSLIP_OK;
 }
 
@@ -373,58 +368,57 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     const float t5 = t4 * t1;
     const float t6 = t4 * t2;
     const float t7 = t5 * sin_phi - t6 * cos_phi;
-    const float t8 = self->k3 * t7 * t7;
-    const float t9 = t5 * cos_phi + t6 * sin_phi;
-    if (!(t8 > self->k11 * (t8 + self->k4 * t9 * t9))) {
+    const float t8 = t5 * cos_phi + t6 * sin_phi;
+    if (!(t7 * t7 > -(self->k9 * t8 * t8))) {
         return NOSLIP_SINGULAR;
     }
     all->h[0] = t3 - self->R;
-    const float t10 = state->thetadot_r + state->thetadot_l;
-    const float forward_speed = self->Phi_21 * t10;
+    const float t9 = state->thetadot_r + state->thetadot_l;
+    const float forward_speed = self->Phi_21 * t9;
     all->h[1] = forward_speed;
-    const float t11 = state->thetadot_r - state->thetadot_l;
-    const float t12 = self->k10 * t11;
-    const float t13 = t12 * t7;
-    const float t14 = forward_speed * t9;
-    all->ydot[0] = t13 - t14;
-    const float t15 = self->k10 * t7;
-    const float t16 = self->Phi_21 * t9;
-    all->Phi[0][0] = t15 - t16;
-    all->Phi[0][1] = -(t15 + t16);
+    const float t10 = state->thetadot_r - state->thetadot_l;
+    const float t11 = self->k10 * t10;
+    const float t12 = t11 * t7;
+    const float t13 = forward_speed * t8;
+    all->ydot[0] = t12 - t13;
+    const float t14 = self->k10 * t7;
+    const float t15 = self->Phi_21 * t8;
+    all->Phi[0][0] = t14 - t15;
+    all->Phi[0][1] = -(t14 + t15);
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const float t17 = t4 * t6;
-    const float y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
-    const float t18 = forward_speed * cos_phi - t12 * sin_phi;
-    const float distance_by_y_l_rate = (t4 - t6 * t17) * y_l_rate - t5 * t17 * t18;
-    const float yaw_rate = self->k1 * t11;
-    const float t19 = distance_by_y_l_rate + t5 * yaw_rate;
-    const float t20 = t4 * t5;
-    const float t21 = t6 * yaw_rate - ((t4 - t5 * t20) * t18 - t6 * t20 * y_l_rate);
-    const float t22 = self->k10 * (cos_phi * t19 + sin_phi * t21);
-    const float t23 = self->Phi_21 * (cos_phi * t21 - sin_phi * t19);
-    all->Phidot[0][0] = t22 - t23;
-    all->Phidot[0][1] = -(t23 + t22);
+    const float t16 = t4 * t6;
+    const float y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
+    const float t17 = forward_speed * cos_phi - t11 * sin_phi;
+    const float distance_by_y_l_rate = (t4 - t6 * t16) * y_l_rate - t5 * t16 * t17;
+    const float yaw_rate = self->k1 * t10;
+    const float t18 = distance_by_y_l_rate + t5 * yaw_rate;
+    const float t19 = t4 * t5;
+    const float t20 = t6 * yaw_rate - ((t4 - t5 * t19) * t17 - t6 * t19 * y_l_rate);
+    const float t21 = self->k10 * (cos_phi * t18 + sin_phi * t20);
+    const float t22 = self->Phi_21 * (cos_phi * t20 - sin_phi * t18);
+    all->Phidot[0][0] = t21 - t22;
+    all->Phidot[0][1] = -(t22 + t21);
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
-    const float t24 = yaw_rate * yaw_rate;
-    const float t25 = t24 * self->k2;
-    const float wanted_1 = reference->speed_rate - t25 + self->kv_speed * (reference->speed - forward_speed);
-    const float t26 = self->k9 * (wanted_1 + t25);
-    const float t27 = forward_speed * yaw_rate;
-    const float t28 = t14 - t13;
-    const float distance_curvature = t4 * (self->k12 * t10 * t10 + self->k3 * t24 - t28 * t28);
-    const float t29 = reference->distance_acceleration + self->kp_distance * (self->R - t3 + reference->distance) -
+    const float t23 = yaw_rate * yaw_rate;
+    const float t24 = t23 * self->k2;
+    const float wanted_1 = reference->speed_rate - t24 + self->kv_speed * (reference->speed - forward_speed);
+    const float t25 = self->k8 * (wanted_1 + t24);
+    const float t26 = forward_speed * yaw_rate;
+    const float t27 = t13 - t12;
+    const float distance_curvature = t4 * (self->k11 * t9 * t9 + self->k3 * t23 - t27 * t27);
+    const float t28 = reference->distance_acceleration + self->kp_distance * (self->R - t3 + reference->distance) -
         distance_curvature;
-    const float wanted_0 = t29 + self->kd_distance * (t28 + reference->distance_rate);
-    const float t30 = (wanted_0 + t9 * wanted_1) / t7;
-    const float t31 = self->k13 * (t27 - t30);
-    all->u[0] = t26 - t31;
-    all->u[1] = t26 + t31;
-    const float t32 = self->k8 * t27 + self->k6 * t30;
-    const float t33 = self->k5 * wanted_1 - t24 * self->k7;
-    all->tau[0] = t32 + t33;
-    all->tau[1] = t33 - t32;
+    const float wanted_0 = t28 + self->kd_distance * (t27 + reference->distance_rate);
+    const float t29 = (wanted_0 + t8 * wanted_1) / t7;
+    const float t30 = self->k12 * (t26 - t29);
+    all->u[0] = t25 - t30;
+    all->u[1] = t25 + t30;
+    const float t31 = self->k7 * t26 + self->k5 * t29;
+    const float t32 = self->k4 * wanted_1 - t23 * self->k6;
+    all->tau[0] = t31 + t32;
+    all->tau[1] = t32 - t31;
     return NOSLIP_OK;
 }
 
@@ -472,44 +466,59 @@ static int labmate_type_iv_circle_step_f_law(const labmate_type_iv_circle_f *sel
     const float t5 = t4 * t1;
     const float t6 = t4 * t2;
     const float t7 = t5 * sin_phi - t6 * cos_phi;
-    const float t8 = self->k3 * t7 * t7;
-    const float t9 = t5 * cos_phi + t6 * sin_phi;
-    if (!(t8 > self->k11 * (t8 + self->k4 * t9 * t9))) {
+    const float t8 = t5 * cos_phi + t6 * sin_phi;
+    if (!(t7 * t7 > -(self->k9 * t8 * t8))) {
         return NOSLIP_SINGULAR;
     }
-    const float t10 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k1 * t10;
-    const float t11 = yaw_rate * yaw_rate;
-    const float t12 = state->thetadot_r + state->thetadot_l;
-    const float forward_speed = self->Phi_21 * t12;
-    const float wanted_1 = reference->speed_rate - t11 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
-    const float t13 = self->k5 * wanted_1 - t11 * self->k7;
-    const float t14 = self->k10 * t7 * t10 - forward_speed * t9;
-    const float distance_curvature = t4 * (self->k12 * t12 * t12 + self->k3 * t11 - t14 * t14);
-    const float t15 = reference->distance_acceleration - distance_curvature + self->kd_distance *
-        (reference->distance_rate - t14);
-    const float wanted_0 = t15 + self->kp_distance * (self->R + reference->distance - t3);
-    const float t16 = self->k8 * (forward_speed * yaw_rate) + self->k6 * (wanted_0 + t9 * wanted_1) / t7;
-    tau[0] = t13 + t16;
-    tau[1] = t13 - t16;
+    const float t9 = state->thetadot_r - state->thetadot_l;
+    const float yaw_rate = self->k1 * t9;
+    const float t10 = yaw_rate * yaw_rate;
+    const float t11 = state->thetadot_r + state->thetadot_l;
+    const float forward_speed = self->Phi_21 * t11;
+    const float wanted_1 = reference->speed_rate - t10 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
+    const float t12 = self->k4 * wanted_1 - t10 * self->k6;
+    const float t13 = self->k10 * t7 * t9 - forward_speed * t8;
+    const float distance_curvature = t4 * (self->k11 * t11 * t11 + self->k3 * t10 - t13 * t13);
+    const float t14 = reference->distance_acceleration - distance_curvature + self->kd_distance *
+        (reference->distance_rate - t13);
+    const float wanted_0 = t14 + self->kp_distance * (self->R + reference->distance - t3);
+    const float t15 = self->k7 * (forward_speed * yaw_rate) + self->k5 * (wanted_0 + t8 * wanted_1) / t7;
+    tau[0] = t12 + t15;
+    tau[1] = t12 - t15;
     return NOSLIP_OK;
+}
+
+/* The step when something is wrong, or cut: finds out what. */
+static NOSLIP_COLD int labmate_type_iv_circle_step_f_with_care(labmate_type_iv_circle_f *self,
+    const labmate_state_f *state, const labmate_type_iv_circle_reference_f *reference, float tau[2], int status)
+{
+    if (self == NULL || tau == NULL) {
+        return noslip_finish_f(NOSLIP_NULL, tau, 2);
+    }
+    if (self->ready != NOSLIP_READY) {
+        return noslip_finish_f(NOSLIP_NOT_READY, tau, 2);
+    }
+    if (state != NULL && reference != NULL) {
+        const int admitted = labmate_type_iv_circle_admit_both_f(self, state, reference);
+        status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    return noslip_answer_f(status, self->on_error, self->limit, self->held, tau, 2);
 }
 
 int labmate_type_iv_circle_step_f(labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, float tau[2])
 {
     int status = NOSLIP_NULL;
-    if (self == NULL) {
-        return noslip_finish_f(NOSLIP_NULL, tau, 2);
-    }
-    if (tau == NULL) {
-        return NOSLIP_NULL;
-    }
-    if (state != NULL && reference != NULL) {
-        status = labmate_type_iv_circle_admit_both_f(self, state, reference);
-    }
-    if (status == NOSLIP_OK) {
+    if (self != NULL && state != NULL && reference != NULL && tau != NULL && self->ready == NOSLIP_READY &&
+        noslip_angle_ok_f(state->phi)) {
         status = labmate_type_iv_circle_step_f_law(self, state, reference, tau);
+        /* Any other input that is not finite shows in the result. */
+        if (status == NOSLIP_OK && noslip_abs_f(tau[0]) <= self->limit[0] && noslip_abs_f(tau[1]) <= self->limit[1] &&
+        noslip_is_finite_f(state->theta_r + state->theta_l)) {
+            self->held[0] = tau[0];
+            self->held[1] = tau[1];
+            return status;
+        }
     }
-    return noslip_answer_f(status, self->options.on_error, self->options.limit, self->held, tau, 2);
+    return labmate_type_iv_circle_step_f_with_care(self, state, reference, tau, status);
 }

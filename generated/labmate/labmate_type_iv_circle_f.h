@@ -48,30 +48,30 @@ typedef struct labmate_type_iv_circle_evaluation_f {
 
 /* The law: made by init, owned by the caller, not to be written to. */
 typedef struct labmate_type_iv_circle_f {
-    labmate_options_f options; /* limits, and what to answer on an error */
-    float held[2];             /* the inputs answered last */
-    int ready;                 /* set by init */
-    float L;                   /* m */
-    float x_f;                 /* m */
-    float y_f;                 /* m */
-    float R;                   /* m */
-    float kp_distance;         /* 1/s^2 */
-    float kd_distance;         /* 1/s */
-    float kv_speed;            /* 1/s */
-    float Phi_21;              /* r * 0.5 */
-    float k1;                  /* r / (b * 2.0) */
-    float k2;                  /* d + L */
-    float k3;                  /* (d + L) * (d + L) */
-    float k4;                  /* b * b */
-    float k5;                  /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k6;                  /* see init */
-    float k7;                  /* see init */
-    float k8;                  /* see init */
-    float k9;                  /* 1.0 / r */
-    float k10;                 /* r / (b * 2.0) * (d + L) */
-    float k11;                 /* see init */
-    float k12;                 /* r * 0.5 * (r * 0.5) */
-    float k13;                 /* 1.0 / (d + L) * (b / r) */
+    float limit[2];    /* largest absolute values of the inputs */
+    float held[2];     /* the inputs answered last */
+    int on_error;      /* what to answer then */
+    int ready;         /* set by init */
+    float L;           /* m */
+    float x_f;         /* m */
+    float y_f;         /* m */
+    float R;           /* m */
+    float kp_distance; /* 1/s^2 */
+    float kd_distance; /* 1/s */
+    float kv_speed;    /* 1/s */
+    float Phi_21;      /* r * 0.5 */
+    float k1;          /* r / (b * 2.0) */
+    float k2;          /* d + L */
+    float k3;          /* (d + L) * (d + L) */
+    float k4;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k5;          /* see init */
+    float k6;          /* see init */
+    float k7;          /* see init */
+    float k8;          /* 1.0 / r */
+    float k9;          /* see init */
+    float k10;         /* r / (b * 2.0) * (d + L) */
+    float k11;         /* r * 0.5 * (r * 0.5) */
+    float k12;         /* 1.0 / (d + L) * (b / r) */
 } labmate_type_iv_circle_f;
 
 /*
@@ -121,14 +121,14 @@ int labmate_type_iv_circle_decoupling_rate_f(const labmate_type_iv_circle_f *sel
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 33 mul, 8 add, 12 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 31 mul, 7 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_feedback_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const float v[2], float tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 62 mul, 20 add, 27 sub, 2 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 60 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_evaluate_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, labmate_type_iv_circle_evaluation_f *all);
@@ -136,7 +136,7 @@ int labmate_type_iv_circle_evaluate_f(const labmate_type_iv_circle_f *self, cons
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 36 mul, 12 add, 15 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 34 mul, 11 add, 15 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_step_f(labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, float tau[2]);

@@ -30,17 +30,13 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
         return NOSLIP_BAD_PARAMETER;
     }
     status = labmate_type_iv_ellipse_reset(self);
-    if (options != NULL) {
-        if (!noslip_limits_ok(options->limit, 2) ||
-            (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD)) {
-            return NOSLIP_BAD_PARAMETER;
-        }
-        self->options = *options;
-    } else {
-        self->options.limit[0] = 0;
-        self->options.limit[1] = 0;
-        self->options.on_error = NOSLIP_ZERO;
+    if (options != NULL && (!noslip_limits_ok(options->limit, 2) ||
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        return NOSLIP_BAD_PARAMETER;
     }
+    self->limit[0] = noslip_limit(options != NULL ? options->limit[0] : 0);
+    self->limit[1] = noslip_limit(options != NULL ? options->limit[1] : 0);
+    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
@@ -79,32 +75,33 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
     self->k15 = 8.0 / (t7 * t7);
     self->k16 = 16.0 / (t5 * t5);
     self->k17 = 8.0 / (t3 * t4);
-    self->k18 = params->b * params->b;
     const double t8 = params->r * params->r;
     if (!(noslip_abs(t8) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k19 = self->Phi_21 * ((params->I_w * 2.0 + t8 * params->m_c + t8 * params->m_w * 2.0) / t8);
+    self->k18 = self->Phi_21 * ((params->I_w * 2.0 + t8 * params->m_c + t8 * params->m_w * 2.0) / t8);
     if (!(noslip_abs(self->k2) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t9 = 1.0 / self->k2;
-    const double t10 = t8 * params->I_c + t8 * params->I_m * 2.0 + self->k18 * params->I_w * 2.0 + t8 * (self->k18 *
-        params->m_w) * 2.0;
-    self->k20 = t9 * (self->k1 * ((t10 + t8 * (params->d * params->d * params->m_c)) / t8));
-    const double t11 = params->d * params->m_c;
-    self->k21 = self->Phi_21 * t11 - self->k19 * self->k2;
-    self->k22 = 0.5 * (self->k1 * t11 - self->k20) * 2.0;
-    self->k23 = 1.0 / params->r;
-    self->k24 = self->k2 * self->k2;
-    self->k25 = self->k1 * self->k2;
-    const double t12 = self->Phi_21 * self->k1 * 2.0;
-    const double t13 = t12 * t12;
-    if (!(noslip_abs(t13) > 0)) {
+    const double t10 = params->b * params->b;
+    const double t11 = t8 * params->I_c + t8 * params->I_m * 2.0 + t10 * params->I_w * 2.0 + t8 * (t10 * params->m_w) *
+        2.0 + t8 * (params->d * params->d * params->m_c);
+    self->k19 = t9 * (self->k1 * (t11 / t8));
+    const double t12 = params->d * params->m_c;
+    self->k20 = self->Phi_21 * t12 - self->k18 * self->k2;
+    self->k21 = 0.5 * (self->k1 * t12 - self->k19) * 2.0;
+    self->k22 = 1.0 / params->r;
+    const double t13 = t8 * 0.5;
+    const double t14 = t8 / (t10 * 2.0);
+    const double t15 = self->k2 * self->k2;
+    const double t16 = t13 * (t14 * (t10 * t15)) * 7737125245533627.0 - t15 * (t8 * t8) * 1.9342813113834067e+25;
+    if (!(noslip_abs(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k26 = t8 * 0.5 * (t8 / (self->k18 * 2.0) * 1e-10) * (1.0 / t13);
-    self->k27 = t9 * (params->b / params->r);
+    self->k23 = t13 * (t14 * (t10 * t10)) * 7737125245533627.0 / t16;
+    self->k24 = self->k1 * self->k2;
+    self->k25 = t9 * (params->b / params->r);
     if (!(noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&
@@ -130,9 +127,7 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
         noslip_is_finite(self->k22) &&
         noslip_is_finite(self->k23) &&
         noslip_is_finite(self->k24) &&
-        noslip_is_finite(self->k25) &&
-        noslip_is_finite(self->k26) &&
-        noslip_is_finite(self->k27))) {
+        noslip_is_finite(self->k25))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -232,7 +227,7 @@ static int labmate_type_iv_ellipse_rate_law(const labmate_type_iv_ellipse *self,
     const double distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t5);
     const double distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    const double t6 = self->k25 * (state->thetadot_r - state->thetadot_l) * (distance_by_x_l * sin_phi -
+    const double t6 = self->k24 * (state->thetadot_r - state->thetadot_l) * (distance_by_x_l * sin_phi -
         distance_by_y_l * cos_phi);
     ydot[0] = forward_speed * distance_by_forward_speed - t6;
     return NOSLIP_OK;
@@ -272,7 +267,7 @@ static int labmate_type_iv_ellipse_decoupling_law(const labmate_type_iv_ellipse 
     const double distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
     const double t6 = self->Phi_21 * distance_by_forward_speed;
-    const double t7 = self->k25 * (distance_by_x_l * sin_phi - distance_by_y_l * cos_phi);
+    const double t7 = self->k24 * (distance_by_x_l * sin_phi - distance_by_y_l * cos_phi);
     Phi[0][0] = t6 - t7;
     Phi[0][1] = t6 + t7;
     Phi[1][0] = self->Phi_21;
@@ -324,7 +319,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
     const double t12 = t5 * (self->k3 * t10 + t4 * t11);
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double t13 = state->thetadot_r - state->thetadot_l;
-    const double t14 = self->k25 * t13;
+    const double t14 = self->k24 * t13;
     const double t15 = forward_speed * cos_phi - t14 * sin_phi;
     const double t16 = t4 * y_l;
     const double t17 = self->k13 * t8;
@@ -344,7 +339,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
     const double distance_by_x_l = t5 * t11;
     const double t26 = t25 + distance_by_x_l * yaw_rate;
     const double t27 = self->Phi_21 * (cos_phi * t21 - sin_phi * t26);
-    const double t28 = self->k25 * (sin_phi * t21 + cos_phi * t26);
+    const double t28 = self->k24 * (sin_phi * t21 + cos_phi * t26);
     Phidot[0][0] = t27 - t28;
     Phidot[0][1] = t27 + t28;
     Phidot[1][0] = 0.0;
@@ -390,31 +385,30 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
     const double distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t5);
     const double distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
     const double t6 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
-    const double t7 = self->k24 * t6 * t6;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t7 > self->k26 * (t7 + self->k18 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t6 * t6 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double t8 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->k1 * t8;
-    const double t9 = yaw_rate * yaw_rate;
-    const double wanted_1 = v[1] - t9 * self->k2;
-    const double t10 = self->k25 * t8;
-    const double t11 = forward_speed * cos_phi - t10 * sin_phi;
-    const double t12 = t11 * t11;
-    const double y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
-    const double t13 = y_l_rate * y_l_rate;
-    const double t14 = t4 * (self->k9 * x_l * t11 + self->k10 * y_l * y_l_rate);
-    const double t15 = self->k7 * t12 + self->k8 * t13 + t5 * (0.5 * (self->k9 * t12 + self->k10 * t13) - t14 * (t14 *
+    const double t7 = state->thetadot_r - state->thetadot_l;
+    const double yaw_rate = self->k1 * t7;
+    const double t8 = yaw_rate * yaw_rate;
+    const double wanted_1 = v[1] - t8 * self->k2;
+    const double t9 = self->k24 * t7;
+    const double t10 = forward_speed * cos_phi - t9 * sin_phi;
+    const double t11 = t10 * t10;
+    const double y_l_rate = forward_speed * sin_phi + t9 * cos_phi;
+    const double t12 = y_l_rate * y_l_rate;
+    const double t13 = t4 * (self->k9 * x_l * t10 + self->k10 * y_l * y_l_rate);
+    const double t14 = self->k7 * t11 + self->k8 * t12 + t5 * (0.5 * (self->k9 * t11 + self->k10 * t12) - t13 * (t13 *
         0.25));
-    const double distance_curvature = t4 * (t15 + t14 * (t10 * t6 - forward_speed * distance_by_forward_speed));
+    const double distance_curvature = t4 * (t14 + t13 * (t9 * t6 - forward_speed * distance_by_forward_speed));
     const double wanted_0 = v[0] - distance_curvature;
-    const double t16 = self->k22 * (forward_speed * yaw_rate) + self->k20 * (distance_by_forward_speed * wanted_1 -
+    const double t15 = self->k21 * (forward_speed * yaw_rate) + self->k19 * (distance_by_forward_speed * wanted_1 -
         wanted_0) / t6;
-    const double t17 = self->k19 * wanted_1 - t9 * self->k21;
-    tau[0] = t16 + t17;
-    tau[1] = t17 - t16;
+    const double t16 = self->k18 * wanted_1 - t8 * self->k20;
+    tau[0] = t15 + t16;
+    tau[1] = t16 - t15;
     return NOSLIP_OK;
 }
 
@@ -460,73 +454,72 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     const double t10 = self->k8 + self->k4 * t7;
     const double distance_by_y_l = t9 * t10;
     const double t11 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
-    const double t12 = self->k24 * t11 * t11;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t12 > self->k26 * (t12 + self->k18 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t11 * t11 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     all->h[0] = -t6;
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     all->h[1] = forward_speed;
-    const double t13 = forward_speed * distance_by_forward_speed;
-    const double t14 = state->thetadot_r - state->thetadot_l;
-    const double t15 = self->k25 * t14;
-    const double t16 = t15 * t11;
-    all->ydot[0] = t13 - t16;
-    const double t17 = self->Phi_21 * distance_by_forward_speed;
-    const double t18 = self->k25 * t11;
-    all->Phi[0][0] = t17 - t18;
-    all->Phi[0][1] = t17 + t18;
+    const double t12 = forward_speed * distance_by_forward_speed;
+    const double t13 = state->thetadot_r - state->thetadot_l;
+    const double t14 = self->k24 * t13;
+    const double t15 = t14 * t11;
+    all->ydot[0] = t12 - t15;
+    const double t16 = self->Phi_21 * distance_by_forward_speed;
+    const double t17 = self->k24 * t11;
+    all->Phi[0][0] = t16 - t17;
+    all->Phi[0][1] = t16 + t17;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t19 = t4 * t5;
-    const double t20 = t5 * t19;
-    const double t21 = self->k3 * t5;
-    const double t22 = t4 * t7;
-    const double t23 = t5 * (self->k3 * t22 + t4 * t8);
-    const double t24 = forward_speed * cos_phi - t15 * sin_phi;
-    const double t25 = self->k13 * t7;
-    const double t26 = t9 * (self->k4 * t22 + t4 * t10);
-    const double y_l_rate = forward_speed * sin_phi + t15 * cos_phi;
-    const double t27 = (self->k7 * t4 - self->k11 * t20 + t7 * (self->k3 * t4 - self->k12 * t20) - t21 * t23) * t24 -
-        (t9 * t19 * (self->k14 + t25) + t21 * t26) * y_l_rate;
-    const double yaw_rate = self->k1 * t14;
-    const double t28 = t27 + distance_by_y_l * yaw_rate;
-    const double t29 = t4 * t9;
-    const double t30 = self->k4 * t9;
-    const double t31 = t9 * t29;
-    const double t32 = (t5 * t29 * (self->k17 + t25) + t30 * t23) * t24 - (self->k8 * t4 - self->k15 * t31 + t7 *
-        (self->k4 * t4 - self->k16 * t31) - t30 * t26) * y_l_rate;
-    const double t33 = t32 + distance_by_x_l * yaw_rate;
-    const double t34 = self->k25 * (sin_phi * t28 + cos_phi * t33);
-    const double t35 = self->Phi_21 * (sin_phi * t33 - cos_phi * t28);
-    all->Phidot[0][0] = -(t34 + t35);
-    all->Phidot[0][1] = t34 - t35;
+    const double t18 = t4 * t5;
+    const double t19 = t5 * t18;
+    const double t20 = self->k3 * t5;
+    const double t21 = t4 * t7;
+    const double t22 = t5 * (self->k3 * t21 + t4 * t8);
+    const double t23 = forward_speed * cos_phi - t14 * sin_phi;
+    const double t24 = self->k13 * t7;
+    const double t25 = t9 * (self->k4 * t21 + t4 * t10);
+    const double y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
+    const double t26 = (self->k7 * t4 - self->k11 * t19 + t7 * (self->k3 * t4 - self->k12 * t19) - t20 * t22) * t23 -
+        (t9 * t18 * (self->k14 + t24) + t20 * t25) * y_l_rate;
+    const double yaw_rate = self->k1 * t13;
+    const double t27 = t26 + distance_by_y_l * yaw_rate;
+    const double t28 = t4 * t9;
+    const double t29 = self->k4 * t9;
+    const double t30 = t9 * t28;
+    const double t31 = (t5 * t28 * (self->k17 + t24) + t29 * t22) * t23 - (self->k8 * t4 - self->k15 * t30 + t7 *
+        (self->k4 * t4 - self->k16 * t30) - t29 * t25) * y_l_rate;
+    const double t32 = t31 + distance_by_x_l * yaw_rate;
+    const double t33 = self->k24 * (sin_phi * t27 + cos_phi * t32);
+    const double t34 = self->Phi_21 * (sin_phi * t32 - cos_phi * t27);
+    all->Phidot[0][0] = -(t33 + t34);
+    all->Phidot[0][1] = t33 - t34;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
-    const double t36 = yaw_rate * yaw_rate;
-    const double t37 = t36 * self->k2;
-    const double wanted_1 = reference->speed_rate - t37 + self->kv_speed * (reference->speed - forward_speed);
-    const double t38 = self->k23 * (wanted_1 + t37);
-    const double t39 = forward_speed * yaw_rate;
-    const double t40 = t24 * t24;
-    const double t41 = y_l_rate * y_l_rate;
-    const double t42 = t4 * (self->k9 * x_l * t24 + self->k10 * y_l * y_l_rate);
-    const double t43 = self->k7 * t40 + self->k8 * t41 + t7 * (0.5 * (self->k9 * t40 + self->k10 * t41) - t42 * (t42 *
+    const double t35 = yaw_rate * yaw_rate;
+    const double t36 = t35 * self->k2;
+    const double wanted_1 = reference->speed_rate - t36 + self->kv_speed * (reference->speed - forward_speed);
+    const double t37 = self->k22 * (wanted_1 + t36);
+    const double t38 = forward_speed * yaw_rate;
+    const double t39 = t23 * t23;
+    const double t40 = y_l_rate * y_l_rate;
+    const double t41 = t4 * (self->k9 * x_l * t23 + self->k10 * y_l * y_l_rate);
+    const double t42 = self->k7 * t39 + self->k8 * t40 + t7 * (0.5 * (self->k9 * t39 + self->k10 * t40) - t41 * (t41 *
         0.25));
-    const double t44 = t16 - t13;
-    const double distance_curvature = t4 * (t43 + t42 * t44);
-    const double t45 = reference->distance_acceleration - distance_curvature + self->kp_distance *
+    const double t43 = t15 - t12;
+    const double distance_curvature = t4 * (t42 + t41 * t43);
+    const double t44 = reference->distance_acceleration - distance_curvature + self->kp_distance *
         (reference->distance + t6);
-    const double wanted_0 = t45 + self->kd_distance * (t44 + reference->distance_rate);
-    const double t46 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
-    const double t47 = self->k27 * (t39 - t46);
-    all->u[0] = t38 - t47;
-    all->u[1] = t38 + t47;
-    const double t48 = self->k22 * t39 + self->k20 * t46;
-    const double t49 = self->k19 * wanted_1 - t36 * self->k21;
-    all->tau[0] = t48 + t49;
-    all->tau[1] = t49 - t48;
+    const double wanted_0 = t44 + self->kd_distance * (t43 + reference->distance_rate);
+    const double t45 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
+    const double t46 = self->k25 * (t38 - t45);
+    all->u[0] = t37 - t46;
+    all->u[1] = t37 + t46;
+    const double t47 = self->k21 * t38 + self->k19 * t45;
+    const double t48 = self->k18 * wanted_1 - t35 * self->k20;
+    all->tau[0] = t47 + t48;
+    all->tau[1] = t48 - t47;
     return NOSLIP_OK;
 }
 
@@ -577,53 +570,67 @@ static int labmate_type_iv_ellipse_step_law(const labmate_type_iv_ellipse *self,
     const double distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t6);
     const double distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t6);
     const double t7 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
-    const double t8 = self->k24 * t7 * t7;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t8 > self->k26 * (t8 + self->k18 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t7 * t7 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const double t9 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->k1 * t9;
-    const double t10 = yaw_rate * yaw_rate;
+    const double t8 = state->thetadot_r - state->thetadot_l;
+    const double yaw_rate = self->k1 * t8;
+    const double t9 = yaw_rate * yaw_rate;
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double wanted_1 = reference->speed_rate - t10 * self->k2 + self->kv_speed * (reference->speed -
-        forward_speed);
-    const double t11 = self->k19 * wanted_1 - t10 * self->k21;
-    const double t12 = self->k25 * t9;
-    const double t13 = forward_speed * cos_phi - t12 * sin_phi;
-    const double t14 = t13 * t13;
-    const double y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
-    const double t15 = y_l_rate * y_l_rate;
-    const double t16 = t4 * (self->k9 * x_l * t13 + self->k10 * y_l * y_l_rate);
-    const double t17 = self->k7 * t14 + self->k8 * t15 + t6 * (0.5 * (self->k9 * t14 + self->k10 * t15) - t16 * (t16 *
+    const double wanted_1 = reference->speed_rate - t9 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
+    const double t10 = self->k18 * wanted_1 - t9 * self->k20;
+    const double t11 = self->k24 * t8;
+    const double t12 = forward_speed * cos_phi - t11 * sin_phi;
+    const double t13 = t12 * t12;
+    const double y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
+    const double t14 = y_l_rate * y_l_rate;
+    const double t15 = t4 * (self->k9 * x_l * t12 + self->k10 * y_l * y_l_rate);
+    const double t16 = self->k7 * t13 + self->k8 * t14 + t6 * (0.5 * (self->k9 * t13 + self->k10 * t14) - t15 * (t15 *
         0.25));
-    const double t18 = t12 * t7 - forward_speed * distance_by_forward_speed;
-    const double distance_curvature = t4 * (t17 + t16 * t18);
-    const double t19 = reference->distance_acceleration - distance_curvature + self->kp_distance *
+    const double t17 = t11 * t7 - forward_speed * distance_by_forward_speed;
+    const double distance_curvature = t4 * (t16 + t15 * t17);
+    const double t18 = reference->distance_acceleration - distance_curvature + self->kp_distance *
         (reference->distance + t5);
-    const double wanted_0 = t19 + self->kd_distance * (t18 + reference->distance_rate);
-    const double t20 = self->k22 * (forward_speed * yaw_rate) + self->k20 * (distance_by_forward_speed * wanted_1 -
+    const double wanted_0 = t18 + self->kd_distance * (t17 + reference->distance_rate);
+    const double t19 = self->k21 * (forward_speed * yaw_rate) + self->k19 * (distance_by_forward_speed * wanted_1 -
         wanted_0) / t7;
-    tau[0] = t11 + t20;
-    tau[1] = t11 - t20;
+    tau[0] = t10 + t19;
+    tau[1] = t10 - t19;
     return NOSLIP_OK;
+}
+
+/* The step when something is wrong, or cut: finds out what. */
+static NOSLIP_COLD int labmate_type_iv_ellipse_step_with_care(labmate_type_iv_ellipse *self, const labmate_state *state,
+    const labmate_type_iv_ellipse_reference *reference, double tau[2], int status)
+{
+    if (self == NULL || tau == NULL) {
+        return noslip_finish(NOSLIP_NULL, tau, 2);
+    }
+    if (self->ready != NOSLIP_READY) {
+        return noslip_finish(NOSLIP_NOT_READY, tau, 2);
+    }
+    if (state != NULL && reference != NULL) {
+        const int admitted = labmate_type_iv_ellipse_admit_both(self, state, reference);
+        status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    return noslip_answer(status, self->on_error, self->limit, self->held, tau, 2);
 }
 
 int labmate_type_iv_ellipse_step(labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, double tau[2])
 {
     int status = NOSLIP_NULL;
-    if (self == NULL) {
-        return noslip_finish(NOSLIP_NULL, tau, 2);
-    }
-    if (tau == NULL) {
-        return NOSLIP_NULL;
-    }
-    if (state != NULL && reference != NULL) {
-        status = labmate_type_iv_ellipse_admit_both(self, state, reference);
-    }
-    if (status == NOSLIP_OK) {
+    if (self != NULL && state != NULL && reference != NULL && tau != NULL && self->ready == NOSLIP_READY &&
+        noslip_angle_ok(state->phi)) {
         status = labmate_type_iv_ellipse_step_law(self, state, reference, tau);
+        /* Any other input that is not finite shows in the result. */
+        if (status == NOSLIP_OK && noslip_abs(tau[0]) <= self->limit[0] && noslip_abs(tau[1]) <= self->limit[1] &&
+        noslip_is_finite(state->theta_r + state->theta_l)) {
+            self->held[0] = tau[0];
+            self->held[1] = tau[1];
+            return status;
+        }
     }
-    return noslip_answer(status, self->options.on_error, self->options.limit, self->held, tau, 2);
+    return labmate_type_iv_ellipse_step_with_care(self, state, reference, tau, status);
 }

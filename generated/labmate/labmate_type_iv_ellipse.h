@@ -47,41 +47,40 @@ typedef struct labmate_type_iv_ellipse_evaluation {
 
 /* The law: made by init, owned by the caller, not to be written to. */
 typedef struct labmate_type_iv_ellipse {
-    labmate_options options; /* limits, and what to answer on an error */
-    double held[2];          /* the inputs answered last */
-    int ready;               /* set by init */
-    double L;                /* m */
-    double kp_distance;      /* 1/s^2 */
-    double kd_distance;      /* 1/s */
-    double kv_speed;         /* 1/s */
-    double Phi_21;           /* r * 0.5 */
-    double k1;               /* r / (b * 2.0) */
-    double k2;               /* d + L */
-    double k3;               /* 4.0 / (a * a * (a * a)) */
-    double k4;               /* 4.0 / (b * b * (b * b)) */
-    double k5;               /* 1.0 / (a * a) */
-    double k6;               /* 1.0 / (b * b) */
-    double k7;               /* 2.0 / (a * a) */
-    double k8;               /* 2.0 / (b * b) */
-    double k9;               /* 8.0 / (a * a * (a * a)) */
-    double k10;              /* 8.0 / (b * b * (b * b)) */
-    double k11;              /* 8.0 / (a * a * a * (a * a * a)) */
-    double k12;              /* 16.0 / (a * a * (a * a) * (a * a * (a * a))) */
-    double k13;              /* 16.0 / (a * a * (a * a) * (b * b * (b * b))) */
-    double k14;              /* 8.0 / (a * a * (b * b * (b * b))) */
-    double k15;              /* 8.0 / (b * b * b * (b * b * b)) */
-    double k16;              /* 16.0 / (b * b * (b * b) * (b * b * (b * b))) */
-    double k17;              /* 8.0 / (a * a * (a * a) * (b * b)) */
-    double k18;              /* b * b */
-    double k19;              /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k20;              /* see init */
-    double k21;              /* see init */
-    double k22;              /* see init */
-    double k23;              /* 1.0 / r */
-    double k24;              /* (d + L) * (d + L) */
-    double k25;              /* r / (b * 2.0) * (d + L) */
-    double k26;              /* see init */
-    double k27;              /* 1.0 / (d + L) * (b / r) */
+    double limit[2];    /* largest absolute values of the inputs */
+    double held[2];     /* the inputs answered last */
+    int on_error;       /* what to answer then */
+    int ready;          /* set by init */
+    double L;           /* m */
+    double kp_distance; /* 1/s^2 */
+    double kd_distance; /* 1/s */
+    double kv_speed;    /* 1/s */
+    double Phi_21;      /* r * 0.5 */
+    double k1;          /* r / (b * 2.0) */
+    double k2;          /* d + L */
+    double k3;          /* 4.0 / (a * a * (a * a)) */
+    double k4;          /* 4.0 / (b * b * (b * b)) */
+    double k5;          /* 1.0 / (a * a) */
+    double k6;          /* 1.0 / (b * b) */
+    double k7;          /* 2.0 / (a * a) */
+    double k8;          /* 2.0 / (b * b) */
+    double k9;          /* 8.0 / (a * a * (a * a)) */
+    double k10;         /* 8.0 / (b * b * (b * b)) */
+    double k11;         /* 8.0 / (a * a * a * (a * a * a)) */
+    double k12;         /* 16.0 / (a * a * (a * a) * (a * a * (a * a))) */
+    double k13;         /* 16.0 / (a * a * (a * a) * (b * b * (b * b))) */
+    double k14;         /* 8.0 / (a * a * (b * b * (b * b))) */
+    double k15;         /* 8.0 / (b * b * b * (b * b * b)) */
+    double k16;         /* 16.0 / (b * b * (b * b) * (b * b * (b * b))) */
+    double k17;         /* 8.0 / (a * a * (a * a) * (b * b)) */
+    double k18;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k19;         /* see init */
+    double k20;         /* see init */
+    double k21;         /* see init */
+    double k22;         /* 1.0 / r */
+    double k23;         /* see init */
+    double k24;         /* r / (b * 2.0) * (d + L) */
+    double k25;         /* 1.0 / (d + L) * (b / r) */
 } labmate_type_iv_ellipse;
 
 /*
@@ -131,14 +130,14 @@ int labmate_type_iv_ellipse_decoupling_rate(const labmate_type_iv_ellipse *self,
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 59 mul, 16 add, 12 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 57 mul, 15 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_feedback(const labmate_type_iv_ellipse *self, const labmate_state *state, const double v[2],
     double tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 110 mul, 36 add, 27 sub, 2 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 108 mul, 35 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, labmate_type_iv_ellipse_evaluation *all);
@@ -146,7 +145,7 @@ int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const 
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 62 mul, 21 add, 13 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 60 mul, 20 add, 13 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_step(labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, double tau[2]);

@@ -30,17 +30,13 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
         return NOSLIP_BAD_PARAMETER;
     }
     status = labmate_type_iv_ellipse_reset_f(self);
-    if (options != NULL) {
-        if (!noslip_limits_ok_f(options->limit, 2) ||
-            (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD)) {
-            return NOSLIP_BAD_PARAMETER;
-        }
-        self->options = *options;
-    } else {
-        self->options.limit[0] = 0;
-        self->options.limit[1] = 0;
-        self->options.on_error = NOSLIP_ZERO;
+    if (options != NULL && (!noslip_limits_ok_f(options->limit, 2) ||
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        return NOSLIP_BAD_PARAMETER;
     }
+    self->limit[0] = noslip_limit_f(options != NULL ? options->limit[0] : 0);
+    self->limit[1] = noslip_limit_f(options != NULL ? options->limit[1] : 0);
+    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
@@ -79,32 +75,33 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     self->k15 = 8.0f / (t7 * t7);
     self->k16 = 16.0f / (t5 * t5);
     self->k17 = 8.0f / (t3 * t4);
-    self->k18 = params->b * params->b;
     const float t8 = params->r * params->r;
     if (!(noslip_abs_f(t8) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k19 = self->Phi_21 * ((params->I_w * 2.0f + t8 * params->m_c + t8 * params->m_w * 2.0f) / t8);
+    self->k18 = self->Phi_21 * ((params->I_w * 2.0f + t8 * params->m_c + t8 * params->m_w * 2.0f) / t8);
     if (!(noslip_abs_f(self->k2) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t9 = 1.0f / self->k2;
-    const float t10 = t8 * params->I_c + t8 * params->I_m * 2.0f + self->k18 * params->I_w * 2.0f + t8 * (self->k18 *
-        params->m_w) * 2.0f;
-    self->k20 = t9 * (self->k1 * ((t10 + t8 * (params->d * params->d * params->m_c)) / t8));
-    const float t11 = params->d * params->m_c;
-    self->k21 = self->Phi_21 * t11 - self->k19 * self->k2;
-    self->k22 = 0.5f * (self->k1 * t11 - self->k20) * 2.0f;
-    self->k23 = 1.0f / params->r;
-    self->k24 = self->k2 * self->k2;
-    self->k25 = self->k1 * self->k2;
-    const float t12 = self->Phi_21 * self->k1 * 2.0f;
-    const float t13 = t12 * t12;
-    if (!(noslip_abs_f(t13) > 0)) {
+    const float t10 = params->b * params->b;
+    const float t11 = t8 * params->I_c + t8 * params->I_m * 2.0f + t10 * params->I_w * 2.0f + t8 * (t10 * params->m_w) *
+        2.0f;
+    self->k19 = t9 * (self->k1 * ((t11 + t8 * (params->d * params->d * params->m_c)) / t8));
+    const float t12 = params->d * params->m_c;
+    self->k20 = self->Phi_21 * t12 - self->k18 * self->k2;
+    self->k21 = 0.5f * (self->k1 * t12 - self->k19) * 2.0f;
+    self->k22 = 1.0f / params->r;
+    const float t13 = t8 * 0.5f;
+    const float t14 = t8 / (t10 * 2.0f);
+    const float t15 = self->k2 * self->k2;
+    const float t16 = t13 * (t14 * (t10 * t15)) * 7.7371253e+15f - t15 * (t8 * t8) * 1.9342813e+25f;
+    if (!(noslip_abs_f(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k26 = t8 * 0.5f * (t8 / (self->k18 * 2.0f) * 1e-10f) * (1.0f / t13);
-    self->k27 = t9 * (params->b / params->r);
+    self->k23 = t13 * (t14 * (t10 * t10)) * 7.7371253e+15f / t16;
+    self->k24 = self->k1 * self->k2;
+    self->k25 = t9 * (params->b / params->r);
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
@@ -130,9 +127,7 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
         noslip_is_finite_f(self->k22) &&
         noslip_is_finite_f(self->k23) &&
         noslip_is_finite_f(self->k24) &&
-        noslip_is_finite_f(self->k25) &&
-        noslip_is_finite_f(self->k26) &&
-        noslip_is_finite_f(self->k27))) {
+        noslip_is_finite_f(self->k25))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -232,7 +227,7 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     const float distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t5);
     const float distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    const float t6 = self->k25 * (state->thetadot_r - state->thetadot_l) * (distance_by_x_l * sin_phi -
+    const float t6 = self->k24 * (state->thetadot_r - state->thetadot_l) * (distance_by_x_l * sin_phi -
         distance_by_y_l * cos_phi);
     ydot[0] = forward_speed * distance_by_forward_speed - t6;
     return NOSLIP_OK;
@@ -272,7 +267,7 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     const float distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
     const float t6 = self->Phi_21 * distance_by_forward_speed;
-    const float t7 = self->k25 * (distance_by_x_l * sin_phi - distance_by_y_l * cos_phi);
+    const float t7 = self->k24 * (distance_by_x_l * sin_phi - distance_by_y_l * cos_phi);
     Phi[0][0] = t6 - t7;
     Phi[0][1] = t6 + t7;
     Phi[1][0] = self->Phi_21;
@@ -324,7 +319,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float t12 = t5 * (self->k3 * t10 + t4 * t11);
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float t13 = state->thetadot_r - state->thetadot_l;
-    const float t14 = self->k25 * t13;
+    const float t14 = self->k24 * t13;
     const float t15 = forward_speed * cos_phi - t14 * sin_phi;
     const float t16 = t4 * y_l;
     const float t17 = self->k13 * t8;
@@ -344,7 +339,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float distance_by_x_l = t5 * t11;
     const float t26 = t25 + distance_by_x_l * yaw_rate;
     const float t27 = self->Phi_21 * (cos_phi * t21 - sin_phi * t26);
-    const float t28 = self->k25 * (sin_phi * t21 + cos_phi * t26);
+    const float t28 = self->k24 * (sin_phi * t21 + cos_phi * t26);
     Phidot[0][0] = t27 - t28;
     Phidot[0][1] = t27 + t28;
     Phidot[1][0] = 0.0f;
@@ -390,31 +385,30 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     const float distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t5);
     const float distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
     const float t6 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
-    const float t7 = self->k24 * t6 * t6;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t7 > self->k26 * (t7 + self->k18 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t6 * t6 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const float t8 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k1 * t8;
-    const float t9 = yaw_rate * yaw_rate;
-    const float wanted_1 = v[1] - t9 * self->k2;
-    const float t10 = self->k25 * t8;
-    const float t11 = forward_speed * cos_phi - t10 * sin_phi;
-    const float t12 = t11 * t11;
-    const float y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
-    const float t13 = y_l_rate * y_l_rate;
-    const float t14 = t4 * (self->k9 * x_l * t11 + self->k10 * y_l * y_l_rate);
-    const float t15 = self->k7 * t12 + self->k8 * t13 + t5 * (0.5f * (self->k9 * t12 + self->k10 * t13) - t14 * (t14 *
+    const float t7 = state->thetadot_r - state->thetadot_l;
+    const float yaw_rate = self->k1 * t7;
+    const float t8 = yaw_rate * yaw_rate;
+    const float wanted_1 = v[1] - t8 * self->k2;
+    const float t9 = self->k24 * t7;
+    const float t10 = forward_speed * cos_phi - t9 * sin_phi;
+    const float t11 = t10 * t10;
+    const float y_l_rate = forward_speed * sin_phi + t9 * cos_phi;
+    const float t12 = y_l_rate * y_l_rate;
+    const float t13 = t4 * (self->k9 * x_l * t10 + self->k10 * y_l * y_l_rate);
+    const float t14 = self->k7 * t11 + self->k8 * t12 + t5 * (0.5f * (self->k9 * t11 + self->k10 * t12) - t13 * (t13 *
         0.25f));
-    const float distance_curvature = t4 * (t15 + t14 * (t10 * t6 - forward_speed * distance_by_forward_speed));
+    const float distance_curvature = t4 * (t14 + t13 * (t9 * t6 - forward_speed * distance_by_forward_speed));
     const float wanted_0 = v[0] - distance_curvature;
-    const float t16 = self->k22 * (forward_speed * yaw_rate) + self->k20 * (distance_by_forward_speed * wanted_1 -
+    const float t15 = self->k21 * (forward_speed * yaw_rate) + self->k19 * (distance_by_forward_speed * wanted_1 -
         wanted_0) / t6;
-    const float t17 = self->k19 * wanted_1 - t9 * self->k21;
-    tau[0] = t16 + t17;
-    tau[1] = t17 - t16;
+    const float t16 = self->k18 * wanted_1 - t8 * self->k20;
+    tau[0] = t15 + t16;
+    tau[1] = t16 - t15;
     return NOSLIP_OK;
 }
 
@@ -460,73 +454,72 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     const float t10 = self->k8 + self->k4 * t7;
     const float distance_by_y_l = t9 * t10;
     const float t11 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
-    const float t12 = self->k24 * t11 * t11;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t12 > self->k26 * (t12 + self->k18 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t11 * t11 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     all->h[0] = -t6;
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     all->h[1] = forward_speed;
-    const float t13 = forward_speed * distance_by_forward_speed;
-    const float t14 = state->thetadot_r - state->thetadot_l;
-    const float t15 = self->k25 * t14;
-    const float t16 = t15 * t11;
-    all->ydot[0] = t13 - t16;
-    const float t17 = self->Phi_21 * distance_by_forward_speed;
-    const float t18 = self->k25 * t11;
-    all->Phi[0][0] = t17 - t18;
-    all->Phi[0][1] = t17 + t18;
+    const float t12 = forward_speed * distance_by_forward_speed;
+    const float t13 = state->thetadot_r - state->thetadot_l;
+    const float t14 = self->k24 * t13;
+    const float t15 = t14 * t11;
+    all->ydot[0] = t12 - t15;
+    const float t16 = self->Phi_21 * distance_by_forward_speed;
+    const float t17 = self->k24 * t11;
+    all->Phi[0][0] = t16 - t17;
+    all->Phi[0][1] = t16 + t17;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const float t19 = t4 * t5;
-    const float t20 = t5 * t19;
-    const float t21 = self->k3 * t5;
-    const float t22 = t4 * t7;
-    const float t23 = t5 * (self->k3 * t22 + t4 * t8);
-    const float t24 = forward_speed * cos_phi - t15 * sin_phi;
-    const float t25 = self->k13 * t7;
-    const float t26 = t9 * (self->k4 * t22 + t4 * t10);
-    const float y_l_rate = forward_speed * sin_phi + t15 * cos_phi;
-    const float t27 = (self->k7 * t4 - self->k11 * t20 + t7 * (self->k3 * t4 - self->k12 * t20) - t21 * t23) * t24 -
-        (t9 * t19 * (self->k14 + t25) + t21 * t26) * y_l_rate;
-    const float yaw_rate = self->k1 * t14;
-    const float t28 = t27 + distance_by_y_l * yaw_rate;
-    const float t29 = t4 * t9;
-    const float t30 = self->k4 * t9;
-    const float t31 = t9 * t29;
-    const float t32 = (t5 * t29 * (self->k17 + t25) + t30 * t23) * t24 - (self->k8 * t4 - self->k15 * t31 + t7 *
-        (self->k4 * t4 - self->k16 * t31) - t30 * t26) * y_l_rate;
-    const float t33 = t32 + distance_by_x_l * yaw_rate;
-    const float t34 = self->k25 * (sin_phi * t28 + cos_phi * t33);
-    const float t35 = self->Phi_21 * (sin_phi * t33 - cos_phi * t28);
-    all->Phidot[0][0] = -(t34 + t35);
-    all->Phidot[0][1] = t34 - t35;
+    const float t18 = t4 * t5;
+    const float t19 = t5 * t18;
+    const float t20 = self->k3 * t5;
+    const float t21 = t4 * t7;
+    const float t22 = t5 * (self->k3 * t21 + t4 * t8);
+    const float t23 = forward_speed * cos_phi - t14 * sin_phi;
+    const float t24 = self->k13 * t7;
+    const float t25 = t9 * (self->k4 * t21 + t4 * t10);
+    const float y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
+    const float t26 = (self->k7 * t4 - self->k11 * t19 + t7 * (self->k3 * t4 - self->k12 * t19) - t20 * t22) * t23 -
+        (t9 * t18 * (self->k14 + t24) + t20 * t25) * y_l_rate;
+    const float yaw_rate = self->k1 * t13;
+    const float t27 = t26 + distance_by_y_l * yaw_rate;
+    const float t28 = t4 * t9;
+    const float t29 = self->k4 * t9;
+    const float t30 = t9 * t28;
+    const float t31 = (t5 * t28 * (self->k17 + t24) + t29 * t22) * t23 - (self->k8 * t4 - self->k15 * t30 + t7 *
+        (self->k4 * t4 - self->k16 * t30) - t29 * t25) * y_l_rate;
+    const float t32 = t31 + distance_by_x_l * yaw_rate;
+    const float t33 = self->k24 * (sin_phi * t27 + cos_phi * t32);
+    const float t34 = self->Phi_21 * (sin_phi * t32 - cos_phi * t27);
+    all->Phidot[0][0] = -(t33 + t34);
+    all->Phidot[0][1] = t33 - t34;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
-    const float t36 = yaw_rate * yaw_rate;
-    const float t37 = t36 * self->k2;
-    const float wanted_1 = reference->speed_rate - t37 + self->kv_speed * (reference->speed - forward_speed);
-    const float t38 = self->k23 * (wanted_1 + t37);
-    const float t39 = forward_speed * yaw_rate;
-    const float t40 = t24 * t24;
-    const float t41 = y_l_rate * y_l_rate;
-    const float t42 = t4 * (self->k9 * x_l * t24 + self->k10 * y_l * y_l_rate);
-    const float t43 = self->k7 * t40 + self->k8 * t41 + t7 * (0.5f * (self->k9 * t40 + self->k10 * t41) - t42 * (t42 *
+    const float t35 = yaw_rate * yaw_rate;
+    const float t36 = t35 * self->k2;
+    const float wanted_1 = reference->speed_rate - t36 + self->kv_speed * (reference->speed - forward_speed);
+    const float t37 = self->k22 * (wanted_1 + t36);
+    const float t38 = forward_speed * yaw_rate;
+    const float t39 = t23 * t23;
+    const float t40 = y_l_rate * y_l_rate;
+    const float t41 = t4 * (self->k9 * x_l * t23 + self->k10 * y_l * y_l_rate);
+    const float t42 = self->k7 * t39 + self->k8 * t40 + t7 * (0.5f * (self->k9 * t39 + self->k10 * t40) - t41 * (t41 *
         0.25f));
-    const float t44 = t16 - t13;
-    const float distance_curvature = t4 * (t43 + t42 * t44);
-    const float t45 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
+    const float t43 = t15 - t12;
+    const float distance_curvature = t4 * (t42 + t41 * t43);
+    const float t44 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
         t6);
-    const float wanted_0 = t45 + self->kd_distance * (t44 + reference->distance_rate);
-    const float t46 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
-    const float t47 = self->k27 * (t39 - t46);
-    all->u[0] = t38 - t47;
-    all->u[1] = t38 + t47;
-    const float t48 = self->k22 * t39 + self->k20 * t46;
-    const float t49 = self->k19 * wanted_1 - t36 * self->k21;
-    all->tau[0] = t48 + t49;
-    all->tau[1] = t49 - t48;
+    const float wanted_0 = t44 + self->kd_distance * (t43 + reference->distance_rate);
+    const float t45 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
+    const float t46 = self->k25 * (t38 - t45);
+    all->u[0] = t37 - t46;
+    all->u[1] = t37 + t46;
+    const float t47 = self->k21 * t38 + self->k19 * t45;
+    const float t48 = self->k18 * wanted_1 - t35 * self->k20;
+    all->tau[0] = t47 + t48;
+    all->tau[1] = t48 - t47;
     return NOSLIP_OK;
 }
 
@@ -578,52 +571,67 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t6);
     const float distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t6);
     const float t7 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
-    const float t8 = self->k24 * t7 * t7;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t8 > self->k26 * (t8 + self->k18 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t7 * t7 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const float t9 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k1 * t9;
-    const float t10 = yaw_rate * yaw_rate;
+    const float t8 = state->thetadot_r - state->thetadot_l;
+    const float yaw_rate = self->k1 * t8;
+    const float t9 = yaw_rate * yaw_rate;
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const float wanted_1 = reference->speed_rate - t10 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
-    const float t11 = self->k19 * wanted_1 - t10 * self->k21;
-    const float t12 = self->k25 * t9;
-    const float t13 = forward_speed * cos_phi - t12 * sin_phi;
-    const float t14 = t13 * t13;
-    const float y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
-    const float t15 = y_l_rate * y_l_rate;
-    const float t16 = t4 * (self->k9 * x_l * t13 + self->k10 * y_l * y_l_rate);
-    const float t17 = self->k7 * t14 + self->k8 * t15 + t6 * (0.5f * (self->k9 * t14 + self->k10 * t15) - t16 * (t16 *
+    const float wanted_1 = reference->speed_rate - t9 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
+    const float t10 = self->k18 * wanted_1 - t9 * self->k20;
+    const float t11 = self->k24 * t8;
+    const float t12 = forward_speed * cos_phi - t11 * sin_phi;
+    const float t13 = t12 * t12;
+    const float y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
+    const float t14 = y_l_rate * y_l_rate;
+    const float t15 = t4 * (self->k9 * x_l * t12 + self->k10 * y_l * y_l_rate);
+    const float t16 = self->k7 * t13 + self->k8 * t14 + t6 * (0.5f * (self->k9 * t13 + self->k10 * t14) - t15 * (t15 *
         0.25f));
-    const float t18 = t12 * t7 - forward_speed * distance_by_forward_speed;
-    const float distance_curvature = t4 * (t17 + t16 * t18);
-    const float t19 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
+    const float t17 = t11 * t7 - forward_speed * distance_by_forward_speed;
+    const float distance_curvature = t4 * (t16 + t15 * t17);
+    const float t18 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
         t5);
-    const float wanted_0 = t19 + self->kd_distance * (t18 + reference->distance_rate);
-    const float t20 = self->k22 * (forward_speed * yaw_rate) + self->k20 * (distance_by_forward_speed * wanted_1 -
+    const float wanted_0 = t18 + self->kd_distance * (t17 + reference->distance_rate);
+    const float t19 = self->k21 * (forward_speed * yaw_rate) + self->k19 * (distance_by_forward_speed * wanted_1 -
         wanted_0) / t7;
-    tau[0] = t11 + t20;
-    tau[1] = t11 - t20;
+    tau[0] = t10 + t19;
+    tau[1] = t10 - t19;
     return NOSLIP_OK;
+}
+
+/* The step when something is wrong, or cut: finds out what. */
+static NOSLIP_COLD int labmate_type_iv_ellipse_step_f_with_care(labmate_type_iv_ellipse_f *self,
+    const labmate_state_f *state, const labmate_type_iv_ellipse_reference_f *reference, float tau[2], int status)
+{
+    if (self == NULL || tau == NULL) {
+        return noslip_finish_f(NOSLIP_NULL, tau, 2);
+    }
+    if (self->ready != NOSLIP_READY) {
+        return noslip_finish_f(NOSLIP_NOT_READY, tau, 2);
+    }
+    if (state != NULL && reference != NULL) {
+        const int admitted = labmate_type_iv_ellipse_admit_both_f(self, state, reference);
+        status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    return noslip_answer_f(status, self->on_error, self->limit, self->held, tau, 2);
 }
 
 int labmate_type_iv_ellipse_step_f(labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const labmate_type_iv_ellipse_reference_f *reference, float tau[2])
 {
     int status = NOSLIP_NULL;
-    if (self == NULL) {
-        return noslip_finish_f(NOSLIP_NULL, tau, 2);
-    }
-    if (tau == NULL) {
-        return NOSLIP_NULL;
-    }
-    if (state != NULL && reference != NULL) {
-        status = labmate_type_iv_ellipse_admit_both_f(self, state, reference);
-    }
-    if (status == NOSLIP_OK) {
+    if (self != NULL && state != NULL && reference != NULL && tau != NULL && self->ready == NOSLIP_READY &&
+        noslip_angle_ok_f(state->phi)) {
         status = labmate_type_iv_ellipse_step_f_law(self, state, reference, tau);
+        /* Any other input that is not finite shows in the result. */
+        if (status == NOSLIP_OK && noslip_abs_f(tau[0]) <= self->limit[0] && noslip_abs_f(tau[1]) <= self->limit[1] &&
+        noslip_is_finite_f(state->theta_r + state->theta_l)) {
+            self->held[0] = tau[0];
+            self->held[1] = tau[1];
+            return status;
+        }
     }
-    return noslip_answer_f(status, self->options.on_error, self->options.limit, self->held, tau, 2);
+    return labmate_type_iv_ellipse_step_f_with_care(self, state, reference, tau, status);
 }

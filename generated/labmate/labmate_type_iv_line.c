@@ -33,17 +33,13 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
         return NOSLIP_BAD_PARAMETER;
     }
     status = labmate_type_iv_line_reset(self);
-    if (options != NULL) {
-        if (!noslip_limits_ok(options->limit, 2) ||
-            (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD)) {
-            return NOSLIP_BAD_PARAMETER;
-        }
-        self->options = *options;
-    } else {
-        self->options.limit[0] = 0;
-        self->options.limit[1] = 0;
-        self->options.on_error = NOSLIP_ZERO;
+    if (options != NULL && (!noslip_limits_ok(options->limit, 2) ||
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        return NOSLIP_BAD_PARAMETER;
     }
+    self->limit[0] = noslip_limit(options != NULL ? options->limit[0] : 0);
+    self->limit[1] = noslip_limit(options != NULL ? options->limit[1] : 0);
+    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
@@ -62,32 +58,33 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     self->k3 = config->A / t2;
     self->k4 = config->B / t2;
     self->k5 = config->C / t2;
-    self->k6 = params->b * params->b;
     const double t3 = params->r * params->r;
     if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k7 = self->Phi_21 * ((params->I_w * 2.0 + t3 * params->m_c + t3 * params->m_w * 2.0) / t3);
+    self->k6 = self->Phi_21 * ((params->I_w * 2.0 + t3 * params->m_c + t3 * params->m_w * 2.0) / t3);
     if (!(noslip_abs(self->k2) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t4 = 1.0 / self->k2;
-    const double t5 = t3 * params->I_c + t3 * params->I_m * 2.0 + self->k6 * params->I_w * 2.0 + t3 * (self->k6 *
-        params->m_w) * 2.0;
-    self->k8 = t4 * (self->k1 * ((t5 + t3 * (params->d * params->d * params->m_c)) / t3));
-    const double t6 = params->d * params->m_c;
-    self->k9 = self->Phi_21 * t6 - self->k7 * self->k2;
-    self->k10 = 0.5 * (self->k1 * t6 - self->k8) * 2.0;
-    self->k11 = 1.0 / params->r;
-    self->k12 = self->k2 * self->k2;
-    self->k13 = self->k1 * self->k2;
-    const double t7 = self->Phi_21 * self->k1 * 2.0;
-    const double t8 = t7 * t7;
-    if (!(noslip_abs(t8) > 0)) {
+    const double t5 = params->b * params->b;
+    const double t6 = t3 * params->I_c + t3 * params->I_m * 2.0 + t5 * params->I_w * 2.0 + t3 * (t5 * params->m_w) *
+        2.0 + t3 * (params->d * params->d * params->m_c);
+    self->k7 = t4 * (self->k1 * (t6 / t3));
+    const double t7 = params->d * params->m_c;
+    self->k8 = self->Phi_21 * t7 - self->k6 * self->k2;
+    self->k9 = 0.5 * (self->k1 * t7 - self->k7) * 2.0;
+    self->k10 = 1.0 / params->r;
+    const double t8 = t3 * 0.5;
+    const double t9 = t3 / (t5 * 2.0);
+    const double t10 = self->k2 * self->k2;
+    const double t11 = t8 * (t9 * (t5 * t10)) * 7737125245533627.0 - t10 * (t3 * t3) * 1.9342813113834067e+25;
+    if (!(noslip_abs(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k14 = t3 * 0.5 * (t3 / (self->k6 * 2.0) * 1e-10) * (1.0 / t8);
-    self->k15 = t4 * (params->b / params->r);
+    self->k11 = t8 * (t9 * (t5 * t5)) * 7737125245533627.0 / t11;
+    self->k12 = self->k1 * self->k2;
+    self->k13 = t4 * (params->b / params->r);
     if (!(noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&
@@ -101,9 +98,7 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
         noslip_is_finite(self->k10) &&
         noslip_is_finite(self->k11) &&
         noslip_is_finite(self->k12) &&
-        noslip_is_finite(self->k13) &&
-        noslip_is_finite(self->k14) &&
-        noslip_is_finite(self->k15))) {
+        noslip_is_finite(self->k13))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -184,7 +179,7 @@ static int labmate_type_iv_line_rate_law(const labmate_type_iv_line *self, const
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
     const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    ydot[0] = forward_speed * distance_by_forward_speed + self->k13 * distance_by_yaw_rate * (state->thetadot_r -
+    ydot[0] = forward_speed * distance_by_forward_speed + self->k12 * distance_by_yaw_rate * (state->thetadot_r -
         state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -212,7 +207,7 @@ static int labmate_type_iv_line_decoupling_law(const labmate_type_iv_line *self,
     const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
     const double t1 = self->Phi_21 * distance_by_forward_speed;
     const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const double t2 = self->k13 * distance_by_yaw_rate;
+    const double t2 = self->k12 * distance_by_yaw_rate;
     Phi[0][0] = t1 + t2;
     Phi[0][1] = t1 - t2;
     Phi[1][0] = self->Phi_21;
@@ -248,7 +243,7 @@ static int labmate_type_iv_line_decoupling_rate_law(const labmate_type_iv_line *
     const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
     const double t1 = self->Phi_21 * (yaw_rate * distance_by_yaw_rate);
     const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    const double t2 = self->k13 * (yaw_rate * distance_by_forward_speed);
+    const double t2 = self->k12 * (yaw_rate * distance_by_forward_speed);
     Phidot[0][0] = t1 - t2;
     Phidot[0][1] = t1 + t2;
     Phidot[1][0] = 0.0;
@@ -282,20 +277,20 @@ static int labmate_type_iv_line_feedback_law(const labmate_type_iv_line *self, c
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const double t1 = self->k12 * distance_by_yaw_rate * distance_by_yaw_rate;
     const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(t1 > self->k14 * (t1 + self->k6 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+        distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double yaw_rate = self->k1 * (state->thetadot_r - state->thetadot_l);
-    const double t2 = yaw_rate * yaw_rate;
-    const double wanted_1 = v[1] - t2 * self->k2;
-    const double t3 = self->k10 * (forward_speed * yaw_rate) + self->k8 * (v[0] - distance_by_forward_speed *
-        wanted_1) / distance_by_yaw_rate;
-    const double t4 = self->k7 * wanted_1 - t2 * self->k9;
-    tau[0] = t3 + t4;
-    tau[1] = t4 - t3;
+    const double t1 = yaw_rate * yaw_rate;
+    const double wanted_1 = v[1] - t1 * self->k2;
+    const double t2 = self->k9 * (forward_speed * yaw_rate) + self->k7 * (v[0] - distance_by_forward_speed * wanted_1) /
+        distance_by_yaw_rate;
+    const double t3 = self->k6 * wanted_1 - t1 * self->k8;
+    tau[0] = t2 + t3;
+    tau[1] = t3 - t2;
     return NOSLIP_OK;
 }
 
@@ -324,9 +319,9 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const double t1 = self->k12 * distance_by_yaw_rate * distance_by_yaw_rate;
     const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(t1 > self->k14 * (t1 + self->k6 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+        distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double x_l = state->x_c + self->L * cos_phi;
@@ -336,36 +331,36 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     all->h[1] = forward_speed;
     const double yaw_rate = self->k1 * (state->thetadot_r - state->thetadot_l);
-    const double t2 = yaw_rate * distance_by_yaw_rate;
-    const double distance_rate = forward_speed * distance_by_forward_speed + t2 * self->k2;
+    const double t1 = yaw_rate * distance_by_yaw_rate;
+    const double distance_rate = forward_speed * distance_by_forward_speed + t1 * self->k2;
     all->ydot[0] = distance_rate;
-    const double t3 = self->Phi_21 * distance_by_forward_speed;
-    const double t4 = self->k13 * distance_by_yaw_rate;
-    all->Phi[0][0] = t3 + t4;
-    all->Phi[0][1] = t3 - t4;
+    const double t2 = self->Phi_21 * distance_by_forward_speed;
+    const double t3 = self->k12 * distance_by_yaw_rate;
+    all->Phi[0][0] = t2 + t3;
+    all->Phi[0][1] = t2 - t3;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t5 = self->Phi_21 * t2;
-    const double t6 = self->k13 * (yaw_rate * distance_by_forward_speed);
-    all->Phidot[0][0] = t5 - t6;
-    all->Phidot[0][1] = t5 + t6;
+    const double t4 = self->Phi_21 * t1;
+    const double t5 = self->k12 * (yaw_rate * distance_by_forward_speed);
+    all->Phidot[0][0] = t4 - t5;
+    all->Phidot[0][1] = t4 + t5;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
-    const double t7 = yaw_rate * yaw_rate;
-    const double t8 = t7 * self->k2;
-    const double wanted_1 = reference->speed_rate - t8 + self->kv_speed * (reference->speed - forward_speed);
-    const double t9 = self->k11 * (wanted_1 + t8);
-    const double t10 = forward_speed * yaw_rate;
+    const double t6 = yaw_rate * yaw_rate;
+    const double t7 = t6 * self->k2;
+    const double wanted_1 = reference->speed_rate - t7 + self->kv_speed * (reference->speed - forward_speed);
+    const double t8 = self->k10 * (wanted_1 + t7);
+    const double t9 = forward_speed * yaw_rate;
     const double v_distance = reference->distance_acceleration + self->kp_distance * (reference->distance - distance) +
         self->kd_distance * (reference->distance_rate - distance_rate);
-    const double t11 = (v_distance - distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
-    const double t12 = self->k15 * (t10 - t11);
-    all->u[0] = t9 - t12;
-    all->u[1] = t9 + t12;
-    const double t13 = self->k10 * t10 + self->k8 * t11;
-    const double t14 = self->k7 * wanted_1 - t7 * self->k9;
-    all->tau[0] = t13 + t14;
-    all->tau[1] = t14 - t13;
+    const double t10 = (v_distance - distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
+    const double t11 = self->k13 * (t9 - t10);
+    all->u[0] = t8 - t11;
+    all->u[1] = t8 + t11;
+    const double t12 = self->k9 * t9 + self->k7 * t10;
+    const double t13 = self->k6 * wanted_1 - t6 * self->k8;
+    all->tau[0] = t12 + t13;
+    all->tau[1] = t13 - t12;
     return NOSLIP_OK;
 }
 
@@ -403,46 +398,62 @@ static int labmate_type_iv_line_step_law(const labmate_type_iv_line *self, const
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const double t1 = self->k12 * distance_by_yaw_rate * distance_by_yaw_rate;
     const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(t1 > self->k14 * (t1 + self->k6 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+        distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const double t2 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->k1 * t2;
-    const double t3 = yaw_rate * yaw_rate;
+    const double t1 = state->thetadot_r - state->thetadot_l;
+    const double yaw_rate = self->k1 * t1;
+    const double t2 = yaw_rate * yaw_rate;
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double wanted_1 = reference->speed_rate - t3 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
-    const double t4 = self->k7 * wanted_1 - t3 * self->k9;
+    const double wanted_1 = reference->speed_rate - t2 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
+    const double t3 = self->k6 * wanted_1 - t2 * self->k8;
     const double x_l = state->x_c + self->L * cos_phi;
     const double y_l = state->y_c + self->L * sin_phi;
-    const double t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - self->k5 -
+    const double t4 = reference->distance_acceleration + self->kp_distance * (reference->distance - self->k5 -
         self->k3 * x_l - self->k4 * y_l);
-    const double t6 = reference->distance_rate - self->k13 * distance_by_yaw_rate * t2 - forward_speed *
+    const double t5 = reference->distance_rate - self->k12 * distance_by_yaw_rate * t1 - forward_speed *
         distance_by_forward_speed;
-    const double v_distance = t5 + self->kd_distance * t6;
-    const double t7 = self->k10 * (forward_speed * yaw_rate) - self->k8 * (distance_by_forward_speed * wanted_1 -
+    const double v_distance = t4 + self->kd_distance * t5;
+    const double t6 = self->k9 * (forward_speed * yaw_rate) - self->k7 * (distance_by_forward_speed * wanted_1 -
         v_distance) / distance_by_yaw_rate;
-    tau[0] = t4 + t7;
-    tau[1] = t4 - t7;
+    tau[0] = t3 + t6;
+    tau[1] = t3 - t6;
     return NOSLIP_OK;
+}
+
+/* The step when something is wrong, or cut: finds out what. */
+static NOSLIP_COLD int labmate_type_iv_line_step_with_care(labmate_type_iv_line *self, const labmate_state *state,
+    const labmate_type_iv_line_reference *reference, double tau[2], int status)
+{
+    if (self == NULL || tau == NULL) {
+        return noslip_finish(NOSLIP_NULL, tau, 2);
+    }
+    if (self->ready != NOSLIP_READY) {
+        return noslip_finish(NOSLIP_NOT_READY, tau, 2);
+    }
+    if (state != NULL && reference != NULL) {
+        const int admitted = labmate_type_iv_line_admit_both(self, state, reference);
+        status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    return noslip_answer(status, self->on_error, self->limit, self->held, tau, 2);
 }
 
 int labmate_type_iv_line_step(labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, double tau[2])
 {
     int status = NOSLIP_NULL;
-    if (self == NULL) {
-        return noslip_finish(NOSLIP_NULL, tau, 2);
-    }
-    if (tau == NULL) {
-        return NOSLIP_NULL;
-    }
-    if (state != NULL && reference != NULL) {
-        status = labmate_type_iv_line_admit_both(self, state, reference);
-    }
-    if (status == NOSLIP_OK) {
+    if (self != NULL && state != NULL && reference != NULL && tau != NULL && self->ready == NOSLIP_READY &&
+        noslip_angle_ok(state->phi)) {
         status = labmate_type_iv_line_step_law(self, state, reference, tau);
+        /* Any other input that is not finite shows in the result. */
+        if (status == NOSLIP_OK && noslip_abs(tau[0]) <= self->limit[0] && noslip_abs(tau[1]) <= self->limit[1] &&
+        noslip_is_finite(state->theta_r + state->theta_l)) {
+            self->held[0] = tau[0];
+            self->held[1] = tau[1];
+            return status;
+        }
     }
-    return noslip_answer(status, self->options.on_error, self->options.limit, self->held, tau, 2);
+    return labmate_type_iv_line_step_with_care(self, state, reference, tau, status);
 }

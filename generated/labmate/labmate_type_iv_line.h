@@ -48,29 +48,28 @@ typedef struct labmate_type_iv_line_evaluation {
 
 /* The law: made by init, owned by the caller, not to be written to. */
 typedef struct labmate_type_iv_line {
-    labmate_options options; /* limits, and what to answer on an error */
-    double held[2];          /* the inputs answered last */
-    int ready;               /* set by init */
-    double L;                /* m */
-    double kp_distance;      /* 1/s^2 */
-    double kd_distance;      /* 1/s */
-    double kv_speed;         /* 1/s */
-    double Phi_21;           /* r * 0.5 */
-    double k1;               /* r / (b * 2.0) */
-    double k2;               /* d + L */
-    double k3;               /* A / noslip_sqrt(A * A + B * B) */
-    double k4;               /* B / noslip_sqrt(A * A + B * B) */
-    double k5;               /* C / noslip_sqrt(A * A + B * B) */
-    double k6;               /* b * b */
-    double k7;               /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k8;               /* see init */
-    double k9;               /* see init */
-    double k10;              /* see init */
-    double k11;              /* 1.0 / r */
-    double k12;              /* (d + L) * (d + L) */
-    double k13;              /* r / (b * 2.0) * (d + L) */
-    double k14;              /* see init */
-    double k15;              /* 1.0 / (d + L) * (b / r) */
+    double limit[2];    /* largest absolute values of the inputs */
+    double held[2];     /* the inputs answered last */
+    int on_error;       /* what to answer then */
+    int ready;          /* set by init */
+    double L;           /* m */
+    double kp_distance; /* 1/s^2 */
+    double kd_distance; /* 1/s */
+    double kv_speed;    /* 1/s */
+    double Phi_21;      /* r * 0.5 */
+    double k1;          /* r / (b * 2.0) */
+    double k2;          /* d + L */
+    double k3;          /* A / noslip_sqrt(A * A + B * B) */
+    double k4;          /* B / noslip_sqrt(A * A + B * B) */
+    double k5;          /* C / noslip_sqrt(A * A + B * B) */
+    double k6;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k7;          /* see init */
+    double k8;          /* see init */
+    double k9;          /* see init */
+    double k10;         /* 1.0 / r */
+    double k11;         /* see init */
+    double k12;         /* r / (b * 2.0) * (d + L) */
+    double k13;         /* 1.0 / (d + L) * (b / r) */
 } labmate_type_iv_line;
 
 /*
@@ -118,14 +117,14 @@ int labmate_type_iv_line_decoupling_rate(const labmate_type_iv_line *self, const
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 19 mul, 5 add, 6 sub, 1 div, 1 sincos.
+ * Operations: 17 mul, 4 add, 6 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_feedback(const labmate_type_iv_line *self, const labmate_state *state, const double v[2],
     double tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 36 mul, 17 add, 13 sub, 1 div, 1 sincos.
+ * Operations: 34 mul, 16 add, 13 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, labmate_type_iv_line_evaluation *all);
@@ -133,7 +132,7 @@ int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmat
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 29 mul, 9 add, 13 sub, 1 div, 1 sincos.
+ * Operations: 27 mul, 8 add, 13 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_step(labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, double tau[2]);

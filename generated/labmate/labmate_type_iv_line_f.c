@@ -34,17 +34,13 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
         return NOSLIP_BAD_PARAMETER;
     }
     status = labmate_type_iv_line_reset_f(self);
-    if (options != NULL) {
-        if (!noslip_limits_ok_f(options->limit, 2) ||
-            (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD)) {
-            return NOSLIP_BAD_PARAMETER;
-        }
-        self->options = *options;
-    } else {
-        self->options.limit[0] = 0;
-        self->options.limit[1] = 0;
-        self->options.on_error = NOSLIP_ZERO;
+    if (options != NULL && (!noslip_limits_ok_f(options->limit, 2) ||
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        return NOSLIP_BAD_PARAMETER;
     }
+    self->limit[0] = noslip_limit_f(options != NULL ? options->limit[0] : 0);
+    self->limit[1] = noslip_limit_f(options != NULL ? options->limit[1] : 0);
+    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
@@ -63,32 +59,33 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
     self->k3 = config->A / t2;
     self->k4 = config->B / t2;
     self->k5 = config->C / t2;
-    self->k6 = params->b * params->b;
     const float t3 = params->r * params->r;
     if (!(noslip_abs_f(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k7 = self->Phi_21 * ((params->I_w * 2.0f + t3 * params->m_c + t3 * params->m_w * 2.0f) / t3);
+    self->k6 = self->Phi_21 * ((params->I_w * 2.0f + t3 * params->m_c + t3 * params->m_w * 2.0f) / t3);
     if (!(noslip_abs_f(self->k2) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / self->k2;
-    const float t5 = t3 * params->I_c + t3 * params->I_m * 2.0f + self->k6 * params->I_w * 2.0f + t3 * (self->k6 *
-        params->m_w) * 2.0f;
-    self->k8 = t4 * (self->k1 * ((t5 + t3 * (params->d * params->d * params->m_c)) / t3));
-    const float t6 = params->d * params->m_c;
-    self->k9 = self->Phi_21 * t6 - self->k7 * self->k2;
-    self->k10 = 0.5f * (self->k1 * t6 - self->k8) * 2.0f;
-    self->k11 = 1.0f / params->r;
-    self->k12 = self->k2 * self->k2;
-    self->k13 = self->k1 * self->k2;
-    const float t7 = self->Phi_21 * self->k1 * 2.0f;
-    const float t8 = t7 * t7;
-    if (!(noslip_abs_f(t8) > 0)) {
+    const float t5 = params->b * params->b;
+    const float t6 = t3 * params->I_c + t3 * params->I_m * 2.0f + t5 * params->I_w * 2.0f + t3 * (t5 * params->m_w) *
+        2.0f;
+    self->k7 = t4 * (self->k1 * ((t6 + t3 * (params->d * params->d * params->m_c)) / t3));
+    const float t7 = params->d * params->m_c;
+    self->k8 = self->Phi_21 * t7 - self->k6 * self->k2;
+    self->k9 = 0.5f * (self->k1 * t7 - self->k7) * 2.0f;
+    self->k10 = 1.0f / params->r;
+    const float t8 = t3 * 0.5f;
+    const float t9 = t3 / (t5 * 2.0f);
+    const float t10 = self->k2 * self->k2;
+    const float t11 = t8 * (t9 * (t5 * t10)) * 7.7371253e+15f - t10 * (t3 * t3) * 1.9342813e+25f;
+    if (!(noslip_abs_f(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k14 = t3 * 0.5f * (t3 / (self->k6 * 2.0f) * 1e-10f) * (1.0f / t8);
-    self->k15 = t4 * (params->b / params->r);
+    self->k11 = t8 * (t9 * (t5 * t5)) * 7.7371253e+15f / t11;
+    self->k12 = self->k1 * self->k2;
+    self->k13 = t4 * (params->b / params->r);
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
@@ -102,9 +99,7 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
         noslip_is_finite_f(self->k10) &&
         noslip_is_finite_f(self->k11) &&
         noslip_is_finite_f(self->k12) &&
-        noslip_is_finite_f(self->k13) &&
-        noslip_is_finite_f(self->k14) &&
-        noslip_is_finite_f(self->k15))) {
+        noslip_is_finite_f(self->k13))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -187,7 +182,7 @@ static int labmate_type_iv_line_rate_f_law(const labmate_type_iv_line_f *self, c
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
     const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    ydot[0] = forward_speed * distance_by_forward_speed + self->k13 * distance_by_yaw_rate * (state->thetadot_r -
+    ydot[0] = forward_speed * distance_by_forward_speed + self->k12 * distance_by_yaw_rate * (state->thetadot_r -
         state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -215,7 +210,7 @@ static int labmate_type_iv_line_decoupling_f_law(const labmate_type_iv_line_f *s
     const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
     const float t1 = self->Phi_21 * distance_by_forward_speed;
     const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const float t2 = self->k13 * distance_by_yaw_rate;
+    const float t2 = self->k12 * distance_by_yaw_rate;
     Phi[0][0] = t1 + t2;
     Phi[0][1] = t1 - t2;
     Phi[1][0] = self->Phi_21;
@@ -251,7 +246,7 @@ static int labmate_type_iv_line_decoupling_rate_f_law(const labmate_type_iv_line
     const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
     const float t1 = self->Phi_21 * (yaw_rate * distance_by_yaw_rate);
     const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    const float t2 = self->k13 * (yaw_rate * distance_by_forward_speed);
+    const float t2 = self->k12 * (yaw_rate * distance_by_forward_speed);
     Phidot[0][0] = t1 - t2;
     Phidot[0][1] = t1 + t2;
     Phidot[1][0] = 0.0f;
@@ -285,20 +280,20 @@ static int labmate_type_iv_line_feedback_f_law(const labmate_type_iv_line_f *sel
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const float t1 = self->k12 * distance_by_yaw_rate * distance_by_yaw_rate;
     const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(t1 > self->k14 * (t1 + self->k6 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+        distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float yaw_rate = self->k1 * (state->thetadot_r - state->thetadot_l);
-    const float t2 = yaw_rate * yaw_rate;
-    const float wanted_1 = v[1] - t2 * self->k2;
-    const float t3 = self->k10 * (forward_speed * yaw_rate) + self->k8 * (v[0] - distance_by_forward_speed * wanted_1) /
+    const float t1 = yaw_rate * yaw_rate;
+    const float wanted_1 = v[1] - t1 * self->k2;
+    const float t2 = self->k9 * (forward_speed * yaw_rate) + self->k7 * (v[0] - distance_by_forward_speed * wanted_1) /
         distance_by_yaw_rate;
-    const float t4 = self->k7 * wanted_1 - t2 * self->k9;
-    tau[0] = t3 + t4;
-    tau[1] = t4 - t3;
+    const float t3 = self->k6 * wanted_1 - t1 * self->k8;
+    tau[0] = t2 + t3;
+    tau[1] = t3 - t2;
     return NOSLIP_OK;
 }
 
@@ -327,9 +322,9 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const float t1 = self->k12 * distance_by_yaw_rate * distance_by_yaw_rate;
     const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(t1 > self->k14 * (t1 + self->k6 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+        distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float x_l = state->x_c + self->L * cos_phi;
@@ -339,36 +334,36 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     all->h[1] = forward_speed;
     const float yaw_rate = self->k1 * (state->thetadot_r - state->thetadot_l);
-    const float t2 = yaw_rate * distance_by_yaw_rate;
-    const float distance_rate = forward_speed * distance_by_forward_speed + t2 * self->k2;
+    const float t1 = yaw_rate * distance_by_yaw_rate;
+    const float distance_rate = forward_speed * distance_by_forward_speed + t1 * self->k2;
     all->ydot[0] = distance_rate;
-    const float t3 = self->Phi_21 * distance_by_forward_speed;
-    const float t4 = self->k13 * distance_by_yaw_rate;
-    all->Phi[0][0] = t3 + t4;
-    all->Phi[0][1] = t3 - t4;
+    const float t2 = self->Phi_21 * distance_by_forward_speed;
+    const float t3 = self->k12 * distance_by_yaw_rate;
+    all->Phi[0][0] = t2 + t3;
+    all->Phi[0][1] = t2 - t3;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const float t5 = self->Phi_21 * t2;
-    const float t6 = self->k13 * (yaw_rate * distance_by_forward_speed);
-    all->Phidot[0][0] = t5 - t6;
-    all->Phidot[0][1] = t5 + t6;
+    const float t4 = self->Phi_21 * t1;
+    const float t5 = self->k12 * (yaw_rate * distance_by_forward_speed);
+    all->Phidot[0][0] = t4 - t5;
+    all->Phidot[0][1] = t4 + t5;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
-    const float t7 = yaw_rate * yaw_rate;
-    const float t8 = t7 * self->k2;
-    const float wanted_1 = reference->speed_rate - t8 + self->kv_speed * (reference->speed - forward_speed);
-    const float t9 = self->k11 * (wanted_1 + t8);
-    const float t10 = forward_speed * yaw_rate;
+    const float t6 = yaw_rate * yaw_rate;
+    const float t7 = t6 * self->k2;
+    const float wanted_1 = reference->speed_rate - t7 + self->kv_speed * (reference->speed - forward_speed);
+    const float t8 = self->k10 * (wanted_1 + t7);
+    const float t9 = forward_speed * yaw_rate;
     const float v_distance = reference->distance_acceleration + self->kp_distance * (reference->distance - distance) +
         self->kd_distance * (reference->distance_rate - distance_rate);
-    const float t11 = (v_distance - distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
-    const float t12 = self->k15 * (t10 - t11);
-    all->u[0] = t9 - t12;
-    all->u[1] = t9 + t12;
-    const float t13 = self->k10 * t10 + self->k8 * t11;
-    const float t14 = self->k7 * wanted_1 - t7 * self->k9;
-    all->tau[0] = t13 + t14;
-    all->tau[1] = t14 - t13;
+    const float t10 = (v_distance - distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
+    const float t11 = self->k13 * (t9 - t10);
+    all->u[0] = t8 - t11;
+    all->u[1] = t8 + t11;
+    const float t12 = self->k9 * t9 + self->k7 * t10;
+    const float t13 = self->k6 * wanted_1 - t6 * self->k8;
+    all->tau[0] = t12 + t13;
+    all->tau[1] = t13 - t12;
     return NOSLIP_OK;
 }
 
@@ -407,46 +402,62 @@ static int labmate_type_iv_line_step_f_law(const labmate_type_iv_line_f *self, c
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const float t1 = self->k12 * distance_by_yaw_rate * distance_by_yaw_rate;
     const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(t1 > self->k14 * (t1 + self->k6 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+        distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const float t2 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k1 * t2;
-    const float t3 = yaw_rate * yaw_rate;
+    const float t1 = state->thetadot_r - state->thetadot_l;
+    const float yaw_rate = self->k1 * t1;
+    const float t2 = yaw_rate * yaw_rate;
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const float wanted_1 = reference->speed_rate - t3 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
-    const float t4 = self->k7 * wanted_1 - t3 * self->k9;
+    const float wanted_1 = reference->speed_rate - t2 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
+    const float t3 = self->k6 * wanted_1 - t2 * self->k8;
     const float x_l = state->x_c + self->L * cos_phi;
     const float y_l = state->y_c + self->L * sin_phi;
-    const float t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - self->k5 - self->k3 *
+    const float t4 = reference->distance_acceleration + self->kp_distance * (reference->distance - self->k5 - self->k3 *
         x_l - self->k4 * y_l);
-    const float t6 = reference->distance_rate - self->k13 * distance_by_yaw_rate * t2 - forward_speed *
+    const float t5 = reference->distance_rate - self->k12 * distance_by_yaw_rate * t1 - forward_speed *
         distance_by_forward_speed;
-    const float v_distance = t5 + self->kd_distance * t6;
-    const float t7 = self->k10 * (forward_speed * yaw_rate) - self->k8 * (distance_by_forward_speed * wanted_1 -
+    const float v_distance = t4 + self->kd_distance * t5;
+    const float t6 = self->k9 * (forward_speed * yaw_rate) - self->k7 * (distance_by_forward_speed * wanted_1 -
         v_distance) / distance_by_yaw_rate;
-    tau[0] = t4 + t7;
-    tau[1] = t4 - t7;
+    tau[0] = t3 + t6;
+    tau[1] = t3 - t6;
     return NOSLIP_OK;
+}
+
+/* The step when something is wrong, or cut: finds out what. */
+static NOSLIP_COLD int labmate_type_iv_line_step_f_with_care(labmate_type_iv_line_f *self, const labmate_state_f *state,
+    const labmate_type_iv_line_reference_f *reference, float tau[2], int status)
+{
+    if (self == NULL || tau == NULL) {
+        return noslip_finish_f(NOSLIP_NULL, tau, 2);
+    }
+    if (self->ready != NOSLIP_READY) {
+        return noslip_finish_f(NOSLIP_NOT_READY, tau, 2);
+    }
+    if (state != NULL && reference != NULL) {
+        const int admitted = labmate_type_iv_line_admit_both_f(self, state, reference);
+        status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    return noslip_answer_f(status, self->on_error, self->limit, self->held, tau, 2);
 }
 
 int labmate_type_iv_line_step_f(labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, float tau[2])
 {
     int status = NOSLIP_NULL;
-    if (self == NULL) {
-        return noslip_finish_f(NOSLIP_NULL, tau, 2);
-    }
-    if (tau == NULL) {
-        return NOSLIP_NULL;
-    }
-    if (state != NULL && reference != NULL) {
-        status = labmate_type_iv_line_admit_both_f(self, state, reference);
-    }
-    if (status == NOSLIP_OK) {
+    if (self != NULL && state != NULL && reference != NULL && tau != NULL && self->ready == NOSLIP_READY &&
+        noslip_angle_ok_f(state->phi)) {
         status = labmate_type_iv_line_step_f_law(self, state, reference, tau);
+        /* Any other input that is not finite shows in the result. */
+        if (status == NOSLIP_OK && noslip_abs_f(tau[0]) <= self->limit[0] && noslip_abs_f(tau[1]) <= self->limit[1] &&
+        noslip_is_finite_f(state->theta_r + state->theta_l)) {
+            self->held[0] = tau[0];
+            self->held[1] = tau[1];
+            return status;
+        }
     }
-    return noslip_answer_f(status, self->options.on_error, self->options.limit, self->held, tau, 2);
+    return labmate_type_iv_line_step_f_with_care(self, state, reference, tau, status);
 }

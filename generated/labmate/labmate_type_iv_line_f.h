@@ -48,29 +48,28 @@ typedef struct labmate_type_iv_line_evaluation_f {
 
 /* The law: made by init, owned by the caller, not to be written to. */
 typedef struct labmate_type_iv_line_f {
-    labmate_options_f options; /* limits, and what to answer on an error */
-    float held[2];             /* the inputs answered last */
-    int ready;                 /* set by init */
-    float L;                   /* m */
-    float kp_distance;         /* 1/s^2 */
-    float kd_distance;         /* 1/s */
-    float kv_speed;            /* 1/s */
-    float Phi_21;              /* r * 0.5 */
-    float k1;                  /* r / (b * 2.0) */
-    float k2;                  /* d + L */
-    float k3;                  /* A / noslip_sqrt(A * A + B * B) */
-    float k4;                  /* B / noslip_sqrt(A * A + B * B) */
-    float k5;                  /* C / noslip_sqrt(A * A + B * B) */
-    float k6;                  /* b * b */
-    float k7;                  /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k8;                  /* see init */
-    float k9;                  /* see init */
-    float k10;                 /* see init */
-    float k11;                 /* 1.0 / r */
-    float k12;                 /* (d + L) * (d + L) */
-    float k13;                 /* r / (b * 2.0) * (d + L) */
-    float k14;                 /* see init */
-    float k15;                 /* 1.0 / (d + L) * (b / r) */
+    float limit[2];    /* largest absolute values of the inputs */
+    float held[2];     /* the inputs answered last */
+    int on_error;      /* what to answer then */
+    int ready;         /* set by init */
+    float L;           /* m */
+    float kp_distance; /* 1/s^2 */
+    float kd_distance; /* 1/s */
+    float kv_speed;    /* 1/s */
+    float Phi_21;      /* r * 0.5 */
+    float k1;          /* r / (b * 2.0) */
+    float k2;          /* d + L */
+    float k3;          /* A / noslip_sqrt(A * A + B * B) */
+    float k4;          /* B / noslip_sqrt(A * A + B * B) */
+    float k5;          /* C / noslip_sqrt(A * A + B * B) */
+    float k6;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k7;          /* see init */
+    float k8;          /* see init */
+    float k9;          /* see init */
+    float k10;         /* 1.0 / r */
+    float k11;         /* see init */
+    float k12;         /* r / (b * 2.0) * (d + L) */
+    float k13;         /* 1.0 / (d + L) * (b / r) */
 } labmate_type_iv_line_f;
 
 /*
@@ -120,14 +119,14 @@ int labmate_type_iv_line_decoupling_rate_f(const labmate_type_iv_line_f *self, c
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 19 mul, 5 add, 6 sub, 1 div, 1 sincos.
+ * Operations: 17 mul, 4 add, 6 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_feedback_f(const labmate_type_iv_line_f *self, const labmate_state_f *state, const float v[2],
     float tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 36 mul, 17 add, 13 sub, 1 div, 1 sincos.
+ * Operations: 34 mul, 16 add, 13 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, labmate_type_iv_line_evaluation_f *all);
@@ -135,7 +134,7 @@ int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const la
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 29 mul, 9 add, 13 sub, 1 div, 1 sincos.
+ * Operations: 27 mul, 8 add, 13 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_step_f(labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, float tau[2]);

@@ -1,0 +1,176 @@
+"""The bench: instructions, bytes and rates of the generated laws beside the hand-written ones and other tools'.
+
+Instructions are counted by callgrind on this machine and by a plugin of QEMU on an emulated Cortex-M4F; they are not
+cycles. Writes bench.json and bench.png; what a missing tool would measure is skipped and said.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import cases
+import chart
+import peers
+import programs
+import rates
+from measure import CortexM4F, Count, Target, measure_all
+from noslip.codegen.files import robot_files, standard_laws
+from noslip.harness.files import write_folder, write_whole
+from noslip.harness.robots import find_robot, system_of
+
+OURS = {"ours": programs.ours, "guarded": programs.guarded, "unoptimized": programs.unoptimized, "hand": programs.hand}
+PEERS = {"casadi": peers.casadi, "casadi_single": peers.casadi_single, "sympy": peers.sympy_cse, "symforce": peers.symforce}
+MATRICES = ("Phi", "Phidot")
+SCALARS = ("double", "float")
+
+
+def main() -> int:
+    """Run everything; answers 0."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "-o", dest="out", metavar="DIR", default="build", help="where bench.json and bench.png go (default: build)"
+    )
+    parser.add_argument("--quick", action="store_true", help="only ours and the hand-written laws; write nothing but the tables")
+    args = parser.parse_args()
+    out = Path(args.out)
+    work = (out / "bench").resolve()
+    shared = work / "shared"
+    shared.mkdir(parents=True, exist_ok=True)
+    system = system_of(find_robot("labmate"))
+    laws = standard_laws(system)
+    given = [cases.make_cases(law) for law in laws]
+    write_folder(shared, robot_files(system, laws) | _case_files(given))
+
+    written = _programs(laws, OURS if args.quick else OURS | PEERS)
+    result: dict = {"laws": {}, "targets": {}}
+    for target in (Target(work), CortexM4F(work)):
+        if target.missing:
+            print(f"{target.name}: skipped, {target.missing} is not installed")
+            continue
+        scalars = ("float",) if isinstance(target, CortexM4F) else SCALARS
+        jobs = [(label, found, scalar) for (label, scalar), found in written.items() if scalar in scalars]
+        counts = measure_all(target, jobs, shared)
+        for scalar in scalars:
+            table = {law.name: _entry(law.name, scalar, counts) for law in laws}
+            print(_table(f"{target.name}, {scalar}", table))
+            if isinstance(target, CortexM4F):
+                result["targets"][target.name] = table
+            else:
+                for law, entry in table.items():
+                    result["laws"].setdefault(law, {})[scalar] = entry
+    if args.quick:
+        return 0
+
+    result["simulation"] = rates.simulation(laws[0], given[0].fixed, shared, work) if result["laws"] else {}
+    result["generation"] = rates.generation()
+    print(_rates(result))
+    write_whole(out / "bench.json", json.dumps(result, indent=1) + "\n")
+    print(f"{out}/bench.json")
+    if panels := _panels(result):
+        chart.draw(panels, list(programs.HAND), out / "bench.png")
+        print(f"{out}/bench.png")
+    return 0
+
+
+def _case_files(given: list[cases.Cases]) -> dict[str, str]:
+    files = {f"cases_{scalar}.h": cases.header(given, scalar) for scalar in SCALARS}
+    return files | {f"cases_{c.law.name}_{scalar}.c": cases.source(c, scalar) for c in given for scalar in SCALARS}
+
+
+def _programs(laws: list, ways: dict[str, programs.Writer]) -> dict[tuple[str, str], list[programs.Program]]:
+    """(way, scalar) -> its programs. Ours covers every law, the others those with a hand-written version."""
+    written: dict[tuple[str, str], list[programs.Program]] = {}
+    for label, way in ways.items():
+        if why := peers.missing(label):
+            print(f"{label}: skipped, {why}")
+            continue
+        for scalar in SCALARS:
+            if label == "casadi_single" and scalar == "double":
+                continue
+            chosen = laws if label in ("ours", "guarded", "unoptimized") else [law for law in laws if law.name in programs.HAND]
+            quantities = ("tau", *MATRICES) if label in ("ours", "hand") else ("tau",)
+            made = [(law, q, peers.capped(lambda w=way, a=(law, scalar, q): w(*a))) for law in chosen for q in quantities]
+            for law, _, _ in (one for one in made if one[2] is None):
+                print(f"{label}, {law.name}, {scalar}: given up after {peers.CAP} s")
+            written[label, scalar] = [program for _, _, program in made if program is not None]
+    return written
+
+
+def _entry(law: str, scalar: str, counts: dict) -> dict:
+    """All results of one law on one target: instructions of a call, code and stack bytes."""
+    found: dict[str, Count] = {}
+    for (label, of), programs_counted in counts.items():
+        if of == scalar and f"{law}_tau" in programs_counted:
+            found[label] = programs_counted[f"{law}_tau"]
+    ours, guarded = found.pop("ours"), found.pop("guarded")
+    entry: dict = {"instructions": ours.mean, "guards": round(guarded.instructions - ours.instructions, 2)}
+    if ours.most is not None:
+        entry |= {"least": ours.least, "most": ours.most, "most_with_guards": guarded.most}
+    entry |= {label: count.mean for label, count in found.items()}
+    entry |= {"text_bytes": ours.text_bytes, "stack_bytes": ours.stack_bytes}
+    found = {"with_guards": guarded} | found
+    entry["bytes"] = {label: {"text": count.text_bytes, "stack": count.stack_bytes} for label, count in found.items()}
+    for quantity in MATRICES:
+        name = f"{law}_{quantity}"
+        entry[quantity] = {"instructions": counts["ours", scalar][name].mean}
+        if name in counts["hand", scalar]:
+            entry[quantity]["hand"] = counts["hand", scalar][name].mean
+    return entry
+
+
+def _table(title: str, table: dict[str, dict]) -> str:
+    """Instructions, then bytes, of all laws."""
+    columns = [key for key in ("instructions", "guards", *OURS, *PEERS) if any(key in entry for entry in table.values())]
+    rows = [["", *columns, "ours/hand", "Phi/hand", "Phidot/hand"]]
+    for law, entry in table.items():
+        ratios = [_ratio(entry["instructions"], entry.get("hand"))]
+        ratios += [_ratio(entry[q]["instructions"], entry[q].get("hand")) for q in MATRICES]
+        rows.append([law, *(_number(entry.get(key)) for key in columns), *ratios])
+    ways = list(next(iter(table.values()))["bytes"])
+    sizes = [["", "ours", *ways]]
+    for law, entry in table.items():
+        each = [entry["bytes"].get(label) for label in ways]
+        cells = [f"{one['text']}+{one['stack']}" if one else "" for one in each]
+        sizes.append([law, f"{entry['text_bytes']}+{entry['stack_bytes']}", *cells])
+    note = "text + stack bytes, without libm"
+    return f"\n{title}: mean instructions of a call\n{_aligned(rows)}\n\n{title}: {note}\n{_aligned(sizes)}"
+
+
+def _ratio(ours: float, hand: float | None) -> str:
+    return f"{ours / hand:.2f}" if hand else ""
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.1f}"
+
+
+def _aligned(rows: list[list[str]]) -> str:
+    full = [row + [""] * (max(map(len, rows)) - len(row)) for row in rows]
+    widths = [max(len(row[k]) for row in full) for k in range(len(full[0]))]
+    return "\n".join("  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip() for row in full)
+
+
+def _rates(result: dict) -> str:
+    generated = f"generation of all laws, both scalars, from process start: {result['generation']['seconds']} s\n"
+    simulated = dict(result["simulation"])
+    if not simulated:
+        return generated
+    duration = simulated.pop("duration_s")
+    each = list(simulated.values())
+    rows = [["", *simulated]]
+    rows += [[name, *(_number(one["times"][name]) or "not reached" for one in each)] for name in each[0]["times"]]
+    rows.append(["us a step, ours", *(f"{one['microseconds_per_step']:.3f}" for one in each)])
+    title = f"closed loop, {duration} s, Type I: time as a multiple of ours, at equal accuracy"
+    return f"\n{title}\n{_aligned(rows)}\n\n{generated}"
+
+
+def _panels(result: dict) -> dict[str, dict]:
+    panels = {"Cortex-M4F, float": result["targets"].get("cortex-m4f")}
+    for scalar in SCALARS:
+        if result["laws"]:
+            panels[f"x86-64, {scalar}"] = {law: entry[scalar] for law, entry in result["laws"].items()}
+    return dict([panel for panel in panels.items() if panel[1]][:2])
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

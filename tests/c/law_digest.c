@@ -1,0 +1,119 @@
+/*
+ * law_digest.c - numbers for the bits of everything that the LABMATE's laws answer, to compare between targets.
+ *
+ * Needs of a library only memcpy and memset, which compilers call by themselves; with a whole one it has a main of its own:
+ * law_digest STATES.
+ */
+#include "labmate_type_i.h"
+#include "labmate_type_i_f.h"
+#include "labmate_type_ii.h"
+#include "labmate_type_ii_f.h"
+#include "labmate_type_iii.h"
+#include "labmate_type_iii_f.h"
+#include "labmate_type_iv_circle.h"
+#include "labmate_type_iv_circle_f.h"
+#include "labmate_type_iv_ellipse.h"
+#include "labmate_type_iv_ellipse_f.h"
+#include "labmate_type_iv_line.h"
+#include "labmate_type_iv_line_f.h"
+#include "law_digest_line.h"
+#include "law_names.h"
+
+#define STATES_A_ROBOT 50 /* then other parameters */
+
+typedef struct {
+    uint64_t hash;
+    uint32_t good; /* steps that gave an answer and not an error */
+} law_bits;
+
+static uint64_t bits_of_status(uint64_t hash, int status)
+{
+    return trig_fnv(hash, (uint64_t)status);
+}
+
+/* 0.5 to 8 */
+static double positive_value(uint64_t *random)
+{
+    const double scale = (double)(1u << (trig_random(random) >> 62));
+    return scale * (1.0 - 0.5 * noslip_abs(random_unit(random)));
+}
+
+/* Mostly between -4 and 4; some zero, small, beyond the range of angles, and such that floats overflow. */
+static double any_value(uint64_t *random)
+{
+    const uint32_t kind = (uint32_t)(trig_random(random) >> 54); /* 0 to 1023 */
+    const double scale = kind == 0    ? 1267650600228229401496703205376.0 /* 2^100 */
+                         : kind < 32  ? 16384.0
+                         : kind < 64  ? 0.0
+                         : kind < 128 ? 1.0 / 1048576.0
+                                      : 4.0;
+    return scale * random_unit(random);
+}
+
+#define ROBOT labmate
+#define LAW labmate_type_i
+#include "law_bits.inc"
+#undef LAW
+#define LAW labmate_type_ii
+#include "law_bits.inc"
+#undef LAW
+#define LAW labmate_type_iii
+#include "law_bits.inc"
+#undef LAW
+#define LAW labmate_type_iv_circle
+#include "law_bits.inc"
+#undef LAW
+#define LAW labmate_type_iv_ellipse
+#include "law_bits.inc"
+#undef LAW
+#define LAW labmate_type_iv_line
+#include "law_bits.inc"
+#undef LAW
+
+#define LAWS 6
+typedef void law_runner(uint32_t n, law_bits *bits);
+static law_runner *const in_float[LAWS] = {bits_labmate_type_i_f,          bits_labmate_type_ii_f,
+                                           bits_labmate_type_iii_f,        bits_labmate_type_iv_circle_f,
+                                           bits_labmate_type_iv_ellipse_f, bits_labmate_type_iv_line_f};
+static law_runner *const in_double[LAWS] = {bits_labmate_type_i,          bits_labmate_type_ii,
+                                            bits_labmate_type_iii,        bits_labmate_type_iv_circle,
+                                            bits_labmate_type_iv_ellipse, bits_labmate_type_iv_line};
+
+static char *write_hex(char *text, uint64_t value, int digits)
+{
+    while (digits-- > 0) {
+        *text++ = "0123456789abcdef"[value >> 4 * digits & 15];
+    }
+    *text++ = ' ';
+    return text;
+}
+
+static char *write_bits(char *text, law_runner *const *laws, uint32_t n)
+{
+    law_bits bits = {0xcbf29ce484222325u, 0};
+    int i;
+    for (i = 0; i < LAWS; i++) {
+        laws[i](n, &bits);
+    }
+    return write_hex(write_hex(text, bits.hash, 16), bits.good, 8);
+}
+
+const char *law_digest(uint32_t n)
+{
+    static char text[80];
+    char *end = write_bits(write_bits(text, in_float, n), in_double, n);
+    end = write_hex(end, trig_digest(n, 5), 16);
+    end[-1] = '\n';
+    *end = '\0';
+    return text;
+}
+
+#if __STDC_HOSTED__
+#include <stdio.h>
+#include <stdlib.h>
+
+int main(int argc, char **argv)
+{
+    return argc != 2 || fputs(law_digest((uint32_t)strtoul(argv[1], NULL, 10)), stdout) < 0;
+}
+#endif

@@ -1,0 +1,301 @@
+"""What people get: the README's code, an exported folder, an installed wheel."""
+
+import importlib.util
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+import venv
+from pathlib import Path
+
+import cffi
+import noslip
+import numpy as np
+import pytest
+from noslip.harness.cli import main
+from noslip.harness.robots import find_robot, law_of
+from noslip.harness.sampling import random_plants
+
+ROOT = Path(noslip.__file__).parent
+STRICT = (
+    "-std=c99 -O2 -pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion -Wfloat-equal "
+    "-Wshadow -Wundef -Wcast-qual -Wstrict-prototypes -Wvla -Werror"
+).split()
+SKIPPED = {".venv", "build", "__pycache__", ".git", ".pytest_cache", ".ruff_cache"}
+
+
+def readme_block(language: str) -> str:
+    """The one block of the README in this language that a comment says is tested here."""
+    found = re.findall(rf"tests/test_package.py -->\n```{language}\n(.*?)^```", (ROOT / "README.md").read_text(), re.S | re.M)
+    assert len(found) == 1
+    return found[0]
+
+
+def run(command: list[str], **options) -> str:
+    """Standard output of a command that must succeed."""
+    result = subprocess.run([str(part) for part in command], capture_output=True, text=True, **options)
+    assert result.returncode == 0, f"{command}\n{result.stdout}{result.stderr}"
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory) -> Path:
+    """An exported folder of the circle law in float."""
+    folder = tmp_path_factory.mktemp("export") / "new" / "noslip"
+    assert main(["export", "labmate", "--output", "type_iv_circle", "--scalar", "float", "-o", str(folder)]) == 0
+    return folder
+
+
+# -- README --------------------------------------------------------------------------------------------------------------
+
+BOARD = """
+#include <stdio.h>
+#include <stdlib.h>
+static int ticks;
+void wait_for_tick(void);
+void read_state(labmate_state_f *state);
+void set_torques(float right, float left);
+void wait_for_tick(void) { if (ticks++ == 3) { exit(0); } }
+void read_state(labmate_state_f *state)
+{
+    const labmate_state_f there = {.x_c = 30.0f, .y_c = 15.0f, .phi = 1.6f, .thetadot_r = 9.0f, .thetadot_l = 9.0f};
+    *state = there;
+    if (ticks == 2) { state->x_c /= (float)(ticks - 2); }
+}
+void set_torques(float right, float left) { printf("%.9g %.9g\\n", (double)right, (double)left); }
+"""
+
+
+@pytest.mark.parametrize("cc", ["gcc", "clang"])
+def test_readme_firmware(cc, exported, tmp_path):
+    """The loop compiles without a warning, links with an export and a board's functions, and answers sensible torques."""
+    if shutil.which(cc) is None:
+        pytest.skip(f"{cc} is not installed")
+    code = readme_block("c")
+    assert len(code.splitlines()) <= 45
+    (tmp_path / "main.c").write_text(code)
+    (tmp_path / "board.c").write_text('#include "labmate_type_iv_circle_f.h"\n' + BOARD)
+    sources = [path for path in exported.glob("*.c") if path.name != "example.c"]
+    program = tmp_path / "firmware"
+    run([cc, *STRICT, f"-I{exported}", *sources, tmp_path / "main.c", tmp_path / "board.c", "-o", program])
+    first, second, third = (list(map(float, line.split())) for line in run([program]).splitlines())
+    assert first == third and second == [0.0, 0.0]  # the state was not finite
+    assert all(0 < abs(torque) <= 20 for torque in first)
+
+
+def cart_laws(path: Path) -> str:
+    """A scalar's file of the README's robot; answers its name on the command line."""
+    (path / "cart.py").write_text(readme_block("python"))
+    return f"{path / 'cart.py'}:cart"
+
+
+@pytest.mark.parametrize(("scalar", "tolerance"), [("double", 1e-11), ("float", 1e-4)])
+def test_readme_robot(scalar, tolerance, tmp_path):
+    """Its C, written by the command line and compiled strictly, against CasADi at random states, all laws."""
+    robot = cart_laws(tmp_path)
+    assert main(["generate", robot, "-o", str(tmp_path), "--scalar", scalar]) == 0
+    folder, suffix = tmp_path / "cart", "_f" if scalar == "float" else ""
+    laws = json.loads((folder / "manifest.json").read_text())["laws"]
+    assert len(laws) == 6
+    runtime = ROOT / "runtime_c"
+    library = tmp_path / "cart.so"
+    sources = [*folder.glob("*.c"), *runtime.glob("*.c")]
+    run(["gcc", *STRICT, "-fPIC", "-shared", f"-I{runtime}", f"-I{folder}", *sources, "-o", library])
+    ffi = cffi.FFI()
+    for path in sorted(folder.glob("*.h"), key=lambda path: len(path.name)):
+        text = re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", path.read_text(), flags=re.M)
+        ffi.cdef("\n".join(line for line in text.splitlines() if not line.startswith("#")))
+    lib = ffi.dlopen(str(library))
+
+    def struct(name: str, values):
+        return ffi.new(f"cart_{name}{suffix} *", [float(value) for value in values])
+
+    for name in laws:
+        law = law_of(find_robot(robot), name)
+        for plant in random_plants(law, 40, seed=4):
+            self, params = ffi.new(f"cart_{name}{suffix} *"), struct("params", plant.params)
+            config, gains = struct(f"{name}_config", plant.config), struct(f"{name}_gains", plant.gains)
+            assert getattr(lib, f"cart_{name}_init{suffix}")(self, params, config, gains, ffi.NULL) == 0
+            for point in plant.points:
+                tau = ffi.new(f"{scalar}[2]")
+                given = struct("state", point.state), struct(f"{name}_reference", point.reference)
+                assert getattr(lib, f"cart_{name}_step{suffix}")(self, *given, tau) == 0
+                truth = point.truth.values["tau"]
+                assert np.abs(np.array(list(tau)) - truth).max() <= tolerance * max(np.abs(truth).max(), 1)
+
+
+def test_readme_names_what_is_there():
+    """Commands, folders and files it mentions exist."""
+    text = (ROOT / "README.md").read_text()
+    for target in re.findall(r"\]\(([\w/.]+)\)|^\| `(\w+/)`", text, re.M):
+        path = next(part for part in target if part)
+        assert (ROOT / path).exists(), path
+    for path in re.findall(r"(?:specs|tests/reference)/\w+\.\w+", text):
+        assert (ROOT / path).exists(), path
+
+
+# -- export --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cc", ["gcc", "clang"])
+@pytest.mark.parametrize("selection", [[], ["--output", "type_i", "--scalar", "double"], ["--scalar", "float"]])
+def test_export_builds_as_it_is(cc, selection, tmp_path):
+    if shutil.which(cc) is None:
+        pytest.skip(f"{cc} is not installed")
+    folder = tmp_path / "c"
+    assert main(["export", "labmate", *selection, "-o", str(folder)]) == 0
+    shutil.move(folder, tmp_path / "moved elsewhere")
+    folder = tmp_path / "moved elsewhere"
+    out = run(["make", "-C", folder, f"CC={cc}", "-j2"], env={**os.environ, "CFLAGS": "-O1 -Werror"})
+    assert re.search(r"^labmate_\w+: (ok|singular)$", out, re.M), out
+    assert (folder / "liblabmate.a").exists()
+    assert "Nothing" in run(["make", "-C", folder, f"CC={cc}", "liblabmate.a"]) or True
+    run(["make", "-C", folder, "clean"])
+    assert {path.suffix for path in folder.iterdir()} <= {".c", ".h", ".inc", ".md", ".json", ""}
+
+
+def test_export_holds_what_was_asked_for(exported):
+    names = {path.name for path in exported.iterdir()}
+    assert names == {path.name for path in (ROOT / "runtime_c").iterdir()} | {
+        "labmate_f.c",
+        "labmate_f.h",
+        "labmate_type_iv_circle_f.c",
+        "labmate_type_iv_circle_f.h",
+        "manifest.json",
+        "Makefile",
+        "README.md",
+        "example.c",
+    }
+    for name in names - {"manifest.json", "Makefile", "README.md", "example.c"}:
+        original = next(f / name for f in (ROOT / "runtime_c", ROOT / "generated" / "labmate") if (f / name).exists())
+        assert (exported / name).read_bytes() == original.read_bytes()
+    assert oct(exported.stat().st_mode & 0o777) == oct(0o777 & ~umask()), "readable by others as any new folder"
+
+
+def umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def test_export_into_an_empty_folder(tmp_path):
+    (tmp_path / "c").mkdir()
+    assert main(["export", "labmate", "--output", "type_ii", "-o", str(tmp_path / "c")]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["c"] and (tmp_path / "c" / "Makefile").exists()
+
+
+@pytest.mark.parametrize("place", ["full", "file", "file/inside", "loop"])
+def test_export_refused(place, bad_input, tmp_path):
+    """A folder with something in it, a file, below a file, a link that leads nowhere: nothing is touched."""
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "loop").symlink_to("loop")
+    assert place.split("/")[0] in bad_input(["export", "labmate", "--output", "type_ii", "-o", str(tmp_path / place)])
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc here")
+def test_export_where_nothing_can_be_written(bad_input):
+    """/proc takes no files, whoever asks."""
+    bad_input(["export", "labmate", "--output", "type_ii", "-o", "/proc/noslip/c"])
+
+
+@pytest.mark.parametrize("argv", [["labmates"], ["labmate", "--output", "type_v"], ["labmate", "--scalar", "half"]])
+def test_export_of_what_does_not_exist(argv, bad_input, tmp_path):
+    bad_input(["export", *argv, "-o", str(tmp_path / "new" / "c")])
+
+
+def test_export_of_a_robot_in_a_file(tmp_path):
+    robot = cart_laws(tmp_path)
+    assert main(["export", robot, "--output", "type_i", "-o", str(tmp_path / "c")]) == 0
+    assert "cart_type_i: " in run(["make", "-C", tmp_path / "c"])
+
+
+# -- wheel ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    """The wheel, built from a copy of what git has, so that the folder stays as it is."""
+    folder = tmp_path_factory.mktemp("wheel")
+    copy = shutil.copytree(
+        ROOT, folder / "source", ignore=lambda _, names: [n for n in names if n in SKIPPED or n.endswith(".egg-info")]
+    )
+    flags = ["--no-deps", "--quiet", "--disable-pip-version-check"]
+    if importlib.util.find_spec("setuptools") and importlib.util.find_spec("wheel"):
+        flags.append("--no-build-isolation")
+    run([sys.executable, "-m", "pip", "wheel", *flags, copy, "-w", folder])
+    (made,) = folder.glob("noslip-*.whl")
+    return made
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory) -> Path:
+    """An environment with nothing but the wheel, and what it depends on made visible from here."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder / "env", with_pip=False)
+    python = folder / "env" / "bin" / "python"
+    places = run([python, "-c", "import site; print(site.getsitepackages()[0])"]).strip()
+    run([sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", "--quiet", wheel])
+    # last on the path, and as plain folders: the .pth files there, such as that of an editable noslip, are not read
+    here = [path for path in sys.path if path.endswith("-packages")]
+    Path(places, "visible.pth").write_text("\n".join(here) + "\n")
+    return folder / "env" / "bin"
+
+
+def test_wheel_holds_the_packages(wheel):
+    listing = run([sys.executable, "-m", "zipfile", "-l", wheel])
+    names = {line.split()[0] for line in listing.splitlines()[1:]}
+    for folder in ("model", "model/robots", "codegen", "harness", "runtime_c"):
+        kinds = ("*.c", "*.h", "*.inc") if folder == "runtime_c" else ("*.py",)
+        for path in (path for kind in kinds for path in (ROOT / folder).glob(kind)):
+            assert f"noslip/{folder}/{path.name}" in names, path
+    assert not [name for name in names if not name.startswith(("noslip/", f"noslip-{noslip.__version__}.dist-info/"))]
+    assert not [name for name in names if "/tests/" in name or "/generated/" in name or "/specs/" in name]
+    assert any(name.endswith("LICENSE") for name in names)
+
+
+def test_installed_wheel(installed, tmp_path):
+    """generate, export, evaluate and check from an empty folder."""
+    cases, env = tmp_path / "cases.json", {**os.environ, "NOSLIP_CACHE": str(tmp_path / "cache")}
+    env.pop("PYTHONPATH", None)
+    whole = json.loads((ROOT / "tests" / "reference" / "labmate_paper.json").read_text())
+    cases.write_text(json.dumps({**whole, "cases": whole["cases"][:4]}))
+    empty = tmp_path / "empty"
+    empty.mkdir()
+
+    def noslip_command(*argv: str) -> str:
+        return run([installed / "noslip", *argv], cwd=empty, env=env)
+
+    where = run([installed / "python", "-c", "import noslip; print(noslip.__file__)"], cwd=empty, env=env).strip()
+    assert Path(where).is_relative_to(installed.parent) and not Path(where).is_relative_to(ROOT)
+    assert noslip_command("--version").strip() == f"noslip {noslip.__version__}"
+    noslip_command("generate", "labmate", "--output", "type_i")
+    for name in ("labmate.h", "labmate_type_i.c", "labmate_type_i_f.h"):
+        assert (empty / "generated" / "labmate" / name).read_bytes() == (ROOT / "generated" / "labmate" / name).read_bytes()
+    noslip_command("export", "labmate", "--output", "type_iv_line", "-o", "c")
+    assert "labmate_type_iv_line: " in run(["make", "-C", empty / "c"])
+    for backend in ("casadi", "c", "cf"):
+        noslip_command("evaluate", str(cases), "--backend", backend, "-o", "out.json")
+        answers = json.loads((empty / "out.json").read_text())["cases"]
+        assert [answer["status"] for answer in answers] == ["ok"] * 4
+        truth = [float(x) for x in whole["cases"][0]["expect"]["tau"]]
+        assert np.abs(np.array(answers[0]["tau"]) - truth).max() <= (1e-4 if backend == "cf" else 1e-11) * np.abs(truth).max()
+    noslip_command("check", str(cases))
+
+
+def test_listed_packages_are_the_folders():
+    """pyproject's list, and nothing with code left out of it."""
+    tool = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    listed = set(tool["packages"])
+    assert listed - {"noslip.runtime_c"} == {
+        ".".join(["noslip", *path.parent.relative_to(ROOT).parts])
+        for path in ROOT.rglob("__init__.py")
+        if not SKIPPED & set(path.relative_to(ROOT).parts) and path.relative_to(ROOT).parts[0] != "tests"
+    }
+    assert "noslip.runtime_c" in listed
+    kinds = {f"*{path.suffix}" for path in (ROOT / "runtime_c").iterdir()}
+    assert kinds == set(tool["package-data"]["noslip.runtime_c"])

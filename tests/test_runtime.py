@@ -1,0 +1,719 @@
+"""The C itself, generated and hand-written: warnings, what it links to, statuses, bits on every compiler, random input."""
+
+import math
+import re
+import shutil
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import cffi
+import noslip
+import numpy as np
+import pytest
+from noslip.harness.robots import find_robot, law_of
+from noslip.harness.sampling import random_plants
+from noslip.model.outputs import OUTPUTS
+
+ROOT = Path(noslip.__file__).parent
+RUNTIME, GENERATED, DRIVERS = ROOT / "runtime_c", ROOT / "generated" / "labmate", ROOT / "tests" / "c"
+INCLUDE = [f"-I{folder}" for folder in (RUNTIME, GENERATED, DRIVERS)]
+SOURCES = sorted(str(path) for folder in (RUNTIME, GENERATED) for path in folder.glob("*.c"))
+FLOAT_SOURCES = [source for source in SOURCES if source.endswith("_f.c")]
+FLAGS = ["-std=c99", "-ffp-contract=off", "-fno-math-errno"]
+LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os")
+# as in the strict set for firmware
+STRICT = (
+    "-pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion -Wfloat-equal -Wshadow "
+    "-Wundef -Wcast-qual -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror"
+).split()
+SCALARS = {"double": "", "float": "_f"}
+STATES = 20_000
+
+compilers = pytest.mark.parametrize("cc", ["gcc", "clang"])
+each_level = pytest.mark.parametrize("level", LEVELS)
+each_law = pytest.mark.parametrize("law", list(OUTPUTS))
+each_scalar = pytest.mark.parametrize("scalar", list(SCALARS))
+
+
+def need(tool: str) -> str:
+    if shutil.which(tool) is None:
+        pytest.skip(f"{tool} is not installed")
+    return tool
+
+
+def run(command: list[str], **options) -> str:
+    """Standard output of a command that must succeed and say nothing on stderr."""
+    result = subprocess.run(command, capture_output=True, text=True, **options)
+    assert result.returncode == 0 and result.stderr == "", (
+        f"{' '.join(command[:1] + command[-3:])}\n{result.stdout}{result.stderr}"
+    )
+    return result.stdout
+
+
+def objects(cc: str, flags: list[str], folder: Path, sources: list[str] = SOURCES) -> list[str]:
+    """Compile sources, two at a time; the objects' names."""
+    need(cc)
+    folder.mkdir(exist_ok=True)
+    made = [str(folder / f"{Path(source).stem}.o") for source in sources]
+    with ThreadPoolExecutor(2) as pool:
+        command = [cc, *FLAGS, *flags, *INCLUDE, "-c"]
+        list(pool.map(lambda pair: run([*command, pair[0], "-o", pair[1]]), zip(sources, made, strict=True)))
+    return made
+
+
+# -- warnings ----------------------------------------------------------------------------------------------------------
+
+
+@each_level
+def test_strict_gcc(level, tmp_path):
+    more = ["-fanalyzer", "-Wstack-usage=256"] if level == "-O2" else []
+    objects("gcc", [level, *STRICT, *more], tmp_path)
+
+
+@each_level
+def test_strict_clang(level, tmp_path):
+    objects("clang", [level, *STRICT], tmp_path)
+
+
+@compilers
+def test_strict_with_integer_square_roots(cc, tmp_path):
+    objects(cc, ["-O2", *STRICT, "-DNOSLIP_SOFT_SQRT"], tmp_path)
+
+
+@compilers
+@pytest.mark.parametrize("header", sorted(path.name for folder in (RUNTIME, GENERATED) for path in folder.glob("*.h")))
+def test_a_header_stands_alone(cc, header, tmp_path):
+    """Included first, twice, and with nothing else."""
+    source = tmp_path / "alone.c"
+    source.write_text(f'#include "{header}"\n#include "{header}"\nint nothing(void);\nint nothing(void) {{ return 0; }}\n')
+    run([need(cc), *FLAGS, *STRICT, *INCLUDE, "-fsyntax-only", str(source)])
+
+
+@pytest.mark.parametrize("cxx", ["g++", "clang++"])
+@pytest.mark.parametrize("standard", ["c++11", "c++20"])
+def test_headers_in_cpp(cxx, standard, tmp_path):
+    """Every header in one C++ program, and it links with the C."""
+    includes = "".join(f'#include "{path.name}"\n' for path in sorted(GENERATED.glob("*.h")))
+    main = "int main() { labmate_params p; return noslip_status_name(labmate_default_params(&p))[0] != 'o'; }\n"
+    (tmp_path / "main.cpp").write_text(includes + main)
+    c = objects("gcc", ["-O1"], tmp_path, [s for s in SOURCES if Path(s).name in ("labmate.c", "noslip_status.c")])
+    flags = [f"-std={standard}", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+    run([need(cxx), *flags, *INCLUDE, str(tmp_path / "main.cpp"), *c, "-o", str(tmp_path / "main")])
+    run([str(tmp_path / "main")])
+
+
+FAST = ["-ffast-math", "-Ofast", "-ffinite-math-only", "-fassociative-math -fno-signed-zeros -fno-trapping-math"]
+
+
+@compilers
+@pytest.mark.parametrize("flag", [*FAST, "-freciprocal-math", "-fno-signed-zeros", "-funsafe-math-optimizations"])
+def test_fast_math_is_refused(cc, flag):
+    """clang has a macro for the whole and for finite-only; its other parts it does not tell."""
+    command = [need(cc), "-std=c99", *flag.split(), *INCLUDE, "-fsyntax-only", str(GENERATED / "labmate.c")]
+    if cc == "clang" and flag not in FAST[:3]:
+        pytest.skip("clang does not tell by a macro")
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode != 0 and "noslip: compile without -ffast-math" in result.stderr
+
+
+@pytest.mark.parametrize("flag", ["-mfpmath=387", "-fsingle-precision-constant"])
+def test_other_arithmetic_is_refused(flag):
+    command = ["gcc", "-std=c99", flag, *INCLUDE, "-fsyntax-only", str(GENERATED / "labmate.c")]
+    probe = subprocess.run([*command[:3], "-E", "-x", "c", "/dev/null"], capture_output=True)
+    if probe.returncode:
+        pytest.skip(f"{flag} is not for this machine")
+    assert subprocess.run(command, capture_output=True).returncode != 0
+
+
+# -- what it links to ----------------------------------------------------------------------------------------------------
+
+
+@compilers
+@pytest.mark.parametrize("level", ["-O0", "-O2"])
+def test_needs_no_library(cc, level, tmp_path):
+    """Undefined symbols are the package's own; everything links into one bare program."""
+    made = objects(cc, [level, "-ffreestanding", "-fPIC"], tmp_path)
+    own = {line.split()[-1] for line in run(["nm", "--defined-only", *made]).splitlines() if len(line.split()) == 3}
+    wanted = {line.split()[-1] for line in run(["nm", "-u", *made]).splitlines() if line.split()[:1] == ["U"]}
+    assert wanted - {"_GLOBAL_OFFSET_TABLE_"} <= own
+    run([cc, "-nostdlib", "-shared", "-Wl,-z,defs", *made, "-o", str(tmp_path / "all.so")])
+
+
+@compilers
+@pytest.mark.parametrize("level", ["-O0", "-O2"])
+def test_float_side_has_no_double(cc, level, tmp_path):
+    need("objdump")
+    made = objects(cc, [level], tmp_path, FLOAT_SOURCES)
+    for code in made:
+        listing = run(["objdump", "-d", "--no-show-raw-insn", code])
+        # SSE2 arithmetic and conversion on doubles ends in sd or pd; movement of bits (movapd, movsd) does not count
+        found = re.findall(r"\t(v?(?:add|sub|mul|div|sqrt|max|min|ucomi|comi|cvt\w*|cmp\w*|round)(?:sd|pd)\w*)\b", listing)
+        found += re.findall(r"\t(v?cvt(?:sd|pd)2\w+)", listing)
+        assert not found, (code, found)
+        assert not re.search(r"\t(f(?:ld|add|mul|div|sqrt)\w*)\b", listing)
+
+
+@compilers
+def test_no_globals_that_change(cc, tmp_path):
+    made = objects(cc, ["-O2"], tmp_path)
+    kinds = {line.split()[1] for line in run(["nm", "--defined-only", *made]).splitlines() if len(line.split()) == 3}
+    assert kinds <= set("Ttr"), "data or bss"
+    names = [line.split()[-1] for line in run(["nm", "-g", "--defined-only", *made]).splitlines() if len(line.split()) == 3]
+    assert len(names) == len(set(names)) and all(name.startswith(("labmate_", "noslip_")) for name in names)
+
+
+# -- sine, cosine, square root -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def trig_sweep(tmp_path_factory) -> str:
+    program = str(tmp_path_factory.mktemp("trig") / "trig_sweep")
+    run(["gcc", *FLAGS, "-O2", *INCLUDE, str(DRIVERS / "trig_sweep.c"), "-lm", "-o", program])
+    return program
+
+
+@pytest.mark.parametrize("mode", ["float 101", "double 1000000 1992", "sqrt 1000000 7"])
+def test_trig_and_roots(trig_sweep, mode):
+    """A sample; make trig-sweep tries every float."""
+    result = subprocess.run([trig_sweep, *mode.split()], capture_output=True, text=True)
+    assert result.returncode == 0, result.stdout
+
+
+# -- the same bits everywhere ----------------------------------------------------------------------------------------------
+
+
+def driver(kind: str, folder: Path, laws: list[str], n: int) -> str:
+    """A program that runs law_KIND.inc for each law in both scalars; answers the name of its source."""
+    parts, calls = [f'#include "law_{kind}.h"\n#define ROBOT labmate\n'], []
+    for law in laws:
+        for real, suffix in SCALARS.items():
+            name = f"labmate_{law}{suffix}"
+            parts.append(f'#include "{name}.h"\n#define LAW labmate_{law}\n#define SUFFIX {suffix}\n#define REAL {real}\n')
+            parts.append(f'#include "law_{kind}.inc"\n#undef LAW\n#undef SUFFIX\n#undef REAL\n')
+            calls.append(f'    run_{name}({n}, "{name}");\n')
+    source = folder / f"{kind}_{'_'.join(laws)}.c"
+    source.write_text("".join(parts) + "int main(void)\n{\n" + "".join(calls) + "    return 0;\n}\n")
+    return str(source)
+
+
+def digests(cc: str, flags: list[str], folder: Path) -> str:
+    """What all laws answer over seeded states, and the digest of the runtime's functions."""
+    folder.mkdir()
+    made = objects(cc, flags, folder, [*SOURCES, driver("digest", folder, list(OUTPUTS), STATES)])
+    run([cc, *made, "-o", str(folder / "digest")])
+    run([cc, *FLAGS, *flags, *INCLUDE, str(DRIVERS / "trig_sweep.c"), "-lm", "-o", str(folder / "trig")])
+    return run([str(folder / "digest")]) + run([str(folder / "trig"), "digest", "200000", "5"])
+
+
+@pytest.fixture(scope="module")
+def expected_digests(tmp_path_factory) -> str:
+    made = digests("gcc", ["-O2"], tmp_path_factory.mktemp("digest") / "gcc")
+    assert len(set(made.split())) == 2 * 2 * len(OUTPUTS) + 1  # all different
+    return made
+
+
+@compilers
+@each_level
+def test_bits_are_the_same(cc, level, expected_digests, tmp_path):
+    assert digests(cc, [level], tmp_path / "build") == expected_digests
+
+
+@pytest.mark.parametrize(
+    "flags", [["-O2", "-DNOSLIP_SOFT_SQRT"], ["-O3", "-march=native"], ["-O2", "-std=gnu11", "-mfma", "-mavx2"]]
+)
+@compilers
+def test_bits_are_the_same_whatever_the_machine_offers(cc, flags, expected_digests, tmp_path):
+    if "-mfma" in flags and " fma " not in Path("/proc/cpuinfo").read_text():
+        pytest.skip("no fused multiply-add here")
+    assert digests(cc, flags, tmp_path / "build") == expected_digests
+
+
+# -- one program with everything, seen from here --------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    """ffi and library of all laws in both scalars, declarations as the headers have them."""
+    library = tmp_path_factory.mktemp("program") / "all.so"
+    run(["gcc", *FLAGS, "-O2", *STRICT, *INCLUDE, "-shared", "-fPIC", *SOURCES, "-o", str(library)])
+    ffi = cffi.FFI()
+    headers = [RUNTIME / "noslip_status.h", *sorted(GENERATED.glob("*.h"), key=lambda path: len(path.name))]
+    for header in headers:
+        text = re.sub(r'extern "C" \{|^\}$', "", re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", header.read_text(), flags=re.M))
+        ffi.cdef("\n".join(line for line in text.splitlines() if not line.startswith("#")))
+    return ffi, ffi.dlopen(str(library))
+
+
+@cache
+def plant(law: str):
+    """Parameters and regular points of a law."""
+    made = next(iter(random_plants(law_of(find_robot("labmate"), law), 20, seed=13)))
+    assert len(made.points) > 3
+    return made
+
+
+class Robot:
+    """One law in one scalar with regular arguments, each struct to be changed before a call."""
+
+    def __init__(self, program, law: str, scalar: str):
+        self.ffi, self.lib = program
+        self.law, self.suffix, self.real = law_of(find_robot("labmate"), law), SCALARS[scalar], scalar
+        self.prefix = f"labmate_{law}"
+        made = plant(law)
+        self.params = self.struct("labmate_params", made.params)
+        self.config = self.struct(f"{self.prefix}_config", made.config)
+        self.gains = self.struct(f"{self.prefix}_gains", made.gains)
+        self.options = self.struct("labmate_options", [])
+        self.state = self.struct("labmate_state", made.points[0].state)
+        self.reference = self.struct(f"{self.prefix}_reference", made.points[0].reference)
+        self.self = self.ffi.new(f"{self.prefix}{self.suffix} *")
+        self.tau = self.ffi.new(f"{scalar}[2]", [7.0, 7.0])
+        self.v = self.ffi.new(f"{scalar}[2]", [0.5, 0.25])
+        self.all = self.ffi.new(f"{self.prefix}_evaluation{self.suffix} *")
+
+    def struct(self, name: str, values):
+        made = self.ffi.new(f"{name}{self.suffix} *")
+        for (field, _), value in zip(self.ffi.typeof(made).item.fields, values, strict=False):
+            setattr(made, field, float(value))
+        return made
+
+    def at(self, point) -> None:
+        """Take state and reference of a point."""
+        for struct, values in ((self.state, point.state), (self.reference, point.reference)):
+            for name, value in zip(self.fields(struct), values, strict=True):
+                setattr(struct, name, float(value))
+
+    def fields(self, struct) -> list[str]:
+        return [name for name, _ in self.ffi.typeof(struct).item.fields]
+
+    def call(self, function: str, *arguments) -> str:
+        status = getattr(self.lib, f"{self.prefix}_{function}{self.suffix}")(*arguments)
+        return self.ffi.string(self.lib.noslip_status_name(status)).decode()
+
+    def init(self) -> str:
+        return self.call("init", self.self, self.params, self.config, self.gains, self.options)
+
+    def step(self) -> tuple[str, list[float]]:
+        self.tau[0] = self.tau[1] = math.nan
+        return self.call("step", self.self, self.state, self.reference, self.tau), list(self.tau)
+
+    def evaluate(self) -> tuple[str, list[float]]:
+        self.ffi.buffer(self.all)[:] = b"\xff" * self.ffi.sizeof(self.all[0])
+        status = self.call("evaluate", self.self, self.state, self.reference, self.all)
+        kind = np.float32 if self.suffix else np.float64
+        return status, np.frombuffer(self.ffi.buffer(self.all), kind).tolist()
+
+    def answers(self) -> dict[str, tuple[str, list[float]]]:
+        """Every entry point's status and values."""
+        found = {"step": self.step(), "evaluate": self.evaluate()}
+        for name, shape in (("output", "[2]"), ("rate", "[2]"), ("decoupling", "[2][2]"), ("decoupling_rate", "[2][2]")):
+            if hasattr(self.lib, f"{self.prefix}_{name}{self.suffix}"):
+                count = 1 if name == "rate" and 1 in self.law.linearization.relative_degree else 2
+                value = self.ffi.new(f"{self.real}{shape}")
+                self.ffi.buffer(value)[:] = b"\xff" * self.ffi.sizeof(value)
+                status = self.call(name, self.self, self.state, value)
+                flat = [x for row in value for x in row] if "][" in shape else list(value)[:count]
+                found[name] = status, flat
+        self.tau[0] = self.tau[1] = math.nan
+        found["feedback"] = self.call("feedback", self.self, self.state, self.v, self.tau), list(self.tau)
+        return found
+
+
+@pytest.fixture
+def robot(program, law, scalar) -> Robot:
+    made = Robot(program, law, scalar)
+    assert made.init() == "ok"
+    return made
+
+
+def assert_answered(answers: dict, status: str, but: dict[str, str] | None = None) -> None:
+    """All have the status, and zeros where it is an error; `but` names those with another."""
+    for name, (found, values) in answers.items():
+        assert found == (but or {}).get(name, status), name
+        assert np.all(np.isfinite(values)) if found == "ok" else values == [0.0] * len(values), name
+
+
+@each_scalar
+@each_law
+def test_good_answers(robot):
+    for point in plant(robot.law.name).points:
+        robot.at(point)
+        answers = robot.answers()
+        assert_answered(answers, "ok")
+        assert answers["evaluate"][1][-2:] == answers["step"][1] or np.allclose(
+            answers["evaluate"][1][-2:], answers["step"][1], rtol=1e-3 if robot.suffix else 1e-11
+        )
+
+
+@each_scalar
+@each_law
+def test_null_pointers(robot):
+    null, kind = robot.ffi.NULL, robot.real
+    good = [robot.self, robot.params, robot.config, robot.gains]
+    for k in range(4):
+        assert robot.init() == "ok"
+        arguments = [null if i == k else argument for i, argument in enumerate(good)]
+        assert robot.call("init", *arguments, robot.options) == "null"
+        if k:  # init failed: the law is not ready, and its old constants are not used
+            assert_answered(robot.answers(), "not_ready")
+    assert robot.call("init", *good, null) == "ok"
+    assert robot.call("reset", null) == "null"
+    for function, given in (
+        ("step", [robot.reference]),
+        ("evaluate", [robot.reference]),
+        ("feedback", [robot.v]),
+        ("output", []),
+        ("rate", []),
+        ("decoupling", []),
+        ("decoupling_rate", []),
+    ):
+        answer = robot.all if function == "evaluate" else robot.ffi.new(f"{kind}[2][2]" if "decoup" in function else f"{kind}[2]")
+        arguments = [robot.self, robot.state, *given, answer]
+        size = robot.ffi.sizeof(answer[0]) if function == "evaluate" else robot.ffi.sizeof(answer)
+        if function == "rate" and 1 in robot.law.linearization.relative_degree:
+            size //= 2
+        for k in range(len(arguments)):
+            robot.ffi.buffer(answer)[:] = b"\xff" * len(robot.ffi.buffer(answer))
+            assert robot.call(function, *[null if i == k else a for i, a in enumerate(arguments)]) == "null"
+            if k < len(arguments) - 1:
+                assert bytes(robot.ffi.buffer(answer))[:size] == b"\0" * size, (function, k)
+    for name in ("default_params", "check_params", "check_state"):
+        assert getattr(robot.lib, f"labmate_{name}{robot.suffix}")(null) == -1
+
+
+@each_scalar
+@each_law
+def test_not_finite(robot):
+    """NaN and infinities in every part of the state, the reference and the demand."""
+    for bad in (math.nan, math.inf, -math.inf):
+        for struct, unaffected in (
+            (robot.state, []),
+            (robot.reference, ["output", "rate", "decoupling", "decoupling_rate", "feedback"]),
+        ):
+            for name in robot.fields(struct):
+                good = getattr(struct, name)
+                setattr(struct, name, bad)
+                assert_answered(robot.answers(), "nonfinite", dict.fromkeys(unaffected, "ok"))
+                setattr(struct, name, good)
+        for k in range(2):
+            robot.v[k] = bad
+            assert robot.call("feedback", robot.self, robot.state, robot.v, robot.tau) == "nonfinite"
+            assert list(robot.tau) == [0.0, 0.0]
+            robot.v[k] = 0.5
+    assert_answered(robot.answers(), "ok")
+
+
+@each_scalar
+@each_law
+def test_refused_numbers(robot):
+    """Every parameter, configuration value, gain and limit: not finite, or of the wrong sign."""
+    groups = ((robot.params, robot.law.parameters), (robot.config, robot.law.config), (robot.gains, robot.law.gains))
+    for struct, quantities in groups:
+        assert robot.fields(struct) == [q.name for q in quantities]
+        for q in quantities:
+            good = getattr(struct, q.name)
+            wrong = {"positive": [0.0, -0.0, -1.0], "nonnegative": [-1.0, -1e-30], "any": []}[q.sign]
+            for bad in [math.nan, math.inf, -math.inf, *wrong]:
+                setattr(struct, q.name, bad)
+                assert robot.init() == "bad_parameter", (q.name, bad)
+                assert_answered(robot.answers(), "not_ready")
+            setattr(struct, q.name, good)
+            assert robot.init() == "ok"
+    for k in range(2):
+        for bad in (math.nan, math.inf, -math.inf, -1.0):
+            robot.options.limit[k] = bad
+            assert robot.init() == "bad_parameter"
+            assert_answered(robot.answers(), "not_ready")
+        robot.options.limit[k] = 0
+    for bad in (-1, 2, 2**31 - 1):
+        robot.options.on_error = bad
+        assert robot.init() == "bad_parameter"
+    robot.options.on_error = 0
+    assert robot.init() == "ok"
+
+
+@each_scalar
+@each_law
+def test_tiny_and_huge_parameters(robot):
+    """What overflows or vanishes on the way is refused by init or a status of the step, never an answer that is not finite."""
+    huge = 1e38 if robot.suffix else 1e300
+    for struct in (robot.params, robot.config, robot.gains):
+        for name in robot.fields(struct):
+            good = getattr(struct, name)
+            for value in (huge, 1 / huge, 5e-324 if not robot.suffix else 1e-45):
+                setattr(struct, name, value)
+                ready = robot.init()
+                assert ready in ("ok", "bad_parameter", "singular")
+                for status, values in robot.answers().values():
+                    assert np.all(np.isfinite(values)), name
+                    assert status == "not_ready" if ready != "ok" else status in ("ok", "nonfinite", "singular", "range")
+            setattr(struct, name, good)
+
+
+@each_scalar
+@each_law
+def test_huge_states(robot):
+    huge = 1e38 if robot.suffix else 1e300
+    for struct in (robot.state, robot.reference):
+        for name in robot.fields(struct):
+            good = getattr(struct, name)
+            for value in (huge, -huge):
+                setattr(struct, name, value)
+                for status, values in robot.answers().values():
+                    assert status in ("ok", "nonfinite", "singular", "range"), (name, status)
+                    assert np.all(np.isfinite(values)) and (status == "ok" or not np.any(values))
+            setattr(struct, name, good)
+    for name in robot.fields(robot.state)[:2] + robot.fields(robot.state)[3:]:
+        setattr(robot.state, name, huge)
+    for status, values in robot.answers().values():
+        assert status in ("ok", "nonfinite", "singular") and np.all(np.isfinite(values))
+
+
+@each_scalar
+@each_law
+def test_angle_out_of_range(robot):
+    largest = 8192.0 if robot.suffix else 2.0**20
+    beyond = float(np.nextafter(np.float32(largest) if robot.suffix else largest, np.inf, dtype=None))
+    for sign in (1, -1):
+        robot.state.phi = sign * largest
+        assert all(status in ("ok", "singular") for status, _ in robot.answers().values())
+        for angle in (beyond, 2 * largest, 1e30):
+            robot.state.phi = sign * angle
+            direct = {} if robot.law.name not in ("type_ii", "type_iii") else {}
+            assert_answered(robot.answers(), "range", direct)
+    robot.state.phi = 0.3
+    robot.state.theta_r, robot.state.theta_l = 1e30, -1e30  # no sine is taken of these
+    assert robot.step()[0] in ("ok", "singular")
+
+
+SINGULAR = {  # l = 0 everywhere but in Types II and III; the heading normal to the path, or along y or x
+    "type_i": {"config": {"L": "-d"}},
+    "type_ii": {"state": {"phi": math.pi / 2}},
+    "type_iii": {"state": {"phi": 0.0}},
+    "type_iv_line": {"config": {"A": 1.0, "B": 0.0, "C": 0.0}, "state": {"phi": math.pi}},
+    "type_iv_circle": {"config": {"x_f": 0.0, "y_f": 0.0}, "state": {"x_c": 9.0, "y_c": 0.0, "phi": 0.0}},
+    "type_iv_ellipse": {"config": {"a": 4.0, "b": 2.0}, "state": {"x_c": 0.0, "y_c": 3.0, "phi": -math.pi / 2}},
+}
+INVERTING = ("step", "evaluate", "feedback")
+
+
+def set_all(robot: Robot, changes: dict) -> None:
+    for group, values in changes.items():
+        for name, value in values.items():
+            setattr(getattr(robot, group), name, -robot.params.d if value == "-d" else value)
+
+
+@each_scalar
+@each_law
+def test_singular(robot):
+    set_all(robot, SINGULAR[robot.law.name])
+    if robot.init() == "ok":
+        assert_answered(robot.answers(), "ok", dict.fromkeys(INVERTING, "singular"))
+    else:
+        assert robot.init() == "singular"
+        assert_answered(robot.answers(), "not_ready")
+    if "phi" in SINGULAR[robot.law.name].get("state", {}):
+        robot.state.phi += 0.2
+        assert_answered(robot.answers(), "ok")
+
+
+@each_scalar
+@each_law
+def test_point_on_the_axle_is_singular(robot):
+    """l = L + d = 0: Types I and IV have no inverse in any state."""
+    if robot.law.name in ("type_ii", "type_iii"):
+        pytest.skip("regular there")
+    robot.config.L = -robot.params.d
+    if robot.init() == "ok":
+        assert all(robot.answers()[name][0] == "singular" for name in INVERTING)
+    else:
+        assert robot.init() == "singular"
+
+
+@each_scalar
+@pytest.mark.parametrize("law", ["type_iv_line"])
+def test_no_line(robot):
+    robot.config.A = robot.config.B = 0.0
+    assert robot.init() == "bad_parameter"
+    assert_answered(robot.answers(), "not_ready")
+
+
+@each_scalar
+@pytest.mark.parametrize("law", ["type_iv_circle", "type_iv_ellipse"])
+def test_centre_of_the_path(robot):
+    """P_l where the distance has no derivative: singular, no division by zero."""
+    robot.config.L = robot.state.phi = robot.state.x_c = robot.state.y_c = 0.0
+    if robot.law.name == "type_iv_circle":
+        robot.config.x_f = robot.config.y_f = 0.0
+    assert robot.init() == "ok"
+    answers = robot.answers()
+    assert all(status in ("ok", "singular") for status, _ in answers.values())
+    assert all(answers[name][0] == "singular" for name in (*INVERTING, "rate", "decoupling", "decoupling_rate"))
+    assert all(np.all(np.isfinite(values)) for _, values in answers.values())
+
+
+@each_scalar
+@each_law
+def test_never_made(program, law, scalar):
+    """Memory of any content that init has not seen answers not_ready and zeros."""
+    robot = Robot(program, law, scalar)
+    source = np.random.default_rng(8)
+    size = robot.ffi.sizeof(robot.self[0])
+    for content in (bytes(size), b"\xff" * size, b"\x01\0\0\0" * (size // 4), *(source.bytes(size) for _ in range(50))):
+        robot.ffi.buffer(robot.self)[:size] = content.ljust(size, b"\0")
+        robot.self.ready = 0 if robot.self.ready == 0x5EED1992 else robot.self.ready
+        for on_error in (robot.self.options.on_error, 1):
+            robot.self.options.on_error = on_error
+            robot.self.held[0] = math.nan
+            assert_answered(robot.answers(), "not_ready")
+
+
+@each_scalar
+@each_law
+def test_limits(robot):
+    _, free = robot.step()
+    assert all(abs(value) > 1e-3 for value in free)
+    for k in range(2):
+        other = 1 - k
+        robot.options.limit[k], robot.options.limit[other] = abs(free[k]) / 4, 0
+        assert robot.init() == "ok"
+        status, tau = robot.step()
+        assert status == "saturated" and tau[other] == free[other]
+        assert tau[k] == math.copysign(robot.options.limit[k], free[k])
+        assert robot.lib.noslip_status_name(1) != robot.ffi.NULL
+    robot.options.limit[0], robot.options.limit[1] = abs(free[0]), abs(free[1])  # just not cut
+    assert robot.init() == "ok"
+    assert robot.step() == ("ok", free)
+    assert robot.evaluate()[0] == "ok"  # the law itself, without limits
+    robot.options.limit[0] = robot.options.limit[1] = abs(min(free, key=abs)) * 0.9
+    assert robot.init() == "ok"
+    assert robot.step() == ("saturated", [math.copysign(robot.options.limit[0], value) for value in free])
+
+
+@each_scalar
+@each_law
+@pytest.mark.parametrize("hold", [0, 1])
+def test_answer_on_an_error(robot, hold):
+    robot.options.on_error = hold
+    assert robot.init() == "ok"
+    good = robot.state.x_c
+
+    def failing() -> list[float]:
+        robot.state.x_c = math.nan
+        status, tau = robot.step()
+        robot.state.x_c = good
+        assert status == "nonfinite"
+        return tau
+
+    assert failing() == [0.0, 0.0]  # nothing to hold yet
+    answers = []
+    for point in plant(robot.law.name).points[:3]:
+        robot.at(point)
+        good = robot.state.x_c
+        status, tau = robot.step()
+        answers.append(tau)
+        assert status == "ok" and failing() == (tau if hold else [0.0, 0.0]) == failing()
+    assert answers[0] != answers[1] != answers[2]
+    null = robot.call("step", robot.self, robot.ffi.NULL, robot.reference, robot.tau), list(robot.tau)
+    assert null == ("null", answers[-1] if hold else [0.0, 0.0])
+    assert robot.call("reset", robot.self) == "ok"
+    assert failing() == [0.0, 0.0]
+    assert robot.step() == ("ok", answers[-1])  # reset does not forget the law
+
+
+@each_scalar
+@each_law
+def test_held_is_what_was_cut(robot):
+    _, free = robot.step()
+    robot.options.limit[0], robot.options.on_error = abs(free[0]) / 2, 1
+    assert robot.init() == "ok"
+    _, cut = robot.step()
+    robot.state.phi = math.nan
+    assert robot.step() == ("nonfinite", cut)
+
+
+@each_scalar
+@each_law
+def test_init_again_forgets_what_was_held(robot):
+    robot.options.on_error = 1
+    assert robot.init() == "ok" and robot.step()[0] == "ok"
+    assert robot.init() == "ok"
+    robot.state.phi = math.nan
+    assert robot.step() == ("nonfinite", [0.0, 0.0])
+
+
+def test_status_names(program):
+    ffi, lib = program
+    names = {status: ffi.string(lib.noslip_status_name(status)).decode() for status in range(-9, 5)}
+    assert names[0] == "ok" and names[1] == "saturated" and names[-6] == "not_ready"
+    assert len({names[status] for status in range(-6, 2)}) == 8
+    assert all(names[status] == "unknown" for status in (-9, -8, -7, 2, 3, 4))
+
+
+@each_scalar
+def test_default_parameters(program, scalar):
+    robot = Robot(program, "type_i", scalar)
+    assert getattr(robot.lib, f"labmate_default_params{robot.suffix}")(robot.params) == 0
+    kind = np.float32 if robot.suffix else np.float64
+    for q in robot.law.parameters:
+        assert getattr(robot.params, q.name) == float(kind(q.default))
+    assert getattr(robot.lib, f"labmate_check_params{robot.suffix}")(robot.params) == 0
+
+
+def test_controllers_do_not_touch_each_other(program):
+    """Every law in both scalars, two of each with different parameters, stepped in turn: the bits of each are those alone."""
+
+    def controllers() -> list[Robot]:
+        made = []
+        for law in OUTPUTS:
+            for scalar in SCALARS:
+                for mass in (20.0, 55.0):
+                    robot = Robot(program, law, scalar)
+                    robot.params.m_c, robot.options.on_error = mass, 1
+                    robot.options.limit[0] = 30.0
+                    assert robot.init() == "ok"
+                    made.append(robot)
+        return made
+
+    def one_step(robot: Robot, k: int):
+        points = plant(robot.law.name).points
+        robot.at(points[k % len(points)])
+        if k % 5 == 4:
+            robot.state.phi = math.inf
+        return robot.step(), robot.evaluate()
+
+    alone = [[one_step(robot, k) for k in range(20)] for robot in controllers()]
+    together: list[list] = [[] for _ in alone]
+    interleaved = controllers()
+    for k in range(20):
+        for robot, answers in zip(interleaved, together, strict=True):
+            answers.append(one_step(robot, k))
+    assert together == alone
+    assert len({str(answers) for answers in alone}) == len(alone)
+
+
+# -- random input ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def sanitizers(tmp_path_factory) -> list[str]:
+    """The flags, as far as this compiler has them."""
+    folder = tmp_path_factory.mktemp("sanitizers")
+    (folder / "probe.c").write_text("int main(void) { return 0; }\n")
+    checks = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
+    if subprocess.run(["gcc", checks, "-o", folder / "probe", folder / "probe.c"], capture_output=True).returncode:
+        return []
+    return [checks, "-fno-sanitize-recover=all"]
+
+
+def test_random_input(sanitizers, tmp_path):
+    """Random bits, special and ordinary numbers: 20 000 steps for every law and scalar."""
+    made = objects("gcc", ["-O1", "-g", *sanitizers], tmp_path, [*SOURCES, driver("fuzz", tmp_path, list(OUTPUTS), 20_000)])
+    run(["gcc", *sanitizers, *made, "-lm", "-o", str(tmp_path / "fuzz")])
+    for line in run([str(tmp_path / "fuzz")]).splitlines():
+        name, *counted = line.split()
+        not_ready, singular, bad, range_, nonfinite, null, ok, saturated = map(int, counted)
+        assert bad == null == 0 and min(not_ready, singular, nonfinite, range_) > 0, line
+        assert ok > 1000 and saturated > 1000, line
