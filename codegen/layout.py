@@ -23,6 +23,8 @@ def comment(lines: Sequence[str]) -> str:
 
 def fill(text: str, indent: str) -> list[str]:
     """A C statement or signature broken after commas and operators to fit the width, continuation lines indented further."""
+    inner = text.lstrip()
+    indent, text = indent + text[: len(text) - len(inner)], inner
     pieces = re.split(r"(?<=,) |(?<= [-+*/=]) |(?<=&&) |(?<=\|\|) ", text)
     lines = [indent + pieces[0]]
     for piece in pieces[1:]:

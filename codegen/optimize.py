@@ -236,6 +236,7 @@ class Optimizer:
             _, (x, y, relative) = max(shared, key=lambda item: (item[0], -item[1][0].order, -item[1][1].order))
             signs = "+-" if relative < 0 else "++"
             pair = self.graph.make("sum", (x, y), name=signs) if operation == "sum" else self.graph.make("kept", (x, y))
+            self._name(self.graph.make("product", (x, y)), 1, pair)
 
             def replace(sign: int, node: Node, x=x, y=y, relative=relative, pair=pair) -> Signed:
                 if node.operation != operation or node is pair or (x, y, relative) not in set(pairs(node)):
@@ -278,7 +279,9 @@ class Optimizer:
             elif node.operation == "inverse":
                 rebuilt = (new[0][0], self._inverse(new[0][1]))
             elif node.operation == "kept":
-                rebuilt = prod(s for s, _ in new), self.graph.make("kept", tuple(n for _, n in new))
+                sign, parts = prod(s for s, _ in new), tuple(n for _, n in new)
+                made_here = any(self.fixed(argument) for argument in node.arguments)  # by _extract, which wants it so
+                rebuilt = (sign, self.graph.make("kept", parts)) if made_here else self._keep(*self.product(sign, *parts))
             else:
                 rebuilt = (1, self.graph.apply(node.operation, *[self._plain(argument) for argument in new]))
             done[node] = self._name(node, *change(*rebuilt))

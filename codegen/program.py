@@ -138,7 +138,6 @@ def plain(law: ControlLaw) -> Stages:
         "ydot": found.rate,
         "Phi": found.Phi,
         "Phidot": found.Phidot,
-        "v": law.v,
         "u": law.u,
         "tau": law.tau,
         "tau_of_demand": law.tau_of_demand,
@@ -166,7 +165,6 @@ def _own_names(law: ControlLaw, quantities: dict[str, Matrix]) -> dict[Node, str
         "ydot": [[f"{name}_rate"] for name in second],
         "Phi": [[f"Phi_{i}{j}" for j in size] for i in size],
         "Phidot": [[f"Phidot_{i}{j}" for j in size] for i in size],
-        "v": [[f"v_{name}"] for name in rows],
         "u": [[f"u_{q.name}"] for q in law.system.quasi_velocities],
         "tau": [[q.name] for q in law.system.mechanism.inputs],
     }

@@ -127,9 +127,12 @@ def staged(law: ControlLaw) -> Stages:
     second = [row for row, degree in zip(rows, plain.relative_degree, strict=True) if degree == 2]
     h, rate = ca.vertcat(*[row.h for row in rows]), ca.vertcat(*[row.rate for row in second])
     gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
-    v = outer_loop(plain.relative_degree, gains, reference, h, rate)
-    v = ca.vertcat(*[stages.step(q.name, v[k]) for k, q in enumerate(law.demand)])
+    damped = _damped_alone(rows, plain.relative_degree)
+    loop = outer_loop(plain.relative_degree, gains, reference, h, _rest_of_rates(rows, plain, damped))
+    loop = ca.vertcat(*[stages.step(q.name, loop[k]) for k, q in enumerate(law.demand)])
     demand = ca.vertcat(*[q.symbol for q in law.demand])
+    kd = {row.name: gain.symbol for row in output.rows for gain in law.gains if gain.name == f"kd_{row.name}"}
+    damping = ca.vertcat(*[kd[output.rows[damped[j]].name] * inner.nu[j] if j in damped else 0 for j in range(inner.freedom)])
 
     feedback = _Feedback(stages, inner, rows)
     unit = ca.SX.eye(law.system.freedom)
@@ -140,10 +143,9 @@ def staged(law: ControlLaw) -> Stages:
         "ydot": rate,
         "Phi": Phi @ stages.exact(W),
         "Phidot": ca.vertcat(*[row.Phidot for row in rows]) @ stages.exact(W),
-        "v": v,
-        "u": back @ feedback.acceleration(v),
-        "tau": feedback.inputs(v),
-        "tau_of_demand": feedback.inputs(demand),
+        "u": back @ feedback.acceleration(loop, damping),
+        "tau": feedback.inputs(loop, damping),
+        "tau_of_demand": feedback.inputs(demand, ca.SX.zeros(inner.freedom)),
         "singular": _singular(stages, Phi, W),
         "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
     }
@@ -236,8 +238,35 @@ def _point_row(stages: Stages, inner: ReducedSystem, row: OutputRow) -> _Row:
     return _Row(stages.step(row.name, outer), rate, Phi, written_out, Phidot, drift, point, point_drift, curvature)
 
 
+def _damped_alone(rows: list[_Row], degree: tuple[int, ...]) -> dict[int, int]:
+    """Column j of Phi -> row i, where only row i of Phi has an entry and is of degree 2 and straight.
+
+    There the damping -kd Phi_ij w_j of the outer loop comes out of the inverse as -kd w_j, with no need to compute it.
+    """
+    found = {}
+    for j in range(len(rows)):
+        felt = [i for i, row in enumerate(rows) if not row.Phi[j].is_zero()]
+        if len(felt) == 1 and degree[felt[0]] == 2 and (rows[felt[0]].curvature is None or rows[felt[0]].curvature.is_zero()):
+            found[j] = felt[0]
+    return found
+
+
+def _rest_of_rates(rows: list[_Row], plain: Linearization, damped: dict[int, int]) -> ca.SX:
+    """Rates of the outputs of degree 2 without the terms that are damped past the inverse."""
+    w = plain.system.nu
+    rates = []
+    for i, (row, degree) in enumerate(zip(rows, plain.relative_degree, strict=True)):
+        if degree == 2:
+            left = [row.Phi[j] * w[j] for j in range(len(rows)) if damped.get(j) != i]
+            rates.append(row.rate if len(left) == len(rows) else sum(left, start=ca.SX(0)))
+    return ca.vertcat(*rates)
+
+
 class _Feedback:
-    """Both feedbacks in w: u = Phi^-1 (v - residual) - rest, tau = K u + B (12), (20)."""
+    """Both feedbacks in w: u = Phi^-1 (v - residual) - rest - damping, tau = K u + bias (12), (20).
+
+    `damping` is the part of the outer loop that has been taken past the inverse, see _damped_alone.
+    """
 
     def __init__(self, stages: Stages, inner: ReducedSystem, rows: list[_Row]):
         self.stages, self.inner = stages, inner
@@ -247,15 +276,16 @@ class _Feedback:
         self.residual = ca.vertcat(*[self._residual(row) for row in rows])
         to_inputs = stages.exact(inner.input_inverse())
         self.K = stages.exact(to_inputs @ stages.exact(inner.Mbar))
-        self.B = _by_monomials(stages, to_inputs @ stages.exact(inner.bias) - self.K @ self.rest, inner.nu)
+        self.bias = to_inputs @ stages.exact(inner.bias)
 
-    def acceleration(self, v: ca.SX) -> ca.SX:
+    def acceleration(self, v: ca.SX, damping: ca.SX) -> ca.SX:
         """u, the rate of w."""
-        return self._solved(v) - self.rest
+        return self._solved(v) - self.rest - damping
 
-    def inputs(self, v: ca.SX) -> ca.SX:
+    def inputs(self, v: ca.SX, damping: ca.SX) -> ca.SX:
         """tau."""
-        return self.K @ self._solved(v) + self.B
+        rest = _by_monomials(self.stages, self.bias - self.K @ (self.rest + damping), self.inner.nu)
+        return self.K @ self._solved(v) + rest
 
     def _solved(self, v: ca.SX) -> ca.SX:
         wanted = ca.vertcat(*[self.stages.step(f"wanted_{k}", v[k] - self.residual[k]) for k in range(v.numel())])

@@ -41,40 +41,45 @@ int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, cons
     self->kp_y_l = gains->kp_y_l;
     self->kd_y_l = gains->kd_y_l;
     self->k1 = params->r * 0.5;
-    const double t1 = params->b * 2.0;
+    const double t1 = params->d + config->L;
     if (!(noslip_abs(t1) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k2 = params->r / t1;
-    self->k3 = params->d + config->L;
-    self->k4 = params->b * params->b;
+    self->k2 = 1.0 / t1;
+    self->k3 = params->b * params->b;
     const double t2 = params->r * params->r;
     if (!(noslip_abs(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k5 = self->k1 * ((params->I_w * 2.0 + t2 * params->m_c + t2 * params->m_w * 2.0) / t2);
-    if (!(noslip_abs(self->k3) > 0)) {
+    self->k4 = self->k1 * ((params->I_w * 2.0 + t2 * params->m_c + t2 * params->m_w * 2.0) / t2);
+    self->k5 = 1.0 / params->r;
+    self->k6 = params->b / params->r;
+    const double t3 = params->b * 2.0;
+    if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t3 = 1.0 / self->k3;
-    const double t4 = t2 * params->I_c + t2 * params->I_m * 2.0 + self->k4 * params->I_w * 2.0 + t2 * (self->k4 *
+    const double t4 = params->r / t3;
+    const double t5 = t2 * params->I_c + t2 * params->I_m * 2.0 + self->k3 * params->I_w * 2.0 + t2 * (self->k3 *
         params->m_w) * 2.0;
-    self->k6 = t3 * (self->k2 * ((t4 + t2 * (params->d * params->d * params->m_c)) / t2));
-    const double t5 = params->d * params->m_c;
-    self->k7 = self->k1 * t5 - self->k5 * self->k3;
-    self->k8 = 0.5 * (self->k2 * t5 - self->k6) * 2.0;
-    self->k9 = 1.0 / params->r;
-    self->k10 = self->k3 * self->k3;
-    self->k11 = self->k2 * self->k3;
-    self->k12 = self->k4 - self->k10;
-    const double t6 = t2 / (self->k4 * 2.0);
-    const double t7 = self->k1 * self->k2 * 2.0;
+    self->k7 = self->k2 * (t4 * ((t5 + t2 * (params->d * params->d * params->m_c)) / t2));
+    self->k8 = t1 * t1;
+    self->k9 = self->k1 * t4;
+    self->k10 = t4 * t1;
+    self->k11 = t4 * self->k10;
+    self->k12 = self->k3 - self->k8;
+    const double t6 = t2 / (self->k3 * 2.0);
+    const double t7 = self->k9 * 2.0;
     const double t8 = t7 * t7;
     if (!(noslip_abs(t8) > 0)) {
         return NOSLIP_SINGULAR;
     }
     self->k13 = t6 * (t6 * 1e-10) * (1.0 / t8);
-    self->k14 = t3 * (params->b / params->r);
+    const double t9 = params->d * params->m_c;
+    self->k14 = 0.5 * (t4 * t9 - self->k7) * 2.0 * self->k9;
+    const double t10 = t4 * t4;
+    self->k15 = t10 * (self->k1 * t9 - self->k4 * t1);
+    self->k16 = t10 * t1;
+    self->k17 = self->k2 * self->k9;
     if (!(noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&
         noslip_is_finite(self->k3) &&
@@ -88,7 +93,10 @@ int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, cons
         noslip_is_finite(self->k11) &&
         noslip_is_finite(self->k12) &&
         noslip_is_finite(self->k13) &&
-        noslip_is_finite(self->k14))) {
+        noslip_is_finite(self->k14) &&
+        noslip_is_finite(self->k15) &&
+        noslip_is_finite(self->k16) &&
+        noslip_is_finite(self->k17))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -165,7 +173,7 @@ static int labmate_type_i_rate_law(const labmate_type_i *self, const labmate_sta
     const double forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = self->k11 * (state->thetadot_r - state->thetadot_l);
+    const double t1 = self->k10 * (state->thetadot_r - state->thetadot_l);
     ydot[0] = forward_speed * cos_phi - t1 * sin_phi;
     ydot[1] = forward_speed * sin_phi + t1 * cos_phi;
     return NOSLIP_OK;
@@ -191,11 +199,11 @@ static int labmate_type_i_decoupling_law(const labmate_type_i *self, const labma
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->k1 * cos_phi;
-    const double t2 = self->k11 * sin_phi;
+    const double t2 = self->k10 * sin_phi;
     Phi[0][0] = t1 - t2;
     Phi[0][1] = t1 + t2;
     const double t3 = self->k1 * sin_phi;
-    const double t4 = self->k11 * cos_phi;
+    const double t4 = self->k10 * cos_phi;
     Phi[1][0] = t3 + t4;
     Phi[1][1] = t3 - t4;
     return NOSLIP_OK;
@@ -223,19 +231,19 @@ int labmate_type_i_decoupling(const labmate_type_i *self, const labmate_state *s
 static int labmate_type_i_decoupling_rate_law(const labmate_type_i *self, const labmate_state *state,
     double Phidot[2][2])
 {
-    const double yaw_rate = self->k2 * (state->thetadot_r - state->thetadot_l);
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = yaw_rate * sin_phi;
-    const double t2 = self->k1 * t1;
-    const double t3 = yaw_rate * cos_phi;
-    const double t4 = self->k11 * t3;
-    Phidot[0][0] = -(t2 + t4);
-    Phidot[0][1] = t4 - t2;
-    const double t5 = self->k1 * t3;
-    const double t6 = self->k11 * t1;
-    Phidot[1][0] = t5 - t6;
-    Phidot[1][1] = t5 + t6;
+    const double t1 = state->thetadot_r - state->thetadot_l;
+    const double t2 = sin_phi * t1;
+    const double t3 = self->k9 * t2;
+    const double t4 = cos_phi * t1;
+    const double t5 = self->k11 * t4;
+    Phidot[0][0] = -(t3 + t5);
+    Phidot[0][1] = t5 - t3;
+    const double t6 = self->k9 * t4;
+    const double t7 = self->k11 * t2;
+    Phidot[1][0] = t6 - t7;
+    Phidot[1][1] = t6 + t7;
     return NOSLIP_OK;
 }
 
@@ -264,16 +272,16 @@ static int labmate_type_i_feedback_law(const labmate_type_i *self, const labmate
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * cos_phi * self->k12;
-    if (!(self->k10 > self->k13 * (self->k10 + t1) * (self->k4 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
-    const double forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
-    const double yaw_rate = self->k2 * (state->thetadot_r - state->thetadot_l);
-    const double t2 = self->k8 * (forward_speed * yaw_rate) + self->k6 * (v[1] * cos_phi - v[0] * sin_phi);
+    const double t2 = state->thetadot_r - state->thetadot_l;
+    const double t3 = self->k14 * ((state->thetadot_r + state->thetadot_l) * t2) + self->k7 * (v[1] * cos_phi - v[0] *
+        sin_phi);
     const double u_forward_speed = v[0] * cos_phi + v[1] * sin_phi;
-    const double t3 = self->k5 * u_forward_speed - yaw_rate * yaw_rate * self->k7;
-    tau[0] = t2 + t3;
-    tau[1] = t3 - t2;
+    const double t4 = self->k4 * u_forward_speed - self->k15 * (t2 * t2);
+    tau[0] = t3 + t4;
+    tau[1] = t4 - t3;
     return NOSLIP_OK;
 }
 
@@ -301,53 +309,54 @@ static int labmate_type_i_evaluate_law(const labmate_type_i *self, const labmate
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * cos_phi * self->k12;
-    if (!(self->k10 > self->k13 * (self->k10 + t1) * (self->k4 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const double x_l = state->x_c + self->L * cos_phi;
     all->h[0] = x_l;
     const double y_l = state->y_c + self->L * sin_phi;
     all->h[1] = y_l;
-    const double forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
-    const double yaw_rate = self->k2 * (state->thetadot_r - state->thetadot_l);
-    const double t2 = yaw_rate * sin_phi;
-    const double x_l_rate = forward_speed * cos_phi - t2 * self->k3;
-    all->ydot[0] = x_l_rate;
-    const double t3 = yaw_rate * cos_phi;
-    const double y_l_rate = forward_speed * sin_phi + t3 * self->k3;
+    const double t2 = self->k1 * cos_phi;
+    const double t3 = state->thetadot_r + state->thetadot_l;
+    const double t4 = t2 * t3;
+    const double t5 = state->thetadot_r - state->thetadot_l;
+    const double t6 = sin_phi * t5;
+    const double t7 = self->k10 * t6;
+    all->ydot[0] = t4 - t7;
+    const double t8 = self->k1 * sin_phi;
+    const double t9 = cos_phi * t5;
+    const double y_l_rate = t8 * t3 + self->k10 * t9;
     all->ydot[1] = y_l_rate;
-    const double t4 = self->k1 * cos_phi;
-    const double t5 = self->k11 * sin_phi;
-    all->Phi[0][0] = t4 - t5;
-    all->Phi[0][1] = t4 + t5;
-    const double t6 = self->k1 * sin_phi;
-    const double t7 = self->k11 * cos_phi;
-    all->Phi[1][0] = t6 + t7;
-    all->Phi[1][1] = t6 - t7;
-    const double t8 = self->k1 * t2;
-    const double t9 = self->k11 * t3;
-    all->Phidot[0][0] = -(t8 + t9);
-    all->Phidot[0][1] = t9 - t8;
-    const double t10 = self->k1 * t3;
-    const double t11 = self->k11 * t2;
-    all->Phidot[1][0] = t10 - t11;
-    all->Phidot[1][1] = t10 + t11;
-    const double v_x_l = reference->x_l_acceleration + self->kp_x_l * (reference->x_l - x_l) + self->kd_x_l *
-        (reference->x_l_rate - x_l_rate);
+    const double t10 = self->k10 * sin_phi;
+    all->Phi[0][0] = t2 - t10;
+    all->Phi[0][1] = t2 + t10;
+    const double t11 = self->k10 * cos_phi;
+    all->Phi[1][0] = t8 + t11;
+    all->Phi[1][1] = t8 - t11;
+    const double t12 = self->k9 * t6;
+    const double t13 = self->k11 * t9;
+    all->Phidot[0][0] = -(t12 + t13);
+    all->Phidot[0][1] = t13 - t12;
+    const double t14 = self->k9 * t9;
+    const double t15 = self->k11 * t6;
+    all->Phidot[1][0] = t14 - t15;
+    all->Phidot[1][1] = t14 + t15;
     const double v_y_l = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
         (reference->y_l_rate - y_l_rate);
-    const double u_forward_speed = cos_phi * v_x_l + sin_phi * v_y_l;
-    const double t12 = yaw_rate * yaw_rate;
-    const double t13 = self->k9 * (u_forward_speed + t12 * self->k3);
-    const double t14 = forward_speed * yaw_rate;
-    const double t15 = cos_phi * v_y_l - sin_phi * v_x_l;
-    const double t16 = self->k14 * (t14 - t15);
-    all->u[0] = t13 - t16;
-    all->u[1] = t13 + t16;
-    const double t17 = self->k8 * t14 + self->k6 * t15;
-    const double t18 = self->k5 * u_forward_speed - t12 * self->k7;
-    all->tau[0] = t17 + t18;
-    all->tau[1] = t18 - t17;
+    const double v_x_l = reference->x_l_acceleration + self->kp_x_l * (reference->x_l - x_l) + self->kd_x_l * (t7 - t4 +
+        reference->x_l_rate);
+    const double u_forward_speed = sin_phi * v_y_l + cos_phi * v_x_l;
+    const double t16 = t5 * t5;
+    const double t17 = self->k5 * (u_forward_speed + t16 * self->k16);
+    const double t18 = t3 * t5;
+    const double t19 = sin_phi * v_x_l - cos_phi * v_y_l;
+    const double t20 = self->k6 * (t18 * self->k17 + self->k2 * t19);
+    all->u[0] = t17 - t20;
+    all->u[1] = t17 + t20;
+    const double t21 = self->k14 * t18 - self->k7 * t19;
+    const double t22 = self->k4 * u_forward_speed - self->k15 * t16;
+    all->tau[0] = t21 + t22;
+    all->tau[1] = t22 - t21;
     return NOSLIP_OK;
 }
 
@@ -385,22 +394,22 @@ static int labmate_type_i_step_law(const labmate_type_i *self, const labmate_sta
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * cos_phi * self->k12;
-    if (!(self->k10 > self->k13 * (self->k10 + t1) * (self->k4 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
-    const double forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
-    const double t2 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->k2 * t2;
-    const double t3 = self->k11 * t2;
+    const double t2 = state->thetadot_r + state->thetadot_l;
+    const double t3 = state->thetadot_r - state->thetadot_l;
+    const double forward_speed = self->k1 * t2;
+    const double t4 = self->k10 * t3;
     const double v_y_l = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L *
-        sin_phi) + self->kd_y_l * (reference->y_l_rate - forward_speed * sin_phi - t3 * cos_phi);
+        sin_phi) + self->kd_y_l * (reference->y_l_rate - forward_speed * sin_phi - t4 * cos_phi);
     const double v_x_l = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L *
-        cos_phi) + self->kd_x_l * (reference->x_l_rate - forward_speed * cos_phi + t3 * sin_phi);
-    const double t4 = self->k8 * (forward_speed * yaw_rate) + self->k6 * (cos_phi * v_y_l - sin_phi * v_x_l);
+        cos_phi) + self->kd_x_l * (reference->x_l_rate - forward_speed * cos_phi + t4 * sin_phi);
+    const double t5 = self->k14 * (t2 * t3) + self->k7 * (cos_phi * v_y_l - sin_phi * v_x_l);
     const double u_forward_speed = cos_phi * v_x_l + sin_phi * v_y_l;
-    const double t5 = self->k5 * u_forward_speed - yaw_rate * yaw_rate * self->k7;
-    tau[0] = t4 + t5;
-    tau[1] = t5 - t4;
+    const double t6 = self->k4 * u_forward_speed - self->k15 * (t3 * t3);
+    tau[0] = t5 + t6;
+    tau[1] = t6 - t5;
     return NOSLIP_OK;
 }
 
@@ -430,7 +439,7 @@ int labmate_type_i_step(labmate_type_i *self, const labmate_state *state, const 
         status = labmate_type_i_step_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
         if (status == NOSLIP_OK && noslip_abs(tau[0]) <= self->limit[0] && noslip_abs(tau[1]) <= self->limit[1] &&
-        noslip_is_finite(state->theta_r + state->theta_l)) {
+            noslip_is_finite(state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];
             return status;

@@ -57,19 +57,22 @@ typedef struct labmate_type_i {
     double kp_y_l;   /* 1/s^2 */
     double kd_y_l;   /* 1/s */
     double k1;       /* r * 0.5 */
-    double k2;       /* r / (b * 2.0) */
-    double k3;       /* d + L */
-    double k4;       /* b * b */
-    double k5;       /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k6;       /* see init */
+    double k2;       /* 1.0 / (d + L) */
+    double k3;       /* b * b */
+    double k4;       /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k5;       /* 1.0 / r */
+    double k6;       /* b / r */
     double k7;       /* see init */
-    double k8;       /* see init */
-    double k9;       /* 1.0 / r */
-    double k10;      /* (d + L) * (d + L) */
-    double k11;      /* r / (b * 2.0) * (d + L) */
+    double k8;       /* (d + L) * (d + L) */
+    double k9;       /* r * 0.5 * (r / (b * 2.0)) */
+    double k10;      /* r / (b * 2.0) * (d + L) */
+    double k11;      /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
     double k12;      /* b * b - (d + L) * (d + L) */
     double k13;      /* see init */
-    double k14;      /* 1.0 / (d + L) * (b / r) */
+    double k14;      /* see init */
+    double k15;      /* see init */
+    double k16;      /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    double k17;      /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_i;
 
 /*
@@ -108,7 +111,7 @@ int labmate_type_i_decoupling(const labmate_type_i *self, const labmate_state *s
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 7 mul, 2 add, 3 sub, 1 neg, 1 sincos.
+ * Operations: 6 mul, 2 add, 3 sub, 1 neg, 1 sincos.
  */
 int labmate_type_i_decoupling_rate(const labmate_type_i *self, const labmate_state *state, double Phidot[2][2]);
 
@@ -116,13 +119,13 @@ int labmate_type_i_decoupling_rate(const labmate_type_i *self, const labmate_sta
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_x_l (m/s^2), v_y_l (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 16 mul, 5 add, 5 sub, 1 sincos.
+ * Operations: 14 mul, 5 add, 5 sub, 1 sincos.
  */
 int labmate_type_i_feedback(const labmate_type_i *self, const labmate_state *state, const double v[2], double tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 39 mul, 18 add, 16 sub, 1 neg, 1 sincos.
+ * Operations: 39 mul, 19 add, 16 sub, 1 neg, 1 sincos.
  */
 int labmate_type_i_evaluate(const labmate_type_i *self, const labmate_state *state,
     const labmate_type_i_reference *reference, labmate_type_i_evaluation *all);
@@ -130,7 +133,7 @@ int labmate_type_i_evaluate(const labmate_type_i *self, const labmate_state *sta
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 27 mul, 10 add, 12 sub, 1 sincos.
+ * Operations: 26 mul, 10 add, 12 sub, 1 sincos.
  */
 int labmate_type_i_step(labmate_type_i *self, const labmate_state *state, const labmate_type_i_reference *reference,
     double tau[2]);

@@ -41,40 +41,45 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
     self->kp_y_l = gains->kp_y_l;
     self->kd_y_l = gains->kd_y_l;
     self->k1 = params->r * 0.5f;
-    const float t1 = params->b * 2.0f;
+    const float t1 = params->d + config->L;
     if (!(noslip_abs_f(t1) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k2 = params->r / t1;
-    self->k3 = params->d + config->L;
-    self->k4 = params->b * params->b;
+    self->k2 = 1.0f / t1;
+    self->k3 = params->b * params->b;
     const float t2 = params->r * params->r;
     if (!(noslip_abs_f(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k5 = self->k1 * ((params->I_w * 2.0f + t2 * params->m_c + t2 * params->m_w * 2.0f) / t2);
-    if (!(noslip_abs_f(self->k3) > 0)) {
+    self->k4 = self->k1 * ((params->I_w * 2.0f + t2 * params->m_c + t2 * params->m_w * 2.0f) / t2);
+    self->k5 = 1.0f / params->r;
+    self->k6 = params->b / params->r;
+    const float t3 = params->b * 2.0f;
+    if (!(noslip_abs_f(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t3 = 1.0f / self->k3;
-    const float t4 = t2 * params->I_c + t2 * params->I_m * 2.0f + self->k4 * params->I_w * 2.0f + t2 * (self->k4 *
+    const float t4 = params->r / t3;
+    const float t5 = t2 * params->I_c + t2 * params->I_m * 2.0f + self->k3 * params->I_w * 2.0f + t2 * (self->k3 *
         params->m_w) * 2.0f;
-    self->k6 = t3 * (self->k2 * ((t4 + t2 * (params->d * params->d * params->m_c)) / t2));
-    const float t5 = params->d * params->m_c;
-    self->k7 = self->k1 * t5 - self->k5 * self->k3;
-    self->k8 = 0.5f * (self->k2 * t5 - self->k6) * 2.0f;
-    self->k9 = 1.0f / params->r;
-    self->k10 = self->k3 * self->k3;
-    self->k11 = self->k2 * self->k3;
-    self->k12 = self->k4 - self->k10;
-    const float t6 = t2 / (self->k4 * 2.0f);
-    const float t7 = self->k1 * self->k2 * 2.0f;
+    self->k7 = self->k2 * (t4 * ((t5 + t2 * (params->d * params->d * params->m_c)) / t2));
+    self->k8 = t1 * t1;
+    self->k9 = self->k1 * t4;
+    self->k10 = t4 * t1;
+    self->k11 = t4 * self->k10;
+    self->k12 = self->k3 - self->k8;
+    const float t6 = t2 / (self->k3 * 2.0f);
+    const float t7 = self->k9 * 2.0f;
     const float t8 = t7 * t7;
     if (!(noslip_abs_f(t8) > 0)) {
         return NOSLIP_SINGULAR;
     }
     self->k13 = t6 * (t6 * 1e-10f) * (1.0f / t8);
-    self->k14 = t3 * (params->b / params->r);
+    const float t9 = params->d * params->m_c;
+    self->k14 = 0.5f * (t4 * t9 - self->k7) * 2.0f * self->k9;
+    const float t10 = t4 * t4;
+    self->k15 = t10 * (self->k1 * t9 - self->k4 * t1);
+    self->k16 = t10 * t1;
+    self->k17 = self->k2 * self->k9;
     if (!(noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
         noslip_is_finite_f(self->k3) &&
@@ -88,7 +93,10 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
         noslip_is_finite_f(self->k11) &&
         noslip_is_finite_f(self->k12) &&
         noslip_is_finite_f(self->k13) &&
-        noslip_is_finite_f(self->k14))) {
+        noslip_is_finite_f(self->k14) &&
+        noslip_is_finite_f(self->k15) &&
+        noslip_is_finite_f(self->k16) &&
+        noslip_is_finite_f(self->k17))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -165,7 +173,7 @@ static int labmate_type_i_rate_f_law(const labmate_type_i_f *self, const labmate
     const float forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = self->k11 * (state->thetadot_r - state->thetadot_l);
+    const float t1 = self->k10 * (state->thetadot_r - state->thetadot_l);
     ydot[0] = forward_speed * cos_phi - t1 * sin_phi;
     ydot[1] = forward_speed * sin_phi + t1 * cos_phi;
     return NOSLIP_OK;
@@ -191,11 +199,11 @@ static int labmate_type_i_decoupling_f_law(const labmate_type_i_f *self, const l
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->k1 * cos_phi;
-    const float t2 = self->k11 * sin_phi;
+    const float t2 = self->k10 * sin_phi;
     Phi[0][0] = t1 - t2;
     Phi[0][1] = t1 + t2;
     const float t3 = self->k1 * sin_phi;
-    const float t4 = self->k11 * cos_phi;
+    const float t4 = self->k10 * cos_phi;
     Phi[1][0] = t3 + t4;
     Phi[1][1] = t3 - t4;
     return NOSLIP_OK;
@@ -223,19 +231,19 @@ int labmate_type_i_decoupling_f(const labmate_type_i_f *self, const labmate_stat
 static int labmate_type_i_decoupling_rate_f_law(const labmate_type_i_f *self, const labmate_state_f *state,
     float Phidot[2][2])
 {
-    const float yaw_rate = self->k2 * (state->thetadot_r - state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = yaw_rate * sin_phi;
-    const float t2 = self->k1 * t1;
-    const float t3 = yaw_rate * cos_phi;
-    const float t4 = self->k11 * t3;
-    Phidot[0][0] = -(t2 + t4);
-    Phidot[0][1] = t4 - t2;
-    const float t5 = self->k1 * t3;
-    const float t6 = self->k11 * t1;
-    Phidot[1][0] = t5 - t6;
-    Phidot[1][1] = t5 + t6;
+    const float t1 = state->thetadot_r - state->thetadot_l;
+    const float t2 = sin_phi * t1;
+    const float t3 = self->k9 * t2;
+    const float t4 = cos_phi * t1;
+    const float t5 = self->k11 * t4;
+    Phidot[0][0] = -(t3 + t5);
+    Phidot[0][1] = t5 - t3;
+    const float t6 = self->k9 * t4;
+    const float t7 = self->k11 * t2;
+    Phidot[1][0] = t6 - t7;
+    Phidot[1][1] = t6 + t7;
     return NOSLIP_OK;
 }
 
@@ -264,16 +272,16 @@ static int labmate_type_i_feedback_f_law(const labmate_type_i_f *self, const lab
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * cos_phi * self->k12;
-    if (!(self->k10 > self->k13 * (self->k10 + t1) * (self->k4 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
-    const float forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
-    const float yaw_rate = self->k2 * (state->thetadot_r - state->thetadot_l);
-    const float t2 = self->k8 * (forward_speed * yaw_rate) + self->k6 * (v[1] * cos_phi - v[0] * sin_phi);
+    const float t2 = state->thetadot_r - state->thetadot_l;
+    const float t3 = self->k14 * ((state->thetadot_r + state->thetadot_l) * t2) + self->k7 * (v[1] * cos_phi - v[0] *
+        sin_phi);
     const float u_forward_speed = v[0] * cos_phi + v[1] * sin_phi;
-    const float t3 = self->k5 * u_forward_speed - yaw_rate * yaw_rate * self->k7;
-    tau[0] = t2 + t3;
-    tau[1] = t3 - t2;
+    const float t4 = self->k4 * u_forward_speed - self->k15 * (t2 * t2);
+    tau[0] = t3 + t4;
+    tau[1] = t4 - t3;
     return NOSLIP_OK;
 }
 
@@ -302,53 +310,54 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * cos_phi * self->k12;
-    if (!(self->k10 > self->k13 * (self->k10 + t1) * (self->k4 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float x_l = state->x_c + self->L * cos_phi;
     all->h[0] = x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     all->h[1] = y_l;
-    const float forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
-    const float yaw_rate = self->k2 * (state->thetadot_r - state->thetadot_l);
-    const float t2 = yaw_rate * sin_phi;
-    const float x_l_rate = forward_speed * cos_phi - t2 * self->k3;
-    all->ydot[0] = x_l_rate;
-    const float t3 = yaw_rate * cos_phi;
-    const float y_l_rate = forward_speed * sin_phi + t3 * self->k3;
+    const float t2 = self->k1 * cos_phi;
+    const float t3 = state->thetadot_r + state->thetadot_l;
+    const float t4 = t2 * t3;
+    const float t5 = state->thetadot_r - state->thetadot_l;
+    const float t6 = sin_phi * t5;
+    const float t7 = self->k10 * t6;
+    all->ydot[0] = t4 - t7;
+    const float t8 = self->k1 * sin_phi;
+    const float t9 = cos_phi * t5;
+    const float y_l_rate = t8 * t3 + self->k10 * t9;
     all->ydot[1] = y_l_rate;
-    const float t4 = self->k1 * cos_phi;
-    const float t5 = self->k11 * sin_phi;
-    all->Phi[0][0] = t4 - t5;
-    all->Phi[0][1] = t4 + t5;
-    const float t6 = self->k1 * sin_phi;
-    const float t7 = self->k11 * cos_phi;
-    all->Phi[1][0] = t6 + t7;
-    all->Phi[1][1] = t6 - t7;
-    const float t8 = self->k1 * t2;
-    const float t9 = self->k11 * t3;
-    all->Phidot[0][0] = -(t8 + t9);
-    all->Phidot[0][1] = t9 - t8;
-    const float t10 = self->k1 * t3;
-    const float t11 = self->k11 * t2;
-    all->Phidot[1][0] = t10 - t11;
-    all->Phidot[1][1] = t10 + t11;
-    const float v_x_l = reference->x_l_acceleration + self->kp_x_l * (reference->x_l - x_l) + self->kd_x_l *
-        (reference->x_l_rate - x_l_rate);
+    const float t10 = self->k10 * sin_phi;
+    all->Phi[0][0] = t2 - t10;
+    all->Phi[0][1] = t2 + t10;
+    const float t11 = self->k10 * cos_phi;
+    all->Phi[1][0] = t8 + t11;
+    all->Phi[1][1] = t8 - t11;
+    const float t12 = self->k9 * t6;
+    const float t13 = self->k11 * t9;
+    all->Phidot[0][0] = -(t12 + t13);
+    all->Phidot[0][1] = t13 - t12;
+    const float t14 = self->k9 * t9;
+    const float t15 = self->k11 * t6;
+    all->Phidot[1][0] = t14 - t15;
+    all->Phidot[1][1] = t14 + t15;
     const float v_y_l = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
         (reference->y_l_rate - y_l_rate);
-    const float u_forward_speed = cos_phi * v_x_l + sin_phi * v_y_l;
-    const float t12 = yaw_rate * yaw_rate;
-    const float t13 = self->k9 * (u_forward_speed + t12 * self->k3);
-    const float t14 = forward_speed * yaw_rate;
-    const float t15 = cos_phi * v_y_l - sin_phi * v_x_l;
-    const float t16 = self->k14 * (t14 - t15);
-    all->u[0] = t13 - t16;
-    all->u[1] = t13 + t16;
-    const float t17 = self->k8 * t14 + self->k6 * t15;
-    const float t18 = self->k5 * u_forward_speed - t12 * self->k7;
-    all->tau[0] = t17 + t18;
-    all->tau[1] = t18 - t17;
+    const float v_x_l = reference->x_l_acceleration + self->kp_x_l * (reference->x_l - x_l) + self->kd_x_l * (t7 - t4 +
+        reference->x_l_rate);
+    const float u_forward_speed = sin_phi * v_y_l + cos_phi * v_x_l;
+    const float t16 = t5 * t5;
+    const float t17 = self->k5 * (u_forward_speed + t16 * self->k16);
+    const float t18 = t3 * t5;
+    const float t19 = sin_phi * v_x_l - cos_phi * v_y_l;
+    const float t20 = self->k6 * (t18 * self->k17 + self->k2 * t19);
+    all->u[0] = t17 - t20;
+    all->u[1] = t17 + t20;
+    const float t21 = self->k14 * t18 - self->k7 * t19;
+    const float t22 = self->k4 * u_forward_speed - self->k15 * t16;
+    all->tau[0] = t21 + t22;
+    all->tau[1] = t22 - t21;
     return NOSLIP_OK;
 }
 
@@ -387,22 +396,22 @@ static int labmate_type_i_step_f_law(const labmate_type_i_f *self, const labmate
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * cos_phi * self->k12;
-    if (!(self->k10 > self->k13 * (self->k10 + t1) * (self->k4 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
-    const float forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
-    const float t2 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k2 * t2;
-    const float t3 = self->k11 * t2;
+    const float t2 = state->thetadot_r + state->thetadot_l;
+    const float t3 = state->thetadot_r - state->thetadot_l;
+    const float forward_speed = self->k1 * t2;
+    const float t4 = self->k10 * t3;
     const float v_y_l = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
-        self->kd_y_l * (reference->y_l_rate - forward_speed * sin_phi - t3 * cos_phi);
+        self->kd_y_l * (reference->y_l_rate - forward_speed * sin_phi - t4 * cos_phi);
     const float v_x_l = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L * cos_phi) +
-        self->kd_x_l * (reference->x_l_rate - forward_speed * cos_phi + t3 * sin_phi);
-    const float t4 = self->k8 * (forward_speed * yaw_rate) + self->k6 * (cos_phi * v_y_l - sin_phi * v_x_l);
+        self->kd_x_l * (reference->x_l_rate - forward_speed * cos_phi + t4 * sin_phi);
+    const float t5 = self->k14 * (t2 * t3) + self->k7 * (cos_phi * v_y_l - sin_phi * v_x_l);
     const float u_forward_speed = cos_phi * v_x_l + sin_phi * v_y_l;
-    const float t5 = self->k5 * u_forward_speed - yaw_rate * yaw_rate * self->k7;
-    tau[0] = t4 + t5;
-    tau[1] = t5 - t4;
+    const float t6 = self->k4 * u_forward_speed - self->k15 * (t3 * t3);
+    tau[0] = t5 + t6;
+    tau[1] = t6 - t5;
     return NOSLIP_OK;
 }
 
@@ -432,7 +441,7 @@ int labmate_type_i_step_f(labmate_type_i_f *self, const labmate_state_f *state,
         status = labmate_type_i_step_f_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
         if (status == NOSLIP_OK && noslip_abs_f(tau[0]) <= self->limit[0] && noslip_abs_f(tau[1]) <= self->limit[1] &&
-        noslip_is_finite_f(state->theta_r + state->theta_l)) {
+            noslip_is_finite_f(state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];
             return status;

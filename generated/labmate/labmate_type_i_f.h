@@ -57,19 +57,22 @@ typedef struct labmate_type_i_f {
     float kp_y_l;   /* 1/s^2 */
     float kd_y_l;   /* 1/s */
     float k1;       /* r * 0.5 */
-    float k2;       /* r / (b * 2.0) */
-    float k3;       /* d + L */
-    float k4;       /* b * b */
-    float k5;       /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k6;       /* see init */
+    float k2;       /* 1.0 / (d + L) */
+    float k3;       /* b * b */
+    float k4;       /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k5;       /* 1.0 / r */
+    float k6;       /* b / r */
     float k7;       /* see init */
-    float k8;       /* see init */
-    float k9;       /* 1.0 / r */
-    float k10;      /* (d + L) * (d + L) */
-    float k11;      /* r / (b * 2.0) * (d + L) */
+    float k8;       /* (d + L) * (d + L) */
+    float k9;       /* r * 0.5 * (r / (b * 2.0)) */
+    float k10;      /* r / (b * 2.0) * (d + L) */
+    float k11;      /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
     float k12;      /* b * b - (d + L) * (d + L) */
     float k13;      /* see init */
-    float k14;      /* 1.0 / (d + L) * (b / r) */
+    float k14;      /* see init */
+    float k15;      /* see init */
+    float k16;      /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    float k17;      /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_i_f;
 
 /*
@@ -108,7 +111,7 @@ int labmate_type_i_decoupling_f(const labmate_type_i_f *self, const labmate_stat
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 7 mul, 2 add, 3 sub, 1 neg, 1 sincos.
+ * Operations: 6 mul, 2 add, 3 sub, 1 neg, 1 sincos.
  */
 int labmate_type_i_decoupling_rate_f(const labmate_type_i_f *self, const labmate_state_f *state, float Phidot[2][2]);
 
@@ -116,14 +119,14 @@ int labmate_type_i_decoupling_rate_f(const labmate_type_i_f *self, const labmate
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_x_l (m/s^2), v_y_l (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 16 mul, 5 add, 5 sub, 1 sincos.
+ * Operations: 14 mul, 5 add, 5 sub, 1 sincos.
  */
 int labmate_type_i_feedback_f(const labmate_type_i_f *self, const labmate_state_f *state, const float v[2],
     float tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 39 mul, 18 add, 16 sub, 1 neg, 1 sincos.
+ * Operations: 39 mul, 19 add, 16 sub, 1 neg, 1 sincos.
  */
 int labmate_type_i_evaluate_f(const labmate_type_i_f *self, const labmate_state_f *state,
     const labmate_type_i_reference_f *reference, labmate_type_i_evaluation_f *all);
@@ -131,7 +134,7 @@ int labmate_type_i_evaluate_f(const labmate_type_i_f *self, const labmate_state_
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 27 mul, 10 add, 12 sub, 1 sincos.
+ * Operations: 26 mul, 10 add, 12 sub, 1 sincos.
  */
 int labmate_type_i_step_f(labmate_type_i_f *self, const labmate_state_f *state,
     const labmate_type_i_reference_f *reference, float tau[2]);

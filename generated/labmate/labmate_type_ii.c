@@ -56,22 +56,26 @@ int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params, co
     const double t4 = t2 * params->I_c + t2 * params->I_m * 2.0 + t3 * params->I_w * 2.0 + t2 * (t3 * params->m_w) *
         2.0 + t2 * (params->d * params->d * params->m_c);
     self->k4 = self->Phi_21 * (t4 / t2);
-    const double t5 = params->d * params->m_c;
-    self->k5 = self->k1 * t5;
-    self->k6 = self->Phi_21 * t5 * 0.5 * 2.0;
-    self->k7 = 1.0 / params->r;
-    self->k8 = params->b / params->r;
-    self->k9 = self->k2 * self->k2;
+    self->k5 = 1.0 / params->r;
+    self->k6 = params->b / params->r;
+    self->k7 = self->k2 * self->k2;
     self->Phi_22 = -self->Phi_21;
-    self->k10 = self->Phi_21 * self->k2;
-    self->k11 = t3 - self->k9;
-    const double t6 = t2 / (t3 * 2.0);
-    const double t7 = self->k1 * self->Phi_21 * 2.0;
-    const double t8 = t7 * t7;
-    if (!(noslip_abs(t8) > 0)) {
+    self->k8 = self->k1 * self->Phi_21;
+    self->k9 = self->Phi_21 * self->k2;
+    self->k10 = self->Phi_21 * self->k9;
+    self->k11 = t3 - self->k7;
+    const double t5 = t2 / (t3 * 2.0);
+    const double t6 = self->k8 * 2.0;
+    const double t7 = t6 * t6;
+    if (!(noslip_abs(t7) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = t6 * (t6 * 1e-10) * (1.0 / t8);
+    self->k12 = t5 * (t5 * 1e-10) * (1.0 / t7);
+    const double t8 = params->d * params->m_c;
+    self->k13 = self->Phi_21 * t8 * 0.5 * 2.0 * self->k8;
+    self->k14 = self->k1 * t8 * (self->Phi_21 * self->Phi_21);
+    self->k15 = self->k1 * gains->kd_x_l;
+    self->k16 = self->k1 * (self->k3 * gains->kd_x_l);
     if (!(noslip_is_finite(self->k1) &&
         noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k2) &&
@@ -80,12 +84,16 @@ int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params, co
         noslip_is_finite(self->k5) &&
         noslip_is_finite(self->k6) &&
         noslip_is_finite(self->k7) &&
+        noslip_is_finite(self->Phi_22) &&
         noslip_is_finite(self->k8) &&
         noslip_is_finite(self->k9) &&
-        noslip_is_finite(self->Phi_22) &&
         noslip_is_finite(self->k10) &&
         noslip_is_finite(self->k11) &&
-        noslip_is_finite(self->k12))) {
+        noslip_is_finite(self->k12) &&
+        noslip_is_finite(self->k13) &&
+        noslip_is_finite(self->k14) &&
+        noslip_is_finite(self->k15) &&
+        noslip_is_finite(self->k16))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -162,7 +170,7 @@ static int labmate_type_ii_rate_law(const labmate_type_ii *self, const labmate_s
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = state->thetadot_r - state->thetadot_l;
-    ydot[0] = self->k1 * cos_phi * (state->thetadot_r + state->thetadot_l) - self->k10 * sin_phi * t1;
+    ydot[0] = self->k1 * cos_phi * (state->thetadot_r + state->thetadot_l) - self->k9 * sin_phi * t1;
     ydot[1] = self->Phi_21 * t1;
     return NOSLIP_OK;
 }
@@ -187,7 +195,7 @@ static int labmate_type_ii_decoupling_law(const labmate_type_ii *self, const lab
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->k1 * cos_phi;
-    const double t2 = self->k10 * sin_phi;
+    const double t2 = self->k9 * sin_phi;
     Phi[0][0] = t1 - t2;
     Phi[0][1] = t1 + t2;
     Phi[1][0] = self->Phi_21;
@@ -217,13 +225,13 @@ int labmate_type_ii_decoupling(const labmate_type_ii *self, const labmate_state 
 static int labmate_type_ii_decoupling_rate_law(const labmate_type_ii *self, const labmate_state *state,
     double Phidot[2][2])
 {
-    const double yaw_rate = self->Phi_21 * (state->thetadot_r - state->thetadot_l);
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = self->k1 * (yaw_rate * sin_phi);
-    const double t2 = self->k10 * (yaw_rate * cos_phi);
-    Phidot[0][0] = -(t1 + t2);
-    Phidot[0][1] = t2 - t1;
+    const double t1 = state->thetadot_r - state->thetadot_l;
+    const double t2 = self->k8 * (sin_phi * t1);
+    const double t3 = self->k10 * (cos_phi * t1);
+    Phidot[0][0] = -(t2 + t3);
+    Phidot[0][1] = t3 - t2;
     Phidot[1][0] = 0.0;
     Phidot[1][1] = 0.0;
     return NOSLIP_OK;
@@ -254,18 +262,18 @@ static int labmate_type_ii_feedback_law(const labmate_type_ii *self, const labma
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * cos_phi;
-    if (!(t1 > self->k12 * (self->k9 + t1 * self->k11))) {
+    if (!(t1 > self->k12 * (self->k7 + t1 * self->k11))) {
         return NOSLIP_SINGULAR;
     }
-    const double t2 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->Phi_21 * t2;
-    const double forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
-    const double t3 = self->k4 * v[1] + self->k6 * (yaw_rate * forward_speed);
-    const double y_l_rate = self->k10 * cos_phi * t2 + forward_speed * sin_phi;
+    const double t2 = state->thetadot_r + state->thetadot_l;
+    const double t3 = state->thetadot_r - state->thetadot_l;
+    const double t4 = self->k4 * v[1] + self->k13 * (t2 * t3);
+    const double yaw_rate = self->Phi_21 * t3;
+    const double y_l_rate = self->k9 * cos_phi * t3 + self->k1 * sin_phi * t2;
     const double wanted_0 = v[0] + yaw_rate * y_l_rate;
-    const double t4 = self->k3 * (wanted_0 + v[1] * self->k2 * sin_phi) / cos_phi - self->k5 * (yaw_rate * yaw_rate);
-    tau[0] = t3 + t4;
-    tau[1] = t4 - t3;
+    const double t5 = self->k3 * (wanted_0 + v[1] * self->k2 * sin_phi) / cos_phi - self->k14 * (t3 * t3);
+    tau[0] = t4 + t5;
+    tau[1] = t5 - t4;
     return NOSLIP_OK;
 }
 
@@ -293,46 +301,47 @@ static int labmate_type_ii_evaluate_law(const labmate_type_ii *self, const labma
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * cos_phi;
-    if (!(t1 > self->k12 * (self->k9 + t1 * self->k11))) {
+    if (!(t1 > self->k12 * (self->k7 + t1 * self->k11))) {
         return NOSLIP_SINGULAR;
     }
     const double x_l = state->x_c + self->L * cos_phi;
     all->h[0] = x_l;
     all->h[1] = state->phi;
-    const double forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
-    const double yaw_rate = self->Phi_21 * (state->thetadot_r - state->thetadot_l);
-    const double t2 = yaw_rate * sin_phi;
-    const double t3 = forward_speed * cos_phi - t2 * self->k2;
-    all->ydot[0] = t3;
+    const double t2 = self->k1 * cos_phi;
+    const double t3 = state->thetadot_r + state->thetadot_l;
+    const double t4 = state->thetadot_r - state->thetadot_l;
+    const double t5 = sin_phi * t4;
+    const double t6 = self->k9 * t5;
+    all->ydot[0] = t2 * t3 - t6;
+    const double yaw_rate = self->Phi_21 * t4;
     all->ydot[1] = yaw_rate;
-    const double t4 = self->k1 * cos_phi;
-    const double t5 = self->k10 * sin_phi;
-    all->Phi[0][0] = t4 - t5;
-    all->Phi[0][1] = t4 + t5;
+    const double t7 = self->k9 * sin_phi;
+    all->Phi[0][0] = t2 - t7;
+    all->Phi[0][1] = t2 + t7;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_22;
-    const double t6 = self->k1 * t2;
-    const double t7 = yaw_rate * cos_phi;
-    const double t8 = self->k10 * t7;
-    all->Phidot[0][0] = -(t6 + t8);
-    all->Phidot[0][1] = t8 - t6;
+    const double t8 = self->k8 * t5;
+    const double t9 = cos_phi * t4;
+    const double t10 = self->k10 * t9;
+    all->Phidot[0][0] = -(t8 + t10);
+    all->Phidot[0][1] = t10 - t8;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
     const double v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const double t9 = self->k8 * v_heading;
-    const double t10 = reference->x_l_acceleration + self->kp_x_l * (reference->x_l - x_l) + self->kd_x_l *
-        (reference->x_l_rate - t3);
-    const double y_l_rate = forward_speed * sin_phi + t7 * self->k2;
-    const double wanted_0 = t10 + yaw_rate * y_l_rate;
-    const double t11 = (wanted_0 + sin_phi * self->k2 * v_heading) / cos_phi;
-    const double t12 = self->k7 * t11;
-    all->u[0] = t9 + t12;
-    all->u[1] = t12 - t9;
-    const double t13 = self->k6 * (yaw_rate * forward_speed) + self->k4 * v_heading;
-    const double t14 = self->k3 * t11 - self->k5 * (yaw_rate * yaw_rate);
-    all->tau[0] = t13 + t14;
-    all->tau[1] = t14 - t13;
+    const double t11 = self->k6 * v_heading;
+    const double t12 = reference->x_l_acceleration + self->kp_x_l * (reference->x_l - x_l) + self->kd_x_l *
+        (reference->x_l_rate + t6);
+    const double y_l_rate = self->k1 * sin_phi * t3 + self->k9 * t9;
+    const double wanted_0 = t12 + yaw_rate * y_l_rate;
+    const double u_forward_speed = (wanted_0 + sin_phi * self->k2 * v_heading) / cos_phi;
+    const double t13 = self->k5 * (self->k15 * t3 - u_forward_speed);
+    all->u[0] = t11 - t13;
+    all->u[1] = -(t11 + t13);
+    const double t14 = self->k13 * (t3 * t4) + self->k4 * v_heading;
+    const double t15 = self->k14 * (t4 * t4) - self->k3 * u_forward_speed + self->k16 * t3;
+    all->tau[0] = t14 - t15;
+    all->tau[1] = -(t14 + t15);
     return NOSLIP_OK;
 }
 
@@ -370,24 +379,24 @@ static int labmate_type_ii_step_law(const labmate_type_ii *self, const labmate_s
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * cos_phi;
-    if (!(t1 > self->k12 * (self->k9 + t1 * self->k11))) {
+    if (!(t1 > self->k12 * (self->k7 + t1 * self->k11))) {
         return NOSLIP_SINGULAR;
     }
-    const double t2 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->Phi_21 * t2;
-    const double forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
+    const double t2 = state->thetadot_r + state->thetadot_l;
+    const double t3 = state->thetadot_r - state->thetadot_l;
+    const double yaw_rate = self->Phi_21 * t3;
     const double v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const double t3 = self->k6 * (yaw_rate * forward_speed) + self->k4 * v_heading;
-    const double t4 = self->k10 * t2;
-    const double y_l_rate = forward_speed * sin_phi + t4 * cos_phi;
-    const double t5 = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L * cos_phi) +
-        yaw_rate * y_l_rate;
-    const double wanted_0 = t5 + self->kd_x_l * (reference->x_l_rate - forward_speed * cos_phi + t4 * sin_phi);
-    const double t6 = self->k3 * (wanted_0 + sin_phi * self->k2 * v_heading) / cos_phi - self->k5 * (yaw_rate *
-        yaw_rate);
-    tau[0] = t3 + t6;
-    tau[1] = t6 - t3;
+    const double t4 = self->k13 * (t2 * t3) + self->k4 * v_heading;
+    const double t5 = self->k9 * t3;
+    const double t6 = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L * cos_phi) +
+        self->kd_x_l * (reference->x_l_rate + t5 * sin_phi);
+    const double y_l_rate = self->k1 * sin_phi * t2 + t5 * cos_phi;
+    const double wanted_0 = t6 + yaw_rate * y_l_rate;
+    const double t7 = self->k3 * (wanted_0 + sin_phi * self->k2 * v_heading) / cos_phi - (self->k14 * (t3 * t3) +
+        self->k16 * t2);
+    tau[0] = t4 + t7;
+    tau[1] = t7 - t4;
     return NOSLIP_OK;
 }
 
@@ -417,7 +426,7 @@ int labmate_type_ii_step(labmate_type_ii *self, const labmate_state *state, cons
         status = labmate_type_ii_step_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
         if (status == NOSLIP_OK && noslip_abs(tau[0]) <= self->limit[0] && noslip_abs(tau[1]) <= self->limit[1] &&
-        noslip_is_finite(state->y_c + state->theta_r + state->theta_l)) {
+            noslip_is_finite(state->y_c + state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];
             return status;

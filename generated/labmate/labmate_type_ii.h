@@ -61,15 +61,19 @@ typedef struct labmate_type_ii {
     double k2;         /* d + L */
     double k3;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     double k4;         /* see init */
-    double k5;         /* r * 0.5 * (d * m_c) */
-    double k6;         /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 */
-    double k7;         /* 1.0 / r */
-    double k8;         /* b / r */
-    double k9;         /* (d + L) * (d + L) */
+    double k5;         /* 1.0 / r */
+    double k6;         /* b / r */
+    double k7;         /* (d + L) * (d + L) */
     double Phi_22;     /* -(r / (b * 2.0)) */
-    double k10;        /* r / (b * 2.0) * (d + L) */
+    double k8;         /* r * 0.5 * (r / (b * 2.0)) */
+    double k9;         /* r / (b * 2.0) * (d + L) */
+    double k10;        /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
     double k11;        /* b * b - (d + L) * (d + L) */
     double k12;        /* see init */
+    double k13;        /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 * (r * 0.5 * (r / (b * 2.0))) */
+    double k14;        /* r * 0.5 * (d * m_c) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    double k15;        /* r * 0.5 * kd_x_l */
+    double k16;        /* see init */
 } labmate_type_ii;
 
 /*
@@ -108,7 +112,7 @@ int labmate_type_ii_decoupling(const labmate_type_ii *self, const labmate_state 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 5 mul, 1 add, 2 sub, 1 neg, 1 sincos.
+ * Operations: 4 mul, 1 add, 2 sub, 1 neg, 1 sincos.
  */
 int labmate_type_ii_decoupling_rate(const labmate_type_ii *self, const labmate_state *state, double Phidot[2][2]);
 
@@ -122,7 +126,7 @@ int labmate_type_ii_feedback(const labmate_type_ii *self, const labmate_state *s
 
 /*
  * Everything at one sine and cosine.
- * Operations: 31 mul, 14 add, 12 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 33 mul, 16 add, 12 sub, 3 neg, 1 div, 1 sincos.
  */
 int labmate_type_ii_evaluate(const labmate_type_ii *self, const labmate_state *state,
     const labmate_type_ii_reference *reference, labmate_type_ii_evaluation *all);
@@ -130,7 +134,7 @@ int labmate_type_ii_evaluate(const labmate_type_ii *self, const labmate_state *s
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 24 mul, 11 add, 9 sub, 1 div, 1 sincos.
+ * Operations: 24 mul, 12 add, 8 sub, 1 div, 1 sincos.
  */
 int labmate_type_ii_step(labmate_type_ii *self, const labmate_state *state, const labmate_type_ii_reference *reference,
     double tau[2]);

@@ -61,15 +61,19 @@ typedef struct labmate_type_ii_f {
     float k2;         /* d + L */
     float k3;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     float k4;         /* see init */
-    float k5;         /* r * 0.5 * (d * m_c) */
-    float k6;         /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 */
-    float k7;         /* 1.0 / r */
-    float k8;         /* b / r */
-    float k9;         /* (d + L) * (d + L) */
+    float k5;         /* 1.0 / r */
+    float k6;         /* b / r */
+    float k7;         /* (d + L) * (d + L) */
     float Phi_22;     /* -(r / (b * 2.0)) */
-    float k10;        /* r / (b * 2.0) * (d + L) */
+    float k8;         /* r * 0.5 * (r / (b * 2.0)) */
+    float k9;         /* r / (b * 2.0) * (d + L) */
+    float k10;        /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
     float k11;        /* b * b - (d + L) * (d + L) */
     float k12;        /* see init */
+    float k13;        /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 * (r * 0.5 * (r / (b * 2.0))) */
+    float k14;        /* r * 0.5 * (d * m_c) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    float k15;        /* r * 0.5 * kd_x_l */
+    float k16;        /* see init */
 } labmate_type_ii_f;
 
 /*
@@ -108,7 +112,7 @@ int labmate_type_ii_decoupling_f(const labmate_type_ii_f *self, const labmate_st
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 5 mul, 1 add, 2 sub, 1 neg, 1 sincos.
+ * Operations: 4 mul, 1 add, 2 sub, 1 neg, 1 sincos.
  */
 int labmate_type_ii_decoupling_rate_f(const labmate_type_ii_f *self, const labmate_state_f *state, float Phidot[2][2]);
 
@@ -123,7 +127,7 @@ int labmate_type_ii_feedback_f(const labmate_type_ii_f *self, const labmate_stat
 
 /*
  * Everything at one sine and cosine.
- * Operations: 31 mul, 14 add, 12 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 33 mul, 16 add, 12 sub, 3 neg, 1 div, 1 sincos.
  */
 int labmate_type_ii_evaluate_f(const labmate_type_ii_f *self, const labmate_state_f *state,
     const labmate_type_ii_reference_f *reference, labmate_type_ii_evaluation_f *all);
@@ -131,7 +135,7 @@ int labmate_type_ii_evaluate_f(const labmate_type_ii_f *self, const labmate_stat
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 24 mul, 11 add, 9 sub, 1 div, 1 sincos.
+ * Operations: 24 mul, 12 add, 8 sub, 1 div, 1 sincos.
  */
 int labmate_type_ii_step_f(labmate_type_ii_f *self, const labmate_state_f *state,
     const labmate_type_ii_reference_f *reference, float tau[2]);

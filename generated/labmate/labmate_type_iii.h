@@ -62,14 +62,18 @@ typedef struct labmate_type_iii {
     double k3;         /* b * b */
     double k4;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     double k5;         /* see init */
-    double k6;         /* r * 0.5 * (d * m_c) */
-    double k7;         /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 */
-    double k8;         /* 1.0 / r */
-    double k9;         /* b / r */
+    double k6;         /* 1.0 / r */
+    double k7;         /* b / r */
     double Phi_22;     /* -(r / (b * 2.0)) */
-    double k10;        /* r / (b * 2.0) * (d + L) */
+    double k8;         /* r * 0.5 * (r / (b * 2.0)) */
+    double k9;         /* r / (b * 2.0) * (d + L) */
+    double k10;        /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
     double k11;        /* b * b - (d + L) * (d + L) */
     double k12;        /* see init */
+    double k13;        /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 * (r * 0.5 * (r / (b * 2.0))) */
+    double k14;        /* r * 0.5 * (d * m_c) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    double k15;        /* r * 0.5 * kd_y_l */
+    double k16;        /* see init */
 } labmate_type_iii;
 
 /*
@@ -108,7 +112,7 @@ int labmate_type_iii_decoupling(const labmate_type_iii *self, const labmate_stat
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 5 mul, 1 add, 2 sub, 1 sincos.
+ * Operations: 4 mul, 1 add, 2 sub, 1 sincos.
  */
 int labmate_type_iii_decoupling_rate(const labmate_type_iii *self, const labmate_state *state, double Phidot[2][2]);
 
@@ -116,14 +120,14 @@ int labmate_type_iii_decoupling_rate(const labmate_type_iii *self, const labmate
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_y_l (m/s^2), v_heading (rad/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 18 mul, 5 add, 5 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 18 mul, 4 add, 6 sub, 1 div, 1 sincos.
  */
 int labmate_type_iii_feedback(const labmate_type_iii *self, const labmate_state *state, const double v[2],
     double tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 32 mul, 12 add, 14 sub, 2 neg, 1 div, 1 sincos.
+ * Operations: 34 mul, 12 add, 16 sub, 2 neg, 1 div, 1 sincos.
  */
 int labmate_type_iii_evaluate(const labmate_type_iii *self, const labmate_state *state,
     const labmate_type_iii_reference *reference, labmate_type_iii_evaluation *all);
@@ -131,7 +135,7 @@ int labmate_type_iii_evaluate(const labmate_type_iii *self, const labmate_state 
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 25 mul, 7 add, 13 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 25 mul, 8 add, 12 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iii_step(labmate_type_iii *self, const labmate_state *state,
     const labmate_type_iii_reference *reference, double tau[2]);

@@ -56,21 +56,25 @@ int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *pa
     const float t3 = t2 * params->I_c + t2 * params->I_m * 2.0f + self->k3 * params->I_w * 2.0f + t2 * (self->k3 *
         params->m_w) * 2.0f;
     self->k5 = self->Phi_21 * ((t3 + t2 * (params->d * params->d * params->m_c)) / t2);
-    const float t4 = params->d * params->m_c;
-    self->k6 = self->k1 * t4;
-    self->k7 = self->Phi_21 * t4 * 0.5f * 2.0f;
-    self->k8 = 1.0f / params->r;
-    self->k9 = params->b / params->r;
+    self->k6 = 1.0f / params->r;
+    self->k7 = params->b / params->r;
     self->Phi_22 = -self->Phi_21;
-    self->k10 = self->Phi_21 * self->k2;
+    self->k8 = self->k1 * self->Phi_21;
+    self->k9 = self->Phi_21 * self->k2;
+    self->k10 = self->Phi_21 * self->k9;
     self->k11 = self->k3 - self->k2 * self->k2;
-    const float t5 = t2 / (self->k3 * 2.0f);
-    const float t6 = self->k1 * self->Phi_21 * 2.0f;
-    const float t7 = t6 * t6;
-    if (!(noslip_abs_f(t7) > 0)) {
+    const float t4 = t2 / (self->k3 * 2.0f);
+    const float t5 = self->k8 * 2.0f;
+    const float t6 = t5 * t5;
+    if (!(noslip_abs_f(t6) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = t5 * (t5 * 1e-10f) * (1.0f / t7);
+    self->k12 = t4 * (t4 * 1e-10f) * (1.0f / t6);
+    const float t7 = params->d * params->m_c;
+    self->k13 = self->Phi_21 * t7 * 0.5f * 2.0f * self->k8;
+    self->k14 = self->k1 * t7 * (self->Phi_21 * self->Phi_21);
+    self->k15 = self->k1 * gains->kd_y_l;
+    self->k16 = self->k1 * (self->k4 * gains->kd_y_l);
     if (!(noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k2) &&
@@ -79,12 +83,16 @@ int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *pa
         noslip_is_finite_f(self->k5) &&
         noslip_is_finite_f(self->k6) &&
         noslip_is_finite_f(self->k7) &&
+        noslip_is_finite_f(self->Phi_22) &&
         noslip_is_finite_f(self->k8) &&
         noslip_is_finite_f(self->k9) &&
-        noslip_is_finite_f(self->Phi_22) &&
         noslip_is_finite_f(self->k10) &&
         noslip_is_finite_f(self->k11) &&
-        noslip_is_finite_f(self->k12))) {
+        noslip_is_finite_f(self->k12) &&
+        noslip_is_finite_f(self->k13) &&
+        noslip_is_finite_f(self->k14) &&
+        noslip_is_finite_f(self->k15) &&
+        noslip_is_finite_f(self->k16))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -161,7 +169,7 @@ static int labmate_type_iii_rate_f_law(const labmate_type_iii_f *self, const lab
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = state->thetadot_r - state->thetadot_l;
-    ydot[0] = self->k1 * sin_phi * (state->thetadot_r + state->thetadot_l) + self->k10 * cos_phi * t1;
+    ydot[0] = self->k1 * sin_phi * (state->thetadot_r + state->thetadot_l) + self->k9 * cos_phi * t1;
     ydot[1] = self->Phi_21 * t1;
     return NOSLIP_OK;
 }
@@ -187,7 +195,7 @@ static int labmate_type_iii_decoupling_f_law(const labmate_type_iii_f *self, con
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->k1 * sin_phi;
-    const float t2 = self->k10 * cos_phi;
+    const float t2 = self->k9 * cos_phi;
     Phi[0][0] = t1 + t2;
     Phi[0][1] = t1 - t2;
     Phi[1][0] = self->Phi_21;
@@ -217,13 +225,13 @@ int labmate_type_iii_decoupling_f(const labmate_type_iii_f *self, const labmate_
 static int labmate_type_iii_decoupling_rate_f_law(const labmate_type_iii_f *self, const labmate_state_f *state,
     float Phidot[2][2])
 {
-    const float yaw_rate = self->Phi_21 * (state->thetadot_r - state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = self->k1 * (yaw_rate * cos_phi);
-    const float t2 = self->k10 * (yaw_rate * sin_phi);
-    Phidot[0][0] = t1 - t2;
-    Phidot[0][1] = t1 + t2;
+    const float t1 = state->thetadot_r - state->thetadot_l;
+    const float t2 = self->k8 * (cos_phi * t1);
+    const float t3 = self->k10 * (sin_phi * t1);
+    Phidot[0][0] = t2 - t3;
+    Phidot[0][1] = t2 + t3;
     Phidot[1][0] = 0.0f;
     Phidot[1][1] = 0.0f;
     return NOSLIP_OK;
@@ -256,14 +264,14 @@ static int labmate_type_iii_feedback_f_law(const labmate_type_iii_f *self, const
     if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * cos_phi * self->k11))) {
         return NOSLIP_SINGULAR;
     }
-    const float t1 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->Phi_21 * t1;
-    const float forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
-    const float t2 = self->k5 * v[1] + self->k7 * (yaw_rate * forward_speed);
-    const float wanted_0 = v[0] + yaw_rate * (self->k10 * sin_phi * t1 - forward_speed * cos_phi);
-    const float t3 = self->k6 * (yaw_rate * yaw_rate) + self->k4 * (v[1] * self->k2 * cos_phi - wanted_0) / sin_phi;
-    tau[0] = t2 - t3;
-    tau[1] = -(t2 + t3);
+    const float t1 = state->thetadot_r + state->thetadot_l;
+    const float t2 = state->thetadot_r - state->thetadot_l;
+    const float t3 = self->k5 * v[1] + self->k13 * (t1 * t2);
+    const float yaw_rate = self->Phi_21 * t2;
+    const float wanted_0 = v[0] + yaw_rate * (self->k9 * sin_phi * t2 - self->k1 * cos_phi * t1);
+    const float t4 = self->k4 * (wanted_0 - v[1] * self->k2 * cos_phi) / sin_phi - self->k14 * (t2 * t2);
+    tau[0] = t3 + t4;
+    tau[1] = t4 - t3;
     return NOSLIP_OK;
 }
 
@@ -297,40 +305,41 @@ static int labmate_type_iii_evaluate_f_law(const labmate_type_iii_f *self, const
     const float y_l = state->y_c + self->L * sin_phi;
     all->h[0] = y_l;
     all->h[1] = state->phi;
-    const float yaw_rate = self->Phi_21 * (state->thetadot_r - state->thetadot_l);
-    const float t1 = yaw_rate * cos_phi;
-    const float forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
-    const float y_l_rate = t1 * self->k2 + forward_speed * sin_phi;
-    all->ydot[0] = y_l_rate;
+    const float t1 = self->k1 * sin_phi;
+    const float t2 = state->thetadot_r + state->thetadot_l;
+    const float t3 = state->thetadot_r - state->thetadot_l;
+    const float t4 = cos_phi * t3;
+    const float t5 = self->k9 * t4;
+    all->ydot[0] = t1 * t2 + t5;
+    const float yaw_rate = self->Phi_21 * t3;
     all->ydot[1] = yaw_rate;
-    const float t2 = self->k1 * sin_phi;
-    const float t3 = self->k10 * cos_phi;
-    all->Phi[0][0] = t2 + t3;
-    all->Phi[0][1] = t2 - t3;
+    const float t6 = self->k9 * cos_phi;
+    all->Phi[0][0] = t1 + t6;
+    all->Phi[0][1] = t1 - t6;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_22;
-    const float t4 = self->k1 * t1;
-    const float t5 = yaw_rate * sin_phi;
-    const float t6 = self->k10 * t5;
-    all->Phidot[0][0] = t4 - t6;
-    all->Phidot[0][1] = t4 + t6;
+    const float t7 = self->k8 * t4;
+    const float t8 = sin_phi * t3;
+    const float t9 = self->k10 * t8;
+    all->Phidot[0][0] = t7 - t9;
+    all->Phidot[0][1] = t7 + t9;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
     const float v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const float t7 = self->k9 * v_heading;
-    const float t8 = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
-        (reference->y_l_rate - y_l_rate);
-    const float x_l_rate = forward_speed * cos_phi - t5 * self->k2;
-    const float wanted_0 = t8 - yaw_rate * x_l_rate;
-    const float t9 = (cos_phi * self->k2 * v_heading - wanted_0) / sin_phi;
-    const float t10 = self->k8 * t9;
-    all->u[0] = t7 - t10;
-    all->u[1] = -(t7 + t10);
-    const float t11 = self->k7 * (yaw_rate * forward_speed) + self->k5 * v_heading;
-    const float t12 = self->k6 * (yaw_rate * yaw_rate) + self->k4 * t9;
-    all->tau[0] = t11 - t12;
-    all->tau[1] = -(t11 + t12);
+    const float t10 = self->k7 * v_heading;
+    const float t11 = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
+        (reference->y_l_rate - t5);
+    const float x_l_rate = self->k1 * cos_phi * t2 - self->k9 * t8;
+    const float wanted_0 = t11 - yaw_rate * x_l_rate;
+    const float u_forward_speed = (wanted_0 - cos_phi * self->k2 * v_heading) / sin_phi;
+    const float t12 = self->k6 * (self->k15 * t2 - u_forward_speed);
+    all->u[0] = t10 - t12;
+    all->u[1] = -(t10 + t12);
+    const float t13 = self->k13 * (t2 * t3) + self->k5 * v_heading;
+    const float t14 = self->k14 * (t3 * t3) - self->k4 * u_forward_speed + self->k16 * t2;
+    all->tau[0] = t13 - t14;
+    all->tau[1] = -(t13 + t14);
     return NOSLIP_OK;
 }
 
@@ -371,20 +380,20 @@ static int labmate_type_iii_step_f_law(const labmate_type_iii_f *self, const lab
     if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * cos_phi * self->k11))) {
         return NOSLIP_SINGULAR;
     }
-    const float t1 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->Phi_21 * t1;
-    const float forward_speed = self->k1 * (state->thetadot_r + state->thetadot_l);
+    const float t1 = state->thetadot_r + state->thetadot_l;
+    const float t2 = state->thetadot_r - state->thetadot_l;
+    const float yaw_rate = self->Phi_21 * t2;
     const float v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const float t2 = self->k7 * (yaw_rate * forward_speed) + self->k5 * v_heading;
-    const float t3 = self->k10 * t1;
-    const float t4 = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) -
-        yaw_rate * (forward_speed * cos_phi - t3 * sin_phi);
-    const float wanted_0 = t4 + self->kd_y_l * (reference->y_l_rate - forward_speed * sin_phi - t3 * cos_phi);
-    const float t5 = self->k6 * (yaw_rate * yaw_rate) + self->k4 * (cos_phi * self->k2 * v_heading - wanted_0) /
+    const float t3 = self->k13 * (t1 * t2) + self->k5 * v_heading;
+    const float t4 = self->k9 * t2;
+    const float t5 = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
+        self->kd_y_l * (reference->y_l_rate - t4 * cos_phi);
+    const float wanted_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
+    const float t6 = self->k14 * (t2 * t2) + self->k16 * t1 + self->k4 * (cos_phi * self->k2 * v_heading - wanted_0) /
         sin_phi;
-    tau[0] = t2 - t5;
-    tau[1] = -(t2 + t5);
+    tau[0] = t3 - t6;
+    tau[1] = -(t3 + t6);
     return NOSLIP_OK;
 }
 
@@ -414,7 +423,7 @@ int labmate_type_iii_step_f(labmate_type_iii_f *self, const labmate_state_f *sta
         status = labmate_type_iii_step_f_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
         if (status == NOSLIP_OK && noslip_abs_f(tau[0]) <= self->limit[0] && noslip_abs_f(tau[1]) <= self->limit[1] &&
-        noslip_is_finite_f(state->x_c + state->theta_r + state->theta_l)) {
+            noslip_is_finite_f(state->x_c + state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];
             return status;

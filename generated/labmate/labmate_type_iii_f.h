@@ -62,14 +62,18 @@ typedef struct labmate_type_iii_f {
     float k3;         /* b * b */
     float k4;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     float k5;         /* see init */
-    float k6;         /* r * 0.5 * (d * m_c) */
-    float k7;         /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 */
-    float k8;         /* 1.0 / r */
-    float k9;         /* b / r */
+    float k6;         /* 1.0 / r */
+    float k7;         /* b / r */
     float Phi_22;     /* -(r / (b * 2.0)) */
-    float k10;        /* r / (b * 2.0) * (d + L) */
+    float k8;         /* r * 0.5 * (r / (b * 2.0)) */
+    float k9;         /* r / (b * 2.0) * (d + L) */
+    float k10;        /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
     float k11;        /* b * b - (d + L) * (d + L) */
     float k12;        /* see init */
+    float k13;        /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 * (r * 0.5 * (r / (b * 2.0))) */
+    float k14;        /* r * 0.5 * (d * m_c) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    float k15;        /* r * 0.5 * kd_y_l */
+    float k16;        /* see init */
 } labmate_type_iii_f;
 
 /*
@@ -108,7 +112,7 @@ int labmate_type_iii_decoupling_f(const labmate_type_iii_f *self, const labmate_
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 5 mul, 1 add, 2 sub, 1 sincos.
+ * Operations: 4 mul, 1 add, 2 sub, 1 sincos.
  */
 int labmate_type_iii_decoupling_rate_f(const labmate_type_iii_f *self, const labmate_state_f *state,
     float Phidot[2][2]);
@@ -117,14 +121,14 @@ int labmate_type_iii_decoupling_rate_f(const labmate_type_iii_f *self, const lab
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_y_l (m/s^2), v_heading (rad/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 18 mul, 5 add, 5 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 18 mul, 4 add, 6 sub, 1 div, 1 sincos.
  */
 int labmate_type_iii_feedback_f(const labmate_type_iii_f *self, const labmate_state_f *state, const float v[2],
     float tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 32 mul, 12 add, 14 sub, 2 neg, 1 div, 1 sincos.
+ * Operations: 34 mul, 12 add, 16 sub, 2 neg, 1 div, 1 sincos.
  */
 int labmate_type_iii_evaluate_f(const labmate_type_iii_f *self, const labmate_state_f *state,
     const labmate_type_iii_reference_f *reference, labmate_type_iii_evaluation_f *all);
@@ -132,7 +136,7 @@ int labmate_type_iii_evaluate_f(const labmate_type_iii_f *self, const labmate_st
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 25 mul, 7 add, 13 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 25 mul, 8 add, 12 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iii_step_f(labmate_type_iii_f *self, const labmate_state_f *state,
     const labmate_type_iii_reference_f *reference, float tau[2]);

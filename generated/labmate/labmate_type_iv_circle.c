@@ -51,35 +51,40 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
         return NOSLIP_SINGULAR;
     }
     self->k1 = params->r / t1;
-    self->k2 = params->d + config->L;
-    self->k3 = self->k2 * self->k2;
-    const double t2 = params->r * params->r;
+    const double t2 = params->d + config->L;
     if (!(noslip_abs(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k4 = self->Phi_21 * ((params->I_w * 2.0 + t2 * params->m_c + t2 * params->m_w * 2.0) / t2);
-    if (!(noslip_abs(self->k2) > 0)) {
+    self->k2 = 1.0 / t2;
+    const double t3 = params->r * params->r;
+    if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t3 = 1.0 / self->k2;
+    self->k3 = self->Phi_21 * ((params->I_w * 2.0 + t3 * params->m_c + t3 * params->m_w * 2.0) / t3);
+    self->k4 = 1.0 / params->r;
+    self->k5 = params->b / params->r;
     const double t4 = params->b * params->b;
-    const double t5 = t2 * params->I_c + t2 * params->I_m * 2.0 + t4 * params->I_w * 2.0 + t2 * (t4 * params->m_w) *
-        2.0 + t2 * (params->d * params->d * params->m_c);
-    self->k5 = t3 * (self->k1 * (t5 / t2));
-    const double t6 = params->d * params->m_c;
-    self->k6 = self->Phi_21 * t6 - self->k4 * self->k2;
-    self->k7 = 0.5 * (self->k1 * t6 - self->k5) * 2.0;
-    self->k8 = 1.0 / params->r;
-    const double t7 = t2 * 0.5;
-    const double t8 = t2 / (t4 * 2.0);
-    const double t9 = t7 * (t8 * (self->k3 * t4)) * 7737125245533627.0 - self->k3 * (t2 * t2) * 1.9342813113834067e+25;
+    const double t5 = t3 * params->I_c + t3 * params->I_m * 2.0 + t4 * params->I_w * 2.0 + t3 * (t4 * params->m_w) *
+        2.0 + t3 * (params->d * params->d * params->m_c);
+    self->k6 = self->k2 * (self->k1 * (t5 / t3));
+    const double t6 = t3 * 0.5;
+    const double t7 = t3 / (t4 * 2.0);
+    const double t8 = t2 * t2;
+    const double t9 = t6 * (t7 * (t8 * t4)) * 7737125245533627.0 - t8 * (t3 * t3) * 1.9342813113834067e+25;
     if (!(noslip_abs(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k9 = t7 * (t8 * (t4 * t4)) * 7737125245533627.0 / t9;
-    self->k10 = self->k1 * self->k2;
-    self->k11 = self->Phi_21 * self->Phi_21;
-    self->k12 = t3 * (params->b / params->r);
+    self->k7 = t6 * (t7 * (t4 * t4)) * 7737125245533627.0 / t9;
+    self->k8 = self->k1 * t2;
+    self->k9 = self->Phi_21 * self->Phi_21;
+    const double t10 = self->k1 * self->k1;
+    self->k10 = t8 * t10;
+    self->k11 = t10 * t2;
+    const double t11 = params->d * params->m_c;
+    const double t12 = self->Phi_21 * self->k1;
+    self->k12 = 0.5 * (self->k1 * t11 - self->k6) * 2.0 * t12;
+    self->k13 = t10 * (self->Phi_21 * t11 - self->k3 * t2);
+    self->k14 = self->k2 * t12;
     if (!(noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&
@@ -92,7 +97,9 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
         noslip_is_finite(self->k9) &&
         noslip_is_finite(self->k10) &&
         noslip_is_finite(self->k11) &&
-        noslip_is_finite(self->k12))) {
+        noslip_is_finite(self->k12) &&
+        noslip_is_finite(self->k13) &&
+        noslip_is_finite(self->k14))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -182,8 +189,8 @@ static int labmate_type_iv_circle_rate_law(const labmate_type_iv_circle *self, c
     const double t5 = t4 * t1;
     const double t6 = t4 * t2;
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    ydot[0] = self->k10 * (t5 * sin_phi - t6 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
-        (t5 * cos_phi + t6 * sin_phi);
+    ydot[0] = self->k8 * (t5 * sin_phi - t6 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed * (t5 *
+        cos_phi + t6 * sin_phi);
     return NOSLIP_OK;
 }
 
@@ -216,7 +223,7 @@ static int labmate_type_iv_circle_decoupling_law(const labmate_type_iv_circle *s
     const double t4 = 1.0 / t3;
     const double t5 = t4 * t1;
     const double t6 = t4 * t2;
-    const double t7 = self->k10 * (t5 * sin_phi - t6 * cos_phi);
+    const double t7 = self->k8 * (t5 * sin_phi - t6 * cos_phi);
     const double t8 = self->Phi_21 * (t5 * cos_phi + t6 * sin_phi);
     Phi[0][0] = t7 - t8;
     Phi[0][1] = -(t7 + t8);
@@ -260,16 +267,15 @@ static int labmate_type_iv_circle_decoupling_rate_law(const labmate_type_iv_circ
     const double t6 = t4 * t5;
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double t7 = state->thetadot_r - state->thetadot_l;
-    const double t8 = self->k10 * t7;
+    const double t8 = self->k8 * t7;
     const double y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
     const double t9 = t4 * t1;
     const double t10 = forward_speed * cos_phi - t8 * sin_phi;
     const double distance_by_y_l_rate = (t4 - t5 * t6) * y_l_rate - t9 * t6 * t10;
-    const double yaw_rate = self->k1 * t7;
-    const double t11 = distance_by_y_l_rate + t9 * yaw_rate;
+    const double t11 = distance_by_y_l_rate + self->k1 * (t9 * t7);
     const double t12 = t4 * t9;
-    const double t13 = t5 * yaw_rate - ((t4 - t9 * t12) * t10 - t5 * t12 * y_l_rate);
-    const double t14 = self->k10 * (cos_phi * t11 + sin_phi * t13);
+    const double t13 = self->k1 * (t5 * t7) - ((t4 - t9 * t12) * t10 - t5 * t12 * y_l_rate);
+    const double t14 = self->k8 * (cos_phi * t11 + sin_phi * t13);
     const double t15 = self->Phi_21 * (cos_phi * t13 - sin_phi * t11);
     Phidot[0][0] = t14 - t15;
     Phidot[0][1] = -(t15 + t14);
@@ -314,20 +320,19 @@ static int labmate_type_iv_circle_feedback_law(const labmate_type_iv_circle *sel
     const double t6 = t4 * t2;
     const double t7 = t5 * sin_phi - t6 * cos_phi;
     const double t8 = t5 * cos_phi + t6 * sin_phi;
-    if (!(t7 * t7 > -(self->k9 * t8 * t8))) {
+    if (!(t7 * t7 > -(self->k7 * t8 * t8))) {
         return NOSLIP_SINGULAR;
     }
     const double t9 = state->thetadot_r + state->thetadot_l;
-    const double forward_speed = self->Phi_21 * t9;
     const double t10 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->k1 * t10;
-    const double t11 = yaw_rate * yaw_rate;
-    const double t12 = self->k10 * t7 * t10 - forward_speed * t8;
-    const double distance_curvature = t4 * (self->k11 * t9 * t9 + self->k3 * t11 - t12 * t12);
+    const double t11 = t10 * t10;
+    const double forward_speed = self->Phi_21 * t9;
+    const double t12 = forward_speed * t8 - self->k8 * t7 * t10;
+    const double distance_curvature = t4 * (self->k9 * t9 * t9 + self->k10 * t11 - t12 * t12);
     const double wanted_0 = v[0] - distance_curvature;
-    const double wanted_1 = v[1] - t11 * self->k2;
-    const double t13 = self->k7 * (forward_speed * yaw_rate) + self->k5 * (wanted_0 + t8 * wanted_1) / t7;
-    const double t14 = self->k4 * wanted_1 - t11 * self->k6;
+    const double wanted_1 = v[1] - self->k11 * t11;
+    const double t13 = self->k12 * (t9 * t10) + self->k6 * (wanted_0 + t8 * wanted_1) / t7;
+    const double t14 = self->k3 * wanted_1 - self->k13 * t11;
     tau[0] = t13 + t14;
     tau[1] = t14 - t13;
     return NOSLIP_OK;
@@ -368,7 +373,7 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double t6 = t4 * t2;
     const double t7 = t5 * sin_phi - t6 * cos_phi;
     const double t8 = t5 * cos_phi + t6 * sin_phi;
-    if (!(t7 * t7 > -(self->k9 * t8 * t8))) {
+    if (!(t7 * t7 > -(self->k7 * t8 * t8))) {
         return NOSLIP_SINGULAR;
     }
     all->h[0] = t3 - self->R;
@@ -376,11 +381,11 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double forward_speed = self->Phi_21 * t9;
     all->h[1] = forward_speed;
     const double t10 = state->thetadot_r - state->thetadot_l;
-    const double t11 = self->k10 * t10;
+    const double t11 = self->k8 * t10;
     const double t12 = t11 * t7;
     const double t13 = forward_speed * t8;
     all->ydot[0] = t12 - t13;
-    const double t14 = self->k10 * t7;
+    const double t14 = self->k8 * t7;
     const double t15 = self->Phi_21 * t8;
     all->Phi[0][0] = t14 - t15;
     all->Phi[0][1] = -(t14 + t15);
@@ -390,32 +395,32 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
     const double t17 = forward_speed * cos_phi - t11 * sin_phi;
     const double distance_by_y_l_rate = (t4 - t6 * t16) * y_l_rate - t5 * t16 * t17;
-    const double yaw_rate = self->k1 * t10;
-    const double t18 = distance_by_y_l_rate + t5 * yaw_rate;
+    const double t18 = distance_by_y_l_rate + self->k1 * (t5 * t10);
     const double t19 = t4 * t5;
-    const double t20 = t6 * yaw_rate - ((t4 - t5 * t19) * t17 - t6 * t19 * y_l_rate);
-    const double t21 = self->k10 * (cos_phi * t18 + sin_phi * t20);
+    const double t20 = self->k1 * (t6 * t10) - ((t4 - t5 * t19) * t17 - t6 * t19 * y_l_rate);
+    const double t21 = self->k8 * (cos_phi * t18 + sin_phi * t20);
     const double t22 = self->Phi_21 * (cos_phi * t20 - sin_phi * t18);
     all->Phidot[0][0] = t21 - t22;
     all->Phidot[0][1] = -(t22 + t21);
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
-    const double t23 = yaw_rate * yaw_rate;
-    const double t24 = t23 * self->k2;
+    const double t23 = t10 * t10;
+    const double t24 = self->k11 * t23;
     const double wanted_1 = reference->speed_rate - t24 + self->kv_speed * (reference->speed - forward_speed);
-    const double t25 = self->k8 * (wanted_1 + t24);
-    const double t26 = forward_speed * yaw_rate;
+    const double t25 = self->k4 * (wanted_1 + t24);
+    const double t26 = t9 * t10;
     const double t27 = t13 - t12;
-    const double distance_curvature = t4 * (self->k11 * t9 * t9 + self->k3 * t23 - t27 * t27);
+    const double distance_curvature = t4 * (self->k9 * t9 * t9 + self->k10 * t23 - t27 * t27);
     const double t28 = reference->distance_acceleration + self->kp_distance * (self->R - t3 + reference->distance) -
         distance_curvature;
     const double wanted_0 = t28 + self->kd_distance * (t27 + reference->distance_rate);
     const double t29 = (wanted_0 + t8 * wanted_1) / t7;
-    const double t30 = self->k12 * (t26 - t29);
+    const double u_yaw_rate = self->k2 * t29;
+    const double t30 = self->k5 * (t26 * self->k14 - u_yaw_rate);
     all->u[0] = t25 - t30;
     all->u[1] = t25 + t30;
-    const double t31 = self->k7 * t26 + self->k5 * t29;
-    const double t32 = self->k4 * wanted_1 - t23 * self->k6;
+    const double t31 = self->k12 * t26 + self->k6 * t29;
+    const double t32 = self->k3 * wanted_1 - self->k13 * t23;
     all->tau[0] = t31 + t32;
     all->tau[1] = t32 - t31;
     return NOSLIP_OK;
@@ -465,23 +470,22 @@ static int labmate_type_iv_circle_step_law(const labmate_type_iv_circle *self, c
     const double t6 = t4 * t2;
     const double t7 = t5 * sin_phi - t6 * cos_phi;
     const double t8 = t5 * cos_phi + t6 * sin_phi;
-    if (!(t7 * t7 > -(self->k9 * t8 * t8))) {
+    if (!(t7 * t7 > -(self->k7 * t8 * t8))) {
         return NOSLIP_SINGULAR;
     }
     const double t9 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->k1 * t9;
-    const double t10 = yaw_rate * yaw_rate;
+    const double t10 = t9 * t9;
     const double t11 = state->thetadot_r + state->thetadot_l;
     const double forward_speed = self->Phi_21 * t11;
-    const double wanted_1 = reference->speed_rate - t10 * self->k2 + self->kv_speed * (reference->speed -
+    const double wanted_1 = reference->speed_rate - self->k11 * t10 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t12 = self->k4 * wanted_1 - t10 * self->k6;
-    const double t13 = self->k10 * t7 * t9 - forward_speed * t8;
-    const double distance_curvature = t4 * (self->k11 * t11 * t11 + self->k3 * t10 - t13 * t13);
+    const double t12 = self->k3 * wanted_1 - self->k13 * t10;
+    const double t13 = self->k8 * t7 * t9 - forward_speed * t8;
+    const double distance_curvature = t4 * (self->k9 * t11 * t11 + self->k10 * t10 - t13 * t13);
     const double t14 = reference->distance_acceleration - distance_curvature + self->kd_distance *
         (reference->distance_rate - t13);
     const double wanted_0 = t14 + self->kp_distance * (self->R + reference->distance - t3);
-    const double t15 = self->k7 * (forward_speed * yaw_rate) + self->k5 * (wanted_0 + t8 * wanted_1) / t7;
+    const double t15 = self->k12 * (t11 * t9) + self->k6 * (wanted_0 + t8 * wanted_1) / t7;
     tau[0] = t12 + t15;
     tau[1] = t12 - t15;
     return NOSLIP_OK;
@@ -513,7 +517,7 @@ int labmate_type_iv_circle_step(labmate_type_iv_circle *self, const labmate_stat
         status = labmate_type_iv_circle_step_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
         if (status == NOSLIP_OK && noslip_abs(tau[0]) <= self->limit[0] && noslip_abs(tau[1]) <= self->limit[1] &&
-        noslip_is_finite(state->theta_r + state->theta_l)) {
+            noslip_is_finite(state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];
             return status;

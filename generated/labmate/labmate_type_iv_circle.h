@@ -61,17 +61,19 @@ typedef struct labmate_type_iv_circle {
     double kv_speed;    /* 1/s */
     double Phi_21;      /* r * 0.5 */
     double k1;          /* r / (b * 2.0) */
-    double k2;          /* d + L */
-    double k3;          /* (d + L) * (d + L) */
-    double k4;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k5;          /* see init */
+    double k2;          /* 1.0 / (d + L) */
+    double k3;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k4;          /* 1.0 / r */
+    double k5;          /* b / r */
     double k6;          /* see init */
     double k7;          /* see init */
-    double k8;          /* 1.0 / r */
-    double k9;          /* see init */
-    double k10;         /* r / (b * 2.0) * (d + L) */
-    double k11;         /* r * 0.5 * (r * 0.5) */
-    double k12;         /* 1.0 / (d + L) * (b / r) */
+    double k8;          /* r / (b * 2.0) * (d + L) */
+    double k9;          /* r * 0.5 * (r * 0.5) */
+    double k10;         /* (d + L) * (d + L) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    double k11;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    double k12;         /* see init */
+    double k13;         /* see init */
+    double k14;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_circle;
 
 /*
@@ -111,7 +113,7 @@ int labmate_type_iv_circle_decoupling(const labmate_type_iv_circle *self, const 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 31 mul, 6 add, 13 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 32 mul, 6 add, 13 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_decoupling_rate(const labmate_type_iv_circle *self, const labmate_state *state,
     double Phidot[2][2]);
@@ -120,14 +122,14 @@ int labmate_type_iv_circle_decoupling_rate(const labmate_type_iv_circle *self, c
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 31 mul, 7 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 30 mul, 7 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_feedback(const labmate_type_iv_circle *self, const labmate_state *state, const double v[2],
     double tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 60 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 63 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_evaluate(const labmate_type_iv_circle *self, const labmate_state *state,
     const labmate_type_iv_circle_reference *reference, labmate_type_iv_circle_evaluation *all);
@@ -135,7 +137,7 @@ int labmate_type_iv_circle_evaluate(const labmate_type_iv_circle *self, const la
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 34 mul, 11 add, 15 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 33 mul, 11 add, 15 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_step(labmate_type_iv_circle *self, const labmate_state *state,
     const labmate_type_iv_circle_reference *reference, double tau[2]);

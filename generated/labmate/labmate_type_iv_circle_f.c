@@ -51,35 +51,40 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
         return NOSLIP_SINGULAR;
     }
     self->k1 = params->r / t1;
-    self->k2 = params->d + config->L;
-    self->k3 = self->k2 * self->k2;
-    const float t2 = params->r * params->r;
+    const float t2 = params->d + config->L;
     if (!(noslip_abs_f(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k4 = self->Phi_21 * ((params->I_w * 2.0f + t2 * params->m_c + t2 * params->m_w * 2.0f) / t2);
-    if (!(noslip_abs_f(self->k2) > 0)) {
+    self->k2 = 1.0f / t2;
+    const float t3 = params->r * params->r;
+    if (!(noslip_abs_f(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t3 = 1.0f / self->k2;
+    self->k3 = self->Phi_21 * ((params->I_w * 2.0f + t3 * params->m_c + t3 * params->m_w * 2.0f) / t3);
+    self->k4 = 1.0f / params->r;
+    self->k5 = params->b / params->r;
     const float t4 = params->b * params->b;
-    const float t5 = t2 * params->I_c + t2 * params->I_m * 2.0f + t4 * params->I_w * 2.0f + t2 * (t4 * params->m_w) *
+    const float t5 = t3 * params->I_c + t3 * params->I_m * 2.0f + t4 * params->I_w * 2.0f + t3 * (t4 * params->m_w) *
         2.0f;
-    self->k5 = t3 * (self->k1 * ((t5 + t2 * (params->d * params->d * params->m_c)) / t2));
-    const float t6 = params->d * params->m_c;
-    self->k6 = self->Phi_21 * t6 - self->k4 * self->k2;
-    self->k7 = 0.5f * (self->k1 * t6 - self->k5) * 2.0f;
-    self->k8 = 1.0f / params->r;
-    const float t7 = t2 * 0.5f;
-    const float t8 = t2 / (t4 * 2.0f);
-    const float t9 = t7 * (t8 * (self->k3 * t4)) * 7.7371253e+15f - self->k3 * (t2 * t2) * 1.9342813e+25f;
+    self->k6 = self->k2 * (self->k1 * ((t5 + t3 * (params->d * params->d * params->m_c)) / t3));
+    const float t6 = t3 * 0.5f;
+    const float t7 = t3 / (t4 * 2.0f);
+    const float t8 = t2 * t2;
+    const float t9 = t6 * (t7 * (t8 * t4)) * 7.7371253e+15f - t8 * (t3 * t3) * 1.9342813e+25f;
     if (!(noslip_abs_f(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k9 = t7 * (t8 * (t4 * t4)) * 7.7371253e+15f / t9;
-    self->k10 = self->k1 * self->k2;
-    self->k11 = self->Phi_21 * self->Phi_21;
-    self->k12 = t3 * (params->b / params->r);
+    self->k7 = t6 * (t7 * (t4 * t4)) * 7.7371253e+15f / t9;
+    self->k8 = self->k1 * t2;
+    self->k9 = self->Phi_21 * self->Phi_21;
+    const float t10 = self->k1 * self->k1;
+    self->k10 = t8 * t10;
+    self->k11 = t10 * t2;
+    const float t11 = params->d * params->m_c;
+    const float t12 = self->Phi_21 * self->k1;
+    self->k12 = 0.5f * (self->k1 * t11 - self->k6) * 2.0f * t12;
+    self->k13 = t10 * (self->Phi_21 * t11 - self->k3 * t2);
+    self->k14 = self->k2 * t12;
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
@@ -92,7 +97,9 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
         noslip_is_finite_f(self->k9) &&
         noslip_is_finite_f(self->k10) &&
         noslip_is_finite_f(self->k11) &&
-        noslip_is_finite_f(self->k12))) {
+        noslip_is_finite_f(self->k12) &&
+        noslip_is_finite_f(self->k13) &&
+        noslip_is_finite_f(self->k14))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -182,8 +189,8 @@ static int labmate_type_iv_circle_rate_f_law(const labmate_type_iv_circle_f *sel
     const float t5 = t4 * t1;
     const float t6 = t4 * t2;
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    ydot[0] = self->k10 * (t5 * sin_phi - t6 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
-        (t5 * cos_phi + t6 * sin_phi);
+    ydot[0] = self->k8 * (t5 * sin_phi - t6 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed * (t5 *
+        cos_phi + t6 * sin_phi);
     return NOSLIP_OK;
 }
 
@@ -216,7 +223,7 @@ static int labmate_type_iv_circle_decoupling_f_law(const labmate_type_iv_circle_
     const float t4 = 1.0f / t3;
     const float t5 = t4 * t1;
     const float t6 = t4 * t2;
-    const float t7 = self->k10 * (t5 * sin_phi - t6 * cos_phi);
+    const float t7 = self->k8 * (t5 * sin_phi - t6 * cos_phi);
     const float t8 = self->Phi_21 * (t5 * cos_phi + t6 * sin_phi);
     Phi[0][0] = t7 - t8;
     Phi[0][1] = -(t7 + t8);
@@ -261,16 +268,15 @@ static int labmate_type_iv_circle_decoupling_rate_f_law(const labmate_type_iv_ci
     const float t6 = t4 * t5;
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float t7 = state->thetadot_r - state->thetadot_l;
-    const float t8 = self->k10 * t7;
+    const float t8 = self->k8 * t7;
     const float y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
     const float t9 = t4 * t1;
     const float t10 = forward_speed * cos_phi - t8 * sin_phi;
     const float distance_by_y_l_rate = (t4 - t5 * t6) * y_l_rate - t9 * t6 * t10;
-    const float yaw_rate = self->k1 * t7;
-    const float t11 = distance_by_y_l_rate + t9 * yaw_rate;
+    const float t11 = distance_by_y_l_rate + self->k1 * (t9 * t7);
     const float t12 = t4 * t9;
-    const float t13 = t5 * yaw_rate - ((t4 - t9 * t12) * t10 - t5 * t12 * y_l_rate);
-    const float t14 = self->k10 * (cos_phi * t11 + sin_phi * t13);
+    const float t13 = self->k1 * (t5 * t7) - ((t4 - t9 * t12) * t10 - t5 * t12 * y_l_rate);
+    const float t14 = self->k8 * (cos_phi * t11 + sin_phi * t13);
     const float t15 = self->Phi_21 * (cos_phi * t13 - sin_phi * t11);
     Phidot[0][0] = t14 - t15;
     Phidot[0][1] = -(t15 + t14);
@@ -315,20 +321,19 @@ static int labmate_type_iv_circle_feedback_f_law(const labmate_type_iv_circle_f 
     const float t6 = t4 * t2;
     const float t7 = t5 * sin_phi - t6 * cos_phi;
     const float t8 = t5 * cos_phi + t6 * sin_phi;
-    if (!(t7 * t7 > -(self->k9 * t8 * t8))) {
+    if (!(t7 * t7 > -(self->k7 * t8 * t8))) {
         return NOSLIP_SINGULAR;
     }
     const float t9 = state->thetadot_r + state->thetadot_l;
-    const float forward_speed = self->Phi_21 * t9;
     const float t10 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k1 * t10;
-    const float t11 = yaw_rate * yaw_rate;
-    const float t12 = self->k10 * t7 * t10 - forward_speed * t8;
-    const float distance_curvature = t4 * (self->k11 * t9 * t9 + self->k3 * t11 - t12 * t12);
+    const float t11 = t10 * t10;
+    const float forward_speed = self->Phi_21 * t9;
+    const float t12 = forward_speed * t8 - self->k8 * t7 * t10;
+    const float distance_curvature = t4 * (self->k9 * t9 * t9 + self->k10 * t11 - t12 * t12);
     const float wanted_0 = v[0] - distance_curvature;
-    const float wanted_1 = v[1] - t11 * self->k2;
-    const float t13 = self->k7 * (forward_speed * yaw_rate) + self->k5 * (wanted_0 + t8 * wanted_1) / t7;
-    const float t14 = self->k4 * wanted_1 - t11 * self->k6;
+    const float wanted_1 = v[1] - self->k11 * t11;
+    const float t13 = self->k12 * (t9 * t10) + self->k6 * (wanted_0 + t8 * wanted_1) / t7;
+    const float t14 = self->k3 * wanted_1 - self->k13 * t11;
     tau[0] = t13 + t14;
     tau[1] = t14 - t13;
     return NOSLIP_OK;
@@ -369,7 +374,7 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     const float t6 = t4 * t2;
     const float t7 = t5 * sin_phi - t6 * cos_phi;
     const float t8 = t5 * cos_phi + t6 * sin_phi;
-    if (!(t7 * t7 > -(self->k9 * t8 * t8))) {
+    if (!(t7 * t7 > -(self->k7 * t8 * t8))) {
         return NOSLIP_SINGULAR;
     }
     all->h[0] = t3 - self->R;
@@ -377,11 +382,11 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     const float forward_speed = self->Phi_21 * t9;
     all->h[1] = forward_speed;
     const float t10 = state->thetadot_r - state->thetadot_l;
-    const float t11 = self->k10 * t10;
+    const float t11 = self->k8 * t10;
     const float t12 = t11 * t7;
     const float t13 = forward_speed * t8;
     all->ydot[0] = t12 - t13;
-    const float t14 = self->k10 * t7;
+    const float t14 = self->k8 * t7;
     const float t15 = self->Phi_21 * t8;
     all->Phi[0][0] = t14 - t15;
     all->Phi[0][1] = -(t14 + t15);
@@ -391,32 +396,32 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     const float y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
     const float t17 = forward_speed * cos_phi - t11 * sin_phi;
     const float distance_by_y_l_rate = (t4 - t6 * t16) * y_l_rate - t5 * t16 * t17;
-    const float yaw_rate = self->k1 * t10;
-    const float t18 = distance_by_y_l_rate + t5 * yaw_rate;
+    const float t18 = distance_by_y_l_rate + self->k1 * (t5 * t10);
     const float t19 = t4 * t5;
-    const float t20 = t6 * yaw_rate - ((t4 - t5 * t19) * t17 - t6 * t19 * y_l_rate);
-    const float t21 = self->k10 * (cos_phi * t18 + sin_phi * t20);
+    const float t20 = self->k1 * (t6 * t10) - ((t4 - t5 * t19) * t17 - t6 * t19 * y_l_rate);
+    const float t21 = self->k8 * (cos_phi * t18 + sin_phi * t20);
     const float t22 = self->Phi_21 * (cos_phi * t20 - sin_phi * t18);
     all->Phidot[0][0] = t21 - t22;
     all->Phidot[0][1] = -(t22 + t21);
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
-    const float t23 = yaw_rate * yaw_rate;
-    const float t24 = t23 * self->k2;
+    const float t23 = t10 * t10;
+    const float t24 = self->k11 * t23;
     const float wanted_1 = reference->speed_rate - t24 + self->kv_speed * (reference->speed - forward_speed);
-    const float t25 = self->k8 * (wanted_1 + t24);
-    const float t26 = forward_speed * yaw_rate;
+    const float t25 = self->k4 * (wanted_1 + t24);
+    const float t26 = t9 * t10;
     const float t27 = t13 - t12;
-    const float distance_curvature = t4 * (self->k11 * t9 * t9 + self->k3 * t23 - t27 * t27);
+    const float distance_curvature = t4 * (self->k9 * t9 * t9 + self->k10 * t23 - t27 * t27);
     const float t28 = reference->distance_acceleration + self->kp_distance * (self->R - t3 + reference->distance) -
         distance_curvature;
     const float wanted_0 = t28 + self->kd_distance * (t27 + reference->distance_rate);
     const float t29 = (wanted_0 + t8 * wanted_1) / t7;
-    const float t30 = self->k12 * (t26 - t29);
+    const float u_yaw_rate = self->k2 * t29;
+    const float t30 = self->k5 * (t26 * self->k14 - u_yaw_rate);
     all->u[0] = t25 - t30;
     all->u[1] = t25 + t30;
-    const float t31 = self->k7 * t26 + self->k5 * t29;
-    const float t32 = self->k4 * wanted_1 - t23 * self->k6;
+    const float t31 = self->k12 * t26 + self->k6 * t29;
+    const float t32 = self->k3 * wanted_1 - self->k13 * t23;
     all->tau[0] = t31 + t32;
     all->tau[1] = t32 - t31;
     return NOSLIP_OK;
@@ -467,22 +472,22 @@ static int labmate_type_iv_circle_step_f_law(const labmate_type_iv_circle_f *sel
     const float t6 = t4 * t2;
     const float t7 = t5 * sin_phi - t6 * cos_phi;
     const float t8 = t5 * cos_phi + t6 * sin_phi;
-    if (!(t7 * t7 > -(self->k9 * t8 * t8))) {
+    if (!(t7 * t7 > -(self->k7 * t8 * t8))) {
         return NOSLIP_SINGULAR;
     }
     const float t9 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k1 * t9;
-    const float t10 = yaw_rate * yaw_rate;
+    const float t10 = t9 * t9;
     const float t11 = state->thetadot_r + state->thetadot_l;
     const float forward_speed = self->Phi_21 * t11;
-    const float wanted_1 = reference->speed_rate - t10 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
-    const float t12 = self->k4 * wanted_1 - t10 * self->k6;
-    const float t13 = self->k10 * t7 * t9 - forward_speed * t8;
-    const float distance_curvature = t4 * (self->k11 * t11 * t11 + self->k3 * t10 - t13 * t13);
+    const float wanted_1 = reference->speed_rate - self->k11 * t10 + self->kv_speed * (reference->speed -
+        forward_speed);
+    const float t12 = self->k3 * wanted_1 - self->k13 * t10;
+    const float t13 = self->k8 * t7 * t9 - forward_speed * t8;
+    const float distance_curvature = t4 * (self->k9 * t11 * t11 + self->k10 * t10 - t13 * t13);
     const float t14 = reference->distance_acceleration - distance_curvature + self->kd_distance *
         (reference->distance_rate - t13);
     const float wanted_0 = t14 + self->kp_distance * (self->R + reference->distance - t3);
-    const float t15 = self->k7 * (forward_speed * yaw_rate) + self->k5 * (wanted_0 + t8 * wanted_1) / t7;
+    const float t15 = self->k12 * (t11 * t9) + self->k6 * (wanted_0 + t8 * wanted_1) / t7;
     tau[0] = t12 + t15;
     tau[1] = t12 - t15;
     return NOSLIP_OK;
@@ -514,7 +519,7 @@ int labmate_type_iv_circle_step_f(labmate_type_iv_circle_f *self, const labmate_
         status = labmate_type_iv_circle_step_f_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
         if (status == NOSLIP_OK && noslip_abs_f(tau[0]) <= self->limit[0] && noslip_abs_f(tau[1]) <= self->limit[1] &&
-        noslip_is_finite_f(state->theta_r + state->theta_l)) {
+            noslip_is_finite_f(state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];
             return status;

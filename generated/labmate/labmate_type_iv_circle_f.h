@@ -61,17 +61,19 @@ typedef struct labmate_type_iv_circle_f {
     float kv_speed;    /* 1/s */
     float Phi_21;      /* r * 0.5 */
     float k1;          /* r / (b * 2.0) */
-    float k2;          /* d + L */
-    float k3;          /* (d + L) * (d + L) */
-    float k4;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k5;          /* see init */
+    float k2;          /* 1.0 / (d + L) */
+    float k3;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k4;          /* 1.0 / r */
+    float k5;          /* b / r */
     float k6;          /* see init */
     float k7;          /* see init */
-    float k8;          /* 1.0 / r */
-    float k9;          /* see init */
-    float k10;         /* r / (b * 2.0) * (d + L) */
-    float k11;         /* r * 0.5 * (r * 0.5) */
-    float k12;         /* 1.0 / (d + L) * (b / r) */
+    float k8;          /* r / (b * 2.0) * (d + L) */
+    float k9;          /* r * 0.5 * (r * 0.5) */
+    float k10;         /* (d + L) * (d + L) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    float k11;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    float k12;         /* see init */
+    float k13;         /* see init */
+    float k14;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_circle_f;
 
 /*
@@ -112,7 +114,7 @@ int labmate_type_iv_circle_decoupling_f(const labmate_type_iv_circle_f *self, co
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 31 mul, 6 add, 13 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 32 mul, 6 add, 13 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_decoupling_rate_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     float Phidot[2][2]);
@@ -121,14 +123,14 @@ int labmate_type_iv_circle_decoupling_rate_f(const labmate_type_iv_circle_f *sel
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 31 mul, 7 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 30 mul, 7 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_feedback_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const float v[2], float tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 60 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 63 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_evaluate_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, labmate_type_iv_circle_evaluation_f *all);
@@ -136,7 +138,7 @@ int labmate_type_iv_circle_evaluate_f(const labmate_type_iv_circle_f *self, cons
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 34 mul, 11 add, 15 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 33 mul, 11 add, 15 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_step_f(labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, float tau[2]);

@@ -47,61 +47,65 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
         return NOSLIP_SINGULAR;
     }
     self->k1 = params->r / t1;
-    self->k2 = params->d + config->L;
     const double t2 = config->a * config->a;
     const double t3 = t2 * t2;
     if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k3 = 4.0 / t3;
+    self->k2 = 4.0 / t3;
     const double t4 = config->b * config->b;
     const double t5 = t4 * t4;
     if (!(noslip_abs(t5) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k4 = 4.0 / t5;
-    self->k5 = 1.0 / t2;
-    self->k6 = 1.0 / t4;
-    self->k7 = 2.0 / t2;
-    self->k8 = 2.0 / t4;
-    self->k9 = 8.0 / t3;
-    self->k10 = 8.0 / t5;
+    self->k3 = 4.0 / t5;
+    self->k4 = 1.0 / t2;
+    self->k5 = 1.0 / t4;
+    self->k6 = 2.0 / t2;
+    self->k7 = 2.0 / t4;
+    self->k8 = 8.0 / t3;
+    self->k9 = 8.0 / t5;
     const double t6 = t2 * config->a;
-    self->k11 = 8.0 / (t6 * t6);
-    self->k12 = 16.0 / (t3 * t3);
-    self->k13 = 16.0 / (t3 * t5);
-    self->k14 = 8.0 / (t2 * t5);
+    self->k10 = 8.0 / (t6 * t6);
+    self->k11 = 16.0 / (t3 * t3);
+    self->k12 = 16.0 / (t3 * t5);
+    self->k13 = 8.0 / (t2 * t5);
     const double t7 = t4 * config->b;
-    self->k15 = 8.0 / (t7 * t7);
-    self->k16 = 16.0 / (t5 * t5);
-    self->k17 = 8.0 / (t3 * t4);
-    const double t8 = params->r * params->r;
+    self->k14 = 8.0 / (t7 * t7);
+    self->k15 = 16.0 / (t5 * t5);
+    self->k16 = 8.0 / (t3 * t4);
+    const double t8 = params->d + config->L;
     if (!(noslip_abs(t8) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k18 = self->Phi_21 * ((params->I_w * 2.0 + t8 * params->m_c + t8 * params->m_w * 2.0) / t8);
-    if (!(noslip_abs(self->k2) > 0)) {
+    self->k17 = 1.0 / t8;
+    const double t9 = params->r * params->r;
+    if (!(noslip_abs(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t9 = 1.0 / self->k2;
+    self->k18 = self->Phi_21 * ((params->I_w * 2.0 + t9 * params->m_c + t9 * params->m_w * 2.0) / t9);
+    self->k19 = 1.0 / params->r;
+    self->k20 = params->b / params->r;
     const double t10 = params->b * params->b;
-    const double t11 = t8 * params->I_c + t8 * params->I_m * 2.0 + t10 * params->I_w * 2.0 + t8 * (t10 * params->m_w) *
-        2.0 + t8 * (params->d * params->d * params->m_c);
-    self->k19 = t9 * (self->k1 * (t11 / t8));
-    const double t12 = params->d * params->m_c;
-    self->k20 = self->Phi_21 * t12 - self->k18 * self->k2;
-    self->k21 = 0.5 * (self->k1 * t12 - self->k19) * 2.0;
-    self->k22 = 1.0 / params->r;
-    const double t13 = t8 * 0.5;
-    const double t14 = t8 / (t10 * 2.0);
-    const double t15 = self->k2 * self->k2;
-    const double t16 = t13 * (t14 * (t10 * t15)) * 7737125245533627.0 - t15 * (t8 * t8) * 1.9342813113834067e+25;
-    if (!(noslip_abs(t16) > 0)) {
+    const double t11 = t9 * params->I_c + t9 * params->I_m * 2.0 + t10 * params->I_w * 2.0 + t9 * (t10 * params->m_w) *
+        2.0 + t9 * (params->d * params->d * params->m_c);
+    self->k21 = self->k17 * (self->k1 * (t11 / t9));
+    const double t12 = t9 * 0.5;
+    const double t13 = t9 / (t10 * 2.0);
+    const double t14 = t8 * t8;
+    const double t15 = t12 * (t13 * (t10 * t14)) * 7737125245533627.0 - t14 * (t9 * t9) * 1.9342813113834067e+25;
+    if (!(noslip_abs(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k23 = t13 * (t14 * (t10 * t10)) * 7737125245533627.0 / t16;
-    self->k24 = self->k1 * self->k2;
-    self->k25 = t9 * (params->b / params->r);
+    self->k22 = t12 * (t13 * (t10 * t10)) * 7737125245533627.0 / t15;
+    self->k23 = self->k1 * t8;
+    const double t16 = self->k1 * self->k1;
+    self->k24 = t16 * t8;
+    const double t17 = params->d * params->m_c;
+    const double t18 = self->Phi_21 * self->k1;
+    self->k25 = 0.5 * (self->k1 * t17 - self->k21) * 2.0 * t18;
+    self->k26 = t16 * (self->Phi_21 * t17 - self->k18 * t8);
+    self->k27 = self->k17 * t18;
     if (!(noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&
@@ -127,7 +131,9 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
         noslip_is_finite(self->k22) &&
         noslip_is_finite(self->k23) &&
         noslip_is_finite(self->k24) &&
-        noslip_is_finite(self->k25))) {
+        noslip_is_finite(self->k25) &&
+        noslip_is_finite(self->k26) &&
+        noslip_is_finite(self->k27))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -184,11 +190,11 @@ static int labmate_type_iv_ellipse_output_law(const labmate_type_iv_ellipse *sel
     const double t1 = x_l * x_l;
     const double y_l = state->y_c + self->L * sin_phi;
     const double t2 = y_l * y_l;
-    const double t3 = noslip_sqrt(self->k3 * t1 + self->k4 * t2);
+    const double t3 = noslip_sqrt(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    h[0] = -((1.0 - self->k5 * t1 - self->k6 * t2) / t3);
+    h[0] = -((1.0 - self->k4 * t1 - self->k5 * t2) / t3);
     h[1] = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -218,16 +224,16 @@ static int labmate_type_iv_ellipse_rate_law(const labmate_type_iv_ellipse *self,
     const double t1 = x_l * x_l;
     const double y_l = state->y_c + self->L * sin_phi;
     const double t2 = y_l * y_l;
-    const double t3 = noslip_sqrt(self->k3 * t1 + self->k4 * t2);
+    const double t3 = noslip_sqrt(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t4 = 1.0 / t3;
-    const double t5 = t4 * (t4 * (1.0 - self->k5 * t1 - self->k6 * t2));
-    const double distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t5);
-    const double distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
+    const double t5 = t4 * (t4 * (1.0 - self->k4 * t1 - self->k5 * t2));
+    const double distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
+    const double distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    const double t6 = self->k24 * (state->thetadot_r - state->thetadot_l) * (distance_by_x_l * sin_phi -
+    const double t6 = self->k23 * (state->thetadot_r - state->thetadot_l) * (distance_by_x_l * sin_phi -
         distance_by_y_l * cos_phi);
     ydot[0] = forward_speed * distance_by_forward_speed - t6;
     return NOSLIP_OK;
@@ -257,17 +263,17 @@ static int labmate_type_iv_ellipse_decoupling_law(const labmate_type_iv_ellipse 
     const double t1 = x_l * x_l;
     const double y_l = state->y_c + self->L * sin_phi;
     const double t2 = y_l * y_l;
-    const double t3 = noslip_sqrt(self->k3 * t1 + self->k4 * t2);
+    const double t3 = noslip_sqrt(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t4 = 1.0 / t3;
-    const double t5 = t4 * (t4 * (1.0 - self->k5 * t1 - self->k6 * t2));
-    const double distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t5);
-    const double distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
+    const double t5 = t4 * (t4 * (1.0 - self->k4 * t1 - self->k5 * t2));
+    const double distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
+    const double distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
     const double t6 = self->Phi_21 * distance_by_forward_speed;
-    const double t7 = self->k24 * (distance_by_x_l * sin_phi - distance_by_y_l * cos_phi);
+    const double t7 = self->k23 * (distance_by_x_l * sin_phi - distance_by_y_l * cos_phi);
     Phi[0][0] = t6 - t7;
     Phi[0][1] = t6 + t7;
     Phi[1][0] = self->Phi_21;
@@ -304,7 +310,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
     const double t1 = x_l * x_l;
     const double y_l = state->y_c + self->L * sin_phi;
     const double t2 = y_l * y_l;
-    const double t3 = noslip_sqrt(self->k3 * t1 + self->k4 * t2);
+    const double t3 = noslip_sqrt(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -312,34 +318,31 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
     const double t5 = t4 * x_l;
     const double t6 = t4 * t5;
     const double t7 = t5 * t6;
-    const double t8 = t4 * (t4 * (1.0 - self->k5 * t1 - self->k6 * t2));
-    const double t9 = self->k3 * t5;
+    const double t8 = t4 * (t4 * (1.0 - self->k4 * t1 - self->k5 * t2));
+    const double t9 = self->k2 * t5;
     const double t10 = t4 * t8;
-    const double t11 = self->k7 + self->k3 * t8;
-    const double t12 = t5 * (self->k3 * t10 + t4 * t11);
+    const double t11 = self->k6 + self->k2 * t8;
+    const double t12 = t5 * (self->k2 * t10 + t4 * t11);
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double t13 = state->thetadot_r - state->thetadot_l;
-    const double t14 = self->k24 * t13;
+    const double t14 = self->k23 * t13;
     const double t15 = forward_speed * cos_phi - t14 * sin_phi;
     const double t16 = t4 * y_l;
-    const double t17 = self->k13 * t8;
-    const double t18 = self->k8 + self->k4 * t8;
-    const double t19 = t16 * (self->k4 * t10 + t4 * t18);
+    const double t17 = self->k12 * t8;
+    const double t18 = self->k7 + self->k3 * t8;
+    const double t19 = t16 * (self->k3 * t10 + t4 * t18);
     const double y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
-    const double t20 = (self->k7 * t4 - self->k11 * t7 + t8 * (self->k3 * t4 - self->k12 * t7) - t9 * t12) * t15 -
-        (t16 * t6 * (self->k14 + t17) + t9 * t19) * y_l_rate;
-    const double distance_by_y_l = t16 * t18;
-    const double yaw_rate = self->k1 * t13;
-    const double t21 = t20 + distance_by_y_l * yaw_rate;
+    const double t20 = (self->k6 * t4 - self->k10 * t7 + t8 * (self->k2 * t4 - self->k11 * t7) - t9 * t12) * t15 -
+        (t16 * t6 * (self->k13 + t17) + t9 * t19) * y_l_rate;
+    const double t21 = t20 + self->k1 * (t16 * t13 * t18);
     const double t22 = t4 * t16;
-    const double t23 = self->k4 * t16;
+    const double t23 = self->k3 * t16;
     const double t24 = t16 * t22;
-    const double t25 = (t5 * t22 * (self->k17 + t17) + t23 * t12) * t15 - (self->k8 * t4 - self->k15 * t24 + t8 *
-        (self->k4 * t4 - self->k16 * t24) - t23 * t19) * y_l_rate;
-    const double distance_by_x_l = t5 * t11;
-    const double t26 = t25 + distance_by_x_l * yaw_rate;
+    const double t25 = (t5 * t22 * (self->k16 + t17) + t23 * t12) * t15 - (self->k7 * t4 - self->k14 * t24 + t8 *
+        (self->k3 * t4 - self->k15 * t24) - t23 * t19) * y_l_rate;
+    const double t26 = t25 + self->k1 * (t5 * t13 * t11);
     const double t27 = self->Phi_21 * (cos_phi * t21 - sin_phi * t26);
-    const double t28 = self->k24 * (sin_phi * t21 + cos_phi * t26);
+    const double t28 = self->k23 * (sin_phi * t21 + cos_phi * t26);
     Phidot[0][0] = t27 - t28;
     Phidot[0][1] = t27 + t28;
     Phidot[1][0] = 0.0;
@@ -376,39 +379,38 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
     const double t1 = x_l * x_l;
     const double y_l = state->y_c + self->L * sin_phi;
     const double t2 = y_l * y_l;
-    const double t3 = noslip_sqrt(self->k3 * t1 + self->k4 * t2);
+    const double t3 = noslip_sqrt(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t4 = 1.0 / t3;
-    const double t5 = t4 * (t4 * (1.0 - self->k5 * t1 - self->k6 * t2));
-    const double distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t5);
-    const double distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
+    const double t5 = t4 * (t4 * (1.0 - self->k4 * t1 - self->k5 * t2));
+    const double distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
+    const double distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const double t6 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t6 * t6 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t6 * t6 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double t7 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->k1 * t7;
-    const double t8 = yaw_rate * yaw_rate;
-    const double wanted_1 = v[1] - t8 * self->k2;
-    const double t9 = self->k24 * t7;
-    const double t10 = forward_speed * cos_phi - t9 * sin_phi;
-    const double t11 = t10 * t10;
-    const double y_l_rate = forward_speed * sin_phi + t9 * cos_phi;
-    const double t12 = y_l_rate * y_l_rate;
-    const double t13 = t4 * (self->k9 * x_l * t10 + self->k10 * y_l * y_l_rate);
-    const double t14 = self->k7 * t11 + self->k8 * t12 + t5 * (0.5 * (self->k9 * t11 + self->k10 * t12) - t13 * (t13 *
+    const double t7 = state->thetadot_r + state->thetadot_l;
+    const double t8 = state->thetadot_r - state->thetadot_l;
+    const double t9 = t8 * t8;
+    const double wanted_1 = v[1] - self->k24 * t9;
+    const double forward_speed = self->Phi_21 * t7;
+    const double t10 = self->k23 * t8;
+    const double t11 = forward_speed * cos_phi - t10 * sin_phi;
+    const double t12 = t11 * t11;
+    const double y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
+    const double t13 = y_l_rate * y_l_rate;
+    const double t14 = t4 * (self->k8 * x_l * t11 + self->k9 * y_l * y_l_rate);
+    const double t15 = self->k6 * t12 + self->k7 * t13 + t5 * (0.5 * (self->k8 * t12 + self->k9 * t13) - t14 * (t14 *
         0.25));
-    const double distance_curvature = t4 * (t14 + t13 * (t9 * t6 - forward_speed * distance_by_forward_speed));
+    const double distance_curvature = t4 * (t15 + t14 * (t10 * t6 - forward_speed * distance_by_forward_speed));
     const double wanted_0 = v[0] - distance_curvature;
-    const double t15 = self->k21 * (forward_speed * yaw_rate) + self->k19 * (distance_by_forward_speed * wanted_1 -
-        wanted_0) / t6;
-    const double t16 = self->k18 * wanted_1 - t8 * self->k20;
-    tau[0] = t15 + t16;
-    tau[1] = t16 - t15;
+    const double t16 = self->k25 * (t7 * t8) + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t6;
+    const double t17 = self->k18 * wanted_1 - self->k26 * t9;
+    tau[0] = t16 + t17;
+    tau[1] = t17 - t16;
     return NOSLIP_OK;
 }
 
@@ -440,86 +442,86 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     const double t1 = x_l * x_l;
     const double y_l = state->y_c + self->L * sin_phi;
     const double t2 = y_l * y_l;
-    const double t3 = noslip_sqrt(self->k3 * t1 + self->k4 * t2);
+    const double t3 = noslip_sqrt(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t4 = 1.0 / t3;
     const double t5 = t4 * x_l;
-    const double t6 = t4 * (1.0 - self->k5 * t1 - self->k6 * t2);
+    const double t6 = t4 * (1.0 - self->k4 * t1 - self->k5 * t2);
     const double t7 = t4 * t6;
-    const double t8 = self->k7 + self->k3 * t7;
+    const double t8 = self->k6 + self->k2 * t7;
     const double distance_by_x_l = t5 * t8;
     const double t9 = t4 * y_l;
-    const double t10 = self->k8 + self->k4 * t7;
+    const double t10 = self->k7 + self->k3 * t7;
     const double distance_by_y_l = t9 * t10;
     const double t11 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t11 * t11 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t11 * t11 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     all->h[0] = -t6;
-    const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
+    const double t12 = state->thetadot_r + state->thetadot_l;
+    const double forward_speed = self->Phi_21 * t12;
     all->h[1] = forward_speed;
-    const double t12 = forward_speed * distance_by_forward_speed;
-    const double t13 = state->thetadot_r - state->thetadot_l;
-    const double t14 = self->k24 * t13;
-    const double t15 = t14 * t11;
-    all->ydot[0] = t12 - t15;
-    const double t16 = self->Phi_21 * distance_by_forward_speed;
-    const double t17 = self->k24 * t11;
-    all->Phi[0][0] = t16 - t17;
-    all->Phi[0][1] = t16 + t17;
+    const double t13 = forward_speed * distance_by_forward_speed;
+    const double t14 = state->thetadot_r - state->thetadot_l;
+    const double t15 = self->k23 * t14;
+    const double t16 = t15 * t11;
+    all->ydot[0] = t13 - t16;
+    const double t17 = self->Phi_21 * distance_by_forward_speed;
+    const double t18 = self->k23 * t11;
+    all->Phi[0][0] = t17 - t18;
+    all->Phi[0][1] = t17 + t18;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t18 = t4 * t5;
-    const double t19 = t5 * t18;
-    const double t20 = self->k3 * t5;
-    const double t21 = t4 * t7;
-    const double t22 = t5 * (self->k3 * t21 + t4 * t8);
-    const double t23 = forward_speed * cos_phi - t14 * sin_phi;
-    const double t24 = self->k13 * t7;
-    const double t25 = t9 * (self->k4 * t21 + t4 * t10);
-    const double y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
-    const double t26 = (self->k7 * t4 - self->k11 * t19 + t7 * (self->k3 * t4 - self->k12 * t19) - t20 * t22) * t23 -
-        (t9 * t18 * (self->k14 + t24) + t20 * t25) * y_l_rate;
-    const double yaw_rate = self->k1 * t13;
-    const double t27 = t26 + distance_by_y_l * yaw_rate;
-    const double t28 = t4 * t9;
-    const double t29 = self->k4 * t9;
-    const double t30 = t9 * t28;
-    const double t31 = (t5 * t28 * (self->k17 + t24) + t29 * t22) * t23 - (self->k8 * t4 - self->k15 * t30 + t7 *
-        (self->k4 * t4 - self->k16 * t30) - t29 * t25) * y_l_rate;
-    const double t32 = t31 + distance_by_x_l * yaw_rate;
-    const double t33 = self->k24 * (sin_phi * t27 + cos_phi * t32);
-    const double t34 = self->Phi_21 * (sin_phi * t32 - cos_phi * t27);
-    all->Phidot[0][0] = -(t33 + t34);
-    all->Phidot[0][1] = t33 - t34;
+    const double t19 = t4 * t5;
+    const double t20 = t5 * t19;
+    const double t21 = self->k2 * t5;
+    const double t22 = t4 * t7;
+    const double t23 = t5 * (self->k2 * t22 + t4 * t8);
+    const double t24 = forward_speed * cos_phi - t15 * sin_phi;
+    const double t25 = self->k12 * t7;
+    const double t26 = t9 * (self->k3 * t22 + t4 * t10);
+    const double y_l_rate = forward_speed * sin_phi + t15 * cos_phi;
+    const double t27 = (self->k6 * t4 - self->k10 * t20 + t7 * (self->k2 * t4 - self->k11 * t20) - t21 * t23) * t24 -
+        (t9 * t19 * (self->k13 + t25) + t21 * t26) * y_l_rate;
+    const double t28 = t27 + self->k1 * (t9 * t14 * t10);
+    const double t29 = t4 * t9;
+    const double t30 = self->k3 * t9;
+    const double t31 = t9 * t29;
+    const double t32 = (t5 * t29 * (self->k16 + t25) + t30 * t23) * t24 - (self->k7 * t4 - self->k14 * t31 + t7 *
+        (self->k3 * t4 - self->k15 * t31) - t30 * t26) * y_l_rate;
+    const double t33 = t32 + self->k1 * (t5 * t14 * t8);
+    const double t34 = self->Phi_21 * (cos_phi * t28 - sin_phi * t33);
+    const double t35 = self->k23 * (sin_phi * t28 + cos_phi * t33);
+    all->Phidot[0][0] = t34 - t35;
+    all->Phidot[0][1] = t34 + t35;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
-    const double t35 = yaw_rate * yaw_rate;
-    const double t36 = t35 * self->k2;
-    const double wanted_1 = reference->speed_rate - t36 + self->kv_speed * (reference->speed - forward_speed);
-    const double t37 = self->k22 * (wanted_1 + t36);
-    const double t38 = forward_speed * yaw_rate;
-    const double t39 = t23 * t23;
-    const double t40 = y_l_rate * y_l_rate;
-    const double t41 = t4 * (self->k9 * x_l * t23 + self->k10 * y_l * y_l_rate);
-    const double t42 = self->k7 * t39 + self->k8 * t40 + t7 * (0.5 * (self->k9 * t39 + self->k10 * t40) - t41 * (t41 *
+    const double t36 = t14 * t14;
+    const double t37 = self->k24 * t36;
+    const double wanted_1 = reference->speed_rate - t37 + self->kv_speed * (reference->speed - forward_speed);
+    const double t38 = self->k19 * (wanted_1 + t37);
+    const double t39 = t12 * t14;
+    const double t40 = t24 * t24;
+    const double t41 = y_l_rate * y_l_rate;
+    const double t42 = t4 * (self->k8 * x_l * t24 + self->k9 * y_l * y_l_rate);
+    const double t43 = self->k6 * t40 + self->k7 * t41 + t7 * (0.5 * (self->k8 * t40 + self->k9 * t41) - t42 * (t42 *
         0.25));
-    const double t43 = t15 - t12;
-    const double distance_curvature = t4 * (t42 + t41 * t43);
-    const double t44 = reference->distance_acceleration - distance_curvature + self->kp_distance *
+    const double t44 = t16 - t13;
+    const double distance_curvature = t4 * (t43 + t42 * t44);
+    const double t45 = reference->distance_acceleration - distance_curvature + self->kp_distance *
         (reference->distance + t6);
-    const double wanted_0 = t44 + self->kd_distance * (t43 + reference->distance_rate);
-    const double t45 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
-    const double t46 = self->k25 * (t38 - t45);
-    all->u[0] = t37 - t46;
-    all->u[1] = t37 + t46;
-    const double t47 = self->k21 * t38 + self->k19 * t45;
-    const double t48 = self->k18 * wanted_1 - t35 * self->k20;
-    all->tau[0] = t47 + t48;
-    all->tau[1] = t48 - t47;
+    const double wanted_0 = t45 + self->kd_distance * (t44 + reference->distance_rate);
+    const double t46 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
+    const double t47 = self->k20 * (t39 * self->k27 - self->k17 * t46);
+    all->u[0] = t38 - t47;
+    all->u[1] = t38 + t47;
+    const double t48 = self->k25 * t39 + self->k21 * t46;
+    const double t49 = self->k18 * wanted_1 - self->k26 * t36;
+    all->tau[0] = t48 + t49;
+    all->tau[1] = t49 - t48;
     return NOSLIP_OK;
 }
 
@@ -560,43 +562,43 @@ static int labmate_type_iv_ellipse_step_law(const labmate_type_iv_ellipse *self,
     const double t1 = x_l * x_l;
     const double y_l = state->y_c + self->L * sin_phi;
     const double t2 = y_l * y_l;
-    const double t3 = noslip_sqrt(self->k3 * t1 + self->k4 * t2);
+    const double t3 = noslip_sqrt(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t4 = 1.0 / t3;
-    const double t5 = t4 * (1.0 - self->k5 * t1 - self->k6 * t2);
+    const double t5 = t4 * (1.0 - self->k4 * t1 - self->k5 * t2);
     const double t6 = t4 * t5;
-    const double distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t6);
-    const double distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t6);
+    const double distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t6);
+    const double distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t6);
     const double t7 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t7 * t7 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t7 * t7 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t8 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->k1 * t8;
-    const double t9 = yaw_rate * yaw_rate;
-    const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double wanted_1 = reference->speed_rate - t9 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
-    const double t10 = self->k18 * wanted_1 - t9 * self->k20;
-    const double t11 = self->k24 * t8;
-    const double t12 = forward_speed * cos_phi - t11 * sin_phi;
-    const double t13 = t12 * t12;
-    const double y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
-    const double t14 = y_l_rate * y_l_rate;
-    const double t15 = t4 * (self->k9 * x_l * t12 + self->k10 * y_l * y_l_rate);
-    const double t16 = self->k7 * t13 + self->k8 * t14 + t6 * (0.5 * (self->k9 * t13 + self->k10 * t14) - t15 * (t15 *
+    const double t9 = t8 * t8;
+    const double t10 = state->thetadot_r + state->thetadot_l;
+    const double forward_speed = self->Phi_21 * t10;
+    const double wanted_1 = reference->speed_rate - self->k24 * t9 + self->kv_speed * (reference->speed -
+        forward_speed);
+    const double t11 = self->k18 * wanted_1 - self->k26 * t9;
+    const double t12 = self->k23 * t8;
+    const double t13 = forward_speed * cos_phi - t12 * sin_phi;
+    const double t14 = t13 * t13;
+    const double y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
+    const double t15 = y_l_rate * y_l_rate;
+    const double t16 = t4 * (self->k8 * x_l * t13 + self->k9 * y_l * y_l_rate);
+    const double t17 = self->k6 * t14 + self->k7 * t15 + t6 * (0.5 * (self->k8 * t14 + self->k9 * t15) - t16 * (t16 *
         0.25));
-    const double t17 = t11 * t7 - forward_speed * distance_by_forward_speed;
-    const double distance_curvature = t4 * (t16 + t15 * t17);
-    const double t18 = reference->distance_acceleration - distance_curvature + self->kp_distance *
+    const double t18 = t12 * t7 - forward_speed * distance_by_forward_speed;
+    const double distance_curvature = t4 * (t17 + t16 * t18);
+    const double t19 = reference->distance_acceleration - distance_curvature + self->kp_distance *
         (reference->distance + t5);
-    const double wanted_0 = t18 + self->kd_distance * (t17 + reference->distance_rate);
-    const double t19 = self->k21 * (forward_speed * yaw_rate) + self->k19 * (distance_by_forward_speed * wanted_1 -
-        wanted_0) / t7;
-    tau[0] = t10 + t19;
-    tau[1] = t10 - t19;
+    const double wanted_0 = t19 + self->kd_distance * (t18 + reference->distance_rate);
+    const double t20 = self->k25 * (t10 * t8) + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t7;
+    tau[0] = t11 + t20;
+    tau[1] = t11 - t20;
     return NOSLIP_OK;
 }
 
@@ -626,7 +628,7 @@ int labmate_type_iv_ellipse_step(labmate_type_iv_ellipse *self, const labmate_st
         status = labmate_type_iv_ellipse_step_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
         if (status == NOSLIP_OK && noslip_abs(tau[0]) <= self->limit[0] && noslip_abs(tau[1]) <= self->limit[1] &&
-        noslip_is_finite(state->theta_r + state->theta_l)) {
+            noslip_is_finite(state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];
             return status;

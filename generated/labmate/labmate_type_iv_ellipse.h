@@ -57,30 +57,32 @@ typedef struct labmate_type_iv_ellipse {
     double kv_speed;    /* 1/s */
     double Phi_21;      /* r * 0.5 */
     double k1;          /* r / (b * 2.0) */
-    double k2;          /* d + L */
-    double k3;          /* 4.0 / (a * a * (a * a)) */
-    double k4;          /* 4.0 / (b * b * (b * b)) */
-    double k5;          /* 1.0 / (a * a) */
-    double k6;          /* 1.0 / (b * b) */
-    double k7;          /* 2.0 / (a * a) */
-    double k8;          /* 2.0 / (b * b) */
-    double k9;          /* 8.0 / (a * a * (a * a)) */
-    double k10;         /* 8.0 / (b * b * (b * b)) */
-    double k11;         /* 8.0 / (a * a * a * (a * a * a)) */
-    double k12;         /* 16.0 / (a * a * (a * a) * (a * a * (a * a))) */
-    double k13;         /* 16.0 / (a * a * (a * a) * (b * b * (b * b))) */
-    double k14;         /* 8.0 / (a * a * (b * b * (b * b))) */
-    double k15;         /* 8.0 / (b * b * b * (b * b * b)) */
-    double k16;         /* 16.0 / (b * b * (b * b) * (b * b * (b * b))) */
-    double k17;         /* 8.0 / (a * a * (a * a) * (b * b)) */
+    double k2;          /* 4.0 / (a * a * (a * a)) */
+    double k3;          /* 4.0 / (b * b * (b * b)) */
+    double k4;          /* 1.0 / (a * a) */
+    double k5;          /* 1.0 / (b * b) */
+    double k6;          /* 2.0 / (a * a) */
+    double k7;          /* 2.0 / (b * b) */
+    double k8;          /* 8.0 / (a * a * (a * a)) */
+    double k9;          /* 8.0 / (b * b * (b * b)) */
+    double k10;         /* 8.0 / (a * a * a * (a * a * a)) */
+    double k11;         /* 16.0 / (a * a * (a * a) * (a * a * (a * a))) */
+    double k12;         /* 16.0 / (a * a * (a * a) * (b * b * (b * b))) */
+    double k13;         /* 8.0 / (a * a * (b * b * (b * b))) */
+    double k14;         /* 8.0 / (b * b * b * (b * b * b)) */
+    double k15;         /* 16.0 / (b * b * (b * b) * (b * b * (b * b))) */
+    double k16;         /* 8.0 / (a * a * (a * a) * (b * b)) */
+    double k17;         /* 1.0 / (d + L) */
     double k18;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k19;         /* see init */
-    double k20;         /* see init */
+    double k19;         /* 1.0 / r */
+    double k20;         /* b / r */
     double k21;         /* see init */
-    double k22;         /* 1.0 / r */
-    double k23;         /* see init */
-    double k24;         /* r / (b * 2.0) * (d + L) */
-    double k25;         /* 1.0 / (d + L) * (b / r) */
+    double k22;         /* see init */
+    double k23;         /* r / (b * 2.0) * (d + L) */
+    double k24;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    double k25;         /* see init */
+    double k26;         /* see init */
+    double k27;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_ellipse;
 
 /*
@@ -121,7 +123,7 @@ int labmate_type_iv_ellipse_decoupling(const labmate_type_iv_ellipse *self, cons
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 67 mul, 19 add, 14 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 68 mul, 19 add, 14 sub, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_decoupling_rate(const labmate_type_iv_ellipse *self, const labmate_state *state,
     double Phidot[2][2]);
@@ -130,14 +132,14 @@ int labmate_type_iv_ellipse_decoupling_rate(const labmate_type_iv_ellipse *self,
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 57 mul, 15 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 56 mul, 15 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_feedback(const labmate_type_iv_ellipse *self, const labmate_state *state, const double v[2],
     double tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 108 mul, 35 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 113 mul, 35 add, 27 sub, 2 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, labmate_type_iv_ellipse_evaluation *all);
@@ -145,7 +147,7 @@ int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const 
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 60 mul, 20 add, 13 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 59 mul, 20 add, 13 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_step(labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, double tau[2]);

@@ -47,61 +47,65 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
         return NOSLIP_SINGULAR;
     }
     self->k1 = params->r / t1;
-    self->k2 = params->d + config->L;
     const float t2 = config->a * config->a;
     const float t3 = t2 * t2;
     if (!(noslip_abs_f(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k3 = 4.0f / t3;
+    self->k2 = 4.0f / t3;
     const float t4 = config->b * config->b;
     const float t5 = t4 * t4;
     if (!(noslip_abs_f(t5) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k4 = 4.0f / t5;
-    self->k5 = 1.0f / t2;
-    self->k6 = 1.0f / t4;
-    self->k7 = 2.0f / t2;
-    self->k8 = 2.0f / t4;
-    self->k9 = 8.0f / t3;
-    self->k10 = 8.0f / t5;
+    self->k3 = 4.0f / t5;
+    self->k4 = 1.0f / t2;
+    self->k5 = 1.0f / t4;
+    self->k6 = 2.0f / t2;
+    self->k7 = 2.0f / t4;
+    self->k8 = 8.0f / t3;
+    self->k9 = 8.0f / t5;
     const float t6 = t2 * config->a;
-    self->k11 = 8.0f / (t6 * t6);
-    self->k12 = 16.0f / (t3 * t3);
-    self->k13 = 16.0f / (t3 * t5);
-    self->k14 = 8.0f / (t2 * t5);
+    self->k10 = 8.0f / (t6 * t6);
+    self->k11 = 16.0f / (t3 * t3);
+    self->k12 = 16.0f / (t3 * t5);
+    self->k13 = 8.0f / (t2 * t5);
     const float t7 = t4 * config->b;
-    self->k15 = 8.0f / (t7 * t7);
-    self->k16 = 16.0f / (t5 * t5);
-    self->k17 = 8.0f / (t3 * t4);
-    const float t8 = params->r * params->r;
+    self->k14 = 8.0f / (t7 * t7);
+    self->k15 = 16.0f / (t5 * t5);
+    self->k16 = 8.0f / (t3 * t4);
+    const float t8 = params->d + config->L;
     if (!(noslip_abs_f(t8) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k18 = self->Phi_21 * ((params->I_w * 2.0f + t8 * params->m_c + t8 * params->m_w * 2.0f) / t8);
-    if (!(noslip_abs_f(self->k2) > 0)) {
+    self->k17 = 1.0f / t8;
+    const float t9 = params->r * params->r;
+    if (!(noslip_abs_f(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t9 = 1.0f / self->k2;
+    self->k18 = self->Phi_21 * ((params->I_w * 2.0f + t9 * params->m_c + t9 * params->m_w * 2.0f) / t9);
+    self->k19 = 1.0f / params->r;
+    self->k20 = params->b / params->r;
     const float t10 = params->b * params->b;
-    const float t11 = t8 * params->I_c + t8 * params->I_m * 2.0f + t10 * params->I_w * 2.0f + t8 * (t10 * params->m_w) *
+    const float t11 = t9 * params->I_c + t9 * params->I_m * 2.0f + t10 * params->I_w * 2.0f + t9 * (t10 * params->m_w) *
         2.0f;
-    self->k19 = t9 * (self->k1 * ((t11 + t8 * (params->d * params->d * params->m_c)) / t8));
-    const float t12 = params->d * params->m_c;
-    self->k20 = self->Phi_21 * t12 - self->k18 * self->k2;
-    self->k21 = 0.5f * (self->k1 * t12 - self->k19) * 2.0f;
-    self->k22 = 1.0f / params->r;
-    const float t13 = t8 * 0.5f;
-    const float t14 = t8 / (t10 * 2.0f);
-    const float t15 = self->k2 * self->k2;
-    const float t16 = t13 * (t14 * (t10 * t15)) * 7.7371253e+15f - t15 * (t8 * t8) * 1.9342813e+25f;
-    if (!(noslip_abs_f(t16) > 0)) {
+    self->k21 = self->k17 * (self->k1 * ((t11 + t9 * (params->d * params->d * params->m_c)) / t9));
+    const float t12 = t9 * 0.5f;
+    const float t13 = t9 / (t10 * 2.0f);
+    const float t14 = t8 * t8;
+    const float t15 = t12 * (t13 * (t10 * t14)) * 7.7371253e+15f - t14 * (t9 * t9) * 1.9342813e+25f;
+    if (!(noslip_abs_f(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k23 = t13 * (t14 * (t10 * t10)) * 7.7371253e+15f / t16;
-    self->k24 = self->k1 * self->k2;
-    self->k25 = t9 * (params->b / params->r);
+    self->k22 = t12 * (t13 * (t10 * t10)) * 7.7371253e+15f / t15;
+    self->k23 = self->k1 * t8;
+    const float t16 = self->k1 * self->k1;
+    self->k24 = t16 * t8;
+    const float t17 = params->d * params->m_c;
+    const float t18 = self->Phi_21 * self->k1;
+    self->k25 = 0.5f * (self->k1 * t17 - self->k21) * 2.0f * t18;
+    self->k26 = t16 * (self->Phi_21 * t17 - self->k18 * t8);
+    self->k27 = self->k17 * t18;
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
@@ -127,7 +131,9 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
         noslip_is_finite_f(self->k22) &&
         noslip_is_finite_f(self->k23) &&
         noslip_is_finite_f(self->k24) &&
-        noslip_is_finite_f(self->k25))) {
+        noslip_is_finite_f(self->k25) &&
+        noslip_is_finite_f(self->k26) &&
+        noslip_is_finite_f(self->k27))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -184,11 +190,11 @@ static int labmate_type_iv_ellipse_output_f_law(const labmate_type_iv_ellipse_f 
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k3 * t1 + self->k4 * t2);
+    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    h[0] = -((1.0f - self->k5 * t1 - self->k6 * t2) / t3);
+    h[0] = -((1.0f - self->k4 * t1 - self->k5 * t2) / t3);
     h[1] = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -218,16 +224,16 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k3 * t1 + self->k4 * t2);
+    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
-    const float t5 = t4 * (t4 * (1.0f - self->k5 * t1 - self->k6 * t2));
-    const float distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t5);
-    const float distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
+    const float t5 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
+    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
+    const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    const float t6 = self->k24 * (state->thetadot_r - state->thetadot_l) * (distance_by_x_l * sin_phi -
+    const float t6 = self->k23 * (state->thetadot_r - state->thetadot_l) * (distance_by_x_l * sin_phi -
         distance_by_y_l * cos_phi);
     ydot[0] = forward_speed * distance_by_forward_speed - t6;
     return NOSLIP_OK;
@@ -257,17 +263,17 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k3 * t1 + self->k4 * t2);
+    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
-    const float t5 = t4 * (t4 * (1.0f - self->k5 * t1 - self->k6 * t2));
-    const float distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t5);
-    const float distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
+    const float t5 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
+    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
+    const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
     const float t6 = self->Phi_21 * distance_by_forward_speed;
-    const float t7 = self->k24 * (distance_by_x_l * sin_phi - distance_by_y_l * cos_phi);
+    const float t7 = self->k23 * (distance_by_x_l * sin_phi - distance_by_y_l * cos_phi);
     Phi[0][0] = t6 - t7;
     Phi[0][1] = t6 + t7;
     Phi[1][0] = self->Phi_21;
@@ -304,7 +310,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k3 * t1 + self->k4 * t2);
+    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -312,34 +318,31 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float t5 = t4 * x_l;
     const float t6 = t4 * t5;
     const float t7 = t5 * t6;
-    const float t8 = t4 * (t4 * (1.0f - self->k5 * t1 - self->k6 * t2));
-    const float t9 = self->k3 * t5;
+    const float t8 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
+    const float t9 = self->k2 * t5;
     const float t10 = t4 * t8;
-    const float t11 = self->k7 + self->k3 * t8;
-    const float t12 = t5 * (self->k3 * t10 + t4 * t11);
+    const float t11 = self->k6 + self->k2 * t8;
+    const float t12 = t5 * (self->k2 * t10 + t4 * t11);
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float t13 = state->thetadot_r - state->thetadot_l;
-    const float t14 = self->k24 * t13;
+    const float t14 = self->k23 * t13;
     const float t15 = forward_speed * cos_phi - t14 * sin_phi;
     const float t16 = t4 * y_l;
-    const float t17 = self->k13 * t8;
-    const float t18 = self->k8 + self->k4 * t8;
-    const float t19 = t16 * (self->k4 * t10 + t4 * t18);
+    const float t17 = self->k12 * t8;
+    const float t18 = self->k7 + self->k3 * t8;
+    const float t19 = t16 * (self->k3 * t10 + t4 * t18);
     const float y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
-    const float t20 = (self->k7 * t4 - self->k11 * t7 + t8 * (self->k3 * t4 - self->k12 * t7) - t9 * t12) * t15 - (t16 *
-        t6 * (self->k14 + t17) + t9 * t19) * y_l_rate;
-    const float distance_by_y_l = t16 * t18;
-    const float yaw_rate = self->k1 * t13;
-    const float t21 = t20 + distance_by_y_l * yaw_rate;
+    const float t20 = (self->k6 * t4 - self->k10 * t7 + t8 * (self->k2 * t4 - self->k11 * t7) - t9 * t12) * t15 - (t16 *
+        t6 * (self->k13 + t17) + t9 * t19) * y_l_rate;
+    const float t21 = t20 + self->k1 * (t16 * t13 * t18);
     const float t22 = t4 * t16;
-    const float t23 = self->k4 * t16;
+    const float t23 = self->k3 * t16;
     const float t24 = t16 * t22;
-    const float t25 = (t5 * t22 * (self->k17 + t17) + t23 * t12) * t15 - (self->k8 * t4 - self->k15 * t24 + t8 *
-        (self->k4 * t4 - self->k16 * t24) - t23 * t19) * y_l_rate;
-    const float distance_by_x_l = t5 * t11;
-    const float t26 = t25 + distance_by_x_l * yaw_rate;
+    const float t25 = (t5 * t22 * (self->k16 + t17) + t23 * t12) * t15 - (self->k7 * t4 - self->k14 * t24 + t8 *
+        (self->k3 * t4 - self->k15 * t24) - t23 * t19) * y_l_rate;
+    const float t26 = t25 + self->k1 * (t5 * t13 * t11);
     const float t27 = self->Phi_21 * (cos_phi * t21 - sin_phi * t26);
-    const float t28 = self->k24 * (sin_phi * t21 + cos_phi * t26);
+    const float t28 = self->k23 * (sin_phi * t21 + cos_phi * t26);
     Phidot[0][0] = t27 - t28;
     Phidot[0][1] = t27 + t28;
     Phidot[1][0] = 0.0f;
@@ -376,39 +379,38 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k3 * t1 + self->k4 * t2);
+    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
-    const float t5 = t4 * (t4 * (1.0f - self->k5 * t1 - self->k6 * t2));
-    const float distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t5);
-    const float distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t5);
+    const float t5 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
+    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
+    const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const float t6 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t6 * t6 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t6 * t6 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const float t7 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k1 * t7;
-    const float t8 = yaw_rate * yaw_rate;
-    const float wanted_1 = v[1] - t8 * self->k2;
-    const float t9 = self->k24 * t7;
-    const float t10 = forward_speed * cos_phi - t9 * sin_phi;
-    const float t11 = t10 * t10;
-    const float y_l_rate = forward_speed * sin_phi + t9 * cos_phi;
-    const float t12 = y_l_rate * y_l_rate;
-    const float t13 = t4 * (self->k9 * x_l * t10 + self->k10 * y_l * y_l_rate);
-    const float t14 = self->k7 * t11 + self->k8 * t12 + t5 * (0.5f * (self->k9 * t11 + self->k10 * t12) - t13 * (t13 *
+    const float t7 = state->thetadot_r + state->thetadot_l;
+    const float t8 = state->thetadot_r - state->thetadot_l;
+    const float t9 = t8 * t8;
+    const float wanted_1 = v[1] - self->k24 * t9;
+    const float forward_speed = self->Phi_21 * t7;
+    const float t10 = self->k23 * t8;
+    const float t11 = forward_speed * cos_phi - t10 * sin_phi;
+    const float t12 = t11 * t11;
+    const float y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
+    const float t13 = y_l_rate * y_l_rate;
+    const float t14 = t4 * (self->k8 * x_l * t11 + self->k9 * y_l * y_l_rate);
+    const float t15 = self->k6 * t12 + self->k7 * t13 + t5 * (0.5f * (self->k8 * t12 + self->k9 * t13) - t14 * (t14 *
         0.25f));
-    const float distance_curvature = t4 * (t14 + t13 * (t9 * t6 - forward_speed * distance_by_forward_speed));
+    const float distance_curvature = t4 * (t15 + t14 * (t10 * t6 - forward_speed * distance_by_forward_speed));
     const float wanted_0 = v[0] - distance_curvature;
-    const float t15 = self->k21 * (forward_speed * yaw_rate) + self->k19 * (distance_by_forward_speed * wanted_1 -
-        wanted_0) / t6;
-    const float t16 = self->k18 * wanted_1 - t8 * self->k20;
-    tau[0] = t15 + t16;
-    tau[1] = t16 - t15;
+    const float t16 = self->k25 * (t7 * t8) + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t6;
+    const float t17 = self->k18 * wanted_1 - self->k26 * t9;
+    tau[0] = t16 + t17;
+    tau[1] = t17 - t16;
     return NOSLIP_OK;
 }
 
@@ -440,86 +442,86 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k3 * t1 + self->k4 * t2);
+    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
     const float t5 = t4 * x_l;
-    const float t6 = t4 * (1.0f - self->k5 * t1 - self->k6 * t2);
+    const float t6 = t4 * (1.0f - self->k4 * t1 - self->k5 * t2);
     const float t7 = t4 * t6;
-    const float t8 = self->k7 + self->k3 * t7;
+    const float t8 = self->k6 + self->k2 * t7;
     const float distance_by_x_l = t5 * t8;
     const float t9 = t4 * y_l;
-    const float t10 = self->k8 + self->k4 * t7;
+    const float t10 = self->k7 + self->k3 * t7;
     const float distance_by_y_l = t9 * t10;
     const float t11 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t11 * t11 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t11 * t11 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     all->h[0] = -t6;
-    const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
+    const float t12 = state->thetadot_r + state->thetadot_l;
+    const float forward_speed = self->Phi_21 * t12;
     all->h[1] = forward_speed;
-    const float t12 = forward_speed * distance_by_forward_speed;
-    const float t13 = state->thetadot_r - state->thetadot_l;
-    const float t14 = self->k24 * t13;
-    const float t15 = t14 * t11;
-    all->ydot[0] = t12 - t15;
-    const float t16 = self->Phi_21 * distance_by_forward_speed;
-    const float t17 = self->k24 * t11;
-    all->Phi[0][0] = t16 - t17;
-    all->Phi[0][1] = t16 + t17;
+    const float t13 = forward_speed * distance_by_forward_speed;
+    const float t14 = state->thetadot_r - state->thetadot_l;
+    const float t15 = self->k23 * t14;
+    const float t16 = t15 * t11;
+    all->ydot[0] = t13 - t16;
+    const float t17 = self->Phi_21 * distance_by_forward_speed;
+    const float t18 = self->k23 * t11;
+    all->Phi[0][0] = t17 - t18;
+    all->Phi[0][1] = t17 + t18;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const float t18 = t4 * t5;
-    const float t19 = t5 * t18;
-    const float t20 = self->k3 * t5;
-    const float t21 = t4 * t7;
-    const float t22 = t5 * (self->k3 * t21 + t4 * t8);
-    const float t23 = forward_speed * cos_phi - t14 * sin_phi;
-    const float t24 = self->k13 * t7;
-    const float t25 = t9 * (self->k4 * t21 + t4 * t10);
-    const float y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
-    const float t26 = (self->k7 * t4 - self->k11 * t19 + t7 * (self->k3 * t4 - self->k12 * t19) - t20 * t22) * t23 -
-        (t9 * t18 * (self->k14 + t24) + t20 * t25) * y_l_rate;
-    const float yaw_rate = self->k1 * t13;
-    const float t27 = t26 + distance_by_y_l * yaw_rate;
-    const float t28 = t4 * t9;
-    const float t29 = self->k4 * t9;
-    const float t30 = t9 * t28;
-    const float t31 = (t5 * t28 * (self->k17 + t24) + t29 * t22) * t23 - (self->k8 * t4 - self->k15 * t30 + t7 *
-        (self->k4 * t4 - self->k16 * t30) - t29 * t25) * y_l_rate;
-    const float t32 = t31 + distance_by_x_l * yaw_rate;
-    const float t33 = self->k24 * (sin_phi * t27 + cos_phi * t32);
-    const float t34 = self->Phi_21 * (sin_phi * t32 - cos_phi * t27);
-    all->Phidot[0][0] = -(t33 + t34);
-    all->Phidot[0][1] = t33 - t34;
+    const float t19 = t4 * t5;
+    const float t20 = t5 * t19;
+    const float t21 = self->k2 * t5;
+    const float t22 = t4 * t7;
+    const float t23 = t5 * (self->k2 * t22 + t4 * t8);
+    const float t24 = forward_speed * cos_phi - t15 * sin_phi;
+    const float t25 = self->k12 * t7;
+    const float t26 = t9 * (self->k3 * t22 + t4 * t10);
+    const float y_l_rate = forward_speed * sin_phi + t15 * cos_phi;
+    const float t27 = (self->k6 * t4 - self->k10 * t20 + t7 * (self->k2 * t4 - self->k11 * t20) - t21 * t23) * t24 -
+        (t9 * t19 * (self->k13 + t25) + t21 * t26) * y_l_rate;
+    const float t28 = t27 + self->k1 * (t9 * t14 * t10);
+    const float t29 = t4 * t9;
+    const float t30 = self->k3 * t9;
+    const float t31 = t9 * t29;
+    const float t32 = (t5 * t29 * (self->k16 + t25) + t30 * t23) * t24 - (self->k7 * t4 - self->k14 * t31 + t7 *
+        (self->k3 * t4 - self->k15 * t31) - t30 * t26) * y_l_rate;
+    const float t33 = t32 + self->k1 * (t5 * t14 * t8);
+    const float t34 = self->Phi_21 * (cos_phi * t28 - sin_phi * t33);
+    const float t35 = self->k23 * (sin_phi * t28 + cos_phi * t33);
+    all->Phidot[0][0] = t34 - t35;
+    all->Phidot[0][1] = t34 + t35;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
-    const float t35 = yaw_rate * yaw_rate;
-    const float t36 = t35 * self->k2;
-    const float wanted_1 = reference->speed_rate - t36 + self->kv_speed * (reference->speed - forward_speed);
-    const float t37 = self->k22 * (wanted_1 + t36);
-    const float t38 = forward_speed * yaw_rate;
-    const float t39 = t23 * t23;
-    const float t40 = y_l_rate * y_l_rate;
-    const float t41 = t4 * (self->k9 * x_l * t23 + self->k10 * y_l * y_l_rate);
-    const float t42 = self->k7 * t39 + self->k8 * t40 + t7 * (0.5f * (self->k9 * t39 + self->k10 * t40) - t41 * (t41 *
+    const float t36 = t14 * t14;
+    const float t37 = self->k24 * t36;
+    const float wanted_1 = reference->speed_rate - t37 + self->kv_speed * (reference->speed - forward_speed);
+    const float t38 = self->k19 * (wanted_1 + t37);
+    const float t39 = t12 * t14;
+    const float t40 = t24 * t24;
+    const float t41 = y_l_rate * y_l_rate;
+    const float t42 = t4 * (self->k8 * x_l * t24 + self->k9 * y_l * y_l_rate);
+    const float t43 = self->k6 * t40 + self->k7 * t41 + t7 * (0.5f * (self->k8 * t40 + self->k9 * t41) - t42 * (t42 *
         0.25f));
-    const float t43 = t15 - t12;
-    const float distance_curvature = t4 * (t42 + t41 * t43);
-    const float t44 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
+    const float t44 = t16 - t13;
+    const float distance_curvature = t4 * (t43 + t42 * t44);
+    const float t45 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
         t6);
-    const float wanted_0 = t44 + self->kd_distance * (t43 + reference->distance_rate);
-    const float t45 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
-    const float t46 = self->k25 * (t38 - t45);
-    all->u[0] = t37 - t46;
-    all->u[1] = t37 + t46;
-    const float t47 = self->k21 * t38 + self->k19 * t45;
-    const float t48 = self->k18 * wanted_1 - t35 * self->k20;
-    all->tau[0] = t47 + t48;
-    all->tau[1] = t48 - t47;
+    const float wanted_0 = t45 + self->kd_distance * (t44 + reference->distance_rate);
+    const float t46 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
+    const float t47 = self->k20 * (t39 * self->k27 - self->k17 * t46);
+    all->u[0] = t38 - t47;
+    all->u[1] = t38 + t47;
+    const float t48 = self->k25 * t39 + self->k21 * t46;
+    const float t49 = self->k18 * wanted_1 - self->k26 * t36;
+    all->tau[0] = t48 + t49;
+    all->tau[1] = t49 - t48;
     return NOSLIP_OK;
 }
 
@@ -561,43 +563,42 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k3 * t1 + self->k4 * t2);
+    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
-    const float t5 = t4 * (1.0f - self->k5 * t1 - self->k6 * t2);
+    const float t5 = t4 * (1.0f - self->k4 * t1 - self->k5 * t2);
     const float t6 = t4 * t5;
-    const float distance_by_x_l = t4 * x_l * (self->k7 + self->k3 * t6);
-    const float distance_by_y_l = t4 * y_l * (self->k8 + self->k4 * t6);
+    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t6);
+    const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t6);
     const float t7 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    if (!(t7 * t7 > -(self->k23 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t7 * t7 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t8 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k1 * t8;
-    const float t9 = yaw_rate * yaw_rate;
-    const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const float wanted_1 = reference->speed_rate - t9 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
-    const float t10 = self->k18 * wanted_1 - t9 * self->k20;
-    const float t11 = self->k24 * t8;
-    const float t12 = forward_speed * cos_phi - t11 * sin_phi;
-    const float t13 = t12 * t12;
-    const float y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
-    const float t14 = y_l_rate * y_l_rate;
-    const float t15 = t4 * (self->k9 * x_l * t12 + self->k10 * y_l * y_l_rate);
-    const float t16 = self->k7 * t13 + self->k8 * t14 + t6 * (0.5f * (self->k9 * t13 + self->k10 * t14) - t15 * (t15 *
+    const float t9 = t8 * t8;
+    const float t10 = state->thetadot_r + state->thetadot_l;
+    const float forward_speed = self->Phi_21 * t10;
+    const float wanted_1 = reference->speed_rate - self->k24 * t9 + self->kv_speed * (reference->speed - forward_speed);
+    const float t11 = self->k18 * wanted_1 - self->k26 * t9;
+    const float t12 = self->k23 * t8;
+    const float t13 = forward_speed * cos_phi - t12 * sin_phi;
+    const float t14 = t13 * t13;
+    const float y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
+    const float t15 = y_l_rate * y_l_rate;
+    const float t16 = t4 * (self->k8 * x_l * t13 + self->k9 * y_l * y_l_rate);
+    const float t17 = self->k6 * t14 + self->k7 * t15 + t6 * (0.5f * (self->k8 * t14 + self->k9 * t15) - t16 * (t16 *
         0.25f));
-    const float t17 = t11 * t7 - forward_speed * distance_by_forward_speed;
-    const float distance_curvature = t4 * (t16 + t15 * t17);
-    const float t18 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
+    const float t18 = t12 * t7 - forward_speed * distance_by_forward_speed;
+    const float distance_curvature = t4 * (t17 + t16 * t18);
+    const float t19 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
         t5);
-    const float wanted_0 = t18 + self->kd_distance * (t17 + reference->distance_rate);
-    const float t19 = self->k21 * (forward_speed * yaw_rate) + self->k19 * (distance_by_forward_speed * wanted_1 -
-        wanted_0) / t7;
-    tau[0] = t10 + t19;
-    tau[1] = t10 - t19;
+    const float wanted_0 = t19 + self->kd_distance * (t18 + reference->distance_rate);
+    const float t20 = self->k25 * (t10 * t8) + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t7;
+    tau[0] = t11 + t20;
+    tau[1] = t11 - t20;
     return NOSLIP_OK;
 }
 
@@ -627,7 +628,7 @@ int labmate_type_iv_ellipse_step_f(labmate_type_iv_ellipse_f *self, const labmat
         status = labmate_type_iv_ellipse_step_f_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
         if (status == NOSLIP_OK && noslip_abs_f(tau[0]) <= self->limit[0] && noslip_abs_f(tau[1]) <= self->limit[1] &&
-        noslip_is_finite_f(state->theta_r + state->theta_l)) {
+            noslip_is_finite_f(state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];
             return status;

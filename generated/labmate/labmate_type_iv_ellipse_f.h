@@ -57,30 +57,32 @@ typedef struct labmate_type_iv_ellipse_f {
     float kv_speed;    /* 1/s */
     float Phi_21;      /* r * 0.5 */
     float k1;          /* r / (b * 2.0) */
-    float k2;          /* d + L */
-    float k3;          /* 4.0 / (a * a * (a * a)) */
-    float k4;          /* 4.0 / (b * b * (b * b)) */
-    float k5;          /* 1.0 / (a * a) */
-    float k6;          /* 1.0 / (b * b) */
-    float k7;          /* 2.0 / (a * a) */
-    float k8;          /* 2.0 / (b * b) */
-    float k9;          /* 8.0 / (a * a * (a * a)) */
-    float k10;         /* 8.0 / (b * b * (b * b)) */
-    float k11;         /* 8.0 / (a * a * a * (a * a * a)) */
-    float k12;         /* 16.0 / (a * a * (a * a) * (a * a * (a * a))) */
-    float k13;         /* 16.0 / (a * a * (a * a) * (b * b * (b * b))) */
-    float k14;         /* 8.0 / (a * a * (b * b * (b * b))) */
-    float k15;         /* 8.0 / (b * b * b * (b * b * b)) */
-    float k16;         /* 16.0 / (b * b * (b * b) * (b * b * (b * b))) */
-    float k17;         /* 8.0 / (a * a * (a * a) * (b * b)) */
+    float k2;          /* 4.0 / (a * a * (a * a)) */
+    float k3;          /* 4.0 / (b * b * (b * b)) */
+    float k4;          /* 1.0 / (a * a) */
+    float k5;          /* 1.0 / (b * b) */
+    float k6;          /* 2.0 / (a * a) */
+    float k7;          /* 2.0 / (b * b) */
+    float k8;          /* 8.0 / (a * a * (a * a)) */
+    float k9;          /* 8.0 / (b * b * (b * b)) */
+    float k10;         /* 8.0 / (a * a * a * (a * a * a)) */
+    float k11;         /* 16.0 / (a * a * (a * a) * (a * a * (a * a))) */
+    float k12;         /* 16.0 / (a * a * (a * a) * (b * b * (b * b))) */
+    float k13;         /* 8.0 / (a * a * (b * b * (b * b))) */
+    float k14;         /* 8.0 / (b * b * b * (b * b * b)) */
+    float k15;         /* 16.0 / (b * b * (b * b) * (b * b * (b * b))) */
+    float k16;         /* 8.0 / (a * a * (a * a) * (b * b)) */
+    float k17;         /* 1.0 / (d + L) */
     float k18;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k19;         /* see init */
-    float k20;         /* see init */
+    float k19;         /* 1.0 / r */
+    float k20;         /* b / r */
     float k21;         /* see init */
-    float k22;         /* 1.0 / r */
-    float k23;         /* see init */
-    float k24;         /* r / (b * 2.0) * (d + L) */
-    float k25;         /* 1.0 / (d + L) * (b / r) */
+    float k22;         /* see init */
+    float k23;         /* r / (b * 2.0) * (d + L) */
+    float k24;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    float k25;         /* see init */
+    float k26;         /* see init */
+    float k27;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_ellipse_f;
 
 /*
@@ -121,7 +123,7 @@ int labmate_type_iv_ellipse_decoupling_f(const labmate_type_iv_ellipse_f *self, 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 67 mul, 19 add, 14 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 68 mul, 19 add, 14 sub, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_decoupling_rate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     float Phidot[2][2]);
@@ -130,14 +132,14 @@ int labmate_type_iv_ellipse_decoupling_rate_f(const labmate_type_iv_ellipse_f *s
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 57 mul, 15 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 56 mul, 15 add, 12 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_feedback_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const float v[2], float tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 108 mul, 35 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 113 mul, 35 add, 27 sub, 2 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_evaluate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const labmate_type_iv_ellipse_reference_f *reference, labmate_type_iv_ellipse_evaluation_f *all);
@@ -145,7 +147,7 @@ int labmate_type_iv_ellipse_evaluate_f(const labmate_type_iv_ellipse_f *self, co
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 60 mul, 20 add, 13 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 59 mul, 20 add, 13 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_step_f(labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const labmate_type_iv_ellipse_reference_f *reference, float tau[2]);

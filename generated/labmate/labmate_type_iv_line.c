@@ -45,46 +45,54 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     self->kd_distance = gains->kd_distance;
     self->kv_speed = gains->kv_speed;
     self->Phi_21 = params->r * 0.5;
-    const double t1 = params->b * 2.0;
-    if (!(noslip_abs(t1) > 0)) {
+    const double t1 = noslip_sqrt(config->A * config->A + config->B * config->B);
+    if (!(t1 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k1 = params->r / t1;
-    self->k2 = params->d + config->L;
-    const double t2 = noslip_sqrt(config->A * config->A + config->B * config->B);
-    if (!(t2 > 0)) {
+    self->k1 = config->A / t1;
+    self->k2 = config->B / t1;
+    self->k3 = config->C / t1;
+    const double t2 = params->d + config->L;
+    if (!(noslip_abs(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k3 = config->A / t2;
-    self->k4 = config->B / t2;
-    self->k5 = config->C / t2;
+    self->k4 = 1.0 / t2;
     const double t3 = params->r * params->r;
     if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k6 = self->Phi_21 * ((params->I_w * 2.0 + t3 * params->m_c + t3 * params->m_w * 2.0) / t3);
-    if (!(noslip_abs(self->k2) > 0)) {
+    self->k5 = self->Phi_21 * ((params->I_w * 2.0 + t3 * params->m_c + t3 * params->m_w * 2.0) / t3);
+    self->k6 = 1.0 / params->r;
+    self->k7 = params->b / params->r;
+    const double t4 = params->b * 2.0;
+    if (!(noslip_abs(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t4 = 1.0 / self->k2;
-    const double t5 = params->b * params->b;
-    const double t6 = t3 * params->I_c + t3 * params->I_m * 2.0 + t5 * params->I_w * 2.0 + t3 * (t5 * params->m_w) *
+    const double t5 = params->r / t4;
+    const double t6 = params->b * params->b;
+    const double t7 = t3 * params->I_c + t3 * params->I_m * 2.0 + t6 * params->I_w * 2.0 + t3 * (t6 * params->m_w) *
         2.0 + t3 * (params->d * params->d * params->m_c);
-    self->k7 = t4 * (self->k1 * (t6 / t3));
-    const double t7 = params->d * params->m_c;
-    self->k8 = self->Phi_21 * t7 - self->k6 * self->k2;
-    self->k9 = 0.5 * (self->k1 * t7 - self->k7) * 2.0;
-    self->k10 = 1.0 / params->r;
-    const double t8 = t3 * 0.5;
-    const double t9 = t3 / (t5 * 2.0);
-    const double t10 = self->k2 * self->k2;
-    const double t11 = t8 * (t9 * (t5 * t10)) * 7737125245533627.0 - t10 * (t3 * t3) * 1.9342813113834067e+25;
-    if (!(noslip_abs(t11) > 0)) {
+    const double t8 = t5 * (t7 / t3);
+    self->k8 = self->k4 * t8;
+    const double t9 = t3 * 0.5;
+    const double t10 = t3 / (t6 * 2.0);
+    const double t11 = t2 * t2;
+    const double t12 = t9 * (t10 * (t6 * t11)) * 7737125245533627.0 - t11 * (t3 * t3) * 1.9342813113834067e+25;
+    if (!(noslip_abs(t12) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k11 = t8 * (t9 * (t5 * t5)) * 7737125245533627.0 / t11;
-    self->k12 = self->k1 * self->k2;
-    self->k13 = t4 * (params->b / params->r);
+    self->k9 = t9 * (t10 * (t6 * t6)) * 7737125245533627.0 / t12;
+    self->k10 = t5 * t2;
+    self->k11 = self->Phi_21 * t5;
+    self->k12 = t5 * self->k10;
+    const double t13 = t5 * t5;
+    self->k13 = t13 * t2;
+    const double t14 = params->d * params->m_c;
+    self->k14 = 0.5 * (t5 * t14 - self->k8) * 2.0 * self->k11;
+    self->k15 = t13 * (self->Phi_21 * t14 - self->k5 * t2);
+    self->k16 = self->k4 * self->k11;
+    self->k17 = t5 * gains->kd_distance;
+    self->k18 = t5 * (t8 * gains->kd_distance);
     if (!(noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&
@@ -98,7 +106,12 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
         noslip_is_finite(self->k10) &&
         noslip_is_finite(self->k11) &&
         noslip_is_finite(self->k12) &&
-        noslip_is_finite(self->k13))) {
+        noslip_is_finite(self->k13) &&
+        noslip_is_finite(self->k14) &&
+        noslip_is_finite(self->k15) &&
+        noslip_is_finite(self->k16) &&
+        noslip_is_finite(self->k17) &&
+        noslip_is_finite(self->k18))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -152,7 +165,7 @@ static int labmate_type_iv_line_output_law(const labmate_type_iv_line *self, con
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
     const double y_l = state->y_c + self->L * sin_phi;
-    h[0] = self->k5 + self->k3 * x_l + self->k4 * y_l;
+    h[0] = self->k3 + self->k1 * x_l + self->k2 * y_l;
     h[1] = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -177,9 +190,9 @@ static int labmate_type_iv_line_rate_law(const labmate_type_iv_line *self, const
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    ydot[0] = forward_speed * distance_by_forward_speed + self->k12 * distance_by_yaw_rate * (state->thetadot_r -
+    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    ydot[0] = forward_speed * distance_by_forward_speed + self->k10 * distance_by_yaw_rate * (state->thetadot_r -
         state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -204,10 +217,10 @@ static int labmate_type_iv_line_decoupling_law(const labmate_type_iv_line *self,
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
+    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
     const double t1 = self->Phi_21 * distance_by_forward_speed;
-    const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const double t2 = self->k12 * distance_by_yaw_rate;
+    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const double t2 = self->k10 * distance_by_yaw_rate;
     Phi[0][0] = t1 + t2;
     Phi[0][1] = t1 - t2;
     Phi[1][0] = self->Phi_21;
@@ -237,15 +250,15 @@ int labmate_type_iv_line_decoupling(const labmate_type_iv_line *self, const labm
 static int labmate_type_iv_line_decoupling_rate_law(const labmate_type_iv_line *self, const labmate_state *state,
     double Phidot[2][2])
 {
-    const double yaw_rate = self->k1 * (state->thetadot_r - state->thetadot_l);
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const double t1 = self->Phi_21 * (yaw_rate * distance_by_yaw_rate);
-    const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    const double t2 = self->k12 * (yaw_rate * distance_by_forward_speed);
-    Phidot[0][0] = t1 - t2;
-    Phidot[0][1] = t1 + t2;
+    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const double t1 = state->thetadot_r - state->thetadot_l;
+    const double t2 = self->k11 * (distance_by_yaw_rate * t1);
+    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const double t3 = self->k12 * (distance_by_forward_speed * t1);
+    Phidot[0][0] = t2 - t3;
+    Phidot[0][1] = t2 + t3;
     Phidot[1][0] = 0.0;
     Phidot[1][1] = 0.0;
     return NOSLIP_OK;
@@ -276,21 +289,20 @@ static int labmate_type_iv_line_feedback_law(const labmate_type_iv_line *self, c
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double yaw_rate = self->k1 * (state->thetadot_r - state->thetadot_l);
-    const double t1 = yaw_rate * yaw_rate;
-    const double wanted_1 = v[1] - t1 * self->k2;
-    const double t2 = self->k9 * (forward_speed * yaw_rate) + self->k7 * (v[0] - distance_by_forward_speed * wanted_1) /
-        distance_by_yaw_rate;
-    const double t3 = self->k6 * wanted_1 - t1 * self->k8;
-    tau[0] = t2 + t3;
-    tau[1] = t3 - t2;
+    const double t1 = state->thetadot_r - state->thetadot_l;
+    const double t2 = t1 * t1;
+    const double wanted_1 = v[1] - self->k13 * t2;
+    const double t3 = self->k14 * ((state->thetadot_r + state->thetadot_l) * t1) + self->k8 * (v[0] -
+        distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
+    const double t4 = self->k5 * wanted_1 - self->k15 * t2;
+    tau[0] = t3 + t4;
+    tau[1] = t4 - t3;
     return NOSLIP_OK;
 }
 
@@ -318,49 +330,51 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double x_l = state->x_c + self->L * cos_phi;
     const double y_l = state->y_c + self->L * sin_phi;
-    const double distance = self->k5 + self->k3 * x_l + self->k4 * y_l;
+    const double distance = self->k3 + self->k1 * x_l + self->k2 * y_l;
     all->h[0] = distance;
-    const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
+    const double t1 = state->thetadot_r + state->thetadot_l;
+    const double forward_speed = self->Phi_21 * t1;
     all->h[1] = forward_speed;
-    const double yaw_rate = self->k1 * (state->thetadot_r - state->thetadot_l);
-    const double t1 = yaw_rate * distance_by_yaw_rate;
-    const double distance_rate = forward_speed * distance_by_forward_speed + t1 * self->k2;
-    all->ydot[0] = distance_rate;
-    const double t2 = self->Phi_21 * distance_by_forward_speed;
-    const double t3 = self->k12 * distance_by_yaw_rate;
-    all->Phi[0][0] = t2 + t3;
-    all->Phi[0][1] = t2 - t3;
+    const double t2 = self->Phi_21 * (distance_by_forward_speed * t1);
+    const double t3 = state->thetadot_r - state->thetadot_l;
+    const double t4 = distance_by_yaw_rate * t3;
+    all->ydot[0] = t2 + self->k10 * t4;
+    const double t5 = self->Phi_21 * distance_by_forward_speed;
+    const double t6 = self->k10 * distance_by_yaw_rate;
+    all->Phi[0][0] = t5 + t6;
+    all->Phi[0][1] = t5 - t6;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t4 = self->Phi_21 * t1;
-    const double t5 = self->k12 * (yaw_rate * distance_by_forward_speed);
-    all->Phidot[0][0] = t4 - t5;
-    all->Phidot[0][1] = t4 + t5;
+    const double t7 = self->k11 * t4;
+    const double t8 = self->k12 * (distance_by_forward_speed * t3);
+    all->Phidot[0][0] = t7 - t8;
+    all->Phidot[0][1] = t7 + t8;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
-    const double t6 = yaw_rate * yaw_rate;
-    const double t7 = t6 * self->k2;
-    const double wanted_1 = reference->speed_rate - t7 + self->kv_speed * (reference->speed - forward_speed);
-    const double t8 = self->k10 * (wanted_1 + t7);
-    const double t9 = forward_speed * yaw_rate;
+    const double t9 = t3 * t3;
+    const double t10 = self->k13 * t9;
+    const double wanted_1 = reference->speed_rate - t10 + self->kv_speed * (reference->speed - forward_speed);
+    const double t11 = self->k6 * (wanted_1 + t10);
+    const double t12 = t1 * t3;
     const double v_distance = reference->distance_acceleration + self->kp_distance * (reference->distance - distance) +
-        self->kd_distance * (reference->distance_rate - distance_rate);
-    const double t10 = (v_distance - distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
-    const double t11 = self->k13 * (t9 - t10);
-    all->u[0] = t8 - t11;
-    all->u[1] = t8 + t11;
-    const double t12 = self->k9 * t9 + self->k7 * t10;
-    const double t13 = self->k6 * wanted_1 - t6 * self->k8;
-    all->tau[0] = t12 + t13;
-    all->tau[1] = t13 - t12;
+        self->kd_distance * (reference->distance_rate - t2);
+    const double t13 = (v_distance - distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
+    const double u_yaw_rate = self->k4 * t13;
+    const double t14 = self->k7 * (t12 * self->k16 + self->k17 * t3 - u_yaw_rate);
+    all->u[0] = t11 - t14;
+    all->u[1] = t11 + t14;
+    const double t15 = self->k5 * wanted_1 - self->k15 * t9;
+    const double t16 = self->k18 * t3 - (self->k14 * t12 + self->k8 * t13);
+    all->tau[0] = t15 - t16;
+    all->tau[1] = t16 + t15;
     return NOSLIP_OK;
 }
 
@@ -397,29 +411,29 @@ static int labmate_type_iv_line_step_law(const labmate_type_iv_line *self, const
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const double distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->k1 * t1;
-    const double t2 = yaw_rate * yaw_rate;
-    const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double wanted_1 = reference->speed_rate - t2 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
-    const double t3 = self->k6 * wanted_1 - t2 * self->k8;
+    const double t2 = t1 * t1;
+    const double t3 = state->thetadot_r + state->thetadot_l;
+    const double forward_speed = self->Phi_21 * t3;
+    const double wanted_1 = reference->speed_rate - self->k13 * t2 + self->kv_speed * (reference->speed -
+        forward_speed);
+    const double t4 = self->k5 * wanted_1 - self->k15 * t2;
     const double x_l = state->x_c + self->L * cos_phi;
     const double y_l = state->y_c + self->L * sin_phi;
-    const double t4 = reference->distance_acceleration + self->kp_distance * (reference->distance - self->k5 -
-        self->k3 * x_l - self->k4 * y_l);
-    const double t5 = reference->distance_rate - self->k12 * distance_by_yaw_rate * t1 - forward_speed *
-        distance_by_forward_speed;
-    const double v_distance = t4 + self->kd_distance * t5;
-    const double t6 = self->k9 * (forward_speed * yaw_rate) - self->k7 * (distance_by_forward_speed * wanted_1 -
+    const double t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - self->k3 -
+        self->k1 * x_l - self->k2 * y_l);
+    const double v_distance = t5 + self->kd_distance * (reference->distance_rate - forward_speed *
+        distance_by_forward_speed);
+    const double t6 = self->k14 * (t3 * t1) - self->k18 * t1 - self->k8 * (distance_by_forward_speed * wanted_1 -
         v_distance) / distance_by_yaw_rate;
-    tau[0] = t3 + t6;
-    tau[1] = t3 - t6;
+    tau[0] = t4 + t6;
+    tau[1] = t4 - t6;
     return NOSLIP_OK;
 }
 
@@ -449,7 +463,7 @@ int labmate_type_iv_line_step(labmate_type_iv_line *self, const labmate_state *s
         status = labmate_type_iv_line_step_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
         if (status == NOSLIP_OK && noslip_abs(tau[0]) <= self->limit[0] && noslip_abs(tau[1]) <= self->limit[1] &&
-        noslip_is_finite(state->theta_r + state->theta_l)) {
+            noslip_is_finite(state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];
             return status;

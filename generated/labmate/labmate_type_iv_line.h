@@ -57,19 +57,24 @@ typedef struct labmate_type_iv_line {
     double kd_distance; /* 1/s */
     double kv_speed;    /* 1/s */
     double Phi_21;      /* r * 0.5 */
-    double k1;          /* r / (b * 2.0) */
-    double k2;          /* d + L */
-    double k3;          /* A / noslip_sqrt(A * A + B * B) */
-    double k4;          /* B / noslip_sqrt(A * A + B * B) */
-    double k5;          /* C / noslip_sqrt(A * A + B * B) */
-    double k6;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k7;          /* see init */
+    double k1;          /* A / noslip_sqrt(A * A + B * B) */
+    double k2;          /* B / noslip_sqrt(A * A + B * B) */
+    double k3;          /* C / noslip_sqrt(A * A + B * B) */
+    double k4;          /* 1.0 / (d + L) */
+    double k5;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k6;          /* 1.0 / r */
+    double k7;          /* b / r */
     double k8;          /* see init */
     double k9;          /* see init */
-    double k10;         /* 1.0 / r */
-    double k11;         /* see init */
-    double k12;         /* r / (b * 2.0) * (d + L) */
-    double k13;         /* 1.0 / (d + L) * (b / r) */
+    double k10;         /* r / (b * 2.0) * (d + L) */
+    double k11;         /* r * 0.5 * (r / (b * 2.0)) */
+    double k12;         /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
+    double k13;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    double k14;         /* see init */
+    double k15;         /* see init */
+    double k16;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    double k17;         /* r / (b * 2.0) * kd_distance */
+    double k18;         /* see init */
 } labmate_type_iv_line;
 
 /*
@@ -108,7 +113,7 @@ int labmate_type_iv_line_decoupling(const labmate_type_iv_line *self, const labm
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 9 mul, 2 add, 3 sub, 1 sincos.
+ * Operations: 8 mul, 2 add, 3 sub, 1 sincos.
  */
 int labmate_type_iv_line_decoupling_rate(const labmate_type_iv_line *self, const labmate_state *state,
     double Phidot[2][2]);
@@ -117,14 +122,14 @@ int labmate_type_iv_line_decoupling_rate(const labmate_type_iv_line *self, const
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 17 mul, 4 add, 6 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 15 mul, 4 add, 6 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_feedback(const labmate_type_iv_line *self, const labmate_state *state, const double v[2],
     double tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 34 mul, 16 add, 13 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 38 mul, 17 add, 14 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, labmate_type_iv_line_evaluation *all);
@@ -132,7 +137,7 @@ int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmat
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 27 mul, 8 add, 13 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 25 mul, 8 add, 13 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_step(labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, double tau[2]);

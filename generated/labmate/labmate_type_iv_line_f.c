@@ -46,46 +46,54 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
     self->kd_distance = gains->kd_distance;
     self->kv_speed = gains->kv_speed;
     self->Phi_21 = params->r * 0.5f;
-    const float t1 = params->b * 2.0f;
-    if (!(noslip_abs_f(t1) > 0)) {
+    const float t1 = noslip_sqrt_f(config->A * config->A + config->B * config->B);
+    if (!(t1 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k1 = params->r / t1;
-    self->k2 = params->d + config->L;
-    const float t2 = noslip_sqrt_f(config->A * config->A + config->B * config->B);
-    if (!(t2 > 0)) {
+    self->k1 = config->A / t1;
+    self->k2 = config->B / t1;
+    self->k3 = config->C / t1;
+    const float t2 = params->d + config->L;
+    if (!(noslip_abs_f(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k3 = config->A / t2;
-    self->k4 = config->B / t2;
-    self->k5 = config->C / t2;
+    self->k4 = 1.0f / t2;
     const float t3 = params->r * params->r;
     if (!(noslip_abs_f(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k6 = self->Phi_21 * ((params->I_w * 2.0f + t3 * params->m_c + t3 * params->m_w * 2.0f) / t3);
-    if (!(noslip_abs_f(self->k2) > 0)) {
+    self->k5 = self->Phi_21 * ((params->I_w * 2.0f + t3 * params->m_c + t3 * params->m_w * 2.0f) / t3);
+    self->k6 = 1.0f / params->r;
+    self->k7 = params->b / params->r;
+    const float t4 = params->b * 2.0f;
+    if (!(noslip_abs_f(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t4 = 1.0f / self->k2;
-    const float t5 = params->b * params->b;
-    const float t6 = t3 * params->I_c + t3 * params->I_m * 2.0f + t5 * params->I_w * 2.0f + t3 * (t5 * params->m_w) *
+    const float t5 = params->r / t4;
+    const float t6 = params->b * params->b;
+    const float t7 = t3 * params->I_c + t3 * params->I_m * 2.0f + t6 * params->I_w * 2.0f + t3 * (t6 * params->m_w) *
         2.0f;
-    self->k7 = t4 * (self->k1 * ((t6 + t3 * (params->d * params->d * params->m_c)) / t3));
-    const float t7 = params->d * params->m_c;
-    self->k8 = self->Phi_21 * t7 - self->k6 * self->k2;
-    self->k9 = 0.5f * (self->k1 * t7 - self->k7) * 2.0f;
-    self->k10 = 1.0f / params->r;
-    const float t8 = t3 * 0.5f;
-    const float t9 = t3 / (t5 * 2.0f);
-    const float t10 = self->k2 * self->k2;
-    const float t11 = t8 * (t9 * (t5 * t10)) * 7.7371253e+15f - t10 * (t3 * t3) * 1.9342813e+25f;
-    if (!(noslip_abs_f(t11) > 0)) {
+    const float t8 = t5 * ((t7 + t3 * (params->d * params->d * params->m_c)) / t3);
+    self->k8 = self->k4 * t8;
+    const float t9 = t3 * 0.5f;
+    const float t10 = t3 / (t6 * 2.0f);
+    const float t11 = t2 * t2;
+    const float t12 = t9 * (t10 * (t6 * t11)) * 7.7371253e+15f - t11 * (t3 * t3) * 1.9342813e+25f;
+    if (!(noslip_abs_f(t12) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k11 = t8 * (t9 * (t5 * t5)) * 7.7371253e+15f / t11;
-    self->k12 = self->k1 * self->k2;
-    self->k13 = t4 * (params->b / params->r);
+    self->k9 = t9 * (t10 * (t6 * t6)) * 7.7371253e+15f / t12;
+    self->k10 = t5 * t2;
+    self->k11 = self->Phi_21 * t5;
+    self->k12 = t5 * self->k10;
+    const float t13 = t5 * t5;
+    self->k13 = t13 * t2;
+    const float t14 = params->d * params->m_c;
+    self->k14 = 0.5f * (t5 * t14 - self->k8) * 2.0f * self->k11;
+    self->k15 = t13 * (self->Phi_21 * t14 - self->k5 * t2);
+    self->k16 = self->k4 * self->k11;
+    self->k17 = t5 * gains->kd_distance;
+    self->k18 = t5 * (t8 * gains->kd_distance);
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
@@ -99,7 +107,12 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
         noslip_is_finite_f(self->k10) &&
         noslip_is_finite_f(self->k11) &&
         noslip_is_finite_f(self->k12) &&
-        noslip_is_finite_f(self->k13))) {
+        noslip_is_finite_f(self->k13) &&
+        noslip_is_finite_f(self->k14) &&
+        noslip_is_finite_f(self->k15) &&
+        noslip_is_finite_f(self->k16) &&
+        noslip_is_finite_f(self->k17) &&
+        noslip_is_finite_f(self->k18))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -154,7 +167,7 @@ static int labmate_type_iv_line_output_f_law(const labmate_type_iv_line_f *self,
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
     const float y_l = state->y_c + self->L * sin_phi;
-    h[0] = self->k5 + self->k3 * x_l + self->k4 * y_l;
+    h[0] = self->k3 + self->k1 * x_l + self->k2 * y_l;
     h[1] = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -180,9 +193,9 @@ static int labmate_type_iv_line_rate_f_law(const labmate_type_iv_line_f *self, c
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    ydot[0] = forward_speed * distance_by_forward_speed + self->k12 * distance_by_yaw_rate * (state->thetadot_r -
+    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    ydot[0] = forward_speed * distance_by_forward_speed + self->k10 * distance_by_yaw_rate * (state->thetadot_r -
         state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -207,10 +220,10 @@ static int labmate_type_iv_line_decoupling_f_law(const labmate_type_iv_line_f *s
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
+    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
     const float t1 = self->Phi_21 * distance_by_forward_speed;
-    const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const float t2 = self->k12 * distance_by_yaw_rate;
+    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const float t2 = self->k10 * distance_by_yaw_rate;
     Phi[0][0] = t1 + t2;
     Phi[0][1] = t1 - t2;
     Phi[1][0] = self->Phi_21;
@@ -240,15 +253,15 @@ int labmate_type_iv_line_decoupling_f(const labmate_type_iv_line_f *self, const 
 static int labmate_type_iv_line_decoupling_rate_f_law(const labmate_type_iv_line_f *self, const labmate_state_f *state,
     float Phidot[2][2])
 {
-    const float yaw_rate = self->k1 * (state->thetadot_r - state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const float t1 = self->Phi_21 * (yaw_rate * distance_by_yaw_rate);
-    const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    const float t2 = self->k12 * (yaw_rate * distance_by_forward_speed);
-    Phidot[0][0] = t1 - t2;
-    Phidot[0][1] = t1 + t2;
+    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const float t1 = state->thetadot_r - state->thetadot_l;
+    const float t2 = self->k11 * (distance_by_yaw_rate * t1);
+    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const float t3 = self->k12 * (distance_by_forward_speed * t1);
+    Phidot[0][0] = t2 - t3;
+    Phidot[0][1] = t2 + t3;
     Phidot[1][0] = 0.0f;
     Phidot[1][1] = 0.0f;
     return NOSLIP_OK;
@@ -279,21 +292,20 @@ static int labmate_type_iv_line_feedback_f_law(const labmate_type_iv_line_f *sel
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const float yaw_rate = self->k1 * (state->thetadot_r - state->thetadot_l);
-    const float t1 = yaw_rate * yaw_rate;
-    const float wanted_1 = v[1] - t1 * self->k2;
-    const float t2 = self->k9 * (forward_speed * yaw_rate) + self->k7 * (v[0] - distance_by_forward_speed * wanted_1) /
-        distance_by_yaw_rate;
-    const float t3 = self->k6 * wanted_1 - t1 * self->k8;
-    tau[0] = t2 + t3;
-    tau[1] = t3 - t2;
+    const float t1 = state->thetadot_r - state->thetadot_l;
+    const float t2 = t1 * t1;
+    const float wanted_1 = v[1] - self->k13 * t2;
+    const float t3 = self->k14 * ((state->thetadot_r + state->thetadot_l) * t1) + self->k8 * (v[0] -
+        distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
+    const float t4 = self->k5 * wanted_1 - self->k15 * t2;
+    tau[0] = t3 + t4;
+    tau[1] = t4 - t3;
     return NOSLIP_OK;
 }
 
@@ -321,49 +333,51 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float x_l = state->x_c + self->L * cos_phi;
     const float y_l = state->y_c + self->L * sin_phi;
-    const float distance = self->k5 + self->k3 * x_l + self->k4 * y_l;
+    const float distance = self->k3 + self->k1 * x_l + self->k2 * y_l;
     all->h[0] = distance;
-    const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
+    const float t1 = state->thetadot_r + state->thetadot_l;
+    const float forward_speed = self->Phi_21 * t1;
     all->h[1] = forward_speed;
-    const float yaw_rate = self->k1 * (state->thetadot_r - state->thetadot_l);
-    const float t1 = yaw_rate * distance_by_yaw_rate;
-    const float distance_rate = forward_speed * distance_by_forward_speed + t1 * self->k2;
-    all->ydot[0] = distance_rate;
-    const float t2 = self->Phi_21 * distance_by_forward_speed;
-    const float t3 = self->k12 * distance_by_yaw_rate;
-    all->Phi[0][0] = t2 + t3;
-    all->Phi[0][1] = t2 - t3;
+    const float t2 = self->Phi_21 * (distance_by_forward_speed * t1);
+    const float t3 = state->thetadot_r - state->thetadot_l;
+    const float t4 = distance_by_yaw_rate * t3;
+    all->ydot[0] = t2 + self->k10 * t4;
+    const float t5 = self->Phi_21 * distance_by_forward_speed;
+    const float t6 = self->k10 * distance_by_yaw_rate;
+    all->Phi[0][0] = t5 + t6;
+    all->Phi[0][1] = t5 - t6;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const float t4 = self->Phi_21 * t1;
-    const float t5 = self->k12 * (yaw_rate * distance_by_forward_speed);
-    all->Phidot[0][0] = t4 - t5;
-    all->Phidot[0][1] = t4 + t5;
+    const float t7 = self->k11 * t4;
+    const float t8 = self->k12 * (distance_by_forward_speed * t3);
+    all->Phidot[0][0] = t7 - t8;
+    all->Phidot[0][1] = t7 + t8;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
-    const float t6 = yaw_rate * yaw_rate;
-    const float t7 = t6 * self->k2;
-    const float wanted_1 = reference->speed_rate - t7 + self->kv_speed * (reference->speed - forward_speed);
-    const float t8 = self->k10 * (wanted_1 + t7);
-    const float t9 = forward_speed * yaw_rate;
+    const float t9 = t3 * t3;
+    const float t10 = self->k13 * t9;
+    const float wanted_1 = reference->speed_rate - t10 + self->kv_speed * (reference->speed - forward_speed);
+    const float t11 = self->k6 * (wanted_1 + t10);
+    const float t12 = t1 * t3;
     const float v_distance = reference->distance_acceleration + self->kp_distance * (reference->distance - distance) +
-        self->kd_distance * (reference->distance_rate - distance_rate);
-    const float t10 = (v_distance - distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
-    const float t11 = self->k13 * (t9 - t10);
-    all->u[0] = t8 - t11;
-    all->u[1] = t8 + t11;
-    const float t12 = self->k9 * t9 + self->k7 * t10;
-    const float t13 = self->k6 * wanted_1 - t6 * self->k8;
-    all->tau[0] = t12 + t13;
-    all->tau[1] = t13 - t12;
+        self->kd_distance * (reference->distance_rate - t2);
+    const float t13 = (v_distance - distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
+    const float u_yaw_rate = self->k4 * t13;
+    const float t14 = self->k7 * (t12 * self->k16 + self->k17 * t3 - u_yaw_rate);
+    all->u[0] = t11 - t14;
+    all->u[1] = t11 + t14;
+    const float t15 = self->k5 * wanted_1 - self->k15 * t9;
+    const float t16 = self->k18 * t3 - (self->k14 * t12 + self->k8 * t13);
+    all->tau[0] = t15 - t16;
+    all->tau[1] = t16 + t15;
     return NOSLIP_OK;
 }
 
@@ -401,29 +415,28 @@ static int labmate_type_iv_line_step_f_law(const labmate_type_iv_line_f *self, c
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_yaw_rate = self->k4 * cos_phi - self->k3 * sin_phi;
-    const float distance_by_forward_speed = self->k4 * sin_phi + self->k3 * cos_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k11 * distance_by_forward_speed *
+    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r - state->thetadot_l;
-    const float yaw_rate = self->k1 * t1;
-    const float t2 = yaw_rate * yaw_rate;
-    const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const float wanted_1 = reference->speed_rate - t2 * self->k2 + self->kv_speed * (reference->speed - forward_speed);
-    const float t3 = self->k6 * wanted_1 - t2 * self->k8;
+    const float t2 = t1 * t1;
+    const float t3 = state->thetadot_r + state->thetadot_l;
+    const float forward_speed = self->Phi_21 * t3;
+    const float wanted_1 = reference->speed_rate - self->k13 * t2 + self->kv_speed * (reference->speed - forward_speed);
+    const float t4 = self->k5 * wanted_1 - self->k15 * t2;
     const float x_l = state->x_c + self->L * cos_phi;
     const float y_l = state->y_c + self->L * sin_phi;
-    const float t4 = reference->distance_acceleration + self->kp_distance * (reference->distance - self->k5 - self->k3 *
-        x_l - self->k4 * y_l);
-    const float t5 = reference->distance_rate - self->k12 * distance_by_yaw_rate * t1 - forward_speed *
-        distance_by_forward_speed;
-    const float v_distance = t4 + self->kd_distance * t5;
-    const float t6 = self->k9 * (forward_speed * yaw_rate) - self->k7 * (distance_by_forward_speed * wanted_1 -
+    const float t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - self->k3 - self->k1 *
+        x_l - self->k2 * y_l);
+    const float v_distance = t5 + self->kd_distance * (reference->distance_rate - forward_speed *
+        distance_by_forward_speed);
+    const float t6 = self->k14 * (t3 * t1) - self->k18 * t1 - self->k8 * (distance_by_forward_speed * wanted_1 -
         v_distance) / distance_by_yaw_rate;
-    tau[0] = t3 + t6;
-    tau[1] = t3 - t6;
+    tau[0] = t4 + t6;
+    tau[1] = t4 - t6;
     return NOSLIP_OK;
 }
 
@@ -453,7 +466,7 @@ int labmate_type_iv_line_step_f(labmate_type_iv_line_f *self, const labmate_stat
         status = labmate_type_iv_line_step_f_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
         if (status == NOSLIP_OK && noslip_abs_f(tau[0]) <= self->limit[0] && noslip_abs_f(tau[1]) <= self->limit[1] &&
-        noslip_is_finite_f(state->theta_r + state->theta_l)) {
+            noslip_is_finite_f(state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];
             return status;

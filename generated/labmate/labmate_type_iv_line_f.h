@@ -57,19 +57,24 @@ typedef struct labmate_type_iv_line_f {
     float kd_distance; /* 1/s */
     float kv_speed;    /* 1/s */
     float Phi_21;      /* r * 0.5 */
-    float k1;          /* r / (b * 2.0) */
-    float k2;          /* d + L */
-    float k3;          /* A / noslip_sqrt(A * A + B * B) */
-    float k4;          /* B / noslip_sqrt(A * A + B * B) */
-    float k5;          /* C / noslip_sqrt(A * A + B * B) */
-    float k6;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k7;          /* see init */
+    float k1;          /* A / noslip_sqrt(A * A + B * B) */
+    float k2;          /* B / noslip_sqrt(A * A + B * B) */
+    float k3;          /* C / noslip_sqrt(A * A + B * B) */
+    float k4;          /* 1.0 / (d + L) */
+    float k5;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k6;          /* 1.0 / r */
+    float k7;          /* b / r */
     float k8;          /* see init */
     float k9;          /* see init */
-    float k10;         /* 1.0 / r */
-    float k11;         /* see init */
-    float k12;         /* r / (b * 2.0) * (d + L) */
-    float k13;         /* 1.0 / (d + L) * (b / r) */
+    float k10;         /* r / (b * 2.0) * (d + L) */
+    float k11;         /* r * 0.5 * (r / (b * 2.0)) */
+    float k12;         /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
+    float k13;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    float k14;         /* see init */
+    float k15;         /* see init */
+    float k16;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    float k17;         /* r / (b * 2.0) * kd_distance */
+    float k18;         /* see init */
 } labmate_type_iv_line_f;
 
 /*
@@ -110,7 +115,7 @@ int labmate_type_iv_line_decoupling_f(const labmate_type_iv_line_f *self, const 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 9 mul, 2 add, 3 sub, 1 sincos.
+ * Operations: 8 mul, 2 add, 3 sub, 1 sincos.
  */
 int labmate_type_iv_line_decoupling_rate_f(const labmate_type_iv_line_f *self, const labmate_state_f *state,
     float Phidot[2][2]);
@@ -119,14 +124,14 @@ int labmate_type_iv_line_decoupling_rate_f(const labmate_type_iv_line_f *self, c
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 17 mul, 4 add, 6 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 15 mul, 4 add, 6 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_feedback_f(const labmate_type_iv_line_f *self, const labmate_state_f *state, const float v[2],
     float tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 34 mul, 16 add, 13 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 38 mul, 17 add, 14 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, labmate_type_iv_line_evaluation_f *all);
@@ -134,7 +139,7 @@ int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const la
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 27 mul, 8 add, 13 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 25 mul, 8 add, 13 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_step_f(labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, float tau[2]);
