@@ -267,7 +267,10 @@ class Optimizer:
     def _rewrite(self, roots: Sequence[Node], change: Callable[[int, Node], Signed]) -> list[Signed]:
         """Apply `change` to every node, arguments first, signs carried along."""
         done: dict[Node, Signed] = {}
-        for node in reachable(roots):
+        nodes = reachable(roots)
+        uses = Counter(argument for node in nodes for argument in node.arguments)
+        uses.update(roots)
+        for node in nodes:
             if self.fixed(node) or not node.arguments:
                 done[node] = (1, node)
                 continue
@@ -281,7 +284,8 @@ class Optimizer:
             elif node.operation == "kept":
                 sign, parts = prod(s for s, _ in new), tuple(n for _, n in new)
                 made_here = any(self.fixed(argument) for argument in node.arguments)  # by _extract, which wants it so
-                rebuilt = (sign, self.graph.make("kept", parts)) if made_here else self._keep(*self.product(sign, *parts))
+                rebuilt = (sign, self.graph.make("kept", parts)) if made_here else self.product(sign, *parts)
+                rebuilt = self._keep(*rebuilt) if uses[node] > 1 else rebuilt
             else:
                 rebuilt = (1, self.graph.apply(node.operation, *[self._plain(argument) for argument in new]))
             done[node] = self._name(node, *change(*rebuilt))

@@ -481,7 +481,7 @@ def test_angle_out_of_range(robot):
         assert all(status in ("ok", "singular") for status, _ in robot.answers().values())
         for angle in (beyond, 2 * largest, 1e30):
             robot.state.phi = sign * angle
-                    assert_answered(robot.answers(), "range")
+            assert_answered(robot.answers(), "range")
     robot.state.phi = 0.3
     robot.state.theta_r, robot.state.theta_l = 1e30, -1e30  # no sine is taken of these
     assert robot.step()[0] in ("ok", "singular")

@@ -75,11 +75,15 @@ int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, cons
     }
     self->k13 = t6 * (t6 * 1e-10) * (1.0 / t8);
     const double t9 = params->d * params->m_c;
-    self->k14 = 0.5 * (t4 * t9 - self->k7) * 2.0 * self->k9;
-    const double t10 = t4 * t4;
-    self->k15 = t10 * (self->k1 * t9 - self->k4 * t1);
-    self->k16 = t10 * t1;
-    self->k17 = self->k2 * self->k9;
+    const double t10 = 0.5 * (t4 * t9 - self->k7) * 2.0;
+    self->k14 = t4 * (self->k1 * t10);
+    const double t11 = self->k1 * t9 - self->k4 * t1;
+    self->k15 = t4 * (t4 * t11);
+    self->k16 = t10 * self->k9;
+    const double t12 = t4 * t4;
+    self->k17 = t12 * t11;
+    self->k18 = t12 * t1;
+    self->k19 = self->k2 * self->k9;
     if (!(noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&
         noslip_is_finite(self->k3) &&
@@ -96,7 +100,9 @@ int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, cons
         noslip_is_finite(self->k14) &&
         noslip_is_finite(self->k15) &&
         noslip_is_finite(self->k16) &&
-        noslip_is_finite(self->k17))) {
+        noslip_is_finite(self->k17) &&
+        noslip_is_finite(self->k18) &&
+        noslip_is_finite(self->k19))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -271,15 +277,15 @@ static int labmate_type_i_feedback_law(const labmate_type_i *self, const labmate
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = cos_phi * cos_phi * self->k12;
+    const double t1 = cos_phi * self->k12 * cos_phi;
     if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const double t2 = state->thetadot_r - state->thetadot_l;
-    const double t3 = self->k14 * ((state->thetadot_r + state->thetadot_l) * t2) + self->k7 * (v[1] * cos_phi - v[0] *
+    const double t3 = self->k14 * (state->thetadot_r + state->thetadot_l) * t2 + self->k7 * (v[1] * cos_phi - v[0] *
         sin_phi);
     const double u_forward_speed = v[0] * cos_phi + v[1] * sin_phi;
-    const double t4 = self->k4 * u_forward_speed - self->k15 * (t2 * t2);
+    const double t4 = self->k4 * u_forward_speed - self->k15 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -308,7 +314,7 @@ static int labmate_type_i_evaluate_law(const labmate_type_i *self, const labmate
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = cos_phi * cos_phi * self->k12;
+    const double t1 = cos_phi * self->k12 * cos_phi;
     if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
@@ -347,14 +353,14 @@ static int labmate_type_i_evaluate_law(const labmate_type_i *self, const labmate
         reference->x_l_rate);
     const double u_forward_speed = sin_phi * v_y_l + cos_phi * v_x_l;
     const double t16 = t5 * t5;
-    const double t17 = self->k5 * (u_forward_speed + t16 * self->k16);
+    const double t17 = self->k5 * (u_forward_speed + self->k18 * t16);
     const double t18 = t3 * t5;
     const double t19 = sin_phi * v_x_l - cos_phi * v_y_l;
-    const double t20 = self->k6 * (t18 * self->k17 + self->k2 * t19);
+    const double t20 = self->k6 * (self->k19 * t18 + self->k2 * t19);
     all->u[0] = t17 - t20;
     all->u[1] = t17 + t20;
-    const double t21 = self->k14 * t18 - self->k7 * t19;
-    const double t22 = self->k4 * u_forward_speed - self->k15 * t16;
+    const double t21 = self->k16 * t18 - self->k7 * t19;
+    const double t22 = self->k4 * u_forward_speed - self->k17 * t16;
     all->tau[0] = t21 + t22;
     all->tau[1] = t22 - t21;
     return NOSLIP_OK;
@@ -393,7 +399,7 @@ static int labmate_type_i_step_law(const labmate_type_i *self, const labmate_sta
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = cos_phi * cos_phi * self->k12;
+    const double t1 = cos_phi * self->k12 * cos_phi;
     if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
@@ -405,9 +411,9 @@ static int labmate_type_i_step_law(const labmate_type_i *self, const labmate_sta
         sin_phi) + self->kd_y_l * (reference->y_l_rate - forward_speed * sin_phi - t4 * cos_phi);
     const double v_x_l = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L *
         cos_phi) + self->kd_x_l * (reference->x_l_rate - forward_speed * cos_phi + t4 * sin_phi);
-    const double t5 = self->k14 * (t2 * t3) + self->k7 * (cos_phi * v_y_l - sin_phi * v_x_l);
+    const double t5 = self->k14 * t2 * t3 + self->k7 * (cos_phi * v_y_l - sin_phi * v_x_l);
     const double u_forward_speed = cos_phi * v_x_l + sin_phi * v_y_l;
-    const double t6 = self->k4 * u_forward_speed - self->k15 * (t3 * t3);
+    const double t6 = self->k4 * u_forward_speed - self->k15 * t3 * t3;
     tau[0] = t5 + t6;
     tau[1] = t6 - t5;
     return NOSLIP_OK;

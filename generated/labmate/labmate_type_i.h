@@ -71,8 +71,10 @@ typedef struct labmate_type_i {
     double k13;      /* see init */
     double k14;      /* see init */
     double k15;      /* see init */
-    double k16;      /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
-    double k17;      /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    double k16;      /* see init */
+    double k17;      /* see init */
+    double k18;      /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    double k19;      /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_i;
 
 /*

@@ -75,11 +75,15 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
     }
     self->k13 = t6 * (t6 * 1e-10f) * (1.0f / t8);
     const float t9 = params->d * params->m_c;
-    self->k14 = 0.5f * (t4 * t9 - self->k7) * 2.0f * self->k9;
-    const float t10 = t4 * t4;
-    self->k15 = t10 * (self->k1 * t9 - self->k4 * t1);
-    self->k16 = t10 * t1;
-    self->k17 = self->k2 * self->k9;
+    const float t10 = 0.5f * (t4 * t9 - self->k7) * 2.0f;
+    self->k14 = t4 * (self->k1 * t10);
+    const float t11 = self->k1 * t9 - self->k4 * t1;
+    self->k15 = t4 * (t4 * t11);
+    self->k16 = t10 * self->k9;
+    const float t12 = t4 * t4;
+    self->k17 = t12 * t11;
+    self->k18 = t12 * t1;
+    self->k19 = self->k2 * self->k9;
     if (!(noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
         noslip_is_finite_f(self->k3) &&
@@ -96,7 +100,9 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
         noslip_is_finite_f(self->k14) &&
         noslip_is_finite_f(self->k15) &&
         noslip_is_finite_f(self->k16) &&
-        noslip_is_finite_f(self->k17))) {
+        noslip_is_finite_f(self->k17) &&
+        noslip_is_finite_f(self->k18) &&
+        noslip_is_finite_f(self->k19))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -271,15 +277,15 @@ static int labmate_type_i_feedback_f_law(const labmate_type_i_f *self, const lab
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = cos_phi * cos_phi * self->k12;
+    const float t1 = cos_phi * self->k12 * cos_phi;
     if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float t2 = state->thetadot_r - state->thetadot_l;
-    const float t3 = self->k14 * ((state->thetadot_r + state->thetadot_l) * t2) + self->k7 * (v[1] * cos_phi - v[0] *
+    const float t3 = self->k14 * (state->thetadot_r + state->thetadot_l) * t2 + self->k7 * (v[1] * cos_phi - v[0] *
         sin_phi);
     const float u_forward_speed = v[0] * cos_phi + v[1] * sin_phi;
-    const float t4 = self->k4 * u_forward_speed - self->k15 * (t2 * t2);
+    const float t4 = self->k4 * u_forward_speed - self->k15 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -309,7 +315,7 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = cos_phi * cos_phi * self->k12;
+    const float t1 = cos_phi * self->k12 * cos_phi;
     if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
@@ -348,14 +354,14 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
         reference->x_l_rate);
     const float u_forward_speed = sin_phi * v_y_l + cos_phi * v_x_l;
     const float t16 = t5 * t5;
-    const float t17 = self->k5 * (u_forward_speed + t16 * self->k16);
+    const float t17 = self->k5 * (u_forward_speed + self->k18 * t16);
     const float t18 = t3 * t5;
     const float t19 = sin_phi * v_x_l - cos_phi * v_y_l;
-    const float t20 = self->k6 * (t18 * self->k17 + self->k2 * t19);
+    const float t20 = self->k6 * (self->k19 * t18 + self->k2 * t19);
     all->u[0] = t17 - t20;
     all->u[1] = t17 + t20;
-    const float t21 = self->k14 * t18 - self->k7 * t19;
-    const float t22 = self->k4 * u_forward_speed - self->k15 * t16;
+    const float t21 = self->k16 * t18 - self->k7 * t19;
+    const float t22 = self->k4 * u_forward_speed - self->k17 * t16;
     all->tau[0] = t21 + t22;
     all->tau[1] = t22 - t21;
     return NOSLIP_OK;
@@ -395,7 +401,7 @@ static int labmate_type_i_step_f_law(const labmate_type_i_f *self, const labmate
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = cos_phi * cos_phi * self->k12;
+    const float t1 = cos_phi * self->k12 * cos_phi;
     if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
         return NOSLIP_SINGULAR;
     }
@@ -407,9 +413,9 @@ static int labmate_type_i_step_f_law(const labmate_type_i_f *self, const labmate
         self->kd_y_l * (reference->y_l_rate - forward_speed * sin_phi - t4 * cos_phi);
     const float v_x_l = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L * cos_phi) +
         self->kd_x_l * (reference->x_l_rate - forward_speed * cos_phi + t4 * sin_phi);
-    const float t5 = self->k14 * (t2 * t3) + self->k7 * (cos_phi * v_y_l - sin_phi * v_x_l);
+    const float t5 = self->k14 * t2 * t3 + self->k7 * (cos_phi * v_y_l - sin_phi * v_x_l);
     const float u_forward_speed = cos_phi * v_x_l + sin_phi * v_y_l;
-    const float t6 = self->k4 * u_forward_speed - self->k15 * (t3 * t3);
+    const float t6 = self->k4 * u_forward_speed - self->k15 * t3 * t3;
     tau[0] = t5 + t6;
     tau[1] = t6 - t5;
     return NOSLIP_OK;

@@ -71,8 +71,10 @@ typedef struct labmate_type_i_f {
     float k13;      /* see init */
     float k14;      /* see init */
     float k15;      /* see init */
-    float k16;      /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
-    float k17;      /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    float k16;      /* see init */
+    float k17;      /* see init */
+    float k18;      /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    float k19;      /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_i_f;
 
 /*

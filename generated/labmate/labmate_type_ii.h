@@ -70,8 +70,8 @@ typedef struct labmate_type_ii {
     double k10;        /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
     double k11;        /* b * b - (d + L) * (d + L) */
     double k12;        /* see init */
-    double k13;        /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 * (r * 0.5 * (r / (b * 2.0))) */
-    double k14;        /* r * 0.5 * (d * m_c) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    double k13;        /* r / (b * 2.0) * (r * 0.5 * (r / (b * 2.0) * (d * m_c) * 0.5 * 2.0)) */
+    double k14;        /* r / (b * 2.0) * (r / (b * 2.0) * (r * 0.5 * (d * m_c))) */
     double k15;        /* r * 0.5 * kd_x_l */
     double k16;        /* see init */
 } labmate_type_ii;
@@ -112,7 +112,7 @@ int labmate_type_ii_decoupling(const labmate_type_ii *self, const labmate_state 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 4 mul, 1 add, 2 sub, 1 neg, 1 sincos.
+ * Operations: 4 mul, 1 add, 2 sub, 2 neg, 1 sincos.
  */
 int labmate_type_ii_decoupling_rate(const labmate_type_ii *self, const labmate_state *state, double Phidot[2][2]);
 

@@ -72,8 +72,8 @@ int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_params_f *para
     }
     self->k12 = t5 * (t5 * 1e-10f) * (1.0f / t7);
     const float t8 = params->d * params->m_c;
-    self->k13 = self->Phi_21 * t8 * 0.5f * 2.0f * self->k8;
-    self->k14 = self->k1 * t8 * (self->Phi_21 * self->Phi_21);
+    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t8 * 0.5f * 2.0f));
+    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t8));
     self->k15 = self->k1 * gains->kd_x_l;
     self->k16 = self->k1 * (self->k3 * gains->kd_x_l);
     if (!(noslip_is_finite_f(self->k1) &&
@@ -226,13 +226,13 @@ int labmate_type_ii_decoupling_f(const labmate_type_ii_f *self, const labmate_st
 static int labmate_type_ii_decoupling_rate_f_law(const labmate_type_ii_f *self, const labmate_state_f *state,
     float Phidot[2][2])
 {
+    const float t1 = state->thetadot_r - state->thetadot_l;
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = state->thetadot_r - state->thetadot_l;
-    const float t2 = self->k8 * (sin_phi * t1);
-    const float t3 = self->k10 * (cos_phi * t1);
-    Phidot[0][0] = -(t2 + t3);
-    Phidot[0][1] = t3 - t2;
+    const float t2 = self->k8 * sin_phi;
+    const float t3 = self->k10 * cos_phi;
+    Phidot[0][0] = -(t1 * (t2 + t3));
+    Phidot[0][1] = -(t1 * (t2 - t3));
     Phidot[1][0] = 0.0f;
     Phidot[1][1] = 0.0f;
     return NOSLIP_OK;
@@ -268,11 +268,11 @@ static int labmate_type_ii_feedback_f_law(const labmate_type_ii_f *self, const l
     }
     const float t2 = state->thetadot_r + state->thetadot_l;
     const float t3 = state->thetadot_r - state->thetadot_l;
-    const float t4 = self->k4 * v[1] + self->k13 * (t2 * t3);
+    const float t4 = self->k4 * v[1] + self->k13 * t2 * t3;
     const float yaw_rate = self->Phi_21 * t3;
     const float y_l_rate = self->k9 * cos_phi * t3 + self->k1 * sin_phi * t2;
     const float wanted_0 = v[0] + yaw_rate * y_l_rate;
-    const float t5 = self->k3 * (wanted_0 + v[1] * self->k2 * sin_phi) / cos_phi - self->k14 * (t3 * t3);
+    const float t5 = self->k3 * (wanted_0 + v[1] * self->k2 * sin_phi) / cos_phi - self->k14 * t3 * t3;
     tau[0] = t4 + t5;
     tau[1] = t5 - t4;
     return NOSLIP_OK;
@@ -340,8 +340,8 @@ static int labmate_type_ii_evaluate_f_law(const labmate_type_ii_f *self, const l
     const float t13 = self->k5 * (self->k15 * t3 - u_forward_speed);
     all->u[0] = t11 - t13;
     all->u[1] = -(t11 + t13);
-    const float t14 = self->k13 * (t3 * t4) + self->k4 * v_heading;
-    const float t15 = self->k14 * (t4 * t4) - self->k3 * u_forward_speed + self->k16 * t3;
+    const float t14 = self->k13 * t3 * t4 + self->k4 * v_heading;
+    const float t15 = self->k14 * t4 * t4 - self->k3 * u_forward_speed + self->k16 * t3;
     all->tau[0] = t14 - t15;
     all->tau[1] = -(t14 + t15);
     return NOSLIP_OK;
@@ -390,13 +390,13 @@ static int labmate_type_ii_step_f_law(const labmate_type_ii_f *self, const labma
     const float yaw_rate = self->Phi_21 * t3;
     const float v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const float t4 = self->k13 * (t2 * t3) + self->k4 * v_heading;
+    const float t4 = self->k13 * t2 * t3 + self->k4 * v_heading;
     const float t5 = self->k9 * t3;
     const float t6 = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L * cos_phi) +
         self->kd_x_l * (reference->x_l_rate + t5 * sin_phi);
     const float y_l_rate = self->k1 * sin_phi * t2 + t5 * cos_phi;
     const float wanted_0 = t6 + yaw_rate * y_l_rate;
-    const float t7 = self->k3 * (wanted_0 + sin_phi * self->k2 * v_heading) / cos_phi - (self->k14 * (t3 * t3) +
+    const float t7 = self->k3 * (wanted_0 + sin_phi * self->k2 * v_heading) / cos_phi - (self->k14 * t3 * t3 +
         self->k16 * t2);
     tau[0] = t4 + t7;
     tau[1] = t7 - t4;

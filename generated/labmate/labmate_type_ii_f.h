@@ -70,8 +70,8 @@ typedef struct labmate_type_ii_f {
     float k10;        /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
     float k11;        /* b * b - (d + L) * (d + L) */
     float k12;        /* see init */
-    float k13;        /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 * (r * 0.5 * (r / (b * 2.0))) */
-    float k14;        /* r * 0.5 * (d * m_c) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    float k13;        /* r / (b * 2.0) * (r * 0.5 * (r / (b * 2.0) * (d * m_c) * 0.5 * 2.0)) */
+    float k14;        /* r / (b * 2.0) * (r / (b * 2.0) * (r * 0.5 * (d * m_c))) */
     float k15;        /* r * 0.5 * kd_x_l */
     float k16;        /* see init */
 } labmate_type_ii_f;
@@ -112,7 +112,7 @@ int labmate_type_ii_decoupling_f(const labmate_type_ii_f *self, const labmate_st
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 4 mul, 1 add, 2 sub, 1 neg, 1 sincos.
+ * Operations: 4 mul, 1 add, 2 sub, 2 neg, 1 sincos.
  */
 int labmate_type_ii_decoupling_rate_f(const labmate_type_ii_f *self, const labmate_state_f *state, float Phidot[2][2]);
 

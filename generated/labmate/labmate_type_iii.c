@@ -71,8 +71,8 @@ int labmate_type_iii_init(labmate_type_iii *self, const labmate_params *params, 
     }
     self->k12 = t4 * (t4 * 1e-10) * (1.0 / t6);
     const double t7 = params->d * params->m_c;
-    self->k13 = self->Phi_21 * t7 * 0.5 * 2.0 * self->k8;
-    self->k14 = self->k1 * t7 * (self->Phi_21 * self->Phi_21);
+    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t7 * 0.5 * 2.0));
+    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t7));
     self->k15 = self->k1 * gains->kd_y_l;
     self->k16 = self->k1 * (self->k4 * gains->kd_y_l);
     if (!(noslip_is_finite(self->k1) &&
@@ -224,13 +224,13 @@ int labmate_type_iii_decoupling(const labmate_type_iii *self, const labmate_stat
 static int labmate_type_iii_decoupling_rate_law(const labmate_type_iii *self, const labmate_state *state,
     double Phidot[2][2])
 {
+    const double t1 = state->thetadot_r - state->thetadot_l;
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = state->thetadot_r - state->thetadot_l;
-    const double t2 = self->k8 * (cos_phi * t1);
-    const double t3 = self->k10 * (sin_phi * t1);
-    Phidot[0][0] = t2 - t3;
-    Phidot[0][1] = t2 + t3;
+    const double t2 = self->k8 * cos_phi;
+    const double t3 = self->k10 * sin_phi;
+    Phidot[0][0] = t1 * (t2 - t3);
+    Phidot[0][1] = t1 * (t2 + t3);
     Phidot[1][0] = 0.0;
     Phidot[1][1] = 0.0;
     return NOSLIP_OK;
@@ -260,15 +260,15 @@ static int labmate_type_iii_feedback_law(const labmate_type_iii *self, const lab
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * cos_phi * self->k11))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r + state->thetadot_l;
     const double t2 = state->thetadot_r - state->thetadot_l;
-    const double t3 = self->k5 * v[1] + self->k13 * (t1 * t2);
+    const double t3 = self->k5 * v[1] + self->k13 * t1 * t2;
     const double yaw_rate = self->Phi_21 * t2;
     const double wanted_0 = v[0] + yaw_rate * (self->k9 * sin_phi * t2 - self->k1 * cos_phi * t1);
-    const double t4 = self->k4 * (wanted_0 - v[1] * self->k2 * cos_phi) / sin_phi - self->k14 * (t2 * t2);
+    const double t4 = self->k4 * (wanted_0 - v[1] * self->k2 * cos_phi) / sin_phi - self->k14 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -298,7 +298,7 @@ static int labmate_type_iii_evaluate_law(const labmate_type_iii *self, const lab
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * cos_phi * self->k11))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const double y_l = state->y_c + self->L * sin_phi;
@@ -335,8 +335,8 @@ static int labmate_type_iii_evaluate_law(const labmate_type_iii *self, const lab
     const double t12 = self->k6 * (self->k15 * t2 - u_forward_speed);
     all->u[0] = t10 - t12;
     all->u[1] = -(t10 + t12);
-    const double t13 = self->k13 * (t2 * t3) + self->k5 * v_heading;
-    const double t14 = self->k14 * (t3 * t3) - self->k4 * u_forward_speed + self->k16 * t2;
+    const double t13 = self->k13 * t2 * t3 + self->k5 * v_heading;
+    const double t14 = self->k14 * t3 * t3 - self->k4 * u_forward_speed + self->k16 * t2;
     all->tau[0] = t13 - t14;
     all->tau[1] = -(t13 + t14);
     return NOSLIP_OK;
@@ -375,7 +375,7 @@ static int labmate_type_iii_step_law(const labmate_type_iii *self, const labmate
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * cos_phi * self->k11))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r + state->thetadot_l;
@@ -383,12 +383,12 @@ static int labmate_type_iii_step_law(const labmate_type_iii *self, const labmate
     const double yaw_rate = self->Phi_21 * t2;
     const double v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const double t3 = self->k13 * (t1 * t2) + self->k5 * v_heading;
+    const double t3 = self->k13 * t1 * t2 + self->k5 * v_heading;
     const double t4 = self->k9 * t2;
     const double t5 = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
         self->kd_y_l * (reference->y_l_rate - t4 * cos_phi);
     const double wanted_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
-    const double t6 = self->k14 * (t2 * t2) + self->k16 * t1 + self->k4 * (cos_phi * self->k2 * v_heading - wanted_0) /
+    const double t6 = self->k14 * t2 * t2 + self->k16 * t1 + self->k4 * (cos_phi * self->k2 * v_heading - wanted_0) /
         sin_phi;
     tau[0] = t3 - t6;
     tau[1] = -(t3 + t6);

@@ -70,8 +70,8 @@ typedef struct labmate_type_iii {
     double k10;        /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
     double k11;        /* b * b - (d + L) * (d + L) */
     double k12;        /* see init */
-    double k13;        /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 * (r * 0.5 * (r / (b * 2.0))) */
-    double k14;        /* r * 0.5 * (d * m_c) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    double k13;        /* r / (b * 2.0) * (r * 0.5 * (r / (b * 2.0) * (d * m_c) * 0.5 * 2.0)) */
+    double k14;        /* r / (b * 2.0) * (r / (b * 2.0) * (r * 0.5 * (d * m_c))) */
     double k15;        /* r * 0.5 * kd_y_l */
     double k16;        /* see init */
 } labmate_type_iii;

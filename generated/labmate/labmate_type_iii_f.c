@@ -71,8 +71,8 @@ int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *pa
     }
     self->k12 = t4 * (t4 * 1e-10f) * (1.0f / t6);
     const float t7 = params->d * params->m_c;
-    self->k13 = self->Phi_21 * t7 * 0.5f * 2.0f * self->k8;
-    self->k14 = self->k1 * t7 * (self->Phi_21 * self->Phi_21);
+    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t7 * 0.5f * 2.0f));
+    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t7));
     self->k15 = self->k1 * gains->kd_y_l;
     self->k16 = self->k1 * (self->k4 * gains->kd_y_l);
     if (!(noslip_is_finite_f(self->k1) &&
@@ -225,13 +225,13 @@ int labmate_type_iii_decoupling_f(const labmate_type_iii_f *self, const labmate_
 static int labmate_type_iii_decoupling_rate_f_law(const labmate_type_iii_f *self, const labmate_state_f *state,
     float Phidot[2][2])
 {
+    const float t1 = state->thetadot_r - state->thetadot_l;
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t1 = state->thetadot_r - state->thetadot_l;
-    const float t2 = self->k8 * (cos_phi * t1);
-    const float t3 = self->k10 * (sin_phi * t1);
-    Phidot[0][0] = t2 - t3;
-    Phidot[0][1] = t2 + t3;
+    const float t2 = self->k8 * cos_phi;
+    const float t3 = self->k10 * sin_phi;
+    Phidot[0][0] = t1 * (t2 - t3);
+    Phidot[0][1] = t1 * (t2 + t3);
     Phidot[1][0] = 0.0f;
     Phidot[1][1] = 0.0f;
     return NOSLIP_OK;
@@ -261,15 +261,15 @@ static int labmate_type_iii_feedback_f_law(const labmate_type_iii_f *self, const
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * cos_phi * self->k11))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r + state->thetadot_l;
     const float t2 = state->thetadot_r - state->thetadot_l;
-    const float t3 = self->k5 * v[1] + self->k13 * (t1 * t2);
+    const float t3 = self->k5 * v[1] + self->k13 * t1 * t2;
     const float yaw_rate = self->Phi_21 * t2;
     const float wanted_0 = v[0] + yaw_rate * (self->k9 * sin_phi * t2 - self->k1 * cos_phi * t1);
-    const float t4 = self->k4 * (wanted_0 - v[1] * self->k2 * cos_phi) / sin_phi - self->k14 * (t2 * t2);
+    const float t4 = self->k4 * (wanted_0 - v[1] * self->k2 * cos_phi) / sin_phi - self->k14 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -299,7 +299,7 @@ static int labmate_type_iii_evaluate_f_law(const labmate_type_iii_f *self, const
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * cos_phi * self->k11))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const float y_l = state->y_c + self->L * sin_phi;
@@ -336,8 +336,8 @@ static int labmate_type_iii_evaluate_f_law(const labmate_type_iii_f *self, const
     const float t12 = self->k6 * (self->k15 * t2 - u_forward_speed);
     all->u[0] = t10 - t12;
     all->u[1] = -(t10 + t12);
-    const float t13 = self->k13 * (t2 * t3) + self->k5 * v_heading;
-    const float t14 = self->k14 * (t3 * t3) - self->k4 * u_forward_speed + self->k16 * t2;
+    const float t13 = self->k13 * t2 * t3 + self->k5 * v_heading;
+    const float t14 = self->k14 * t3 * t3 - self->k4 * u_forward_speed + self->k16 * t2;
     all->tau[0] = t13 - t14;
     all->tau[1] = -(t13 + t14);
     return NOSLIP_OK;
@@ -377,7 +377,7 @@ static int labmate_type_iii_step_f_law(const labmate_type_iii_f *self, const lab
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * cos_phi * self->k11))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r + state->thetadot_l;
@@ -385,12 +385,12 @@ static int labmate_type_iii_step_f_law(const labmate_type_iii_f *self, const lab
     const float yaw_rate = self->Phi_21 * t2;
     const float v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const float t3 = self->k13 * (t1 * t2) + self->k5 * v_heading;
+    const float t3 = self->k13 * t1 * t2 + self->k5 * v_heading;
     const float t4 = self->k9 * t2;
     const float t5 = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
         self->kd_y_l * (reference->y_l_rate - t4 * cos_phi);
     const float wanted_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
-    const float t6 = self->k14 * (t2 * t2) + self->k16 * t1 + self->k4 * (cos_phi * self->k2 * v_heading - wanted_0) /
+    const float t6 = self->k14 * t2 * t2 + self->k16 * t1 + self->k4 * (cos_phi * self->k2 * v_heading - wanted_0) /
         sin_phi;
     tau[0] = t3 - t6;
     tau[1] = -(t3 + t6);

@@ -70,8 +70,8 @@ typedef struct labmate_type_iii_f {
     float k10;        /* r / (b * 2.0) * (r / (b * 2.0) * (d + L)) */
     float k11;        /* b * b - (d + L) * (d + L) */
     float k12;        /* see init */
-    float k13;        /* r / (b * 2.0) * (d * m_c) * 0.5 * 2.0 * (r * 0.5 * (r / (b * 2.0))) */
-    float k14;        /* r * 0.5 * (d * m_c) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    float k13;        /* r / (b * 2.0) * (r * 0.5 * (r / (b * 2.0) * (d * m_c) * 0.5 * 2.0)) */
+    float k14;        /* r / (b * 2.0) * (r / (b * 2.0) * (r * 0.5 * (d * m_c))) */
     float k15;        /* r * 0.5 * kd_y_l */
     float k16;        /* see init */
 } labmate_type_iii_f;

@@ -73,7 +73,8 @@ typedef struct labmate_type_iv_circle {
     double k11;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
     double k12;         /* see init */
     double k13;         /* see init */
-    double k14;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    double k14;         /* see init */
+    double k15;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_circle;
 
 /*
@@ -113,7 +114,7 @@ int labmate_type_iv_circle_decoupling(const labmate_type_iv_circle *self, const 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 32 mul, 6 add, 13 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 31 mul, 6 add, 13 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_decoupling_rate(const labmate_type_iv_circle *self, const labmate_state *state,
     double Phidot[2][2]);
@@ -129,7 +130,7 @@ int labmate_type_iv_circle_feedback(const labmate_type_iv_circle *self, const la
 
 /*
  * Everything at one sine and cosine.
- * Operations: 63 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 62 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_evaluate(const labmate_type_iv_circle *self, const labmate_state *state,
     const labmate_type_iv_circle_reference *reference, labmate_type_iv_circle_evaluation *all);

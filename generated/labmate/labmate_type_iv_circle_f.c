@@ -81,10 +81,12 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
     self->k10 = t8 * t10;
     self->k11 = t10 * t2;
     const float t11 = params->d * params->m_c;
-    const float t12 = self->Phi_21 * self->k1;
-    self->k12 = 0.5f * (self->k1 * t11 - self->k6) * 2.0f * t12;
+    const float t12 = 0.5f * (self->k1 * t11 - self->k6) * 2.0f;
+    self->k12 = self->k1 * (self->Phi_21 * t12);
     self->k13 = t10 * (self->Phi_21 * t11 - self->k3 * t2);
-    self->k14 = self->k2 * t12;
+    const float t13 = self->Phi_21 * self->k1;
+    self->k14 = t12 * t13;
+    self->k15 = self->k2 * t13;
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
@@ -99,7 +101,8 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
         noslip_is_finite_f(self->k11) &&
         noslip_is_finite_f(self->k12) &&
         noslip_is_finite_f(self->k13) &&
-        noslip_is_finite_f(self->k14))) {
+        noslip_is_finite_f(self->k14) &&
+        noslip_is_finite_f(self->k15))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -273,9 +276,10 @@ static int labmate_type_iv_circle_decoupling_rate_f_law(const labmate_type_iv_ci
     const float t9 = t4 * t1;
     const float t10 = forward_speed * cos_phi - t8 * sin_phi;
     const float distance_by_y_l_rate = (t4 - t5 * t6) * y_l_rate - t9 * t6 * t10;
-    const float t11 = distance_by_y_l_rate + self->k1 * (t9 * t7);
+    const float yaw_rate = self->k1 * t7;
+    const float t11 = distance_by_y_l_rate + t9 * yaw_rate;
     const float t12 = t4 * t9;
-    const float t13 = self->k1 * (t5 * t7) - ((t4 - t9 * t12) * t10 - t5 * t12 * y_l_rate);
+    const float t13 = t5 * yaw_rate - ((t4 - t9 * t12) * t10 - t5 * t12 * y_l_rate);
     const float t14 = self->k8 * (cos_phi * t11 + sin_phi * t13);
     const float t15 = self->Phi_21 * (cos_phi * t13 - sin_phi * t11);
     Phidot[0][0] = t14 - t15;
@@ -332,7 +336,7 @@ static int labmate_type_iv_circle_feedback_f_law(const labmate_type_iv_circle_f 
     const float distance_curvature = t4 * (self->k9 * t9 * t9 + self->k10 * t11 - t12 * t12);
     const float wanted_0 = v[0] - distance_curvature;
     const float wanted_1 = v[1] - self->k11 * t11;
-    const float t13 = self->k12 * (t9 * t10) + self->k6 * (wanted_0 + t8 * wanted_1) / t7;
+    const float t13 = self->k12 * t9 * t10 + self->k6 * (wanted_0 + t8 * wanted_1) / t7;
     const float t14 = self->k3 * wanted_1 - self->k13 * t11;
     tau[0] = t13 + t14;
     tau[1] = t14 - t13;
@@ -396,9 +400,10 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     const float y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
     const float t17 = forward_speed * cos_phi - t11 * sin_phi;
     const float distance_by_y_l_rate = (t4 - t6 * t16) * y_l_rate - t5 * t16 * t17;
-    const float t18 = distance_by_y_l_rate + self->k1 * (t5 * t10);
+    const float yaw_rate = self->k1 * t10;
+    const float t18 = distance_by_y_l_rate + t5 * yaw_rate;
     const float t19 = t4 * t5;
-    const float t20 = self->k1 * (t6 * t10) - ((t4 - t5 * t19) * t17 - t6 * t19 * y_l_rate);
+    const float t20 = t6 * yaw_rate - ((t4 - t5 * t19) * t17 - t6 * t19 * y_l_rate);
     const float t21 = self->k8 * (cos_phi * t18 + sin_phi * t20);
     const float t22 = self->Phi_21 * (cos_phi * t20 - sin_phi * t18);
     all->Phidot[0][0] = t21 - t22;
@@ -417,10 +422,10 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     const float wanted_0 = t28 + self->kd_distance * (t27 + reference->distance_rate);
     const float t29 = (wanted_0 + t8 * wanted_1) / t7;
     const float u_yaw_rate = self->k2 * t29;
-    const float t30 = self->k5 * (t26 * self->k14 - u_yaw_rate);
+    const float t30 = self->k5 * (self->k15 * t26 - u_yaw_rate);
     all->u[0] = t25 - t30;
     all->u[1] = t25 + t30;
-    const float t31 = self->k12 * t26 + self->k6 * t29;
+    const float t31 = self->k14 * t26 + self->k6 * t29;
     const float t32 = self->k3 * wanted_1 - self->k13 * t23;
     all->tau[0] = t31 + t32;
     all->tau[1] = t32 - t31;
@@ -487,7 +492,7 @@ static int labmate_type_iv_circle_step_f_law(const labmate_type_iv_circle_f *sel
     const float t14 = reference->distance_acceleration - distance_curvature + self->kd_distance *
         (reference->distance_rate - t13);
     const float wanted_0 = t14 + self->kp_distance * (self->R + reference->distance - t3);
-    const float t15 = self->k12 * (t11 * t9) + self->k6 * (wanted_0 + t8 * wanted_1) / t7;
+    const float t15 = self->k12 * t11 * t9 + self->k6 * (wanted_0 + t8 * wanted_1) / t7;
     tau[0] = t12 + t15;
     tau[1] = t12 - t15;
     return NOSLIP_OK;

@@ -73,7 +73,8 @@ typedef struct labmate_type_iv_circle_f {
     float k11;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
     float k12;         /* see init */
     float k13;         /* see init */
-    float k14;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    float k14;         /* see init */
+    float k15;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_circle_f;
 
 /*
@@ -114,7 +115,7 @@ int labmate_type_iv_circle_decoupling_f(const labmate_type_iv_circle_f *self, co
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 32 mul, 6 add, 13 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 31 mul, 6 add, 13 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_decoupling_rate_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     float Phidot[2][2]);
@@ -130,7 +131,7 @@ int labmate_type_iv_circle_feedback_f(const labmate_type_iv_circle_f *self, cons
 
 /*
  * Everything at one sine and cosine.
- * Operations: 63 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 62 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_evaluate_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, labmate_type_iv_circle_evaluation_f *all);

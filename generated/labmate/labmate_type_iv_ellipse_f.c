@@ -102,10 +102,12 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     const float t16 = self->k1 * self->k1;
     self->k24 = t16 * t8;
     const float t17 = params->d * params->m_c;
-    const float t18 = self->Phi_21 * self->k1;
-    self->k25 = 0.5f * (self->k1 * t17 - self->k21) * 2.0f * t18;
+    const float t18 = 0.5f * (self->k1 * t17 - self->k21) * 2.0f;
+    self->k25 = self->k1 * (self->Phi_21 * t18);
     self->k26 = t16 * (self->Phi_21 * t17 - self->k18 * t8);
-    self->k27 = self->k17 * t18;
+    const float t19 = self->Phi_21 * self->k1;
+    self->k27 = t18 * t19;
+    self->k28 = self->k17 * t19;
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
@@ -133,7 +135,8 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
         noslip_is_finite_f(self->k24) &&
         noslip_is_finite_f(self->k25) &&
         noslip_is_finite_f(self->k26) &&
-        noslip_is_finite_f(self->k27))) {
+        noslip_is_finite_f(self->k27) &&
+        noslip_is_finite_f(self->k28))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -230,12 +233,12 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     }
     const float t4 = 1.0f / t3;
     const float t5 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
-    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
     const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
-    const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
-    const float t6 = self->k23 * (state->thetadot_r - state->thetadot_l) * (distance_by_x_l * sin_phi -
-        distance_by_y_l * cos_phi);
-    ydot[0] = forward_speed * distance_by_forward_speed - t6;
+    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
+    const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
+    const float t6 = self->k23 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
+        distance_by_x_l * sin_phi);
+    ydot[0] = forward_speed * distance_by_forward_speed + t6;
     return NOSLIP_OK;
 }
 
@@ -269,13 +272,13 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     }
     const float t4 = 1.0f / t3;
     const float t5 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
-    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
     const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
-    const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
+    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
+    const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const float t6 = self->Phi_21 * distance_by_forward_speed;
-    const float t7 = self->k23 * (distance_by_x_l * sin_phi - distance_by_y_l * cos_phi);
-    Phi[0][0] = t6 - t7;
-    Phi[0][1] = t6 + t7;
+    const float t7 = self->k23 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
+    Phi[0][0] = t6 + t7;
+    Phi[0][1] = t6 - t7;
     Phi[1][0] = self->Phi_21;
     Phi[1][1] = self->Phi_21;
     return NOSLIP_OK;
@@ -334,13 +337,16 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
     const float t20 = (self->k6 * t4 - self->k10 * t7 + t8 * (self->k2 * t4 - self->k11 * t7) - t9 * t12) * t15 - (t16 *
         t6 * (self->k13 + t17) + t9 * t19) * y_l_rate;
-    const float t21 = t20 + self->k1 * (t16 * t13 * t18);
+    const float distance_by_y_l = t16 * t18;
+    const float yaw_rate = self->k1 * t13;
+    const float t21 = t20 + distance_by_y_l * yaw_rate;
     const float t22 = t4 * t16;
     const float t23 = self->k3 * t16;
     const float t24 = t16 * t22;
     const float t25 = (t5 * t22 * (self->k16 + t17) + t23 * t12) * t15 - (self->k7 * t4 - self->k14 * t24 + t8 *
         (self->k3 * t4 - self->k15 * t24) - t23 * t19) * y_l_rate;
-    const float t26 = t25 + self->k1 * (t5 * t13 * t11);
+    const float distance_by_x_l = t5 * t11;
+    const float t26 = t25 + distance_by_x_l * yaw_rate;
     const float t27 = self->Phi_21 * (cos_phi * t21 - sin_phi * t26);
     const float t28 = self->k23 * (sin_phi * t21 + cos_phi * t26);
     Phidot[0][0] = t27 - t28;
@@ -388,29 +394,29 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
     const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const float t6 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
-    const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
+    const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     if (!(t6 * t6 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const float t7 = state->thetadot_r + state->thetadot_l;
-    const float t8 = state->thetadot_r - state->thetadot_l;
-    const float t9 = t8 * t8;
-    const float wanted_1 = v[1] - self->k24 * t9;
-    const float forward_speed = self->Phi_21 * t7;
-    const float t10 = self->k23 * t8;
-    const float t11 = forward_speed * cos_phi - t10 * sin_phi;
-    const float t12 = t11 * t11;
-    const float y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
-    const float t13 = y_l_rate * y_l_rate;
-    const float t14 = t4 * (self->k8 * x_l * t11 + self->k9 * y_l * y_l_rate);
-    const float t15 = self->k6 * t12 + self->k7 * t13 + t5 * (0.5f * (self->k8 * t12 + self->k9 * t13) - t14 * (t14 *
+    const float t7 = state->thetadot_r - state->thetadot_l;
+    const float t8 = t7 * t7;
+    const float wanted_1 = v[1] - self->k24 * t8;
+    const float t9 = self->k18 * wanted_1 - self->k26 * t8;
+    const float t10 = state->thetadot_r + state->thetadot_l;
+    const float forward_speed = self->Phi_21 * t10;
+    const float t11 = self->k23 * t7;
+    const float t12 = forward_speed * cos_phi - t11 * sin_phi;
+    const float t13 = t12 * t12;
+    const float y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
+    const float t14 = y_l_rate * y_l_rate;
+    const float t15 = t4 * (self->k8 * x_l * t12 + self->k9 * y_l * y_l_rate);
+    const float t16 = self->k6 * t13 + self->k7 * t14 + t5 * (0.5f * (self->k8 * t13 + self->k9 * t14) - t15 * (t15 *
         0.25f));
-    const float distance_curvature = t4 * (t15 + t14 * (t10 * t6 - forward_speed * distance_by_forward_speed));
+    const float distance_curvature = t4 * (t16 + t15 * (t11 * t6 - forward_speed * distance_by_forward_speed));
     const float wanted_0 = v[0] - distance_curvature;
-    const float t16 = self->k25 * (t7 * t8) + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t6;
-    const float t17 = self->k18 * wanted_1 - self->k26 * t9;
-    tau[0] = t16 + t17;
-    tau[1] = t17 - t16;
+    const float t17 = self->k25 * t10 * t7 + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t6;
+    tau[0] = t9 + t17;
+    tau[1] = t9 - t17;
     return NOSLIP_OK;
 }
 
@@ -456,7 +462,7 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     const float t10 = self->k7 + self->k3 * t7;
     const float distance_by_y_l = t9 * t10;
     const float t11 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
-    const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
+    const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     if (!(t11 * t11 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
@@ -464,64 +470,63 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     const float t12 = state->thetadot_r + state->thetadot_l;
     const float forward_speed = self->Phi_21 * t12;
     all->h[1] = forward_speed;
-    const float t13 = forward_speed * distance_by_forward_speed;
-    const float t14 = state->thetadot_r - state->thetadot_l;
-    const float t15 = self->k23 * t14;
-    const float t16 = t15 * t11;
-    all->ydot[0] = t13 - t16;
-    const float t17 = self->Phi_21 * distance_by_forward_speed;
-    const float t18 = self->k23 * t11;
-    all->Phi[0][0] = t17 - t18;
-    all->Phi[0][1] = t17 + t18;
+    const float t13 = state->thetadot_r - state->thetadot_l;
+    const float t14 = self->k23 * t13;
+    const float t15 = forward_speed * distance_by_forward_speed - t14 * t11;
+    all->ydot[0] = t15;
+    const float t16 = self->Phi_21 * distance_by_forward_speed;
+    const float t17 = self->k23 * t11;
+    all->Phi[0][0] = t16 - t17;
+    all->Phi[0][1] = t16 + t17;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const float t19 = t4 * t5;
-    const float t20 = t5 * t19;
-    const float t21 = self->k2 * t5;
-    const float t22 = t4 * t7;
-    const float t23 = t5 * (self->k2 * t22 + t4 * t8);
-    const float t24 = forward_speed * cos_phi - t15 * sin_phi;
-    const float t25 = self->k12 * t7;
-    const float t26 = t9 * (self->k3 * t22 + t4 * t10);
-    const float y_l_rate = forward_speed * sin_phi + t15 * cos_phi;
-    const float t27 = (self->k6 * t4 - self->k10 * t20 + t7 * (self->k2 * t4 - self->k11 * t20) - t21 * t23) * t24 -
-        (t9 * t19 * (self->k13 + t25) + t21 * t26) * y_l_rate;
-    const float t28 = t27 + self->k1 * (t9 * t14 * t10);
-    const float t29 = t4 * t9;
-    const float t30 = self->k3 * t9;
-    const float t31 = t9 * t29;
-    const float t32 = (t5 * t29 * (self->k16 + t25) + t30 * t23) * t24 - (self->k7 * t4 - self->k14 * t31 + t7 *
-        (self->k3 * t4 - self->k15 * t31) - t30 * t26) * y_l_rate;
-    const float t33 = t32 + self->k1 * (t5 * t14 * t8);
-    const float t34 = self->Phi_21 * (cos_phi * t28 - sin_phi * t33);
-    const float t35 = self->k23 * (sin_phi * t28 + cos_phi * t33);
-    all->Phidot[0][0] = t34 - t35;
-    all->Phidot[0][1] = t34 + t35;
+    const float t18 = t4 * t5;
+    const float t19 = t5 * t18;
+    const float t20 = self->k2 * t5;
+    const float t21 = t4 * t7;
+    const float t22 = t5 * (self->k2 * t21 + t4 * t8);
+    const float t23 = forward_speed * cos_phi - t14 * sin_phi;
+    const float t24 = self->k12 * t7;
+    const float t25 = t9 * (self->k3 * t21 + t4 * t10);
+    const float y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
+    const float t26 = (self->k6 * t4 - self->k10 * t19 + t7 * (self->k2 * t4 - self->k11 * t19) - t20 * t22) * t23 -
+        (t9 * t18 * (self->k13 + t24) + t20 * t25) * y_l_rate;
+    const float yaw_rate = self->k1 * t13;
+    const float t27 = t26 + distance_by_y_l * yaw_rate;
+    const float t28 = t4 * t9;
+    const float t29 = self->k3 * t9;
+    const float t30 = t9 * t28;
+    const float t31 = (t5 * t28 * (self->k16 + t24) + t29 * t22) * t23 - (self->k7 * t4 - self->k14 * t30 + t7 *
+        (self->k3 * t4 - self->k15 * t30) - t29 * t25) * y_l_rate;
+    const float t32 = t31 + distance_by_x_l * yaw_rate;
+    const float t33 = self->k23 * (sin_phi * t27 + cos_phi * t32);
+    const float t34 = self->Phi_21 * (sin_phi * t32 - cos_phi * t27);
+    all->Phidot[0][0] = -(t33 + t34);
+    all->Phidot[0][1] = t33 - t34;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
-    const float t36 = t14 * t14;
-    const float t37 = self->k24 * t36;
-    const float wanted_1 = reference->speed_rate - t37 + self->kv_speed * (reference->speed - forward_speed);
-    const float t38 = self->k19 * (wanted_1 + t37);
-    const float t39 = t12 * t14;
-    const float t40 = t24 * t24;
-    const float t41 = y_l_rate * y_l_rate;
-    const float t42 = t4 * (self->k8 * x_l * t24 + self->k9 * y_l * y_l_rate);
-    const float t43 = self->k6 * t40 + self->k7 * t41 + t7 * (0.5f * (self->k8 * t40 + self->k9 * t41) - t42 * (t42 *
+    const float t35 = t13 * t13;
+    const float t36 = self->k24 * t35;
+    const float wanted_1 = reference->speed_rate - t36 + self->kv_speed * (reference->speed - forward_speed);
+    const float t37 = self->k19 * (wanted_1 + t36);
+    const float t38 = t12 * t13;
+    const float t39 = t23 * t23;
+    const float t40 = y_l_rate * y_l_rate;
+    const float t41 = t4 * (self->k8 * x_l * t23 + self->k9 * y_l * y_l_rate);
+    const float t42 = self->k6 * t39 + self->k7 * t40 + t7 * (0.5f * (self->k8 * t39 + self->k9 * t40) - t41 * (t41 *
         0.25f));
-    const float t44 = t16 - t13;
-    const float distance_curvature = t4 * (t43 + t42 * t44);
-    const float t45 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
-        t6);
-    const float wanted_0 = t45 + self->kd_distance * (t44 + reference->distance_rate);
-    const float t46 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
-    const float t47 = self->k20 * (t39 * self->k27 - self->k17 * t46);
-    all->u[0] = t38 - t47;
-    all->u[1] = t38 + t47;
-    const float t48 = self->k25 * t39 + self->k21 * t46;
-    const float t49 = self->k18 * wanted_1 - self->k26 * t36;
-    all->tau[0] = t48 + t49;
-    all->tau[1] = t49 - t48;
+    const float distance_curvature = t4 * (t42 - t41 * t15);
+    const float t43 = reference->distance_acceleration + self->kp_distance * (reference->distance + t6) -
+        distance_curvature;
+    const float wanted_0 = t43 + self->kd_distance * (reference->distance_rate - t15);
+    const float t44 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
+    const float t45 = self->k20 * (self->k28 * t38 - self->k17 * t44);
+    all->u[0] = t37 - t45;
+    all->u[1] = t37 + t45;
+    const float t46 = self->k27 * t38 + self->k21 * t44;
+    const float t47 = self->k18 * wanted_1 - self->k26 * t35;
+    all->tau[0] = t46 + t47;
+    all->tau[1] = t47 - t46;
     return NOSLIP_OK;
 }
 
@@ -573,7 +578,7 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t6);
     const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t6);
     const float t7 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
-    const float distance_by_forward_speed = distance_by_x_l * cos_phi + distance_by_y_l * sin_phi;
+    const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     if (!(t7 * t7 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
@@ -596,7 +601,7 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float t19 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
         t5);
     const float wanted_0 = t19 + self->kd_distance * (t18 + reference->distance_rate);
-    const float t20 = self->k25 * (t10 * t8) + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t7;
+    const float t20 = self->k25 * t10 * t8 + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t7;
     tau[0] = t11 + t20;
     tau[1] = t11 - t20;
     return NOSLIP_OK;

@@ -82,7 +82,8 @@ typedef struct labmate_type_iv_ellipse_f {
     float k24;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
     float k25;         /* see init */
     float k26;         /* see init */
-    float k27;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    float k27;         /* see init */
+    float k28;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_ellipse_f;
 
 /*
@@ -108,7 +109,7 @@ int labmate_type_iv_ellipse_output_f(const labmate_type_iv_ellipse_f *self, cons
 /*
  * First derivatives of the outputs of relative degree 2.
  * ydot[1]: distance_rate (m/s)
- * Operations: 24 mul, 7 add, 5 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 24 mul, 8 add, 4 sub, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_rate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state, float ydot[1]);
 
@@ -123,7 +124,7 @@ int labmate_type_iv_ellipse_decoupling_f(const labmate_type_iv_ellipse_f *self, 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 68 mul, 19 add, 14 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 67 mul, 19 add, 14 sub, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_decoupling_rate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     float Phidot[2][2]);
@@ -139,7 +140,7 @@ int labmate_type_iv_ellipse_feedback_f(const labmate_type_iv_ellipse_f *self, co
 
 /*
  * Everything at one sine and cosine.
- * Operations: 113 mul, 35 add, 27 sub, 2 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 110 mul, 33 add, 28 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_evaluate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const labmate_type_iv_ellipse_reference_f *reference, labmate_type_iv_ellipse_evaluation_f *all);

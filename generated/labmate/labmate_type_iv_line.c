@@ -88,11 +88,13 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     const double t13 = t5 * t5;
     self->k13 = t13 * t2;
     const double t14 = params->d * params->m_c;
-    self->k14 = 0.5 * (t5 * t14 - self->k8) * 2.0 * self->k11;
+    const double t15 = 0.5 * (t5 * t14 - self->k8) * 2.0;
+    self->k14 = t5 * (self->Phi_21 * t15);
     self->k15 = t13 * (self->Phi_21 * t14 - self->k5 * t2);
-    self->k16 = self->k4 * self->k11;
-    self->k17 = t5 * gains->kd_distance;
-    self->k18 = t5 * (t8 * gains->kd_distance);
+    self->k16 = t15 * self->k11;
+    self->k17 = self->k4 * self->k11;
+    self->k18 = t5 * gains->kd_distance;
+    self->k19 = t5 * (t8 * gains->kd_distance);
     if (!(noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&
@@ -111,7 +113,8 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
         noslip_is_finite(self->k15) &&
         noslip_is_finite(self->k16) &&
         noslip_is_finite(self->k17) &&
-        noslip_is_finite(self->k18))) {
+        noslip_is_finite(self->k18) &&
+        noslip_is_finite(self->k19))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -250,15 +253,15 @@ int labmate_type_iv_line_decoupling(const labmate_type_iv_line *self, const labm
 static int labmate_type_iv_line_decoupling_rate_law(const labmate_type_iv_line *self, const labmate_state *state,
     double Phidot[2][2])
 {
+    const double t1 = state->thetadot_r - state->thetadot_l;
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
-    const double t1 = state->thetadot_r - state->thetadot_l;
-    const double t2 = self->k11 * (distance_by_yaw_rate * t1);
+    const double t2 = self->k11 * distance_by_yaw_rate;
     const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
-    const double t3 = self->k12 * (distance_by_forward_speed * t1);
-    Phidot[0][0] = t2 - t3;
-    Phidot[0][1] = t2 + t3;
+    const double t3 = self->k12 * distance_by_forward_speed;
+    Phidot[0][0] = t1 * (t2 - t3);
+    Phidot[0][1] = t1 * (t2 + t3);
     Phidot[1][0] = 0.0;
     Phidot[1][1] = 0.0;
     return NOSLIP_OK;
@@ -298,7 +301,7 @@ static int labmate_type_iv_line_feedback_law(const labmate_type_iv_line *self, c
     const double t1 = state->thetadot_r - state->thetadot_l;
     const double t2 = t1 * t1;
     const double wanted_1 = v[1] - self->k13 * t2;
-    const double t3 = self->k14 * ((state->thetadot_r + state->thetadot_l) * t1) + self->k8 * (v[0] -
+    const double t3 = self->k14 * (state->thetadot_r + state->thetadot_l) * t1 + self->k8 * (v[0] -
         distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
     const double t4 = self->k5 * wanted_1 - self->k15 * t2;
     tau[0] = t3 + t4;
@@ -343,7 +346,7 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
     const double t1 = state->thetadot_r + state->thetadot_l;
     const double forward_speed = self->Phi_21 * t1;
     all->h[1] = forward_speed;
-    const double t2 = self->Phi_21 * (distance_by_forward_speed * t1);
+    const double t2 = forward_speed * distance_by_forward_speed;
     const double t3 = state->thetadot_r - state->thetadot_l;
     const double t4 = distance_by_yaw_rate * t3;
     all->ydot[0] = t2 + self->k10 * t4;
@@ -354,9 +357,9 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
     const double t7 = self->k11 * t4;
-    const double t8 = self->k12 * (distance_by_forward_speed * t3);
+    const double t8 = self->k12 * distance_by_forward_speed * t3;
     all->Phidot[0][0] = t7 - t8;
-    all->Phidot[0][1] = t7 + t8;
+    all->Phidot[0][1] = t8 + t7;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
     const double t9 = t3 * t3;
@@ -366,13 +369,12 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
     const double t12 = t1 * t3;
     const double v_distance = reference->distance_acceleration + self->kp_distance * (reference->distance - distance) +
         self->kd_distance * (reference->distance_rate - t2);
-    const double t13 = (v_distance - distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
-    const double u_yaw_rate = self->k4 * t13;
-    const double t14 = self->k7 * (t12 * self->k16 + self->k17 * t3 - u_yaw_rate);
+    const double t13 = (distance_by_forward_speed * wanted_1 - v_distance) / distance_by_yaw_rate;
+    const double t14 = self->k7 * (self->k17 * t12 + self->k18 * t3 + self->k4 * t13);
     all->u[0] = t11 - t14;
     all->u[1] = t11 + t14;
     const double t15 = self->k5 * wanted_1 - self->k15 * t9;
-    const double t16 = self->k18 * t3 - (self->k14 * t12 + self->k8 * t13);
+    const double t16 = self->k19 * t3 - (self->k16 * t12 - self->k8 * t13);
     all->tau[0] = t15 - t16;
     all->tau[1] = t16 + t15;
     return NOSLIP_OK;
@@ -424,16 +426,16 @@ static int labmate_type_iv_line_step_law(const labmate_type_iv_line *self, const
     const double wanted_1 = reference->speed_rate - self->k13 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
     const double t4 = self->k5 * wanted_1 - self->k15 * t2;
+    const double t5 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate - forward_speed *
+        distance_by_forward_speed);
     const double x_l = state->x_c + self->L * cos_phi;
     const double y_l = state->y_c + self->L * sin_phi;
-    const double t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - self->k3 -
-        self->k1 * x_l - self->k2 * y_l);
-    const double v_distance = t5 + self->kd_distance * (reference->distance_rate - forward_speed *
-        distance_by_forward_speed);
-    const double t6 = self->k14 * (t3 * t1) - self->k18 * t1 - self->k8 * (distance_by_forward_speed * wanted_1 -
-        v_distance) / distance_by_yaw_rate;
-    tau[0] = t4 + t6;
-    tau[1] = t4 - t6;
+    const double v_distance = t5 + self->kp_distance * (reference->distance - self->k3 - self->k1 * x_l - self->k2 *
+        y_l);
+    const double t6 = self->k8 * (distance_by_forward_speed * wanted_1 - v_distance) / distance_by_yaw_rate + t1 *
+        (self->k19 - self->k14 * t3);
+    tau[0] = t4 - t6;
+    tau[1] = t4 + t6;
     return NOSLIP_OK;
 }
 

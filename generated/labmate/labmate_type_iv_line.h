@@ -72,9 +72,10 @@ typedef struct labmate_type_iv_line {
     double k13;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
     double k14;         /* see init */
     double k15;         /* see init */
-    double k16;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
-    double k17;         /* r / (b * 2.0) * kd_distance */
-    double k18;         /* see init */
+    double k16;         /* see init */
+    double k17;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    double k18;         /* r / (b * 2.0) * kd_distance */
+    double k19;         /* see init */
 } labmate_type_iv_line;
 
 /*
@@ -129,7 +130,7 @@ int labmate_type_iv_line_feedback(const labmate_type_iv_line *self, const labmat
 
 /*
  * Everything at one sine and cosine.
- * Operations: 38 mul, 17 add, 14 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 37 mul, 17 add, 14 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, labmate_type_iv_line_evaluation *all);
@@ -137,7 +138,7 @@ int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmat
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 25 mul, 8 add, 13 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 24 mul, 9 add, 12 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_step(labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, double tau[2]);

@@ -89,11 +89,13 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
     const float t13 = t5 * t5;
     self->k13 = t13 * t2;
     const float t14 = params->d * params->m_c;
-    self->k14 = 0.5f * (t5 * t14 - self->k8) * 2.0f * self->k11;
+    const float t15 = 0.5f * (t5 * t14 - self->k8) * 2.0f;
+    self->k14 = t5 * (self->Phi_21 * t15);
     self->k15 = t13 * (self->Phi_21 * t14 - self->k5 * t2);
-    self->k16 = self->k4 * self->k11;
-    self->k17 = t5 * gains->kd_distance;
-    self->k18 = t5 * (t8 * gains->kd_distance);
+    self->k16 = t15 * self->k11;
+    self->k17 = self->k4 * self->k11;
+    self->k18 = t5 * gains->kd_distance;
+    self->k19 = t5 * (t8 * gains->kd_distance);
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
@@ -112,7 +114,8 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
         noslip_is_finite_f(self->k15) &&
         noslip_is_finite_f(self->k16) &&
         noslip_is_finite_f(self->k17) &&
-        noslip_is_finite_f(self->k18))) {
+        noslip_is_finite_f(self->k18) &&
+        noslip_is_finite_f(self->k19))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -253,15 +256,15 @@ int labmate_type_iv_line_decoupling_f(const labmate_type_iv_line_f *self, const 
 static int labmate_type_iv_line_decoupling_rate_f_law(const labmate_type_iv_line_f *self, const labmate_state_f *state,
     float Phidot[2][2])
 {
+    const float t1 = state->thetadot_r - state->thetadot_l;
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
-    const float t1 = state->thetadot_r - state->thetadot_l;
-    const float t2 = self->k11 * (distance_by_yaw_rate * t1);
+    const float t2 = self->k11 * distance_by_yaw_rate;
     const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
-    const float t3 = self->k12 * (distance_by_forward_speed * t1);
-    Phidot[0][0] = t2 - t3;
-    Phidot[0][1] = t2 + t3;
+    const float t3 = self->k12 * distance_by_forward_speed;
+    Phidot[0][0] = t1 * (t2 - t3);
+    Phidot[0][1] = t1 * (t2 + t3);
     Phidot[1][0] = 0.0f;
     Phidot[1][1] = 0.0f;
     return NOSLIP_OK;
@@ -301,7 +304,7 @@ static int labmate_type_iv_line_feedback_f_law(const labmate_type_iv_line_f *sel
     const float t1 = state->thetadot_r - state->thetadot_l;
     const float t2 = t1 * t1;
     const float wanted_1 = v[1] - self->k13 * t2;
-    const float t3 = self->k14 * ((state->thetadot_r + state->thetadot_l) * t1) + self->k8 * (v[0] -
+    const float t3 = self->k14 * (state->thetadot_r + state->thetadot_l) * t1 + self->k8 * (v[0] -
         distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
     const float t4 = self->k5 * wanted_1 - self->k15 * t2;
     tau[0] = t3 + t4;
@@ -346,7 +349,7 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     const float t1 = state->thetadot_r + state->thetadot_l;
     const float forward_speed = self->Phi_21 * t1;
     all->h[1] = forward_speed;
-    const float t2 = self->Phi_21 * (distance_by_forward_speed * t1);
+    const float t2 = forward_speed * distance_by_forward_speed;
     const float t3 = state->thetadot_r - state->thetadot_l;
     const float t4 = distance_by_yaw_rate * t3;
     all->ydot[0] = t2 + self->k10 * t4;
@@ -357,9 +360,9 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
     const float t7 = self->k11 * t4;
-    const float t8 = self->k12 * (distance_by_forward_speed * t3);
+    const float t8 = self->k12 * distance_by_forward_speed * t3;
     all->Phidot[0][0] = t7 - t8;
-    all->Phidot[0][1] = t7 + t8;
+    all->Phidot[0][1] = t8 + t7;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
     const float t9 = t3 * t3;
@@ -369,13 +372,12 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     const float t12 = t1 * t3;
     const float v_distance = reference->distance_acceleration + self->kp_distance * (reference->distance - distance) +
         self->kd_distance * (reference->distance_rate - t2);
-    const float t13 = (v_distance - distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
-    const float u_yaw_rate = self->k4 * t13;
-    const float t14 = self->k7 * (t12 * self->k16 + self->k17 * t3 - u_yaw_rate);
+    const float t13 = (distance_by_forward_speed * wanted_1 - v_distance) / distance_by_yaw_rate;
+    const float t14 = self->k7 * (self->k17 * t12 + self->k18 * t3 + self->k4 * t13);
     all->u[0] = t11 - t14;
     all->u[1] = t11 + t14;
     const float t15 = self->k5 * wanted_1 - self->k15 * t9;
-    const float t16 = self->k18 * t3 - (self->k14 * t12 + self->k8 * t13);
+    const float t16 = self->k19 * t3 - (self->k16 * t12 - self->k8 * t13);
     all->tau[0] = t15 - t16;
     all->tau[1] = t16 + t15;
     return NOSLIP_OK;
@@ -427,16 +429,16 @@ static int labmate_type_iv_line_step_f_law(const labmate_type_iv_line_f *self, c
     const float forward_speed = self->Phi_21 * t3;
     const float wanted_1 = reference->speed_rate - self->k13 * t2 + self->kv_speed * (reference->speed - forward_speed);
     const float t4 = self->k5 * wanted_1 - self->k15 * t2;
+    const float t5 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate - forward_speed *
+        distance_by_forward_speed);
     const float x_l = state->x_c + self->L * cos_phi;
     const float y_l = state->y_c + self->L * sin_phi;
-    const float t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - self->k3 - self->k1 *
-        x_l - self->k2 * y_l);
-    const float v_distance = t5 + self->kd_distance * (reference->distance_rate - forward_speed *
-        distance_by_forward_speed);
-    const float t6 = self->k14 * (t3 * t1) - self->k18 * t1 - self->k8 * (distance_by_forward_speed * wanted_1 -
-        v_distance) / distance_by_yaw_rate;
-    tau[0] = t4 + t6;
-    tau[1] = t4 - t6;
+    const float v_distance = t5 + self->kp_distance * (reference->distance - self->k3 - self->k1 * x_l - self->k2 *
+        y_l);
+    const float t6 = self->k8 * (distance_by_forward_speed * wanted_1 - v_distance) / distance_by_yaw_rate + t1 *
+        (self->k19 - self->k14 * t3);
+    tau[0] = t4 - t6;
+    tau[1] = t4 + t6;
     return NOSLIP_OK;
 }
 

@@ -72,9 +72,10 @@ typedef struct labmate_type_iv_line_f {
     float k13;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
     float k14;         /* see init */
     float k15;         /* see init */
-    float k16;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
-    float k17;         /* r / (b * 2.0) * kd_distance */
-    float k18;         /* see init */
+    float k16;         /* see init */
+    float k17;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    float k18;         /* r / (b * 2.0) * kd_distance */
+    float k19;         /* see init */
 } labmate_type_iv_line_f;
 
 /*
@@ -131,7 +132,7 @@ int labmate_type_iv_line_feedback_f(const labmate_type_iv_line_f *self, const la
 
 /*
  * Everything at one sine and cosine.
- * Operations: 38 mul, 17 add, 14 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 37 mul, 17 add, 14 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, labmate_type_iv_line_evaluation_f *all);
@@ -139,7 +140,7 @@ int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const la
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 25 mul, 8 add, 13 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 24 mul, 9 add, 12 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_step_f(labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, float tau[2]);

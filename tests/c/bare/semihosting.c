@@ -10,7 +10,7 @@ static void write_text(const char *text)
 #else
     register uint32_t operation __asm__("a0") = 0x04;
     register const char *argument __asm__("a1") = text;
-    __asm__ volatile(".option push\n.option norvc\n.balign 16\n" /* just so: QEMU looks at the three together */
+    __asm__ volatile(".option push\n.option norelax\n.option norvc\n.balign 16\n" /* just so: QEMU looks at the three together */
                      "slli x0, x0, 0x1f\nebreak\nsrai x0, x0, 7\n.option pop"
                      : "+r"(operation)
                      : "r"(argument)
