@@ -1,5 +1,6 @@
 # make         sets up, generates and builds the C, checks it against the model, follows a line and a circle
 # make test    every test
+# make bench   instruction counts, sizes and rates beside peers; make bits: the same bits on every target there is
 # make clean   leaves what git has
 PYTHON ?= python3
 VENV := .venv
@@ -13,7 +14,7 @@ RUNTIME := $(wildcard runtime_c/*)
 ROBOTS := labmate
 RUNS := line circle
 
-.PHONY: all setup generate check-generated check simulate test trig-sweep clean
+.PHONY: all setup generate check-generated check simulate test bench bits trig-sweep clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -50,6 +51,9 @@ build/%.txt: specs/%.toml build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
 test: $(READY)
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/python -m pytest -n 2
+
+bench: $(READY)
+	$(VENV)/bin/python bench/run.py
 
 # Every float in range against a higher precision (about a minute on two cores), and a dense sample of doubles.
 trig-sweep:

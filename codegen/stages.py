@@ -14,7 +14,7 @@ import casadi as ca
 from ..model.exact import canonical
 from ..model.expression import fold, operate, operations, time_derivative
 from ..model.law import ControlLaw, outer_loop
-from ..model.linearization import SINGULAR_SQUARED, Linearization, linearize
+from ..model.linearization import SINGULAR_SQUARED, derivative
 from ..model.mechanism import Quantity, quantity
 from ..model.outputs import OutputMap, OutputRow
 from ..model.reduction import ReducedSystem, solve
@@ -122,13 +122,16 @@ def staged(law: ControlLaw) -> Stages:
     for q, speed in zip(inner.quasi_velocities, ca.vertsplit(stages.exact(W) @ law.system.nu), strict=True):
         stages.steps.append((q.symbol, speed))
     output = _in_velocities(law.output, law.system, inner, W)
-    plain = linearize(inner, output)
-    rows = [_point_row(stages, inner, row) if row.through else _plain_row(stages, plain, k) for k, row in enumerate(output.rows)]
-    second = [row for row, degree in zip(rows, plain.relative_degree, strict=True) if degree == 2]
+    degree = law.linearization.relative_degree
+    rows = [
+        _point_row(stages, inner, row) if row.through else _plain_row(stages, inner, row, k)
+        for row, k in zip(output.rows, degree, strict=True)
+    ]
+    second = [row for row, k in zip(rows, degree, strict=True) if k == 2]
     h, rate = ca.vertcat(*[row.h for row in rows]), ca.vertcat(*[row.rate for row in second])
     gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
-    damped = _damped_alone(rows, plain.relative_degree)
-    loop = outer_loop(plain.relative_degree, gains, reference, h, _rest_of_rates(rows, plain, damped))
+    damped = _damped_alone(rows, degree)
+    loop = outer_loop(degree, gains, reference, h, _rest_of_rates(rows, degree, damped, inner.nu))
     loop = ca.vertcat(*[stages.step(q.name, loop[k]) for k, q in enumerate(law.demand)])
     demand = ca.vertcat(*[q.symbol for q in law.demand])
     kd = {row.name: gain.symbol for row in output.rows for gain in law.gains if gain.name == f"kd_{row.name}"}
@@ -196,12 +199,12 @@ def _in_velocities(output: OutputMap, system: ReducedSystem, inner: ReducedSyste
     return OutputMap(output.name, output.about, tuple(rows), output.parameters, output.conditions, output.path)
 
 
-def _plain_row(stages: Stages, plain: Linearization, k: int) -> _Row:
+def _plain_row(stages: Stages, inner: ReducedSystem, row: OutputRow, degree: int) -> _Row:
     """A row straight from its expression."""
-    name, Phi = plain.output.rows[k].name, stages.exact(plain.Phi[k, :])
-    h, drift = stages.step(name, stages.exact(plain.h[k])), stages.exact(plain.drift[k])
-    rate = stages.step(f"{name}_rate", Phi @ plain.system.nu)
-    return _Row(h, rate, Phi, Phi, stages.exact(plain.Phidot[k, :]), drift)
+    row_of_Phi, drift = derivative(inner, row.expression, degree)
+    Phi, Phidot = stages.exact(row_of_Phi), stages.exact(inner.along_motion(row_of_Phi))
+    h = stages.step(row.name, stages.exact(row.expression))
+    return _Row(h, stages.step(f"{row.name}_rate", Phi @ inner.nu), Phi, Phi, Phidot, stages.exact(drift))
 
 
 def _point_row(stages: Stages, inner: ReducedSystem, row: OutputRow) -> _Row:
@@ -251,12 +254,11 @@ def _damped_alone(rows: list[_Row], degree: tuple[int, ...]) -> dict[int, int]:
     return found
 
 
-def _rest_of_rates(rows: list[_Row], plain: Linearization, damped: dict[int, int]) -> ca.SX:
+def _rest_of_rates(rows: list[_Row], degree: tuple[int, ...], damped: dict[int, int], w: ca.SX) -> ca.SX:
     """Rates of the outputs of degree 2 without the terms that are damped past the inverse."""
-    w = plain.system.nu
     rates = []
-    for i, (row, degree) in enumerate(zip(rows, plain.relative_degree, strict=True)):
-        if degree == 2:
+    for i, (row, k) in enumerate(zip(rows, degree, strict=True)):
+        if k == 2:
             left = [row.Phi[j] * w[j] for j in range(len(rows)) if damped.get(j) != i]
             rates.append(row.rate if len(left) == len(rows) else sum(left, start=ca.SX(0)))
     return ca.vertcat(*rates)

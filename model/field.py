@@ -220,7 +220,7 @@ class Field:
             return ca.SX(0)
         if len(polynomial) == 1:
             return self._sum(polynomial)
-        content, factors = polynomial.factor_list()
+        content, factors = _factors(polynomial)
         parts = [self._sum(factor) ** power for factor, power in factors]
         if content != 1 or not parts:
             parts.insert(0, ca.SX(number(content)))
@@ -234,3 +234,19 @@ class Field:
             term = prod(factors[1:], start=factors[0]) if factors else ca.SX(1)
             terms.append(term if factor == 1 else -term if factor == -1 else factor * term)
         return sum(terms[1:], start=terms[0])
+
+
+def _factors(polynomial: PolyElement) -> tuple[QQ, list[tuple[PolyElement, int]]]:
+    """Content and irreducible factors, as factor_list, which is slow where many symbols meet.
+
+    Without its common monomial, a polynomial that is linear in some generator, with one term there, is irreducible.
+    """
+    common = tuple(map(min, zip(*polynomial, strict=True)))
+    rest = polynomial.quo_term((common, QQ(1)))
+    generators = range(len(common))
+    if not any([powers[k] for powers in rest if powers[k]] == [1] for k in generators):
+        return polynomial.factor_list()
+    content, primitive = rest.primitive()
+    if primitive.LC < 0:
+        content, primitive = -content, -primitive
+    return content, [(polynomial.ring.gens[k], common[k]) for k in generators if common[k]] + [(primitive, 1)]

@@ -63,31 +63,37 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
     if system.freedom > 3:
         raise ModelError(f"{where}: n - m = {system.freedom}, the closed-form inverse of Phi goes up to 3")
     output.check(system)
-    q, nu = system.mechanism.q, system.nu
     degree, rates, rows, drift = [], [], [], []
     h = ca.vertcat(*[row.expression for row in output.rows])
     for row, expression in zip(output.rows, ca.vertsplit(h), strict=True):
-        rate = system.along_motion(expression)
-        by_velocity = canonical(ca.jacobian(expression, nu))
-        if not _vanishes(system, output, by_velocity):
+        first, first_drift = derivative(system, expression, 1)
+        if not _vanishes(system, output, first):
             degree.append(1)
-            rows.append(by_velocity)
-            drift.append(rate)
+            rows.append(first)
+            drift.append(first_drift)
             continue
-        through = canonical(ca.jacobian(expression, q) @ system.S)
-        if _vanishes(system, output, through):
+        second, second_drift = derivative(system, expression, 2)
+        if _vanishes(system, output, second):
             raise ModelError(
                 f"{where}: row {row.name!r} of Phi vanishes identically: neither the output nor its rate "
                 "feels the input (relative degree above 2, or the constraints fix the output)"
             )
         degree.append(2)
-        rates.append(through @ nu)
-        rows.append(through)
-        drift.append(system.along_motion(through) @ nu)
+        rates.append(second @ system.nu)
+        rows.append(second)
+        drift.append(second_drift)
     Phi = ca.vertcat(*rows)
     _check_regular(system, output, Phi)
     Phidot = ca.densify(system.along_motion(Phi))
     return Linearization(system, output, tuple(degree), h, ca.vertcat(*rates), ca.densify(Phi), Phidot, ca.vertcat(*drift))
+
+
+def derivative(system: ReducedSystem, expression: ca.SX, degree: int) -> tuple[ca.SX, ca.SX]:
+    """Row of Phi and drift of the derivative of order `degree` of an output: Phi u + drift."""
+    if degree == 1:
+        return canonical(ca.jacobian(expression, system.nu)), system.along_motion(expression)
+    row = canonical(ca.jacobian(expression, system.mechanism.q) @ system.S)
+    return row, system.along_motion(row) @ system.nu
 
 
 def _vanishes(system: ReducedSystem, output: OutputMap, row: ca.SX) -> bool:

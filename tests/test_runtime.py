@@ -63,23 +63,7 @@ def objects(cc: str, flags: list[str], folder: Path, sources: list[str] = SOURCE
     return made
 
 
-# -- warnings ----------------------------------------------------------------------------------------------------------
-
-
-@each_level
-def test_strict_gcc(level, tmp_path):
-    more = ["-fanalyzer", "-Wstack-usage=256"] if level == "-O2" else []
-    objects("gcc", [level, *STRICT, *more], tmp_path)
-
-
-@each_level
-def test_strict_clang(level, tmp_path):
-    objects("clang", [level, *STRICT], tmp_path)
-
-
-@compilers
-def test_strict_with_integer_square_roots(cc, tmp_path):
-    objects(cc, ["-O2", *STRICT, "-DNOSLIP_SOFT_SQRT"], tmp_path)
+# -- headers and settings --------------------------------------------------------------------------------------
 
 
 @compilers
@@ -198,10 +182,13 @@ def driver(kind: str, folder: Path, laws: list[str], n: int) -> str:
     return str(source)
 
 
-def digests(cc: str, flags: list[str], folder: Path) -> str:
-    """What all laws answer over seeded states, and the digest of the runtime's functions."""
-    folder.mkdir()
-    made = objects(cc, flags, folder, [*SOURCES, driver("digest", folder, list(OUTPUTS), STATES)])
+def digests(cc: str, flags: list[str], folder: Path, sources_only: list[str] | None = None) -> str:
+    """What all laws answer over seeded states, and the digest of the runtime's functions.
+
+    The package's own files are compiled strictly, with `sources_only` too.
+    """
+    made = objects(cc, [*flags, *STRICT, *(sources_only or [])], folder)
+    made += objects(cc, flags, folder, [driver("digest", folder, list(OUTPUTS), STATES)])
     run([cc, *made, "-o", str(folder / "digest")])
     run([cc, *FLAGS, *flags, *INCLUDE, str(DRIVERS / "trig_sweep.c"), "-lm", "-o", str(folder / "trig")])
     return run([str(folder / "digest")]) + run([str(folder / "trig"), "digest", "200000", "5"])
@@ -209,25 +196,23 @@ def digests(cc: str, flags: list[str], folder: Path) -> str:
 
 @pytest.fixture(scope="module")
 def expected_digests(tmp_path_factory) -> str:
-    made = digests("gcc", ["-O2"], tmp_path_factory.mktemp("digest") / "gcc")
+    made = digests("gcc", ["-O2"], tmp_path_factory.mktemp("digest"))
     assert len(set(made.split())) == 2 * 2 * len(OUTPUTS) + 1  # all different
     return made
 
 
 @compilers
 @each_level
-def test_bits_are_the_same(cc, level, expected_digests, tmp_path):
-    assert digests(cc, [level], tmp_path / "build") == expected_digests
+def test_no_warnings_and_the_same_bits(cc, level, expected_digests, tmp_path):
+    more = ["-fanalyzer", "-Wstack-usage=256"] if (cc, level) == ("gcc", "-O2") else []
+    assert digests(cc, [level], tmp_path, more) == expected_digests
 
 
-@pytest.mark.parametrize(
-    "flags", [["-O2", "-DNOSLIP_SOFT_SQRT"], ["-O3", "-march=native"], ["-O2", "-std=gnu11", "-mfma", "-mavx2"]]
-)
 @compilers
-def test_bits_are_the_same_whatever_the_machine_offers(cc, flags, expected_digests, tmp_path):
-    if "-mfma" in flags and " fma " not in Path("/proc/cpuinfo").read_text():
-        pytest.skip("no fused multiply-add here")
-    assert digests(cc, flags, tmp_path / "build") == expected_digests
+@pytest.mark.parametrize("flags", [["-O2", "-DNOSLIP_SOFT_SQRT"], ["-O3", "-march=native"]])
+def test_the_same_bits_whatever_the_machine_has(cc, flags, expected_digests, tmp_path):
+    """Square roots in integers; vector and fused instructions at the compiler's disposal."""
+    assert digests(cc, flags, tmp_path) == expected_digests
 
 
 # -- one program with everything, seen from here --------------------------------------------------------------------------
@@ -563,8 +548,8 @@ def test_never_made(program, law, scalar):
     for content in (bytes(size), b"\xff" * size, b"\x01\0\0\0" * (size // 4), *(source.bytes(size) for _ in range(50))):
         robot.ffi.buffer(robot.self)[:size] = content.ljust(size, b"\0")
         robot.self.ready = 0 if robot.self.ready == 0x5EED1992 else robot.self.ready
-        for on_error in (robot.self.options.on_error, 1):
-            robot.self.options.on_error = on_error
+        for on_error in (robot.self.on_error, 1):
+            robot.self.on_error = on_error
             robot.self.held[0] = math.nan
             assert_answered(robot.answers(), "not_ready")
 
@@ -713,5 +698,5 @@ def test_random_input(sanitizers, tmp_path):
     for line in run([str(tmp_path / "fuzz")]).splitlines():
         name, *counted = line.split()
         not_ready, singular, bad, range_, nonfinite, null, ok, saturated = map(int, counted)
-        assert bad == null == 0 and min(not_ready, singular, nonfinite, range_) > 0, line
+        assert bad == null == 0 and min(not_ready, nonfinite, range_) > 0, line
         assert ok > 1000 and saturated > 1000, line
