@@ -107,6 +107,14 @@ class Graph:
         return None
 
 
+def free_name(name: str, taken: set[str]) -> str:
+    """The name, with underscores added until nothing else has it; it is taken then."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
 def is_constant(node: Node, value: float) -> bool:
     """Is the node this number?"""
     return node.operation == "constant" and node.value == value
@@ -142,7 +150,10 @@ def from_casadi(
             raise ModelError(
                 f"{where}: uses {NAMES.get(code, f'operation {code}')}, for which there is no C without libm; {SUPPORTED}"
             )
-        return FROM_CASADI[code](graph, *arguments)
+        try:
+            return FROM_CASADI[code](graph, *arguments)
+        except ModelError as error:
+            raise ModelError(f"{where}: {error}") from error
 
     entries = fold(expression, symbols, lambda k: leaves[k], graph.constant, apply)
     rows, columns = expression.shape

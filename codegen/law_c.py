@@ -168,15 +168,19 @@ class LawC:
 
     def _init(self) -> str:
         name, law = self.scalar.name, self.law
-        writer = Statements(self.scalar, self._init_given, {}, lambda condition: self._leave(condition, "NOSLIP_SINGULAR"))
-        writer.plan(self.program.constants)
+        taken = {"self", "params", "config", "gains", "options", "status"}
+        writer = Statements(self.scalar, self._init_given, {}, lambda c: self._leave(c, "NOSLIP_SINGULAR"), taken)
+        writer.plan([*self.program.conditions, *self.program.constants, *self.program.regular])
+        for node in self.program.conditions:
+            writer.lines.append(self._leave(f"!({writer.text(node)} > 0)", "NOSLIP_BAD_PARAMETER"))
         for node, field in self.program.constants.items():
             writer.uses[node] = 1  # its field is its name
             writer.assign(f"self->{field}", node)
             if node.operation != "leaf":
                 writer.names[node] = f"self->{field}"
         constants = [f"self->{field}" for node, field in self.program.constants.items() if node.operation != "leaf"]
-        conditions = self._conditions()
+        for node in self.program.regular:
+            writer.lines.append(self._leave(f"!({writer.text(node)} > 0)", "NOSLIP_SINGULAR"))
         finite = " &&\n        ".join(f"{name('noslip_is_finite')}({constant})" for constant in constants)
         return "\n".join(
             [
@@ -198,7 +202,6 @@ class LawC:
                 f"        {refuse_parameters(self.scalar, 'gains', law.gains)}) {{",
                 "        return NOSLIP_BAD_PARAMETER;",
                 "    }",
-                *([conditions] if conditions else []),
                 f"    status = {self._function('reset')}(self);",
                 f"    if (options != NULL && (!{name('noslip_limits_ok')}(options->limit, {self.inputs}) ||",
                 "        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {",
@@ -216,14 +219,6 @@ class LawC:
                 "}",
             ]
         )
-
-    def _conditions(self) -> str:
-        """Expressions of the configuration that must be positive."""
-        lines = []
-        for node in self.program.conditions:
-            writer = Statements(self.scalar, self._init_given, {}, str)
-            lines.append(self._leave(f"!({writer.text(node)} > 0)", "NOSLIP_BAD_PARAMETER"))
-        return body(lines)
 
     def _reset(self) -> str:
         zeros = [f"    self->held[{k}] = 0;" for k in range(self.inputs)]
@@ -264,7 +259,7 @@ class LawC:
         """The static function that computes, for arguments that have been checked."""
         program = self.program
         leave = lambda condition: self._leave(condition, "NOSLIP_SINGULAR")  # noqa: E731
-        writer = Statements(self.scalar, self._step_given, program.labels, leave)
+        writer = Statements(self.scalar, self._step_given, program.labels, leave, {*self._arguments(entry), "status"})
         law = program.entries[entry]
         writer.plan(law.roots)
         executed = self._executed(law.roots)

@@ -178,7 +178,11 @@ class Optimizer:
         return 1, node
 
     def _plain(self, signed: Signed) -> Node:
-        return signed[1] if signed[0] > 0 else self.graph.make("product", (self.graph.constant(-1), signed[1]))
+        if signed[0] > 0:
+            return signed[1]
+        if self.fixed(signed[1]):
+            return self.graph.apply("neg", signed[1])
+        return self.graph.make("product", (self.graph.constant(-1), signed[1]))
 
     # -- common factors within a sum --------------------------------------------------------------------------------
 
@@ -296,10 +300,12 @@ class Optimizer:
     def turned(self, roots: Sequence[Signed]) -> list[Signed]:
         """-(a + (b - c)) as (c - b) - a, with c - b in place of b - c everywhere."""
         signed: list[Signed] = list(roots)
-        while (found := self._to_turn(signed)) is not None:
+        tried: set[Node] = set()  # each is turned once, so that two roots with opposite wishes come to an end
+        while (found := self._to_turn(signed, tried)) is not None:
             arguments = sorted(((-sign, argument) for sign, argument in signed_arguments(found)), key=lambda term: -term[0])
             signs = "".join("+" if sign > 0 else "-" for sign, _ in arguments)
             turned = self.graph.make("sum", tuple(argument for _, argument in arguments), name=signs)
+            tried |= {found, turned}
 
             def change(sign: int, node: Node, found=found, turned=turned) -> Signed:
                 return (-sign, turned) if node is found else (sign, node)
@@ -308,11 +314,11 @@ class Optimizer:
         return signed
 
     @staticmethod
-    def _to_turn(signed: Sequence[Signed]) -> Node | None:
+    def _to_turn(signed: Sequence[Signed], tried: set[Node]) -> Node | None:
         for sign, root in signed:
             if sign < 0 and root.operation == "sum" and "-" not in root.name:
                 for argument in root.arguments:
-                    if argument.operation == "sum" and "-" in argument.name and argument.name[0] == "+":
+                    if argument.operation == "sum" and "-" in argument.name and argument not in tried:
                         return argument
         return None
 

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import count
 
 import casadi as ca
 
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR_SQUARED
-from .graph import CONSTANT_GROUPS, Graph, Node, from_casadi, reachable
+from .graph import CONSTANT_GROUPS, Graph, Node, free_name, from_casadi, reachable
 from .optimize import Optimizer
 from .stages import PART, STEP, Stages, staged
 
@@ -62,6 +63,7 @@ class Program:
     constants: dict[Node, str]  # node -> field of the law's struct, in the order init makes them
     labels: dict[Node, str]
     conditions: list[Node]  # functions of the configuration that must be positive
+    regular: list[Node]  # functions of the parameters that must be positive, or Phi is singular everywhere
     graph: Graph
 
     @property
@@ -126,8 +128,8 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         singular = tuple(row[0] for row in quantities["singular"]) if entry.inverts else ()
         if chosen:
             entries[entry] = _optimized(graph, Body(chosen, singular), labels) if optimize else Body(chosen, singular)
-    conditions = [row[0] for row in quantities["conditions"]]
-    return Program(law, entries, _constants(entries, labels), labels, conditions, graph)
+    conditions, regular = ([row[0] for row in quantities[name]] for name in ("conditions", "regular"))
+    return Program(law, entries, _constants(entries, labels), labels, conditions, regular, graph)
 
 
 def plain(law: ControlLaw) -> Stages:
@@ -142,6 +144,7 @@ def plain(law: ControlLaw) -> Stages:
         "tau": law.tau,
         "tau_of_demand": law.tau_of_demand,
         "singular": ca.vertcat(found.determinant**2, SINGULAR_SQUARED * found.scale_squared),
+        "regular": ca.SX(0, 1),
         "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
     }
     return Stages([], quantities=quantities)
@@ -185,16 +188,16 @@ def _constants(entries: dict[Entry, Body], labels: dict[Node, str]) -> dict[Node
     for node in [n for n in fixed if not fixed[n]]:
         used.update((argument, None) for argument in node.arguments if fixed[argument])
     used.update((root, None) for root in roots if fixed[root])
+    kept = sorted((node for node in used if node.operation != "constant"), key=lambda node: node.order)
     names: dict[Node, str] = {}
-    number = 0
-    for node in sorted(used, key=lambda n: n.order):
-        if node.operation == "constant":
-            continue
-        if node.operation == "leaf":
-            names[node] = node.name if node.name not in names.values() else f"{node.group}_{node.name}"
-        elif node in labels and labels[node] not in names.values():
-            names[node] = labels[node]
-        else:
-            number += 1
-            names[node] = f"k{number}"
-    return names
+    taken = set(OWN_FIELDS)
+    for node in (node for node in kept if node.operation == "leaf"):
+        names[node] = free_name(node.name if node.name not in taken else f"{node.group}_{node.name}", taken)
+    numbers = (f"k{number}" for number in count(1))
+    for node in (node for node in kept if node.operation != "leaf"):
+        named = node in labels and labels[node] not in taken
+        names[node] = free_name(labels[node] if named else next(name for name in numbers if name not in taken), taken)
+    return {node: names[node] for node in kept}
+
+
+OWN_FIELDS = ("limit", "held", "on_error", "ready")  # of every law's struct

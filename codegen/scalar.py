@@ -20,6 +20,8 @@ class Scalar:
 
     def literal(self, value: float) -> str:
         """The shortest decimal that reads back as `value` in this type. Raises ModelError when it does not fit."""
+        if not np.isfinite(value):
+            raise ModelError(f"the constant {value!r} is not finite")
         if self.real == "double":
             text = repr(float(value))
         else:

@@ -149,7 +149,7 @@ def staged(law: ControlLaw) -> Stages:
         "u": back @ feedback.acceleration(loop, damping),
         "tau": feedback.inputs(loop, damping),
         "tau_of_demand": feedback.inputs(demand, ca.SX.zeros(inner.freedom)),
-        "singular": _singular(stages, Phi, W),
+        **_singular(stages, Phi, W),
         "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
     }
     stages.quantities = {name: ca.densify(quantity) for name, quantity in quantities.items()}
@@ -313,19 +313,22 @@ class _Feedback:
         return self.stages.exact(row.drift - row.Phi @ self.rest) if not self.rest.is_zero() else row.drift
 
 
-def _singular(stages: Stages, Phi: ca.SX, W: ca.SX) -> ca.SX:
-    """(det Phi)^2 and what it must exceed, both divided by (det W)^2 so that they are in w."""
+def _singular(stages: Stages, Phi: ca.SX, W: ca.SX) -> dict[str, ca.SX]:
+    """`singular`: (det Phi)^2 and what it must exceed, both divided by (det W)^2 so that they are in w.
+
+    `regular`: what must be positive for that to be possible at all.
+    """
     scale = ca.SX(SINGULAR_SQUARED)
     metric = canonical(W @ W.T)
     for k in range(Phi.shape[0]):
         scale *= stages.exact(Phi[k, :] @ metric @ Phi[k, :].T)
     square, bound = stages.exact(ca.det(Phi)) ** 2, scale / ca.det(W) ** 2
     shorter = _one_square(stages, square, bound)
-    return ca.vertcat(square, bound) if shorter is None else shorter
+    return {"singular": ca.vertcat(square, bound), "regular": ca.SX(0, 1)} if shorter is None else shorter
 
 
-def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> ca.SX | None:
-    """a x^2 > b x^2 + c y^2 as x^2 > c / (a - b) y^2, if that is what it is."""
+def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[str, ca.SX] | None:
+    """a x^2 > b x^2 + c y^2 as x^2 > c / (a - b) y^2 with a - b > 0, if that is what it is."""
     known = {symbol.element_hash() for symbol in stages.fixed}
     variables = [symbol for symbol in ca.symvar(square) if symbol.element_hash() not in known]
     others = [symbol for symbol in ca.symvar(bound) if symbol.element_hash() not in known]
@@ -338,7 +341,7 @@ def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> ca.SX | None:
     if any(not factors[i, j].is_zero() for i in range(x.numel()) for j in range(i)):
         return None
     rest = [stages.exact(-factors[k, k] / factors[0, 0]) * x[k] ** 2 for k in range(1, x.numel())]
-    return ca.vertcat(x[0] ** 2, sum(rest, start=ca.SX(0)))
+    return {"singular": ca.vertcat(x[0] ** 2, sum(rest, start=ca.SX(0))), "regular": stages.exact(factors[0, 0] / 2)}
 
 
 def _by_monomials(stages: Stages, expression: ca.SX, w: ca.SX) -> ca.SX:

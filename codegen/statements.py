@@ -1,9 +1,11 @@
 """From nodes to C statements: names, parentheses, order. What is written is what is computed, in this order."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable
+from itertools import count
 
-from .graph import Node
+from .graph import Node, free_name
 from .scalar import Scalar
 
 WIDEST = 100  # characters; a longer expression is broken into named steps
@@ -19,7 +21,12 @@ class Statements:
     """
 
     def __init__(
-        self, scalar: Scalar, given: Callable[[Node], str | None], labels: dict[Node, str], guard: Callable[[str], str] | None
+        self,
+        scalar: Scalar,
+        given: Callable[[Node], str | None],
+        labels: dict[Node, str],
+        guard: Callable[[str], str] | None,
+        taken: Iterable[str] = (),
     ):
         self.scalar = scalar
         self.given = given
@@ -29,7 +36,8 @@ class Statements:
         self.names: dict[Node, str] = {}
         self.uses: Counter[Node] = Counter()
         self.guarded: set[Node] = set()
-        self.temporaries = 0
+        self.taken = set(taken)  # names that mean something else in the function
+        self.temporaries = (f"t{number}" for number in count(1))
 
     def plan(self, roots: Iterable[Node]) -> None:
         """Count how often each node is used, so that what is used once need not have a name."""
@@ -108,18 +116,17 @@ class Statements:
         return f"{self._operand(first, binding)} {SIGN[node.operation]} {self._operand(second, binding + 1)}", binding
 
     def _guard_division(self, denominator: Node) -> None:
-        changing = {factor for factor in factors(denominator) if factor.operation != "constant"}
-        if self.guard is None or changing <= self.guarded:
+        if self.guard is None or denominator in self.guarded or denominator.operation == "constant":
             return
-        self.guarded |= changing
+        self.guarded.update(factors(denominator))
         name = self.named(denominator)
         size = name if denominator.operation == "sqrt" else f"{self.scalar.name('noslip_abs')}({name})"
         self.lines.append(self.guard(f"!({size} > 0)"))
 
     def _sincos(self, angle: Node) -> None:
         name = self.named(angle)
-        short = name.split(">")[-1].lstrip("-")
-        sine, cosine = f"sin_{short}", f"cos_{short}"
+        short = re.sub(r"\W", "_", name.split(">")[-1].lstrip("-"))
+        sine, cosine = free_name(f"sin_{short}", self.taken), free_name(f"cos_{short}", self.taken)
         self.lines.append(f"{self.scalar.real} {sine}, {cosine};")
         self.lines.append(f"{self.scalar.name('noslip_sincos')}({name}, &{sine}, &{cosine});")
         for node, text in self._pair(angle, sine, cosine):
@@ -133,16 +140,12 @@ class Statements:
         ]
 
     def _assign(self, node: Node, text: str) -> None:
-        self.names[node] = self.labels.get(node) or self._temporary()
+        own = self.labels.get(node) or next(name for name in self.temporaries if name not in self.taken)
+        self.names[node] = free_name(own, self.taken)
         self.lines.append(f"const {self.scalar.real} {self.names[node]} = {text};")
-
-    def _temporary(self) -> str:
-        self.temporaries += 1
-        return f"t{self.temporaries}"
 
 
 def factors(node: Node) -> list[Node]:
-    """The factors of a product or a root, or the node itself: none is zero where the node is not."""
-    if node.operation in ("mul", "neg", "sqrt"):
-        return [factor for argument in node.arguments for factor in factors(argument)]
-    return [node]
+    """The node and, of a product or a root, its factors: none is zero where the node is not, though it may underflow."""
+    inside = node.arguments if node.operation in ("mul", "neg", "sqrt") else ()
+    return [node, *(factor for argument in inside for factor in factors(argument))]

@@ -67,22 +67,26 @@ int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, cons
     self->k10 = t4 * t1;
     self->k11 = t4 * self->k10;
     self->k12 = self->k3 - self->k8;
-    const double t6 = t2 / (self->k3 * 2.0);
-    const double t7 = self->k9 * 2.0;
-    const double t8 = t7 * t7;
-    if (!(noslip_abs(t8) > 0)) {
+    const double t6 = self->k3 * 2.0;
+    if (!(noslip_abs(t6) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k13 = t6 * (t6 * 1e-10) * (1.0 / t8);
-    const double t9 = params->d * params->m_c;
-    const double t10 = 0.5 * (t4 * t9 - self->k7) * 2.0;
-    self->k14 = t4 * (self->k1 * t10);
-    const double t11 = self->k1 * t9 - self->k4 * t1;
-    self->k15 = t4 * (t4 * t11);
-    self->k16 = t10 * self->k9;
-    const double t12 = t4 * t4;
-    self->k17 = t12 * t11;
-    self->k18 = t12 * t1;
+    const double t7 = t2 / t6;
+    const double t8 = self->k9 * 2.0;
+    const double t9 = t8 * t8;
+    if (!(noslip_abs(t9) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k13 = t7 * (t7 * 1e-10) * (1.0 / t9);
+    const double t10 = params->d * params->m_c;
+    const double t11 = 0.5 * (t4 * t10 - self->k7) * 2.0;
+    self->k14 = t4 * (self->k1 * t11);
+    const double t12 = self->k1 * t10 - self->k4 * t1;
+    self->k15 = t4 * (t4 * t12);
+    self->k16 = t11 * self->k9;
+    const double t13 = t4 * t4;
+    self->k17 = t13 * t12;
+    self->k18 = t13 * t1;
     self->k19 = self->k2 * self->k9;
     if (!(noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&

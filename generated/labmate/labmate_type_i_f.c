@@ -67,22 +67,26 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
     self->k10 = t4 * t1;
     self->k11 = t4 * self->k10;
     self->k12 = self->k3 - self->k8;
-    const float t6 = t2 / (self->k3 * 2.0f);
-    const float t7 = self->k9 * 2.0f;
-    const float t8 = t7 * t7;
-    if (!(noslip_abs_f(t8) > 0)) {
+    const float t6 = self->k3 * 2.0f;
+    if (!(noslip_abs_f(t6) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k13 = t6 * (t6 * 1e-10f) * (1.0f / t8);
-    const float t9 = params->d * params->m_c;
-    const float t10 = 0.5f * (t4 * t9 - self->k7) * 2.0f;
-    self->k14 = t4 * (self->k1 * t10);
-    const float t11 = self->k1 * t9 - self->k4 * t1;
-    self->k15 = t4 * (t4 * t11);
-    self->k16 = t10 * self->k9;
-    const float t12 = t4 * t4;
-    self->k17 = t12 * t11;
-    self->k18 = t12 * t1;
+    const float t7 = t2 / t6;
+    const float t8 = self->k9 * 2.0f;
+    const float t9 = t8 * t8;
+    if (!(noslip_abs_f(t9) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k13 = t7 * (t7 * 1e-10f) * (1.0f / t9);
+    const float t10 = params->d * params->m_c;
+    const float t11 = 0.5f * (t4 * t10 - self->k7) * 2.0f;
+    self->k14 = t4 * (self->k1 * t11);
+    const float t12 = self->k1 * t10 - self->k4 * t1;
+    self->k15 = t4 * (t4 * t12);
+    self->k16 = t11 * self->k9;
+    const float t13 = t4 * t4;
+    self->k17 = t13 * t12;
+    self->k18 = t13 * t1;
     self->k19 = self->k2 * self->k9;
     if (!(noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&

@@ -64,16 +64,20 @@ int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params, co
     self->k9 = self->Phi_21 * self->k2;
     self->k10 = self->Phi_21 * self->k9;
     self->k11 = t3 - self->k7;
-    const double t5 = t2 / (t3 * 2.0);
-    const double t6 = self->k8 * 2.0;
-    const double t7 = t6 * t6;
-    if (!(noslip_abs(t7) > 0)) {
+    const double t5 = t3 * 2.0;
+    if (!(noslip_abs(t5) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = t5 * (t5 * 1e-10) * (1.0 / t7);
-    const double t8 = params->d * params->m_c;
-    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t8 * 0.5 * 2.0));
-    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t8));
+    const double t6 = t2 / t5;
+    const double t7 = self->k8 * 2.0;
+    const double t8 = t7 * t7;
+    if (!(noslip_abs(t8) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k12 = t6 * (t6 * 1e-10) * (1.0 / t8);
+    const double t9 = params->d * params->m_c;
+    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t9 * 0.5 * 2.0));
+    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t9));
     self->k15 = self->k1 * gains->kd_x_l;
     self->k16 = self->k1 * (self->k3 * gains->kd_x_l);
     if (!(noslip_is_finite(self->k1) &&

@@ -64,16 +64,20 @@ int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_params_f *para
     self->k9 = self->Phi_21 * self->k2;
     self->k10 = self->Phi_21 * self->k9;
     self->k11 = t3 - self->k7;
-    const float t5 = t2 / (t3 * 2.0f);
-    const float t6 = self->k8 * 2.0f;
-    const float t7 = t6 * t6;
-    if (!(noslip_abs_f(t7) > 0)) {
+    const float t5 = t3 * 2.0f;
+    if (!(noslip_abs_f(t5) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = t5 * (t5 * 1e-10f) * (1.0f / t7);
-    const float t8 = params->d * params->m_c;
-    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t8 * 0.5f * 2.0f));
-    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t8));
+    const float t6 = t2 / t5;
+    const float t7 = self->k8 * 2.0f;
+    const float t8 = t7 * t7;
+    if (!(noslip_abs_f(t8) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k12 = t6 * (t6 * 1e-10f) * (1.0f / t8);
+    const float t9 = params->d * params->m_c;
+    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t9 * 0.5f * 2.0f));
+    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t9));
     self->k15 = self->k1 * gains->kd_x_l;
     self->k16 = self->k1 * (self->k3 * gains->kd_x_l);
     if (!(noslip_is_finite_f(self->k1) &&

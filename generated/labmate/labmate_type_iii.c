@@ -63,16 +63,20 @@ int labmate_type_iii_init(labmate_type_iii *self, const labmate_params *params, 
     self->k9 = self->Phi_21 * self->k2;
     self->k10 = self->Phi_21 * self->k9;
     self->k11 = self->k3 - self->k2 * self->k2;
-    const double t4 = t2 / (self->k3 * 2.0);
-    const double t5 = self->k8 * 2.0;
-    const double t6 = t5 * t5;
-    if (!(noslip_abs(t6) > 0)) {
+    const double t4 = self->k3 * 2.0;
+    if (!(noslip_abs(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = t4 * (t4 * 1e-10) * (1.0 / t6);
-    const double t7 = params->d * params->m_c;
-    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t7 * 0.5 * 2.0));
-    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t7));
+    const double t5 = t2 / t4;
+    const double t6 = self->k8 * 2.0;
+    const double t7 = t6 * t6;
+    if (!(noslip_abs(t7) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k12 = t5 * (t5 * 1e-10) * (1.0 / t7);
+    const double t8 = params->d * params->m_c;
+    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t8 * 0.5 * 2.0));
+    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t8));
     self->k15 = self->k1 * gains->kd_y_l;
     self->k16 = self->k1 * (self->k4 * gains->kd_y_l);
     if (!(noslip_is_finite(self->k1) &&

@@ -63,16 +63,20 @@ int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *pa
     self->k9 = self->Phi_21 * self->k2;
     self->k10 = self->Phi_21 * self->k9;
     self->k11 = self->k3 - self->k2 * self->k2;
-    const float t4 = t2 / (self->k3 * 2.0f);
-    const float t5 = self->k8 * 2.0f;
-    const float t6 = t5 * t5;
-    if (!(noslip_abs_f(t6) > 0)) {
+    const float t4 = self->k3 * 2.0f;
+    if (!(noslip_abs_f(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = t4 * (t4 * 1e-10f) * (1.0f / t6);
-    const float t7 = params->d * params->m_c;
-    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t7 * 0.5f * 2.0f));
-    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t7));
+    const float t5 = t2 / t4;
+    const float t6 = self->k8 * 2.0f;
+    const float t7 = t6 * t6;
+    if (!(noslip_abs_f(t7) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k12 = t5 * (t5 * 1e-10f) * (1.0f / t7);
+    const float t8 = params->d * params->m_c;
+    self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t8 * 0.5f * 2.0f));
+    self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t8));
     self->k15 = self->k1 * gains->kd_y_l;
     self->k16 = self->k1 * (self->k4 * gains->kd_y_l);
     if (!(noslip_is_finite_f(self->k1) &&

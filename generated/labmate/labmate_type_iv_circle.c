@@ -68,25 +68,37 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
         2.0 + t3 * (params->d * params->d * params->m_c);
     self->k6 = self->k2 * (self->k1 * (t5 / t3));
     const double t6 = t3 * 0.5;
-    const double t7 = t3 / (t4 * 2.0);
-    const double t8 = t2 * t2;
-    const double t9 = t6 * (t7 * (t8 * t4)) * 7737125245533627.0 - t8 * (t3 * t3) * 1.9342813113834067e+25;
-    if (!(noslip_abs(t9) > 0)) {
+    const double t7 = t4 * 2.0;
+    if (!(noslip_abs(t7) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k7 = t6 * (t7 * (t4 * t4)) * 7737125245533627.0 / t9;
+    const double t8 = t3 / t7;
+    const double t9 = t2 * t2;
+    const double t10 = t3 * t3;
+    const double t11 = t6 * (t8 * (t9 * t4)) * 7737125245533627.0 - t9 * t10 * 1.9342813113834067e+25;
+    if (!(noslip_abs(t11) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k7 = t6 * (t8 * (t4 * t4)) * 7737125245533627.0 / t11;
     self->k8 = self->k1 * t2;
     self->k9 = self->Phi_21 * self->Phi_21;
-    const double t10 = self->k1 * self->k1;
-    self->k10 = t8 * t10;
-    self->k11 = t10 * t2;
-    const double t11 = params->d * params->m_c;
-    const double t12 = 0.5 * (self->k1 * t11 - self->k6) * 2.0;
-    self->k12 = self->k1 * (self->Phi_21 * t12);
-    self->k13 = t10 * (self->Phi_21 * t11 - self->k3 * t2);
-    const double t13 = self->Phi_21 * self->k1;
-    self->k14 = t12 * t13;
-    self->k15 = self->k2 * t13;
+    const double t12 = self->k1 * self->k1;
+    self->k10 = t9 * t12;
+    self->k11 = t12 * t2;
+    const double t13 = params->d * params->m_c;
+    const double t14 = 0.5 * (self->k1 * t13 - self->k6) * 2.0;
+    self->k12 = self->k1 * (self->Phi_21 * t14);
+    self->k13 = t12 * (self->Phi_21 * t13 - self->k3 * t2);
+    const double t15 = self->Phi_21 * self->k1;
+    self->k14 = t14 * t15;
+    self->k15 = self->k2 * t15;
+    const double t16 = t10 * 1.9342813113834067e+25;
+    if (!(noslip_abs(t16) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    if (!(-(t11 / t16) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
     if (!(noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&

@@ -68,25 +68,37 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
         2.0f;
     self->k6 = self->k2 * (self->k1 * ((t5 + t3 * (params->d * params->d * params->m_c)) / t3));
     const float t6 = t3 * 0.5f;
-    const float t7 = t3 / (t4 * 2.0f);
-    const float t8 = t2 * t2;
-    const float t9 = t6 * (t7 * (t8 * t4)) * 7.7371253e+15f - t8 * (t3 * t3) * 1.9342813e+25f;
-    if (!(noslip_abs_f(t9) > 0)) {
+    const float t7 = t4 * 2.0f;
+    if (!(noslip_abs_f(t7) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k7 = t6 * (t7 * (t4 * t4)) * 7.7371253e+15f / t9;
+    const float t8 = t3 / t7;
+    const float t9 = t2 * t2;
+    const float t10 = t3 * t3;
+    const float t11 = t6 * (t8 * (t9 * t4)) * 7.7371253e+15f - t9 * t10 * 1.9342813e+25f;
+    if (!(noslip_abs_f(t11) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k7 = t6 * (t8 * (t4 * t4)) * 7.7371253e+15f / t11;
     self->k8 = self->k1 * t2;
     self->k9 = self->Phi_21 * self->Phi_21;
-    const float t10 = self->k1 * self->k1;
-    self->k10 = t8 * t10;
-    self->k11 = t10 * t2;
-    const float t11 = params->d * params->m_c;
-    const float t12 = 0.5f * (self->k1 * t11 - self->k6) * 2.0f;
-    self->k12 = self->k1 * (self->Phi_21 * t12);
-    self->k13 = t10 * (self->Phi_21 * t11 - self->k3 * t2);
-    const float t13 = self->Phi_21 * self->k1;
-    self->k14 = t12 * t13;
-    self->k15 = self->k2 * t13;
+    const float t12 = self->k1 * self->k1;
+    self->k10 = t9 * t12;
+    self->k11 = t12 * t2;
+    const float t13 = params->d * params->m_c;
+    const float t14 = 0.5f * (self->k1 * t13 - self->k6) * 2.0f;
+    self->k12 = self->k1 * (self->Phi_21 * t14);
+    self->k13 = t12 * (self->Phi_21 * t13 - self->k3 * t2);
+    const float t15 = self->Phi_21 * self->k1;
+    self->k14 = t14 * t15;
+    self->k15 = self->k2 * t15;
+    const float t16 = t10 * 1.9342813e+25f;
+    if (!(noslip_abs_f(t16) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    if (!(-(t11 / t16) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&

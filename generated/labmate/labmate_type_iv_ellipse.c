@@ -66,48 +66,88 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
     self->k8 = 8.0 / t3;
     self->k9 = 8.0 / t5;
     const double t6 = t2 * config->a;
-    self->k10 = 8.0 / (t6 * t6);
-    self->k11 = 16.0 / (t3 * t3);
-    self->k12 = 16.0 / (t3 * t5);
-    self->k13 = 8.0 / (t2 * t5);
-    const double t7 = t4 * config->b;
-    self->k14 = 8.0 / (t7 * t7);
-    self->k15 = 16.0 / (t5 * t5);
-    self->k16 = 8.0 / (t3 * t4);
-    const double t8 = params->d + config->L;
+    const double t7 = t6 * t6;
+    if (!(noslip_abs(t7) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k10 = 8.0 / t7;
+    const double t8 = t3 * t3;
     if (!(noslip_abs(t8) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k17 = 1.0 / t8;
-    const double t9 = params->r * params->r;
+    self->k11 = 16.0 / t8;
+    const double t9 = t3 * t5;
     if (!(noslip_abs(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k18 = self->Phi_21 * ((params->I_w * 2.0 + t9 * params->m_c + t9 * params->m_w * 2.0) / t9);
-    self->k19 = 1.0 / params->r;
-    self->k20 = params->b / params->r;
-    const double t10 = params->b * params->b;
-    const double t11 = t9 * params->I_c + t9 * params->I_m * 2.0 + t10 * params->I_w * 2.0 + t9 * (t10 * params->m_w) *
-        2.0 + t9 * (params->d * params->d * params->m_c);
-    self->k21 = self->k17 * (self->k1 * (t11 / t9));
-    const double t12 = t9 * 0.5;
-    const double t13 = t9 / (t10 * 2.0);
-    const double t14 = t8 * t8;
-    const double t15 = t12 * (t13 * (t10 * t14)) * 7737125245533627.0 - t14 * (t9 * t9) * 1.9342813113834067e+25;
+    self->k12 = 16.0 / t9;
+    const double t10 = t2 * t5;
+    if (!(noslip_abs(t10) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k13 = 8.0 / t10;
+    const double t11 = t4 * config->b;
+    const double t12 = t11 * t11;
+    if (!(noslip_abs(t12) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k14 = 8.0 / t12;
+    const double t13 = t5 * t5;
+    if (!(noslip_abs(t13) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k15 = 16.0 / t13;
+    const double t14 = t3 * t4;
+    if (!(noslip_abs(t14) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k16 = 8.0 / t14;
+    const double t15 = params->d + config->L;
     if (!(noslip_abs(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k22 = t12 * (t13 * (t10 * t10)) * 7737125245533627.0 / t15;
-    self->k23 = self->k1 * t8;
-    const double t16 = self->k1 * self->k1;
-    self->k24 = t16 * t8;
-    const double t17 = params->d * params->m_c;
-    const double t18 = 0.5 * (self->k1 * t17 - self->k21) * 2.0;
-    self->k25 = self->k1 * (self->Phi_21 * t18);
-    self->k26 = t16 * (self->Phi_21 * t17 - self->k18 * t8);
-    const double t19 = self->Phi_21 * self->k1;
-    self->k27 = t18 * t19;
-    self->k28 = self->k17 * t19;
+    self->k17 = 1.0 / t15;
+    const double t16 = params->r * params->r;
+    if (!(noslip_abs(t16) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k18 = self->Phi_21 * ((params->I_w * 2.0 + t16 * params->m_c + t16 * params->m_w * 2.0) / t16);
+    self->k19 = 1.0 / params->r;
+    self->k20 = params->b / params->r;
+    const double t17 = params->b * params->b;
+    const double t18 = t16 * params->I_c + t16 * params->I_m * 2.0 + t17 * params->I_w * 2.0 + t16 * (t17 *
+        params->m_w) * 2.0;
+    self->k21 = self->k17 * (self->k1 * ((t18 + t16 * (params->d * params->d * params->m_c)) / t16));
+    const double t19 = t16 * 0.5;
+    const double t20 = t17 * 2.0;
+    if (!(noslip_abs(t20) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t21 = t16 / t20;
+    const double t22 = t15 * t15;
+    const double t23 = t16 * t16;
+    const double t24 = t19 * (t21 * (t17 * t22)) * 7737125245533627.0 - t22 * t23 * 1.9342813113834067e+25;
+    if (!(noslip_abs(t24) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k22 = t19 * (t21 * (t17 * t17)) * 7737125245533627.0 / t24;
+    self->k23 = self->k1 * t15;
+    const double t25 = self->k1 * self->k1;
+    self->k24 = t25 * t15;
+    const double t26 = params->d * params->m_c;
+    const double t27 = 0.5 * (self->k1 * t26 - self->k21) * 2.0;
+    self->k25 = self->k1 * (self->Phi_21 * t27);
+    self->k26 = t25 * (self->Phi_21 * t26 - self->k18 * t15);
+    const double t28 = self->Phi_21 * self->k1;
+    self->k27 = t27 * t28;
+    self->k28 = self->k17 * t28;
+    const double t29 = t23 * 1.9342813113834067e+25;
+    if (!(noslip_abs(t29) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    if (!(-(t24 / t29) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
     if (!(noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&

@@ -66,48 +66,88 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     self->k8 = 8.0f / t3;
     self->k9 = 8.0f / t5;
     const float t6 = t2 * config->a;
-    self->k10 = 8.0f / (t6 * t6);
-    self->k11 = 16.0f / (t3 * t3);
-    self->k12 = 16.0f / (t3 * t5);
-    self->k13 = 8.0f / (t2 * t5);
-    const float t7 = t4 * config->b;
-    self->k14 = 8.0f / (t7 * t7);
-    self->k15 = 16.0f / (t5 * t5);
-    self->k16 = 8.0f / (t3 * t4);
-    const float t8 = params->d + config->L;
+    const float t7 = t6 * t6;
+    if (!(noslip_abs_f(t7) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k10 = 8.0f / t7;
+    const float t8 = t3 * t3;
     if (!(noslip_abs_f(t8) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k17 = 1.0f / t8;
-    const float t9 = params->r * params->r;
+    self->k11 = 16.0f / t8;
+    const float t9 = t3 * t5;
     if (!(noslip_abs_f(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k18 = self->Phi_21 * ((params->I_w * 2.0f + t9 * params->m_c + t9 * params->m_w * 2.0f) / t9);
-    self->k19 = 1.0f / params->r;
-    self->k20 = params->b / params->r;
-    const float t10 = params->b * params->b;
-    const float t11 = t9 * params->I_c + t9 * params->I_m * 2.0f + t10 * params->I_w * 2.0f + t9 * (t10 * params->m_w) *
-        2.0f;
-    self->k21 = self->k17 * (self->k1 * ((t11 + t9 * (params->d * params->d * params->m_c)) / t9));
-    const float t12 = t9 * 0.5f;
-    const float t13 = t9 / (t10 * 2.0f);
-    const float t14 = t8 * t8;
-    const float t15 = t12 * (t13 * (t10 * t14)) * 7.7371253e+15f - t14 * (t9 * t9) * 1.9342813e+25f;
+    self->k12 = 16.0f / t9;
+    const float t10 = t2 * t5;
+    if (!(noslip_abs_f(t10) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k13 = 8.0f / t10;
+    const float t11 = t4 * config->b;
+    const float t12 = t11 * t11;
+    if (!(noslip_abs_f(t12) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k14 = 8.0f / t12;
+    const float t13 = t5 * t5;
+    if (!(noslip_abs_f(t13) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k15 = 16.0f / t13;
+    const float t14 = t3 * t4;
+    if (!(noslip_abs_f(t14) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k16 = 8.0f / t14;
+    const float t15 = params->d + config->L;
     if (!(noslip_abs_f(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k22 = t12 * (t13 * (t10 * t10)) * 7.7371253e+15f / t15;
-    self->k23 = self->k1 * t8;
-    const float t16 = self->k1 * self->k1;
-    self->k24 = t16 * t8;
-    const float t17 = params->d * params->m_c;
-    const float t18 = 0.5f * (self->k1 * t17 - self->k21) * 2.0f;
-    self->k25 = self->k1 * (self->Phi_21 * t18);
-    self->k26 = t16 * (self->Phi_21 * t17 - self->k18 * t8);
-    const float t19 = self->Phi_21 * self->k1;
-    self->k27 = t18 * t19;
-    self->k28 = self->k17 * t19;
+    self->k17 = 1.0f / t15;
+    const float t16 = params->r * params->r;
+    if (!(noslip_abs_f(t16) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k18 = self->Phi_21 * ((params->I_w * 2.0f + t16 * params->m_c + t16 * params->m_w * 2.0f) / t16);
+    self->k19 = 1.0f / params->r;
+    self->k20 = params->b / params->r;
+    const float t17 = params->b * params->b;
+    const float t18 = t16 * params->I_c + t16 * params->I_m * 2.0f + t17 * params->I_w * 2.0f + t16 * (t17 *
+        params->m_w) * 2.0f;
+    self->k21 = self->k17 * (self->k1 * ((t18 + t16 * (params->d * params->d * params->m_c)) / t16));
+    const float t19 = t16 * 0.5f;
+    const float t20 = t17 * 2.0f;
+    if (!(noslip_abs_f(t20) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const float t21 = t16 / t20;
+    const float t22 = t15 * t15;
+    const float t23 = t16 * t16;
+    const float t24 = t19 * (t21 * (t17 * t22)) * 7.7371253e+15f - t22 * t23 * 1.9342813e+25f;
+    if (!(noslip_abs_f(t24) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k22 = t19 * (t21 * (t17 * t17)) * 7.7371253e+15f / t24;
+    self->k23 = self->k1 * t15;
+    const float t25 = self->k1 * self->k1;
+    self->k24 = t25 * t15;
+    const float t26 = params->d * params->m_c;
+    const float t27 = 0.5f * (self->k1 * t26 - self->k21) * 2.0f;
+    self->k25 = self->k1 * (self->Phi_21 * t27);
+    self->k26 = t25 * (self->Phi_21 * t26 - self->k18 * t15);
+    const float t28 = self->Phi_21 * self->k1;
+    self->k27 = t27 * t28;
+    self->k28 = self->k17 * t28;
+    const float t29 = t23 * 1.9342813e+25f;
+    if (!(noslip_abs_f(t29) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    if (!(-(t24 / t29) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&

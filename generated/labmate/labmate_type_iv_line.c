@@ -29,9 +29,6 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
         !(noslip_is_finite(gains->kv_speed) && gains->kv_speed >= 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    if (!(config->A * config->A + config->B * config->B > 0)) {
-        return NOSLIP_BAD_PARAMETER;
-    }
     status = labmate_type_iv_line_reset(self);
     if (options != NULL && (!noslip_limits_ok(options->limit, 2) ||
         (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
@@ -40,61 +37,77 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     self->limit[0] = noslip_limit(options != NULL ? options->limit[0] : 0);
     self->limit[1] = noslip_limit(options != NULL ? options->limit[1] : 0);
     self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
+    const double t1 = config->A * config->A + config->B * config->B;
+    if (!(t1 > 0)) {
+        return NOSLIP_BAD_PARAMETER;
+    }
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
     self->kv_speed = gains->kv_speed;
     self->Phi_21 = params->r * 0.5;
-    const double t1 = noslip_sqrt(config->A * config->A + config->B * config->B);
-    if (!(t1 > 0)) {
+    const double t2 = noslip_sqrt(t1);
+    if (!(t2 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k1 = config->A / t1;
-    self->k2 = config->B / t1;
-    self->k3 = config->C / t1;
-    const double t2 = params->d + config->L;
-    if (!(noslip_abs(t2) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k4 = 1.0 / t2;
-    const double t3 = params->r * params->r;
+    self->k1 = config->A / t2;
+    self->k2 = config->B / t2;
+    self->k3 = config->C / t2;
+    const double t3 = params->d + config->L;
     if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k5 = self->Phi_21 * ((params->I_w * 2.0 + t3 * params->m_c + t3 * params->m_w * 2.0) / t3);
-    self->k6 = 1.0 / params->r;
-    self->k7 = params->b / params->r;
-    const double t4 = params->b * 2.0;
+    self->k4 = 1.0 / t3;
+    const double t4 = params->r * params->r;
     if (!(noslip_abs(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t5 = params->r / t4;
-    const double t6 = params->b * params->b;
-    const double t7 = t3 * params->I_c + t3 * params->I_m * 2.0 + t6 * params->I_w * 2.0 + t3 * (t6 * params->m_w) *
-        2.0 + t3 * (params->d * params->d * params->m_c);
-    const double t8 = t5 * (t7 / t3);
-    self->k8 = self->k4 * t8;
-    const double t9 = t3 * 0.5;
-    const double t10 = t3 / (t6 * 2.0);
-    const double t11 = t2 * t2;
-    const double t12 = t9 * (t10 * (t6 * t11)) * 7737125245533627.0 - t11 * (t3 * t3) * 1.9342813113834067e+25;
-    if (!(noslip_abs(t12) > 0)) {
+    self->k5 = self->Phi_21 * ((params->I_w * 2.0 + t4 * params->m_c + t4 * params->m_w * 2.0) / t4);
+    self->k6 = 1.0 / params->r;
+    self->k7 = params->b / params->r;
+    const double t5 = params->b * 2.0;
+    if (!(noslip_abs(t5) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k9 = t9 * (t10 * (t6 * t6)) * 7737125245533627.0 / t12;
-    self->k10 = t5 * t2;
-    self->k11 = self->Phi_21 * t5;
-    self->k12 = t5 * self->k10;
-    const double t13 = t5 * t5;
-    self->k13 = t13 * t2;
-    const double t14 = params->d * params->m_c;
-    const double t15 = 0.5 * (t5 * t14 - self->k8) * 2.0;
-    self->k14 = t5 * (self->Phi_21 * t15);
-    self->k15 = t13 * (self->Phi_21 * t14 - self->k5 * t2);
-    self->k16 = t15 * self->k11;
+    const double t6 = params->r / t5;
+    const double t7 = params->b * params->b;
+    const double t8 = t4 * params->I_c + t4 * params->I_m * 2.0 + t7 * params->I_w * 2.0 + t4 * (t7 * params->m_w) *
+        2.0 + t4 * (params->d * params->d * params->m_c);
+    const double t9 = t6 * (t8 / t4);
+    self->k8 = self->k4 * t9;
+    const double t10 = t4 * 0.5;
+    const double t11 = t7 * 2.0;
+    if (!(noslip_abs(t11) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t12 = t4 / t11;
+    const double t13 = t3 * t3;
+    const double t14 = t4 * t4;
+    const double t15 = t10 * (t12 * (t7 * t13)) * 7737125245533627.0 - t13 * t14 * 1.9342813113834067e+25;
+    if (!(noslip_abs(t15) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k9 = t10 * (t12 * (t7 * t7)) * 7737125245533627.0 / t15;
+    self->k10 = t6 * t3;
+    self->k11 = self->Phi_21 * t6;
+    self->k12 = t6 * self->k10;
+    const double t16 = t6 * t6;
+    self->k13 = t16 * t3;
+    const double t17 = params->d * params->m_c;
+    const double t18 = 0.5 * (t6 * t17 - self->k8) * 2.0;
+    self->k14 = t6 * (self->Phi_21 * t18);
+    self->k15 = t16 * (self->Phi_21 * t17 - self->k5 * t3);
+    self->k16 = t18 * self->k11;
     self->k17 = self->k4 * self->k11;
-    self->k18 = t5 * gains->kd_distance;
-    self->k19 = t5 * (t8 * gains->kd_distance);
+    self->k18 = t6 * gains->kd_distance;
+    self->k19 = t6 * (t9 * gains->kd_distance);
+    const double t19 = t14 * 1.9342813113834067e+25;
+    if (!(noslip_abs(t19) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    if (!(-(t15 / t19) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
     if (!(noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&

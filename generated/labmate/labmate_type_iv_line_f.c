@@ -30,9 +30,6 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
         !(noslip_is_finite_f(gains->kv_speed) && gains->kv_speed >= 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    if (!(config->A * config->A + config->B * config->B > 0)) {
-        return NOSLIP_BAD_PARAMETER;
-    }
     status = labmate_type_iv_line_reset_f(self);
     if (options != NULL && (!noslip_limits_ok_f(options->limit, 2) ||
         (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
@@ -41,61 +38,77 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
     self->limit[0] = noslip_limit_f(options != NULL ? options->limit[0] : 0);
     self->limit[1] = noslip_limit_f(options != NULL ? options->limit[1] : 0);
     self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
+    const float t1 = config->A * config->A + config->B * config->B;
+    if (!(t1 > 0)) {
+        return NOSLIP_BAD_PARAMETER;
+    }
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
     self->kv_speed = gains->kv_speed;
     self->Phi_21 = params->r * 0.5f;
-    const float t1 = noslip_sqrt_f(config->A * config->A + config->B * config->B);
-    if (!(t1 > 0)) {
+    const float t2 = noslip_sqrt_f(t1);
+    if (!(t2 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k1 = config->A / t1;
-    self->k2 = config->B / t1;
-    self->k3 = config->C / t1;
-    const float t2 = params->d + config->L;
-    if (!(noslip_abs_f(t2) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k4 = 1.0f / t2;
-    const float t3 = params->r * params->r;
+    self->k1 = config->A / t2;
+    self->k2 = config->B / t2;
+    self->k3 = config->C / t2;
+    const float t3 = params->d + config->L;
     if (!(noslip_abs_f(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k5 = self->Phi_21 * ((params->I_w * 2.0f + t3 * params->m_c + t3 * params->m_w * 2.0f) / t3);
-    self->k6 = 1.0f / params->r;
-    self->k7 = params->b / params->r;
-    const float t4 = params->b * 2.0f;
+    self->k4 = 1.0f / t3;
+    const float t4 = params->r * params->r;
     if (!(noslip_abs_f(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t5 = params->r / t4;
-    const float t6 = params->b * params->b;
-    const float t7 = t3 * params->I_c + t3 * params->I_m * 2.0f + t6 * params->I_w * 2.0f + t3 * (t6 * params->m_w) *
-        2.0f;
-    const float t8 = t5 * ((t7 + t3 * (params->d * params->d * params->m_c)) / t3);
-    self->k8 = self->k4 * t8;
-    const float t9 = t3 * 0.5f;
-    const float t10 = t3 / (t6 * 2.0f);
-    const float t11 = t2 * t2;
-    const float t12 = t9 * (t10 * (t6 * t11)) * 7.7371253e+15f - t11 * (t3 * t3) * 1.9342813e+25f;
-    if (!(noslip_abs_f(t12) > 0)) {
+    self->k5 = self->Phi_21 * ((params->I_w * 2.0f + t4 * params->m_c + t4 * params->m_w * 2.0f) / t4);
+    self->k6 = 1.0f / params->r;
+    self->k7 = params->b / params->r;
+    const float t5 = params->b * 2.0f;
+    if (!(noslip_abs_f(t5) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k9 = t9 * (t10 * (t6 * t6)) * 7.7371253e+15f / t12;
-    self->k10 = t5 * t2;
-    self->k11 = self->Phi_21 * t5;
-    self->k12 = t5 * self->k10;
-    const float t13 = t5 * t5;
-    self->k13 = t13 * t2;
-    const float t14 = params->d * params->m_c;
-    const float t15 = 0.5f * (t5 * t14 - self->k8) * 2.0f;
-    self->k14 = t5 * (self->Phi_21 * t15);
-    self->k15 = t13 * (self->Phi_21 * t14 - self->k5 * t2);
-    self->k16 = t15 * self->k11;
+    const float t6 = params->r / t5;
+    const float t7 = params->b * params->b;
+    const float t8 = t4 * params->I_c + t4 * params->I_m * 2.0f + t7 * params->I_w * 2.0f + t4 * (t7 * params->m_w) *
+        2.0f;
+    const float t9 = t6 * ((t8 + t4 * (params->d * params->d * params->m_c)) / t4);
+    self->k8 = self->k4 * t9;
+    const float t10 = t4 * 0.5f;
+    const float t11 = t7 * 2.0f;
+    if (!(noslip_abs_f(t11) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const float t12 = t4 / t11;
+    const float t13 = t3 * t3;
+    const float t14 = t4 * t4;
+    const float t15 = t10 * (t12 * (t7 * t13)) * 7.7371253e+15f - t13 * t14 * 1.9342813e+25f;
+    if (!(noslip_abs_f(t15) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k9 = t10 * (t12 * (t7 * t7)) * 7.7371253e+15f / t15;
+    self->k10 = t6 * t3;
+    self->k11 = self->Phi_21 * t6;
+    self->k12 = t6 * self->k10;
+    const float t16 = t6 * t6;
+    self->k13 = t16 * t3;
+    const float t17 = params->d * params->m_c;
+    const float t18 = 0.5f * (t6 * t17 - self->k8) * 2.0f;
+    self->k14 = t6 * (self->Phi_21 * t18);
+    self->k15 = t16 * (self->Phi_21 * t17 - self->k5 * t3);
+    self->k16 = t18 * self->k11;
     self->k17 = self->k4 * self->k11;
-    self->k18 = t5 * gains->kd_distance;
-    self->k19 = t5 * (t8 * gains->kd_distance);
+    self->k18 = t6 * gains->kd_distance;
+    self->k19 = t6 * (t9 * gains->kd_distance);
+    const float t19 = t14 * 1.9342813e+25f;
+    if (!(noslip_abs_f(t19) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    if (!(-(t15 / t19) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
     if (!(noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&

@@ -19,7 +19,8 @@
 #include "law_digest_line.h"
 #include "law_names.h"
 
-#define STATES_A_ROBOT 50 /* then other parameters */
+#define STATES_A_ROBOT 50        /* then other parameters */
+#define STATES_A_LOOK_AT_PARTS 4 /* of these one goes through the functions of single quantities too */
 
 typedef struct {
     uint64_t hash;
