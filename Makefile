@@ -55,11 +55,14 @@ test: $(READY)
 bench: $(READY)
 	$(VENV)/bin/python bench/run.py
 
+bits: $(READY)
+	$(VENV)/bin/python tests/test_bits.py
+
 # Every float in range against a higher precision (about a minute on two cores), and a dense sample of doubles.
 trig-sweep:
 	@mkdir -p build
 	$(CC) -std=c99 -O2 -ffp-contract=off -fno-math-errno -Iruntime_c tests/c/trig_sweep.c -lm -o build/trig_sweep
-	build/trig_sweep float
+	build/trig_sweep float 1 0 2 & other=$$!; build/trig_sweep float 1 1 2 && wait $$other
 	build/trig_sweep double 100000000 1992
 
 clean:

@@ -29,7 +29,6 @@ STRICT = (
     "-Wundef -Wcast-qual -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror"
 ).split()
 SCALARS = {"double": "", "float": "_f"}
-STATES = 20_000
 
 compilers = pytest.mark.parametrize("cc", ["gcc", "clang"])
 each_level = pytest.mark.parametrize("level", LEVELS)
@@ -165,54 +164,15 @@ def test_trig_and_roots(trig_sweep, mode):
     assert result.returncode == 0, result.stdout
 
 
-# -- the same bits everywhere ----------------------------------------------------------------------------------------------
-
-
-def driver(kind: str, folder: Path, laws: list[str], n: int) -> str:
-    """A program that runs law_KIND.inc for each law in both scalars; answers the name of its source."""
-    parts, calls = [f'#include "law_{kind}.h"\n#define ROBOT labmate\n'], []
-    for law in laws:
-        for real, suffix in SCALARS.items():
-            name = f"labmate_{law}{suffix}"
-            parts.append(f'#include "{name}.h"\n#define LAW labmate_{law}\n#define SUFFIX {suffix}\n#define REAL {real}\n')
-            parts.append(f'#include "law_{kind}.inc"\n#undef LAW\n#undef SUFFIX\n#undef REAL\n')
-            calls.append(f'    run_{name}({n}, "{name}");\n')
-    source = folder / f"{kind}_{'_'.join(laws)}.c"
-    source.write_text("".join(parts) + "int main(void)\n{\n" + "".join(calls) + "    return 0;\n}\n")
-    return str(source)
-
-
-def digests(cc: str, flags: list[str], folder: Path, sources_only: list[str] | None = None) -> str:
-    """What all laws answer over seeded states, and the digest of the runtime's functions.
-
-    The package's own files are compiled strictly, with `sources_only` too.
-    """
-    made = objects(cc, [*flags, *STRICT, *(sources_only or [])], folder)
-    made += objects(cc, flags, folder, [driver("digest", folder, list(OUTPUTS), STATES)])
-    run([cc, *made, "-o", str(folder / "digest")])
-    run([cc, *FLAGS, *flags, *INCLUDE, str(DRIVERS / "trig_sweep.c"), "-lm", "-o", str(folder / "trig")])
-    return run([str(folder / "digest")]) + run([str(folder / "trig"), "digest", "200000", "5"])
-
-
-@pytest.fixture(scope="module")
-def expected_digests(tmp_path_factory) -> str:
-    made = digests("gcc", ["-O2"], tmp_path_factory.mktemp("digest"))
-    assert len(set(made.split())) == 2 * 2 * len(OUTPUTS) + 1  # all different
-    return made
+# -- warnings ------------------------------------------------------------------------------------------------------------
 
 
 @compilers
 @each_level
-def test_no_warnings_and_the_same_bits(cc, level, expected_digests, tmp_path):
+def test_no_warnings(cc, level, tmp_path):
+    """At every level; test_bits.py sees to it that all give the same bits."""
     more = ["-fanalyzer", "-Wstack-usage=256"] if (cc, level) == ("gcc", "-O2") else []
-    assert digests(cc, [level], tmp_path, more) == expected_digests
-
-
-@compilers
-@pytest.mark.parametrize("flags", [["-O2", "-DNOSLIP_SOFT_SQRT"], ["-O3", "-march=native"]])
-def test_the_same_bits_whatever_the_machine_has(cc, flags, expected_digests, tmp_path):
-    """Square roots in integers; vector and fused instructions at the compiler's disposal."""
-    assert digests(cc, flags, tmp_path) == expected_digests
+    objects(cc, [level, *STRICT, *more], tmp_path)
 
 
 # -- one program with everything, seen from here --------------------------------------------------------------------------
@@ -691,9 +651,23 @@ def sanitizers(tmp_path_factory) -> list[str]:
     return [checks, "-fno-sanitize-recover=all"]
 
 
+def fuzz_driver(folder: Path, n: int) -> str:
+    """A program that puts random bit patterns through each law in both scalars; answers the name of its source."""
+    parts, calls = ['#include "law_fuzz.h"\n#define ROBOT labmate\n'], []
+    for law in OUTPUTS:
+        for real, suffix in SCALARS.items():
+            name = f"labmate_{law}{suffix}"
+            parts.append(f'#include "{name}.h"\n#define LAW labmate_{law}\n#define SUFFIX {suffix}\n#define REAL {real}\n')
+            parts.append('#include "law_fuzz.inc"\n#undef LAW\n#undef SUFFIX\n#undef REAL\n')
+            calls.append(f'    run_{name}({n}, "{name}");\n')
+    source = folder / "fuzz.c"
+    source.write_text("".join(parts) + "int main(void)\n{\n" + "".join(calls) + "    return 0;\n}\n")
+    return str(source)
+
+
 def test_random_input(sanitizers, tmp_path):
     """Random bits, special and ordinary numbers: 20 000 steps for every law and scalar."""
-    made = objects("gcc", ["-O1", "-g", *sanitizers], tmp_path, [*SOURCES, driver("fuzz", tmp_path, list(OUTPUTS), 20_000)])
+    made = objects("gcc", ["-O1", "-g", *sanitizers], tmp_path, [*SOURCES, fuzz_driver(tmp_path, 20_000)])
     run(["gcc", *sanitizers, *made, "-lm", "-o", str(tmp_path / "fuzz")])
     for line in run([str(tmp_path / "fuzz")]).splitlines():
         name, *counted = line.split()
