@@ -18,7 +18,7 @@ from ..model.linearization import SINGULAR_SQUARED, derivative
 from ..model.mechanism import Quantity, quantity
 from ..model.outputs import OutputMap, OutputRow
 from ..model.reduction import ReducedSystem, solve
-from .taylor import second_derivative
+from .taylor import Taylor
 
 STEP, PART = "step.", "part."  # before the names of symbols made here, so that they differ from all others
 
@@ -232,10 +232,10 @@ def _point_row(stages: Stages, inner: ReducedSystem, row: OutputRow) -> _Row:
         shorter = stages.exact(ca.substitute(expression, zdot, point @ w))
         return expression if ca.depends_on(shorter, q) else shorter
 
-    curvature = ca.SX(0)
-    if not slope.is_constant() and not gradient.is_zero() and ca.depends_on(gradient, z):
-        curvature = stages.step(f"{row.name}_curvature", second_derivative(outer, z, zdot, rate, shorten))
-    slope_rate = stages.row([f"{row.name}_by_{name}_rate" for name in names], (ca.jacobian(gradient, z) @ zdot).T)
+    taylor = Taylor(outer, z, zdot, rate, shorten)
+    curvature = stages.step(f"{row.name}_curvature", taylor.second(outer))
+    slope_rate = ca.horzcat(*[taylor.first(entry) for entry in ca.horzsplit(ca.densify(gradient))])
+    slope_rate = stages.row([f"{row.name}_by_{name}_rate" for name in names], slope_rate)
     Phidot = stages.exact(slope_rate @ point + slope @ point_rate)
     drift = stages.exact(slope @ point_drift) + curvature
     return _Row(stages.step(row.name, outer), rate, Phi, written_out, Phidot, drift, point, point_drift, curvature)

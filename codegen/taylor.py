@@ -1,4 +1,4 @@
-"""Second derivatives along a motion by Taylor arithmetic: each operation carries its value and two derivatives."""
+"""First and second derivatives along a motion by Taylor arithmetic: each operation hands on its value and derivatives."""
 
 from collections.abc import Callable
 
@@ -9,40 +9,45 @@ from ..model.errors import ModelError
 Jet = tuple[ca.SX, ca.SX, ca.SX]  # value, first, second derivative
 
 
-def second_derivative(outer: ca.SX, z: ca.SX, zdot: ca.SX, rate: ca.SX, shorten: Callable[[ca.SX], ca.SX]) -> ca.SX:
-    """zdot' (d2 outer / dz2) zdot, for a scalar `outer` of z and parameters.
+class Taylor:
+    """Derivatives along a straight motion of z at zdot, of a scalar `outer` of z and parameters and of its parts.
 
     `rate`, the first derivative of `outer`, is known already and is used wherever it appears; `shorten` may replace an
-    expression by an equal one. Raises ModelError for a function whose derivatives are not known here.
+    expression by an equal one.
     """
-    known = _known_rates(outer, z, rate)
-    zero = ca.SX(0)
-    jets: dict[int, Jet] = {z[k].element_hash(): (z[k], zdot[k], zero) for k in range(z.numel())}
 
-    def jet(x: ca.SX) -> Jet:
+    def __init__(self, outer: ca.SX, z: ca.SX, zdot: ca.SX, rate: ca.SX, shorten: Callable[[ca.SX], ca.SX]):
+        self.shorten = shorten
+        self._first = {z[k].element_hash(): zdot[k] for k in range(z.numel())}
+        self._second = {z[k].element_hash(): ca.SX(0) for k in range(z.numel())}
+        self._first[outer.element_hash()] = rate
+        while not outer.is_leaf() and outer.op() == ca.OP_SUB and not ca.depends_on(outer.dep(1), z):
+            outer = outer.dep(0)  # a constant less, the rate is the same
+            self._first[outer.element_hash()] = rate
+
+    def first(self, x: ca.SX) -> ca.SX:
+        """dx/dt. Raises ModelError for a function whose derivatives are not known here."""
+        return self._known(self._first, x, lambda: _rule(x)[0](x, *self._arguments(x, 1)))
+
+    def second(self, x: ca.SX) -> ca.SX:
+        """d2x/dt2. Raises ModelError as `first` does."""
+        return self._known(self._second, x, lambda: self.shorten(_rule(x)[1](x, self.first(x), *self._arguments(x, 2))))
+
+    def _known(self, known: dict[int, ca.SX], x: ca.SX, derive: Callable[[], ca.SX]) -> ca.SX:
         key = x.element_hash()
-        if key not in jets:
-            jets[key] = (x, zero, zero) if x.is_leaf() else derive(x)
-        return jets[key]
+        if key not in known:
+            known[key] = ca.SX(0) if x.is_leaf() else derive()
+        return known[key]
 
-    def derive(x: ca.SX) -> Jet:
-        arguments = [jet(x.dep(k)) for k in range(x.n_dep())]
-        if x.op() not in RULES:
-            raise ModelError("the second derivative of an output needs a rule for each function in it; use + - * / sqrt sin cos")
-        first, second = RULES[x.op()]
-        xdot = known.get(x.element_hash(), first(x, *arguments))
-        return x, xdot, shorten(second(x, xdot, *arguments))
-
-    return jet(outer)[2]
+    def _arguments(self, x: ca.SX, order: int) -> list[Jet]:
+        arguments = [x.dep(k) for k in range(x.n_dep())]
+        return [(a, self.first(a), self.second(a) if order == 2 else ca.SX(0)) for a in arguments]
 
 
-def _known_rates(outer: ca.SX, z: ca.SX, rate: ca.SX) -> dict[int, ca.SX]:
-    """The expressions whose first derivative is `rate`: the outermost and what it differs from by a constant."""
-    known = {outer.element_hash(): rate}
-    while not outer.is_leaf() and outer.op() == ca.OP_SUB and not ca.depends_on(outer.dep(1), z):
-        outer = outer.dep(0)
-        known[outer.element_hash()] = rate
-    return known
+def _rule(x: ca.SX) -> tuple[Callable[..., ca.SX], Callable[..., ca.SX]]:
+    if x.op() not in RULES:
+        raise ModelError("the derivatives of an output need a rule for each function in it; use + - * / sqrt sin cos")
+    return RULES[x.op()]
 
 
 def _quotient_second(x: ca.SX, xdot: ca.SX, a: Jet, b: Jet) -> ca.SX:

@@ -114,7 +114,7 @@ int labmate_type_iv_circle_decoupling(const labmate_type_iv_circle *self, const 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 31 mul, 6 add, 13 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 31 mul, 7 add, 13 sub, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_decoupling_rate(const labmate_type_iv_circle *self, const labmate_state *state,
     double Phidot[2][2]);
@@ -130,7 +130,7 @@ int labmate_type_iv_circle_feedback(const labmate_type_iv_circle *self, const la
 
 /*
  * Everything at one sine and cosine.
- * Operations: 62 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 56 mul, 19 add, 25 sub, 2 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_evaluate(const labmate_type_iv_circle *self, const labmate_state *state,
     const labmate_type_iv_circle_reference *reference, labmate_type_iv_circle_evaluation *all);

@@ -115,7 +115,7 @@ int labmate_type_iv_circle_decoupling_f(const labmate_type_iv_circle_f *self, co
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 31 mul, 6 add, 13 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 31 mul, 7 add, 13 sub, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_decoupling_rate_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     float Phidot[2][2]);
@@ -131,7 +131,7 @@ int labmate_type_iv_circle_feedback_f(const labmate_type_iv_circle_f *self, cons
 
 /*
  * Everything at one sine and cosine.
- * Operations: 62 mul, 19 add, 27 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 56 mul, 19 add, 25 sub, 2 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_evaluate_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, labmate_type_iv_circle_evaluation_f *all);

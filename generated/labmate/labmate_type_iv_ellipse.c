@@ -65,87 +65,50 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
     self->k7 = 2.0 / t4;
     self->k8 = 8.0 / t3;
     self->k9 = 8.0 / t5;
-    const double t6 = t2 * config->a;
-    const double t7 = t6 * t6;
+    const double t6 = params->d + config->L;
+    if (!(noslip_abs(t6) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k10 = 1.0 / t6;
+    const double t7 = params->r * params->r;
     if (!(noslip_abs(t7) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k10 = 8.0 / t7;
-    const double t8 = t3 * t3;
-    if (!(noslip_abs(t8) > 0)) {
+    self->k11 = self->Phi_21 * ((params->I_w * 2.0 + t7 * params->m_c + t7 * params->m_w * 2.0) / t7);
+    self->k12 = 1.0 / params->r;
+    self->k13 = params->b / params->r;
+    const double t8 = params->b * params->b;
+    const double t9 = t7 * params->I_c + t7 * params->I_m * 2.0 + t8 * params->I_w * 2.0 + t7 * (t8 * params->m_w) *
+        2.0 + t7 * (params->d * params->d * params->m_c);
+    self->k14 = self->k10 * (self->k1 * (t9 / t7));
+    const double t10 = t7 * 0.5;
+    const double t11 = t8 * 2.0;
+    if (!(noslip_abs(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k11 = 16.0 / t8;
-    const double t9 = t3 * t5;
-    if (!(noslip_abs(t9) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k12 = 16.0 / t9;
-    const double t10 = t2 * t5;
-    if (!(noslip_abs(t10) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k13 = 8.0 / t10;
-    const double t11 = t4 * config->b;
-    const double t12 = t11 * t11;
-    if (!(noslip_abs(t12) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k14 = 8.0 / t12;
-    const double t13 = t5 * t5;
-    if (!(noslip_abs(t13) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k15 = 16.0 / t13;
-    const double t14 = t3 * t4;
-    if (!(noslip_abs(t14) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k16 = 8.0 / t14;
-    const double t15 = params->d + config->L;
+    const double t12 = t7 / t11;
+    const double t13 = t6 * t6;
+    const double t14 = t7 * t7;
+    const double t15 = t10 * (t12 * (t8 * t13)) * 7737125245533627.0 - t13 * t14 * 1.9342813113834067e+25;
     if (!(noslip_abs(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k17 = 1.0 / t15;
-    const double t16 = params->r * params->r;
-    if (!(noslip_abs(t16) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k18 = self->Phi_21 * ((params->I_w * 2.0 + t16 * params->m_c + t16 * params->m_w * 2.0) / t16);
-    self->k19 = 1.0 / params->r;
-    self->k20 = params->b / params->r;
-    const double t17 = params->b * params->b;
-    const double t18 = t16 * params->I_c + t16 * params->I_m * 2.0 + t17 * params->I_w * 2.0 + t16 * (t17 *
-        params->m_w) * 2.0;
-    self->k21 = self->k17 * (self->k1 * ((t18 + t16 * (params->d * params->d * params->m_c)) / t16));
-    const double t19 = t16 * 0.5;
-    const double t20 = t17 * 2.0;
+    self->k15 = t10 * (t12 * (t8 * t8)) * 7737125245533627.0 / t15;
+    self->k16 = self->k1 * t6;
+    const double t16 = self->k1 * self->k1;
+    self->k17 = t16 * t6;
+    const double t17 = params->d * params->m_c;
+    const double t18 = 0.5 * (self->k1 * t17 - self->k14) * 2.0;
+    self->k18 = self->k1 * (self->Phi_21 * t18);
+    self->k19 = t16 * (self->Phi_21 * t17 - self->k11 * t6);
+    const double t19 = self->Phi_21 * self->k1;
+    self->k20 = t18 * t19;
+    self->k21 = self->k10 * t19;
+    const double t20 = t14 * 1.9342813113834067e+25;
     if (!(noslip_abs(t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t21 = t16 / t20;
-    const double t22 = t15 * t15;
-    const double t23 = t16 * t16;
-    const double t24 = t19 * (t21 * (t17 * t22)) * 7737125245533627.0 - t22 * t23 * 1.9342813113834067e+25;
-    if (!(noslip_abs(t24) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k22 = t19 * (t21 * (t17 * t17)) * 7737125245533627.0 / t24;
-    self->k23 = self->k1 * t15;
-    const double t25 = self->k1 * self->k1;
-    self->k24 = t25 * t15;
-    const double t26 = params->d * params->m_c;
-    const double t27 = 0.5 * (self->k1 * t26 - self->k21) * 2.0;
-    self->k25 = self->k1 * (self->Phi_21 * t27);
-    self->k26 = t25 * (self->Phi_21 * t26 - self->k18 * t15);
-    const double t28 = self->Phi_21 * self->k1;
-    self->k27 = t27 * t28;
-    self->k28 = self->k17 * t28;
-    const double t29 = t23 * 1.9342813113834067e+25;
-    if (!(noslip_abs(t29) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    if (!(-(t24 / t29) > 0)) {
+    if (!(-(t15 / t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
     if (!(noslip_is_finite(self->Phi_21) &&
@@ -169,14 +132,7 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
         noslip_is_finite(self->k18) &&
         noslip_is_finite(self->k19) &&
         noslip_is_finite(self->k20) &&
-        noslip_is_finite(self->k21) &&
-        noslip_is_finite(self->k22) &&
-        noslip_is_finite(self->k23) &&
-        noslip_is_finite(self->k24) &&
-        noslip_is_finite(self->k25) &&
-        noslip_is_finite(self->k26) &&
-        noslip_is_finite(self->k27) &&
-        noslip_is_finite(self->k28))) {
+        noslip_is_finite(self->k21))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -276,7 +232,7 @@ static int labmate_type_iv_ellipse_rate_law(const labmate_type_iv_ellipse *self,
     const double distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const double distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
     const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
-    const double t6 = self->k23 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
+    const double t6 = self->k16 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
         distance_by_x_l * sin_phi);
     ydot[0] = forward_speed * distance_by_forward_speed + t6;
     return NOSLIP_OK;
@@ -316,7 +272,7 @@ static int labmate_type_iv_ellipse_decoupling_law(const labmate_type_iv_ellipse 
     const double distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
     const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const double t6 = self->Phi_21 * distance_by_forward_speed;
-    const double t7 = self->k23 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
+    const double t7 = self->k16 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
     Phi[0][0] = t6 + t7;
     Phi[0][1] = t6 - t7;
     Phi[1][0] = self->Phi_21;
@@ -358,39 +314,35 @@ static int labmate_type_iv_ellipse_decoupling_rate_law(const labmate_type_iv_ell
         return NOSLIP_SINGULAR;
     }
     const double t4 = 1.0 / t3;
-    const double t5 = t4 * x_l;
-    const double t6 = t4 * t5;
-    const double t7 = t5 * t6;
-    const double t8 = t4 * (t4 * (1.0 - self->k4 * t1 - self->k5 * t2));
-    const double t9 = self->k2 * t5;
-    const double t10 = t4 * t8;
-    const double t11 = self->k6 + self->k2 * t8;
-    const double t12 = t5 * (self->k2 * t10 + t4 * t11);
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double t13 = state->thetadot_r - state->thetadot_l;
-    const double t14 = self->k23 * t13;
-    const double t15 = forward_speed * cos_phi - t14 * sin_phi;
-    const double t16 = t4 * y_l;
-    const double t17 = self->k12 * t8;
-    const double t18 = self->k7 + self->k3 * t8;
-    const double t19 = t16 * (self->k3 * t10 + t4 * t18);
-    const double y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
-    const double t20 = (self->k6 * t4 - self->k10 * t7 + t8 * (self->k2 * t4 - self->k11 * t7) - t9 * t12) * t15 -
-        (t16 * t6 * (self->k13 + t17) + t9 * t19) * y_l_rate;
-    const double distance_by_y_l = t16 * t18;
-    const double yaw_rate = self->k1 * t13;
-    const double t21 = t20 + distance_by_y_l * yaw_rate;
-    const double t22 = t4 * t16;
-    const double t23 = self->k3 * t16;
-    const double t24 = t16 * t22;
-    const double t25 = (t5 * t22 * (self->k16 + t17) + t23 * t12) * t15 - (self->k7 * t4 - self->k14 * t24 + t8 *
-        (self->k3 * t4 - self->k15 * t24) - t23 * t19) * y_l_rate;
-    const double distance_by_x_l = t5 * t11;
-    const double t26 = t25 + distance_by_x_l * yaw_rate;
-    const double t27 = self->Phi_21 * (cos_phi * t21 - sin_phi * t26);
-    const double t28 = self->k23 * (sin_phi * t21 + cos_phi * t26);
-    Phidot[0][0] = t27 - t28;
-    Phidot[0][1] = t27 + t28;
+    const double t5 = state->thetadot_r - state->thetadot_l;
+    const double t6 = self->k16 * t5;
+    const double t7 = forward_speed * cos_phi - t6 * sin_phi;
+    const double t8 = t4 * x_l;
+    const double t9 = self->k8 * t7;
+    const double y_l_rate = forward_speed * sin_phi + t6 * cos_phi;
+    const double t10 = self->k9 * y_l_rate;
+    const double t11 = t4 * (t9 * x_l + t10 * y_l);
+    const double t12 = t8 * t11;
+    const double t13 = t4 * (t4 * (1.0 - self->k4 * t1 - self->k5 * t2));
+    const double t14 = t13 * 0.5;
+    const double t15 = t4 * y_l;
+    const double distance_by_y_l = t15 * (self->k7 + self->k3 * t13);
+    const double distance_by_x_l = t8 * (self->k6 + self->k2 * t13);
+    const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
+    const double t16 = forward_speed * distance_by_forward_speed - t6 * (distance_by_x_l * sin_phi - distance_by_y_l *
+        cos_phi);
+    const double t17 = t4 * (t16 + t14 * t11);
+    const double yaw_rate = self->k1 * t5;
+    const double t18 = t4 * (self->k6 * t7 - self->k4 * t12 + t14 * (t9 - self->k2 * t12)) - self->k2 * t8 * t17 +
+        distance_by_y_l * yaw_rate;
+    const double t19 = t15 * t11;
+    const double t20 = distance_by_x_l * yaw_rate - (t4 * (self->k7 * y_l_rate - self->k5 * t19 + t14 * (t10 -
+        self->k3 * t19)) - self->k3 * t15 * t17);
+    const double t21 = self->Phi_21 * (cos_phi * t18 - sin_phi * t20);
+    const double t22 = self->k16 * (cos_phi * t20 + sin_phi * t18);
+    Phidot[0][0] = t21 - t22;
+    Phidot[0][1] = t21 + t22;
     Phidot[1][0] = 0.0;
     Phidot[1][1] = 0.0;
     return NOSLIP_OK;
@@ -435,16 +387,16 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
     const double distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const double t6 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
-    if (!(t6 * t6 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t6 * t6 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t7 = state->thetadot_r - state->thetadot_l;
     const double t8 = t7 * t7;
-    const double wanted_1 = v[1] - self->k24 * t8;
-    const double t9 = self->k18 * wanted_1 - self->k26 * t8;
+    const double wanted_1 = v[1] - self->k17 * t8;
+    const double t9 = self->k11 * wanted_1 - self->k19 * t8;
     const double t10 = state->thetadot_r + state->thetadot_l;
     const double forward_speed = self->Phi_21 * t10;
-    const double t11 = self->k23 * t7;
+    const double t11 = self->k16 * t7;
     const double t12 = forward_speed * cos_phi - t11 * sin_phi;
     const double t13 = t12 * t12;
     const double y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
@@ -454,7 +406,7 @@ static int labmate_type_iv_ellipse_feedback_law(const labmate_type_iv_ellipse *s
         0.25));
     const double distance_curvature = t4 * (t16 + t15 * (t11 * t6 - forward_speed * distance_by_forward_speed));
     const double wanted_0 = v[0] - distance_curvature;
-    const double t17 = self->k25 * t10 * t7 + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t6;
+    const double t17 = self->k18 * t10 * t7 + self->k14 * (distance_by_forward_speed * wanted_1 - wanted_0) / t6;
     tau[0] = t9 + t17;
     tau[1] = t9 - t17;
     return NOSLIP_OK;
@@ -496,77 +448,69 @@ static int labmate_type_iv_ellipse_evaluate_law(const labmate_type_iv_ellipse *s
     const double t5 = t4 * x_l;
     const double t6 = t4 * (1.0 - self->k4 * t1 - self->k5 * t2);
     const double t7 = t4 * t6;
-    const double t8 = self->k6 + self->k2 * t7;
-    const double distance_by_x_l = t5 * t8;
-    const double t9 = t4 * y_l;
-    const double t10 = self->k7 + self->k3 * t7;
-    const double distance_by_y_l = t9 * t10;
-    const double t11 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
+    const double distance_by_x_l = t5 * (self->k6 + self->k2 * t7);
+    const double t8 = t4 * y_l;
+    const double distance_by_y_l = t8 * (self->k7 + self->k3 * t7);
+    const double t9 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
-    if (!(t11 * t11 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t9 * t9 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     all->h[0] = -t6;
-    const double t12 = state->thetadot_r + state->thetadot_l;
-    const double forward_speed = self->Phi_21 * t12;
+    const double t10 = state->thetadot_r + state->thetadot_l;
+    const double forward_speed = self->Phi_21 * t10;
     all->h[1] = forward_speed;
-    const double t13 = state->thetadot_r - state->thetadot_l;
-    const double t14 = self->k23 * t13;
-    const double t15 = forward_speed * distance_by_forward_speed - t14 * t11;
-    all->ydot[0] = t15;
-    const double t16 = self->Phi_21 * distance_by_forward_speed;
-    const double t17 = self->k23 * t11;
-    all->Phi[0][0] = t16 - t17;
-    all->Phi[0][1] = t16 + t17;
+    const double t11 = state->thetadot_r - state->thetadot_l;
+    const double t12 = self->k16 * t11;
+    const double t13 = forward_speed * distance_by_forward_speed - t12 * t9;
+    all->ydot[0] = t13;
+    const double t14 = self->Phi_21 * distance_by_forward_speed;
+    const double t15 = self->k16 * t9;
+    all->Phi[0][0] = t14 - t15;
+    all->Phi[0][1] = t14 + t15;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t18 = t4 * t5;
-    const double t19 = t5 * t18;
-    const double t20 = self->k2 * t5;
-    const double t21 = t4 * t7;
-    const double t22 = t5 * (self->k2 * t21 + t4 * t8);
-    const double t23 = forward_speed * cos_phi - t14 * sin_phi;
-    const double t24 = self->k12 * t7;
-    const double t25 = t9 * (self->k3 * t21 + t4 * t10);
-    const double y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
-    const double t26 = (self->k6 * t4 - self->k10 * t19 + t7 * (self->k2 * t4 - self->k11 * t19) - t20 * t22) * t23 -
-        (t9 * t18 * (self->k13 + t24) + t20 * t25) * y_l_rate;
-    const double yaw_rate = self->k1 * t13;
-    const double t27 = t26 + distance_by_y_l * yaw_rate;
-    const double t28 = t4 * t9;
-    const double t29 = self->k3 * t9;
-    const double t30 = t9 * t28;
-    const double t31 = (t5 * t28 * (self->k16 + t24) + t29 * t22) * t23 - (self->k7 * t4 - self->k14 * t30 + t7 *
-        (self->k3 * t4 - self->k15 * t30) - t29 * t25) * y_l_rate;
-    const double t32 = t31 + distance_by_x_l * yaw_rate;
-    const double t33 = self->k23 * (sin_phi * t27 + cos_phi * t32);
-    const double t34 = self->Phi_21 * (sin_phi * t32 - cos_phi * t27);
-    all->Phidot[0][0] = -(t33 + t34);
-    all->Phidot[0][1] = t33 - t34;
+    const double t16 = forward_speed * cos_phi - t12 * sin_phi;
+    const double t17 = self->k8 * t16;
+    const double y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
+    const double t18 = self->k9 * y_l_rate;
+    const double t19 = t4 * (t17 * x_l + t18 * y_l);
+    const double t20 = t5 * t19;
+    const double t21 = t7 * 0.5;
+    const double t22 = t4 * (t13 + t21 * t19);
+    const double yaw_rate = self->k1 * t11;
+    const double t23 = t4 * (self->k6 * t16 - self->k4 * t20 + t21 * (t17 - self->k2 * t20)) - self->k2 * t5 * t22 +
+        distance_by_y_l * yaw_rate;
+    const double t24 = t8 * t19;
+    const double t25 = distance_by_x_l * yaw_rate - (t4 * (self->k7 * y_l_rate - self->k5 * t24 + t21 * (t18 -
+        self->k3 * t24)) - self->k3 * t8 * t22);
+    const double t26 = self->Phi_21 * (cos_phi * t23 - sin_phi * t25);
+    const double t27 = self->k16 * (cos_phi * t25 + sin_phi * t23);
+    all->Phidot[0][0] = t26 - t27;
+    all->Phidot[0][1] = t26 + t27;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
-    const double t35 = t13 * t13;
-    const double t36 = self->k24 * t35;
-    const double wanted_1 = reference->speed_rate - t36 + self->kv_speed * (reference->speed - forward_speed);
-    const double t37 = self->k19 * (wanted_1 + t36);
-    const double t38 = t12 * t13;
-    const double t39 = t23 * t23;
-    const double t40 = y_l_rate * y_l_rate;
-    const double t41 = t4 * (self->k8 * x_l * t23 + self->k9 * y_l * y_l_rate);
-    const double t42 = self->k6 * t39 + self->k7 * t40 + t7 * (0.5 * (self->k8 * t39 + self->k9 * t40) - t41 * (t41 *
+    const double t28 = t11 * t11;
+    const double t29 = self->k17 * t28;
+    const double wanted_1 = reference->speed_rate - t29 + self->kv_speed * (reference->speed - forward_speed);
+    const double t30 = self->k12 * (wanted_1 + t29);
+    const double t31 = t10 * t11;
+    const double t32 = reference->distance_acceleration + self->kp_distance * (reference->distance + t6) +
+        self->kd_distance * (reference->distance_rate - t13);
+    const double t33 = t16 * t16;
+    const double t34 = y_l_rate * y_l_rate;
+    const double t35 = self->k6 * t33 + self->k7 * t34 + t7 * (0.5 * (self->k8 * t33 + self->k9 * t34) - t19 * (t19 *
         0.25));
-    const double distance_curvature = t4 * (t42 - t41 * t15);
-    const double t43 = reference->distance_acceleration + self->kp_distance * (reference->distance + t6) -
-        distance_curvature;
-    const double wanted_0 = t43 + self->kd_distance * (reference->distance_rate - t15);
-    const double t44 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
-    const double t45 = self->k20 * (self->k28 * t38 - self->k17 * t44);
-    all->u[0] = t37 - t45;
-    all->u[1] = t37 + t45;
-    const double t46 = self->k27 * t38 + self->k21 * t44;
-    const double t47 = self->k18 * wanted_1 - self->k26 * t35;
-    all->tau[0] = t46 + t47;
-    all->tau[1] = t47 - t46;
+    const double distance_curvature = t4 * (t35 - t19 * t13);
+    const double wanted_0 = t32 - distance_curvature;
+    const double t36 = (distance_by_forward_speed * wanted_1 - wanted_0) / t9;
+    const double t37 = self->k13 * (self->k21 * t31 - self->k10 * t36);
+    all->u[0] = t30 - t37;
+    all->u[1] = t30 + t37;
+    const double t38 = self->k20 * t31 + self->k14 * t36;
+    const double t39 = self->k11 * wanted_1 - self->k19 * t28;
+    all->tau[0] = t38 + t39;
+    all->tau[1] = t39 - t38;
     return NOSLIP_OK;
 }
 
@@ -618,17 +562,17 @@ static int labmate_type_iv_ellipse_step_law(const labmate_type_iv_ellipse *self,
     const double distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t6);
     const double t7 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
-    if (!(t7 * t7 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t7 * t7 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double t8 = state->thetadot_r - state->thetadot_l;
     const double t9 = t8 * t8;
     const double t10 = state->thetadot_r + state->thetadot_l;
     const double forward_speed = self->Phi_21 * t10;
-    const double wanted_1 = reference->speed_rate - self->k24 * t9 + self->kv_speed * (reference->speed -
+    const double wanted_1 = reference->speed_rate - self->k17 * t9 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t11 = self->k18 * wanted_1 - self->k26 * t9;
-    const double t12 = self->k23 * t8;
+    const double t11 = self->k11 * wanted_1 - self->k19 * t9;
+    const double t12 = self->k16 * t8;
     const double t13 = forward_speed * cos_phi - t12 * sin_phi;
     const double t14 = t13 * t13;
     const double y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
@@ -641,7 +585,7 @@ static int labmate_type_iv_ellipse_step_law(const labmate_type_iv_ellipse *self,
     const double t19 = reference->distance_acceleration - distance_curvature + self->kp_distance *
         (reference->distance + t5);
     const double wanted_0 = t19 + self->kd_distance * (t18 + reference->distance_rate);
-    const double t20 = self->k25 * t10 * t8 + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t7;
+    const double t20 = self->k18 * t10 * t8 + self->k14 * (distance_by_forward_speed * wanted_1 - wanted_0) / t7;
     tau[0] = t11 + t20;
     tau[1] = t11 - t20;
     return NOSLIP_OK;

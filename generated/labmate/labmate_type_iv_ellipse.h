@@ -65,25 +65,18 @@ typedef struct labmate_type_iv_ellipse {
     double k7;          /* 2.0 / (b * b) */
     double k8;          /* 8.0 / (a * a * (a * a)) */
     double k9;          /* 8.0 / (b * b * (b * b)) */
-    double k10;         /* 8.0 / (a * a * a * (a * a * a)) */
-    double k11;         /* 16.0 / (a * a * (a * a) * (a * a * (a * a))) */
-    double k12;         /* 16.0 / (a * a * (a * a) * (b * b * (b * b))) */
-    double k13;         /* 8.0 / (a * a * (b * b * (b * b))) */
-    double k14;         /* 8.0 / (b * b * b * (b * b * b)) */
-    double k15;         /* 16.0 / (b * b * (b * b) * (b * b * (b * b))) */
-    double k16;         /* 8.0 / (a * a * (a * a) * (b * b)) */
-    double k17;         /* 1.0 / (d + L) */
-    double k18;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k19;         /* 1.0 / r */
-    double k20;         /* b / r */
-    double k21;         /* see init */
-    double k22;         /* see init */
-    double k23;         /* r / (b * 2.0) * (d + L) */
-    double k24;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
-    double k25;         /* see init */
-    double k26;         /* see init */
-    double k27;         /* see init */
-    double k28;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    double k10;         /* 1.0 / (d + L) */
+    double k11;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k12;         /* 1.0 / r */
+    double k13;         /* b / r */
+    double k14;         /* see init */
+    double k15;         /* see init */
+    double k16;         /* r / (b * 2.0) * (d + L) */
+    double k17;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    double k18;         /* see init */
+    double k19;         /* see init */
+    double k20;         /* see init */
+    double k21;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_ellipse;
 
 /*
@@ -124,7 +117,7 @@ int labmate_type_iv_ellipse_decoupling(const labmate_type_iv_ellipse *self, cons
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 67 mul, 19 add, 14 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 61 mul, 15 add, 15 sub, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_decoupling_rate(const labmate_type_iv_ellipse *self, const labmate_state *state,
     double Phidot[2][2]);
@@ -140,7 +133,7 @@ int labmate_type_iv_ellipse_feedback(const labmate_type_iv_ellipse *self, const 
 
 /*
  * Everything at one sine and cosine.
- * Operations: 110 mul, 33 add, 28 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 93 mul, 27 add, 27 sub, 2 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_evaluate(const labmate_type_iv_ellipse *self, const labmate_state *state,
     const labmate_type_iv_ellipse_reference *reference, labmate_type_iv_ellipse_evaluation *all);

@@ -65,87 +65,50 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     self->k7 = 2.0f / t4;
     self->k8 = 8.0f / t3;
     self->k9 = 8.0f / t5;
-    const float t6 = t2 * config->a;
-    const float t7 = t6 * t6;
+    const float t6 = params->d + config->L;
+    if (!(noslip_abs_f(t6) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k10 = 1.0f / t6;
+    const float t7 = params->r * params->r;
     if (!(noslip_abs_f(t7) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k10 = 8.0f / t7;
-    const float t8 = t3 * t3;
-    if (!(noslip_abs_f(t8) > 0)) {
+    self->k11 = self->Phi_21 * ((params->I_w * 2.0f + t7 * params->m_c + t7 * params->m_w * 2.0f) / t7);
+    self->k12 = 1.0f / params->r;
+    self->k13 = params->b / params->r;
+    const float t8 = params->b * params->b;
+    const float t9 = t7 * params->I_c + t7 * params->I_m * 2.0f + t8 * params->I_w * 2.0f + t7 * (t8 * params->m_w) *
+        2.0f;
+    self->k14 = self->k10 * (self->k1 * ((t9 + t7 * (params->d * params->d * params->m_c)) / t7));
+    const float t10 = t7 * 0.5f;
+    const float t11 = t8 * 2.0f;
+    if (!(noslip_abs_f(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k11 = 16.0f / t8;
-    const float t9 = t3 * t5;
-    if (!(noslip_abs_f(t9) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k12 = 16.0f / t9;
-    const float t10 = t2 * t5;
-    if (!(noslip_abs_f(t10) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k13 = 8.0f / t10;
-    const float t11 = t4 * config->b;
-    const float t12 = t11 * t11;
-    if (!(noslip_abs_f(t12) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k14 = 8.0f / t12;
-    const float t13 = t5 * t5;
-    if (!(noslip_abs_f(t13) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k15 = 16.0f / t13;
-    const float t14 = t3 * t4;
-    if (!(noslip_abs_f(t14) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k16 = 8.0f / t14;
-    const float t15 = params->d + config->L;
+    const float t12 = t7 / t11;
+    const float t13 = t6 * t6;
+    const float t14 = t7 * t7;
+    const float t15 = t10 * (t12 * (t8 * t13)) * 7.7371253e+15f - t13 * t14 * 1.9342813e+25f;
     if (!(noslip_abs_f(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k17 = 1.0f / t15;
-    const float t16 = params->r * params->r;
-    if (!(noslip_abs_f(t16) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k18 = self->Phi_21 * ((params->I_w * 2.0f + t16 * params->m_c + t16 * params->m_w * 2.0f) / t16);
-    self->k19 = 1.0f / params->r;
-    self->k20 = params->b / params->r;
-    const float t17 = params->b * params->b;
-    const float t18 = t16 * params->I_c + t16 * params->I_m * 2.0f + t17 * params->I_w * 2.0f + t16 * (t17 *
-        params->m_w) * 2.0f;
-    self->k21 = self->k17 * (self->k1 * ((t18 + t16 * (params->d * params->d * params->m_c)) / t16));
-    const float t19 = t16 * 0.5f;
-    const float t20 = t17 * 2.0f;
+    self->k15 = t10 * (t12 * (t8 * t8)) * 7.7371253e+15f / t15;
+    self->k16 = self->k1 * t6;
+    const float t16 = self->k1 * self->k1;
+    self->k17 = t16 * t6;
+    const float t17 = params->d * params->m_c;
+    const float t18 = 0.5f * (self->k1 * t17 - self->k14) * 2.0f;
+    self->k18 = self->k1 * (self->Phi_21 * t18);
+    self->k19 = t16 * (self->Phi_21 * t17 - self->k11 * t6);
+    const float t19 = self->Phi_21 * self->k1;
+    self->k20 = t18 * t19;
+    self->k21 = self->k10 * t19;
+    const float t20 = t14 * 1.9342813e+25f;
     if (!(noslip_abs_f(t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t21 = t16 / t20;
-    const float t22 = t15 * t15;
-    const float t23 = t16 * t16;
-    const float t24 = t19 * (t21 * (t17 * t22)) * 7.7371253e+15f - t22 * t23 * 1.9342813e+25f;
-    if (!(noslip_abs_f(t24) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    self->k22 = t19 * (t21 * (t17 * t17)) * 7.7371253e+15f / t24;
-    self->k23 = self->k1 * t15;
-    const float t25 = self->k1 * self->k1;
-    self->k24 = t25 * t15;
-    const float t26 = params->d * params->m_c;
-    const float t27 = 0.5f * (self->k1 * t26 - self->k21) * 2.0f;
-    self->k25 = self->k1 * (self->Phi_21 * t27);
-    self->k26 = t25 * (self->Phi_21 * t26 - self->k18 * t15);
-    const float t28 = self->Phi_21 * self->k1;
-    self->k27 = t27 * t28;
-    self->k28 = self->k17 * t28;
-    const float t29 = t23 * 1.9342813e+25f;
-    if (!(noslip_abs_f(t29) > 0)) {
-        return NOSLIP_SINGULAR;
-    }
-    if (!(-(t24 / t29) > 0)) {
+    if (!(-(t15 / t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
     if (!(noslip_is_finite_f(self->Phi_21) &&
@@ -169,14 +132,7 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
         noslip_is_finite_f(self->k18) &&
         noslip_is_finite_f(self->k19) &&
         noslip_is_finite_f(self->k20) &&
-        noslip_is_finite_f(self->k21) &&
-        noslip_is_finite_f(self->k22) &&
-        noslip_is_finite_f(self->k23) &&
-        noslip_is_finite_f(self->k24) &&
-        noslip_is_finite_f(self->k25) &&
-        noslip_is_finite_f(self->k26) &&
-        noslip_is_finite_f(self->k27) &&
-        noslip_is_finite_f(self->k28))) {
+        noslip_is_finite_f(self->k21))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -276,7 +232,7 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
-    const float t6 = self->k23 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
+    const float t6 = self->k16 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
         distance_by_x_l * sin_phi);
     ydot[0] = forward_speed * distance_by_forward_speed + t6;
     return NOSLIP_OK;
@@ -316,7 +272,7 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const float t6 = self->Phi_21 * distance_by_forward_speed;
-    const float t7 = self->k23 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
+    const float t7 = self->k16 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
     Phi[0][0] = t6 + t7;
     Phi[0][1] = t6 - t7;
     Phi[1][0] = self->Phi_21;
@@ -358,39 +314,35 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
-    const float t5 = t4 * x_l;
-    const float t6 = t4 * t5;
-    const float t7 = t5 * t6;
-    const float t8 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
-    const float t9 = self->k2 * t5;
-    const float t10 = t4 * t8;
-    const float t11 = self->k6 + self->k2 * t8;
-    const float t12 = t5 * (self->k2 * t10 + t4 * t11);
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const float t13 = state->thetadot_r - state->thetadot_l;
-    const float t14 = self->k23 * t13;
-    const float t15 = forward_speed * cos_phi - t14 * sin_phi;
-    const float t16 = t4 * y_l;
-    const float t17 = self->k12 * t8;
-    const float t18 = self->k7 + self->k3 * t8;
-    const float t19 = t16 * (self->k3 * t10 + t4 * t18);
-    const float y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
-    const float t20 = (self->k6 * t4 - self->k10 * t7 + t8 * (self->k2 * t4 - self->k11 * t7) - t9 * t12) * t15 - (t16 *
-        t6 * (self->k13 + t17) + t9 * t19) * y_l_rate;
-    const float distance_by_y_l = t16 * t18;
-    const float yaw_rate = self->k1 * t13;
-    const float t21 = t20 + distance_by_y_l * yaw_rate;
-    const float t22 = t4 * t16;
-    const float t23 = self->k3 * t16;
-    const float t24 = t16 * t22;
-    const float t25 = (t5 * t22 * (self->k16 + t17) + t23 * t12) * t15 - (self->k7 * t4 - self->k14 * t24 + t8 *
-        (self->k3 * t4 - self->k15 * t24) - t23 * t19) * y_l_rate;
-    const float distance_by_x_l = t5 * t11;
-    const float t26 = t25 + distance_by_x_l * yaw_rate;
-    const float t27 = self->Phi_21 * (cos_phi * t21 - sin_phi * t26);
-    const float t28 = self->k23 * (sin_phi * t21 + cos_phi * t26);
-    Phidot[0][0] = t27 - t28;
-    Phidot[0][1] = t27 + t28;
+    const float t5 = state->thetadot_r - state->thetadot_l;
+    const float t6 = self->k16 * t5;
+    const float t7 = forward_speed * cos_phi - t6 * sin_phi;
+    const float t8 = t4 * x_l;
+    const float t9 = self->k8 * t7;
+    const float y_l_rate = forward_speed * sin_phi + t6 * cos_phi;
+    const float t10 = self->k9 * y_l_rate;
+    const float t11 = t4 * (t9 * x_l + t10 * y_l);
+    const float t12 = t8 * t11;
+    const float t13 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
+    const float t14 = t13 * 0.5f;
+    const float t15 = t4 * y_l;
+    const float distance_by_y_l = t15 * (self->k7 + self->k3 * t13);
+    const float distance_by_x_l = t8 * (self->k6 + self->k2 * t13);
+    const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
+    const float t16 = forward_speed * distance_by_forward_speed - t6 * (distance_by_x_l * sin_phi - distance_by_y_l *
+        cos_phi);
+    const float t17 = t4 * (t16 + t14 * t11);
+    const float yaw_rate = self->k1 * t5;
+    const float t18 = t4 * (self->k6 * t7 - self->k4 * t12 + t14 * (t9 - self->k2 * t12)) - self->k2 * t8 * t17 +
+        distance_by_y_l * yaw_rate;
+    const float t19 = t15 * t11;
+    const float t20 = distance_by_x_l * yaw_rate - (t4 * (self->k7 * y_l_rate - self->k5 * t19 + t14 * (t10 - self->k3 *
+        t19)) - self->k3 * t15 * t17);
+    const float t21 = self->Phi_21 * (cos_phi * t18 - sin_phi * t20);
+    const float t22 = self->k16 * (cos_phi * t20 + sin_phi * t18);
+    Phidot[0][0] = t21 - t22;
+    Phidot[0][1] = t21 + t22;
     Phidot[1][0] = 0.0f;
     Phidot[1][1] = 0.0f;
     return NOSLIP_OK;
@@ -435,16 +387,16 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
     const float t6 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
-    if (!(t6 * t6 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t6 * t6 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t7 = state->thetadot_r - state->thetadot_l;
     const float t8 = t7 * t7;
-    const float wanted_1 = v[1] - self->k24 * t8;
-    const float t9 = self->k18 * wanted_1 - self->k26 * t8;
+    const float wanted_1 = v[1] - self->k17 * t8;
+    const float t9 = self->k11 * wanted_1 - self->k19 * t8;
     const float t10 = state->thetadot_r + state->thetadot_l;
     const float forward_speed = self->Phi_21 * t10;
-    const float t11 = self->k23 * t7;
+    const float t11 = self->k16 * t7;
     const float t12 = forward_speed * cos_phi - t11 * sin_phi;
     const float t13 = t12 * t12;
     const float y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
@@ -454,7 +406,7 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
         0.25f));
     const float distance_curvature = t4 * (t16 + t15 * (t11 * t6 - forward_speed * distance_by_forward_speed));
     const float wanted_0 = v[0] - distance_curvature;
-    const float t17 = self->k25 * t10 * t7 + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t6;
+    const float t17 = self->k18 * t10 * t7 + self->k14 * (distance_by_forward_speed * wanted_1 - wanted_0) / t6;
     tau[0] = t9 + t17;
     tau[1] = t9 - t17;
     return NOSLIP_OK;
@@ -496,77 +448,69 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     const float t5 = t4 * x_l;
     const float t6 = t4 * (1.0f - self->k4 * t1 - self->k5 * t2);
     const float t7 = t4 * t6;
-    const float t8 = self->k6 + self->k2 * t7;
-    const float distance_by_x_l = t5 * t8;
-    const float t9 = t4 * y_l;
-    const float t10 = self->k7 + self->k3 * t7;
-    const float distance_by_y_l = t9 * t10;
-    const float t11 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
+    const float distance_by_x_l = t5 * (self->k6 + self->k2 * t7);
+    const float t8 = t4 * y_l;
+    const float distance_by_y_l = t8 * (self->k7 + self->k3 * t7);
+    const float t9 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
-    if (!(t11 * t11 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t9 * t9 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     all->h[0] = -t6;
-    const float t12 = state->thetadot_r + state->thetadot_l;
-    const float forward_speed = self->Phi_21 * t12;
+    const float t10 = state->thetadot_r + state->thetadot_l;
+    const float forward_speed = self->Phi_21 * t10;
     all->h[1] = forward_speed;
-    const float t13 = state->thetadot_r - state->thetadot_l;
-    const float t14 = self->k23 * t13;
-    const float t15 = forward_speed * distance_by_forward_speed - t14 * t11;
-    all->ydot[0] = t15;
-    const float t16 = self->Phi_21 * distance_by_forward_speed;
-    const float t17 = self->k23 * t11;
-    all->Phi[0][0] = t16 - t17;
-    all->Phi[0][1] = t16 + t17;
+    const float t11 = state->thetadot_r - state->thetadot_l;
+    const float t12 = self->k16 * t11;
+    const float t13 = forward_speed * distance_by_forward_speed - t12 * t9;
+    all->ydot[0] = t13;
+    const float t14 = self->Phi_21 * distance_by_forward_speed;
+    const float t15 = self->k16 * t9;
+    all->Phi[0][0] = t14 - t15;
+    all->Phi[0][1] = t14 + t15;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const float t18 = t4 * t5;
-    const float t19 = t5 * t18;
-    const float t20 = self->k2 * t5;
-    const float t21 = t4 * t7;
-    const float t22 = t5 * (self->k2 * t21 + t4 * t8);
-    const float t23 = forward_speed * cos_phi - t14 * sin_phi;
-    const float t24 = self->k12 * t7;
-    const float t25 = t9 * (self->k3 * t21 + t4 * t10);
-    const float y_l_rate = forward_speed * sin_phi + t14 * cos_phi;
-    const float t26 = (self->k6 * t4 - self->k10 * t19 + t7 * (self->k2 * t4 - self->k11 * t19) - t20 * t22) * t23 -
-        (t9 * t18 * (self->k13 + t24) + t20 * t25) * y_l_rate;
-    const float yaw_rate = self->k1 * t13;
-    const float t27 = t26 + distance_by_y_l * yaw_rate;
-    const float t28 = t4 * t9;
-    const float t29 = self->k3 * t9;
-    const float t30 = t9 * t28;
-    const float t31 = (t5 * t28 * (self->k16 + t24) + t29 * t22) * t23 - (self->k7 * t4 - self->k14 * t30 + t7 *
-        (self->k3 * t4 - self->k15 * t30) - t29 * t25) * y_l_rate;
-    const float t32 = t31 + distance_by_x_l * yaw_rate;
-    const float t33 = self->k23 * (sin_phi * t27 + cos_phi * t32);
-    const float t34 = self->Phi_21 * (sin_phi * t32 - cos_phi * t27);
-    all->Phidot[0][0] = -(t33 + t34);
-    all->Phidot[0][1] = t33 - t34;
+    const float t16 = forward_speed * cos_phi - t12 * sin_phi;
+    const float t17 = self->k8 * t16;
+    const float y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
+    const float t18 = self->k9 * y_l_rate;
+    const float t19 = t4 * (t17 * x_l + t18 * y_l);
+    const float t20 = t5 * t19;
+    const float t21 = t7 * 0.5f;
+    const float t22 = t4 * (t13 + t21 * t19);
+    const float yaw_rate = self->k1 * t11;
+    const float t23 = t4 * (self->k6 * t16 - self->k4 * t20 + t21 * (t17 - self->k2 * t20)) - self->k2 * t5 * t22 +
+        distance_by_y_l * yaw_rate;
+    const float t24 = t8 * t19;
+    const float t25 = distance_by_x_l * yaw_rate - (t4 * (self->k7 * y_l_rate - self->k5 * t24 + t21 * (t18 - self->k3 *
+        t24)) - self->k3 * t8 * t22);
+    const float t26 = self->Phi_21 * (cos_phi * t23 - sin_phi * t25);
+    const float t27 = self->k16 * (cos_phi * t25 + sin_phi * t23);
+    all->Phidot[0][0] = t26 - t27;
+    all->Phidot[0][1] = t26 + t27;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
-    const float t35 = t13 * t13;
-    const float t36 = self->k24 * t35;
-    const float wanted_1 = reference->speed_rate - t36 + self->kv_speed * (reference->speed - forward_speed);
-    const float t37 = self->k19 * (wanted_1 + t36);
-    const float t38 = t12 * t13;
-    const float t39 = t23 * t23;
-    const float t40 = y_l_rate * y_l_rate;
-    const float t41 = t4 * (self->k8 * x_l * t23 + self->k9 * y_l * y_l_rate);
-    const float t42 = self->k6 * t39 + self->k7 * t40 + t7 * (0.5f * (self->k8 * t39 + self->k9 * t40) - t41 * (t41 *
+    const float t28 = t11 * t11;
+    const float t29 = self->k17 * t28;
+    const float wanted_1 = reference->speed_rate - t29 + self->kv_speed * (reference->speed - forward_speed);
+    const float t30 = self->k12 * (wanted_1 + t29);
+    const float t31 = t10 * t11;
+    const float t32 = reference->distance_acceleration + self->kp_distance * (reference->distance + t6) +
+        self->kd_distance * (reference->distance_rate - t13);
+    const float t33 = t16 * t16;
+    const float t34 = y_l_rate * y_l_rate;
+    const float t35 = self->k6 * t33 + self->k7 * t34 + t7 * (0.5f * (self->k8 * t33 + self->k9 * t34) - t19 * (t19 *
         0.25f));
-    const float distance_curvature = t4 * (t42 - t41 * t15);
-    const float t43 = reference->distance_acceleration + self->kp_distance * (reference->distance + t6) -
-        distance_curvature;
-    const float wanted_0 = t43 + self->kd_distance * (reference->distance_rate - t15);
-    const float t44 = (distance_by_forward_speed * wanted_1 - wanted_0) / t11;
-    const float t45 = self->k20 * (self->k28 * t38 - self->k17 * t44);
-    all->u[0] = t37 - t45;
-    all->u[1] = t37 + t45;
-    const float t46 = self->k27 * t38 + self->k21 * t44;
-    const float t47 = self->k18 * wanted_1 - self->k26 * t35;
-    all->tau[0] = t46 + t47;
-    all->tau[1] = t47 - t46;
+    const float distance_curvature = t4 * (t35 - t19 * t13);
+    const float wanted_0 = t32 - distance_curvature;
+    const float t36 = (distance_by_forward_speed * wanted_1 - wanted_0) / t9;
+    const float t37 = self->k13 * (self->k21 * t31 - self->k10 * t36);
+    all->u[0] = t30 - t37;
+    all->u[1] = t30 + t37;
+    const float t38 = self->k20 * t31 + self->k14 * t36;
+    const float t39 = self->k11 * wanted_1 - self->k19 * t28;
+    all->tau[0] = t38 + t39;
+    all->tau[1] = t39 - t38;
     return NOSLIP_OK;
 }
 
@@ -619,16 +563,16 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t6);
     const float t7 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
-    if (!(t7 * t7 > -(self->k22 * distance_by_forward_speed * distance_by_forward_speed))) {
+    if (!(t7 * t7 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float t8 = state->thetadot_r - state->thetadot_l;
     const float t9 = t8 * t8;
     const float t10 = state->thetadot_r + state->thetadot_l;
     const float forward_speed = self->Phi_21 * t10;
-    const float wanted_1 = reference->speed_rate - self->k24 * t9 + self->kv_speed * (reference->speed - forward_speed);
-    const float t11 = self->k18 * wanted_1 - self->k26 * t9;
-    const float t12 = self->k23 * t8;
+    const float wanted_1 = reference->speed_rate - self->k17 * t9 + self->kv_speed * (reference->speed - forward_speed);
+    const float t11 = self->k11 * wanted_1 - self->k19 * t9;
+    const float t12 = self->k16 * t8;
     const float t13 = forward_speed * cos_phi - t12 * sin_phi;
     const float t14 = t13 * t13;
     const float y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
@@ -641,7 +585,7 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float t19 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
         t5);
     const float wanted_0 = t19 + self->kd_distance * (t18 + reference->distance_rate);
-    const float t20 = self->k25 * t10 * t8 + self->k21 * (distance_by_forward_speed * wanted_1 - wanted_0) / t7;
+    const float t20 = self->k18 * t10 * t8 + self->k14 * (distance_by_forward_speed * wanted_1 - wanted_0) / t7;
     tau[0] = t11 + t20;
     tau[1] = t11 - t20;
     return NOSLIP_OK;

@@ -65,25 +65,18 @@ typedef struct labmate_type_iv_ellipse_f {
     float k7;          /* 2.0 / (b * b) */
     float k8;          /* 8.0 / (a * a * (a * a)) */
     float k9;          /* 8.0 / (b * b * (b * b)) */
-    float k10;         /* 8.0 / (a * a * a * (a * a * a)) */
-    float k11;         /* 16.0 / (a * a * (a * a) * (a * a * (a * a))) */
-    float k12;         /* 16.0 / (a * a * (a * a) * (b * b * (b * b))) */
-    float k13;         /* 8.0 / (a * a * (b * b * (b * b))) */
-    float k14;         /* 8.0 / (b * b * b * (b * b * b)) */
-    float k15;         /* 16.0 / (b * b * (b * b) * (b * b * (b * b))) */
-    float k16;         /* 8.0 / (a * a * (a * a) * (b * b)) */
-    float k17;         /* 1.0 / (d + L) */
-    float k18;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k19;         /* 1.0 / r */
-    float k20;         /* b / r */
-    float k21;         /* see init */
-    float k22;         /* see init */
-    float k23;         /* r / (b * 2.0) * (d + L) */
-    float k24;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
-    float k25;         /* see init */
-    float k26;         /* see init */
-    float k27;         /* see init */
-    float k28;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    float k10;         /* 1.0 / (d + L) */
+    float k11;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k12;         /* 1.0 / r */
+    float k13;         /* b / r */
+    float k14;         /* see init */
+    float k15;         /* see init */
+    float k16;         /* r / (b * 2.0) * (d + L) */
+    float k17;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    float k18;         /* see init */
+    float k19;         /* see init */
+    float k20;         /* see init */
+    float k21;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_ellipse_f;
 
 /*
@@ -124,7 +117,7 @@ int labmate_type_iv_ellipse_decoupling_f(const labmate_type_iv_ellipse_f *self, 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 67 mul, 19 add, 14 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 61 mul, 15 add, 15 sub, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_decoupling_rate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     float Phidot[2][2]);
@@ -140,7 +133,7 @@ int labmate_type_iv_ellipse_feedback_f(const labmate_type_iv_ellipse_f *self, co
 
 /*
  * Everything at one sine and cosine.
- * Operations: 110 mul, 33 add, 28 sub, 3 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 93 mul, 27 add, 27 sub, 2 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_ellipse_evaluate_f(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
     const labmate_type_iv_ellipse_reference_f *reference, labmate_type_iv_ellipse_evaluation_f *all);
