@@ -5,6 +5,7 @@ import json
 import math
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from noslip.harness.backends import BACKENDS, MODEL_QUANTITIES, QUANTITIES, make_controller
@@ -13,7 +14,9 @@ from noslip.harness.cli import main
 from noslip.harness.evaluate import evaluate_cases
 from noslip.harness.robots import find_laws, find_robot, law_of, system_of
 from noslip.harness.sampling import random_plants
+from noslip.model.law import symbols
 from noslip.model.outputs import OUTPUTS
+from scipy.optimize import brentq
 
 REFERENCE = Path(__file__).parent / "reference"
 FILES = ("labmate_paper.json", "labmate_random.json")
@@ -420,3 +423,54 @@ def test_check_refuses(case, write, bad_input):
     assert "unknown robot" in bad_input(["check", "--robot", "labmat"])
     assert "--states must be 1 or more" in bad_input(["check", "--states", "0"])
     assert "casadi is what the C is compared with" in bad_input(["check", "--backend", "casadi"])
+
+
+# -- close to the singular set -----------------------------------------------------------------------------------------
+
+
+def near_singular(law, plant, point, random):
+    """The point's state with its heading turned to just beside where det Phi changes sign."""
+    groups = [symbols(law.parameters), symbols(law.config), symbols(law.state)]
+    determinant = ca.Function("det", groups, [law.linearization.determinant])
+    heading = [quantity.name for quantity in law.state].index("phi")
+
+    def at(angle):
+        state = point.state.copy()
+        state[heading] = angle
+        return float(determinant(plant.params, plant.config, state))
+
+    angles = point.state[heading] + np.linspace(0, 2 * np.pi, 33)
+    change = next(k for k in range(32) if at(angles[k]) * at(angles[k + 1]) < 0)
+    state = point.state.copy()
+    state[heading] = brentq(at, angles[change], angles[change + 1]) + 10 ** random.uniform(-4, -1.5) * random.choice((-1, 1))
+    return np.float32(state).astype(float)
+
+
+@pytest.mark.parametrize("name", ["type_ii", "type_iii", "type_iv_line", "type_iv_circle", "type_iv_ellipse"])
+def test_float_error_grows_no_faster_than_the_inverse_of_rcond(name):
+    """u = Phi^-1 (...) in float: relative error times |det Phi| / product of row norms stays at a few roundings."""
+    law, random = law_of(find_robot("labmate"), name), np.random.default_rng(11)
+    conditions, errors = [], []
+    for plant in random_plants(law, 400, seed=11):
+        numbers = [np.float32(group).astype(float).tolist() for group in (plant.params, plant.config, plant.gains)]
+        double, single = (make_controller(backend, law, *numbers) for backend in ("c", "cf"))
+        for point in plant.points:
+            inputs = near_singular(law, plant, point, random), np.float32(point.reference).astype(float)
+            exact, rounded = double.evaluate(*inputs), single.evaluate(*inputs)
+            assert exact.status == rounded.status
+            if exact.status == "singular":
+                continue
+            Phi, u = exact.values["Phi"], exact.values["u"]
+            conditions.append(abs(np.linalg.det(Phi)) / np.prod(np.linalg.norm(Phi, axis=1)))
+            errors.append(np.abs(rounded.values["u"] - u).max() / np.abs(u).max())
+    conditions, errors = np.array(conditions), np.array(errors)
+    roundings = errors * conditions / np.finfo(np.float32).eps
+    assert len(roundings) > 200 and conditions.min() < 1e-3
+    assert np.median(roundings) < 5 and roundings.max() < 500
+    slope = np.polyfit(np.log10(conditions), np.log10(np.maximum(errors, 1e-9)), 1)[0]
+    assert slope > -1.2
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_ten_thousand_random_states(name, capsys):
+    assert main(["check", "--states", "10000", "--output", name]) == 0, capsys.readouterr().out
