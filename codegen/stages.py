@@ -119,7 +119,8 @@ def staged(law: ControlLaw) -> Stages:
     """The law's quantities in steps."""
     stages = Stages([q.symbol for group in ("params", "config", "gains") for q in law.groups[group]])
     inner, W = inner_velocities(law.system)
-    for q, speed in zip(inner.quasi_velocities, ca.vertsplit(stages.exact(W) @ law.system.nu), strict=True):
+    to_inner, from_inner = stages.exact(W), stages.exact(solve(W, ca.SX.eye(law.system.freedom)))
+    for q, speed in zip(inner.quasi_velocities, ca.vertsplit(to_inner @ law.system.nu), strict=True):
         stages.steps.append((q.symbol, speed))
     output = _in_velocities(law.output, law.system, inner, W)
     degree = law.linearization.relative_degree
@@ -138,15 +139,13 @@ def staged(law: ControlLaw) -> Stages:
     damping = ca.vertcat(*[kd[output.rows[damped[j]].name] * inner.nu[j] if j in damped else 0 for j in range(inner.freedom)])
 
     feedback = _Feedback(stages, inner, rows)
-    unit = ca.SX.eye(law.system.freedom)
-    back = stages.exact(solve(W, unit))
     Phi = ca.vertcat(*[row.Phi for row in rows])
     quantities = {
         "h": h,
         "ydot": rate,
-        "Phi": Phi @ stages.exact(W),
-        "Phidot": ca.vertcat(*[row.Phidot for row in rows]) @ stages.exact(W),
-        "u": back @ feedback.acceleration(loop, damping),
+        "Phi": Phi @ to_inner,
+        "Phidot": ca.vertcat(*[row.Phidot for row in rows]) @ to_inner,
+        "u": from_inner @ feedback.acceleration(loop, damping),
         "tau": feedback.inputs(loop, damping),
         "tau_of_demand": feedback.inputs(demand, ca.SX.zeros(inner.freedom)),
         **_singular(stages, Phi, W),

@@ -41,33 +41,36 @@ int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, cons
     self->kp_y_l = gains->kp_y_l;
     self->kd_y_l = gains->kd_y_l;
     self->k1 = params->r * 0.5;
+    if (!(noslip_abs(params->r) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k2 = 1.0 / params->r;
+    self->k3 = params->b / params->r;
     const double t1 = params->d + config->L;
     if (!(noslip_abs(t1) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k2 = 1.0 / t1;
-    self->k3 = params->b * params->b;
+    self->k4 = 1.0 / t1;
+    self->k5 = params->b * params->b;
     const double t2 = params->r * params->r;
     if (!(noslip_abs(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k4 = self->k1 * ((params->I_w * 2.0 + t2 * params->m_c + t2 * params->m_w * 2.0) / t2);
-    self->k5 = 1.0 / params->r;
-    self->k6 = params->b / params->r;
+    self->k6 = self->k1 * ((params->I_w * 2.0 + t2 * params->m_c + t2 * params->m_w * 2.0) / t2);
     const double t3 = params->b * 2.0;
     if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const double t4 = params->r / t3;
-    const double t5 = t2 * params->I_c + t2 * params->I_m * 2.0 + self->k3 * params->I_w * 2.0 + t2 * (self->k3 *
+    const double t5 = t2 * params->I_c + t2 * params->I_m * 2.0 + self->k5 * params->I_w * 2.0 + t2 * (self->k5 *
         params->m_w) * 2.0;
-    self->k7 = self->k2 * (t4 * ((t5 + t2 * (params->d * params->d * params->m_c)) / t2));
+    self->k7 = self->k4 * (t4 * ((t5 + t2 * (params->d * params->d * params->m_c)) / t2));
     self->k8 = t1 * t1;
     self->k9 = self->k1 * t4;
     self->k10 = t4 * t1;
     self->k11 = t4 * self->k10;
-    self->k12 = self->k3 - self->k8;
-    const double t6 = self->k3 * 2.0;
+    self->k12 = self->k5 - self->k8;
+    const double t6 = self->k5 * 2.0;
     if (!(noslip_abs(t6) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -81,13 +84,13 @@ int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, cons
     const double t10 = params->d * params->m_c;
     const double t11 = 0.5 * (t4 * t10 - self->k7) * 2.0;
     self->k14 = t4 * (self->k1 * t11);
-    const double t12 = self->k1 * t10 - self->k4 * t1;
+    const double t12 = self->k1 * t10 - self->k6 * t1;
     self->k15 = t4 * (t4 * t12);
     self->k16 = t11 * self->k9;
     const double t13 = t4 * t4;
     self->k17 = t13 * t12;
     self->k18 = t13 * t1;
-    self->k19 = self->k2 * self->k9;
+    self->k19 = self->k4 * self->k9;
     if (!(noslip_is_finite(self->k1) &&
         noslip_is_finite(self->k2) &&
         noslip_is_finite(self->k3) &&
@@ -282,14 +285,14 @@ static int labmate_type_i_feedback_law(const labmate_type_i *self, const labmate
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * self->k12 * cos_phi;
-    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const double t2 = state->thetadot_r - state->thetadot_l;
     const double t3 = self->k14 * (state->thetadot_r + state->thetadot_l) * t2 + self->k7 * (v[1] * cos_phi - v[0] *
         sin_phi);
     const double u_forward_speed = v[0] * cos_phi + v[1] * sin_phi;
-    const double t4 = self->k4 * u_forward_speed - self->k15 * t2 * t2;
+    const double t4 = self->k6 * u_forward_speed - self->k15 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -319,7 +322,7 @@ static int labmate_type_i_evaluate_law(const labmate_type_i *self, const labmate
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * self->k12 * cos_phi;
-    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const double x_l = state->x_c + self->L * cos_phi;
@@ -357,14 +360,14 @@ static int labmate_type_i_evaluate_law(const labmate_type_i *self, const labmate
         reference->x_l_rate);
     const double u_forward_speed = sin_phi * v_y_l + cos_phi * v_x_l;
     const double t16 = t5 * t5;
-    const double t17 = self->k5 * (u_forward_speed + self->k18 * t16);
+    const double t17 = self->k2 * (u_forward_speed + self->k18 * t16);
     const double t18 = t3 * t5;
     const double t19 = sin_phi * v_x_l - cos_phi * v_y_l;
-    const double t20 = self->k6 * (self->k19 * t18 + self->k2 * t19);
+    const double t20 = self->k3 * (self->k19 * t18 + self->k4 * t19);
     all->u[0] = t17 - t20;
     all->u[1] = t17 + t20;
     const double t21 = self->k16 * t18 - self->k7 * t19;
-    const double t22 = self->k4 * u_forward_speed - self->k17 * t16;
+    const double t22 = self->k6 * u_forward_speed - self->k17 * t16;
     all->tau[0] = t21 + t22;
     all->tau[1] = t22 - t21;
     return NOSLIP_OK;
@@ -404,7 +407,7 @@ static int labmate_type_i_step_law(const labmate_type_i *self, const labmate_sta
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = cos_phi * self->k12 * cos_phi;
-    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const double t2 = state->thetadot_r + state->thetadot_l;
@@ -417,7 +420,7 @@ static int labmate_type_i_step_law(const labmate_type_i *self, const labmate_sta
         cos_phi) + self->kd_x_l * (reference->x_l_rate - forward_speed * cos_phi + t4 * sin_phi);
     const double t5 = self->k14 * t2 * t3 + self->k7 * (cos_phi * v_y_l - sin_phi * v_x_l);
     const double u_forward_speed = cos_phi * v_x_l + sin_phi * v_y_l;
-    const double t6 = self->k4 * u_forward_speed - self->k15 * t3 * t3;
+    const double t6 = self->k6 * u_forward_speed - self->k15 * t3 * t3;
     tau[0] = t5 + t6;
     tau[1] = t6 - t5;
     return NOSLIP_OK;

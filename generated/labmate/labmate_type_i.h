@@ -57,11 +57,11 @@ typedef struct labmate_type_i {
     double kp_y_l;   /* 1/s^2 */
     double kd_y_l;   /* 1/s */
     double k1;       /* r * 0.5 */
-    double k2;       /* 1.0 / (d + L) */
-    double k3;       /* b * b */
-    double k4;       /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k5;       /* 1.0 / r */
-    double k6;       /* b / r */
+    double k2;       /* 1.0 / r */
+    double k3;       /* b / r */
+    double k4;       /* 1.0 / (d + L) */
+    double k5;       /* b * b */
+    double k6;       /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     double k7;       /* see init */
     double k8;       /* (d + L) * (d + L) */
     double k9;       /* r * 0.5 * (r / (b * 2.0)) */

@@ -41,33 +41,36 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
     self->kp_y_l = gains->kp_y_l;
     self->kd_y_l = gains->kd_y_l;
     self->k1 = params->r * 0.5f;
+    if (!(noslip_abs_f(params->r) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k2 = 1.0f / params->r;
+    self->k3 = params->b / params->r;
     const float t1 = params->d + config->L;
     if (!(noslip_abs_f(t1) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k2 = 1.0f / t1;
-    self->k3 = params->b * params->b;
+    self->k4 = 1.0f / t1;
+    self->k5 = params->b * params->b;
     const float t2 = params->r * params->r;
     if (!(noslip_abs_f(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k4 = self->k1 * ((params->I_w * 2.0f + t2 * params->m_c + t2 * params->m_w * 2.0f) / t2);
-    self->k5 = 1.0f / params->r;
-    self->k6 = params->b / params->r;
+    self->k6 = self->k1 * ((params->I_w * 2.0f + t2 * params->m_c + t2 * params->m_w * 2.0f) / t2);
     const float t3 = params->b * 2.0f;
     if (!(noslip_abs_f(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = params->r / t3;
-    const float t5 = t2 * params->I_c + t2 * params->I_m * 2.0f + self->k3 * params->I_w * 2.0f + t2 * (self->k3 *
+    const float t5 = t2 * params->I_c + t2 * params->I_m * 2.0f + self->k5 * params->I_w * 2.0f + t2 * (self->k5 *
         params->m_w) * 2.0f;
-    self->k7 = self->k2 * (t4 * ((t5 + t2 * (params->d * params->d * params->m_c)) / t2));
+    self->k7 = self->k4 * (t4 * ((t5 + t2 * (params->d * params->d * params->m_c)) / t2));
     self->k8 = t1 * t1;
     self->k9 = self->k1 * t4;
     self->k10 = t4 * t1;
     self->k11 = t4 * self->k10;
-    self->k12 = self->k3 - self->k8;
-    const float t6 = self->k3 * 2.0f;
+    self->k12 = self->k5 - self->k8;
+    const float t6 = self->k5 * 2.0f;
     if (!(noslip_abs_f(t6) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -81,13 +84,13 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
     const float t10 = params->d * params->m_c;
     const float t11 = 0.5f * (t4 * t10 - self->k7) * 2.0f;
     self->k14 = t4 * (self->k1 * t11);
-    const float t12 = self->k1 * t10 - self->k4 * t1;
+    const float t12 = self->k1 * t10 - self->k6 * t1;
     self->k15 = t4 * (t4 * t12);
     self->k16 = t11 * self->k9;
     const float t13 = t4 * t4;
     self->k17 = t13 * t12;
     self->k18 = t13 * t1;
-    self->k19 = self->k2 * self->k9;
+    self->k19 = self->k4 * self->k9;
     if (!(noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->k2) &&
         noslip_is_finite_f(self->k3) &&
@@ -282,14 +285,14 @@ static int labmate_type_i_feedback_f_law(const labmate_type_i_f *self, const lab
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * self->k12 * cos_phi;
-    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float t2 = state->thetadot_r - state->thetadot_l;
     const float t3 = self->k14 * (state->thetadot_r + state->thetadot_l) * t2 + self->k7 * (v[1] * cos_phi - v[0] *
         sin_phi);
     const float u_forward_speed = v[0] * cos_phi + v[1] * sin_phi;
-    const float t4 = self->k4 * u_forward_speed - self->k15 * t2 * t2;
+    const float t4 = self->k6 * u_forward_speed - self->k15 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -320,7 +323,7 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * self->k12 * cos_phi;
-    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float x_l = state->x_c + self->L * cos_phi;
@@ -358,14 +361,14 @@ static int labmate_type_i_evaluate_f_law(const labmate_type_i_f *self, const lab
         reference->x_l_rate);
     const float u_forward_speed = sin_phi * v_y_l + cos_phi * v_x_l;
     const float t16 = t5 * t5;
-    const float t17 = self->k5 * (u_forward_speed + self->k18 * t16);
+    const float t17 = self->k2 * (u_forward_speed + self->k18 * t16);
     const float t18 = t3 * t5;
     const float t19 = sin_phi * v_x_l - cos_phi * v_y_l;
-    const float t20 = self->k6 * (self->k19 * t18 + self->k2 * t19);
+    const float t20 = self->k3 * (self->k19 * t18 + self->k4 * t19);
     all->u[0] = t17 - t20;
     all->u[1] = t17 + t20;
     const float t21 = self->k16 * t18 - self->k7 * t19;
-    const float t22 = self->k4 * u_forward_speed - self->k17 * t16;
+    const float t22 = self->k6 * u_forward_speed - self->k17 * t16;
     all->tau[0] = t21 + t22;
     all->tau[1] = t22 - t21;
     return NOSLIP_OK;
@@ -406,7 +409,7 @@ static int labmate_type_i_step_f_law(const labmate_type_i_f *self, const labmate
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * self->k12 * cos_phi;
-    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k3 - t1))) {
+    if (!(self->k8 > self->k13 * (self->k8 + t1) * (self->k5 - t1))) {
         return NOSLIP_SINGULAR;
     }
     const float t2 = state->thetadot_r + state->thetadot_l;
@@ -419,7 +422,7 @@ static int labmate_type_i_step_f_law(const labmate_type_i_f *self, const labmate
         self->kd_x_l * (reference->x_l_rate - forward_speed * cos_phi + t4 * sin_phi);
     const float t5 = self->k14 * t2 * t3 + self->k7 * (cos_phi * v_y_l - sin_phi * v_x_l);
     const float u_forward_speed = cos_phi * v_x_l + sin_phi * v_y_l;
-    const float t6 = self->k4 * u_forward_speed - self->k15 * t3 * t3;
+    const float t6 = self->k6 * u_forward_speed - self->k15 * t3 * t3;
     tau[0] = t5 + t6;
     tau[1] = t6 - t5;
     return NOSLIP_OK;

@@ -57,11 +57,11 @@ typedef struct labmate_type_i_f {
     float kp_y_l;   /* 1/s^2 */
     float kd_y_l;   /* 1/s */
     float k1;       /* r * 0.5 */
-    float k2;       /* 1.0 / (d + L) */
-    float k3;       /* b * b */
-    float k4;       /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k5;       /* 1.0 / r */
-    float k6;       /* b / r */
+    float k2;       /* 1.0 / r */
+    float k3;       /* b / r */
+    float k4;       /* 1.0 / (d + L) */
+    float k5;       /* b * b */
+    float k6;       /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     float k7;       /* see init */
     float k8;       /* (d + L) * (d + L) */
     float k9;       /* r * 0.5 * (r / (b * 2.0)) */

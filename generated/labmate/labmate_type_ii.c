@@ -46,22 +46,25 @@ int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params, co
         return NOSLIP_SINGULAR;
     }
     self->Phi_21 = params->r / t1;
-    self->k2 = params->d + config->L;
+    if (!(noslip_abs(params->r) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k2 = 1.0 / params->r;
+    self->k3 = params->b / params->r;
+    self->k4 = params->d + config->L;
     const double t2 = params->r * params->r;
     if (!(noslip_abs(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k3 = self->k1 * ((params->I_w * 2.0 + t2 * params->m_c + t2 * params->m_w * 2.0) / t2);
+    self->k5 = self->k1 * ((params->I_w * 2.0 + t2 * params->m_c + t2 * params->m_w * 2.0) / t2);
     const double t3 = params->b * params->b;
     const double t4 = t2 * params->I_c + t2 * params->I_m * 2.0 + t3 * params->I_w * 2.0 + t2 * (t3 * params->m_w) *
         2.0 + t2 * (params->d * params->d * params->m_c);
-    self->k4 = self->Phi_21 * (t4 / t2);
-    self->k5 = 1.0 / params->r;
-    self->k6 = params->b / params->r;
-    self->k7 = self->k2 * self->k2;
+    self->k6 = self->Phi_21 * (t4 / t2);
+    self->k7 = self->k4 * self->k4;
     self->Phi_22 = -self->Phi_21;
     self->k8 = self->k1 * self->Phi_21;
-    self->k9 = self->Phi_21 * self->k2;
+    self->k9 = self->Phi_21 * self->k4;
     self->k10 = self->Phi_21 * self->k9;
     self->k11 = t3 - self->k7;
     const double t5 = t3 * 2.0;
@@ -79,7 +82,7 @@ int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params, co
     self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t9 * 0.5 * 2.0));
     self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t9));
     self->k15 = self->k1 * gains->kd_x_l;
-    self->k16 = self->k1 * (self->k3 * gains->kd_x_l);
+    self->k16 = self->k1 * (self->k5 * gains->kd_x_l);
     if (!(noslip_is_finite(self->k1) &&
         noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k2) &&
@@ -271,11 +274,11 @@ static int labmate_type_ii_feedback_law(const labmate_type_ii *self, const labma
     }
     const double t2 = state->thetadot_r + state->thetadot_l;
     const double t3 = state->thetadot_r - state->thetadot_l;
-    const double t4 = self->k4 * v[1] + self->k13 * t2 * t3;
+    const double t4 = self->k6 * v[1] + self->k13 * t2 * t3;
     const double yaw_rate = self->Phi_21 * t3;
     const double y_l_rate = self->k9 * cos_phi * t3 + self->k1 * sin_phi * t2;
     const double wanted_0 = v[0] + yaw_rate * y_l_rate;
-    const double t5 = self->k3 * (wanted_0 + v[1] * self->k2 * sin_phi) / cos_phi - self->k14 * t3 * t3;
+    const double t5 = self->k5 * (wanted_0 + v[1] * self->k4 * sin_phi) / cos_phi - self->k14 * t3 * t3;
     tau[0] = t4 + t5;
     tau[1] = t5 - t4;
     return NOSLIP_OK;
@@ -333,17 +336,17 @@ static int labmate_type_ii_evaluate_law(const labmate_type_ii *self, const labma
     all->Phidot[1][1] = 0.0;
     const double v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const double t11 = self->k6 * v_heading;
+    const double t11 = self->k3 * v_heading;
     const double t12 = reference->x_l_acceleration + self->kp_x_l * (reference->x_l - x_l) + self->kd_x_l *
         (reference->x_l_rate + t6);
     const double y_l_rate = self->k1 * sin_phi * t3 + self->k9 * t9;
     const double wanted_0 = t12 + yaw_rate * y_l_rate;
-    const double u_forward_speed = (wanted_0 + sin_phi * self->k2 * v_heading) / cos_phi;
-    const double t13 = self->k5 * (self->k15 * t3 - u_forward_speed);
+    const double u_forward_speed = (wanted_0 + sin_phi * self->k4 * v_heading) / cos_phi;
+    const double t13 = self->k2 * (self->k15 * t3 - u_forward_speed);
     all->u[0] = t11 - t13;
     all->u[1] = -(t11 + t13);
-    const double t14 = self->k13 * t3 * t4 + self->k4 * v_heading;
-    const double t15 = self->k14 * t4 * t4 - self->k3 * u_forward_speed + self->k16 * t3;
+    const double t14 = self->k13 * t3 * t4 + self->k6 * v_heading;
+    const double t15 = self->k14 * t4 * t4 - self->k5 * u_forward_speed + self->k16 * t3;
     all->tau[0] = t14 - t15;
     all->tau[1] = -(t14 + t15);
     return NOSLIP_OK;
@@ -391,13 +394,13 @@ static int labmate_type_ii_step_law(const labmate_type_ii *self, const labmate_s
     const double yaw_rate = self->Phi_21 * t3;
     const double v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const double t4 = self->k13 * t2 * t3 + self->k4 * v_heading;
+    const double t4 = self->k13 * t2 * t3 + self->k6 * v_heading;
     const double t5 = self->k9 * t3;
     const double t6 = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L * cos_phi) +
         self->kd_x_l * (reference->x_l_rate + t5 * sin_phi);
     const double y_l_rate = self->k1 * sin_phi * t2 + t5 * cos_phi;
     const double wanted_0 = t6 + yaw_rate * y_l_rate;
-    const double t7 = self->k3 * (wanted_0 + sin_phi * self->k2 * v_heading) / cos_phi - (self->k14 * t3 * t3 +
+    const double t7 = self->k5 * (wanted_0 + sin_phi * self->k4 * v_heading) / cos_phi - (self->k14 * t3 * t3 +
         self->k16 * t2);
     tau[0] = t4 + t7;
     tau[1] = t7 - t4;

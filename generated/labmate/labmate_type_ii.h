@@ -58,11 +58,11 @@ typedef struct labmate_type_ii {
     double kd_heading; /* 1/s */
     double k1;         /* r * 0.5 */
     double Phi_21;     /* r / (b * 2.0) */
-    double k2;         /* d + L */
-    double k3;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k4;         /* see init */
-    double k5;         /* 1.0 / r */
-    double k6;         /* b / r */
+    double k2;         /* 1.0 / r */
+    double k3;         /* b / r */
+    double k4;         /* d + L */
+    double k5;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k6;         /* see init */
     double k7;         /* (d + L) * (d + L) */
     double Phi_22;     /* -(r / (b * 2.0)) */
     double k8;         /* r * 0.5 * (r / (b * 2.0)) */

@@ -58,11 +58,11 @@ typedef struct labmate_type_ii_f {
     float kd_heading; /* 1/s */
     float k1;         /* r * 0.5 */
     float Phi_21;     /* r / (b * 2.0) */
-    float k2;         /* d + L */
-    float k3;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k4;         /* see init */
-    float k5;         /* 1.0 / r */
-    float k6;         /* b / r */
+    float k2;         /* 1.0 / r */
+    float k3;         /* b / r */
+    float k4;         /* d + L */
+    float k5;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k6;         /* see init */
     float k7;         /* (d + L) * (d + L) */
     float Phi_22;     /* -(r / (b * 2.0)) */
     float k8;         /* r * 0.5 * (r / (b * 2.0)) */

@@ -46,24 +46,27 @@ int labmate_type_iii_init(labmate_type_iii *self, const labmate_params *params, 
         return NOSLIP_SINGULAR;
     }
     self->Phi_21 = params->r / t1;
-    self->k2 = params->d + config->L;
-    self->k3 = params->b * params->b;
+    if (!(noslip_abs(params->r) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k2 = 1.0 / params->r;
+    self->k3 = params->b / params->r;
+    self->k4 = params->d + config->L;
+    self->k5 = params->b * params->b;
     const double t2 = params->r * params->r;
     if (!(noslip_abs(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k4 = self->k1 * ((params->I_w * 2.0 + t2 * params->m_c + t2 * params->m_w * 2.0) / t2);
-    const double t3 = t2 * params->I_c + t2 * params->I_m * 2.0 + self->k3 * params->I_w * 2.0 + t2 * (self->k3 *
+    self->k6 = self->k1 * ((params->I_w * 2.0 + t2 * params->m_c + t2 * params->m_w * 2.0) / t2);
+    const double t3 = t2 * params->I_c + t2 * params->I_m * 2.0 + self->k5 * params->I_w * 2.0 + t2 * (self->k5 *
         params->m_w) * 2.0;
-    self->k5 = self->Phi_21 * ((t3 + t2 * (params->d * params->d * params->m_c)) / t2);
-    self->k6 = 1.0 / params->r;
-    self->k7 = params->b / params->r;
+    self->k7 = self->Phi_21 * ((t3 + t2 * (params->d * params->d * params->m_c)) / t2);
     self->Phi_22 = -self->Phi_21;
     self->k8 = self->k1 * self->Phi_21;
-    self->k9 = self->Phi_21 * self->k2;
+    self->k9 = self->Phi_21 * self->k4;
     self->k10 = self->Phi_21 * self->k9;
-    self->k11 = self->k3 - self->k2 * self->k2;
-    const double t4 = self->k3 * 2.0;
+    self->k11 = self->k5 - self->k4 * self->k4;
+    const double t4 = self->k5 * 2.0;
     if (!(noslip_abs(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -78,7 +81,7 @@ int labmate_type_iii_init(labmate_type_iii *self, const labmate_params *params, 
     self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t8 * 0.5 * 2.0));
     self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t8));
     self->k15 = self->k1 * gains->kd_y_l;
-    self->k16 = self->k1 * (self->k4 * gains->kd_y_l);
+    self->k16 = self->k1 * (self->k6 * gains->kd_y_l);
     if (!(noslip_is_finite(self->k1) &&
         noslip_is_finite(self->Phi_21) &&
         noslip_is_finite(self->k2) &&
@@ -264,15 +267,15 @@ static int labmate_type_iii_feedback_law(const labmate_type_iii *self, const lab
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k5 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r + state->thetadot_l;
     const double t2 = state->thetadot_r - state->thetadot_l;
-    const double t3 = self->k5 * v[1] + self->k13 * t1 * t2;
+    const double t3 = self->k7 * v[1] + self->k13 * t1 * t2;
     const double yaw_rate = self->Phi_21 * t2;
     const double wanted_0 = v[0] + yaw_rate * (self->k9 * sin_phi * t2 - self->k1 * cos_phi * t1);
-    const double t4 = self->k4 * (wanted_0 - v[1] * self->k2 * cos_phi) / sin_phi - self->k14 * t2 * t2;
+    const double t4 = self->k6 * (wanted_0 - v[1] * self->k4 * cos_phi) / sin_phi - self->k14 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -302,7 +305,7 @@ static int labmate_type_iii_evaluate_law(const labmate_type_iii *self, const lab
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k5 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const double y_l = state->y_c + self->L * sin_phi;
@@ -330,17 +333,17 @@ static int labmate_type_iii_evaluate_law(const labmate_type_iii *self, const lab
     all->Phidot[1][1] = 0.0;
     const double v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const double t10 = self->k7 * v_heading;
+    const double t10 = self->k3 * v_heading;
     const double t11 = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
         (reference->y_l_rate - t5);
     const double x_l_rate = self->k1 * cos_phi * t2 - self->k9 * t8;
     const double wanted_0 = t11 - yaw_rate * x_l_rate;
-    const double u_forward_speed = (wanted_0 - cos_phi * self->k2 * v_heading) / sin_phi;
-    const double t12 = self->k6 * (self->k15 * t2 - u_forward_speed);
+    const double u_forward_speed = (wanted_0 - cos_phi * self->k4 * v_heading) / sin_phi;
+    const double t12 = self->k2 * (self->k15 * t2 - u_forward_speed);
     all->u[0] = t10 - t12;
     all->u[1] = -(t10 + t12);
-    const double t13 = self->k13 * t2 * t3 + self->k5 * v_heading;
-    const double t14 = self->k14 * t3 * t3 - self->k4 * u_forward_speed + self->k16 * t2;
+    const double t13 = self->k13 * t2 * t3 + self->k7 * v_heading;
+    const double t14 = self->k14 * t3 * t3 - self->k6 * u_forward_speed + self->k16 * t2;
     all->tau[0] = t13 - t14;
     all->tau[1] = -(t13 + t14);
     return NOSLIP_OK;
@@ -379,7 +382,7 @@ static int labmate_type_iii_step_law(const labmate_type_iii *self, const labmate
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k5 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const double t1 = state->thetadot_r + state->thetadot_l;
@@ -387,12 +390,12 @@ static int labmate_type_iii_step_law(const labmate_type_iii *self, const labmate
     const double yaw_rate = self->Phi_21 * t2;
     const double v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const double t3 = self->k13 * t1 * t2 + self->k5 * v_heading;
+    const double t3 = self->k13 * t1 * t2 + self->k7 * v_heading;
     const double t4 = self->k9 * t2;
     const double t5 = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
         self->kd_y_l * (reference->y_l_rate - t4 * cos_phi);
     const double wanted_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
-    const double t6 = self->k14 * t2 * t2 + self->k16 * t1 + self->k4 * (cos_phi * self->k2 * v_heading - wanted_0) /
+    const double t6 = self->k14 * t2 * t2 + self->k16 * t1 + self->k6 * (cos_phi * self->k4 * v_heading - wanted_0) /
         sin_phi;
     tau[0] = t3 - t6;
     tau[1] = -(t3 + t6);

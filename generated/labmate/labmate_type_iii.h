@@ -58,12 +58,12 @@ typedef struct labmate_type_iii {
     double kd_heading; /* 1/s */
     double k1;         /* r * 0.5 */
     double Phi_21;     /* r / (b * 2.0) */
-    double k2;         /* d + L */
-    double k3;         /* b * b */
-    double k4;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k5;         /* see init */
-    double k6;         /* 1.0 / r */
-    double k7;         /* b / r */
+    double k2;         /* 1.0 / r */
+    double k3;         /* b / r */
+    double k4;         /* d + L */
+    double k5;         /* b * b */
+    double k6;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k7;         /* see init */
     double Phi_22;     /* -(r / (b * 2.0)) */
     double k8;         /* r * 0.5 * (r / (b * 2.0)) */
     double k9;         /* r / (b * 2.0) * (d + L) */

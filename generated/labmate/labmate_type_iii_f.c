@@ -46,24 +46,27 @@ int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *pa
         return NOSLIP_SINGULAR;
     }
     self->Phi_21 = params->r / t1;
-    self->k2 = params->d + config->L;
-    self->k3 = params->b * params->b;
+    if (!(noslip_abs_f(params->r) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k2 = 1.0f / params->r;
+    self->k3 = params->b / params->r;
+    self->k4 = params->d + config->L;
+    self->k5 = params->b * params->b;
     const float t2 = params->r * params->r;
     if (!(noslip_abs_f(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k4 = self->k1 * ((params->I_w * 2.0f + t2 * params->m_c + t2 * params->m_w * 2.0f) / t2);
-    const float t3 = t2 * params->I_c + t2 * params->I_m * 2.0f + self->k3 * params->I_w * 2.0f + t2 * (self->k3 *
+    self->k6 = self->k1 * ((params->I_w * 2.0f + t2 * params->m_c + t2 * params->m_w * 2.0f) / t2);
+    const float t3 = t2 * params->I_c + t2 * params->I_m * 2.0f + self->k5 * params->I_w * 2.0f + t2 * (self->k5 *
         params->m_w) * 2.0f;
-    self->k5 = self->Phi_21 * ((t3 + t2 * (params->d * params->d * params->m_c)) / t2);
-    self->k6 = 1.0f / params->r;
-    self->k7 = params->b / params->r;
+    self->k7 = self->Phi_21 * ((t3 + t2 * (params->d * params->d * params->m_c)) / t2);
     self->Phi_22 = -self->Phi_21;
     self->k8 = self->k1 * self->Phi_21;
-    self->k9 = self->Phi_21 * self->k2;
+    self->k9 = self->Phi_21 * self->k4;
     self->k10 = self->Phi_21 * self->k9;
-    self->k11 = self->k3 - self->k2 * self->k2;
-    const float t4 = self->k3 * 2.0f;
+    self->k11 = self->k5 - self->k4 * self->k4;
+    const float t4 = self->k5 * 2.0f;
     if (!(noslip_abs_f(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -78,7 +81,7 @@ int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *pa
     self->k13 = self->Phi_21 * (self->k1 * (self->Phi_21 * t8 * 0.5f * 2.0f));
     self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t8));
     self->k15 = self->k1 * gains->kd_y_l;
-    self->k16 = self->k1 * (self->k4 * gains->kd_y_l);
+    self->k16 = self->k1 * (self->k6 * gains->kd_y_l);
     if (!(noslip_is_finite_f(self->k1) &&
         noslip_is_finite_f(self->Phi_21) &&
         noslip_is_finite_f(self->k2) &&
@@ -265,15 +268,15 @@ static int labmate_type_iii_feedback_f_law(const labmate_type_iii_f *self, const
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k5 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r + state->thetadot_l;
     const float t2 = state->thetadot_r - state->thetadot_l;
-    const float t3 = self->k5 * v[1] + self->k13 * t1 * t2;
+    const float t3 = self->k7 * v[1] + self->k13 * t1 * t2;
     const float yaw_rate = self->Phi_21 * t2;
     const float wanted_0 = v[0] + yaw_rate * (self->k9 * sin_phi * t2 - self->k1 * cos_phi * t1);
-    const float t4 = self->k4 * (wanted_0 - v[1] * self->k2 * cos_phi) / sin_phi - self->k14 * t2 * t2;
+    const float t4 = self->k6 * (wanted_0 - v[1] * self->k4 * cos_phi) / sin_phi - self->k14 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -303,7 +306,7 @@ static int labmate_type_iii_evaluate_f_law(const labmate_type_iii_f *self, const
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k5 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const float y_l = state->y_c + self->L * sin_phi;
@@ -331,17 +334,17 @@ static int labmate_type_iii_evaluate_f_law(const labmate_type_iii_f *self, const
     all->Phidot[1][1] = 0.0f;
     const float v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const float t10 = self->k7 * v_heading;
+    const float t10 = self->k3 * v_heading;
     const float t11 = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
         (reference->y_l_rate - t5);
     const float x_l_rate = self->k1 * cos_phi * t2 - self->k9 * t8;
     const float wanted_0 = t11 - yaw_rate * x_l_rate;
-    const float u_forward_speed = (wanted_0 - cos_phi * self->k2 * v_heading) / sin_phi;
-    const float t12 = self->k6 * (self->k15 * t2 - u_forward_speed);
+    const float u_forward_speed = (wanted_0 - cos_phi * self->k4 * v_heading) / sin_phi;
+    const float t12 = self->k2 * (self->k15 * t2 - u_forward_speed);
     all->u[0] = t10 - t12;
     all->u[1] = -(t10 + t12);
-    const float t13 = self->k13 * t2 * t3 + self->k5 * v_heading;
-    const float t14 = self->k14 * t3 * t3 - self->k4 * u_forward_speed + self->k16 * t2;
+    const float t13 = self->k13 * t2 * t3 + self->k7 * v_heading;
+    const float t14 = self->k14 * t3 * t3 - self->k6 * u_forward_speed + self->k16 * t2;
     all->tau[0] = t13 - t14;
     all->tau[1] = -(t13 + t14);
     return NOSLIP_OK;
@@ -381,7 +384,7 @@ static int labmate_type_iii_step_f_law(const labmate_type_iii_f *self, const lab
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k12 * (self->k3 - cos_phi * self->k11 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k12 * (self->k5 - cos_phi * self->k11 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r + state->thetadot_l;
@@ -389,12 +392,12 @@ static int labmate_type_iii_step_f_law(const labmate_type_iii_f *self, const lab
     const float yaw_rate = self->Phi_21 * t2;
     const float v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const float t3 = self->k13 * t1 * t2 + self->k5 * v_heading;
+    const float t3 = self->k13 * t1 * t2 + self->k7 * v_heading;
     const float t4 = self->k9 * t2;
     const float t5 = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
         self->kd_y_l * (reference->y_l_rate - t4 * cos_phi);
     const float wanted_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
-    const float t6 = self->k14 * t2 * t2 + self->k16 * t1 + self->k4 * (cos_phi * self->k2 * v_heading - wanted_0) /
+    const float t6 = self->k14 * t2 * t2 + self->k16 * t1 + self->k6 * (cos_phi * self->k4 * v_heading - wanted_0) /
         sin_phi;
     tau[0] = t3 - t6;
     tau[1] = -(t3 + t6);

@@ -58,12 +58,12 @@ typedef struct labmate_type_iii_f {
     float kd_heading; /* 1/s */
     float k1;         /* r * 0.5 */
     float Phi_21;     /* r / (b * 2.0) */
-    float k2;         /* d + L */
-    float k3;         /* b * b */
-    float k4;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k5;         /* see init */
-    float k6;         /* 1.0 / r */
-    float k7;         /* b / r */
+    float k2;         /* 1.0 / r */
+    float k3;         /* b / r */
+    float k4;         /* d + L */
+    float k5;         /* b * b */
+    float k6;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k7;         /* see init */
     float Phi_22;     /* -(r / (b * 2.0)) */
     float k8;         /* r * 0.5 * (r / (b * 2.0)) */
     float k9;         /* r / (b * 2.0) * (d + L) */

@@ -51,22 +51,25 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
         return NOSLIP_SINGULAR;
     }
     self->k1 = params->r / t1;
+    if (!(noslip_abs(params->r) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k2 = 1.0 / params->r;
+    self->k3 = params->b / params->r;
     const double t2 = params->d + config->L;
     if (!(noslip_abs(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k2 = 1.0 / t2;
+    self->k4 = 1.0 / t2;
     const double t3 = params->r * params->r;
     if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k3 = self->Phi_21 * ((params->I_w * 2.0 + t3 * params->m_c + t3 * params->m_w * 2.0) / t3);
-    self->k4 = 1.0 / params->r;
-    self->k5 = params->b / params->r;
+    self->k5 = self->Phi_21 * ((params->I_w * 2.0 + t3 * params->m_c + t3 * params->m_w * 2.0) / t3);
     const double t4 = params->b * params->b;
     const double t5 = t3 * params->I_c + t3 * params->I_m * 2.0 + t4 * params->I_w * 2.0 + t3 * (t4 * params->m_w) *
         2.0 + t3 * (params->d * params->d * params->m_c);
-    self->k6 = self->k2 * (self->k1 * (t5 / t3));
+    self->k6 = self->k4 * (self->k1 * (t5 / t3));
     const double t6 = t3 * 0.5;
     const double t7 = t4 * 2.0;
     if (!(noslip_abs(t7) > 0)) {
@@ -88,10 +91,10 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
     const double t13 = params->d * params->m_c;
     const double t14 = 0.5 * (self->k1 * t13 - self->k6) * 2.0;
     self->k12 = self->k1 * (self->Phi_21 * t14);
-    self->k13 = t12 * (self->Phi_21 * t13 - self->k3 * t2);
+    self->k13 = t12 * (self->Phi_21 * t13 - self->k5 * t2);
     const double t15 = self->Phi_21 * self->k1;
     self->k14 = t14 * t15;
-    self->k15 = self->k2 * t15;
+    self->k15 = self->k4 * t15;
     const double t16 = t10 * 1.9342813113834067e+25;
     if (!(noslip_abs(t16) > 0)) {
         return NOSLIP_SINGULAR;
@@ -345,7 +348,7 @@ static int labmate_type_iv_circle_feedback_law(const labmate_type_iv_circle *sel
     const double wanted_0 = v[0] - distance_curvature;
     const double wanted_1 = v[1] - self->k11 * t11;
     const double t13 = self->k12 * t9 * t10 + self->k6 * (wanted_0 + t8 * wanted_1) / t7;
-    const double t14 = self->k3 * wanted_1 - self->k13 * t11;
+    const double t14 = self->k5 * wanted_1 - self->k13 * t11;
     tau[0] = t13 + t14;
     tau[1] = t14 - t13;
     return NOSLIP_OK;
@@ -418,19 +421,19 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double t21 = t10 * t10;
     const double t22 = self->k11 * t21;
     const double wanted_1 = reference->speed_rate - t22 + self->kv_speed * (reference->speed - forward_speed);
-    const double t23 = self->k4 * (wanted_1 + t22);
+    const double t23 = self->k2 * (wanted_1 + t22);
     const double t24 = t9 * t10;
     const double distance_curvature = t4 * (self->k9 * t9 * t9 + self->k10 * t21 - t16 * t16);
     const double t25 = reference->distance_acceleration + self->kp_distance * (self->R - t3 + reference->distance) -
         distance_curvature;
     const double wanted_0 = t25 + self->kd_distance * (t16 + reference->distance_rate);
     const double t26 = (wanted_0 + t8 * wanted_1) / t7;
-    const double u_yaw_rate = self->k2 * t26;
-    const double t27 = self->k5 * (self->k15 * t24 - u_yaw_rate);
+    const double u_yaw_rate = self->k4 * t26;
+    const double t27 = self->k3 * (self->k15 * t24 - u_yaw_rate);
     all->u[0] = t23 - t27;
     all->u[1] = t23 + t27;
     const double t28 = self->k14 * t24 + self->k6 * t26;
-    const double t29 = self->k3 * wanted_1 - self->k13 * t21;
+    const double t29 = self->k5 * wanted_1 - self->k13 * t21;
     all->tau[0] = t28 + t29;
     all->tau[1] = t29 - t28;
     return NOSLIP_OK;
@@ -489,7 +492,7 @@ static int labmate_type_iv_circle_step_law(const labmate_type_iv_circle *self, c
     const double forward_speed = self->Phi_21 * t11;
     const double wanted_1 = reference->speed_rate - self->k11 * t10 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t12 = self->k3 * wanted_1 - self->k13 * t10;
+    const double t12 = self->k5 * wanted_1 - self->k13 * t10;
     const double t13 = self->k8 * t7 * t9 - forward_speed * t8;
     const double distance_curvature = t4 * (self->k9 * t11 * t11 + self->k10 * t10 - t13 * t13);
     const double t14 = reference->distance_acceleration - distance_curvature + self->kd_distance *

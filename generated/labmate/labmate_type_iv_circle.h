@@ -61,10 +61,10 @@ typedef struct labmate_type_iv_circle {
     double kv_speed;    /* 1/s */
     double Phi_21;      /* r * 0.5 */
     double k1;          /* r / (b * 2.0) */
-    double k2;          /* 1.0 / (d + L) */
-    double k3;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k4;          /* 1.0 / r */
-    double k5;          /* b / r */
+    double k2;          /* 1.0 / r */
+    double k3;          /* b / r */
+    double k4;          /* 1.0 / (d + L) */
+    double k5;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     double k6;          /* see init */
     double k7;          /* see init */
     double k8;          /* r / (b * 2.0) * (d + L) */

@@ -51,22 +51,25 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
         return NOSLIP_SINGULAR;
     }
     self->k1 = params->r / t1;
+    if (!(noslip_abs_f(params->r) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k2 = 1.0f / params->r;
+    self->k3 = params->b / params->r;
     const float t2 = params->d + config->L;
     if (!(noslip_abs_f(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k2 = 1.0f / t2;
+    self->k4 = 1.0f / t2;
     const float t3 = params->r * params->r;
     if (!(noslip_abs_f(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k3 = self->Phi_21 * ((params->I_w * 2.0f + t3 * params->m_c + t3 * params->m_w * 2.0f) / t3);
-    self->k4 = 1.0f / params->r;
-    self->k5 = params->b / params->r;
+    self->k5 = self->Phi_21 * ((params->I_w * 2.0f + t3 * params->m_c + t3 * params->m_w * 2.0f) / t3);
     const float t4 = params->b * params->b;
     const float t5 = t3 * params->I_c + t3 * params->I_m * 2.0f + t4 * params->I_w * 2.0f + t3 * (t4 * params->m_w) *
         2.0f;
-    self->k6 = self->k2 * (self->k1 * ((t5 + t3 * (params->d * params->d * params->m_c)) / t3));
+    self->k6 = self->k4 * (self->k1 * ((t5 + t3 * (params->d * params->d * params->m_c)) / t3));
     const float t6 = t3 * 0.5f;
     const float t7 = t4 * 2.0f;
     if (!(noslip_abs_f(t7) > 0)) {
@@ -88,10 +91,10 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
     const float t13 = params->d * params->m_c;
     const float t14 = 0.5f * (self->k1 * t13 - self->k6) * 2.0f;
     self->k12 = self->k1 * (self->Phi_21 * t14);
-    self->k13 = t12 * (self->Phi_21 * t13 - self->k3 * t2);
+    self->k13 = t12 * (self->Phi_21 * t13 - self->k5 * t2);
     const float t15 = self->Phi_21 * self->k1;
     self->k14 = t14 * t15;
-    self->k15 = self->k2 * t15;
+    self->k15 = self->k4 * t15;
     const float t16 = t10 * 1.9342813e+25f;
     if (!(noslip_abs_f(t16) > 0)) {
         return NOSLIP_SINGULAR;
@@ -346,7 +349,7 @@ static int labmate_type_iv_circle_feedback_f_law(const labmate_type_iv_circle_f 
     const float wanted_0 = v[0] - distance_curvature;
     const float wanted_1 = v[1] - self->k11 * t11;
     const float t13 = self->k12 * t9 * t10 + self->k6 * (wanted_0 + t8 * wanted_1) / t7;
-    const float t14 = self->k3 * wanted_1 - self->k13 * t11;
+    const float t14 = self->k5 * wanted_1 - self->k13 * t11;
     tau[0] = t13 + t14;
     tau[1] = t14 - t13;
     return NOSLIP_OK;
@@ -419,19 +422,19 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     const float t21 = t10 * t10;
     const float t22 = self->k11 * t21;
     const float wanted_1 = reference->speed_rate - t22 + self->kv_speed * (reference->speed - forward_speed);
-    const float t23 = self->k4 * (wanted_1 + t22);
+    const float t23 = self->k2 * (wanted_1 + t22);
     const float t24 = t9 * t10;
     const float distance_curvature = t4 * (self->k9 * t9 * t9 + self->k10 * t21 - t16 * t16);
     const float t25 = reference->distance_acceleration + self->kp_distance * (self->R - t3 + reference->distance) -
         distance_curvature;
     const float wanted_0 = t25 + self->kd_distance * (t16 + reference->distance_rate);
     const float t26 = (wanted_0 + t8 * wanted_1) / t7;
-    const float u_yaw_rate = self->k2 * t26;
-    const float t27 = self->k5 * (self->k15 * t24 - u_yaw_rate);
+    const float u_yaw_rate = self->k4 * t26;
+    const float t27 = self->k3 * (self->k15 * t24 - u_yaw_rate);
     all->u[0] = t23 - t27;
     all->u[1] = t23 + t27;
     const float t28 = self->k14 * t24 + self->k6 * t26;
-    const float t29 = self->k3 * wanted_1 - self->k13 * t21;
+    const float t29 = self->k5 * wanted_1 - self->k13 * t21;
     all->tau[0] = t28 + t29;
     all->tau[1] = t29 - t28;
     return NOSLIP_OK;
@@ -491,7 +494,7 @@ static int labmate_type_iv_circle_step_f_law(const labmate_type_iv_circle_f *sel
     const float forward_speed = self->Phi_21 * t11;
     const float wanted_1 = reference->speed_rate - self->k11 * t10 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t12 = self->k3 * wanted_1 - self->k13 * t10;
+    const float t12 = self->k5 * wanted_1 - self->k13 * t10;
     const float t13 = self->k8 * t7 * t9 - forward_speed * t8;
     const float distance_curvature = t4 * (self->k9 * t11 * t11 + self->k10 * t10 - t13 * t13);
     const float t14 = reference->distance_acceleration - distance_curvature + self->kd_distance *

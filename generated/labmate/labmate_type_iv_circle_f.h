@@ -61,10 +61,10 @@ typedef struct labmate_type_iv_circle_f {
     float kv_speed;    /* 1/s */
     float Phi_21;      /* r * 0.5 */
     float k1;          /* r / (b * 2.0) */
-    float k2;          /* 1.0 / (d + L) */
-    float k3;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k4;          /* 1.0 / r */
-    float k5;          /* b / r */
+    float k2;          /* 1.0 / r */
+    float k3;          /* b / r */
+    float k4;          /* 1.0 / (d + L) */
+    float k5;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     float k6;          /* see init */
     float k7;          /* see init */
     float k8;          /* r / (b * 2.0) * (d + L) */

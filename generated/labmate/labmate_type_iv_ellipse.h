@@ -57,18 +57,18 @@ typedef struct labmate_type_iv_ellipse {
     double kv_speed;    /* 1/s */
     double Phi_21;      /* r * 0.5 */
     double k1;          /* r / (b * 2.0) */
-    double k2;          /* 4.0 / (a * a * (a * a)) */
-    double k3;          /* 4.0 / (b * b * (b * b)) */
-    double k4;          /* 1.0 / (a * a) */
-    double k5;          /* 1.0 / (b * b) */
-    double k6;          /* 2.0 / (a * a) */
-    double k7;          /* 2.0 / (b * b) */
-    double k8;          /* 8.0 / (a * a * (a * a)) */
-    double k9;          /* 8.0 / (b * b * (b * b)) */
-    double k10;         /* 1.0 / (d + L) */
-    double k11;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k12;         /* 1.0 / r */
-    double k13;         /* b / r */
+    double k2;          /* 1.0 / r */
+    double k3;          /* b / r */
+    double k4;          /* 4.0 / (a * a * (a * a)) */
+    double k5;          /* 4.0 / (b * b * (b * b)) */
+    double k6;          /* 1.0 / (a * a) */
+    double k7;          /* 1.0 / (b * b) */
+    double k8;          /* 2.0 / (a * a) */
+    double k9;          /* 2.0 / (b * b) */
+    double k10;         /* 8.0 / (a * a * (a * a)) */
+    double k11;         /* 8.0 / (b * b * (b * b)) */
+    double k12;         /* 1.0 / (d + L) */
+    double k13;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     double k14;         /* see init */
     double k15;         /* see init */
     double k16;         /* r / (b * 2.0) * (d + L) */

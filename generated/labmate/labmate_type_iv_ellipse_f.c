@@ -47,40 +47,43 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
         return NOSLIP_SINGULAR;
     }
     self->k1 = params->r / t1;
+    if (!(noslip_abs_f(params->r) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k2 = 1.0f / params->r;
+    self->k3 = params->b / params->r;
     const float t2 = config->a * config->a;
     const float t3 = t2 * t2;
     if (!(noslip_abs_f(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k2 = 4.0f / t3;
+    self->k4 = 4.0f / t3;
     const float t4 = config->b * config->b;
     const float t5 = t4 * t4;
     if (!(noslip_abs_f(t5) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k3 = 4.0f / t5;
-    self->k4 = 1.0f / t2;
-    self->k5 = 1.0f / t4;
-    self->k6 = 2.0f / t2;
-    self->k7 = 2.0f / t4;
-    self->k8 = 8.0f / t3;
-    self->k9 = 8.0f / t5;
+    self->k5 = 4.0f / t5;
+    self->k6 = 1.0f / t2;
+    self->k7 = 1.0f / t4;
+    self->k8 = 2.0f / t2;
+    self->k9 = 2.0f / t4;
+    self->k10 = 8.0f / t3;
+    self->k11 = 8.0f / t5;
     const float t6 = params->d + config->L;
     if (!(noslip_abs_f(t6) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k10 = 1.0f / t6;
+    self->k12 = 1.0f / t6;
     const float t7 = params->r * params->r;
     if (!(noslip_abs_f(t7) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k11 = self->Phi_21 * ((params->I_w * 2.0f + t7 * params->m_c + t7 * params->m_w * 2.0f) / t7);
-    self->k12 = 1.0f / params->r;
-    self->k13 = params->b / params->r;
+    self->k13 = self->Phi_21 * ((params->I_w * 2.0f + t7 * params->m_c + t7 * params->m_w * 2.0f) / t7);
     const float t8 = params->b * params->b;
     const float t9 = t7 * params->I_c + t7 * params->I_m * 2.0f + t8 * params->I_w * 2.0f + t7 * (t8 * params->m_w) *
         2.0f;
-    self->k14 = self->k10 * (self->k1 * ((t9 + t7 * (params->d * params->d * params->m_c)) / t7));
+    self->k14 = self->k12 * (self->k1 * ((t9 + t7 * (params->d * params->d * params->m_c)) / t7));
     const float t10 = t7 * 0.5f;
     const float t11 = t8 * 2.0f;
     if (!(noslip_abs_f(t11) > 0)) {
@@ -100,10 +103,10 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     const float t17 = params->d * params->m_c;
     const float t18 = 0.5f * (self->k1 * t17 - self->k14) * 2.0f;
     self->k18 = self->k1 * (self->Phi_21 * t18);
-    self->k19 = t16 * (self->Phi_21 * t17 - self->k11 * t6);
+    self->k19 = t16 * (self->Phi_21 * t17 - self->k13 * t6);
     const float t19 = self->Phi_21 * self->k1;
     self->k20 = t18 * t19;
-    self->k21 = self->k10 * t19;
+    self->k21 = self->k12 * t19;
     const float t20 = t14 * 1.9342813e+25f;
     if (!(noslip_abs_f(t20) > 0)) {
         return NOSLIP_SINGULAR;
@@ -189,11 +192,11 @@ static int labmate_type_iv_ellipse_output_f_law(const labmate_type_iv_ellipse_f 
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
+    const float t3 = noslip_sqrt_f(self->k4 * t1 + self->k5 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    h[0] = -((1.0f - self->k4 * t1 - self->k5 * t2) / t3);
+    h[0] = -((1.0f - self->k6 * t1 - self->k7 * t2) / t3);
     h[1] = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -223,14 +226,14 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
+    const float t3 = noslip_sqrt_f(self->k4 * t1 + self->k5 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
-    const float t5 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
-    const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
-    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
+    const float t5 = t4 * (t4 * (1.0f - self->k6 * t1 - self->k7 * t2));
+    const float distance_by_y_l = t4 * y_l * (self->k9 + self->k5 * t5);
+    const float distance_by_x_l = t4 * x_l * (self->k8 + self->k4 * t5);
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const float t6 = self->k16 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
         distance_by_x_l * sin_phi);
@@ -262,14 +265,14 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
+    const float t3 = noslip_sqrt_f(self->k4 * t1 + self->k5 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
-    const float t5 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
-    const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
-    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
+    const float t5 = t4 * (t4 * (1.0f - self->k6 * t1 - self->k7 * t2));
+    const float distance_by_y_l = t4 * y_l * (self->k9 + self->k5 * t5);
+    const float distance_by_x_l = t4 * x_l * (self->k8 + self->k4 * t5);
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const float t6 = self->Phi_21 * distance_by_forward_speed;
     const float t7 = self->k16 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
@@ -309,7 +312,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
+    const float t3 = noslip_sqrt_f(self->k4 * t1 + self->k5 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -319,26 +322,26 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float t6 = self->k16 * t5;
     const float t7 = forward_speed * cos_phi - t6 * sin_phi;
     const float t8 = t4 * x_l;
-    const float t9 = self->k8 * t7;
+    const float t9 = self->k10 * t7;
     const float y_l_rate = forward_speed * sin_phi + t6 * cos_phi;
-    const float t10 = self->k9 * y_l_rate;
+    const float t10 = self->k11 * y_l_rate;
     const float t11 = t4 * (t9 * x_l + t10 * y_l);
     const float t12 = t8 * t11;
-    const float t13 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
+    const float t13 = t4 * (t4 * (1.0f - self->k6 * t1 - self->k7 * t2));
     const float t14 = t13 * 0.5f;
     const float t15 = t4 * y_l;
-    const float distance_by_y_l = t15 * (self->k7 + self->k3 * t13);
-    const float distance_by_x_l = t8 * (self->k6 + self->k2 * t13);
+    const float distance_by_y_l = t15 * (self->k9 + self->k5 * t13);
+    const float distance_by_x_l = t8 * (self->k8 + self->k4 * t13);
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const float t16 = forward_speed * distance_by_forward_speed - t6 * (distance_by_x_l * sin_phi - distance_by_y_l *
         cos_phi);
     const float t17 = t4 * (t16 + t14 * t11);
     const float yaw_rate = self->k1 * t5;
-    const float t18 = t4 * (self->k6 * t7 - self->k4 * t12 + t14 * (t9 - self->k2 * t12)) - self->k2 * t8 * t17 +
+    const float t18 = t4 * (self->k8 * t7 - self->k6 * t12 + t14 * (t9 - self->k4 * t12)) - self->k4 * t8 * t17 +
         distance_by_y_l * yaw_rate;
     const float t19 = t15 * t11;
-    const float t20 = distance_by_x_l * yaw_rate - (t4 * (self->k7 * y_l_rate - self->k5 * t19 + t14 * (t10 - self->k3 *
-        t19)) - self->k3 * t15 * t17);
+    const float t20 = distance_by_x_l * yaw_rate - (t4 * (self->k9 * y_l_rate - self->k7 * t19 + t14 * (t10 - self->k5 *
+        t19)) - self->k5 * t15 * t17);
     const float t21 = self->Phi_21 * (cos_phi * t18 - sin_phi * t20);
     const float t22 = self->k16 * (cos_phi * t20 + sin_phi * t18);
     Phidot[0][0] = t21 - t22;
@@ -377,14 +380,14 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
+    const float t3 = noslip_sqrt_f(self->k4 * t1 + self->k5 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
-    const float t5 = t4 * (t4 * (1.0f - self->k4 * t1 - self->k5 * t2));
-    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t5);
-    const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t5);
+    const float t5 = t4 * (t4 * (1.0f - self->k6 * t1 - self->k7 * t2));
+    const float distance_by_x_l = t4 * x_l * (self->k8 + self->k4 * t5);
+    const float distance_by_y_l = t4 * y_l * (self->k9 + self->k5 * t5);
     const float t6 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     if (!(t6 * t6 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
@@ -393,7 +396,7 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     const float t7 = state->thetadot_r - state->thetadot_l;
     const float t8 = t7 * t7;
     const float wanted_1 = v[1] - self->k17 * t8;
-    const float t9 = self->k11 * wanted_1 - self->k19 * t8;
+    const float t9 = self->k13 * wanted_1 - self->k19 * t8;
     const float t10 = state->thetadot_r + state->thetadot_l;
     const float forward_speed = self->Phi_21 * t10;
     const float t11 = self->k16 * t7;
@@ -401,8 +404,8 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     const float t13 = t12 * t12;
     const float y_l_rate = forward_speed * sin_phi + t11 * cos_phi;
     const float t14 = y_l_rate * y_l_rate;
-    const float t15 = t4 * (self->k8 * x_l * t12 + self->k9 * y_l * y_l_rate);
-    const float t16 = self->k6 * t13 + self->k7 * t14 + t5 * (0.5f * (self->k8 * t13 + self->k9 * t14) - t15 * (t15 *
+    const float t15 = t4 * (self->k10 * x_l * t12 + self->k11 * y_l * y_l_rate);
+    const float t16 = self->k8 * t13 + self->k9 * t14 + t5 * (0.5f * (self->k10 * t13 + self->k11 * t14) - t15 * (t15 *
         0.25f));
     const float distance_curvature = t4 * (t16 + t15 * (t11 * t6 - forward_speed * distance_by_forward_speed));
     const float wanted_0 = v[0] - distance_curvature;
@@ -440,17 +443,17 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
+    const float t3 = noslip_sqrt_f(self->k4 * t1 + self->k5 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
     const float t5 = t4 * x_l;
-    const float t6 = t4 * (1.0f - self->k4 * t1 - self->k5 * t2);
+    const float t6 = t4 * (1.0f - self->k6 * t1 - self->k7 * t2);
     const float t7 = t4 * t6;
-    const float distance_by_x_l = t5 * (self->k6 + self->k2 * t7);
+    const float distance_by_x_l = t5 * (self->k8 + self->k4 * t7);
     const float t8 = t4 * y_l;
-    const float distance_by_y_l = t8 * (self->k7 + self->k3 * t7);
+    const float distance_by_y_l = t8 * (self->k9 + self->k5 * t7);
     const float t9 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     if (!(t9 * t9 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
@@ -471,19 +474,19 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
     const float t16 = forward_speed * cos_phi - t12 * sin_phi;
-    const float t17 = self->k8 * t16;
+    const float t17 = self->k10 * t16;
     const float y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
-    const float t18 = self->k9 * y_l_rate;
+    const float t18 = self->k11 * y_l_rate;
     const float t19 = t4 * (t17 * x_l + t18 * y_l);
     const float t20 = t5 * t19;
     const float t21 = t7 * 0.5f;
     const float t22 = t4 * (t13 + t21 * t19);
     const float yaw_rate = self->k1 * t11;
-    const float t23 = t4 * (self->k6 * t16 - self->k4 * t20 + t21 * (t17 - self->k2 * t20)) - self->k2 * t5 * t22 +
+    const float t23 = t4 * (self->k8 * t16 - self->k6 * t20 + t21 * (t17 - self->k4 * t20)) - self->k4 * t5 * t22 +
         distance_by_y_l * yaw_rate;
     const float t24 = t8 * t19;
-    const float t25 = distance_by_x_l * yaw_rate - (t4 * (self->k7 * y_l_rate - self->k5 * t24 + t21 * (t18 - self->k3 *
-        t24)) - self->k3 * t8 * t22);
+    const float t25 = distance_by_x_l * yaw_rate - (t4 * (self->k9 * y_l_rate - self->k7 * t24 + t21 * (t18 - self->k5 *
+        t24)) - self->k5 * t8 * t22);
     const float t26 = self->Phi_21 * (cos_phi * t23 - sin_phi * t25);
     const float t27 = self->k16 * (cos_phi * t25 + sin_phi * t23);
     all->Phidot[0][0] = t26 - t27;
@@ -493,22 +496,22 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     const float t28 = t11 * t11;
     const float t29 = self->k17 * t28;
     const float wanted_1 = reference->speed_rate - t29 + self->kv_speed * (reference->speed - forward_speed);
-    const float t30 = self->k12 * (wanted_1 + t29);
+    const float t30 = self->k2 * (wanted_1 + t29);
     const float t31 = t10 * t11;
     const float t32 = reference->distance_acceleration + self->kp_distance * (reference->distance + t6) +
         self->kd_distance * (reference->distance_rate - t13);
     const float t33 = t16 * t16;
     const float t34 = y_l_rate * y_l_rate;
-    const float t35 = self->k6 * t33 + self->k7 * t34 + t7 * (0.5f * (self->k8 * t33 + self->k9 * t34) - t19 * (t19 *
+    const float t35 = self->k8 * t33 + self->k9 * t34 + t7 * (0.5f * (self->k10 * t33 + self->k11 * t34) - t19 * (t19 *
         0.25f));
     const float distance_curvature = t4 * (t35 - t19 * t13);
     const float wanted_0 = t32 - distance_curvature;
     const float t36 = (distance_by_forward_speed * wanted_1 - wanted_0) / t9;
-    const float t37 = self->k13 * (self->k21 * t31 - self->k10 * t36);
+    const float t37 = self->k3 * (self->k21 * t31 - self->k12 * t36);
     all->u[0] = t30 - t37;
     all->u[1] = t30 + t37;
     const float t38 = self->k20 * t31 + self->k14 * t36;
-    const float t39 = self->k11 * wanted_1 - self->k19 * t28;
+    const float t39 = self->k13 * wanted_1 - self->k19 * t28;
     all->tau[0] = t38 + t39;
     all->tau[1] = t39 - t38;
     return NOSLIP_OK;
@@ -552,15 +555,15 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float t1 = x_l * x_l;
     const float y_l = state->y_c + self->L * sin_phi;
     const float t2 = y_l * y_l;
-    const float t3 = noslip_sqrt_f(self->k2 * t1 + self->k3 * t2);
+    const float t3 = noslip_sqrt_f(self->k4 * t1 + self->k5 * t2);
     if (!(t3 > 0)) {
         return NOSLIP_SINGULAR;
     }
     const float t4 = 1.0f / t3;
-    const float t5 = t4 * (1.0f - self->k4 * t1 - self->k5 * t2);
+    const float t5 = t4 * (1.0f - self->k6 * t1 - self->k7 * t2);
     const float t6 = t4 * t5;
-    const float distance_by_x_l = t4 * x_l * (self->k6 + self->k2 * t6);
-    const float distance_by_y_l = t4 * y_l * (self->k7 + self->k3 * t6);
+    const float distance_by_x_l = t4 * x_l * (self->k8 + self->k4 * t6);
+    const float distance_by_y_l = t4 * y_l * (self->k9 + self->k5 * t6);
     const float t7 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi;
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     if (!(t7 * t7 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
@@ -571,14 +574,14 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float t10 = state->thetadot_r + state->thetadot_l;
     const float forward_speed = self->Phi_21 * t10;
     const float wanted_1 = reference->speed_rate - self->k17 * t9 + self->kv_speed * (reference->speed - forward_speed);
-    const float t11 = self->k11 * wanted_1 - self->k19 * t9;
+    const float t11 = self->k13 * wanted_1 - self->k19 * t9;
     const float t12 = self->k16 * t8;
     const float t13 = forward_speed * cos_phi - t12 * sin_phi;
     const float t14 = t13 * t13;
     const float y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
     const float t15 = y_l_rate * y_l_rate;
-    const float t16 = t4 * (self->k8 * x_l * t13 + self->k9 * y_l * y_l_rate);
-    const float t17 = self->k6 * t14 + self->k7 * t15 + t6 * (0.5f * (self->k8 * t14 + self->k9 * t15) - t16 * (t16 *
+    const float t16 = t4 * (self->k10 * x_l * t13 + self->k11 * y_l * y_l_rate);
+    const float t17 = self->k8 * t14 + self->k9 * t15 + t6 * (0.5f * (self->k10 * t14 + self->k11 * t15) - t16 * (t16 *
         0.25f));
     const float t18 = t12 * t7 - forward_speed * distance_by_forward_speed;
     const float distance_curvature = t4 * (t17 + t16 * t18);

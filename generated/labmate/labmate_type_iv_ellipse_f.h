@@ -57,18 +57,18 @@ typedef struct labmate_type_iv_ellipse_f {
     float kv_speed;    /* 1/s */
     float Phi_21;      /* r * 0.5 */
     float k1;          /* r / (b * 2.0) */
-    float k2;          /* 4.0 / (a * a * (a * a)) */
-    float k3;          /* 4.0 / (b * b * (b * b)) */
-    float k4;          /* 1.0 / (a * a) */
-    float k5;          /* 1.0 / (b * b) */
-    float k6;          /* 2.0 / (a * a) */
-    float k7;          /* 2.0 / (b * b) */
-    float k8;          /* 8.0 / (a * a * (a * a)) */
-    float k9;          /* 8.0 / (b * b * (b * b)) */
-    float k10;         /* 1.0 / (d + L) */
-    float k11;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k12;         /* 1.0 / r */
-    float k13;         /* b / r */
+    float k2;          /* 1.0 / r */
+    float k3;          /* b / r */
+    float k4;          /* 4.0 / (a * a * (a * a)) */
+    float k5;          /* 4.0 / (b * b * (b * b)) */
+    float k6;          /* 1.0 / (a * a) */
+    float k7;          /* 1.0 / (b * b) */
+    float k8;          /* 2.0 / (a * a) */
+    float k9;          /* 2.0 / (b * b) */
+    float k10;         /* 8.0 / (a * a * (a * a)) */
+    float k11;         /* 8.0 / (b * b * (b * b)) */
+    float k12;         /* 1.0 / (d + L) */
+    float k13;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     float k14;         /* see init */
     float k15;         /* see init */
     float k16;         /* r / (b * 2.0) * (d + L) */

@@ -46,25 +46,28 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     self->kd_distance = gains->kd_distance;
     self->kv_speed = gains->kv_speed;
     self->Phi_21 = params->r * 0.5;
+    if (!(noslip_abs(params->r) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k1 = 1.0 / params->r;
+    self->k2 = params->b / params->r;
     const double t2 = noslip_sqrt(t1);
     if (!(t2 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k1 = config->A / t2;
-    self->k2 = config->B / t2;
-    self->k3 = config->C / t2;
+    self->k3 = config->A / t2;
+    self->k4 = config->B / t2;
+    self->k5 = config->C / t2;
     const double t3 = params->d + config->L;
     if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k4 = 1.0 / t3;
+    self->k6 = 1.0 / t3;
     const double t4 = params->r * params->r;
     if (!(noslip_abs(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k5 = self->Phi_21 * ((params->I_w * 2.0 + t4 * params->m_c + t4 * params->m_w * 2.0) / t4);
-    self->k6 = 1.0 / params->r;
-    self->k7 = params->b / params->r;
+    self->k7 = self->Phi_21 * ((params->I_w * 2.0 + t4 * params->m_c + t4 * params->m_w * 2.0) / t4);
     const double t5 = params->b * 2.0;
     if (!(noslip_abs(t5) > 0)) {
         return NOSLIP_SINGULAR;
@@ -74,7 +77,7 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     const double t8 = t4 * params->I_c + t4 * params->I_m * 2.0 + t7 * params->I_w * 2.0 + t4 * (t7 * params->m_w) *
         2.0 + t4 * (params->d * params->d * params->m_c);
     const double t9 = t6 * (t8 / t4);
-    self->k8 = self->k4 * t9;
+    self->k8 = self->k6 * t9;
     const double t10 = t4 * 0.5;
     const double t11 = t7 * 2.0;
     if (!(noslip_abs(t11) > 0)) {
@@ -96,9 +99,9 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     const double t17 = params->d * params->m_c;
     const double t18 = 0.5 * (t6 * t17 - self->k8) * 2.0;
     self->k14 = t6 * (self->Phi_21 * t18);
-    self->k15 = t16 * (self->Phi_21 * t17 - self->k5 * t3);
+    self->k15 = t16 * (self->Phi_21 * t17 - self->k7 * t3);
     self->k16 = t18 * self->k11;
-    self->k17 = self->k4 * self->k11;
+    self->k17 = self->k6 * self->k11;
     self->k18 = t6 * gains->kd_distance;
     self->k19 = t6 * (t9 * gains->kd_distance);
     const double t19 = t14 * 1.9342813113834067e+25;
@@ -181,7 +184,7 @@ static int labmate_type_iv_line_output_law(const labmate_type_iv_line *self, con
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
     const double y_l = state->y_c + self->L * sin_phi;
-    h[0] = self->k3 + self->k1 * x_l + self->k2 * y_l;
+    h[0] = self->k5 + self->k3 * x_l + self->k4 * y_l;
     h[1] = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -206,9 +209,9 @@ static int labmate_type_iv_line_rate_law(const labmate_type_iv_line *self, const
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
-    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
-    ydot[0] = forward_speed * distance_by_forward_speed + self->k10 * distance_by_yaw_rate * (state->thetadot_r -
+    const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
+    const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
+    ydot[0] = forward_speed * distance_by_forward_speed - self->k10 * distance_by_yaw_rate * (state->thetadot_r -
         state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -233,12 +236,12 @@ static int labmate_type_iv_line_decoupling_law(const labmate_type_iv_line *self,
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     const double t1 = self->Phi_21 * distance_by_forward_speed;
-    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const double t2 = self->k10 * distance_by_yaw_rate;
-    Phi[0][0] = t1 + t2;
-    Phi[0][1] = t1 - t2;
+    Phi[0][0] = t1 - t2;
+    Phi[0][1] = t1 + t2;
     Phi[1][0] = self->Phi_21;
     Phi[1][1] = self->Phi_21;
     return NOSLIP_OK;
@@ -269,12 +272,12 @@ static int labmate_type_iv_line_decoupling_rate_law(const labmate_type_iv_line *
     const double t1 = state->thetadot_r - state->thetadot_l;
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const double t2 = self->k11 * distance_by_yaw_rate;
-    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     const double t3 = self->k12 * distance_by_forward_speed;
-    Phidot[0][0] = t1 * (t2 - t3);
-    Phidot[0][1] = t1 * (t2 + t3);
+    Phidot[0][0] = -(t1 * (t2 + t3));
+    Phidot[0][1] = -(t1 * (t2 - t3));
     Phidot[1][0] = 0.0;
     Phidot[1][1] = 0.0;
     return NOSLIP_OK;
@@ -305,8 +308,8 @@ static int labmate_type_iv_line_feedback_law(const labmate_type_iv_line *self, c
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
-    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
+    const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
@@ -314,9 +317,9 @@ static int labmate_type_iv_line_feedback_law(const labmate_type_iv_line *self, c
     const double t1 = state->thetadot_r - state->thetadot_l;
     const double t2 = t1 * t1;
     const double wanted_1 = v[1] - self->k13 * t2;
-    const double t3 = self->k14 * (state->thetadot_r + state->thetadot_l) * t1 + self->k8 * (v[0] -
+    const double t3 = self->k14 * (state->thetadot_r + state->thetadot_l) * t1 - self->k8 * (v[0] -
         distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
-    const double t4 = self->k5 * wanted_1 - self->k15 * t2;
+    const double t4 = self->k7 * wanted_1 - self->k15 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -346,15 +349,15 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
-    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
+    const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const double x_l = state->x_c + self->L * cos_phi;
     const double y_l = state->y_c + self->L * sin_phi;
-    const double distance = self->k3 + self->k1 * x_l + self->k2 * y_l;
+    const double distance = self->k5 + self->k3 * x_l + self->k4 * y_l;
     all->h[0] = distance;
     const double t1 = state->thetadot_r + state->thetadot_l;
     const double forward_speed = self->Phi_21 * t1;
@@ -362,32 +365,32 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
     const double t2 = forward_speed * distance_by_forward_speed;
     const double t3 = state->thetadot_r - state->thetadot_l;
     const double t4 = distance_by_yaw_rate * t3;
-    all->ydot[0] = t2 + self->k10 * t4;
+    all->ydot[0] = t2 - self->k10 * t4;
     const double t5 = self->Phi_21 * distance_by_forward_speed;
     const double t6 = self->k10 * distance_by_yaw_rate;
-    all->Phi[0][0] = t5 + t6;
-    all->Phi[0][1] = t5 - t6;
+    all->Phi[0][0] = t5 - t6;
+    all->Phi[0][1] = t5 + t6;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t7 = self->k11 * t4;
-    const double t8 = self->k12 * distance_by_forward_speed * t3;
-    all->Phidot[0][0] = t7 - t8;
-    all->Phidot[0][1] = t8 + t7;
+    const double t7 = self->k12 * distance_by_forward_speed * t3;
+    const double t8 = self->k11 * t4;
+    all->Phidot[0][0] = -(t7 + t8);
+    all->Phidot[0][1] = t7 - t8;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
     const double t9 = t3 * t3;
     const double t10 = self->k13 * t9;
     const double wanted_1 = reference->speed_rate - t10 + self->kv_speed * (reference->speed - forward_speed);
-    const double t11 = self->k6 * (wanted_1 + t10);
+    const double t11 = self->k1 * (wanted_1 + t10);
     const double t12 = t1 * t3;
     const double v_distance = reference->distance_acceleration + self->kp_distance * (reference->distance - distance) +
         self->kd_distance * (reference->distance_rate - t2);
     const double t13 = (distance_by_forward_speed * wanted_1 - v_distance) / distance_by_yaw_rate;
-    const double t14 = self->k7 * (self->k17 * t12 + self->k18 * t3 + self->k4 * t13);
+    const double t14 = self->k2 * (self->k17 * t12 + self->k18 * t3 - self->k6 * t13);
     all->u[0] = t11 - t14;
     all->u[1] = t11 + t14;
-    const double t15 = self->k5 * wanted_1 - self->k15 * t9;
-    const double t16 = self->k19 * t3 - (self->k16 * t12 - self->k8 * t13);
+    const double t15 = self->k7 * wanted_1 - self->k15 * t9;
+    const double t16 = self->k19 * t3 - (self->k16 * t12 + self->k8 * t13);
     all->tau[0] = t15 - t16;
     all->tau[1] = t16 + t15;
     return NOSLIP_OK;
@@ -426,8 +429,8 @@ static int labmate_type_iv_line_step_law(const labmate_type_iv_line *self, const
 {
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
-    const double distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
+    const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
@@ -438,15 +441,15 @@ static int labmate_type_iv_line_step_law(const labmate_type_iv_line *self, const
     const double forward_speed = self->Phi_21 * t3;
     const double wanted_1 = reference->speed_rate - self->k13 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t4 = self->k5 * wanted_1 - self->k15 * t2;
+    const double t4 = self->k7 * wanted_1 - self->k15 * t2;
     const double t5 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate - forward_speed *
         distance_by_forward_speed);
     const double x_l = state->x_c + self->L * cos_phi;
     const double y_l = state->y_c + self->L * sin_phi;
-    const double v_distance = t5 + self->kp_distance * (reference->distance - self->k3 - self->k1 * x_l - self->k2 *
+    const double v_distance = t5 + self->kp_distance * (reference->distance - self->k5 - self->k3 * x_l - self->k4 *
         y_l);
-    const double t6 = self->k8 * (distance_by_forward_speed * wanted_1 - v_distance) / distance_by_yaw_rate + t1 *
-        (self->k19 - self->k14 * t3);
+    const double t6 = t1 * (self->k19 - self->k14 * t3) - self->k8 * (distance_by_forward_speed * wanted_1 -
+        v_distance) / distance_by_yaw_rate;
     tau[0] = t4 - t6;
     tau[1] = t4 + t6;
     return NOSLIP_OK;

@@ -57,13 +57,13 @@ typedef struct labmate_type_iv_line {
     double kd_distance; /* 1/s */
     double kv_speed;    /* 1/s */
     double Phi_21;      /* r * 0.5 */
-    double k1;          /* A / noslip_sqrt(A * A + B * B) */
-    double k2;          /* B / noslip_sqrt(A * A + B * B) */
-    double k3;          /* C / noslip_sqrt(A * A + B * B) */
-    double k4;          /* 1.0 / (d + L) */
-    double k5;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k6;          /* 1.0 / r */
-    double k7;          /* b / r */
+    double k1;          /* 1.0 / r */
+    double k2;          /* b / r */
+    double k3;          /* A / noslip_sqrt(A * A + B * B) */
+    double k4;          /* B / noslip_sqrt(A * A + B * B) */
+    double k5;          /* C / noslip_sqrt(A * A + B * B) */
+    double k6;          /* 1.0 / (d + L) */
+    double k7;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     double k8;          /* see init */
     double k9;          /* see init */
     double k10;         /* r / (b * 2.0) * (d + L) */
@@ -100,7 +100,7 @@ int labmate_type_iv_line_output(const labmate_type_iv_line *self, const labmate_
 /*
  * First derivatives of the outputs of relative degree 2.
  * ydot[1]: distance_rate (m/s)
- * Operations: 8 mul, 3 add, 2 sub, 1 sincos.
+ * Operations: 8 mul, 2 add, 3 sub, 1 sincos.
  */
 int labmate_type_iv_line_rate(const labmate_type_iv_line *self, const labmate_state *state, double ydot[1]);
 
@@ -114,7 +114,7 @@ int labmate_type_iv_line_decoupling(const labmate_type_iv_line *self, const labm
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 8 mul, 2 add, 3 sub, 1 sincos.
+ * Operations: 8 mul, 2 add, 3 sub, 2 neg, 1 sincos.
  */
 int labmate_type_iv_line_decoupling_rate(const labmate_type_iv_line *self, const labmate_state *state,
     double Phidot[2][2]);
@@ -123,14 +123,14 @@ int labmate_type_iv_line_decoupling_rate(const labmate_type_iv_line *self, const
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 15 mul, 4 add, 6 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 15 mul, 3 add, 7 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_feedback(const labmate_type_iv_line *self, const labmate_state *state, const double v[2],
     double tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 37 mul, 17 add, 14 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 37 mul, 16 add, 15 sub, 2 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, labmate_type_iv_line_evaluation *all);
@@ -138,7 +138,7 @@ int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmat
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 24 mul, 9 add, 12 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 24 mul, 8 add, 13 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_step(labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, double tau[2]);

@@ -47,25 +47,28 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
     self->kd_distance = gains->kd_distance;
     self->kv_speed = gains->kv_speed;
     self->Phi_21 = params->r * 0.5f;
+    if (!(noslip_abs_f(params->r) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    self->k1 = 1.0f / params->r;
+    self->k2 = params->b / params->r;
     const float t2 = noslip_sqrt_f(t1);
     if (!(t2 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k1 = config->A / t2;
-    self->k2 = config->B / t2;
-    self->k3 = config->C / t2;
+    self->k3 = config->A / t2;
+    self->k4 = config->B / t2;
+    self->k5 = config->C / t2;
     const float t3 = params->d + config->L;
     if (!(noslip_abs_f(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k4 = 1.0f / t3;
+    self->k6 = 1.0f / t3;
     const float t4 = params->r * params->r;
     if (!(noslip_abs_f(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k5 = self->Phi_21 * ((params->I_w * 2.0f + t4 * params->m_c + t4 * params->m_w * 2.0f) / t4);
-    self->k6 = 1.0f / params->r;
-    self->k7 = params->b / params->r;
+    self->k7 = self->Phi_21 * ((params->I_w * 2.0f + t4 * params->m_c + t4 * params->m_w * 2.0f) / t4);
     const float t5 = params->b * 2.0f;
     if (!(noslip_abs_f(t5) > 0)) {
         return NOSLIP_SINGULAR;
@@ -75,7 +78,7 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
     const float t8 = t4 * params->I_c + t4 * params->I_m * 2.0f + t7 * params->I_w * 2.0f + t4 * (t7 * params->m_w) *
         2.0f;
     const float t9 = t6 * ((t8 + t4 * (params->d * params->d * params->m_c)) / t4);
-    self->k8 = self->k4 * t9;
+    self->k8 = self->k6 * t9;
     const float t10 = t4 * 0.5f;
     const float t11 = t7 * 2.0f;
     if (!(noslip_abs_f(t11) > 0)) {
@@ -97,9 +100,9 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
     const float t17 = params->d * params->m_c;
     const float t18 = 0.5f * (t6 * t17 - self->k8) * 2.0f;
     self->k14 = t6 * (self->Phi_21 * t18);
-    self->k15 = t16 * (self->Phi_21 * t17 - self->k5 * t3);
+    self->k15 = t16 * (self->Phi_21 * t17 - self->k7 * t3);
     self->k16 = t18 * self->k11;
-    self->k17 = self->k4 * self->k11;
+    self->k17 = self->k6 * self->k11;
     self->k18 = t6 * gains->kd_distance;
     self->k19 = t6 * (t9 * gains->kd_distance);
     const float t19 = t14 * 1.9342813e+25f;
@@ -183,7 +186,7 @@ static int labmate_type_iv_line_output_f_law(const labmate_type_iv_line_f *self,
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
     const float y_l = state->y_c + self->L * sin_phi;
-    h[0] = self->k3 + self->k1 * x_l + self->k2 * y_l;
+    h[0] = self->k5 + self->k3 * x_l + self->k4 * y_l;
     h[1] = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -209,9 +212,9 @@ static int labmate_type_iv_line_rate_f_law(const labmate_type_iv_line_f *self, c
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
-    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
-    ydot[0] = forward_speed * distance_by_forward_speed + self->k10 * distance_by_yaw_rate * (state->thetadot_r -
+    const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
+    const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
+    ydot[0] = forward_speed * distance_by_forward_speed - self->k10 * distance_by_yaw_rate * (state->thetadot_r -
         state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -236,12 +239,12 @@ static int labmate_type_iv_line_decoupling_f_law(const labmate_type_iv_line_f *s
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     const float t1 = self->Phi_21 * distance_by_forward_speed;
-    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const float t2 = self->k10 * distance_by_yaw_rate;
-    Phi[0][0] = t1 + t2;
-    Phi[0][1] = t1 - t2;
+    Phi[0][0] = t1 - t2;
+    Phi[0][1] = t1 + t2;
     Phi[1][0] = self->Phi_21;
     Phi[1][1] = self->Phi_21;
     return NOSLIP_OK;
@@ -272,12 +275,12 @@ static int labmate_type_iv_line_decoupling_rate_f_law(const labmate_type_iv_line
     const float t1 = state->thetadot_r - state->thetadot_l;
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
+    const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
     const float t2 = self->k11 * distance_by_yaw_rate;
-    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     const float t3 = self->k12 * distance_by_forward_speed;
-    Phidot[0][0] = t1 * (t2 - t3);
-    Phidot[0][1] = t1 * (t2 + t3);
+    Phidot[0][0] = -(t1 * (t2 + t3));
+    Phidot[0][1] = -(t1 * (t2 - t3));
     Phidot[1][0] = 0.0f;
     Phidot[1][1] = 0.0f;
     return NOSLIP_OK;
@@ -308,8 +311,8 @@ static int labmate_type_iv_line_feedback_f_law(const labmate_type_iv_line_f *sel
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
-    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
+    const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
@@ -317,9 +320,9 @@ static int labmate_type_iv_line_feedback_f_law(const labmate_type_iv_line_f *sel
     const float t1 = state->thetadot_r - state->thetadot_l;
     const float t2 = t1 * t1;
     const float wanted_1 = v[1] - self->k13 * t2;
-    const float t3 = self->k14 * (state->thetadot_r + state->thetadot_l) * t1 + self->k8 * (v[0] -
+    const float t3 = self->k14 * (state->thetadot_r + state->thetadot_l) * t1 - self->k8 * (v[0] -
         distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
-    const float t4 = self->k5 * wanted_1 - self->k15 * t2;
+    const float t4 = self->k7 * wanted_1 - self->k15 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -349,15 +352,15 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
-    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
+    const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
     const float x_l = state->x_c + self->L * cos_phi;
     const float y_l = state->y_c + self->L * sin_phi;
-    const float distance = self->k3 + self->k1 * x_l + self->k2 * y_l;
+    const float distance = self->k5 + self->k3 * x_l + self->k4 * y_l;
     all->h[0] = distance;
     const float t1 = state->thetadot_r + state->thetadot_l;
     const float forward_speed = self->Phi_21 * t1;
@@ -365,32 +368,32 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     const float t2 = forward_speed * distance_by_forward_speed;
     const float t3 = state->thetadot_r - state->thetadot_l;
     const float t4 = distance_by_yaw_rate * t3;
-    all->ydot[0] = t2 + self->k10 * t4;
+    all->ydot[0] = t2 - self->k10 * t4;
     const float t5 = self->Phi_21 * distance_by_forward_speed;
     const float t6 = self->k10 * distance_by_yaw_rate;
-    all->Phi[0][0] = t5 + t6;
-    all->Phi[0][1] = t5 - t6;
+    all->Phi[0][0] = t5 - t6;
+    all->Phi[0][1] = t5 + t6;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const float t7 = self->k11 * t4;
-    const float t8 = self->k12 * distance_by_forward_speed * t3;
-    all->Phidot[0][0] = t7 - t8;
-    all->Phidot[0][1] = t8 + t7;
+    const float t7 = self->k12 * distance_by_forward_speed * t3;
+    const float t8 = self->k11 * t4;
+    all->Phidot[0][0] = -(t7 + t8);
+    all->Phidot[0][1] = t7 - t8;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
     const float t9 = t3 * t3;
     const float t10 = self->k13 * t9;
     const float wanted_1 = reference->speed_rate - t10 + self->kv_speed * (reference->speed - forward_speed);
-    const float t11 = self->k6 * (wanted_1 + t10);
+    const float t11 = self->k1 * (wanted_1 + t10);
     const float t12 = t1 * t3;
     const float v_distance = reference->distance_acceleration + self->kp_distance * (reference->distance - distance) +
         self->kd_distance * (reference->distance_rate - t2);
     const float t13 = (distance_by_forward_speed * wanted_1 - v_distance) / distance_by_yaw_rate;
-    const float t14 = self->k7 * (self->k17 * t12 + self->k18 * t3 + self->k4 * t13);
+    const float t14 = self->k2 * (self->k17 * t12 + self->k18 * t3 - self->k6 * t13);
     all->u[0] = t11 - t14;
     all->u[1] = t11 + t14;
-    const float t15 = self->k5 * wanted_1 - self->k15 * t9;
-    const float t16 = self->k19 * t3 - (self->k16 * t12 - self->k8 * t13);
+    const float t15 = self->k7 * wanted_1 - self->k15 * t9;
+    const float t16 = self->k19 * t3 - (self->k16 * t12 + self->k8 * t13);
     all->tau[0] = t15 - t16;
     all->tau[1] = t16 + t15;
     return NOSLIP_OK;
@@ -430,8 +433,8 @@ static int labmate_type_iv_line_step_f_law(const labmate_type_iv_line_f *self, c
 {
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float distance_by_yaw_rate = self->k2 * cos_phi - self->k1 * sin_phi;
-    const float distance_by_forward_speed = self->k2 * sin_phi + self->k1 * cos_phi;
+    const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
+    const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
@@ -441,15 +444,15 @@ static int labmate_type_iv_line_step_f_law(const labmate_type_iv_line_f *self, c
     const float t3 = state->thetadot_r + state->thetadot_l;
     const float forward_speed = self->Phi_21 * t3;
     const float wanted_1 = reference->speed_rate - self->k13 * t2 + self->kv_speed * (reference->speed - forward_speed);
-    const float t4 = self->k5 * wanted_1 - self->k15 * t2;
+    const float t4 = self->k7 * wanted_1 - self->k15 * t2;
     const float t5 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate - forward_speed *
         distance_by_forward_speed);
     const float x_l = state->x_c + self->L * cos_phi;
     const float y_l = state->y_c + self->L * sin_phi;
-    const float v_distance = t5 + self->kp_distance * (reference->distance - self->k3 - self->k1 * x_l - self->k2 *
+    const float v_distance = t5 + self->kp_distance * (reference->distance - self->k5 - self->k3 * x_l - self->k4 *
         y_l);
-    const float t6 = self->k8 * (distance_by_forward_speed * wanted_1 - v_distance) / distance_by_yaw_rate + t1 *
-        (self->k19 - self->k14 * t3);
+    const float t6 = t1 * (self->k19 - self->k14 * t3) - self->k8 * (distance_by_forward_speed * wanted_1 -
+        v_distance) / distance_by_yaw_rate;
     tau[0] = t4 - t6;
     tau[1] = t4 + t6;
     return NOSLIP_OK;

@@ -57,13 +57,13 @@ typedef struct labmate_type_iv_line_f {
     float kd_distance; /* 1/s */
     float kv_speed;    /* 1/s */
     float Phi_21;      /* r * 0.5 */
-    float k1;          /* A / noslip_sqrt(A * A + B * B) */
-    float k2;          /* B / noslip_sqrt(A * A + B * B) */
-    float k3;          /* C / noslip_sqrt(A * A + B * B) */
-    float k4;          /* 1.0 / (d + L) */
-    float k5;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k6;          /* 1.0 / r */
-    float k7;          /* b / r */
+    float k1;          /* 1.0 / r */
+    float k2;          /* b / r */
+    float k3;          /* A / noslip_sqrt(A * A + B * B) */
+    float k4;          /* B / noslip_sqrt(A * A + B * B) */
+    float k5;          /* C / noslip_sqrt(A * A + B * B) */
+    float k6;          /* 1.0 / (d + L) */
+    float k7;          /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
     float k8;          /* see init */
     float k9;          /* see init */
     float k10;         /* r / (b * 2.0) * (d + L) */
@@ -101,7 +101,7 @@ int labmate_type_iv_line_output_f(const labmate_type_iv_line_f *self, const labm
 /*
  * First derivatives of the outputs of relative degree 2.
  * ydot[1]: distance_rate (m/s)
- * Operations: 8 mul, 3 add, 2 sub, 1 sincos.
+ * Operations: 8 mul, 2 add, 3 sub, 1 sincos.
  */
 int labmate_type_iv_line_rate_f(const labmate_type_iv_line_f *self, const labmate_state_f *state, float ydot[1]);
 
@@ -116,7 +116,7 @@ int labmate_type_iv_line_decoupling_f(const labmate_type_iv_line_f *self, const 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 8 mul, 2 add, 3 sub, 1 sincos.
+ * Operations: 8 mul, 2 add, 3 sub, 2 neg, 1 sincos.
  */
 int labmate_type_iv_line_decoupling_rate_f(const labmate_type_iv_line_f *self, const labmate_state_f *state,
     float Phidot[2][2]);
@@ -125,14 +125,14 @@ int labmate_type_iv_line_decoupling_rate_f(const labmate_type_iv_line_f *self, c
  * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 15 mul, 4 add, 6 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 15 mul, 3 add, 7 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_feedback_f(const labmate_type_iv_line_f *self, const labmate_state_f *state, const float v[2],
     float tau[2]);
 
 /*
  * Everything at one sine and cosine.
- * Operations: 37 mul, 17 add, 14 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 37 mul, 16 add, 15 sub, 2 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, labmate_type_iv_line_evaluation_f *all);
@@ -140,7 +140,7 @@ int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const la
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe answer.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 24 mul, 9 add, 12 sub, 1 neg, 1 div, 1 sincos.
+ * Operations: 24 mul, 8 add, 13 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_step_f(labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, float tau[2]);
