@@ -31,9 +31,9 @@ $(READY): pyproject.toml constraints.txt
 
 generate: build/generated.stamp
 
-build/generated.stamp: $(READY) $(MODEL)
+build/generated.stamp: $(READY) $(MODEL) $(ROBOTS:%=generated/%) $(wildcard generated/*/*)
 	@mkdir -p build
-	$(foreach robot,$(ROBOTS),$(NOSLIP) generate $(robot) &&) touch $@
+	$(foreach robot,$(ROBOTS),$(NOSLIP) generate $(robot) && $(NOSLIP) generate $(robot) --check &&) touch $@
 
 check-generated: $(READY)
 	$(foreach robot,$(ROBOTS),$(NOSLIP) generate $(robot) --check &&) true

@@ -3,11 +3,12 @@
 import json
 from collections.abc import Mapping
 
-from .scalar import SCALARS
+from ..model.law import ControlLaw
+from .scalar import SCALARS, Scalar
 
 
-def example(generated: Mapping[str, str]) -> dict[str, str]:
-    """Makefile, README.md and example.c for the files of one robot."""
+def example(generated: Mapping[str, str], law: ControlLaw) -> dict[str, str]:
+    """Makefile, README.md and example.c for the files of one robot; the example steps `law`."""
     manifest = json.loads(generated["manifest.json"])
     robot, laws = manifest["robot"], list(manifest["laws"])
     suffix = "_f" if f"{robot}.h" not in generated else ""
@@ -15,7 +16,7 @@ def example(generated: Mapping[str, str]) -> dict[str, str]:
     return {
         "Makefile": _makefile(robot),
         "README.md": _readme(robot, laws, manifest["tools"]),
-        "example.c": _example(robot, laws[0], scalar.suffix, scalar.real),
+        "example.c": _example(law, scalar),
     }
 
 
@@ -61,22 +62,30 @@ or `-ffp-contract=off`; `-ffast-math` is refused. `example.c` makes a law and st
 """
 
 
-def _example(robot: str, law: str, suffix: str, real: str) -> str:
-    name = f"{robot}_{law}"
-    return f"""/* Makes one law from the default parameters and steps it once. */
+def _example(law: ControlLaw, scalar: Scalar) -> str:
+    robot = law.system.mechanism.name
+    name, suffix = f"{robot}_{law.name}", scalar.suffix
+    config = ", ".join(f".{q.name} = {scalar.literal(q.default or 0.25)}" for q in law.config) or "0"
+    gains = ", ".join(f".{q.name} = {scalar.literal(q.default)}" for q in law.gains) or "0"
+    state = ", ".join(f".{q.name} = {scalar.literal((k + 1) / 8)}" for k, q in enumerate(law.state))
+    inputs = len(law.system.mechanism.inputs)
+    printed = " ".join(["%g"] * inputs)
+    values = ", ".join(f"(double)tau[{k}]" for k in range(inputs))
+    names = ", ".join(f"{q.name} ({q.unit})" for q in law.system.mechanism.inputs)
+    return f"""/* Makes one law, steps it once at some state, and prints the answer. The numbers are examples. */
 #include <stdio.h>
 
 #include "{name}{suffix}.h"
 
 int main(void)
 {{
+    const {name}_config{suffix} config = {{{config}}};
+    const {name}_gains{suffix} gains = {{{gains}}};
+    const {robot}_state{suffix} state = {{{state}}}; /* yours: from sensors */
+    const {name}_reference{suffix} reference = {{0}}; /* yours: what the outputs shall do */
     {robot}_params{suffix} params;
-    {name}_config{suffix} config = {{0}};       /* yours to fill in: see {name}{suffix}.h */
-    {name}_gains{suffix} gains = {{0}};
-    {robot}_state{suffix} state = {{0}};         /* from your sensors */
-    {name}_reference{suffix} reference = {{0}};  /* what the outputs shall do */
     {name}{suffix} law;
-    {real} tau[sizeof law.held / sizeof law.held[0]];
+    {scalar.real} tau[{inputs}];
     int status = {robot}_default_params{suffix}(&params);
 
     if (status == NOSLIP_OK) {{
@@ -85,7 +94,11 @@ int main(void)
     if (status == NOSLIP_OK) {{
         status = {name}_step{suffix}(&law, &state, &reference, tau);
     }}
-    printf("{name}{suffix}: %s\\n", noslip_status_name(status));
+    if (status < 0) {{
+        printf("{name}{suffix}: %s\\n", noslip_status_name(status));
+        return 1;
+    }}
+    printf("{name}{suffix}: %s, {names}: {printed}\\n", noslip_status_name(status), {values});
     return 0;
 }}
 """

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from .errors import BadInput
+from .files import unfinished
 
 RUNTIME = Path(__file__).resolve().parent.parent / "runtime_c"
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-Wall", "-Wextra")
@@ -24,7 +25,10 @@ def compiler() -> list[str]:
     """The compiler and its leading arguments: $CC, else cc, gcc or clang. Raises BadInput when there is none."""
     chosen = os.environ.get("CC")
     if chosen:
-        return shlex.split(chosen)
+        try:
+            return shlex.split(chosen)
+        except ValueError as error:
+            raise BadInput(f"CC = {chosen!r} cannot be read as a command: {error}") from error
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
             return [name]
@@ -34,7 +38,7 @@ def compiler() -> list[str]:
 def shared_library(files: Mapping[str, str]) -> Path:
     """Compile the .c files among `files` (name -> text) with the runtime, or find the result of an earlier time.
 
-    Raises BadInput when there is no compiler or no place to write, RuntimeError when the C does not compile.
+    Raises BadInput when there is no compiler, no place to write, or the compiler refuses.
     """
     everything = {**runtime_files(), **files}
     command = [*compiler(), *FLAGS]
@@ -43,12 +47,14 @@ def shared_library(files: Mapping[str, str]) -> Path:
     if target.exists():
         return target
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
+        unfinished.add(Path(folder))
         for name, text in everything.items():
             Path(folder, name).write_text(text)
         sources = [name for name in everything if name.endswith(".c")]
         result = subprocess.run([*command, *sources, "-o", "law.so"], cwd=folder, capture_output=True, text=True)
-        if result.returncode:
-            raise RuntimeError(f"generated C does not compile with {command[0]}:\n{result.stderr}")
+        if result.returncode or not Path(folder, "law.so").exists():
+            said = next((line for line in result.stderr.splitlines() if "error" in line), "it made no library")
+            raise BadInput(f"the generated C does not compile with `{' '.join(compiler())}`: {said}; check CC and its flags")
         os.replace(Path(folder, "law.so"), target)
     return target
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .cases import Case
 
 SMALLEST = 1e-3  # errors are relative to the largest entry of the quantity, but to no less than this (SI)
+MOST_STATES = 10_000_000
 TYPICAL = 0.1  # at random states to no less than this part of the quantity's median size either: some cancel to nothing there
 FEW = 16  # the median of fewer errors says little: it is shown, not judged
 
@@ -104,8 +105,8 @@ def run(args: argparse.Namespace) -> int:
     if "casadi" in backends:
         raise BadInput("casadi is what the C is compared with at random states; give --backend c or cf, or a file of cases")
     states, seed = 2000 if args.states is None else args.states, 1992 if args.seed is None else args.seed
-    if states < 1 or seed < 0:
-        raise BadInput(f"--states must be 1 or more and --seed 0 or more, they are {states} and {seed}")
+    if not 1 <= states <= MOST_STATES or seed < 0:
+        raise BadInput(f"--states must be 1 to {MOST_STATES} and --seed 0 or more, they are {states} and {seed}")
     return _check_random(args.robot or "labmate", args.output, states, seed, backends, args.json)
 
 

@@ -4,6 +4,7 @@ import argparse
 import errno
 import importlib
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ from contextlib import suppress
 
 from .. import __version__
 from .errors import BadInput
+from .files import remove, unfinished
 
 COMMANDS = ("generate", "check", "evaluate", "simulate", "export")  # each a module beside this one
 BAD_INPUT, INTERNAL, INTERRUPTED, READER_GONE = 2, 70, 130, 141
@@ -36,7 +38,10 @@ class Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and answer its exit code; errors are one line on stderr, with NOSLIP_DEBUG set a traceback too."""
-    argv = sys.argv[1:] if argv is None else list(argv)
+    if argv is None:
+        signal.signal(signal.SIGINT, _interrupted)
+        argv = sys.argv[1:]
+    argv = list(argv)
     try:
         code = _run(argv)
         sys.stdout.flush()
@@ -50,6 +55,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return READER_GONE
     except Exception as error:
         return _report(error)
+
+
+def _interrupted(*_) -> None:
+    """End at once and leave nothing: an exception raised inside CasADi's or a compiler's callback could be lost."""
+    remove(unfinished)
+    _fail(INTERRUPTED, "interrupted")
+    os._exit(INTERRUPTED)
 
 
 def _run(argv: list[str]) -> int:

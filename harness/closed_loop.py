@@ -60,6 +60,8 @@ class Side:
     def relative(self, x: np.ndarray) -> float:
         """|det Phi| over the product of Phi's row norms, between 0 and 1."""
         determinant, scale = (value[0] for value in self._function(x, *self._fixed))
+        if not (np.isfinite(determinant) and np.isfinite(scale)):
+            return float("nan")
         return float(abs(determinant) / scale) if scale else 0.0
 
 
@@ -394,6 +396,8 @@ def _check_start(loop: Loop) -> None:
 
 def _why_singular(loop: Loop) -> str:
     """What to change: singular at other states too is the output's fault, else the start's."""
+    if np.isnan(loop.side.relative(loop.start)):
+        return "an output has no derivative there (the centre of a circle, say), or a number is too large: change either"
     random = np.random.default_rng(1992)
     others = loop.start + random.uniform(-1.0, 1.0, (8, len(loop.start)))
     if max(loop.side.relative(x) for x in others) <= SINGULAR:

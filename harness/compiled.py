@@ -26,7 +26,12 @@ class Library:
         self.ffi.cdef(robot_declarations(law.system, SCALARS[scalar]))
         self.ffi.cdef(self.text.declarations())
         files = {**shared_files(law.system, SCALARS[scalar]), **self.text.files()}
-        self.lib = self.ffi.dlopen(str(shared_library(files)))
+        path = shared_library(files)
+        try:
+            self.lib = self.ffi.dlopen(str(path))
+        except OSError:  # not whole, as after a power cut
+            path.unlink()
+            self.lib = self.ffi.dlopen(str(shared_library(files)))
 
     def name(self, name: str) -> str:
         """The C name of something of this law."""

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def evaluate_cases(cases: Sequence[Case], backend: str) -> list[Evaluation]:
-    """Evaluate each case; a parameter that the law refuses gives that case the status bad_parameter."""
+    """Evaluate each case; a parameter that the law refuses gives it the status bad_parameter, or nonfinite."""
     controllers: dict[tuple, Controller | None] = {}  # None: refused
     evaluations = []
     for case in cases:
@@ -57,7 +57,11 @@ def evaluate_cases(cases: Sequence[Case], backend: str) -> list[Evaluation]:
             except ParameterRefused:
                 controllers[key] = None
         controller = controllers[key]
-        evaluation = Evaluation("bad_parameter") if controller is None else controller.evaluate(case.state, case.reference)
+        if controller is not None:
+            evaluation = controller.evaluate(case.state, case.reference)
+        else:
+            numbers = (*case.params, *case.config, *case.gains)
+            evaluation = Evaluation("bad_parameter" if np.all(np.isfinite(numbers)) else "nonfinite")
         if not all(np.all(np.isfinite(value)) for value in evaluation.values.values()):
             evaluation = Evaluation("nonfinite")
         evaluations.append(evaluation)

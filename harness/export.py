@@ -7,8 +7,8 @@ from pathlib import Path
 
 from .build import runtime_files
 from .errors import BadInput
-from .files import write_folder
-from .generate import add_selection, robot_name, selected_files
+from .files import unfinished, write_folder
+from .generate import add_selection, robot_name, selected_files, selected_laws
 
 EXAMPLE = """example:
   noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip"""
@@ -37,12 +37,16 @@ def run(args: argparse.Namespace) -> int:
     if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
         raise BadInput(f"{args.out}: exists and is not an empty folder; choose another")
     generated = selected_files(args)
-    files = {**runtime_files(), **generated, **example(generated)}
+    files = {**runtime_files(), **generated, **example(generated, selected_laws(args)[0])}
     parent = target.parent
     parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=parent, prefix=".noslip-") as work:
+        unfinished.add(Path(work))
         made = Path(work, "export")
-        write_folder(made, files)
+        try:
+            write_folder(made, files)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, args.out) from error
         if target.is_dir():
             target.rmdir()
         os.replace(made, target)

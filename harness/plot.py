@@ -1,7 +1,6 @@
 """Figures of runs: where the robot went, how far it was from what was wanted, how fast, with what torque."""
 
 import io
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -12,7 +11,6 @@ from ..model.law import symbols
 from ..model.outputs import forward_speed, reference_point
 from .cases import gain_entries
 from .closed_loop import Run
-from .files import write_whole
 
 FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"
 SECOND = "#8a4fa3"  # beside POINT where two like things are drawn
@@ -40,15 +38,24 @@ def draw(run: Run) -> Figure:
         axes.grid(alpha=0.3)
         axes.margins(x=0.01)
         if run.stopped:
+            _clip(axes)
             axes.axvline(run.t[-1], color=STOP, linestyle=":", linewidth=1.5)
     return figure
 
 
-def save(figure: Figure, file: str) -> None:
-    """Write the figure at once or not at all, in the format of the file's suffix. Raises OSError naming the file."""
-    picture = io.BytesIO()
-    figure.savefig(picture, format=Path(file).suffix[1:], dpi=130)
-    write_whole(file, picture.getvalue())
+def picture(run: Run, kind: str) -> bytes:
+    """The drawn run as the bytes of a file; `kind` is png, pdf or svg."""
+    made = io.BytesIO()
+    draw(run).savefig(made, format=kind, dpi=130)
+    return made.getvalue()
+
+
+def _clip(axes: Axes) -> None:
+    """Show the run, not the last instants before it stopped, where values grow without bound."""
+    values = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.get_lines() if len(line.get_xdata()) > 2])
+    low, high = np.nanpercentile(values, [2, 98])
+    room = max(0.3 * (high - low), 0.1 * max(abs(low), abs(high)), 1e-3)
+    axes.set_ylim(low - room, high + room)
 
 
 def _title(run: Run) -> str:

@@ -25,6 +25,8 @@ def find_robot(text: str) -> Mechanism:
     """
     if text in ROBOTS:
         return ROBOTS[text]()
+    if "\0" in text:
+        raise BadInput(f"robot {text!r} is no name of a file")
     file, colon, name = text.rpartition(":")
     if not colon and not text.endswith(".py"):
         raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, ROBOTS)}")

@@ -60,11 +60,13 @@ def run(arguments: argparse.Namespace) -> int:
         raise BadInput(f"{arguments.spec}: {error}") from error
     finally:
         progress.clear()
+    if arguments.plot:
+        from .plot import picture  # slow to import
+
+        drawn = picture(done, Path(arguments.plot).suffix[1:])
     write_whole(arguments.output, done.csv())
     if arguments.plot:
-        from .plot import draw, save  # slow to import
-
-        save(draw(done), arguments.plot)
+        write_whole(arguments.plot, drawn)
     files = ", ".join(filter(None, (arguments.output, arguments.plot)))
     print(f"{done.summary()}\n  {files}", file=sys.stderr if arguments.output == "-" else sys.stdout)
     if done.stopped:

@@ -197,6 +197,10 @@ class Simulation:
             raise BadInput(f"[simulation] tolerance = {self.tolerance:g} must lie between {low:g} and {high:g}")
         if self.duration / self.output_step > MOST_ROWS:
             raise BadInput(f"[simulation] output_step = {self.output_step:g} gives more than {MOST_ROWS} rows; make it longer")
+        if self.period and self.duration / self.period > MOST_ROWS:
+            raise BadInput(
+                f"[simulation] period = {self.period:g} calls the controller more than {MOST_ROWS} times; make it longer"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,8 +1,10 @@
 """The command line itself: help, errors in one line, exit codes."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from noslip import __version__
@@ -116,3 +118,19 @@ def test_full_disk(to_file):
         result = subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True)
     assert result.returncode == 2
     assert result.stderr.count("\n") == 1 and "No space left on device" in result.stderr
+
+
+@pytest.mark.parametrize("wait", [0.3, 0.7])
+@pytest.mark.parametrize("command", [["generate", "labmate"], ["export", "labmate"], ["check", "--states", "100000"]])
+def test_ctrl_c_ends_at_once_and_leaves_nothing(command, wait, tmp_path):
+    """Wherever it comes, also inside CasADi, where an exception would be lost. A command may also have ended by itself."""
+    target = [] if command[0] == "check" else ["-o", str(tmp_path / "made")]
+    process = subprocess.Popen([*RUN, *command, *target], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    time.sleep(wait)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    if process.returncode == 0 and command[0] != "check":
+        return
+    assert process.returncode in (130, -signal.SIGINT)  # the latter before the command line is up
+    assert err.decode() in ("noslip: interrupted\n", "") or "KeyboardInterrupt" in err.decode()
+    assert not list(tmp_path.iterdir())
