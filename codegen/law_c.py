@@ -249,9 +249,8 @@ class LawC:
         lines.append(
             self._leave(f"!{self.scalar.name('noslip_is_finite')}({' + '.join(parts)}) && {refused}", "NOSLIP_NONFINITE")
         )
-        angles = [angle for angle in self.program.angles if angle.operation == "leaf"]
-        in_range = " && ".join(f"{self.scalar.name('noslip_angle_ok')}(state->{angle.name})" for angle in angles)
-        lines.append(f"return {in_range} ? NOSLIP_OK : NOSLIP_RANGE;" if angles else "return NOSLIP_OK;")
+        in_range = " && ".join(self._in_range(angle) for angle in self._state_angles())
+        lines.append(f"return {in_range} ? NOSLIP_OK : NOSLIP_RANGE;" if in_range else "return NOSLIP_OK;")
         head = f"static int {self._function(name)}(const {self.type} *self, const {self.state_type} *state{more})"
         return "\n".join([*fill(head, ""), "{", body(lines), "}"])
 
@@ -265,8 +264,7 @@ class LawC:
         executed = self._executed(law.roots)
         for angle in program.angles:
             if angle.operation != "leaf" and angle in executed:
-                checked = f"!{self.scalar.name('noslip_angle_ok')}({writer.named(angle)})"
-                writer.lines.append(self._leave(checked, "NOSLIP_RANGE"))
+                writer.lines.append(self._leave(f"!{self._in_range(writer.named(angle))}", "NOSLIP_RANGE"))
         if entry.inverts:
             writer.not_singular(*law.singular)
         for quantity in self.answered(entry):
@@ -307,11 +305,10 @@ class LawC:
         """The controller: first as if nothing were wrong, with checks that only then hold; else with care."""
         name = self.scalar.name
         names = ["self", "state", "reference", "tau"]
-        angles = [angle for angle in self.program.angles if angle.operation == "leaf"]
-        checked = {f"state->{angle.name}" for angle in angles}
-        hidden = [place for place in self._hidden(entry) if place not in checked]
+        angles = self._state_angles()
+        hidden = [place for place in self._hidden(entry) if place not in angles]
         begin = [*(f"{argument} != NULL" for argument in names), "self->ready == NOSLIP_READY"]
-        begin += [f"{name('noslip_angle_ok')}(state->{angle.name})" for angle in angles]
+        begin += [self._in_range(angle) for angle in angles]
         end = ["status == NOSLIP_OK", *(f"{name('noslip_abs')}(tau[{k}]) <= self->limit[{k}]" for k in range(self.inputs))]
         if hidden:
             end.append(f"{name('noslip_is_finite')}({' + '.join(hidden)})")
@@ -341,6 +338,13 @@ class LawC:
             ["/* The step when something is wrong, or cut: finds out what. */", *fill(head, ""), "{", body(care), "}", ""]
             + [*fill(self._signature(entry), ""), "{", body(lines), "}"]
         )
+
+    def _state_angles(self) -> list[str]:
+        """The parts of the state, as C, whose sine or cosine the law takes."""
+        return [f"state->{angle.name}" for angle in self.program.angles if angle.operation == "leaf"]
+
+    def _in_range(self, angle: str) -> str:
+        return f"{self.scalar.name('noslip_angle_ok')}({angle})"
 
     def _hidden(self, entry: Entry) -> list[str]:
         """Inputs, as C, whose being finite the result does not show."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..codegen.files import law_text, shared_files
 from ..codegen.law_c import LawC
-from ..codegen.program import compile_law
+from ..codegen.program import Program, compile_law
 from ..codegen.robot_c import robot_declarations
 from ..codegen.scalar import SCALARS
 from ..model.law import ControlLaw
@@ -20,7 +20,7 @@ class Library:
     """The compiled C of one law in one scalar: `ffi` knows its types, `lib` its functions, `name` its names."""
 
     def __init__(self, law: ControlLaw, scalar: str):
-        self.text: LawC = law_text(compile_law(law), SCALARS[scalar])
+        self.text: LawC = law_text(program(law), SCALARS[scalar])
         self.ffi = cffi.FFI()
         self.ffi.cdef("const char *noslip_status_name(int status);")
         self.ffi.cdef(robot_declarations(law.system, SCALARS[scalar]))
@@ -48,6 +48,12 @@ class Library:
     def status(self, number: int) -> str:
         """Name of a status."""
         return self.ffi.string(self.lib.noslip_status_name(number)).decode()
+
+
+@lru_cache(maxsize=64)
+def program(law: ControlLaw) -> Program:
+    """The law as a program, the same for both scalars, made once per process."""
+    return compile_law(law)
 
 
 @lru_cache(maxsize=64)
