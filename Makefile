@@ -1,5 +1,6 @@
 # make         sets up, generates and builds the C, checks it against the model, follows a line and a circle
 # make test    every test
+# make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html
 # make bench   instruction counts, sizes and rates beside peers; make bits: the same bits on every target there is
 # make clean   leaves what git has
 PYTHON ?= python3
@@ -9,12 +10,12 @@ READY := $(VENV)/.ready
 export NOSLIP_CACHE ?= $(CURDIR)/build/compiled
 
 MODEL := $(wildcard __init__.py model/*.py model/robots/*.py codegen/*.py)
-ALL_PYTHON := $(MODEL) $(wildcard harness/*.py)
+ALL_PYTHON := $(MODEL) $(wildcard harness/*.py harness/*/*.py)
 RUNTIME := $(wildcard runtime_c/*)
 ROBOTS := labmate
 RUNS := line circle
 
-.PHONY: all setup generate check-generated check simulate test bench bits trig-sweep clean
+.PHONY: all setup generate check-generated check simulate figures test bench bits trig-sweep clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -48,9 +49,15 @@ simulate: $(RUNS:%=build/%.txt)
 build/%.txt: specs/%.toml build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
 	$(NOSLIP) simulate $< -o build/$*.csv --plot build/$*.png > $@ || (cat $@; false)
 
+figures: build/figures.stamp
+
+build/figures.stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard specs/figures/*.toml)
+	$(NOSLIP) figures -o build/figures
+	@touch $@
+
 test: $(READY)
 	$(VENV)/bin/ruff check .
-	$(VENV)/bin/python -m pytest -n 2
+	$(VENV)/bin/python -m pytest -n 2 --dist loadgroup
 
 bench: $(READY)
 	$(VENV)/bin/python bench/run.py
@@ -64,6 +71,7 @@ trig-sweep:
 	$(CC) -std=c99 -O2 -ffp-contract=off -fno-math-errno -Iruntime_c tests/c/trig_sweep.c -lm -o build/trig_sweep
 	build/trig_sweep float 1 0 2 & other=$$!; build/trig_sweep float 1 1 2 && wait $$other
 	build/trig_sweep double 100000000 1992
+	build/trig_sweep atan2 50000000 1992
 
 clean:
 	rm -rf build $(VENV) *.egg-info .pytest_cache .ruff_cache

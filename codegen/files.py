@@ -9,7 +9,7 @@ import sympy
 
 from .. import __version__
 from ..model.law import ControlLaw, control_law
-from ..model.outputs import OUTPUTS
+from ..model.outputs import OUTPUTS, output_map
 from ..model.reduction import ReducedSystem
 from .law_c import LawC
 from .program import Program, compile_law
@@ -21,7 +21,7 @@ TOOLS = f"noslip {__version__}, CasADi {ca.__version__}, SymPy {sympy.__version_
 
 def standard_laws(system: ReducedSystem, names: Sequence[str] = ()) -> list[ControlLaw]:
     """The laws of Types I to IV, all or those named."""
-    return [control_law(system, OUTPUTS[name](system)) for name in names or OUTPUTS]
+    return [control_law(system, output_map(system, name)) for name in names or OUTPUTS]
 
 
 def robot_files(system: ReducedSystem, laws: Sequence[ControlLaw], scalars: Sequence[str] = tuple(SCALARS)) -> dict[str, str]:

@@ -18,6 +18,7 @@ OUTPUTS = {  # quantity -> name in C
     "u": "u",
     "tau": "tau",
     "tau_of_demand": "tau",
+    "slope": "slope",
 }
 
 
@@ -74,12 +75,14 @@ class LawC:
                     (f"{real} limit[{self.inputs}];", "largest absolute values of the inputs"),
                     (f"{real} held[{self.inputs}];", "the inputs answered last"),
                     ("int on_error;", "what to answer then"),
+                    *([("int on_limit;", "NOSLIP_CUT or NOSLIP_SLOW")] if self.slows else []),
                     ("int ready;", "set by init"),
                     *[(f"{real} {field};", self._formula(node)) for node, field in self.program.constants.items()],
                 ],
             ),
         ]
-        return "\n\n".join([*types, self._init_prototype(), self._reset_prototype(), *map(self._prototype, self.entries)])
+        functions = [self._prototype(entry) for entry in self.entries if entry.public]
+        return "\n\n".join([*types, self._init_prototype(), self._reset_prototype(), *functions])
 
     def header(self) -> str:
         """The whole header of the law."""
@@ -89,6 +92,11 @@ class LawC:
         lines += [f"#ifndef {guard}", f"#define {guard}", "", f'#include "{self.scalar.name(self.robot)}.h"', ""]
         lines += [*c_linkage(self.declarations()), "", "#endif", ""]
         return "\n".join(lines)
+
+    @property
+    def slows(self) -> bool:
+        """Can a step give up the wanted speed to keep the path within the limits?"""
+        return any(entry.name == "slope" for entry in self.entries)
 
     def entry(self, name: str) -> Entry:
         """An entry point by name."""
@@ -107,6 +115,7 @@ class LawC:
         law = self.law
         rows = law.output.rows
         second = [row for row, degree in zip(rows, law.linearization.relative_degree, strict=True) if degree == 2]
+        first = [q.name for q, degree in zip(law.demand, law.linearization.relative_degree, strict=True) if degree == 1]
         inputs = law.system.mechanism.inputs
         motions = law.system.quasi_velocities
         listed = {
@@ -116,6 +125,7 @@ class LawC:
             "Phidot": "as Phi, per second",
             "u": "wanted rates of " + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in motions),
             "tau": ", ".join(f"{q.name} ({q.unit})" for q in inputs),
+            "slope": ", ".join(f"{q.name} ({q.unit})" for q in inputs) + f", by {', '.join(first)}",
         }
         return listed[OUTPUTS[quantity]]
 
@@ -124,11 +134,16 @@ class LawC:
         if node.operation == "leaf":
             quantity = next(q for q in self.law.groups[node.group] if q.name == node.name)
             return quantity.unit
+        if any(part.operation in ("sin", "cos") for part in reachable([node])):
+            return "see init"
         writer = Statements(DOUBLE, lambda n: n.name if n.operation == "leaf" else None, {}, None)
         text = writer.text(node)
         return text if len(text) <= 80 and not writer.lines else "see init"
 
     def _prototype(self, entry: Entry) -> str:
+        return self._about(entry) + "\n" + "\n".join(fill(self._signature(entry) + ";", ""))
+
+    def _about(self, entry: Entry) -> str:
         counted = self.operations(entry)
         cost = ", ".join(f"{number} {operation}" for operation, number in counted.items() if number)
         answers = [f"{OUTPUTS[q]}{self.shape(entry, q)}: {self._meaning(q)}" for q in self.answered(entry)]
@@ -139,15 +154,23 @@ class LawC:
             if entry.takes == "demand"
             else []
         )
-        lines = [entry.about + ".", *wanted, *answers, f"Operations: {cost or 'none'}."]
-        return comment(lines) + "\n" + "\n".join(fill(self._signature(entry) + ";", ""))
+        return comment([entry.about + ".", *wanted, *answers, f"Operations: {cost or 'none'}."])
 
     def _init_prototype(self) -> str:
         lines = [
             "Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.",
             "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.",
+            self._on_limit(),
         ]
         return comment(lines) + "\n" + "\n".join(fill(self._init_signature() + ";", ""))
+
+    def _on_limit(self) -> str:
+        if not self.slows:
+            return "on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it gives up one output of relative degree 1, a speed."
+        demand = [q.name for q in self.law.demand]
+        given_up = demand.pop(self.law.speed_row)
+        kept = f", and keeps {', '.join(demand)}" if demand else ""
+        return f"on_limit = NOSLIP_SLOW gives up {given_up}{kept}, where the inputs would be beyond their limits."
 
     def _reset_prototype(self) -> str:
         return comment(["Forgets the inputs that are held."]) + f"\nint {self._function('reset')}({self.type} *self);"
@@ -162,7 +185,8 @@ class LawC:
             self._init(),
             self._reset(),
             *self._admits(),
-            *[part for entry in self.entries for part in (self._mathematics(entry), self._entry_point(entry))],
+            *[self._about(entry) + "\n" + self._mathematics(entry) for entry in self.entries if not entry.public],
+            *[part for entry in self.entries if entry.public for part in (self._mathematics(entry), self._entry_point(entry))],
         ]
         return "\n\n".join(parts) + "\n"
 
@@ -173,6 +197,8 @@ class LawC:
         writer.plan([*self.program.conditions, *self.program.constants, *self.program.regular])
         for node in self.program.conditions:
             writer.lines.append(self._leave(f"!({writer.text(node)} > 0)", "NOSLIP_BAD_PARAMETER"))
+        for angle in self.program.fixed_angles:
+            writer.lines.append(self._leave(f"!{self._in_range(writer.text(angle))}", "NOSLIP_RANGE"))
         for node, field in self.program.constants.items():
             writer.uses[node] = 1  # its field is its name
             writer.assign(f"self->{field}", node)
@@ -182,6 +208,8 @@ class LawC:
         for node in self.program.regular:
             writer.lines.append(self._leave(f"!({writer.text(node)} > 0)", "NOSLIP_SINGULAR"))
         finite = " &&\n        ".join(f"{name('noslip_is_finite')}({constant})" for constant in constants)
+        on_limit = ["NOSLIP_CUT", "NOSLIP_SLOW"] if self.slows else ["NOSLIP_CUT"]
+        refused = " && ".join(f"options->on_limit != {choice}" for choice in on_limit)
         return "\n".join(
             [
                 *fill(self._init_signature(), ""),
@@ -204,7 +232,8 @@ class LawC:
                 "    }",
                 f"    status = {self._function('reset')}(self);",
                 f"    if (options != NULL && (!{name('noslip_limits_ok')}(options->limit, {self.inputs}) ||",
-                "        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {",
+                "        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD) ||",
+                f"        ({refused}))) {{",
                 "        return NOSLIP_BAD_PARAMETER;",
                 "    }",
                 *[
@@ -212,6 +241,7 @@ class LawC:
                     for k in range(self.inputs)
                 ],
                 "    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;",
+                *(["    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;"] if self.slows else []),
                 body(writer.lines),
                 *([f"    if (!({finite})) {{", "        return NOSLIP_BAD_PARAMETER;", "    }"] if constants else []),
                 "    self->ready = NOSLIP_READY;",
@@ -329,6 +359,7 @@ class LawC:
             f"    const int admitted = {self._function('admit_both')}(self, state, reference);",
             "    status = admitted == NOSLIP_OK ? status : admitted;",
             "}",
+            *(self._slow() if self.slows else []),
             f"return {name('noslip_answer')}(status, self->on_error, self->limit, self->held, tau, {self.inputs});",
         ]
         lines = ["int status = NOSLIP_NULL;", f"if ({' && '.join(begin)}) {{", *(f"    {line}" for line in fast), "}"]
@@ -338,6 +369,18 @@ class LawC:
             ["/* The step when something is wrong, or cut: finds out what. */", *fill(head, ""), "{", body(care), "}", ""]
             + [*fill(self._signature(entry), ""), "{", body(lines), "}"]
         )
+
+    def _slow(self) -> list[str]:
+        """Brings tau within the limits by giving up the speed."""
+        return [
+            "if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {",
+            f"    {self.scalar.real} slope[{self.inputs}];",
+            f"    status = {self._function('slope')}_law(self, state, slope);",
+            "    if (status == NOSLIP_OK) {",
+            f"        status = {self.scalar.name('noslip_slow')}(tau, slope, self->limit, {self.inputs});",
+            "    }",
+            "}",
+        ]
 
     def _state_angles(self) -> list[str]:
         """The parts of the state, as C, whose sine or cosine the law takes."""

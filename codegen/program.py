@@ -17,17 +17,21 @@ Matrix = list[list[Node]]
 
 @dataclass(frozen=True)
 class Entry:
-    """A C function of a law: what it takes beside `self` and the state, and which quantities it answers."""
+    """A C function of a law: what it takes beside `self` and the state, and which quantities it answers.
+
+    One that is not `public` checks nothing: it is for the step, once that has found its arguments good.
+    """
 
     name: str
     about: str
     answers: tuple[str, ...]
     takes: str = ""  # "", "reference" or "demand"
+    public: bool = True
 
     @property
     def inverts(self) -> bool:
         """Does it need the inverse of Phi?"""
-        return bool(self.takes)
+        return not {"u", "tau", "tau_of_demand", "slope"}.isdisjoint(self.answers)
 
 
 ENTRIES = (
@@ -38,6 +42,7 @@ ENTRIES = (
     Entry("feedback", "Linearizing feedback (12) with (20): from wanted derivatives to inputs", ("tau_of_demand",), "demand"),
     Entry("evaluate", "Everything at one sine and cosine", ("h", "ydot", "Phi", "Phidot", "u", "tau"), "reference"),
     Entry("step", "The controller: outer loop and feedback (12) with (20), limits, safe answer", ("tau",), "reference"),
+    Entry("slope", "Derivative of the inputs by the demand on the speed, the output of degree 1", ("slope",), public=False),
 )
 
 
@@ -69,8 +74,16 @@ class Program:
     @property
     def angles(self) -> list[Node]:
         """Arguments of sines and cosines that change from step to step."""
-        fixed = fixed_nodes(root for body in self.entries.values() for root in body.roots)
-        found = {node.arguments[0]: None for node in fixed if node.operation in ("sin", "cos") and not fixed[node]}
+        return self._angles(fixed=False)
+
+    @property
+    def fixed_angles(self) -> list[Node]:
+        """Arguments of sines and cosines that init takes."""
+        return self._angles(fixed=True)
+
+    def _angles(self, fixed: bool) -> list[Node]:
+        known = fixed_nodes(root for body in self.entries.values() for root in body.roots)
+        found = {node.arguments[0]: None for node in known if node.operation in ("sin", "cos") and known[node] == fixed}
         return list(found)
 
 
@@ -146,6 +159,7 @@ def plain(law: ControlLaw) -> Stages:
         "singular": ca.vertcat(found.determinant**2, SINGULAR_SQUARED * found.scale_squared),
         "regular": ca.SX(0, 1),
         "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
+        "slope": law.slope,
     }
     return Stages([], quantities=quantities)
 
@@ -200,4 +214,4 @@ def _constants(entries: dict[Entry, Body], labels: dict[Node, str]) -> dict[Node
     return {node: names[node] for node in kept}
 
 
-OWN_FIELDS = ("limit", "held", "on_error", "ready")  # of every law's struct
+OWN_FIELDS = ("limit", "held", "on_error", "on_limit", "ready")  # of every law's struct

@@ -39,6 +39,7 @@ def robot_declarations(system: ReducedSystem, scalar: Scalar) -> str:
     option_members = [
         (f"{real} limit[{count}];", f"largest absolute value of {inputs}; 0: no limit"),
         ("int on_error;", "NOSLIP_ZERO (0) or NOSLIP_HOLD"),
+        ("int on_limit;", "NOSLIP_CUT (0) or, for laws with exactly one output of relative degree 1 (Type IV), NOSLIP_SLOW"),
     ]
     return "\n\n".join(
         [

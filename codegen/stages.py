@@ -18,6 +18,7 @@ from ..model.linearization import SINGULAR_SQUARED, derivative
 from ..model.mechanism import Quantity, quantity
 from ..model.outputs import OutputMap, OutputRow
 from ..model.reduction import ReducedSystem, solve
+from ..model.vehicle import velocity_map
 from .taylor import Taylor
 
 STEP, PART = "step.", "part."  # before the names of symbols made here, so that they differ from all others
@@ -150,6 +151,7 @@ def staged(law: ControlLaw) -> Stages:
         "tau_of_demand": feedback.inputs(demand, ca.SX.zeros(inner.freedom)),
         **_singular(stages, Phi, W),
         "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
+        "slope": ca.SX(0, 1) if law.speed_row is None else feedback.slope(law.speed_row),
     }
     stages.quantities = {name: ca.densify(quantity) for name, quantity in quantities.items()}
     return stages
@@ -158,16 +160,10 @@ def staged(law: ControlLaw) -> Stages:
 @lru_cache(maxsize=16)
 def inner_velocities(system: ReducedSystem) -> tuple[ReducedSystem, ca.SX]:
     """The system in w = W nu, w being forward speed and yaw rate where these are n-m fixed combinations of nu, else nu."""
-    vehicle, nu = system.mechanism.vehicle, system.nu
-    n = system.freedom
-    if vehicle is not None and n == 2:
-        forward = ca.cos(vehicle.heading) * system.along_motion(vehicle.x) + ca.sin(vehicle.heading) * system.along_motion(
-            vehicle.y
-        )
-        W = canonical(ca.jacobian(ca.vertcat(forward, system.along_motion(vehicle.heading)), nu))
-        if not ca.depends_on(W, ca.vertcat(system.mechanism.q, nu)) and not canonical(ca.det(W)).is_zero():
-            names = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
-            return ReducedSystem(system.mechanism, names, canonical(system.S @ solve(W, ca.SX.eye(n)))), W
+    n, W = system.freedom, velocity_map(system)
+    if W is not None:
+        names = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
+        return ReducedSystem(system.mechanism, names, canonical(system.S @ solve(W, ca.SX.eye(n)))), W
     same = tuple(Quantity(f"w_{q.name}", q.unit, q.about, symbol=ca.SX.sym(f"w_{q.name}")) for q in system.quasi_velocities)
     return ReducedSystem(system.mechanism, same, system.S), ca.SX.eye(n)
 
@@ -217,7 +213,7 @@ def _point_row(stages: Stages, inner: ReducedSystem, row: OutputRow) -> _Row:
     point_drift = stages.exact(point_rate @ w)
     zdot = stages.row([f"{name}_rate" for name in names], (point @ w).T).T
 
-    gradient = ca.jacobian(outer, z)
+    gradient = ca.jacobian(outer, z) if through.slope is None else ca.substitute(through.slope, through.symbols, z)
     slope = stages.row([f"{row.name}_by_{name}" for name in names], gradient)
     Phi = written_out = stages.exact(slope @ point)
     if not slope.is_constant():
@@ -232,9 +228,13 @@ def _point_row(stages: Stages, inner: ReducedSystem, row: OutputRow) -> _Row:
         return expression if ca.depends_on(shorter, q) else shorter
 
     taylor = Taylor(outer, z, zdot, rate, shorten)
-    curvature = stages.step(f"{row.name}_curvature", taylor.second(outer))
     slope_rate = ca.horzcat(*[taylor.first(entry) for entry in ca.horzsplit(ca.densify(gradient))])
     slope_rate = stages.row([f"{row.name}_by_{name}_rate" for name in names], slope_rate)
+    if through.bend is None:
+        curvature = taylor.second(outer)
+    else:  # along a level of the distance, all of the velocity that does not change it
+        curvature = ca.substitute(through.bend, through.symbols, z) * (shorten(ca.sumsqr(zdot)) - rate**2)
+    curvature = stages.step(f"{row.name}_curvature", curvature)
     Phidot = stages.exact(slope_rate @ point + slope @ point_rate)
     drift = stages.exact(slope @ point_drift) + curvature
     return _Row(stages.step(row.name, outer), rate, Phi, written_out, Phidot, drift, point, point_drift, curvature)
@@ -287,6 +287,10 @@ class _Feedback:
         """tau."""
         rest = _by_monomials(self.stages, self.bias - self.K @ (self.rest + damping), self.inner.nu)
         return self.K @ self._solved(v) + rest
+
+    def slope(self, row: int) -> ca.SX:
+        """Derivative of tau by the demand of a row."""
+        return self.K @ self.inverse[:, row]
 
     def _solved(self, v: ca.SX) -> ca.SX:
         wanted = ca.vertcat(*[self.stages.step(f"wanted_{k}", v[k] - self.residual[k]) for k in range(v.numel())])

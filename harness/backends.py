@@ -14,13 +14,44 @@ if TYPE_CHECKING:
     from ..model.law import ControlLaw
 
 BACKENDS = ("casadi", "c", "cf")  # CasADi in double, generated C in double, generated C in float
-STATUS = ("ok", "saturated", "null", "nonfinite", "range", "bad_parameter", "singular", "not_ready")  # names as the C runtime's
+STATUS = (  # names as the C runtime's
+    *("ok", "saturated", "null", "nonfinite", "range", "bad_parameter", "singular", "not_ready"),
+    *("bad_path", "unstable", "arrived"),
+)
+ON_LIMIT = ("cut", "slow")  # as the C runtime's NOSLIP_CUT and NOSLIP_SLOW
 QUANTITIES = ("h", "ydot", "Phi", "Phidot", "u", "tau")  # what every backend answers
 MODEL_QUANTITIES = ("M", "V", "A", "S", "Mbar", "bias", "lam")  # what casadi answers as well
 
 
 class ParameterRefused(BadInput):
     """A parameter, config value or gain that is not finite, has the wrong sign or makes no path."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What the actuators can do: `torque` is the largest absolute value of each input, N or N m; 0 or inf: no limit.
+
+    Beyond them, `mode` "cut" cuts each input by itself. "slow" gives up the wanted rate of the speed, as little as can be, so
+    that the other outputs get what they ask for; where these alone ask for more than the limits, the change that makes the
+    largest |tau| / limit least is taken, and all inputs are scaled alike.
+    """
+
+    torque: tuple[float, ...]
+    mode: str = "cut"
+
+    def check(self, law: ControlLaw) -> None:
+        """Raise BadInput when the law cannot have these limits."""
+        inputs = law.system.mechanism.inputs
+        if len(self.torque) != len(inputs):
+            names = ", ".join(q.name for q in inputs)
+            raise BadInput(f"limits: torque has {len(self.torque)} values; give {len(inputs)}, for {names}")
+        for q, value in zip(inputs, self.torque, strict=True):
+            if not value >= 0:
+                raise BadInput(f"limits: torque of {q.name} is {value}; give a positive number of {q.unit}, or 0 for no limit")
+        if self.mode not in ON_LIMIT:
+            raise BadInput(f"limits: unknown mode {self.mode!r}; known are {', '.join(ON_LIMIT)}")
+        if self.mode == "slow" and law.speed_row is None:
+            raise BadInput(f'limits: {law.name} has no speed to give up, as mode "slow" does; use Type IV, or mode "cut"')
 
 
 @dataclass
@@ -43,26 +74,34 @@ class Controller(Protocol):
         """All quantities at a state."""
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
-        """Status and inputs tau (12), (20); zeros when the status is an error."""
+        """Status and inputs tau (12), (20), within the limits ("saturated": made so); zeros when the status is an error."""
 
 
 def make_controller(
-    backend: str, law: ControlLaw, params: Sequence[float], config: Sequence[float], gains: Sequence[float]
+    backend: str,
+    law: ControlLaw,
+    params: Sequence[float],
+    config: Sequence[float],
+    gains: Sequence[float],
+    limits: Limits | None = None,
 ) -> Controller:
     """A controller of `law`; params, config and gains in the order of law.parameters, law.config and law.gains.
 
-    Raises BadInput for an unknown backend, ParameterRefused for a number the law cannot take: alike in all backends.
+    Raises BadInput for an unknown backend or `limits` the law cannot have, ParameterRefused for a number it cannot take:
+    alike in all backends.
     """
     if backend not in BACKENDS:
         raise BadInput(f"unknown backend {backend!r}; known are {', '.join(BACKENDS)}")
     check_parameters(law, params, config, gains)
+    if limits is not None:
+        limits.check(law)
     if backend == "casadi":
         from .symbolic import CasadiController
 
-        return CasadiController(law, params, config, gains)
+        return CasadiController(law, params, config, gains, limits)
     from .compiled import CompiledController
 
-    return CompiledController(law, params, config, gains, scalar="double" if backend == "c" else "float")
+    return CompiledController(law, params, config, gains, "double" if backend == "c" else "float", limits)
 
 
 def check_parameters(law: ControlLaw, params: Sequence[float], config: Sequence[float], gains: Sequence[float]) -> None:

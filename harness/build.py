@@ -36,7 +36,7 @@ def compiler() -> list[str]:
 
 
 def shared_library(files: Mapping[str, str]) -> Path:
-    """Compile the .c files among `files` (name -> text) with the runtime, or find the result of an earlier time.
+    """Compile the .c files among `files` (name -> text) with what they call of the runtime, or find an earlier result.
 
     Raises BadInput when there is no compiler, no place to write, or the compiler refuses.
     """
@@ -50,13 +50,19 @@ def shared_library(files: Mapping[str, str]) -> Path:
         unfinished.add(Path(folder))
         for name, text in everything.items():
             Path(folder, name).write_text(text)
-        sources = [name for name in everything if name.endswith(".c")]
+        sources = [name for name in everything if name.endswith(".c") and (name in files or _called(name, files))]
         result = subprocess.run([*command, *sources, "-o", "law.so"], cwd=folder, capture_output=True, text=True)
         if result.returncode or not Path(folder, "law.so").exists():
             said = next((line for line in result.stderr.splitlines() if "error" in line), "it made no library")
             raise BadInput(f"the generated C does not compile with `{' '.join(compiler())}`: {said}; check CC and its flags")
         os.replace(Path(folder, "law.so"), target)
     return target
+
+
+def _called(source: str, files: Mapping[str, str]) -> bool:
+    """Is this file of the runtime one that `files` call? All use the status, the others are included by name."""
+    header = source.removesuffix(".c").removesuffix("_f") + ".h"
+    return source == "noslip_status.c" or any(f'#include "{header}"' in text for text in files.values())
 
 
 def _version(name: str) -> str:

@@ -14,7 +14,15 @@ from .. import __version__
 from .errors import BadInput
 from .files import remove, unfinished
 
-COMMANDS = ("generate", "check", "evaluate", "simulate", "export")  # each a module beside this one
+COMMANDS = (
+    "generate",
+    "check",
+    "evaluate",
+    "simulate",
+    "plan",
+    "figures",
+    "export",
+)  # each a module beside this one
 BAD_INPUT, INTERNAL, INTERRUPTED, READER_GONE = 2, 70, 130, 141
 
 ADVICE = {
@@ -72,7 +80,7 @@ def _run(argv: list[str]) -> int:
     subparsers = parser.add_subparsers(metavar="COMMAND", title="commands (noslip COMMAND --help tells more)")
     # Only the command that runs is imported; help, and the message about an unknown command, need them all.
     for name in [argv[0]] if argv and argv[0] in COMMANDS else COMMANDS:
-        importlib.import_module(f".{name}", __package__).add_parser(subparsers)
+        importlib.import_module(f".{name.replace('-', '_')}", __package__).add_parser(subparsers)
     args = parser.parse_args(argv)
     if "run" not in args:
         parser.print_help()

@@ -12,8 +12,8 @@ from ..codegen.program import Program, compile_law
 from ..codegen.robot_c import robot_declarations
 from ..codegen.scalar import SCALARS
 from ..model.law import ControlLaw
-from .backends import QUANTITIES, Evaluation
-from .build import shared_library
+from .backends import ON_LIMIT, QUANTITIES, Evaluation, Limits
+from .runtime import load
 
 
 class Library:
@@ -26,12 +26,7 @@ class Library:
         self.ffi.cdef(robot_declarations(law.system, SCALARS[scalar]))
         self.ffi.cdef(self.text.declarations())
         files = {**shared_files(law.system, SCALARS[scalar]), **self.text.files()}
-        path = shared_library(files)
-        try:
-            self.lib = self.ffi.dlopen(str(path))
-        except OSError:  # not whole, as after a power cut
-            path.unlink()
-            self.lib = self.ffi.dlopen(str(shared_library(files)))
+        self.lib = load(self.ffi, files)
 
     def name(self, name: str) -> str:
         """The C name of something of this law."""
@@ -63,13 +58,19 @@ def library(law: ControlLaw, scalar: str) -> Library:
 
 
 class CompiledController:
-    """One instance of a generated law: its struct, made by init from parameters, configuration and gains.
+    """One instance of a generated law: its struct, made by init from parameters, configuration, gains and limits.
 
     A parameter that init refuses is kept as `refused`, and every call answers that status, as in firmware.
     """
 
     def __init__(
-        self, law: ControlLaw, params: Sequence[float], config: Sequence[float], gains: Sequence[float], scalar: str = "double"
+        self,
+        law: ControlLaw,
+        params: Sequence[float],
+        config: Sequence[float],
+        gains: Sequence[float],
+        scalar: str = "double",
+        limits: Limits | None = None,
     ):
         self.law = law
         self._library = library(law, scalar)
@@ -85,7 +86,11 @@ class CompiledController:
             (f"{name('gains')} *", law.gains, gains),
         ]
         structs = [self._filled(ffi.new(kind), quantities, values) for kind, quantities, values in groups]
-        status = self._library.function("init")(self._self, *structs, ffi.NULL)
+        options = ffi.new(f"{self._library.robot_name('options')} *")  # all zero: no limits, zeros on an error
+        if limits is not None:
+            options.limit = [value if np.isfinite(value) else 0.0 for value in limits.torque]
+            options.on_limit = ON_LIMIT.index(limits.mode)
+        status = self._library.function("init")(self._self, *structs, options)
         self.refused = None if status == 0 else self._library.status(status)
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:

@@ -2,9 +2,11 @@
 
 import os
 import shutil
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+
+from .errors import BadInput
 
 unfinished: set[Path] = set()  # temporary files and folders, to be removed by whoever stops the process
 
@@ -71,3 +73,19 @@ def remove(paths: Iterable[Path]) -> None:
             shutil.rmtree(path, ignore_errors=True)
         with suppress(OSError):
             path.unlink()
+
+
+def check_targets(outputs: Sequence[str], pictures: Sequence[str] = ()) -> None:
+    """Raise BadInput before a long run for what could only fail after it: files to be written, "-" standing for none."""
+    files = [Path(file) for file in (*outputs, *pictures) if file != "-"]
+    for file in files:
+        if file.is_dir():
+            raise BadInput(f"{file} is a folder; give a file in it")
+        if not file.parent.is_dir():
+            raise BadInput(f"{file}: there is no folder {file.parent}; make it first")
+    for k, file in enumerate(files):
+        if file.resolve() in (other.resolve() for other in files[:k]):
+            raise BadInput(f"{file}: two outputs go to the same file")
+    for file in pictures:
+        if Path(file).suffix not in (".png", ".pdf", ".svg"):
+            raise BadInput(f"{file}: pictures are .png, .pdf or .svg")

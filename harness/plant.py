@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import DOP853
 
+from ..model.contacts import combination
 from ..model.reduction import ReducedSystem
 from .direct import Direct
 
@@ -41,6 +42,12 @@ class Plant:
         """lambda of (8), in the paper's sign, of each row of x and tau."""
         return self._rows("forces", x, tau)
 
+    def contacts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of each row of x: C, (N, 2 c, m), as `combination` has it; mass (kg) on each contact and its place left (m), (N, c)."""
+        m, count = len(self.system.mechanism.constraint_names), len(self.system.mechanism.contacts)
+        rows = np.split(self._rows("contacts", x), [2 * count * m, 2 * count * m + count], axis=1)
+        return rows[0].reshape(-1, m, 2 * count).swapaxes(1, 2), rows[1], rows[2]
+
     def _rows(self, name: str, *rows: np.ndarray) -> np.ndarray:
         return self._functions[name](*[np.atleast_2d(r).T for r in rows], self.parameters).full().T
 
@@ -54,11 +61,14 @@ def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
     rate = ca.Function("rate", [x, tau, p], [ca.densify(ca.vertcat(system.qdot, acceleration))])
     step = _dop853(rate, x, tau, p, h, tolerance)
     energy = ca.substitute(mechanism.energy(), mechanism.qdot, system.qdot)
+    places = ca.vertcat(*[c.mass for c in mechanism.contacts], *[c.left for c in mechanism.contacts])
+    contacts = ca.vertcat(ca.vec(combination(mechanism)), places)
     return {
         "rate": rate,
         "step": ca.Function("step", [x, tau, p, h, tolerance], [ca.densify(s) for s in step]),
         "energy": ca.Function("energy", [x, p], [ca.densify(energy)]),
         "slip": ca.Function("slip", [x, p], [ca.densify(mechanism.A @ system.qdot)]),
+        "contacts": ca.Function("contacts", [x, p], [ca.densify(contacts)]),
         "forces": ca.Function("forces", [x, tau, p], [ca.densify(system.constraint_forces(tau, acceleration))]),
     }
 

@@ -8,11 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..model.law import symbols
-from ..model.outputs import forward_speed, reference_point
 from .cases import gain_entries
 from .closed_loop import Run
+from .guidance import vehicle_motion
+from .spec import Path
 
 FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"
+SENSED = "#d08a00"
 SECOND = "#8a4fa3"  # beside POINT where two like things are drawn
 OUTLINES, APART = 6, 2.5  # the vehicle is drawn at most so often, so many m apart
 
@@ -43,10 +45,10 @@ def draw(run: Run) -> Figure:
     return figure
 
 
-def picture(run: Run, kind: str) -> bytes:
-    """The drawn run as the bytes of a file; `kind` is png, pdf or svg."""
+def picture(figure: Figure, kind: str) -> bytes:
+    """A figure as the bytes of a file; `kind` is png, pdf or svg."""
     made = io.BytesIO()
-    draw(run).savefig(made, format=kind, dpi=130)
+    figure.savefig(made, format=kind, dpi=130)
     return made.getvalue()
 
 
@@ -90,7 +92,10 @@ def _draw_plane(axes: Axes, run: Run) -> None:
     p_l, vehicle, heading = pose[:, :2], pose[:, 2:4], pose[:, 4]
     values = dict(zip([p.name for p in run.law.parameters], run.plant.parameters, strict=True))
     axes.plot(*p_l.T, color=POINT, linewidth=1.8, label="locus of $P_l$", zorder=2.5)
-    if run.spec.output.L:
+    if run.spec.sensors:
+        believed = _vehicle_motion(run, run.seen)[:, :2]
+        axes.plot(*believed.T, color=SENSED, linewidth=1.0, label="where it believes to be", zorder=2.4)
+    if np.any(p_l != vehicle):
         axes.plot(*vehicle.T, ":", color=VEHICLE, linewidth=1.5, label="locus of the vehicle's point", zorder=2.6)
     if {"b", "d"} <= values.keys():  # a platform with an axle, d behind its point
         axle = vehicle - values["d"] * np.column_stack([np.cos(heading), np.sin(heading)])
@@ -121,17 +126,34 @@ def _make_square(axes: Axes) -> None:
 
 def _draw_followed(axes: Axes, run: Run, p_l: np.ndarray) -> None:
     """The curve, where the signed distance is zero; its points next to the start and the end shall be in view."""
+    if run.composite:
+        _draw_pieces(axes, run.spec.output.path)
+        return
     path, point = run.law.output.path, ca.SX.sym("point", 2)
     distance = path.distance(point[0], point[1])
     foot = point - distance * ca.gradient(distance, point)
     function = ca.Function("distance", [point, symbols(run.law.config)], [distance, foot])
-    config = [run.spec.output.L if c.name == "L" else run.spec.output.path.parameters[c.name] for c in run.law.config]
+    config = run.config[0]
     axes.update_datalim(function(p_l[[0, -1]].T, config)[1].full().T)
     _make_square(axes)
     x, y = np.meshgrid(np.linspace(*axes.get_xlim(), 400), np.linspace(*axes.get_ylim(), 400))
     values = function(np.vstack([x.ravel(), y.ravel()]), config)[0].full().reshape(x.shape)
     axes.contour(x, y, values, [0.0], colors=FOLLOWED, linewidths=4, alpha=0.6, zorder=0)
     axes.plot([], [], color=FOLLOWED, linewidth=4, alpha=0.6, label=f"path to follow: {path.kind}")
+
+
+def _draw_pieces(axes: Axes, path: Path) -> None:
+    """Lines and arcs of a composite path, a mark at each join; those driven backward dashed."""
+    for piece in path.segments:
+        points = np.array([piece.pose(s)[:2] for s in np.linspace(0.0, piece.length, 100)])
+        style = {"linestyle": (0, (2, 1))} if piece.backward else {}
+        axes.plot(*points.T, color=FOLLOWED, linewidth=4, alpha=0.6, zorder=0, **style)
+    joins = np.array([piece.end[:2] for piece in path.segments])
+    axes.plot(*joins.T, "|", color="#555555", markersize=9, zorder=1, label="join")
+    backward = any(piece.backward for piece in path.segments)
+    label = "path to follow" + (" (dashed: driven backward)" if backward else "")
+    axes.plot([], [], color=FOLLOWED, linewidth=4, alpha=0.6, label=label)
+    _make_square(axes)
 
 
 def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray, values: dict[str, float]) -> None:
@@ -179,8 +201,9 @@ def _draw_speed(axes: Axes, run: Run) -> None:
     """Forward speed of the vehicle, and the wanted one where there is one."""
     speed = _motion(run)[:, 5]
     axes.plot(run.t, speed, color=VEHICLE, label="forward speed")
-    if run.spec.reference.speed is not None:
-        axes.axhline(run.spec.reference.speed, color=FOLLOWED, linewidth=3, alpha=0.6, label="wanted", zorder=0)
+    for row, wanted in zip(run.law.output.rows, run.y_d.T, strict=True):
+        if row.name == "speed":
+            axes.plot(run.t, wanted, color=FOLLOWED, linewidth=3, alpha=0.6, label="wanted", zorder=0)
     low, high = axes.get_ylim()
     spread = 0.05 * np.abs(speed).max()  # a constant speed shall look constant
     axes.set_ylim(min(low, speed.min() - spread), max(high, speed.max() + spread))
@@ -204,10 +227,18 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
 
 def _motion(run: Run) -> np.ndarray:
     """P_l (m), the vehicle's point (m), heading (rad) and forward speed (m/s) of every row, (N, 6)."""
-    system = run.law.system
-    vehicle = system.mechanism.vehicle
-    ahead = next(c for c in run.law.config if c.name == "L")
-    wanted = ca.vertcat(*reference_point(system, ahead), vehicle.x, vehicle.y, vehicle.heading, forward_speed(system))
-    wanted = ca.substitute(wanted, ahead.symbol, run.spec.output.L)
-    function = ca.Function("motion", [symbols(run.law.state), system.mechanism.p], [ca.densify(wanted)])
-    return function(run.x.T, run.plant.parameters).full().T
+    motion = _vehicle_motion(run, run.x)
+    return np.hstack([_reference_points(run, motion), motion[:, :4]])
+
+
+def _vehicle_motion(run: Run, x: np.ndarray) -> np.ndarray:
+    """x, y, heading, forward speed, yaw rate of the vehicle for each row of states."""
+    return vehicle_motion(run.law.system)(x.T, run.plant.parameters).full().T
+
+
+def _reference_points(run: Run, motion: np.ndarray) -> np.ndarray:
+    """P_l of every row, wherever it was on the vehicle at that time."""
+    names = [c.name for c in run.law.config]
+    ahead, left = (run.config[:, names.index(name)] if name in names else 0.0 for name in ("L", "W"))
+    cosine, sine = np.cos(motion[:, 2]), np.sin(motion[:, 2])
+    return motion[:, :2] + np.column_stack([ahead * cosine - left * sine, ahead * sine + left * cosine])

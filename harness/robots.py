@@ -11,7 +11,7 @@ from pathlib import Path
 from ..model.errors import ModelError
 from ..model.law import ControlLaw, control_law
 from ..model.mechanism import Mechanism
-from ..model.outputs import OUTPUTS
+from ..model.outputs import OFFSET, OUTPUTS, output_map
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import ROBOTS
 from .errors import BadInput
@@ -43,10 +43,10 @@ def find_laws(system: ReducedSystem) -> tuple[str, ...]:
 @cache
 def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
     """The control law, built once per process. Raises BadInput for an unknown name, ModelError as `control_law` does."""
-    if law_name not in OUTPUTS:
+    if law_name.removesuffix(OFFSET) not in OUTPUTS:
         raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, OUTPUTS)}")
     system = system_of(robot) if isinstance(robot, Mechanism) else robot
-    return control_law(system, OUTPUTS[law_name](system))
+    return control_law(system, output_map(system, law_name))
 
 
 @cache

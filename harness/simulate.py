@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from .errors import BadInput
-from .files import write_whole
+from .files import check_targets, write_whole
 
 EXAMPLE = """example:
   noslip simulate specs/line.toml -o run.csv --plot run.png"""
@@ -42,6 +42,14 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument("spec", metavar="SPEC.toml", help="robot, gains, output, reference, initial state, simulation")
     parser.add_argument("-o", "--output", metavar="RUN.csv", required=True, help="where the run goes")
     parser.add_argument("--plot", metavar="RUN.png", help="draw it too")
+    parser.add_argument("--contact", metavar="FORCES.png", help="draw the wheels' forces against what friction can give")
+    parser.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change an entry of the SPEC, for example initial.heading=0.5 or output.type='\"I\"'; may come several times",
+    )
     parser.set_defaults(run=run)
 
 
@@ -49,41 +57,30 @@ def run(arguments: argparse.Namespace) -> int:
     """`noslip simulate`: 0, or 1 when the run stopped before its time. Raises BadInput, ModelError, OSError."""
     from ..model.errors import ModelError
     from .closed_loop import simulate  # slow to import, as are models
-    from .spec import read_spec
+    from .contact import draw_contact, grip
+    from .plot import draw as draw_run
+    from .plot import picture
+    from .vary import change, read_varied
 
-    _check_targets(arguments)
-    spec = read_spec(arguments.spec)
+    pictures = {draw: file for draw, file in ((draw_run, arguments.plot), (draw_contact, arguments.contact)) if file}
+    check_targets([arguments.output], list(pictures.values()))
+    spec = read_varied(arguments.spec, dict(map(change, arguments.set)))
     progress = Progress(spec.simulation.duration)
     try:
         done = simulate(spec, progress=progress)
+        drawn = {file: picture(draw(done), Path(file).suffix[1:]) for draw, file in pictures.items()}
     except (BadInput, ModelError) as error:
         raise BadInput(f"{arguments.spec}: {error}") from error
     finally:
         progress.clear()
-    if arguments.plot:
-        from .plot import picture  # slow to import
-
-        drawn = picture(done, Path(arguments.plot).suffix[1:])
-    write_whole(arguments.output, done.csv())
-    if arguments.plot:
-        write_whole(arguments.plot, drawn)
-    files = ", ".join(filter(None, (arguments.output, arguments.plot)))
+    for file, content in {arguments.output: done.csv(), **drawn}.items():
+        write_whole(file, content)
+    files = ", ".join([arguments.output, *drawn])
     print(f"{done.summary()}\n  {files}", file=sys.stderr if arguments.output == "-" else sys.stdout)
+    held = grip(done)
+    for warning in (*done.warnings, *([] if held.rolls else held.verdict().splitlines())):
+        print(f"{arguments.spec}: warning: {warning}", file=sys.stderr)
     if done.stopped:
         print(f"{arguments.spec}: stopped at t = {done.t[-1]:.9g} s: {done.stopped}", file=sys.stderr)
         return 1
     return 0
-
-
-def _check_targets(arguments: argparse.Namespace) -> None:
-    """Raise BadInput before a long run for what could only fail after it."""
-    files = [Path(file) for file in (arguments.output, arguments.plot) if file and file != "-"]
-    for file in files:
-        if file.is_dir():
-            raise BadInput(f"{file} is a folder; give a file in it")
-        if not file.parent.is_dir():
-            raise BadInput(f"{file}: there is no folder {file.parent}; make it first")
-    if len(files) == 2 and files[0].resolve() == files[1].resolve():
-        raise BadInput(f"{files[0]}: -o and --plot are the same file")
-    if arguments.plot and Path(arguments.plot).suffix not in (".png", ".pdf", ".svg"):
-        raise BadInput(f"{arguments.plot}: --plot draws .png, .pdf or .svg")

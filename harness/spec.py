@@ -12,6 +12,8 @@ from pathlib import Path as File
 from typing import Any, TypeVar
 
 from ..model.mechanism import SIGNS
+from ..model.outputs import OFFSET
+from ..model.segments import Segment
 from .errors import BadInput
 from .robots import suggestion
 
@@ -66,11 +68,55 @@ def point(value: Any, where: str) -> tuple[float, ...]:
     return made
 
 
+def pose(value: Any, where: str) -> tuple[float, ...]:
+    """Reads [x, y, heading]."""
+    made = numbers(value, where)
+    if len(made) != 3:
+        raise BadInput(f"{where} has {len(made)} numbers, it must be [x, y, heading]")
+    return made
+
+
 def text(value: Any, where: str) -> str:
     """Reads a string."""
     if not isinstance(value, str):
         raise BadInput(f"{where} = {value!r} is not a string")
     return value
+
+
+def one_of(*known: str) -> Reader:
+    """Reads one of the known words."""
+
+    def read(value: Any, where: str) -> str:
+        if value not in known:
+            raise BadInput(f"{where} = {value!r} is not one of {', '.join(known)}")
+        return value
+
+    return read
+
+
+def whole(least: int) -> Reader:
+    """Reads an integer from `least` on."""
+
+    def read(value: Any, where: str) -> int:
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise BadInput(f"{where} = {value!r} is not a whole number")
+        if value < least:
+            raise BadInput(f"{where} = {value} must be {least} or more")
+        return value
+
+    return read
+
+
+def flag(value: Any, where: str) -> bool:
+    """Reads true or false."""
+    if not isinstance(value, bool):
+        raise BadInput(f"{where} = {value!r} is neither true nor false")
+    return value
+
+
+def one_or_more(value: Any, where: str) -> tuple[float, ...]:
+    """Reads a number or a list of numbers."""
+    return numbers(value, where) if isinstance(value, list) else (number()(value, where),)
 
 
 def named_numbers(value: Any, where: str) -> dict[str, float]:
@@ -114,10 +160,30 @@ def _table(value: Any, where: str) -> dict[str, Any]:
 
 @dataclass(frozen=True, kw_only=True)
 class Path:
-    """The curve of Type IV: its kind and its parameters by name."""
+    """The curve of Type IV: its kind and its parameters by name; for a composite one its lines and arcs.
+
+    `stop` says what comes to stand at the end and at cusps, P_l ("point") or the axle's middle ("axle"); after the last
+    piece of a `closed` path comes the first.
+    """
 
     kind: str
-    parameters: Mapping[str, float]
+    parameters: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    segments: tuple[Segment, ...] = ()
+    stop: str = "point"
+    closed: bool = False
+
+    @property
+    def law(self) -> str:
+        """The kind of curve that the law follows at a time."""
+        return "segment" if self.segments else self.kind
+
+
+COMPOSITE = {  # kind -> what it takes beside stop and closed
+    "composite": {"segments"},
+    "waypoints": {"points", "tolerance"},
+    "dubins": {"from", "to", "radius"},
+    "reeds_shepp": {"from", "to", "radius"},
+}
 
 
 def _read_path(value: Any, where: str) -> Path:
@@ -125,39 +191,75 @@ def _read_path(value: Any, where: str) -> Path:
     if "kind" not in rest:
         raise BadInput(f'{where} kind is missing, for example path = {{ kind = "line", A = 1, B = -1, C = 0 }}')
     kind = text(rest.pop("kind"), f"{where} kind")
+    if kind not in COMPOSITE:
+        return Path(kind=kind, parameters=named_numbers(rest, where))
+    stop = one_of("point", "axle")(rest.pop("stop", "point"), f"{where} stop")
+    closed = flag(rest.pop("closed", False), f"{where} closed")
+    check_keys(rest, [*COMPOSITE[kind], "stop", "closed"], where)
+    for key in sorted(COMPOSITE[kind] - set(rest)):
+        raise BadInput(f"{where} {key} is missing; {kind} takes {', '.join(sorted(COMPOSITE[kind]))}")
+    return Path(kind=kind, segments=tuple(_pieces(kind, rest, closed, where)), stop=stop, closed=closed)
+
+
+def _pieces(kind: str, given: dict[str, Any], closed: bool, where: str) -> list[Segment]:
+    """The lines and arcs of a composite path, planned where it is given by what it must reach."""
+    from . import planning  # slow to import
+
     if kind == "composite":
-        raise BadInput(f"{where} kind 'composite' is not supported yet; follow its segments one by one")
-    return Path(kind=kind, parameters=named_numbers(rest, where))
+        return planning.segments_from_tables(given["segments"], f"{where} segments")
+    if kind == "waypoints":
+        points = given["points"]
+        if not isinstance(points, list):
+            raise BadInput(f"{where} points = {points!r} is not a list of [x, y]")
+        places = [point(item, f"{where} points[{k}]") for k, item in enumerate(points)]
+        return planning.fit(places, number("positive")(given["tolerance"], f"{where} tolerance"), closed=closed)
+    plan = planning.dubins if kind == "dubins" else planning.reeds_shepp
+    start, goal = (pose(given[name], f"{where} {name}") for name in ("from", "to"))
+    return plan(start, goal, number("positive")(given["radius"], f"{where} radius"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """What is controlled: Type I to IV, of the point P_l a distance L (m) ahead of the vehicle's point."""
+    """What is controlled: Type I to IV, of the point P_l a distance L (m) ahead of the vehicle's point, W (m) to its left.
+
+    Driving with speed v / (L + d) < 0 the heading diverges from the path: `reversing` says whether that is allowed, refused,
+    or avoided by a P_l on the other side of the axle, L_backward (by default as far behind it as L is ahead).
+    """
 
     type: str = entry(text)
     L: float = entry(number(), 0.0)
+    W: float = entry(number(), 0.0)
     path: Path | None = entry(_read_path, None)
+    reversing: str = entry(one_of("allow", "refuse", "switch"), "allow")
+    L_backward: float | None = entry(number(), None)
 
     def __post_init__(self):
         if self.type not in TYPES:
             raise BadInput(f"[output] type = {self.type!r} is not one of {', '.join(TYPES)}")
         if (self.type == "IV") != (self.path is not None):
             raise BadInput(f"[output] path belongs to type IV and to no other; type is {self.type}")
+        if self.L_backward is not None and self.reversing != "switch":
+            raise BadInput('[output] L_backward needs reversing = "switch"')
 
     @property
     def law(self) -> str:
         """Name of the control law."""
-        return f"type_{self.type.lower()}" + (f"_{self.path.kind}" if self.path else "")
+        name = f"type_{self.type.lower()}" + (f"_{self.path.law}" if self.path else "")
+        return name + OFFSET if self.W else name
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
     """What the outputs shall do. Type IV: forward speed, m/s, at distance 0 from the path.
 
+    On a composite path speed is that along it, and before the end and each cusp the wanted speed falls with `deceleration`
+    (m/s^2; 0: all at once) to `creep` (m/s), below which it counts as standing.
     Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad).
     """
 
     speed: float | None = entry(number(), None)
+    deceleration: float | None = entry(number("nonnegative"), None)
+    creep: float | None = entry(number("positive"), None)
     position: tuple[float, ...] | None = entry(numbers, None)
     velocity: tuple[float, ...] | None = entry(numbers, None)
 
@@ -179,6 +281,58 @@ class Initial:
             raise BadInput(f"[initial] has both {by_pose[0]} and {by_state[0]}: give point, heading, speed or q, nu")
         if self.point is None and self.q is None:
             raise BadInput("[initial] point = [x, y] or q = [...] is missing")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """Gaussian noise added to the sensed quasi-velocities (rad/s): mean and standard deviation of each, or one for all."""
+
+    mean: tuple[float, ...] = entry(one_or_more, (0.0,))
+    sd: tuple[float, ...] = entry(one_or_more, (0.0,))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensors:
+    """What the controller sees: wheel rates with noise, drawn anew every `period` s (0: at each call), and a pose that is
+    dead-reckoned from the wheels. `counts` of an encoder per turn of a wheel; 0: no encoder, the angle itself.
+    """
+
+    noise: Noise = entry(section(Noise), Noise())
+    seed: int = entry(whole(0), 0)
+    period: float = entry(number("nonnegative"), 0.0)
+    counts: int = entry(whole(0), 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Correction:
+    """The dead-reckoned pose is set right at a rate (Hz): at once ("reset") or let in over `release` s ("bumpless")."""
+
+    rate: float = entry(number("positive"))
+    mode: str = entry(one_of("reset", "bumpless"), "reset")
+    release: float | None = entry(number("positive"), None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Largest input of each motor (N m; 0: none), one or one each; beyond it each is cut, or the robot slows down."""
+
+    torque: tuple[float, ...] = entry(one_or_more)
+    mode: str = entry(one_of("cut", "slow"), "slow")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """What rolling without slip is judged by, all assumed unless given: friction `mu`, the `share` of the weight that rests
+    on the driven wheels, the `height` (m) of the centre of mass, which shifts load to the outer wheel.
+    """
+
+    mu: float = entry(number("positive"), 0.7)  # the middle of textbooks' 0.6 to 0.85, rubber sliding on dry concrete
+    share: float = entry(number("positive"), 1.0)
+    height: float = entry(number("nonnegative"), 0.0)
+
+    def __post_init__(self):
+        if self.share > 1:
+            raise BadInput(f"[contact] share = {self.share:g} must be at most 1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,10 +367,24 @@ class Spec:
     gains: Mapping[str, float] = entry(named_numbers, {})
     output: Output = entry(section(Output))
     reference: Reference = entry(section(Reference))
-    initial: Initial = entry(section(Initial))
+    initial: Initial | None = entry(section(Initial), None)
+    limits: Limits | None = entry(section(Limits), None)
+    sensors: Sensors | None = entry(section(Sensors), None)
+    correction: Correction | None = entry(section(Correction), None)
+    contact: Contact = entry(section(Contact), Contact())
     simulation: Simulation = entry(section(Simulation))
 
     def __post_init__(self):
+        if self.sensors and not self.simulation.period:
+            raise BadInput("[sensors] needs [simulation] period > 0: what is sensed is sensed at the controller's calls")
+        if self.correction and not self.sensors:
+            raise BadInput("[correction] needs [sensors]: without them the pose is the true one")
+        composite = self.output.path is not None and self.output.path.segments
+        if self.initial is None and not composite:
+            raise BadInput("[initial] is missing: point, heading and speed, or q and nu")
+        for name in ("deceleration", "creep"):
+            if getattr(self.reference, name) is not None and not composite:
+                raise BadInput(f"[reference] {name} is for composite paths")
         wanted, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity",))
         for name in ("speed", "position", "velocity"):
             given = getattr(self.reference, name) is not None

@@ -9,24 +9,34 @@ import numpy as np
 from ..model.expression import fold, operate
 from ..model.law import ControlLaw, symbols
 from ..model.linearization import SINGULAR
-from .backends import Evaluation
+from .backends import Evaluation, Limits
 from .direct import Direct
 
 ANGLE_MAX = 2.0**20  # rad; beyond it the C's sine and cosine in double refuse
+FLAT = 1e-5  # a slope below this part of the steepest counts as zero, as in the C runtime
 VECTORS = ("h", "ydot", "u", "tau", "V", "bias", "lam")  # the other quantities are matrices
 
 
 class CasadiController:
-    """A law with numbers for its parameters, config and gains. Status as the C runtime's, found in the same order."""
+    """A law with numbers for its parameters, config, gains and limits. Status as the C's, found in the same order."""
 
-    def __init__(self, law: ControlLaw, params: Sequence[float], config: Sequence[float], gains: Sequence[float]):
+    def __init__(
+        self,
+        law: ControlLaw,
+        params: Sequence[float],
+        config: Sequence[float],
+        gains: Sequence[float],
+        limits: Limits | None = None,
+    ):
         self.law = law
         self._fixed = tuple(np.array(group, dtype=float) for group in (params, config, gains))
-        self._step, self._evaluation = Direct(step_function(law)), evaluation_function(law)
+        self._step, self._evaluation, self._slope = Direct(step_function(law)), evaluation_function(law), slope_function(law)
+        self._slows = limits is not None and limits.mode == "slow"
+        self._limits = np.array([limit or np.inf for limit in limits.torque] if limits else np.inf)
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
         """All quantities, those of the model (M, V, A, S, Mbar, bias, lam) included."""
-        status, _ = self.step(state, reference)
+        status, _ = self._unlimited(state, reference)
         if status != "ok":
             return Evaluation(status)
         values = [np.asarray(value) for value in self._evaluation(*self._fixed, state, reference)]
@@ -34,7 +44,15 @@ class CasadiController:
         return Evaluation(status, {name: value.ravel() if name in VECTORS else value for name, value in named})
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
-        """Status and tau, N or N m; zeros when the status is an error."""
+        """Status and tau, N or N m, within the limits; zeros when the status is an error."""
+        status, tau = self._unlimited(state, reference)
+        if np.all(np.abs(tau) <= self._limits):
+            return status, tau
+        if self._slows:
+            tau = slowed(tau, np.asarray(self._slope(*self._fixed, state, reference)).ravel(), self._limits)
+        return "saturated", np.clip(tau, -self._limits, self._limits)
+
+    def _unlimited(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         zero = np.zeros(len(self.law.system.mechanism.inputs))
         if not (np.all(np.isfinite(state)) and np.all(np.isfinite(reference))):
             return "nonfinite", zero
@@ -46,6 +64,28 @@ class CasadiController:
         if not np.all(np.isfinite(tau)):
             return "nonfinite", zero
         return "ok", tau
+
+
+def slowed(tau: np.ndarray, slope: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """tau + c slope for the c nearest to 0 that keeps all |tau| <= limits; if none does, for a c that makes the largest
+    |tau| / limit least, divided by that."""
+    slope = np.where(np.abs(slope) > FLAT * np.abs(slope).max(), slope, 0.0)
+    a, b = (np.concatenate([values, -values]) for values in (tau / limits, slope / limits))
+    # max(a + b c) is convex: the c looked for is 0, or where a line a + b c is 1, or where two of them cross
+    with np.errstate(divide="ignore", invalid="ignore"):
+        candidates = np.concatenate([[0.0], (1 - a) / b, ((a[:, None] - a) / (b - b[:, None])).ravel()])
+    candidates = candidates[np.isfinite(candidates)]
+    overload = np.max(a + candidates[:, None] * b, axis=1)
+    least = max(1.0, overload.min())
+    good = overload <= least + 1e-13 * np.abs(a).max()
+    change = min(candidates[good], key=abs)
+    return (tau + change * slope) / least
+
+
+@cache
+def slope_function(law: ControlLaw) -> ca.Function:
+    """(params, config, gains, state, reference) to the derivative of tau by the demand on the speed."""
+    return law.function({"slope": law.slope})
 
 
 @cache

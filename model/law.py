@@ -47,6 +47,19 @@ class ControlLaw:
         return self.linearization.output
 
     @property
+    def speed_row(self) -> int | None:
+        """The row of relative degree 1 if there is exactly one: what is wanted of it can be given up for the others."""
+        degree = self.linearization.relative_degree
+        return degree.index(1) if degree.count(1) == 1 else None
+
+    @property
+    def slope(self) -> ca.SX:
+        """Derivative of tau by the demand of the speed row, r x 1 (0 x 1 without one): tau is affine in the demand (20), (12)."""
+        if self.speed_row is None:
+            return ca.SX(0, 1)
+        return ca.jacobian(self.tau_of_demand, self.demand[self.speed_row].symbol)
+
+    @property
     def groups(self) -> dict[str, tuple[Quantity, ...]]:
         """Everything the law depends on, by where it comes from."""
         return {

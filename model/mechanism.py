@@ -163,6 +163,7 @@ class Mechanism:
         self.inputs: list[Quantity] = []
         self.quasi_velocities: list[Quantity] = []
         self.constraint_names: list[str] = []
+        self.contacts: list[Contact] = []
         self.vehicle: Vehicle | None = None
         self._constraints: list[ca.SX] = []
         self._actuation: list[ca.SX] = []
@@ -258,6 +259,27 @@ class Mechanism:
         made = {name: self._scalar(place, f"the vehicle's {name}") for name, place in places.items()}
         self.vehicle = Vehicle(**{name: self._at_rest(place, f"the vehicle's {name}") for name, place in made.items()})
 
+    def contact(
+        self, name: str, mass: ca.SX, along: ca.SX | None = None, across: ca.SX | None = None, left: ca.SX | float = 0.0
+    ) -> None:
+        """Say where the robot touches the ground, so that the forces there can be compared with what friction can give.
+
+        `along` and `across` are the velocity (m/s) of the point that touches, forward and to the left over the ground; the
+        constraints keep them zero, by a force (N) in that direction. None: no force that way. `mass` (kg) rests on the
+        contact; `left` (m) is its place to the left of the vehicle's middle line. No equation of motion depends on this.
+        """
+        if not isinstance(name, str) or not name.strip() or not name.isprintable():
+            raise ModelError(f"{self.name}: a contact's name must be text on one line, got {name!r}")
+        refuse_twice([*(c.name for c in self.contacts), name], f"{self.name}, contacts")
+        where = f"contact {name!r}"
+        if along is None and across is None:
+            raise ModelError(f"{self.name}: {where} needs a velocity along or across, which the constraints keep zero")
+        velocities = [ca.SX(0) if v is None else self._scalar(v, f"{where}, velocity") for v in (along, across)]
+        given = [(f"{where}, mass", mass), (f"{where}, left", left)]
+        places = [self._at_rest(self._scalar(value, place), place) for place, value in given]
+        self.contacts.append(Contact(name, *velocities, *places))
+        self._forget()
+
     # -- what follows -------------------------------------------------------------------------------------------
 
     @property
@@ -307,6 +329,12 @@ class Mechanism:
         return self._rows({f"input {u.name!r}": row for u, row in zip(self.inputs, self._actuation, strict=True)}).T
 
     @cached_property
+    def contact_rows(self) -> ca.SX:
+        """Velocities along and across of each contact in turn, as rows J(q) with velocities = J qdot, 2 c x n."""
+        pairs = {f"contact {c.name!r}, {way}": getattr(c, way) for c in self.contacts for way in ("along", "across")}
+        return self._rows(pairs) if pairs else ca.SX(0, len(self.coordinates))
+
+    @cached_property
     def quasi_velocity_rows(self) -> ca.SX | None:
         """Gamma(q) with nu = Gamma qdot, (n-m) x n; None when the user gave S or nothing."""
         if not self._quasi_expressions:
@@ -341,7 +369,7 @@ class Mechanism:
         rest = ca.substitute(ca.vertcat(self._kinetic, ca.gradient(self._kinetic, self.qdot)), self.qdot, still)
         if not ca.jacobian(self.M, self.qdot).is_zero() or not canonical(rest).is_zero():
             raise ModelError(f"{self.name}: the kinetic energy is not quadratic in the rates")
-        _ = (self.V, self.A, self.E, self.quasi_velocity_rows)  # each refuses what is not linear in the rates
+        _ = (self.V, self.A, self.E, self.contact_rows, self.quasi_velocity_rows)  # each refuses what is not linear in the rates
 
     @property
     def names(self) -> list[str]:
@@ -361,6 +389,7 @@ class Mechanism:
             *[(f"input {name!r}", row) for name, row in inputs],
             *[("a force", ca.vertcat(*pair)) for pair in self._forces],
             *[("a quasi-velocity", row) for row in self._quasi_expressions],
+            *[(f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left)) for c in self.contacts],
             *([("S", self._null_space)] if self._null_space is not None else []),
             *([("the vehicle's place", ca.vertcat(*vars(self.vehicle).values()))] if self.vehicle else []),
         ]
@@ -383,7 +412,7 @@ class Mechanism:
 
     def _forget(self) -> None:
         """Drop the matrices made so far: something was added that changes them."""
-        for matrix in ("M", "V", "A", "E", "quasi_velocity_rows"):
+        for matrix in ("M", "V", "A", "E", "contact_rows", "quasi_velocity_rows"):
             self.__dict__.pop(matrix, None)
 
     def _scalar(self, expression: ca.SX, where: str) -> ca.SX:
@@ -405,3 +434,17 @@ class Vehicle:
     x: ca.SX
     y: ca.SX
     heading: ca.SX
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A place that touches the ground: its velocity along and across (m/s, forward and left), both zero while it rolls.
+
+    `mass` (kg) rests on it, `left` (m) is its place to the left of the vehicle's middle line.
+    """
+
+    name: str
+    along: ca.SX
+    across: ca.SX
+    mass: ca.SX
+    left: ca.SX

@@ -1,28 +1,34 @@
 """Output maps y = h(q) or h(q, nu): what the controller makes follow a reference (14).
 
-Types I to IV of the paper for any vehicle that moves in a plane. P_l is the point a distance L ahead of the vehicle's
-point along its heading.
+Types I to IV of the paper for any vehicle that moves in a plane. P_l is a point of the vehicle: a distance L ahead of the
+vehicle's point along its heading and, where asked for, W to the left.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from .errors import ModelError
 from .exact import canonical
 from .mechanism import Quantity, quantity, refuse_strangers, refuse_twice, scalar
-from .paths import Path, circle, config, ellipse, line
+from .paths import Path, circle, config, ellipse, line, segment
 from .reduction import ReducedSystem
 
 
 @dataclass(frozen=True, eq=False)
 class Through:
-    """An output as outer(z), z = inner(q), such as a distance of a point: the chain rule in two short steps."""
+    """An output as outer(z), z = inner(q), such as a distance of a point: the chain rule in two short steps.
+
+    Where outer is an exact distance, `slope` can give its derivative by z, a unit row, and `bend` the curvature of its
+    levels.
+    """
 
     symbols: ca.SX
     inner: ca.SX
     outer: ca.SX
+    slope: ca.SX | None = None
+    bend: ca.SX | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,52 +75,66 @@ class OutputMap:
             refuse_strangers(scalar(condition, f"{where}: condition"), fixed, f"{where}: condition {meaning!r}", "parameter")
 
 
-def type_i(system: ReducedSystem) -> OutputMap:
-    """Type I: the position of P_l."""
-    L = look_ahead()
-    return OutputMap("type_i", "Type I: position of P_l", (_x(system, L), _y(system, L)), (L,))
+def type_i(system: ReducedSystem, offset: bool = False) -> OutputMap:
+    """Type I: the position of P_l; with `offset`, P_l lies aside too (as for Types II to IV)."""
+    point = body_point(offset)
+    return OutputMap("type_i", "Type I: position of P_l", (_x(system, point), _y(system, point)), point)
 
 
-def type_ii(system: ReducedSystem) -> OutputMap:
+def type_ii(system: ReducedSystem, offset: bool = False) -> OutputMap:
     """Type II: x of P_l and the heading."""
-    L = look_ahead()
-    return OutputMap("type_ii", "Type II: x of P_l and heading", (_x(system, L), _heading(system)), (L,))
+    point = body_point(offset)
+    return OutputMap("type_ii", "Type II: x of P_l and heading", (_x(system, point), _heading(system)), point)
 
 
-def type_iii(system: ReducedSystem) -> OutputMap:
+def type_iii(system: ReducedSystem, offset: bool = False) -> OutputMap:
     """Type III: y of P_l and the heading."""
-    L = look_ahead()
-    return OutputMap("type_iii", "Type III: y of P_l and heading", (_y(system, L), _heading(system)), (L,))
+    point = body_point(offset)
+    return OutputMap("type_iii", "Type III: y of P_l and heading", (_y(system, point), _heading(system)), point)
 
 
-def type_iv(system: ReducedSystem, path: Path) -> OutputMap:
+def type_iv(system: ReducedSystem, path: Path, offset: bool = False) -> OutputMap:
     """Type IV: signed distance of P_l from a path, and the forward speed."""
-    L = look_ahead()
-    distance = at_point(system, L, "distance", "signed distance of P_l from the path", path.distance)
+    point = body_point(offset)
+    about = "signed distance of P_l from the path"
+    distance = at_point(system, point, "distance", about, path.distance, path.unit_normal)
     speed = OutputRow("speed", "m/s", "forward speed", forward_speed(system))
     name, about = f"type_iv_{path.kind}", f"Type IV: path following, {path.about}"
-    return OutputMap(name, about, (distance, speed), (L, *path.parameters), path.conditions, path)
+    return OutputMap(name, about, (distance, speed), (*point, *path.parameters), path.conditions, path)
 
 
-OUTPUTS: dict[str, Callable[[ReducedSystem], OutputMap]] = {
+OUTPUTS: dict[str, Callable[..., OutputMap]] = {
     "type_i": type_i,
     "type_ii": type_ii,
     "type_iii": type_iii,
-    "type_iv_line": lambda system: type_iv(system, line()),
-    "type_iv_circle": lambda system: type_iv(system, circle()),
-    "type_iv_ellipse": lambda system: type_iv(system, ellipse()),
+    "type_iv_line": lambda system, offset=False: type_iv(system, line(), offset),
+    "type_iv_circle": lambda system, offset=False: type_iv(system, circle(), offset),
+    "type_iv_ellipse": lambda system, offset=False: type_iv(system, ellipse(), offset),
+    "type_iv_segment": lambda system, offset=False: type_iv(system, segment(), offset),
 }
+OFFSET = "_offset"  # ends the name of a law whose P_l lies aside of the vehicle's axis too
 
 
-def look_ahead() -> Quantity:
-    """L, how far P_l lies ahead of the vehicle's point (negative: behind)."""
-    return config("L", 0.0, "m", "distance of the reference point P_l ahead of the vehicle's point")
+def output_map(system: ReducedSystem, name: str) -> OutputMap:
+    """The output map of a law by name: one of OUTPUTS, or one with OFFSET after it. Raises KeyError for any other."""
+    base = name.removesuffix(OFFSET)
+    made = OUTPUTS[base](system, offset=base != name)
+    return replace(made, name=name, about=made.about + (", P_l anywhere on the vehicle" if base != name else ""))
 
 
-def reference_point(system: ReducedSystem, L: Quantity) -> tuple[ca.SX, ca.SX]:
-    """P_l in the world, m."""
+def body_point(offset: bool = False) -> tuple[Quantity, ...]:
+    """Where P_l is on the vehicle: L ahead of the vehicle's point (negative: behind) and, with `offset`, W to its left."""
+    L = config("L", 0.0, "m", "distance of the reference point P_l ahead of the vehicle's point")
+    W = config("W", 0.0, "m", "distance of P_l to the left of the vehicle's axis")
+    return (L, W) if offset else (L,)
+
+
+def reference_point(system: ReducedSystem, point: Sequence[Quantity]) -> tuple[ca.SX, ca.SX]:
+    """P_l in the world, m, from `body_point`."""
     vehicle = _vehicle(system)
-    return vehicle.x + L.symbol * ca.cos(vehicle.heading), vehicle.y + L.symbol * ca.sin(vehicle.heading)
+    ahead, left = (*(q.symbol for q in point), 0)[:2]
+    cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
+    return vehicle.x + ahead * cosine - left * sine, vehicle.y + ahead * sine + left * cosine
 
 
 def forward_speed(system: ReducedSystem) -> ca.SX:
@@ -132,19 +152,27 @@ def _vehicle(system: ReducedSystem):
     return system.mechanism.vehicle
 
 
-def at_point(system: ReducedSystem, L: Quantity, name: str, about: str, outer: Callable[[ca.SX, ca.SX], ca.SX]) -> OutputRow:
-    """An output in m that is a function of where P_l is."""
-    point = ca.vertcat(*reference_point(system, L))
-    symbols = ca.vertcat(ca.SX.sym("x_l"), ca.SX.sym("y_l"))
-    return OutputRow(name, "m", about, outer(point[0], point[1]), Through(symbols, point, outer(symbols[0], symbols[1])))
+def at_point(
+    system: ReducedSystem,
+    point: Sequence[Quantity],
+    name: str,
+    about: str,
+    outer: Callable[[ca.SX, ca.SX], ca.SX],
+    unit_normal: Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]] | None = None,
+) -> OutputRow:
+    """An output in m that is a function of where P_l is; `unit_normal` as a Path's."""
+    place = ca.vertcat(*reference_point(system, point))
+    symbols = x, y = ca.SX.sym("x_l"), ca.SX.sym("y_l")
+    through = Through(ca.vertcat(*symbols), place, outer(x, y), *(unit_normal(x, y) if unit_normal else ()))
+    return OutputRow(name, "m", about, outer(place[0], place[1]), through)
 
 
-def _x(system: ReducedSystem, L: Quantity) -> OutputRow:
-    return at_point(system, L, "x_l", "x of P_l", lambda x, y: x)
+def _x(system: ReducedSystem, point: Sequence[Quantity]) -> OutputRow:
+    return at_point(system, point, "x_l", "x of P_l", lambda x, y: x)
 
 
-def _y(system: ReducedSystem, L: Quantity) -> OutputRow:
-    return at_point(system, L, "y_l", "y of P_l", lambda x, y: y)
+def _y(system: ReducedSystem, point: Sequence[Quantity]) -> OutputRow:
+    return at_point(system, point, "y_l", "y of P_l", lambda x, y: y)
 
 
 def _heading(system: ReducedSystem) -> OutputRow:

@@ -11,13 +11,19 @@ from .mechanism import Quantity, quantity, scalar
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A curve and its parameters. `distance(x, y)` is zero on it and grows with unit gradient across it."""
+    """A curve and its parameters. `distance(x, y)` is zero on it and grows with unit gradient across it.
+
+    `unit_normal(x, y)` gives the gradient of an exact distance, 1 x 2, and its bend, the curvature of the path's parallel
+    through the point (1/m, positive where the gradient points away from the centre), where these are shorter written down
+    than derived.
+    """
 
     kind: str
     about: str
     parameters: tuple[Quantity, ...]
     distance: Callable[[ca.SX, ca.SX], ca.SX]
     conditions: tuple[tuple[ca.SX, str], ...] = ()  # (expression that must be positive, what it means)
+    unit_normal: Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]] | None = None
 
 
 def config(name: str, default: float, unit: str, about: str, sign: str = "any") -> Quantity:
@@ -50,6 +56,36 @@ def circle() -> Path:
         return ca.sqrt((x - x_f.symbol) ** 2 + (y - y_f.symbol) ** 2) - R.symbol
 
     return Path("circle", "circle", (x_f, y_f, R), distance)
+
+
+def segment() -> Path:
+    """The line or arc through a point, with its direction there and its curvature; positive to the left; exact distance.
+
+    One law for all pieces of a composite path: the distance is regular where the curvature is zero.
+    """
+    x_s = config("x_s", 0.0, "m", "a point of the line or arc")
+    y_s = config("y_s", 0.0, "m", "a point of the line or arc")
+    direction = config("direction", 0.0, "rad", "direction of travel at that point")
+    curvature = config("curvature", 0.0, "1/m", "curvature, positive turns left, 0 is a line")
+
+    cosine, sine = ca.cos(direction.symbol), ca.sin(direction.symbol)
+
+    def from_centre(x: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """In radii, along the direction and against its left; and how far in all: 1 on the path, and where it is a line."""
+        dx, dy = x - x_s.symbol, y - y_s.symbol
+        along, out = curvature.symbol * (cosine * dx + sine * dy), 1 - curvature.symbol * (cosine * dy - sine * dx)
+        return along, out, ca.sqrt(along**2 + out**2)
+
+    def distance(x: ca.SX, y: ca.SX) -> ca.SX:
+        along, out, radii = from_centre(x, y)
+        dx, dy = x - x_s.symbol, y - y_s.symbol
+        return ((cosine * dy - sine * dx) * (1 + out) - (cosine * dx + sine * dy) * along) / (1 + radii)
+
+    def unit_normal(x: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX]:
+        along, out, radii = from_centre(x, y)
+        return ca.horzcat(-sine * out - cosine * along, cosine * out - sine * along) / radii, -curvature.symbol / radii
+
+    return Path("segment", "line or arc", (x_s, y_s, direction, curvature), distance, unit_normal=unit_normal)
 
 
 def implicit(kind: str, about: str, parameters: tuple[Quantity, ...], f: Callable[[ca.SX, ca.SX], ca.SX]) -> Path:

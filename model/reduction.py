@@ -42,7 +42,7 @@ class ReducedSystem:
     @property
     def qdot(self) -> ca.SX:
         """S nu (9), n x 1."""
-        return self.S @ self.nu
+        return ca.densify(self.S @ self.nu)
 
     def along_motion(self, expression: ca.SX) -> ca.SX:
         """Time derivative of an expression in q along (9)."""

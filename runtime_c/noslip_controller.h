@@ -16,6 +16,12 @@
  * operand on Thumb. */
 #define NOSLIP_READY 0x5e5e5e5e
 
+/* What a step does with inputs beyond their limits. */
+enum {
+    NOSLIP_CUT = 0, /* cuts each input by itself */
+    NOSLIP_SLOW = 1 /* gives up the wanted speed, so that the other outputs get what they ask for: a path is kept */
+};
+
 /* What a step does when something is wrong stays out of the way of what it does when nothing is. */
 #if defined(__GNUC__)
 #define NOSLIP_COLD __attribute__((noinline, cold))

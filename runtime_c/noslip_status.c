@@ -5,12 +5,15 @@ const char *noslip_status_name(int status)
     switch (status) {
     case NOSLIP_OK: return "ok";
     case NOSLIP_SATURATED: return "saturated";
+    case NOSLIP_ARRIVED: return "arrived";
     case NOSLIP_NULL: return "null";
     case NOSLIP_NONFINITE: return "nonfinite";
     case NOSLIP_RANGE: return "range";
     case NOSLIP_BAD_PARAMETER: return "bad_parameter";
     case NOSLIP_SINGULAR: return "singular";
     case NOSLIP_NOT_READY: return "not_ready";
+    case NOSLIP_BAD_PATH: return "bad_path";
+    case NOSLIP_UNSTABLE: return "unstable";
     default: return "unknown";
     }
 }

@@ -1,7 +1,8 @@
 /*
- * noslip_trig.h - sine and cosine together, with the same bits on every target.
+ * noslip_trig.h - sine and cosine together, sin(x) / x, and the angle of a vector, with the same bits on every target.
  *
- * Only + - * and a look at the bits of one number: no division, fused operation, table, library call or branch in the C.
+ * Sine and cosine take only + - * and a look at the bits of one number: no division, fused operation, table, library call
+ * or branch in the C.
  *
  *   float,  |x| <= NOSLIP_ANGLE_MAX_F:  absolute error below 1e-7 (every float was tried: 7.9e-8)
  *   double, |x| <= NOSLIP_ANGLE_MAX:    error below 1 ulp (0.90 found)
@@ -102,6 +103,113 @@ static inline void noslip_sincos(double x, double *sine, double *cosine)
     *sine = (turns.bits & 2) ? -s_turned : s_turned;
     *cosine = (turns.bits & 2) ? -c_turned : c_turned;
     /*@ admit -1048576 <= x <= 1048576 ==> -1 <= *sine <= 1 && -1 <= *cosine <= 1; */
+}
+
+/*
+ * noslip_sinc - sin(x) / x, and 1 at 0, in the range of noslip_sincos, with the same bits on every target.
+ *
+ *   float:  absolute error below 1.5e-7 (1.1e-7 found)
+ *   double: absolute error below 2.5e-16 (1.7e-16 found)
+ *
+ * Exact: sinc(-x) = sinc(x), and the magnitude is never above 1. Near 0 it is 1 - x^2/6, without a division.
+ */
+static inline float noslip_sinc_f(float x)
+{
+    float sine, cosine;
+    if (x > -1e-3f && x < 1e-3f) {
+        return 1.0f - x * x * 0.16666667f;
+    }
+    noslip_sincos_f(x, &sine, &cosine);
+    return sine / x;
+}
+
+static inline double noslip_sinc(double x)
+{
+    double sine, cosine;
+    if (x > -1e-4 && x < 1e-4) {
+        return 1.0 - x * x * 0.16666666666666666;
+    }
+    noslip_sincos(x, &sine, &cosine);
+    return sine / x;
+}
+
+/*
+ * noslip_atan2 - angle of the vector (x, y), in [-pi, pi], with the same bits on every target.
+ *
+ *   float:  absolute error below 3e-7 (1.8e-7 found)
+ *   double: absolute error below 4e-16 (3.4e-16 found) and below 2.5 ulp (2.25 found)
+ *
+ * Exact: 0 for (0, 0), whose angle means nothing. The sign of a zero does not count: y = -0 is taken as 0, its angle is 0
+ * or pi. Only + - *, one division, and comparisons. The arguments have to be finite.
+ *
+ * How: the angle is m pi/4 + atan t with |t| <= tan(pi/8), a polynomial; m pi/4 is exact in its leading part.
+ */
+static inline float noslip_atan2_f(float y, float x)
+{
+    const float a = noslip_abs_f(y), b = noslip_abs_f(x);
+    const float scale = a + b > 1.0f ? 0.5f : 1.0f; /* a + b of large numbers must not overflow */
+    float over, under, m, t, z, angle;
+
+    if (a <= 0 && b <= 0) {
+        return 0;
+    }
+    if (a <= 0.41421357f * b) {
+        over = a;
+        under = b;
+        m = 0;
+    } else if (b <= 0.41421357f * a) {
+        over = -b;
+        under = a;
+        m = 2;
+    } else {
+        over = scale * a - scale * b;
+        under = scale * a + scale * b;
+        m = 1;
+    }
+    t = over / under;
+    if (x < 0) {
+        t = -t;
+        m = 4.0f - m;
+    }
+    z = t * t;
+    angle = m * 0.78539824f + (t + (t * z * (-0.33332756f + z * (0.19971861f + z * (-0.13824259f + z * 0.079019666f))) +
+        m * -8.146034e-8f));
+    return y < 0 ? -angle : angle;
+}
+
+static inline double noslip_atan2(double y, double x)
+{
+    const double a = noslip_abs(y), b = noslip_abs(x);
+    const double scale = a + b > 1.0 ? 0.5 : 1.0;
+    double over, under, m, t, z, angle;
+
+    if (a <= 0 && b <= 0) {
+        return 0;
+    }
+    if (a <= 0.41421356237309503 * b) {
+        over = a;
+        under = b;
+        m = 0;
+    } else if (b <= 0.41421356237309503 * a) {
+        over = -b;
+        under = a;
+        m = 2;
+    } else {
+        over = scale * a - scale * b;
+        under = scale * a + scale * b;
+        m = 1;
+    }
+    t = over / under;
+    if (x < 0) {
+        t = -t;
+        m = 4.0 - m;
+    }
+    z = t * t;
+    angle = m * 0.7853981633974483 + (t + (t * z * (-0.3333333333333022 + z * (0.199999999991045 +
+        z * (-0.14285714196511906 + z * (0.11111106702913295 + z * (-0.09090783512934762 + z * (0.0769008312654027 +
+        z * (-0.06641244219913213 + z * (0.05693154016768563 + z * (-0.04360793836848341 +
+        z * 0.02127975189888684))))))))) + m * 3.061616997868383e-17));
+    return y < 0 ? -angle : angle;
 }
 
 #endif

@@ -140,6 +140,11 @@ def _outputs() -> dict[str, Output]:
     cube = sp.sqrt(slope_x**2 + slope_y**2) ** 3
     g_x = slope_x * (cube ** sp.Rational(2, 3) - f * 2 / half_x**2) / cube
     g_y = slope_y * (cube ** sp.Rational(2, 3) - f * 2 / half_y**2) / cube
+    # A line or arc by its centre, 1/curvature to the left of the point.
+    x_s, y_s, direction, curvature = (sp.Symbol(f"config.{name}", real=True) for name in ("x_s", "y_s", "direction", "curvature"))
+    from_centre = sp.Matrix([x_l - x_s + sp.sin(direction) / curvature, y_l - y_s - sp.cos(direction) / curvature])
+    radius = sp.sqrt(from_centre.dot(from_centre))
+    inward = -sp.sign(curvature) * from_centre / radius
     four = r**2 * l / (2 * b)
     return {
         "type_i": Output(sp.Matrix([x_l, y_l]), (2, 2), -(r**2) * l / (2 * b), (L,)),
@@ -158,6 +163,12 @@ def _outputs() -> dict[str, Output]:
             (L, x_f, y_f, R),
         ),
         "type_iv_ellipse": Output(sp.Matrix([ellipse, speed]), (2, 1), four * (g_y * cos - g_x * sin), (L, half_x, half_y)),
+        "type_iv_segment": Output(
+            sp.Matrix([1 / curvature - sp.sign(curvature) * radius, speed]),
+            (2, 1),
+            four * (inward[1] * cos - inward[0] * sin),
+            (L, x_s, y_s, direction, curvature),
+        ),
     }
 
 

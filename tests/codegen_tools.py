@@ -9,7 +9,7 @@ import numpy as np
 from casadi import cos, sin
 from noslip.codegen.graph import Node, reachable
 from noslip.model import Mechanism, OutputMap, OutputRow, control_law
-from noslip.model.outputs import OUTPUTS, at_point, look_ahead, type_iv
+from noslip.model.outputs import OUTPUTS, at_point, body_point, type_iv
 from noslip.model.paths import config, implicit
 from noslip.model.reduction import ReducedSystem, reduce
 
@@ -105,10 +105,10 @@ def wave_law(system: ReducedSystem):
 
 def arm_law(system: ReducedSystem):
     """Position of P_l and the arm's angle: three outputs."""
-    L = look_ahead()
-    rows = [at_point(system, L, "x_l", "x", lambda x, y: x), at_point(system, L, "y_l", "y", lambda x, y: y)]
+    point = body_point()
+    rows = [at_point(system, point, "x_l", "x", lambda x, y: x), at_point(system, point, "y_l", "y", lambda x, y: y)]
     angle = OutputRow("angle", "rad", "angle of the arm", system.mechanism.q[3])
-    return control_law(system, OutputMap("arm", "position and arm", (*rows, angle), (L,)))
+    return control_law(system, OutputMap("arm", "position and arm", (*rows, angle), point))
 
 
 @cache

@@ -700,17 +700,20 @@ def recount(body: str) -> dict[str, int]:
 @each_scalar
 @each_labmate_law
 def test_operation_counts_are_those_of_the_text(name, scalar):
-    """What the shipped manifest and header say, counted again in the shipped C."""
+    """What the shipped manifest and header (source for what is not public) say, counted again in the shipped C."""
     folder, own = SHIPPED / "labmate", f"labmate_{name}{SCALARS[scalar].suffix}"
     manifest = json.loads((folder / "manifest.json").read_text())["laws"][name]["operations"]
-    source, header = (folder / f"{own}.c").read_text(), " ".join((folder / f"{own}.h").read_text().replace(" * ", " ").split())
+    source, header = ((folder / f"{own}.{kind}").read_text() for kind in "ch")
     assert manifest.keys() == {entry.name for entry in compiled(name).entries}
+    inside = {entry.name for entry in compiled(name).entries if not entry.public}
+    assert inside == ({"slope"} if 1 in compiled(name).law.linearization.relative_degree else set())
     for entry, listed in manifest.items():
         counted = recount(law_function(source, entry))
         assert counted == listed, entry
         said = ", ".join(f"{number} {operation}" for operation, number in counted.items() if number)
-        function = f"labmate_{name}_{entry}{SCALARS[scalar].suffix}("
-        before = header[: header.index(f"int {function}")]
+        function = f"labmate_{name}_{entry}{SCALARS[scalar].suffix}{'_law' if entry in inside else ''}("
+        text = " ".join((source if entry in inside else header).replace(" * ", " ").split())
+        before = text[: text.index(f"int {function}")]
         assert before[before.rindex("Operations:") :].startswith(f"Operations: {said or 'none'}."), entry
 
 

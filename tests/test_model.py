@@ -1,5 +1,6 @@
 """model/ against an independent derivation, against the laws of mechanics, and against wrong input."""
 
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
@@ -61,6 +62,7 @@ RANGES = {
     **{"thetadot_r": (-10, 10), "thetadot_l": (-10, 10)},
     **{"config.L": (-1, 1), "config.A": (-2, 2), "config.B": (-2, 2), "config.C": (-5, 5)},
     **{"config.x_f": (-20, 20), "config.y_f": (-20, 20), "config.R": (1, 15), "config.a": (1, 6), "config.b": (1, 6)},
+    **{"config.x_s": (-20, 20), "config.y_s": (-20, 20), "config.direction": (-10, 10), "config.curvature": (-0.5, 0.5)},
 }
 
 
@@ -208,6 +210,23 @@ def test_law(name):
         for key, value in expected.items():
             conditioning = 1 / sine if key in ("u", "tau", "lam") else 1.0
             assert close(results[key], value, TOLERANCE * conditioning), (key, values)
+
+
+def test_a_segment_without_curvature_is_a_line():
+    """Where the centre is infinitely far the formula by the centre fails; the law does not."""
+    law, line = labmate_law("type_iv_segment"), closed_forms.OUTPUTS["type_iv_line"]
+    evaluate = law.function({"h": law.linearization.h, "tau": law.tau})
+    rng = np.random.default_rng(4)
+    for values in random_values(5):
+        gains, reference = tuple(rng.uniform(0.5, 8, 3)), rng.uniform(-5, 5, (2, 3))
+        sine, cosine = math.sin(values["config.direction"]), math.cos(values["config.direction"])
+        left = cosine * values["config.y_s"] - sine * values["config.x_s"]
+        values |= {"config.curvature": 0.0, "config.A": -sine, "config.B": cosine, "config.C": -left}
+        results = evaluate.call(arguments(law, values, gains, reference))
+        expected = closed_forms.law("type_iv_line", values, gains, reference)
+        assert line.relative_degree == law.linearization.relative_degree
+        sharp = abs(expected["det"]) / np.prod(np.linalg.norm(expected["Phi"], axis=1))
+        assert close(results[0], expected["h"]) and close(results[1], expected["tau"], TOLERANCE / sharp), values
 
 
 def test_determinant_is_found_in_closed_form():
@@ -363,7 +382,7 @@ def linearizations(name: str) -> list[Linearization]:
         ("edge", [(2, 2), (2, 1)]),
         ("swinging", [(2,), (1,)]),
         ("tractor", [(2, 2, 2), (2, 1, 2)]),
-        ("labmate", [(2, 2)] * 3 + [(2, 1)] * 3),
+        ("labmate", [(2, 2)] * 3 + [(2, 1)] * 4),
     ],
 )
 def test_relative_degrees(name, degrees):

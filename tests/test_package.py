@@ -27,9 +27,9 @@ STRICT = (
 SKIPPED = {".venv", "build", "__pycache__", ".git", ".pytest_cache", ".ruff_cache"}
 
 
-def readme_block(language: str) -> str:
-    """The one block of the README in this language that a comment says is tested here."""
-    found = re.findall(rf"tests/test_package.py -->\n```{language}\n(.*?)^```", (ROOT / "README.md").read_text(), re.S | re.M)
+def block(language: str, page: str = "README.md") -> str:
+    """The one block of a page in this language that a comment says is tested here."""
+    found = re.findall(rf"tests/test_package.py -->\n```{language}\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M)
     assert len(found) == 1
     return found[0]
 
@@ -74,7 +74,7 @@ def test_readme_firmware(cc, exported, tmp_path):
     """The loop compiles without a warning, links with an export and a board's functions, and answers sensible torques."""
     if shutil.which(cc) is None:
         pytest.skip(f"{cc} is not installed")
-    code = readme_block("c")
+    code = block("c")
     assert len(code.splitlines()) <= 45
     (tmp_path / "main.c").write_text(code)
     (tmp_path / "board.c").write_text('#include "labmate_type_iv_circle_f.h"\n' + BOARD)
@@ -86,9 +86,50 @@ def test_readme_firmware(cc, exported, tmp_path):
     assert all(0 < abs(torque) <= 20 for torque in first)
 
 
+ROLLING_BOARD = """
+#include <stdio.h>
+#include <stdlib.h>
+#define PERIOD 0.01f
+static float rate[2];
+static int ticks;
+void wait_for_tick(void);
+void read_wheels(float turned[2]);
+void set_torques(float right, float left);
+void wait_for_tick(void) { if (ticks++ == 2500) { exit(0); } }
+void read_wheels(float turned[2]) { turned[0] = rate[0] * PERIOD; turned[1] = rate[1] * PERIOD; }
+void set_torques(float right, float left)
+{
+    /* S'MS of the default parameters, without the bias: a robot that is not quite the model */
+    const float same = 0.27f, other = 0.10f;
+    const float determinant = same * same - other * other;
+    rate[0] += PERIOD * (same * right - other * left) / determinant;
+    rate[1] += PERIOD * (same * left - other * right) / determinant;
+    if (ticks % 100 == 0) { printf("%.9g %.9g\\n", (double)rate[0], (double)rate[1]); }
+}
+"""
+
+
+@pytest.mark.parametrize("cc", ["gcc", "clang"])
+def test_path_firmware(cc, tmp_path):
+    """The loop of docs/paths.md compiles without a warning and drives a vehicle to the end, where it stands."""
+    if shutil.which(cc) is None:
+        pytest.skip(f"{cc} is not installed")
+    folder = tmp_path / "segment"
+    assert main(["export", "labmate", "--output", "type_iv_segment", "--scalar", "float", "-o", str(folder)]) == 0
+    (tmp_path / "main.c").write_text(block("c", "docs/paths.md"))
+    (tmp_path / "board.c").write_text(ROLLING_BOARD)
+    sources = [path for path in folder.glob("*.c") if path.name != "example.c"]
+    program = tmp_path / "firmware"
+    run([cc, *STRICT, f"-I{folder}", *sources, tmp_path / "main.c", tmp_path / "board.c", "-o", program])
+    rates = [list(map(float, line.split())) for line in run([program]).splitlines()]
+    speeds = [0.075 * (right + left) for right, left in rates]
+    assert abs(max(speeds) - 1.4) < 0.1 and abs(speeds[-1]) < 1e-3
+    assert 17 < sum(speeds) < 21  # m, one line a second: the path is 18.6 m long
+
+
 def cart_laws(path: Path) -> str:
     """The README's robot in a file; answers its name on the command line."""
-    (path / "cart.py").write_text(readme_block("python"))
+    (path / "cart.py").write_text(block("python"))
     return f"{path / 'cart.py'}:cart"
 
 
@@ -99,7 +140,7 @@ def test_readme_robot(scalar, tolerance, tmp_path):
     assert main(["generate", robot, "-o", str(tmp_path), "--scalar", scalar]) == 0
     folder, suffix = tmp_path / "cart", "_f" if scalar == "float" else ""
     laws = json.loads((folder / "manifest.json").read_text())["laws"]
-    assert len(laws) == 6
+    assert len(laws) == 7
     runtime = ROOT / "runtime_c"
     library = tmp_path / "cart.so"
     sources = [*folder.glob("*.c"), *runtime.glob("*.c")]
@@ -246,15 +287,23 @@ def installed(wheel, tmp_path_factory) -> Path:
     return folder / "env" / "bin"
 
 
+def listed_packages() -> set[str]:
+    """The packages that pyproject names."""
+    return set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
+
+
 def test_wheel_holds_the_packages(wheel):
     listing = run([sys.executable, "-m", "zipfile", "-l", wheel])
     names = {line.split()[0] for line in listing.splitlines()[1:]}
-    for folder in ("model", "model/robots", "codegen", "harness", "runtime_c"):
-        kinds = ("*.c", "*.h", "*.inc") if folder == "runtime_c" else ("*.py",)
+    folders = [name.removeprefix("noslip").replace(".", "/").strip("/") for name in listed_packages()]
+    kinds_in = {"runtime_c": ("*.c", "*.h", "*.inc"), "specs/figures": ("*.toml",)}
+    for folder in folders:
+        kinds = kinds_in.get(folder, ("*.py",))
         for path in (path for kind in kinds for path in (ROOT / folder).glob(kind)):
-            assert f"noslip/{folder}/{path.name}" in names, path
+            assert "/".join(filter(None, ("noslip", folder, path.name))) in names, path
     assert not [name for name in names if not name.startswith(("noslip/", f"noslip-{noslip.__version__}.dist-info/"))]
-    assert not [name for name in names if "/tests/" in name or "/generated/" in name or "/specs/" in name]
+    others = ("/tests/", "/generated/", "/bench/", "/docs/", "/specs/")
+    assert not [n for n in names if any(o in n for o in others) and not n.startswith("noslip/specs/figures/")]
     assert any(name.endswith("LICENSE") for name in names)
 
 
@@ -290,8 +339,8 @@ def test_installed_wheel(installed, tmp_path):
 def test_listed_packages_are_the_folders():
     """pyproject's list, and nothing with code left out of it."""
     tool = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    listed = set(tool["packages"])
-    assert listed - {"noslip.runtime_c"} == {
+    listed = listed_packages()
+    assert listed - {"noslip.runtime_c", "noslip.specs.figures"} == {
         ".".join(["noslip", *path.parent.relative_to(ROOT).parts])
         for path in ROOT.rglob("__init__.py")
         if not SKIPPED & set(path.relative_to(ROOT).parts) and path.relative_to(ROOT).parts[0] != "tests"

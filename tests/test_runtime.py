@@ -376,6 +376,12 @@ def test_refused_numbers(robot):
         robot.options.on_error = bad
         assert robot.init() == "bad_parameter"
     robot.options.on_error = 0
+    speeds = robot.law.linearization.relative_degree.count(1)
+    for bad in (-1, 2, 2**31 - 1, *([] if speeds == 1 else [1])):
+        robot.options.on_limit = bad
+        assert robot.init() == "bad_parameter"
+        assert_answered(robot.answers(), "not_ready")
+    robot.options.on_limit = speeds
     assert robot.init() == "ok"
 
 
@@ -390,7 +396,7 @@ def test_tiny_and_huge_parameters(robot):
             for value in (huge, 1 / huge, 5e-324 if not robot.suffix else 1e-45):
                 setattr(struct, name, value)
                 ready = robot.init()
-                assert ready in ("ok", "bad_parameter", "singular")
+                assert ready in ("ok", "bad_parameter", "singular", *(["range"] if name == "direction" else []))
                 for status, values in robot.answers().values():
                     assert np.all(np.isfinite(values)), name
                     assert status == "not_ready" if ready != "ok" else status in ("ok", "nonfinite", "singular", "range")
@@ -439,6 +445,7 @@ SINGULAR = {  # l = 0 everywhere but in Types II and III; the heading normal to 
     "type_iv_line": {"config": {"A": 1.0, "B": 0.0, "C": 0.0}, "state": {"phi": math.pi}},
     "type_iv_circle": {"config": {"x_f": 0.0, "y_f": 0.0}, "state": {"x_c": 9.0, "y_c": 0.0, "phi": 0.0}},
     "type_iv_ellipse": {"config": {"a": 4.0, "b": 2.0}, "state": {"x_c": 0.0, "y_c": 3.0, "phi": -math.pi / 2}},
+    "type_iv_segment": {"config": {"direction": 0.0, "curvature": 0.0}, "state": {"phi": math.pi / 2}},
 }
 INVERTING = ("step", "evaluate", "feedback")
 
@@ -591,8 +598,8 @@ def test_status_names(program):
     ffi, lib = program
     names = {status: ffi.string(lib.noslip_status_name(status)).decode() for status in range(-9, 5)}
     assert names[0] == "ok" and names[1] == "saturated" and names[-6] == "not_ready"
-    assert len({names[status] for status in range(-6, 2)}) == 8
-    assert all(names[status] == "unknown" for status in (-9, -8, -7, 2, 3, 4))
+    assert len({names[status] for status in range(-8, 3)}) == 11
+    assert all(names[status] == "unknown" for status in (-9, 3, 4))
 
 
 @each_scalar

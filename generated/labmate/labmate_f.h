@@ -44,6 +44,8 @@ typedef struct labmate_state_f {
 typedef struct labmate_options_f {
     float limit[2]; /* largest absolute value of tau_r (N m), tau_l (N m); 0: no limit */
     int on_error;   /* NOSLIP_ZERO (0) or NOSLIP_HOLD */
+    /* NOSLIP_CUT (0) or, for laws with exactly one output of relative degree 1 (Type IV), NOSLIP_SLOW */
+    int on_limit;
 } labmate_options_f;
 
 /* The default parameters, those of the model. */

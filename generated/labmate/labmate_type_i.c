@@ -29,7 +29,8 @@ int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, cons
     }
     status = labmate_type_i_reset(self);
     if (options != NULL && (!noslip_limits_ok(options->limit, 2) ||
-        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD) ||
+        (options->on_limit != NOSLIP_CUT))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->limit[0] = noslip_limit(options != NULL ? options->limit[0] : 0);

@@ -80,6 +80,7 @@ typedef struct labmate_type_i {
 /*
  * Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.
+ * on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it gives up one output of relative degree 1, a speed.
  */
 int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, const labmate_type_i_config *config,
     const labmate_type_i_gains *gains, const labmate_options *options);

@@ -29,7 +29,8 @@ int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *pa
     }
     status = labmate_type_iii_reset_f(self);
     if (options != NULL && (!noslip_limits_ok_f(options->limit, 2) ||
-        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD) ||
+        (options->on_limit != NOSLIP_CUT))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->limit[0] = noslip_limit_f(options != NULL ? options->limit[0] : 0);

@@ -79,6 +79,7 @@ typedef struct labmate_type_iii_f {
 /*
  * Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.
+ * on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it gives up one output of relative degree 1, a speed.
  */
 int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *params,
     const labmate_type_iii_config_f *config, const labmate_type_iii_gains_f *gains, const labmate_options_f *options);

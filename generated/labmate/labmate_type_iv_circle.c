@@ -32,12 +32,14 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
     }
     status = labmate_type_iv_circle_reset(self);
     if (options != NULL && (!noslip_limits_ok(options->limit, 2) ||
-        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD) ||
+        (options->on_limit != NOSLIP_CUT && options->on_limit != NOSLIP_SLOW))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->limit[0] = noslip_limit(options != NULL ? options->limit[0] : 0);
     self->limit[1] = noslip_limit(options != NULL ? options->limit[1] : 0);
     self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
+    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->L = config->L;
     self->x_f = config->x_f;
     self->y_f = config->y_f;
@@ -163,6 +165,36 @@ static int labmate_type_iv_circle_admit_both(const labmate_type_iv_circle *self,
         return NOSLIP_NONFINITE;
     }
     return noslip_angle_ok(state->phi) ? NOSLIP_OK : NOSLIP_RANGE;
+}
+
+/*
+ * Derivative of the inputs by the demand on the speed, the output of degree 1.
+ * slope[2]: tau_r (N m), tau_l (N m), by v_speed
+ * Operations: 14 mul, 3 add, 6 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ */
+static int labmate_type_iv_circle_slope_law(const labmate_type_iv_circle *self, const labmate_state *state,
+    double slope[2])
+{
+    double sin_phi, cos_phi;
+    noslip_sincos(state->phi, &sin_phi, &cos_phi);
+    const double t1 = self->x_f - state->x_c - self->L * cos_phi;
+    const double t2 = self->y_f - state->y_c - self->L * sin_phi;
+    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2);
+    if (!(t3 > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t4 = 1.0 / t3;
+    const double t5 = t4 * t1;
+    const double t6 = t4 * t2;
+    const double t7 = t5 * sin_phi - t6 * cos_phi;
+    const double t8 = t5 * cos_phi + t6 * sin_phi;
+    if (!(t7 * t7 > -(self->k7 * t8 * t8))) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t9 = self->k6 * t8 / t7;
+    slope[0] = self->k5 + t9;
+    slope[1] = self->k5 - t9;
+    return NOSLIP_OK;
 }
 
 static int labmate_type_iv_circle_output_law(const labmate_type_iv_circle *self, const labmate_state *state,
@@ -517,6 +549,13 @@ static NOSLIP_COLD int labmate_type_iv_circle_step_with_care(labmate_type_iv_cir
     if (state != NULL && reference != NULL) {
         const int admitted = labmate_type_iv_circle_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
+        double slope[2];
+        status = labmate_type_iv_circle_slope_law(self, state, slope);
+        if (status == NOSLIP_OK) {
+            status = noslip_slow(tau, slope, self->limit, 2);
+        }
     }
     return noslip_answer(status, self->on_error, self->limit, self->held, tau, 2);
 }

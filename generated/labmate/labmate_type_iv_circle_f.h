@@ -51,6 +51,7 @@ typedef struct labmate_type_iv_circle_f {
     float limit[2];    /* largest absolute values of the inputs */
     float held[2];     /* the inputs answered last */
     int on_error;      /* what to answer then */
+    int on_limit;      /* NOSLIP_CUT or NOSLIP_SLOW */
     int ready;         /* set by init */
     float L;           /* m */
     float x_f;         /* m */
@@ -80,6 +81,7 @@ typedef struct labmate_type_iv_circle_f {
 /*
  * Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.
+ * on_limit = NOSLIP_SLOW gives up v_speed, and keeps v_distance, where the inputs would be beyond their limits.
  */
 int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_params_f *params,
     const labmate_type_iv_circle_config_f *config, const labmate_type_iv_circle_gains_f *gains,

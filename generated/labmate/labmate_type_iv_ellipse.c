@@ -31,12 +31,14 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
     }
     status = labmate_type_iv_ellipse_reset(self);
     if (options != NULL && (!noslip_limits_ok(options->limit, 2) ||
-        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD) ||
+        (options->on_limit != NOSLIP_CUT && options->on_limit != NOSLIP_SLOW))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->limit[0] = noslip_limit(options != NULL ? options->limit[0] : 0);
     self->limit[1] = noslip_limit(options != NULL ? options->limit[1] : 0);
     self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
+    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
@@ -181,6 +183,39 @@ static int labmate_type_iv_ellipse_admit_both(const labmate_type_iv_ellipse *sel
         return NOSLIP_NONFINITE;
     }
     return noslip_angle_ok(state->phi) ? NOSLIP_OK : NOSLIP_RANGE;
+}
+
+/*
+ * Derivative of the inputs by the demand on the speed, the output of degree 1.
+ * slope[2]: tau_r (N m), tau_l (N m), by v_speed
+ * Operations: 24 mul, 7 add, 4 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ */
+static int labmate_type_iv_ellipse_slope_law(const labmate_type_iv_ellipse *self, const labmate_state *state,
+    double slope[2])
+{
+    double sin_phi, cos_phi;
+    noslip_sincos(state->phi, &sin_phi, &cos_phi);
+    const double x_l = state->x_c + self->L * cos_phi;
+    const double t1 = x_l * x_l;
+    const double y_l = state->y_c + self->L * sin_phi;
+    const double t2 = y_l * y_l;
+    const double t3 = noslip_sqrt(self->k4 * t1 + self->k5 * t2);
+    if (!(t3 > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t4 = 1.0 / t3;
+    const double t5 = t4 * (t4 * (1.0 - self->k6 * t1 - self->k7 * t2));
+    const double distance_by_y_l = t4 * y_l * (self->k9 + self->k5 * t5);
+    const double distance_by_x_l = t4 * x_l * (self->k8 + self->k4 * t5);
+    const double t6 = distance_by_y_l * cos_phi - distance_by_x_l * sin_phi;
+    const double distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
+    if (!(t6 * t6 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t7 = self->k14 * distance_by_forward_speed / t6;
+    slope[0] = self->k13 - t7;
+    slope[1] = self->k13 + t7;
+    return NOSLIP_OK;
 }
 
 static int labmate_type_iv_ellipse_output_law(const labmate_type_iv_ellipse *self, const labmate_state *state,
@@ -607,6 +642,13 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_with_care(labmate_type_iv_el
     if (state != NULL && reference != NULL) {
         const int admitted = labmate_type_iv_ellipse_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
+        double slope[2];
+        status = labmate_type_iv_ellipse_slope_law(self, state, slope);
+        if (status == NOSLIP_OK) {
+            status = noslip_slow(tau, slope, self->limit, 2);
+        }
     }
     return noslip_answer(status, self->on_error, self->limit, self->held, tau, 2);
 }

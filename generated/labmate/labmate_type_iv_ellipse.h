@@ -50,6 +50,7 @@ typedef struct labmate_type_iv_ellipse {
     double limit[2];    /* largest absolute values of the inputs */
     double held[2];     /* the inputs answered last */
     int on_error;       /* what to answer then */
+    int on_limit;       /* NOSLIP_CUT or NOSLIP_SLOW */
     int ready;          /* set by init */
     double L;           /* m */
     double kp_distance; /* 1/s^2 */
@@ -82,6 +83,7 @@ typedef struct labmate_type_iv_ellipse {
 /*
  * Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.
+ * on_limit = NOSLIP_SLOW gives up v_speed, and keeps v_distance, where the inputs would be beyond their limits.
  */
 int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_params *params,
     const labmate_type_iv_ellipse_config *config, const labmate_type_iv_ellipse_gains *gains,

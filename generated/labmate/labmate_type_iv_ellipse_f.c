@@ -31,12 +31,14 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     }
     status = labmate_type_iv_ellipse_reset_f(self);
     if (options != NULL && (!noslip_limits_ok_f(options->limit, 2) ||
-        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD) ||
+        (options->on_limit != NOSLIP_CUT && options->on_limit != NOSLIP_SLOW))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->limit[0] = noslip_limit_f(options != NULL ? options->limit[0] : 0);
     self->limit[1] = noslip_limit_f(options != NULL ? options->limit[1] : 0);
     self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
+    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     self->L = config->L;
     self->kp_distance = gains->kp_distance;
     self->kd_distance = gains->kd_distance;
@@ -181,6 +183,39 @@ static int labmate_type_iv_ellipse_admit_both_f(const labmate_type_iv_ellipse_f 
         return NOSLIP_NONFINITE;
     }
     return noslip_angle_ok_f(state->phi) ? NOSLIP_OK : NOSLIP_RANGE;
+}
+
+/*
+ * Derivative of the inputs by the demand on the speed, the output of degree 1.
+ * slope[2]: tau_r (N m), tau_l (N m), by v_speed
+ * Operations: 24 mul, 7 add, 4 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ */
+static int labmate_type_iv_ellipse_slope_f_law(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
+    float slope[2])
+{
+    float sin_phi, cos_phi;
+    noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
+    const float x_l = state->x_c + self->L * cos_phi;
+    const float t1 = x_l * x_l;
+    const float y_l = state->y_c + self->L * sin_phi;
+    const float t2 = y_l * y_l;
+    const float t3 = noslip_sqrt_f(self->k4 * t1 + self->k5 * t2);
+    if (!(t3 > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const float t4 = 1.0f / t3;
+    const float t5 = t4 * (t4 * (1.0f - self->k6 * t1 - self->k7 * t2));
+    const float distance_by_y_l = t4 * y_l * (self->k9 + self->k5 * t5);
+    const float distance_by_x_l = t4 * x_l * (self->k8 + self->k4 * t5);
+    const float t6 = distance_by_y_l * cos_phi - distance_by_x_l * sin_phi;
+    const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
+    if (!(t6 * t6 > -(self->k15 * distance_by_forward_speed * distance_by_forward_speed))) {
+        return NOSLIP_SINGULAR;
+    }
+    const float t7 = self->k14 * distance_by_forward_speed / t6;
+    slope[0] = self->k13 - t7;
+    slope[1] = self->k13 + t7;
+    return NOSLIP_OK;
 }
 
 static int labmate_type_iv_ellipse_output_f_law(const labmate_type_iv_ellipse_f *self, const labmate_state_f *state,
@@ -607,6 +642,13 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_f_with_care(labmate_type_iv_
     if (state != NULL && reference != NULL) {
         const int admitted = labmate_type_iv_ellipse_admit_both_f(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
+        float slope[2];
+        status = labmate_type_iv_ellipse_slope_f_law(self, state, slope);
+        if (status == NOSLIP_OK) {
+            status = noslip_slow_f(tau, slope, self->limit, 2);
+        }
     }
     return noslip_answer_f(status, self->on_error, self->limit, self->held, tau, 2);
 }

@@ -31,12 +31,14 @@ int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *
     }
     status = labmate_type_iv_line_reset(self);
     if (options != NULL && (!noslip_limits_ok(options->limit, 2) ||
-        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD) ||
+        (options->on_limit != NOSLIP_CUT && options->on_limit != NOSLIP_SLOW))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->limit[0] = noslip_limit(options != NULL ? options->limit[0] : 0);
     self->limit[1] = noslip_limit(options != NULL ? options->limit[1] : 0);
     self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
+    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     const double t1 = config->A * config->A + config->B * config->B;
     if (!(t1 > 0)) {
         return NOSLIP_BAD_PARAMETER;
@@ -176,6 +178,27 @@ static int labmate_type_iv_line_admit_both(const labmate_type_iv_line *self, con
         return NOSLIP_NONFINITE;
     }
     return noslip_angle_ok(state->phi) ? NOSLIP_OK : NOSLIP_RANGE;
+}
+
+/*
+ * Derivative of the inputs by the demand on the speed, the output of degree 1.
+ * slope[2]: tau_r (N m), tau_l (N m), by v_speed
+ * Operations: 8 mul, 2 add, 2 sub, 1 neg, 1 div, 1 sincos.
+ */
+static int labmate_type_iv_line_slope_law(const labmate_type_iv_line *self, const labmate_state *state, double slope[2])
+{
+    double sin_phi, cos_phi;
+    noslip_sincos(state->phi, &sin_phi, &cos_phi);
+    const double distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
+    const double distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
+        distance_by_forward_speed))) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t1 = self->k8 * distance_by_forward_speed / distance_by_yaw_rate;
+    slope[0] = self->k7 + t1;
+    slope[1] = self->k7 - t1;
+    return NOSLIP_OK;
 }
 
 static int labmate_type_iv_line_output_law(const labmate_type_iv_line *self, const labmate_state *state, double h[2])
@@ -468,6 +491,13 @@ static NOSLIP_COLD int labmate_type_iv_line_step_with_care(labmate_type_iv_line 
     if (state != NULL && reference != NULL) {
         const int admitted = labmate_type_iv_line_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
+        double slope[2];
+        status = labmate_type_iv_line_slope_law(self, state, slope);
+        if (status == NOSLIP_OK) {
+            status = noslip_slow(tau, slope, self->limit, 2);
+        }
     }
     return noslip_answer(status, self->on_error, self->limit, self->held, tau, 2);
 }

@@ -51,6 +51,7 @@ typedef struct labmate_type_iv_line {
     double limit[2];    /* largest absolute values of the inputs */
     double held[2];     /* the inputs answered last */
     int on_error;       /* what to answer then */
+    int on_limit;       /* NOSLIP_CUT or NOSLIP_SLOW */
     int ready;          /* set by init */
     double L;           /* m */
     double kp_distance; /* 1/s^2 */
@@ -81,6 +82,7 @@ typedef struct labmate_type_iv_line {
 /*
  * Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.
+ * on_limit = NOSLIP_SLOW gives up v_speed, and keeps v_distance, where the inputs would be beyond their limits.
  */
 int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *params,
     const labmate_type_iv_line_config *config, const labmate_type_iv_line_gains *gains, const labmate_options *options);

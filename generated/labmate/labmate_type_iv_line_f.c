@@ -32,12 +32,14 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
     }
     status = labmate_type_iv_line_reset_f(self);
     if (options != NULL && (!noslip_limits_ok_f(options->limit, 2) ||
-        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD))) {
+        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD) ||
+        (options->on_limit != NOSLIP_CUT && options->on_limit != NOSLIP_SLOW))) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->limit[0] = noslip_limit_f(options != NULL ? options->limit[0] : 0);
     self->limit[1] = noslip_limit_f(options != NULL ? options->limit[1] : 0);
     self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;
+    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;
     const float t1 = config->A * config->A + config->B * config->B;
     if (!(t1 > 0)) {
         return NOSLIP_BAD_PARAMETER;
@@ -177,6 +179,28 @@ static int labmate_type_iv_line_admit_both_f(const labmate_type_iv_line_f *self,
         return NOSLIP_NONFINITE;
     }
     return noslip_angle_ok_f(state->phi) ? NOSLIP_OK : NOSLIP_RANGE;
+}
+
+/*
+ * Derivative of the inputs by the demand on the speed, the output of degree 1.
+ * slope[2]: tau_r (N m), tau_l (N m), by v_speed
+ * Operations: 8 mul, 2 add, 2 sub, 1 neg, 1 div, 1 sincos.
+ */
+static int labmate_type_iv_line_slope_f_law(const labmate_type_iv_line_f *self, const labmate_state_f *state,
+    float slope[2])
+{
+    float sin_phi, cos_phi;
+    noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
+    const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
+    const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k9 * distance_by_forward_speed *
+        distance_by_forward_speed))) {
+        return NOSLIP_SINGULAR;
+    }
+    const float t1 = self->k8 * distance_by_forward_speed / distance_by_yaw_rate;
+    slope[0] = self->k7 + t1;
+    slope[1] = self->k7 - t1;
+    return NOSLIP_OK;
 }
 
 static int labmate_type_iv_line_output_f_law(const labmate_type_iv_line_f *self, const labmate_state_f *state,
@@ -471,6 +495,13 @@ static NOSLIP_COLD int labmate_type_iv_line_step_f_with_care(labmate_type_iv_lin
     if (state != NULL && reference != NULL) {
         const int admitted = labmate_type_iv_line_admit_both_f(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
+        float slope[2];
+        status = labmate_type_iv_line_slope_f_law(self, state, slope);
+        if (status == NOSLIP_OK) {
+            status = noslip_slow_f(tau, slope, self->limit, 2);
+        }
     }
     return noslip_answer_f(status, self->on_error, self->limit, self->held, tau, 2);
 }

@@ -48,6 +48,11 @@ def labmate() -> Mechanism:
     robot.rolls("right wheel rolls", r * robot.rate(theta_r) - body(right)[0])
     robot.rolls("left wheel rolls", r * robot.rate(theta_l) - body(left)[0])
 
+    # Half of the weight rests on each driven wheel: castors are ignored.
+    for name, wheel, angle, left_of in (("right wheel", right, theta_r, -b), ("left wheel", left, theta_l, b)):
+        forward, sideways = body(wheel)
+        robot.contact(name, (m_c + 2 * m_w) / 2, along=forward - r * robot.rate(angle), across=sideways, left=left_of)
+
     robot.input("tau_r", "N m", on=robot.rate(theta_r), about="right wheel torque")
     robot.input("tau_l", "N m", on=robot.rate(theta_l), about="left wheel torque")
     robot.quasi_velocity("thetadot_r", "rad/s", robot.rate(theta_r), "right wheel rate")

@@ -35,12 +35,15 @@ static inline uint64_t trig_digest(uint32_t n, uint64_t seed)
         const double scale = 1.0 / (double)(1u << (u & 15));
         const double x = ((double)(int64_t)(u >> 11) - 4503599627370496.0) * (1.0 / 4294967296.0) * scale;
         const float x_f = ((float)(int32_t)(u >> 40) - 8388608.0f) * (1.0f / 1024.0f) * (float)scale;
-        noslip_bits s, c, root;
-        noslip_bits_f s_f, c_f, root_f;
+        noslip_bits s, c, root, angle;
+        noslip_bits_f s_f, c_f, root_f, angle_f;
         noslip_sincos(x, &s.value, &c.value);
         noslip_sincos_f(x_f, &s_f.value, &c_f.value);
         root.value = noslip_sqrt(noslip_abs(x));
         root_f.value = noslip_sqrt_f(noslip_abs_f(x_f));
+        angle.value = noslip_atan2(x, (double)x_f);
+        angle_f.value = noslip_atan2_f(x_f, (float)(int32_t)(u >> 32));
+        hash = trig_fnv(trig_fnv(hash, angle.bits), angle_f.bits);
         hash = trig_fnv(trig_fnv(trig_fnv(hash, s.bits), c.bits), root.bits);
         hash = trig_fnv(trig_fnv(hash, (uint64_t)s_f.bits << 32 | c_f.bits), root_f.bits);
     }

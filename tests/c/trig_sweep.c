@@ -4,6 +4,8 @@
  *   trig_sweep float [stride [part parts]]   every float (or every stride-th) in range; fails above 1e-7 absolute
  *   trig_sweep double N seed                 N arguments and the neighbourhood of every multiple of pi/4 in range;
  *                                            fails above 1 ulp
+ *   trig_sweep atan2 N seed                  N directions, axes, diagonals and the borders between the pieces of the
+ *                                            polynomial; fails above 3e-7 (float), 4e-16 or 2.5 ulp (double)
  *   trig_sweep sqrt N seed                   both routines, bit for bit
  *   trig_sweep digest N seed                 digest of the bits, to compare between targets
  *
@@ -129,6 +131,60 @@ static int sweep_double(unsigned long long n, uint64_t seed)
     return (report("sine", &t.sine, 1.0, "ulp") | report("cosine", &t.cosine, 1.0, "ulp")) || t.broken > 0;
 }
 
+typedef struct {
+    worst single, absolute, relative;
+    unsigned long long count, broken;
+} atan2_tally;
+
+/* The host's minds the sign of a zero; noslip_atan2 does not. */
+static long double exact_atan2(double y, double x)
+{
+    return atan2l(y < 0 || y > 0 ? (long double)y : 0.0L, x < 0 || x > 0 ? (long double)x : 0.0L);
+}
+
+static void check_atan2(atan2_tally *t, double y, double x)
+{
+    const float y_f = (float)y, x_f = (float)x;
+    const long double exact = exact_atan2(y, x);
+    const double angle = noslip_atan2(y, x);
+    t->broken += ((y < 0 || y > 0) && !same(noslip_atan2(-y, x), -angle)) || !(fabs(angle) <= 3.1415926535897932);
+    note(&t->absolute, (double)fabsl((long double)angle - exact), y / x);
+    if (fabsl(exact) > DBL_MIN) { /* below, the quotient itself is rounded to what a subnormal can hold */
+        note(&t->relative, ulps(angle, exact), y / x);
+    }
+    if (isfinite(y_f) && isfinite(x_f)) {
+        const float angle_f = noslip_atan2_f(y_f, x_f);
+        t->broken += ((y_f < 0 || y_f > 0) && !same_f(noslip_atan2_f(-y_f, x_f), -angle_f)) || !(fabsf(angle_f) <= 3.1415927f);
+        note(&t->single, fabs((double)angle_f - (double)exact_atan2((double)y_f, (double)x_f)), y / x);
+    }
+    t->count++;
+}
+
+static int sweep_atan2(unsigned long long n, uint64_t seed)
+{
+    static const double special[] = {0, 4.9406564584124654e-324, DBL_MIN, 1e-45, 1e-20, 1, 1e30, 3e38, 1e300, DBL_MAX};
+    const int specials = (int)(sizeof special / sizeof *special);
+    atan2_tally t = {{0, 0}, {0, 0}, {0, 0}, 0, 0};
+    uint64_t state = seed * 2 + 1;
+    int i, k;
+    for (i = 0; i < 4 * specials * specials; i++) {
+        const double y = special[i / 4 % specials], x = special[i / 4 / specials];
+        check_atan2(&t, i & 1 ? -y + 0.0 : y, i & 2 ? -x + 0.0 : x);
+    }
+    while (t.count < n) {
+        const double u = uniform(&state), v = uniform(&state);
+        const double turn = 4 * (double)HALF_PI_L * u, near = floor(16 * u) * (double)HALF_PI_L / 4 + exp2(-50 * v);
+        const double size = exp2(40 * uniform(&state) - 20);
+        for (k = 0; k < 2; k++) { /* any direction; near a multiple of pi/8, uniform in the logarithm */
+            check_atan2(&t, size * sin(k ? near : turn), size * cos(k ? near : turn));
+        }
+        check_atan2(&t, size * (u - 0.5) * exp2(-60 * v), v - 0.5); /* near an axis */
+    }
+    printf("%llu directions, %llu not odd in y or beyond pi\n", t.count, t.broken);
+    return (report("float", &t.single, 3e-7, "") | report("double", &t.absolute, 4e-16, "") |
+            report("double", &t.relative, 2.5, "ulp")) || t.broken > 0;
+}
+
 static int sweep_sqrt(unsigned long long n, uint64_t seed)
 {
     static const uint64_t special[] = {0, 1, 0x000fffffffffffffu, 0x0010000000000000u, 0x3fefffffffffffffu,
@@ -183,6 +239,9 @@ int main(int argc, char **argv)
     if (strcmp(mode, "double") == 0) {
         return sweep_double(a, b);
     }
+    if (strcmp(mode, "atan2") == 0) {
+        return sweep_atan2(a, b);
+    }
     if (strcmp(mode, "sqrt") == 0) {
         return sweep_sqrt(a, b);
     }
@@ -190,6 +249,7 @@ int main(int argc, char **argv)
         printf("%016llx\n", (unsigned long long)trig_digest((uint32_t)a, b));
         return 0;
     }
-    fprintf(stderr, "usage: trig_sweep float [stride [part parts]] | double N seed | sqrt N seed | digest N seed\n");
+    fprintf(stderr, "usage: trig_sweep float [stride [part parts]] | double N seed | atan2 N seed | sqrt N seed | "
+                    "digest N seed\n");
     return 2;
 }

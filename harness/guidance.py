@@ -1,0 +1,152 @@
+"""What is followed, and by which controller: one path under a moving reference, or a composite path piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Protocol
+
+import casadi as ca
+import numpy as np
+
+from ..model.law import ControlLaw, symbols
+from ..model.outputs import forward_speed
+from ..model.reduction import ReducedSystem
+from .backends import Controller
+from .direct import Direct
+
+if TYPE_CHECKING:
+    from .tracking import Guide, Tracker
+
+
+class Side:
+    """Which side of the singular set a state is on: det Phi, its sign taken positive at the start.
+
+    A step over the set is no way around it: behind it the sign has changed.
+    """
+
+    def __init__(self, law: ControlLaw, parameters: np.ndarray, config: np.ndarray, start: np.ndarray):
+        self._function = Direct(_determinant(law))
+        self._fixed = (parameters, config)
+        self._sign = np.sign(self._function(start, *self._fixed)[0][0])
+
+    def __call__(self, x: np.ndarray) -> float:
+        return self._sign * self._function(x, *self._fixed)[0][0]
+
+    def relative(self, x: np.ndarray) -> float:
+        """|det Phi| over the product of Phi's row norms, between 0 and 1."""
+        determinant, scale = (value[0] for value in self._function(x, *self._fixed))
+        if not (np.isfinite(determinant) and np.isfinite(scale)):
+            return float("nan")
+        return float(abs(determinant) / scale) if scale else 0.0
+
+
+@lru_cache(maxsize=16)
+def _determinant(law: ControlLaw) -> ca.Function:
+    groups = [symbols(law.state), symbols(law.parameters), symbols(law.config)]
+    determinant = ca.densify(law.linearization.determinant)
+    return ca.Function("side", groups, [determinant, ca.densify(ca.sqrt(law.linearization.scale_squared))])
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """A controller made for one path: followed until the next switch. `config` in the order of law.config."""
+
+    config: np.ndarray
+    controller: Controller
+    side: Side
+
+
+LegMaker = Callable[[np.ndarray, np.ndarray], Leg]  # from config, and the state in which the leg begins
+
+
+class Guidance(Protocol):
+    """Tells the controller what to follow. States are those the controller sees."""
+
+    leg: Leg
+    piece: int  # which piece of the path is followed, from 0
+    arrived: bool
+
+    def reference(self, t: float, x: np.ndarray) -> np.ndarray:
+        """What the outputs shall do, in the order of law.reference; pure."""
+
+    def left(self, t: float, x: np.ndarray) -> float:
+        """Positive until the piece followed ends; pure, smooth in x."""
+
+    def update(self, t: float, x: np.ndarray) -> None:
+        """Go on to the next piece where this one has ended."""
+
+
+class OnePath:
+    """One path for all time, or none; the reference moves at a constant rate: offset + slope t."""
+
+    piece, arrived = 0, False
+
+    def __init__(self, leg: Leg, offset: np.ndarray, slope: np.ndarray):
+        self.leg, self._offset, self._slope = leg, offset, slope
+
+    def reference(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Pure in t."""
+        return self._offset + self._slope * t
+
+    def left(self, t: float, x: np.ndarray) -> float:
+        """It does not end."""
+        return np.inf
+
+    def update(self, t: float, x: np.ndarray) -> None:
+        """There is no other."""
+
+
+class Route:
+    """A composite path: the tracker says which piece, the law of a line or arc follows it."""
+
+    def __init__(self, law: ControlLaw, parameters: np.ndarray, tracker: Tracker, make_leg: LegMaker, start: np.ndarray):
+        """`parameters`: what the controller believes. Takes up the first piece."""
+        self._law, self._tracker, self._make_leg = law, tracker, make_leg
+        self._motion, self._parameters = Direct(vehicle_motion(law.system)), parameters
+        self._speed = [q.name for q in law.reference].index("speed")
+        self._zeros = np.zeros(len(law.reference))
+        self.piece, self.arrived = 0, False
+        self.update(0.0, start)
+
+    def reference(self, t: float, x: np.ndarray) -> np.ndarray:
+        """On the path, at the tracker's speed."""
+        guide = self._tracker.look(*self._seen(x))
+        wanted = self._zeros.copy()
+        wanted[self._speed : self._speed + 2] = guide.speed, guide.speed_rate
+        return wanted
+
+    def left(self, t: float, x: np.ndarray) -> float:
+        """m, or m/s while it waits for a standstill."""
+        return np.inf if self.arrived else self._tracker.look(*self._seen(x)).left
+
+    def update(self, t: float, x: np.ndarray) -> None:
+        """Go on, and make the controller for the piece that is followed now."""
+        guide = self._tracker.update(*self._seen(x))
+        self.arrived = bool(guide.arrived)
+        if guide.changed:
+            self.piece = guide.segment
+            self.leg = self._make_leg(self._config(guide), x)
+
+    def _config(self, guide: Guide) -> np.ndarray:
+        given = {
+            "L": guide.L,
+            "W": self._tracker.options.W,
+            "x_s": guide.x,
+            "y_s": guide.y,
+            "direction": guide.heading,
+            "curvature": guide.curvature,
+        }
+        return np.array([given[c.name] for c in self._law.config])
+
+    def _seen(self, x: np.ndarray) -> np.ndarray:
+        return self._motion(x, self._parameters)[0][:4]
+
+
+@lru_cache(maxsize=16)
+def vehicle_motion(system: ReducedSystem) -> ca.Function:
+    """From state and parameters: x, y (m), heading (rad), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
+    vehicle = system.mechanism.vehicle
+    motion = ca.vertcat(vehicle.x, vehicle.y, vehicle.heading, forward_speed(system), system.along_motion(vehicle.heading))
+    return ca.Function("motion", [symbols(system.state), system.mechanism.p], [ca.densify(motion)])

@@ -1,0 +1,250 @@
+"""A controller wired to a robot, from a SPEC."""
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from ..model.law import ControlLaw
+from ..model.linearization import SINGULAR
+from ..model.mechanism import values_of
+from ..model.outputs import body_point, forward_speed, reference_point
+from .backends import Limits, make_controller
+from .cases import gain_entries
+from .errors import BadInput
+from .guidance import Guidance, Leg, OnePath, Route, Side
+from .odometry import vehicle_wheels
+from .plant import Plant
+from .robots import find_robot, law_of
+from .sensing import Sensing
+from .spec import Initial, Spec, check_keys
+from .tracking import TrackerOptions, make_tracker
+
+RUNNING = ("ok", "saturated")  # the statuses with which a run goes on
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Everything a run needs but the clock. `start` is the true state [q; nu] at t = 0; `warnings` are for the user.
+
+    Without sensing the controller sees the true state.
+    """
+
+    law: ControlLaw
+    plant: Plant
+    guidance: Guidance
+    start: np.ndarray
+    sensing: Sensing | None
+    warnings: tuple[str, ...] = ()
+
+    def seen(self, x: np.ndarray) -> np.ndarray:
+        """The state the controller works with when the true one is x."""
+        return self.sensing.state if self.sensing else x
+
+    def sense(self, t: float, x: np.ndarray) -> None:
+        """Look anew."""
+        if self.sensing:
+            self.sensing.sense(t, x)
+
+    def command(self, t: float, x: np.ndarray) -> tuple[str, np.ndarray]:
+        """Status and inputs (N, N m) that the controller answers at time t in state x; zeros with an error."""
+        seen, leg = self.seen(x), self.guidance.leg
+        status, tau = leg.controller.step(seen, self.guidance.reference(t, seen))
+        if status in RUNNING and leg.side(seen) <= 0:
+            return "singular", np.zeros_like(tau)
+        return status, tau
+
+    def beyond(self, x: np.ndarray) -> bool:
+        """Has the robot gone through the singular set? Only a controller that sees where it is must not."""
+        return not self.sensing and self.guidance.leg.side(x) <= 0
+
+
+def make_loop(spec: Spec) -> Loop:
+    """Build controller, plant, guidance and start of a SPEC.
+
+    Raises BadInput or ModelError when it cannot be run: unknown names, refused parameters, a path that cannot be followed,
+    a singular start.
+    """
+    mechanism = find_robot(spec.robot)
+    law = law_of(mechanism, spec.output.law)
+    names = [p.name for p in law.parameters]
+    for where in ("parameters", "plant"):
+        check_keys(getattr(spec, where), names, where)
+    believed = np.array(mechanism.parameter_values(spec.parameters))
+    plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"))
+    gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
+    limits = _limits(spec, len(mechanism.inputs))
+
+    def make_leg(config: np.ndarray, x: np.ndarray) -> Leg:
+        controller = make_controller(spec.simulation.backend, law, believed, config, gains, limits)
+        return Leg(config, controller, Side(law, believed, config, x))
+
+    warnings: tuple[str, ...] = ()
+    if spec.output.path and spec.output.path.segments:
+        tracker = _tracker(law, spec, believed)
+        L = tracker.options.L[spec.output.path.segments[0].backward]
+        start = _start(_initial(spec, tracker.options), plant, L, spec.output.W)
+        guidance = Route(law, believed, tracker, make_leg, start)
+    else:
+        spec, warnings = _facing(spec, law, believed)
+        start = _start(spec.initial, plant, spec.output.L, spec.output.W)
+        guidance = OnePath(make_leg(_config(law, spec), start), *_reference(law, spec))
+    sensing = None
+    if spec.sensors:
+        seen = (plant.parameters, believed, start, spec.simulation.backend)
+        sensing = Sensing(spec.sensors, spec.correction, law.system, *seen)
+    loop = Loop(law, plant, guidance, start, sensing, warnings)
+    _check_start(loop)
+    return loop
+
+
+def _limits(spec: Spec, inputs: int) -> Limits | None:
+    """As given, one limit for all inputs where there is but one."""
+    if spec.limits is None:
+        return None
+    torque = spec.limits.torque
+    return Limits(torque * inputs if len(torque) == 1 else torque, spec.limits.mode)
+
+
+def _tracker(law: ControlLaw, spec: Spec, believed: np.ndarray):
+    """The tracker of a composite path. Raises BadInput for a path that cannot be followed."""
+    path, reference, output = spec.output.path, spec.reference, spec.output
+    ahead = vehicle_wheels(law.system, believed)[2]
+    mirrored = -output.L - 2 * ahead
+    options = TrackerOptions(
+        speed=reference.speed,
+        deceleration=reference.deceleration or 0.0,
+        creep=reference.creep or 0.0,
+        L=(output.L, mirrored if output.L_backward is None else output.L_backward),
+        W=output.W,
+        ahead=ahead,
+        reversing="switch" if output.reversing == "switch" else "refuse",
+        stop=path.stop,
+        closed=path.closed,
+    )
+    return make_tracker(spec.simulation.backend, path.segments, options)
+
+
+def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tuple[str, ...]]:
+    """The SPEC with P_l on the side that its speed asks for, if so configured; else a warning where it is on the other."""
+    output, speed = spec.output, spec.reference.speed
+    if output.type != "IV" or not speed:
+        return spec, ()
+    try:
+        ahead = vehicle_wheels(law.system, believed)[2]
+    except BadInput:  # a robot of another kind: nothing is known about it
+        return spec, ()
+    if speed * (output.L + ahead) >= 0:
+        return spec, ()
+    what = f"speed {speed:g} m/s and L + d = {output.L + ahead:g} m have opposite signs: the heading diverges from the path"
+    advice = '[output] L on the other side of the axle or reversing = "switch"'
+    if output.reversing == "refuse":
+        raise BadInput(f"[output] {what}; set {advice}")
+    if output.reversing == "allow":
+        return spec, (f"{what}; {advice} avoids that",)
+    L = -output.L - 2 * ahead if output.L_backward is None else output.L_backward
+    if speed * (L + ahead) <= 0:
+        raise BadInput(f"[output] L_backward = {L:g} is on the same side of the axle as L; set it to less than {-ahead:g}")
+    return replace(spec, output=replace(output, L=L)), ()
+
+
+def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
+    path = spec.output.path.parameters if spec.output.path else {}
+    names = [c.name for c in law.config if c.name not in ("L", "W")]
+    check_keys(path, names, "[output] path")
+    missing = [name for name in names if name not in path]
+    if missing:
+        raise BadInput(f"[output] path {missing[0]} is missing; a {spec.output.path.kind} has {', '.join(names)}")
+    point = {"L": spec.output.L, **({"W": spec.output.W} if spec.output.W else {})}
+    return np.array(values_of(list(law.config), {**point, **path}, "[output]"))
+
+
+def _reference(law: ControlLaw, spec: Spec) -> tuple[np.ndarray, np.ndarray]:
+    """Offset and slope of the reference, in the order of law.reference."""
+    rows = len(law.output.rows)
+    if spec.output.type == "IV":
+        position, velocity = (0.0, spec.reference.speed), (0.0, 0.0)
+    else:
+        position = spec.reference.position
+        velocity = (0.0,) * rows if spec.reference.velocity is None else spec.reference.velocity
+    for name, given in (("position", position), ("velocity", velocity)):
+        if len(given) != rows:
+            wanted = ", ".join(row.name for row in law.output.rows)
+            raise BadInput(f"[reference] {name} has {len(given)} numbers, it must have {rows}: {wanted}")
+    offset, slope = [], []
+    for degree, start, rate in zip(law.linearization.relative_degree, position, velocity, strict=True):
+        offset += [start, rate, 0.0][: degree + 1]
+        slope += [rate, 0.0, 0.0][: degree + 1]
+    return np.array(offset), np.array(slope)
+
+
+def _initial(spec: Spec, options: TrackerOptions) -> Initial:
+    """As given; else at rest at the start of the composite path, with what is to stop there at its end."""
+    if spec.initial is not None:
+        return spec.initial
+    first = spec.output.path.segments[0]
+    heading = first.heading + (np.pi if first.backward else 0.0)
+    lever = options.L[first.backward] + options.ahead if spec.output.path.stop == "axle" else 0.0
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    place = np.array([first.x, first.y]) + lever * ahead + (options.W * left if lever else 0.0)
+    return Initial(point=tuple(place), heading=float(heading), speed=0.0)
+
+
+def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
+    """[q; nu] at t = 0: as given, or found from P_l, heading and forward speed; what these leave open is least."""
+    system = plant.system
+    n, freedom = len(system.mechanism.coordinates), system.freedom
+    if initial.q is not None:
+        nu = (0.0,) * freedom if initial.nu is None else initial.nu
+        for name, given, wanted in (("q", initial.q, n), ("nu", nu, freedom)):
+            if len(given) != wanted:
+                raise BadInput(f"[initial] {name} has {len(given)} numbers, {system.mechanism.name} has {wanted}")
+        return np.array([*initial.q, *nu])
+    heading, speed = initial.heading or 0.0, initial.speed or 0.0
+    place = body_point(offset=True)
+    point = ca.vertcat(*reference_point(system, place))
+    point = ca.substitute(point, ca.vertcat(*[q.symbol for q in place]), ca.DM([L, W]))
+    pose = ca.vertcat(point, system.mechanism.vehicle.heading)
+    motion = ca.vertcat(forward_speed(system), system.along_motion(system.mechanism.vehicle.heading))
+    q, nu, p = system.mechanism.q, system.nu, plant.parameters
+    q_0 = _solve(ca.substitute(pose, system.mechanism.p, p), q, [*initial.point, heading], "point and heading")
+    motion = ca.substitute(motion, ca.vertcat(q, system.mechanism.p), ca.vertcat(q_0, p))
+    return np.concatenate([q_0, _solve(motion, nu, [speed, 0.0], "speed")])
+
+
+def _solve(expression: ca.SX, unknown: ca.SX, wanted: list[float], where: str) -> np.ndarray:
+    """Newton's method, least-norm steps from zero to expression(unknown) = wanted. Raises BadInput when it gets nowhere."""
+    function = ca.Function("start", [unknown], [expression - ca.DM(wanted), ca.densify(ca.jacobian(expression, unknown))])
+    found, enough = np.zeros(unknown.numel()), 1e-12 * max(1.0, *np.abs(wanted))
+    for _ in range(50):
+        residual, jacobian = (value.full() for value in function(found))
+        if np.abs(residual).max() <= enough:
+            return found
+        moves = np.any(jacobian != 0, axis=0)  # the others stay exactly zero
+        found[moves] -= np.linalg.lstsq(jacobian[:, moves], residual[:, 0])[0]
+    raise BadInput(f"[initial] {where}: the robot cannot be there; give q and nu instead")
+
+
+def _check_start(loop: Loop) -> None:
+    """Raise BadInput when the controller refuses the start, with the reason."""
+    status, _ = loop.command(0.0, loop.start)
+    if status in RUNNING:
+        return
+    if status != "singular":
+        raise BadInput(f"[initial]: the controller answers {status!r} at the start")
+    size = loop.guidance.leg.side.relative(loop.start)
+    raise BadInput(f"[initial]: Phi is singular at the start: |det Phi| = {size:.1e} of its row norms; {_why_singular(loop)}")
+
+
+def _why_singular(loop: Loop) -> str:
+    """What to change: singular at other states too is the output's fault, else the start's."""
+    if np.isnan(loop.guidance.leg.side.relative(loop.start)):
+        return "an output has no derivative there (the centre of a circle, say), or a number is too large: change either"
+    random = np.random.default_rng(1992)
+    others = loop.start + random.uniform(-1.0, 1.0, (8, len(loop.start)))
+    if max(loop.guidance.leg.side.relative(x) for x in others) <= SINGULAR:
+        return "so it is at every state, P_l lies on the axle (L = -d): change [output] L"
+    if loop.law.output.path:
+        return "the heading is normal to the path: turn it or move the point"
+    return "here the inputs do not reach the outputs independently: change the heading"

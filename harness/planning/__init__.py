@@ -1,0 +1,7 @@
+"""Paths of lines and arcs: from pose to pose, through waypoints, from tables."""
+
+from .biarcs import fit
+from .shortest import dubins, reeds_shepp
+from .tables import segments_from_tables
+
+__all__ = ["dubins", "fit", "reeds_shepp", "segments_from_tables"]

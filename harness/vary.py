@@ -1,0 +1,46 @@
+"""A SPEC with some entries changed: `initial.heading` = 0.5 instead of what the file says."""
+
+import copy
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .errors import BadInput
+from .spec import Spec, read_spec, section
+
+
+def read_varied(file: Path | str, changes: Mapping[str, Any]) -> Spec:
+    """The SPEC in a file with `changes`, dotted key -> TOML value, checked as if the file said so.
+
+    A table as value takes the place of the whole table. Raises BadInput, naming the file.
+    """
+    read_spec(file)  # what the file itself has wrong is said without the changes
+    table = tomllib.loads(Path(file).read_text())
+    try:
+        for key, value in changes.items():
+            _set(table, key, value)
+        return section(Spec)(table, "")
+    except BadInput as error:
+        raise BadInput(f"{file} with {', '.join(changes)} changed: {error}") from error
+
+
+def change(text: str) -> tuple[str, Any]:
+    """Reads `key=value`, the value in TOML. Raises BadInput when it is neither."""
+    key, equals, value = text.partition("=")
+    try:
+        read = tomllib.loads(f"value = {value}")
+    except tomllib.TOMLDecodeError:
+        read = {}
+    if not equals or not key.strip() or list(read) != ["value"]:
+        raise BadInput(f"{text!r} is not KEY=VALUE in TOML, for example initial.heading=0.5 or output.type='\"I\"'")
+    return key.strip(), read["value"]
+
+
+def _set(table: dict[str, Any], key: str, value: Any) -> None:
+    *sections, last = key.split(".")
+    for depth, name in enumerate(sections):
+        table = table.setdefault(name, {})
+        if not isinstance(table, dict):
+            raise BadInput(f"{key}: {'.'.join(sections[: depth + 1])} is not a table")
+    table[last] = copy.deepcopy(value)

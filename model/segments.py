@@ -1,0 +1,57 @@
+"""Lines and arcs, the pieces of composite paths."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A line or an arc: from (x, y) in the direction of travel `heading`, bending with `curvature`, `length` long.
+
+    m, rad, 1/m (positive turns left, 0 is a line). `backward`: the vehicle travels it in reverse, its own heading being
+    opposite to the direction of travel.
+    """
+
+    x: float
+    y: float
+    heading: float
+    curvature: float
+    length: float
+    backward: bool = False
+
+    def pose(self, s: float) -> tuple[float, float, float]:
+        """Point and direction of travel s metres from the start; beyond either end the line or circle goes on."""
+        half = self.curvature * s / 2
+        chord = s * (math.sin(half) / half if half else 1.0)
+        return (
+            self.x + chord * math.cos(self.heading + half),
+            self.y + chord * math.sin(self.heading + half),
+            self.heading + 2 * half,
+        )
+
+    @property
+    def end(self) -> tuple[float, float, float]:
+        """Point and direction of travel at the end."""
+        return self.pose(self.length)
+
+    def distance(self, x: float, y: float) -> float:
+        """Signed distance of a point from the whole line or circle, m; positive to the left of the direction of travel."""
+        along, left = self._seen_from_start(x, y)
+        from_centre = math.hypot(self.curvature * along, 1 - self.curvature * left)  # in radii
+        return (2 * left - self.curvature * (along * along + left * left)) / (1 + from_centre)
+
+    def progress(self, x: float, y: float, near: float = 0.0) -> float:
+        """How far along the point's foot lies, m from the start; on an arc the turn nearest to `near` counts."""
+        along, left = self._seen_from_start(x, y)
+        if not self.curvature:
+            return along
+        turn = math.copysign(2 * math.pi, self.curvature)
+        angle = math.atan2(self.curvature * along, 1 - self.curvature * left)
+        laps = round((near * self.curvature - angle) / turn)
+        return (angle + laps * turn) / self.curvature
+
+    def _seen_from_start(self, x: float, y: float) -> tuple[float, float]:
+        """Along the direction of travel at the start, and to the left of it."""
+        cosine, sine = math.cos(self.heading), math.sin(self.heading)
+        dx, dy = x - self.x, y - self.y
+        return cosine * dx + sine * dy, cosine * dy - sine * dx

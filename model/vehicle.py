@@ -1,0 +1,39 @@
+"""A vehicle whose forward speed and yaw rate are fixed combinations of its quasi-velocities, as with two driven wheels."""
+
+import casadi as ca
+
+from .errors import ModelError
+from .exact import canonical
+from .outputs import forward_speed
+from .reduction import ReducedSystem, solve
+
+
+def velocity_map(system: ReducedSystem) -> ca.SX | None:
+    """W, 2 x 2, in parameters only, with (forward speed, yaw rate) = W nu; None where there is none that can be inverted."""
+    vehicle = system.mechanism.vehicle
+    if vehicle is None or system.freedom != 2:
+        return None
+    motion = ca.vertcat(forward_speed(system), system.along_motion(vehicle.heading))
+    W = canonical(ca.jacobian(motion, system.nu))
+    fixed = not ca.depends_on(W, ca.vertcat(system.mechanism.q, system.nu))
+    return W if fixed and not canonical(ca.det(W)).is_zero() else None
+
+
+def point_ahead(system: ReducedSystem) -> ca.SX:
+    """How far ahead of the axle the vehicle's point lies, m, in parameters only: its velocity to the left per yaw rate.
+
+    Raises ModelError where there is no velocity_map, or the point moves sideways without turning: no wheels on one axle.
+    """
+    name, vehicle, W = system.mechanism.name, system.mechanism.vehicle, velocity_map(system)
+    if W is None:
+        raise ModelError(
+            f"{name}: forward speed and yaw rate are no fixed combinations of two quasi-velocities; dead reckoning and a "
+            "point ahead of the axle need that: moves_in_plane(x, y, heading), and quasi-velocities such as two wheels' rates"
+        )
+    x_dot, y_dot = system.along_motion(vehicle.x), system.along_motion(vehicle.y)
+    sideways = ca.cos(vehicle.heading) * y_dot - ca.sin(vehicle.heading) * x_dot
+    by_speed, by_yaw_rate = ca.horzsplit(canonical(ca.jacobian(sideways, system.nu) @ solve(W, ca.SX.eye(2))))
+    known = ca.vertcat(system.mechanism.q, system.nu)
+    if not by_speed.is_zero() or ca.depends_on(by_yaw_rate, known):
+        raise ModelError(f"{name}: the vehicle's point moves sideways while it drives straight; the heading is not its way")
+    return by_yaw_rate

@@ -1,0 +1,396 @@
+"""The ground's forces at the contacts against balances of forces and moments written down by hand; absolute values, SI units."""
+
+import dataclasses
+import math
+from functools import cache
+from pathlib import Path as File
+
+import casadi as ca
+import numpy as np
+import pytest
+from casadi import cos, sin
+from noslip.codegen.files import fingerprint
+from noslip.harness.closed_loop import simulate
+from noslip.harness.contact import GRAVITY, ContactForce, Grip, contact_forces, draw_contact, grip, lambda_columns
+from noslip.harness.errors import BadInput
+from noslip.harness.plant import Plant
+from noslip.harness.spec import Contact, Initial, read_spec
+from noslip.model import Mechanism, ModelError, reduce
+from noslip.model.contacts import axles, combination
+from noslip.model.robots.labmate import labmate
+
+SPECS = File(__file__).parents[1] / "specs"
+LINE, CIRCLE = read_spec(SPECS / "line.toml"), read_spec(SPECS / "circle.toml")
+STATES = 200
+RANGES = {
+    **{"b": (0.3, 1.2), "d": (-0.5, 0.5), "r": (0.05, 0.3), "m_c": (5, 60), "m_w": (0.2, 3)},
+    **{"I_c": (2, 30), "I_w": (0.001, 0.05), "I_m": (0.0005, 0.02)},
+}
+
+
+@cache
+def labmate_system():
+    return reduce(labmate())
+
+
+def labmates():
+    """Random platforms, states and torques: parameters by name, plant, x, tau."""
+    random = np.random.default_rng(1992)
+    for _ in range(STATES):
+        values = {name: random.uniform(*bounds) for name, bounds in RANGES.items()}
+        plant = Plant(labmate_system(), [values[p.name] for p in labmate_system().mechanism.parameters])
+        yield values, plant, np.append(random.uniform(-10, 10, 5), random.uniform(-10, 10, 2)), random.uniform(-10, 10, 2)
+
+
+def body_of(p):
+    """Of the whole platform, wheels included: mass, inertia about its centre of mass, how far that is ahead of the axle."""
+    mass = p["m_c"] + 2 * p["m_w"]
+    ahead = p["m_c"] * p["d"] / mass
+    about = p["I_c"] + p["m_c"] * (p["d"] - ahead) ** 2 + 2 * (p["I_m"] + p["m_w"] * (ahead**2 + p["b"] ** 2))
+    return mass, about, ahead
+
+
+def first(contacts: tuple[ContactForce, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Longitudinal and lateral forces and loads of the only row."""
+    return tuple(np.array([getattr(c, name)[0] for c in contacts]) for name in ("longitudinal", "lateral", "load"))
+
+
+# -- the platform -----------------------------------------------------------------------------------------------------
+
+
+def test_forces_accelerate_the_platform():
+    """m a, moments about the centre of mass and each wheel's spin, with the acceleration that the plant has."""
+    for p, plant, x, tau in labmates():
+        mass, about, ahead = body_of(p)
+        speed, turn = p["r"] * (x[5] + x[6]) / 2, p["r"] * (x[5] - x[6]) / (2 * p["b"])
+        spin = plant.rate(x, tau)[5:]
+        speed_rate, turn_rate = p["r"] * spin.sum() / 2, p["r"] * (spin[0] - spin[1]) / (2 * p["b"])
+        (right, left), side, load = first(contact_forces(plant, x, tau, Contact()))
+        assert abs(right + left - mass * (speed_rate - ahead * turn**2)) < 1e-10
+        assert abs(side.sum() - mass * (speed * turn + ahead * turn_rate)) < 1e-10
+        assert abs(p["b"] * (right - left) - ahead * side.sum() - about * turn_rate) < 1e-10
+        assert np.abs(tau - p["r"] * np.array([right, left]) - p["I_w"] * spin).max() < 1e-10
+        assert np.abs(load - mass * 9.81 / 2).max() < 1e-10
+        assert abs(side[0] - side[1]) < 1e-10
+
+
+def test_forces_are_those_of_newton_and_euler():
+    """The same balances solved for forces and accelerations together; nothing of the model takes part."""
+    for p, plant, x, tau in labmates():
+        mass, about, ahead = body_of(p)
+        r, b, J = p["r"], p["b"], p["I_w"]
+        speed, turn = r * (x[5] + x[6]) / 2, r * (x[5] - x[6]) / (2 * b)
+        balances = np.array(  # of speed_rate, turn_rate, right, left, side
+            [
+                [mass, 0, -1, -1, 0],
+                [0, mass * ahead, 0, 0, -1],
+                [0, about, -b, b, ahead],
+                [J / r, J * b / r, r, 0, 0],
+                [J / r, -J * b / r, 0, r, 0],
+            ]
+        )
+        *_, right, left, side = np.linalg.solve(balances, [mass * ahead * turn**2, -mass * speed * turn, 0, *tau])
+        longitudinal, lateral, _ = first(contact_forces(plant, x, tau, Contact()))
+        assert np.abs(longitudinal - [right, left]).max() < 1e-10
+        assert np.abs(lateral - side / 2).max() < 1e-10
+
+
+def test_height_shifts_load_to_the_outer_wheel():
+    for p, plant, x, tau in labmates():
+        mass, _, ahead = body_of(p)
+        turn, spin = p["r"] * (x[5] - x[6]) / (2 * p["b"]), plant.rate(x, tau)[5:]
+        speed, turn_rate = p["r"] * (x[5] + x[6]) / 2, p["r"] * (spin[0] - spin[1]) / (2 * p["b"])
+        pull = mass * (speed * turn + ahead * turn_rate)  # to the left
+        height = 0.5 * 0.8 * mass * 9.81 * p["b"] / abs(pull)  # half of what lifts a wheel
+        _, side, (right, left) = first(contact_forces(plant, x, tau, Contact(share=0.8, height=height)))
+        assert abs(right + left - 0.8 * mass * 9.81) < 1e-9
+        assert abs(p["b"] * (right - left) - height * pull) < 1e-9  # no moment is left that rolls the body over
+        assert abs(side.sum() - pull) < 1e-10
+        assert abs(side[0] * left - side[1] * right) < 1e-9 * mass * abs(pull)  # shared in proportion to the load
+
+
+def test_steady_circle():
+    run = simulate(dataclasses.replace(CIRCLE, simulation=dataclasses.replace(CIRCLE.simulation, duration=30.0, output_step=0.1)))
+    inner = math.sqrt(10.0**2 - 0.3**2)  # m, radius of the axle's middle, which turns left at 5 m/s
+    right, left = grip(run).contacts
+    for wheel, sign in ((right, 1), (left, -1)):
+        assert abs(wheel.lateral[-1] - 32.0 * 25.0 / inner / 2) < 1e-6
+        # At a steady rate torques only carry the centre of mass, ahead of the axle, round: moment b (F_r - F_l) = ahead F_side.
+        assert abs(2 * wheel.longitudinal[-1] - (-32.0 * 0.28125 * (5 / inner) ** 2 + sign * 0.28125 * 80.0360324 / 0.75)) < 1e-5
+    assert wheel.load[-1] == pytest.approx(156.96, abs=1e-9)
+
+
+def test_what_friction_is_needed_is_enough():
+    run = simulate(LINE)
+    found = grip(run)
+    assert not found.rolls and "would slip: right wheel, first at t = 0 s, needs mu >= " in found.verdict()
+    needed = max(c.needs.max() for c in found.contacts)
+    for mu, rolls in ((needed * (1 + 1e-12), True), (needed * (1 - 1e-12), False)):
+        again = grip(with_contact(run, mu=mu))
+        assert again.rolls is rolls and again.verdict().startswith("rolls" if rolls else "would slip")
+    assert "assumed: mu 0.7, 100% of the weight" in found.summary() and "castors ignored" in found.summary()
+
+
+def with_contact(run, **options):
+    return dataclasses.replace(run, spec=dataclasses.replace(run.spec, contact=Contact(**options)))
+
+
+def test_a_wheel_without_load_lifts():
+    found = grip(with_contact(simulate(LINE), height=2.0))
+    right, left = found.contacts
+    assert right.load[0] < 0 < left.load[0] and np.isinf(right.use[0])
+    assert abs(right.lateral[0]) < 1e-3 < abs(left.lateral[0])
+    assert not found.rolls and found.verdict().startswith("wheel lifts: right wheel, first at t = 0 s")
+    assert abs(right.load + left.load - 32 * GRAVITY).max() < 1e-9
+
+
+def test_no_number_is_no_grip():
+    nothing, zero, one = np.array([np.nan]), np.zeros(1), np.ones(1)
+    for force, load in ((nothing, one), (zero, nothing)):
+        found = Grip(zero, (ContactForce("wheel", force, zero, load, 0.7),), Contact())
+        assert not found.rolls and found.verdict().startswith("would slip: wheel")
+    plant = Plant(labmate_system(), [p.default for p in labmate_system().mechanism.parameters])
+    states = np.zeros((2, 7))
+    states[1] = np.nan
+    for height in (0.0, 0.5):
+        right, _ = contact_forces(plant, states, np.ones((2, 2)), Contact(height=height))
+        assert np.isfinite(right.use[0]) and np.isinf(right.use[1])
+
+
+def test_a_run_that_stopped_is_judged_by_the_rows_before():
+    start = Initial(point=(0.0, 5.0 * math.sqrt(2)), heading=math.pi / 4, speed=1.414)
+    run = simulate(dataclasses.replace(LINE, initial=start))
+    assert run.stopped == "singular"
+    found = grip(run)
+    assert len(found.t) == len(run.t) - 1 and all(len(c.use) == len(found.t) for c in found.contacts)
+    assert np.all([np.isfinite(c.use) for c in found.contacts])
+    assert len(draw_contact(run).axes) == 2
+
+
+def test_held_torque_is_judged_by_what_was_held():
+    simulation = dataclasses.replace(LINE.simulation, period=0.05, duration=1.0)
+    run = simulate(dataclasses.replace(LINE, simulation=simulation))
+    found = grip(run)
+    assert len(found.t) == 101
+    alone = contact_forces(run.plant, run.x[42], run.tau[42], Contact())
+    assert [c.longitudinal[42] for c in found.contacts] == [c.longitudinal[0] for c in alone]
+
+
+def test_constraint_forces_have_columns():
+    run = simulate(dataclasses.replace(LINE, simulation=dataclasses.replace(LINE.simulation, duration=0.1)))
+    forces = run.plant.constraint_forces(run.x, run.tau)
+    assert lambda_columns(labmate()) == ["lambda_1", "lambda_2", "lambda_3"]
+    right, left = grip(run).contacts
+    wanted = np.column_stack([-right.lateral - left.lateral, right.longitudinal, left.longitudinal])
+    assert np.abs(forces - wanted).max() < 1e-10  # the rows of A: side slip of P_o, then what rolls beyond each wheel's centre
+
+
+def test_contacts_are_no_part_of_the_c():
+    without = labmate()
+    without.contacts.clear()
+    assert fingerprint(reduce(without)) == fingerprint(reduce(labmate()))
+    assert [p.name for p in without.parameters] == [p.name for p in labmate().parameters]
+
+
+@pytest.mark.parametrize("options", [{}, {"height": 0.5}, {"height": 2.0}, {"mu": 5.0}])
+def test_figure(options):
+    figure = draw_contact(with_contact(simulate(LINE), **options))
+    use, circle = figure.axes
+    labels = [text.get_text() for text in use.get_legend().get_texts()]
+    assert any(label.startswith("right wheel, at most ") for label in labels) and "would slip" in labels
+    assert circle.get_aspect() == 1.0 and "(N)" in circle.get_xlabel() and "(N)" in circle.get_ylabel()
+    assert use.get_ylim()[1] > 1.0 and np.all(np.isfinite(use.get_ylim()))
+    figure.draw_without_rendering()
+
+
+# -- other robots -----------------------------------------------------------------------------------------------------
+
+
+def disk() -> Mechanism:
+    """An upright rolling disk, steered and driven."""
+    robot = Mechanism("disk")
+    x, y, heading, roll = (robot.coordinate(*q) for q in (("x", "m"), ("y", "m"), ("heading", "rad"), ("roll", "rad")))
+    m, r, I, J = (robot.parameter(*p) for p in (("m", 2.0, "kg"), ("r", 0.2, "m"), ("I", 0.03, "kg m^2"), ("J", 0.04, "kg m^2")))  # noqa: E741
+    forward = cos(heading) * robot.rate(x) + sin(heading) * robot.rate(y)
+    sideways = cos(heading) * robot.rate(y) - sin(heading) * robot.rate(x)
+    robot.kinetic_energy((m * (forward**2 + sideways**2) + I * robot.rate(heading) ** 2 + J * robot.rate(roll) ** 2) / 2)
+    robot.rolls("rolls along x", 7 * (robot.rate(x) - r * robot.rate(roll) * cos(heading)))  # not even in m/s
+    robot.rolls("rolls along y", r * robot.rate(roll) * sin(heading) - robot.rate(y))
+    robot.input("drive", "N m", on=robot.rate(roll))
+    robot.input("steer", "N m", on=robot.rate(heading))
+    robot.contact("disk", m, along=forward - r * robot.rate(roll), across=sideways)
+    return robot
+
+
+def edge(**contact) -> Mechanism:
+    """A knife edge that carries its centre of mass ahead of the blade."""
+    robot = Mechanism("edge")
+    x, y, heading = (robot.coordinate(*q) for q in (("x", "m"), ("y", "m"), ("heading", "rad")))
+    m, d = robot.parameter("m", 2.0, "kg"), robot.parameter("d", 0.3, "m")
+    centre = (x + d * cos(heading), y + d * sin(heading))
+    forward = cos(heading) * robot.rate(x) + sin(heading) * robot.rate(y)
+    robot.kinetic_energy(m * sum(robot.rate(c) ** 2 for c in centre) / 2 + 0.1 * robot.rate(heading) ** 2 / 2)
+    robot.rolls("blade", cos(heading) * robot.rate(y) - sin(heading) * robot.rate(x))
+    robot.input("push", "N", on=forward)
+    robot.input("turn", "N m", on=robot.rate(heading))
+    given = {"mass": m, "across": cos(heading) * robot.rate(y) - sin(heading) * robot.rate(x)} | contact
+    robot.contact("blade", **given)
+    return robot
+
+
+def tractor_trailer() -> Mechanism:
+    """A tractor with a hinged trailer, two axles of two wheels; a rod pushes a slider and touches no ground."""
+    robot = Mechanism("tractor_trailer")
+    names = (("x", "m"), ("y", "m"), ("heading", "rad"), ("hinge", "rad"), ("slider", "m"))
+    x, y, heading, hinge, slider = (robot.coordinate(*q) for q in names)
+    m, mt = robot.parameter("m", 20.0, "kg"), robot.parameter("mt", 10.0, "kg")
+    length, half = robot.parameter("length", 1.2, "m"), robot.parameter("half", 0.4, "m")
+    behind = heading - hinge
+    trailer = (x - length * cos(behind), y - length * sin(behind))
+
+    def body(point, angle):
+        x_dot, y_dot = (robot.rate(c) for c in point)
+        return x_dot * cos(angle) + y_dot * sin(angle), y_dot * cos(angle) - x_dot * sin(angle)
+
+    for mass, point, angle in ((m, (x, y), heading), (mt, trailer, behind)):
+        robot.kinetic_energy(mass * sum(robot.rate(c) ** 2 for c in point) / 2 + 0.5 * robot.rate(angle) ** 2 / 2)
+    robot.kinetic_energy(robot.rate(slider) ** 2 / 2)
+    robot.rolls("tractor", body((x, y), heading)[1])
+    robot.rolls("trailer", body(trailer, behind)[1])
+    robot.holds("rod", slider - x - y / 2)
+    robot.input("push", "N", on=body((x, y), heading)[0])
+    robot.input("turn", "N m", on=robot.rate(heading))
+    for name, point, angle, mass in (("tractor", (x, y), heading, m), ("trailer", trailer, behind, mt)):
+        for side, part in (("right", 0.25), ("left", 0.75)):
+            at = half if side == "left" else -half
+            wheel = (point[0] - at * sin(angle), point[1] + at * cos(angle))
+            robot.contact(f"{name}, {side}", part * mass, across=body(wheel, angle)[1], left=at)
+    return robot
+
+
+def ball() -> Mechanism:
+    """A ball that rolls on a level plate without spin, q = place and orientation as turns about x and y so far."""
+    robot = Mechanism("ball")
+    x, y, about_x, about_y = (robot.coordinate(*q) for q in (("x", "m"), ("y", "m"), ("about_x", "rad"), ("about_y", "rad")))
+    m, r = robot.parameter("m", 0.5, "kg"), robot.parameter("r", 0.1, "m")
+    robot.kinetic_energy(m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2)
+    robot.kinetic_energy(0.4 * m * r**2 * (robot.rate(about_x) ** 2 + robot.rate(about_y) ** 2) / 2)
+    robot.rolls("rolls along x", robot.rate(x) - r * robot.rate(about_y))
+    robot.rolls("rolls along y", robot.rate(y) + r * robot.rate(about_x))
+    robot.input("f_x", "N", on=robot.rate(x))
+    robot.input("f_y", "N", on=robot.rate(y))
+    robot.contact("ball", m, along=robot.rate(x) - r * robot.rate(about_y), across=robot.rate(y) + r * robot.rate(about_x))
+    return robot
+
+
+OTHERS = {"disk": disk, "edge": edge, "tractor_trailer": tractor_trailer, "ball": ball}
+
+
+def states_of(name: str, options: Contact):
+    """The plant's defaults, random states and inputs, and what `contact_forces` finds."""
+    system = reduce(OTHERS[name]())
+    mechanism = system.mechanism
+    plant = Plant(system, [p.default for p in mechanism.parameters])
+    random = np.random.default_rng(1992)
+    n = len(mechanism.coordinates)
+    x = random.uniform(-1.5, 1.5, (STATES, n + system.freedom))
+    tau = random.uniform(-5, 5, (STATES, len(mechanism.inputs)))
+    return system, plant, x, tau, contact_forces(plant, x, tau, options)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_ground_and_inputs_do_what_the_equations_of_motion_ask(name):
+    """M qddot + V - E tau is what the ground does at the contacts, J' F, and what a rod does that touches no ground."""
+    system, plant, x, tau, contacts = states_of(name, Contact())
+    mechanism, n = system.mechanism, len(system.mechanism.coordinates)
+    nudot = ca.SX.sym("nudot", system.freedom)
+    forces = ca.SX.sym("F", 2 * len(contacts))
+    inputs = ca.SX.sym("tau", len(mechanism.inputs))
+    motion = system.S @ nudot + system.Sdot @ system.nu
+    given = mechanism.E @ inputs + mechanism.contact_rows.T @ forces
+    balance = ca.Function(
+        "balance",
+        [mechanism.q, system.nu, nudot, inputs, forces, mechanism.p],
+        [mechanism.M @ motion + system.V - given, mechanism.A],
+    )
+    F = np.column_stack([way for c in contacts for way in (c.longitudinal, c.lateral)])
+    lam = plant.constraint_forces(x, tau)
+    rods = [k for k, constraint in enumerate(mechanism.constraint_names) if constraint == "rod"]
+    for k in range(STATES):
+        nudots = plant.rate(x[k], tau[k])[n:]
+        rest, A = (value.full() for value in balance(x[k, :n], x[k, n:], nudots, tau[k], F[k], plant.parameters))
+        assert np.abs(rest[:, 0] + A[rods].T @ lam[k, rods]).max() < 1e-10
+
+
+def test_wheels_of_an_axle_share_by_load():
+    *_, contacts = states_of("tractor_trailer", Contact())
+    for right, left in (contacts[:2], contacts[2:]):
+        assert np.abs(left.lateral - 3 * right.lateral).max() < 1e-10
+        assert not np.any(right.longitudinal) and not np.any(left.longitudinal)
+    assert axles(tractor_trailer()) == [[0, 1], [2, 3]]
+    # With a height each axle bears the moment of its own side force.
+    *_, raised = states_of("tractor_trailer", Contact(height=0.2))
+    for right, left in (raised[:2], raised[2:]):
+        side = right.lateral + left.lateral
+        shift = 0.2 * side / 0.8
+        weight = GRAVITY * (20.0 if right is raised[0] else 10.0)
+        assert np.abs(right.load - 0.25 * weight - shift).max() < 1e-9
+        assert np.abs(left.load - 0.75 * weight + shift).max() < 1e-9
+
+
+def test_a_robot_without_contacts():
+    system = reduce(no_contacts())
+    assert contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), Contact()) == ()
+    found = Grip(np.zeros(3), (), Contact())
+    assert found.summary() == found.verdict() == "not known whether it rolls: the robot names no contacts"
+
+
+def no_contacts() -> Mechanism:
+    robot = edge()
+    robot.contacts.clear()
+    return robot
+
+
+def test_height_needs_a_width():
+    system = reduce(edge())
+    with pytest.raises(BadInput, match=r"\[contact\] height = 0.4: blade of edge has no width"):
+        contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), Contact(height=0.4))
+
+
+def forward_of(robot: Mechanism):
+    x, y, heading = robot.q[0], robot.q[1], robot.q[2]
+    return cos(heading) * robot.rate(x) + sin(heading) * robot.rate(y)
+
+
+def contact(robot: Mechanism, name="wheel", mass=1.0, **more) -> Mechanism:
+    robot.contact(name, mass, **more)
+    return robot
+
+
+REFUSED = {
+    "name": (lambda r: contact(r, "", along=0), "name"),
+    "twice": (lambda r: contact(r, "blade", along=0), "'blade' is used twice"),
+    "no velocity": (lambda r: contact(r), "needs a velocity"),
+    "no expression": (lambda r: contact(r, along="fast"), "no expression"),
+    "matrix": (lambda r: contact(r, along=r.qdot), "scalar"),
+    "mass that moves": (lambda r: contact(r, mass=r.qdot[0], along=0), "uses rates"),
+    "stranger": (lambda r: contact(r, mass=ca.SX.sym("m"), along=0), "uses m"),
+    "not linear": (lambda r: contact(r, along=forward_of(r) ** 2), "not linear"),
+    "may move": (lambda r: contact(r, along=forward_of(r)), "'wheel' can move along"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_wrong_contacts_are_refused(name):
+    declare, message = REFUSED[name]
+    with pytest.raises(ModelError, match=message):
+        combination(reduce(declare(edge())).mechanism)
+
+
+def test_contacts_must_tell_constraints_apart():
+    robot = disk()
+    robot.contacts.clear()
+    forward = cos(robot.q[2]) * robot.rate(robot.q[0]) + sin(robot.q[2]) * robot.rate(robot.q[1])
+    robot.contact("disk", 1.0, along=forward - robot.p[1] * robot.rate(robot.q[3]))
+    with pytest.raises(ModelError, match="do not tell how the forces of 'rolls along x', 'rolls along y' are shared out"):
+        combination(robot)

@@ -1,0 +1,692 @@
+"""Dead reckoning, its corrections, encoders and the reversing check: the C against closed forms, the reference, the plant."""
+
+import cmath
+import math
+import re
+from itertools import product
+
+import mpmath
+import numpy as np
+import pytest
+from casadi import cos, sin
+from noslip.harness.errors import BadInput
+from noslip.harness.odometry import CompiledOdometry, Odometry, make_odometry, vehicle_wheels
+from noslip.harness.plant import Plant
+from noslip.harness.robots import find_robot, system_of
+from noslip.harness.runtime import declarations, runtime
+from noslip.model import Mechanism
+from noslip.model.reduction import reduce
+from noslip.tests.codegen_tools import unicycle
+from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, need, run
+from scipy.integrate import solve_ivp
+
+FORWARD, TURN, AHEAD = (0.075, 0.075), (0.1, -0.1), 0.3  # the LABMATE's: r/2, r/(2b), d
+WHEELS = (FORWARD, TURN, AHEAD)
+HEADERS = ("noslip_odometry.h", "noslip_reversing.h")
+RANGE = {"double": 1048576.0, "float": 8192.0}  # rad, of sine and cosine
+BACKENDS = ("casadi", "c", "cf")
+TOLERANCE = {"casadi": 1e-12, "c": 1e-12, "cf": 3e-6}  # after a few hundred steps and some 10 m
+NAN, INF = math.nan, math.inf
+
+each_backend = pytest.mark.parametrize("backend", BACKENDS)
+each_scalar = pytest.mark.parametrize("scalar", ["double", "float"])
+
+
+def angles(way: float, turn: float) -> np.ndarray:
+    """What the wheels turn for a way (m) and a turn (rad)."""
+    return np.linalg.solve([FORWARD, TURN], [way, turn])
+
+
+def short(angle: float) -> float:
+    """The same direction within half a turn."""
+    return math.remainder(angle, 2 * math.pi)
+
+
+class C:
+    """Dead reckoning by the C itself: statuses are answered, poses too."""
+
+    def __init__(self, scalar: str, start=None, release: float = 0.0, wheels=WHEELS):
+        self.scalar, self.runtime = scalar, runtime(HEADERS[0])
+        self.null = self.runtime.ffi.NULL
+        self.self, self.told = self.new("noslip_odometry"), self.new("noslip_pose", (7.0, 7.0, 7.0))
+        forward, turn, ahead = wheels
+        self.options = self.new("noslip_odometry_options", (forward, turn, ahead, release))
+        self.status = self.call("init", self.self, self.options, self.null if start is None else self.pose(start))
+
+    def new(self, kind: str, *initial):
+        return self.runtime.new(kind, self.scalar, *initial)
+
+    def pose(self, values):
+        return self.new("noslip_pose", tuple(map(float, values)))
+
+    def array(self, values):
+        return self.runtime.array(self.scalar, values)
+
+    def call(self, name: str, *arguments) -> str:
+        return self.runtime.status(self.runtime.function(f"noslip_odometry_{name}", self.scalar)(*arguments))
+
+    def move(self, angle, dt: float = 0.01, name: str = "move") -> tuple[str, list[float]]:
+        status = self.call(name, self.self, self.array(angle), dt, self.told)
+        return status, self.answer()
+
+    def correct(self, truth, mode: int) -> str:
+        return self.call("correct", self.self, self.pose(truth), mode)
+
+    def look(self) -> list[float]:
+        assert self.call("pose", self.self, self.told) == "ok"
+        return self.answer()
+
+    def answer(self) -> list[float]:
+        return [self.told.x, self.told.y, self.told.heading]
+
+
+# -- sin(x) / x ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("scalar", "bound"), [("double", 2.5e-16), ("float", 1.5e-7)])
+def test_sinc(scalar, bound):
+    random = np.random.default_rng(1)
+    function, kind = runtime(HEADERS[0]).function("noslip_sinc", scalar), {"double": np.float64, "float": np.float32}[scalar]
+    borders = np.outer([1e-4, 1e-3], 1 + random.uniform(-1e-6, 1e-6, 200)).ravel()
+    x = np.concatenate([10.0 ** random.uniform(-40, 3.9, 3000), math.pi * np.arange(1, 200) / 2, borders, [0.0]]).astype(kind)
+    value = np.array([function(float(v)) for v in x])
+    with mpmath.workprec(120):
+        truth = [mpmath.sinc(mpmath.mpf(float(v))) for v in x]
+        assert max(abs(mpmath.mpf(v) - t) for v, t in zip(value, truth, strict=True)) < bound
+    assert np.abs(value).max() <= 1 and function(0.0) == 1
+    assert [function(float(-v)) for v in x] == value.tolist()
+
+
+# -- closed forms ----------------------------------------------------------------------------------------------------
+
+
+@each_backend
+def test_straight_on(backend):
+    odometry = make_odometry(backend, *WHEELS, start=(1.0, -2.0, 0.7))
+    for _ in range(200):
+        pose = odometry.move(angles(0.01, 0.0), 0.01)
+    assert pose == pytest.approx([1 + 2 * math.cos(0.7), -2 + 2 * math.sin(0.7), 0.7], abs=TOLERANCE[backend])
+
+
+@each_backend
+def test_once_around_a_circle(backend):
+    odometry = make_odometry(backend, *WHEELS, start=(3.0, 4.0, -1.0))
+    for _ in range(100):
+        pose = odometry.move(angles(2 * math.pi * 5 / 100, 2 * math.pi / 100), 0.01)
+    assert pose == pytest.approx([3.0, 4.0, 2 * math.pi - 1], abs=TOLERANCE[backend])
+
+
+@each_backend
+def test_turning_on_the_spot(backend):
+    """The axle's middle stays, the point goes around it."""
+    odometry = make_odometry(backend, *WHEELS)
+    for k in range(1, 51):
+        x, y, heading = odometry.move(angles(0.0, -0.4), 0.01)
+        assert heading == pytest.approx(-0.4 * k, abs=TOLERANCE[backend])
+        assert (x, y) == pytest.approx((AHEAD * math.cos(heading) - AHEAD, AHEAD * math.sin(heading)), abs=TOLERANCE[backend])
+
+
+@each_backend
+@pytest.mark.parametrize("seed", range(3))
+def test_one_long_arc_is_many_short_ones(backend, seed):
+    """And both are where the point of the turning circle is: by rotation about its centre."""
+    random = np.random.default_rng(seed)
+    way, turn, heading = random.uniform(-5, 5), random.uniform(-6, 6), random.uniform(-3, 3)
+    start = (*random.uniform(-5, 5, 2), heading)
+    once, often = (make_odometry(backend, *WHEELS, start=start) for _ in range(2))
+    pose = once.move(angles(way, turn), 1.0)
+    for _ in range(300):
+        last = often.move(angles(way, turn) / 300, 1 / 300)
+    point, ahead = complex(*start[:2]), cmath.exp(1j * heading)
+    centre = point - AHEAD * ahead + 1j * ahead * way / turn
+    turned = centre + (point - centre) * cmath.exp(1j * turn)
+    truth = [turned.real, turned.imag, heading + turn]
+    assert pose == pytest.approx(truth, abs=TOLERANCE[backend])
+    assert last == pytest.approx(truth, abs=TOLERANCE[backend])
+
+
+def test_the_reference_is_the_integral():
+    """Wheel rates that jump: the velocity of the axle's middle integrated numerically."""
+    random = np.random.default_rng(5)
+    odometry, z = Odometry(*WHEELS, start=(1.0, 2.0, 0.5)), np.array([1 - 0.3 * math.cos(0.5), 2 - 0.3 * math.sin(0.5), 0.5])
+    for _ in range(40):
+        rate, dt = random.normal(0, 5, 2), random.uniform(0, 0.5)
+        v, w = np.array([FORWARD, TURN]) @ rate
+        unicycle = lambda t, z, v=v, w=w: (v * math.cos(z[2]), v * math.sin(z[2]), w)  # noqa: E731
+        z = solve_ivp(unicycle, (0, dt), z, "DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+        pose = odometry.move(rate * dt, dt)
+        point = [z[0] + 0.3 * math.cos(z[2]), z[1] + 0.3 * math.sin(z[2]), z[2]]
+        assert pose == pytest.approx(point, abs=1e-11)
+
+
+@pytest.mark.parametrize(("scalar", "bound"), [("double", 1e-12), ("float", 2e-5)])
+@pytest.mark.parametrize("seed", range(3))
+def test_c_is_the_reference(scalar, bound, seed):
+    """Random wheels, moves and corrections of both modes, 2000 steps."""
+    random = np.random.default_rng(seed)
+    wheels = (random.normal(0, 0.1, 2), random.normal(0, 0.1, 2), random.normal(0, 0.5))
+    start, release = random.normal(0, 2, 3), random.uniform(0.1, 1.0)
+    reference, compiled = Odometry(*wheels, release, start), CompiledOdometry(*wheels, release, start, scalar)
+    for k in range(2000):
+        angle, dt = random.normal(0, 0.2, 2), random.uniform(0, 0.02)
+        if k % 53 == 17:
+            truth, mode = reference.pose + random.normal(0, 1, 3) * (1, 1, 3), "bumpless" if k % 3 else "reset"
+            assert compiled.correct(truth, mode) == pytest.approx(reference.correct(truth, mode), abs=bound)
+        assert compiled.move(angle, dt) == pytest.approx(reference.move(angle, dt), abs=bound)
+
+
+@each_scalar
+def test_rates_are_a_move(scalar):
+    one, other = C(scalar), C(scalar)
+    for rate in np.random.default_rng(2).normal(0, 4, (50, 2)).astype(np.float32):
+        assert one.move(rate * np.float32(0.25), 0.25) == other.move(rate, 0.25, "rates")
+
+
+@each_scalar
+def test_options_of_a_differential_drive(scalar):
+    made = C(scalar)
+    function = runtime(HEADERS[0]).function("noslip_odometry_differential", scalar)
+    assert function(made.options, 0.15, 0.75, -0.3) == 0
+    found = [*made.options.forward, *made.options.turn, made.options.ahead, made.options.release]
+    assert found == pytest.approx([0.075, 0.075, 0.1, -0.1, -0.3, 0.0], rel=1e-7 if scalar == "float" else 1e-15)
+    for bad in product((0.15, 0.0, -1.0, NAN, INF), (0.75, 0.0, -1.0, NAN, INF), (0.3, NAN, -INF)):
+        if bad != (0.15, 0.75, 0.3):
+            assert function(made.options, *bad) == -4
+            assert [*made.options.forward, *made.options.turn, made.options.ahead] == [0.0] * 5
+    assert function(made.null, 0.15, 0.75, 0.3) == -1
+
+
+# -- drift -----------------------------------------------------------------------------------------------------------
+
+MILLION = 1_000_000
+
+
+@pytest.mark.parametrize("rates", [(5.0, 5.0), (3.5, 3.0), (4.0, 3.97), (0.35, 0.3)])
+def test_float_keeps_small_steps(rates):
+    """A million steps of 1 ms, up to 750 m, against the arc in closed form.
+
+    Found: 4e-6 to 6.5e-5 m and 6e-6 rad; plain float sums of the same steps stray by 0.36 to 3.4 m and up to 0.34 rad.
+    """
+    made = C("float", start=(0.0, 0.0, 0.3))
+    runtime(HEADERS[0]).function("noslip_odometry_differential", "float")(made.options, 0.15, 0.75, 0.3)
+    assert made.call("init", made.self, made.options, made.pose((0.0, 0.0, 0.3))) == "ok"
+    angle, move = made.array([rate * 1e-3 for rate in rates]), made.runtime.function("noslip_odometry_move", "float")
+    for _ in range(MILLION):
+        move(made.self, angle, 1e-3, made.told)
+    way, turn = (sum(k * a for k, a in zip(row, angle, strict=True)) for row in (made.options.forward, made.options.turn))
+    start, total = float(np.float32(0.3)), MILLION * turn
+    mean = (cmath.exp(1j * total) - 1) / (1j * total) if turn else 1
+    axle = -made.options.ahead * cmath.exp(1j * start) + MILLION * way * mean * cmath.exp(1j * start)
+    point = axle + made.options.ahead * cmath.exp(1j * (start + total))
+    x, y, heading = made.look()
+    assert abs(complex(x, y) - point) < 1e-4
+    assert abs(heading - start - total) < 1e-5
+    assert _plain_float_sums(way, turn, start, axle, made.options.ahead) > 0.3
+
+
+def _plain_float_sums(way: float, turn: float, start: float, axle: complex, ahead: float) -> float:
+    """How far from `axle` the same steps end when float sums are not compensated, m."""
+    single = np.float32
+    heading = np.cumsum(np.append(single(start), np.full(MILLION, turn, single)), dtype=single)[:-1] + single(turn / 2)
+    place = [np.cumsum(single(way) * f(heading), dtype=single)[-1] for f in (np.cos, np.sin)]
+    return abs(complex(*map(float, place)) - ahead * cmath.exp(1j * start) - axle)
+
+
+# -- corrections -----------------------------------------------------------------------------------------------------
+
+
+@each_backend
+def test_a_reset_is_a_new_start(backend):
+    truth = (7.0, -3.0, 20.0)
+    corrected, fresh = make_odometry(backend, *WHEELS, 0.5), make_odometry(backend, *WHEELS, start=truth)
+    corrected.move(angles(1.0, 0.3), 0.1)
+    corrected.correct((0.0, 0.0, 0.0), "bumpless")  # what is pending is dropped
+    assert corrected.correct(truth, "reset") == pytest.approx(truth, abs=1e-6 if backend == "cf" else 1e-15)
+    for _ in range(5):
+        assert corrected.move(angles(0.1, 0.1), 0.01).tolist() == fresh.move(angles(0.1, 0.1), 0.01).tolist()
+
+
+@each_backend
+def test_a_bumpless_correction_is_linear(backend):
+    """The pose is that of a reset, and a part of the difference: 1 at the correction, 0 after `release`."""
+    release, steps, tolerance = 0.5, 50, TOLERANCE[backend]
+    bumpless, reset = (make_odometry(backend, *WHEELS, release, (1.0, 2.0, 0.5)) for _ in range(2))
+    truth = np.array([1.2, 1.7, 0.9])
+    before = bumpless.move(angles(0.0, 0.0), 0.01)
+    assert bumpless.correct(truth, "bumpless") == pytest.approx(before, abs=tolerance)
+    reset.correct(truth, "reset")
+    for k in range(1, 71):
+        after, wanted = (o.move(angles(0.02, 0.01), release / steps) for o in (bumpless, reset))
+        assert after - wanted == pytest.approx((before - truth) * max(0.0, 1 - k / steps), abs=tolerance)
+        if k > steps:
+            assert after.tolist() == wanted.tolist()
+
+
+@each_backend
+def test_a_bumpless_correction_does_not_jump(backend):
+    """Each step changes the pose by no more than the motion and a step's share of the difference."""
+    random, release, dt = np.random.default_rng(3), 0.3, 0.01
+    odometry = make_odometry(backend, *WHEELS, release)
+    before, difference = np.zeros(3), np.zeros(3)
+    for k in range(300):
+        if k % 20 == 10:  # the one before is still being let in
+            truth = before + random.normal(0, 0.3, 3)
+            difference = np.abs(truth - before)
+            assert odometry.correct(truth, "bumpless") == pytest.approx(before, abs=TOLERANCE[backend])
+        way, turn = random.uniform(-0.02, 0.02), random.uniform(-0.02, 0.02)
+        pose = odometry.move(angles(way, turn), dt)
+        motion = np.array([abs(way) + AHEAD * abs(turn)] * 2 + [abs(turn)])
+        assert np.all(np.abs(pose - before) <= motion + difference * dt / release + TOLERANCE[backend])
+        before = pose
+
+
+@each_backend
+def test_a_correction_replaces_a_pending_one(backend):
+    """Standing still: it goes from where it is, not from where it was, to the last truth."""
+    odometry = make_odometry(backend, *WHEELS, 1.0)
+    odometry.correct((4.0, 0.0, 0.0), "bumpless")
+    tolerance = TOLERANCE[backend]
+    assert odometry.move((0.0, 0.0), 0.25) == pytest.approx((1.0, 0.0, 0.0), abs=tolerance)
+    odometry.correct((1.0, 8.0, 0.4), "bumpless")
+    assert odometry.move((0.0, 0.0), 0.5) == pytest.approx((1.0, 4.0, 0.2), abs=tolerance)
+    assert odometry.move((0.0, 0.0), 0.75) == pytest.approx((1.0, 8.0, 0.4), abs=tolerance)
+
+
+@each_backend
+@pytest.mark.parametrize("turns", [-3, 0, 2])
+def test_heading_goes_the_shorter_way(backend, turns):
+    odometry = make_odometry(backend, *WHEELS, 1.0, (0.0, 0.0, 3.0))
+    odometry.correct((0.0, 0.0, -3.0 + 2 * math.pi * turns), "bumpless")
+    headings = [odometry.move((0.0, 0.0), 0.1)[2] for _ in range(12)]
+    assert headings[-1] == pytest.approx(2 * math.pi - 3.0, abs=TOLERANCE[backend])
+    assert min(headings) > 3.0 and max(headings) < 2 * math.pi - 3.0 + TOLERANCE[backend]
+
+
+@each_backend
+def test_without_release_it_is_let_in_at_once(backend):
+    odometry = make_odometry(backend, *WHEELS)
+    odometry.move(angles(1.0, 4 * math.pi), 0.1)
+    pose = odometry.correct((5.0, 6.0, 0.25), "bumpless")
+    assert pose == pytest.approx((5.0, 6.0, 4 * math.pi + 0.25), abs=TOLERANCE[backend])
+
+
+@each_scalar
+def test_whole_turns_are_taken_off(scalar):
+    """The heading stays modulo a turn, and the place, as well as a heading so large can be told."""
+    far, tolerance = RANGE[scalar] - 100, {"double": 1.2e-10, "float": 5e-4}[scalar]  # half an ulp, and a little
+    wound = C(scalar, (1.0, 2.0, far), release=1.0)
+    assert wound.move(angles(0.5, 0.5))[0] == "ok"
+    before = wound.look()
+    assert wound.call("unwind", wound.self) == "ok"
+    pose = wound.look()
+    assert abs(pose[2]) <= math.pi * (1 + 1e-6) and abs(short(pose[2] - before[2])) < tolerance
+    assert pose[:2] == pytest.approx(before[:2], abs=AHEAD * tolerance)
+    for turn in np.random.default_rng(9).uniform(-20, 20, 200):  # around and around, close to 0
+        wound.move(angles(0.0, turn))
+        wound.call("unwind", wound.self)
+    assert abs(wound.look()[2]) <= math.pi * (1 + 1e-6)
+
+
+def test_unwinding_loses_nothing():
+    """500 turns in float, taken off as they come, to the last bits of a heading below half a turn."""
+    made = C("float", wheels=(FORWARD, (0.125, -0.125), AHEAD))
+    angle, steps = made.array((2**-4, -(2**-4))), 200_000  # 1/64 rad, exactly
+    move, unwind = (made.runtime.function(f"noslip_odometry_{name}", "float") for name in ("move", "unwind"))
+    for _ in range(steps):
+        move(made.self, angle, 1e-3, made.told)
+        unwind(made.self)
+    assert abs(short(made.look()[2] - math.remainder(steps / 64, 2 * math.pi))) < 1e-6
+
+
+# -- what is refused -------------------------------------------------------------------------------------------------
+
+
+@each_scalar
+def test_a_heading_out_of_range(scalar):
+    """The move is not made; unwound, it is."""
+    made, fresh = C(scalar, (1.0, 2.0, RANGE[scalar] - 1)), C(scalar, (1.0, 2.0, RANGE[scalar] - 1))
+    before = made.look()
+    assert made.move(angles(1.0, 1.5)) == ("range", before) and made.look() == before
+    assert made.call("unwind", made.self) == fresh.call("unwind", fresh.self) == "ok"
+    assert made.move(angles(1.0, 1.5)) == fresh.move(angles(1.0, 1.5))
+    assert made.move(angles(1.0, 3 * RANGE[scalar]))[0] == "range"
+    for mode in (0, 1):
+        assert made.correct((0.0, 0.0, 1.01 * RANGE[scalar]), mode) == "range"
+    assert C(scalar, (0.0, 0.0, -1.01 * RANGE[scalar])).status == "range"
+
+
+@each_scalar
+@pytest.mark.parametrize("bad", [NAN, INF, -INF])
+def test_what_is_not_finite_changes_nothing(scalar, bad):
+    made = C(scalar, (1.0, 2.0, 0.5), 0.5)
+    made.correct((1.5, 2.5, 0.4), 1)
+    before = made.move((1.0, 0.5))[1]
+    for name in ("move", "rates"):
+        for angle in ((bad, 0.0), (0.0, bad), (bad, bad), (bad, -bad)):
+            assert made.move(angle, name=name) == ("nonfinite", before)
+        assert made.move((0.1, 0.1), bad, name) == ("nonfinite", before)
+    for mode, k in product((0, 1), range(3)):
+        truth = np.where(np.arange(3) == k, bad, 0.5)
+        assert made.correct(truth, mode) == "nonfinite"
+        assert C(scalar, truth).status == "nonfinite"
+    assert made.look() == before
+
+
+@each_scalar
+def test_what_overflows_changes_nothing(scalar):
+    large = float(np.finfo({"double": np.float64, "float": np.float32}[scalar]).max)
+    made = C(scalar, (large, -large, 0.0), 1.0, ((1.0, 1.0), (1.0, -1.0), 0.3))
+    before = made.look()
+    assert made.status == "ok" and made.move((large, large)) == ("nonfinite", before)
+    assert made.move((large / 4, large / 4)) == ("nonfinite", before)
+    assert made.correct((-large, large, 0.0), 1) == "nonfinite" and made.look() == before
+    assert C(scalar, (large, 0.0, math.pi), wheels=((1.0, 1.0), (1.0, -1.0), large)).status == "nonfinite"
+
+
+@each_scalar
+def test_refused_options_and_arguments(scalar):
+    assert C(scalar).status == "ok"
+    bad = [
+        *(((value, 0.075), TURN, AHEAD) for value in (NAN, INF)),
+        *((FORWARD, (0.1, value), AHEAD) for value in (NAN, -INF)),
+        *((FORWARD, TURN, value) for value in (NAN, INF)),
+        *((FORWARD, FORWARD, AHEAD), ((0.0, 0.0), TURN, AHEAD), ((0.0, 0.0), (0.0, 0.0), 0.0)),  # does not drive, or turn
+    ]
+    assert {C(scalar, wheels=wheels).status for wheels in bad} == {"bad_parameter"}
+    assert {C(scalar, release=release).status for release in (NAN, INF, -0.1)} == {"bad_parameter"}
+    made = C(scalar)
+    assert made.move((0.1, 0.1), -0.01) == ("bad_parameter", made.look())
+    assert [made.correct((0.0, 0.0, 0.0), mode) for mode in (-1, 2)] == ["bad_parameter"] * 2
+
+
+@each_scalar
+def test_null_and_not_ready(scalar):
+    made = C(scalar, (1.0, 2.0, 3.0))
+    null, self, pose, angle = made.null, made.self, made.told, made.array((0.1, 0.1))
+    before = made.look()
+    for name in ("move", "rates"):
+        assert made.call(name, self, null, 0.1, pose) == "null" and made.answer() == before
+        assert made.call(name, self, angle, 0.1, null) == "null"
+        assert made.call(name, null, angle, 0.1, pose) == "null" and made.answer() == [0.0] * 3
+    assert made.call("pose", null, pose) == made.call("pose", self, null) == "null"
+    assert made.call("correct", null, pose, 0) == made.call("correct", self, null, 0) == "null"
+    assert made.call("unwind", null) == made.call("init", null, made.options, null) == "null"
+    assert made.look() == before
+    assert made.call("init", self, null, null) == "null"  # and it is not ready any more
+    for fresh in (self, made.new("noslip_odometry")):
+        pose.x = 7.0
+        assert made.call("move", fresh, angle, 0.1, pose) == "not_ready" and made.answer() == [0.0] * 3
+        assert made.call("correct", fresh, pose, 0) == made.call("unwind", fresh) == "not_ready"
+
+
+def test_what_python_is_told():
+    with pytest.raises(BadInput, match="dead reckoning: init answers 'nonfinite'"):
+        CompiledOdometry(*WHEELS, start=(NAN, 0.0, 0.0))
+    for backend in BACKENDS:
+        with pytest.raises(BadInput, match="unknown correction mode 'soft'"):
+            make_odometry(backend, *WHEELS).correct((0.0, 0.0, 0.0), "soft")
+    with pytest.raises(BadInput, match="unknown backend 'm4f'"):
+        make_odometry("m4f", *WHEELS)
+
+
+# -- encoders --------------------------------------------------------------------------------------------------------
+
+
+class Encoder:
+    def __init__(self, scalar: str, counts: float, bits: int):
+        self.runtime, self.scalar = runtime(HEADERS[0]), scalar
+        self.self, self.angle = self.runtime.new("noslip_encoder", scalar), self.runtime.array(scalar, [7.0])
+        self.status = self.call("init", self.self, counts, bits)
+
+    def call(self, name: str, *arguments) -> str:
+        return self.runtime.status(self.runtime.function(f"noslip_encoder_{name}", self.scalar)(*arguments))
+
+    def read(self, counter: int) -> float:
+        assert self.call("read", self.self, counter, self.angle) == "ok"
+        return self.angle[0]
+
+
+@each_scalar
+@pytest.mark.parametrize("bits", [2, 8, 16, 31, 32])
+@pytest.mark.parametrize("counts", [4096, -500])
+def test_a_counter_that_wraps(scalar, bits, counts):
+    """Steps of up to half its range, forward and back; the bits above the counter's are noise."""
+    random, most = np.random.default_rng(bits), 2 ** (bits - 1) - 1
+    encoder, total = Encoder(scalar, counts, bits), int(random.integers(2**bits))
+    assert encoder.read(total) == 0
+    for step in [*random.integers(-most, most + 1, 200).tolist(), most, -most, 0, 2 ** (bits - 1)]:
+        total += step
+        noise = int(random.integers(2 ** (32 - bits))) << bits if bits < 32 else 0
+        wanted = step * 2 * math.pi / counts
+        assert encoder.read(total % 2**bits | noise) == pytest.approx(wanted, rel=3e-7 if scalar == "float" else 1e-15, abs=0)
+
+
+@each_scalar
+def test_refused_encoders(scalar):
+    for counts, bits in ((0.0, 16), (0.5, 16), (NAN, 16), (INF, 16), (4096, 1), (4096, 33), (4096, -3)):
+        assert Encoder(scalar, counts, bits).status == "bad_parameter"
+    encoder, null = Encoder(scalar, 4096, 16), runtime(HEADERS[0]).ffi.NULL
+    assert encoder.call("init", null, 4096, 16) == encoder.call("read", encoder.self, 5, null) == "null"
+    encoder.angle[0] = 7.0
+    assert encoder.call("read", null, 5, encoder.angle) == "null" and encoder.angle[0] == 0
+    fresh = Encoder(scalar, 0.0, 16)
+    assert fresh.call("read", fresh.self, 5, fresh.angle) == "not_ready" and fresh.angle[0] == 0
+
+
+# -- reversing -------------------------------------------------------------------------------------------------------
+
+REFUSE, SWITCH, ALLOW = 0, 1, 2
+
+
+@each_scalar
+@pytest.mark.parametrize(
+    ("mode", "speed", "lever", "which", "status", "then"),
+    [
+        (REFUSE, 1.0, (0.3, -0.3), 0, "ok", 0),
+        (REFUSE, -1.0, (0.3, -0.3), 0, "unstable", 0),
+        (REFUSE, -1.0, (0.3, -0.3), 1, "ok", 1),
+        (REFUSE, 0.0, (0.3, -0.3), 1, "ok", 1),
+        (REFUSE, 1e-30, (0.3, -1e-30), 1, "unstable", 1),  # their product is 0 in float
+        (REFUSE, -1.0, (0.0, 0.3), 0, "ok", 0),  # singular, which the law itself says
+        (SWITCH, 1.0, (0.3, -0.3), 0, "ok", 0),
+        (SWITCH, -1.0, (0.3, -0.3), 0, "ok", 1),
+        (SWITCH, 1.0, (0.3, -0.3), 1, "ok", 0),
+        (SWITCH, 0.0, (0.3, -0.3), 1, "ok", 1),
+        (SWITCH, -0.0, (0.3, -0.3), 0, "ok", 0),
+        (SWITCH, -1.0, (0.3, 0.6), 0, "unstable", 0),
+        (SWITCH, -1.0, (0.3, 0.0), 0, "unstable", 0),
+        (ALLOW, -1.0, (0.3, -0.3), 0, "ok", 0),
+        (ALLOW, 1.0, (-0.3, -0.3), 1, "ok", 1),
+        (3, 1.0, (0.3, -0.3), 0, "bad_parameter", 0),
+        (-1, 1.0, (0.3, -0.3), 0, "bad_parameter", 0),
+        (REFUSE, 1.0, (0.3, -0.3), 2, "bad_parameter", 2),
+        (SWITCH, 1.0, (0.3, -0.3), -1, "bad_parameter", -1),
+        *((mode, NAN, (0.3, -0.3), 0, "nonfinite", 0) for mode in (REFUSE, SWITCH, ALLOW)),
+        (SWITCH, 1.0, (0.3, NAN), 0, "nonfinite", 0),
+        (SWITCH, 1.0, (INF, -0.3), 0, "nonfinite", 0),
+    ],
+)
+def test_reversing(scalar, mode, speed, lever, which, status, then):
+    made = runtime(HEADERS[1])
+    law, levers = made.ffi.new("int *", which), made.array(scalar, lever)
+    function = made.function("noslip_reversing", scalar)
+    assert made.status(function(mode, speed, levers, law)) == status and law[0] == then
+    assert function(mode, speed, made.ffi.NULL, law) == function(mode, speed, levers, made.ffi.NULL) == -1
+
+
+# -- the C itself ----------------------------------------------------------------------------------------------------
+
+
+def everything(folder, suffix: str = "") -> str:
+    """A source that uses every function of the headers whose name ends so."""
+    names = {name for header in HEADERS for name in re.findall(r"\b(noslip_\w+)\s*\(", declarations(header))}
+    used = ", ".join(f"(any){name}" for name in sorted(names - {"noslip_status_name"}) if name.endswith(suffix))
+    includes = "".join(f'#include "{header}"\n' for header in HEADERS)
+    source = folder / "everything.c"
+    source.write_text(f"{includes}typedef void (*any)(void);\nextern const any all[];\nconst any all[] = {{{used}}};\n")
+    return str(source)
+
+
+@compilers
+@each_level
+def test_no_warnings_and_no_library(cc, level, tmp_path):
+    """Nothing undefined, not even memcpy: no mathematics of a library."""
+    more = ["-fanalyzer", "-Wstack-usage=256"] if (cc, level) == ("gcc", "-O2") else []
+    code = str(tmp_path / "everything.o")
+    run([need(cc), *FLAGS, level, "-ffreestanding", *STRICT, *more, *INCLUDE, "-c", everything(tmp_path), "-o", code])
+    assert run(["nm", "-u", code]) == ""
+
+
+@compilers
+@each_level
+def test_the_float_side_has_no_double(cc, level, tmp_path):
+    need("objdump")
+    code = str(tmp_path / "everything.o")
+    run([need(cc), *FLAGS, level, *INCLUDE, "-c", everything(tmp_path, "_f"), "-o", code])
+    listing = run(["objdump", "-d", "--no-show-raw-insn", code])
+    assert "ss " in listing
+    assert not re.findall(r"\t(v?(?:add|sub|mul|div|sqrt|ucomi|comi|cvt\w*|cmp\w*)(?:sd|pd)\w*|v?cvt(?:sd|pd)2\w+)\b", listing)
+
+
+@each_scalar
+def test_the_same_bits_on_every_compiler(scalar, tmp_path):
+    """Poses of a random walk with corrections and encoders, as the compilers and their levels have it."""
+    suffix = {"double": "", "float": "_f"}[scalar]
+    source = tmp_path / "walk.c"
+    source.write_text(WALK.replace("REAL", scalar).replace("_X", suffix))
+    found = {}
+    for cc, level in product(("gcc", "clang"), ("-O0", "-O2", "-O3")):
+        program = str(tmp_path / f"walk{cc}{level}")
+        run([need(cc), *FLAGS, level, *INCLUDE, str(source), "-o", program])
+        found[cc, level] = run([program])
+    assert len(set(found.values())) == 1 and len(found["gcc", "-O0"].split()) == 300
+
+
+WALK = r"""
+#include <stdio.h>
+#include <string.h>
+#include "noslip_odometry.h"
+
+int main(void)
+{
+    noslip_odometry_options_X options = {{0.075F, 0.0625F}, {0.1F, -0.11F}, 0.3F, 0.5F};
+    noslip_odometry_X self;
+    noslip_encoder_X encoder[2];
+    noslip_pose_X pose = {1, 2, 3};
+    REAL angle[2];
+    uint32_t seed = 1992, count[2] = {0, 0};
+    int k, i;
+    noslip_odometry_init_X(&self, &options, &pose);
+    noslip_encoder_init_X(&encoder[0], 4096, 16);
+    noslip_encoder_init_X(&encoder[1], -500, 32);
+    for (k = 0; k < 3000; k++) {
+        for (i = 0; i < 2; i++) {
+            seed = seed * 1664525u + 1013904223u;
+            count[i] += seed >> 22;
+            noslip_encoder_read_X(&encoder[i], count[i], &angle[i]);
+        }
+        noslip_odometry_move_X(&self, angle, (REAL)(seed >> 20) / 65536, &pose);
+        if (k % 70 == 69) {
+            pose.x += 1;
+            pose.heading -= (REAL)(seed >> 29);
+            noslip_odometry_correct_X(&self, &pose, k % 3 > 0);
+        }
+        if (k % 500 == 499) {
+            noslip_odometry_unwind_X(&self);
+        }
+        if (k % 30 == 29) {
+            unsigned char bits[sizeof pose];
+            size_t byte;
+            memcpy(bits, &pose, sizeof pose);
+            for (byte = 0; byte < sizeof pose; byte++) {
+                printf("%02x%s", bits[byte], (byte + 1) % sizeof pose.x ? "" : " ");
+            }
+        }
+    }
+    return 0;
+}
+"""
+
+
+# -- the robot it stands for -----------------------------------------------------------------------------------------
+
+
+def driven(seconds: float) -> tuple[Plant, object]:
+    """The LABMATE under smooth torques; its motion as a function of time."""
+    robot = find_robot("labmate")
+    plant = Plant(system_of(robot), robot.parameter_values({}))
+    start = np.array([0.5, -1.0, 0.4, 0.2, -0.3, 4.0, 3.0])
+
+    def rate(t, x):
+        return plant.rate(x, np.array([1.5 * math.sin(1.3 * t), -math.cos(0.9 * t)]))
+
+    return plant, solve_ivp(rate, (0, seconds), start, "DOP853", dense_output=True, rtol=1e-13, atol=1e-13).sol
+
+
+@pytest.mark.parametrize("backend", ["casadi", "c"])
+@pytest.mark.parametrize("period", [0.02, 0.005])
+def test_it_finds_the_plant(backend, period):
+    """From the wheels' angles alone: the heading to rounding; the place but for the change of the rates within a period h.
+
+    With v + v' s and w + w' s about the middle of a period, true minus reckoned is i exp(i phi) (v' w - v w') h^3 / 12 and terms
+    of h^5: some 1e-5 m in 10 s at 10 ms.
+    """
+    plant, motion = driven(10.0)
+    forward, turn, ahead = vehicle_wheels(plant.system, plant.parameters)
+    q = motion(np.arange(round(10 / period) + 1) * period)[:5].T
+    odometry = make_odometry(backend, forward, turn, ahead, start=q[0, :3])
+    poses = np.array([odometry.move(moved, period) for moved in np.diff(q[:, 3:], axis=0)])
+    assert np.abs(poses[:, 2] - q[1:, 2]).max() < 1e-11
+
+    middle = (np.arange(len(poses)) + 0.5) * period
+    rates, before, after = (motion(middle + s)[5:] for s in (0.0, -1e-4, 1e-4))
+    change = (after - before) / 2e-4
+    slip = (forward @ change) * (turn @ rates) - (forward @ rates) * (turn @ change)
+    error = np.cumsum(1j * np.exp(1j * motion(middle)[2]) * slip) * period**3 / 12
+    found = (q[1:, :2] - poses[:, :2]) @ [1, 1j]
+    assert np.abs(found - error).max() < 1e-3 * np.abs(error).max() + 1e-11
+    assert np.abs(found).max() < 0.2 * period**2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_wheels_of_the_labmate(seed):
+    robot = find_robot("labmate")
+    b, d, r = np.random.default_rng(seed).uniform(0.1, 1, 3)
+    forward, turn, ahead = vehicle_wheels(system_of(robot), robot.parameter_values({"b": b, "d": -d, "r": r}))
+    assert forward == pytest.approx([r / 2, r / 2], abs=1e-15)
+    assert turn == pytest.approx([r / (2 * b), -r / (2 * b)], abs=1e-15)
+    assert ahead == pytest.approx(-d, abs=1e-15)
+
+
+def test_wheels_of_a_unicycle():
+    """Whose quasi-velocities are forward speed and yaw rate themselves."""
+    robot = unicycle()
+    forward, turn, ahead = vehicle_wheels(reduce(robot), robot.parameter_values({}))
+    assert (forward.tolist(), turn.tolist(), ahead) == ([1.0, 0.0], [0.0, 1.0], 0.0)
+
+
+def skewed(rate_of_x: bool = False, place: bool = True) -> Mechanism:
+    """Drives at an angle to its heading; where asked for, described by the rate of x, or without a place."""
+    robot = Mechanism("skewed", "drives at an angle to its heading")
+    x, y, a = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("a", "rad")
+    way = (4 * cos(a) - 3 * sin(a), 3 * cos(a) + 4 * sin(a))
+    robot.kinetic_energy((robot.rate(x) ** 2 + robot.rate(y) ** 2 + robot.rate(a) ** 2) / 2)
+    robot.rolls("no side slip", way[0] * robot.rate(y) - way[1] * robot.rate(x))
+    robot.input("push", "N", on=way[0] * robot.rate(x) + way[1] * robot.rate(y))
+    robot.input("turn", "N m", on=robot.rate(a))
+    robot.quasi_velocity("v", "m/s", robot.rate(x) if rate_of_x else way[0] * robot.rate(x) + way[1] * robot.rate(y))
+    robot.quasi_velocity("w", "rad/s", robot.rate(a))
+    if place:
+        robot.moves_in_plane(x, y, a)
+    return robot
+
+
+def test_robots_that_cannot_be_reckoned_so():
+    for robot, message in (
+        (skewed(), "skewed: the vehicle's point moves sideways while it drives straight"),
+        (skewed(rate_of_x=True), "skewed: forward speed and yaw rate are no fixed combinations of two quasi-velocities"),
+        (skewed(place=False), "skewed: .* moves_in_plane"),
+        (unicycle("armed", arm=True), "armed: forward speed and yaw rate are no fixed combinations of two quasi-velocities"),
+    ):
+        with pytest.raises(BadInput, match=message):
+            vehicle_wheels(reduce(robot), robot.parameter_values({}))
