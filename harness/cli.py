@@ -19,6 +19,7 @@ COMMANDS = (
     "check",
     "evaluate",
     "simulate",
+    "analyse",
     "plan",
     "figures",
     "export",

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 GRAVITY = 9.81  # m/s^2
 LEAST = 1e-6  # of the largest load: the part that a wheel without load still takes of a force it shares
 NEGLIGIBLE = 1e-9  # relative; below it a singular value is rounding
+LARGE = 1e3  # a friction coefficient that needs no decimals
 HIGHEST = 4.0  # friction use up to which the figure goes
 WIDE = 140  # characters of a line of its title
 
@@ -173,8 +174,8 @@ def _transfer(mechanism: Mechanism, sideways: np.ndarray, load: np.ndarray, left
 
 
 def _up(value: float) -> str:
-    """Two decimals, rounded up."""
-    return f"{np.ceil(value * 100 - 1e-9) / 100:.2f}"
+    """Two decimals, rounded up; of a large number three digits."""
+    return f"{np.ceil(value * 100 - 1e-9) / 100:.2f}" if value < LARGE else f"{value * 1.005:.3g}"
 
 
 def draw_contact(run: Run) -> Figure:

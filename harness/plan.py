@@ -109,7 +109,7 @@ def read_waypoints(file: str, degrees: bool = False) -> tuple[list[tuple[float, 
     """Waypoints (x, y) in m and headings in rad, None where the file has none. Raises BadInput naming the line."""
     points, headings = [], []
     try:
-        with open(file, newline="") as stream:
+        with open(file, newline="", encoding="utf-8-sig") as stream:  # spreadsheets begin UTF-8 with a byte order mark
             rows = csv.reader(stream, skipinitialspace=True)
             for row in rows:
                 cells = [cell.strip() for cell in row]

@@ -18,8 +18,8 @@ from .errors import BadInput
 
 
 @cache
-def find_robot(text: str) -> Mechanism:
-    """A shipped name, or "path/to/file.py:name" where name is a Mechanism or a function that answers one.
+def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
+    """A shipped name, or "path/to/file.py:name" where name is a Mechanism, or another of `kinds`, or a function answering one.
 
     Raises BadInput: unknown name, no such file, or, with file and line, an error that the user's own code raised.
     """
@@ -32,7 +32,7 @@ def find_robot(text: str) -> Mechanism:
         raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, ROBOTS)}")
     if not colon:
         file, name = text, ""
-    return _robot_of_file(Path(file), name)
+    return _robot_of_file(Path(file), name, kinds)
 
 
 def find_laws(system: ReducedSystem) -> tuple[str, ...]:
@@ -70,9 +70,9 @@ def _fits(system: ReducedSystem, law_name: str) -> bool:
     return True
 
 
-def _robot_of_file(path: Path, name: str) -> Mechanism:
+def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...]) -> Mechanism:
     module = _run(path)
-    made = [key for key, value in vars(module).items() if isinstance(value, Mechanism)]
+    made = [key for key, value in vars(module).items() if isinstance(value, kinds)]
     made += [
         key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__ and callable(value)
     ]
@@ -82,7 +82,7 @@ def _robot_of_file(path: Path, name: str) -> Mechanism:
     robot = getattr(module, name)
     if callable(robot):
         robot = _guarded(path, robot)
-    if not isinstance(robot, Mechanism):
+    if not isinstance(robot, kinds):
         raise BadInput(
             f"{path}: {name} is no Mechanism nor a function without arguments that answers one, it is {type(robot).__name__}"
         )

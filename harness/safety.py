@@ -26,6 +26,7 @@ from .spec import Spec
 
 LONGEST = 1000.0  # s, as far as a start is followed
 TOLERANCE = 1e-10
+SETTLED, POINTS = 6, 300  # time constants that a course goes on, and its points
 
 
 @dataclass(frozen=True)
@@ -97,27 +98,42 @@ def certify(loop: Loop, spec: Spec) -> Verdict:
 
 def decide(motion: Motion) -> Verdict:
     """Integrate s until it is safe for ever or singular."""
-    here = np.array([[0.0], [motion.s]])
     if abs(motion.s) >= 1:
-        return Verdict("singular", "the heading is normal to the path at the start", 0.0, here)
+        return Verdict("singular", "the heading is normal to the path at the start", 0.0)
     if _safe_for_ever(motion, 0.0, motion.s):
-        return Verdict("safe", f"|s| = {abs(motion.s):.4f} < 1 at the start, and |h1'| stays below |v| for ever", None, here)
-    rate, singular, safe = _rate(motion), _edge, lambda t, s: float(not _safe_for_ever(motion, t, s[0])) - 0.5
+        reason = f"|s| = {abs(motion.s):.4f} < 1 at the start, and |h1'| stays below |v| for ever"
+        return Verdict("safe", reason, None, _course(motion, _settled(motion, 0.0)))
+    singular, safe = _edge, lambda t, s: float(not _safe_for_ever(motion, t, s[0])) - 0.5
     singular.terminal = safe.terminal = True
-    found = solve_ivp(
-        rate, (0.0, LONGEST), [motion.s], "DOP853", events=(singular, safe), rtol=TOLERANCE, atol=TOLERANCE, max_step=0.1
-    )
-    course, t = np.vstack([found.t, found.y]), float(found.t[-1])
+    found = _follow(motion, LONGEST, events=(singular, safe), max_step=0.1)
+    t, largest = float(found.t[-1]), float(np.abs(found.y[0]).max())
     if found.t_events[0].size:
-        return Verdict("singular", f"the heading becomes normal to the path at t = {t:.4g} s", t, course)
-    largest = float(np.abs(found.y[0]).max())
+        reason = f"the heading becomes normal to the path at t = {t:.4g} s"
+        return Verdict("singular", reason, t, _course(motion, t))
     if found.t_events[1].size:
-        reason = f"|s| stays below {max(largest, 1e-4):.4f} until t = {t:.4g} s, and from then on |h1'| below |v|"
-        return Verdict("safe", reason, None, course)
+        bound = np.ceil(1e4 * largest) / 1e4
+        reason = f"|s| stays below {bound:.4f} until t = {t:.4g} s, and from then on |h1'| below |v|"
+        return Verdict("safe", reason, None, _course(motion, _settled(motion, t)))
+    reason = f"neither singular nor safe for ever within {LONGEST:g} s"
     if motion.wanted_speed * motion.lever < 0:
-        away = "the speed and L + d have opposite signs, so that the heading turns away from the path's direction"
-        return Verdict("not_proved", f"{away}; from this start it is not singular within {LONGEST:g} s", None, course)
-    return Verdict("not_proved", f"neither singular nor safe for ever within {LONGEST:g} s", None, course)
+        reason += "; speed and L + d have opposite signs, so that the heading turns away from the path"
+    return Verdict("not_proved", reason)
+
+
+def _course(motion: Motion, end: float) -> np.ndarray:
+    """t and s from the start to `end`, 2 x N."""
+    found = _follow(motion, end, t_eval=np.linspace(0.0, end, POINTS))
+    return np.vstack([found.t, found.y])
+
+
+def _settled(motion: Motion, safe: float) -> float:
+    """Some time constants after it was found to be safe."""
+    return safe + SETTLED * max(abs(motion.lever / motion.wanted_speed), 2 / motion.kd if motion.kd else 0.0)
+
+
+def _follow(motion: Motion, end: float, **options):
+    """s from the start on, as solve_ivp answers."""
+    return solve_ivp(_rate(motion), (0.0, end), [motion.s], "DOP853", rtol=TOLERANCE, atol=TOLERANCE, **options)
 
 
 def _edge(t: float, s: np.ndarray) -> float:

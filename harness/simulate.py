@@ -58,8 +58,10 @@ def run(arguments: argparse.Namespace) -> int:
     from ..model.errors import ModelError
     from .closed_loop import simulate  # slow to import, as are models
     from .contact import draw_contact, grip
+    from .loop import make_loop
     from .plot import draw as draw_run
     from .plot import picture
+    from .safety import certify
     from .vary import change, read_varied
 
     pictures = {draw: file for draw, file in ((draw_run, arguments.plot), (draw_contact, arguments.contact)) if file}
@@ -67,6 +69,9 @@ def run(arguments: argparse.Namespace) -> int:
     spec = read_varied(arguments.spec, dict(map(change, arguments.set)))
     progress = Progress(spec.simulation.duration)
     try:
+        verdict = certify(make_loop(spec), spec)
+        if verdict.kind == "singular":
+            print(f"{arguments.spec}: warning: this start will be singular: {verdict.reason}", file=sys.stderr)
         done = simulate(spec, progress=progress)
         drawn = {file: picture(draw(done), Path(file).suffix[1:]) for draw, file in pictures.items()}
     except (BadInput, ModelError) as error:

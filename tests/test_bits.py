@@ -27,12 +27,13 @@ RUNTIME, GENERATED, DRIVERS, BOARDS = (
     ROOT / "bench/target",
 )
 BARE = DRIVERS / "bare"
-SOURCES = [DRIVERS / "law_digest.c", RUNTIME / "noslip_status.c", *sorted(GENERATED.glob("*.c"))]
+SOURCES = [DRIVERS / "law_digest.c", *sorted(RUNTIME.glob("*.c")), *sorted(GENERATED.glob("*.c"))]
 INCLUDE = [f"-I{folder}" for folder in (RUNTIME, GENERATED, DRIVERS)]
 STANDARD = "-std=c99 -ffp-contract=off -fno-math-errno"
 LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os")
-LAWS = 6
+LAWS = 8  # the last is no law: a vehicle led along a path
 FULL, FEW = 20_000, 1_000  # states: of builds for the host, of one for each other target; of the others
+TESTED = 4_000  # states at most, where this runs as a test
 TIMEOUT = 120  # s, of any one tool
 
 CONSOLE = (
@@ -202,14 +203,15 @@ def test_bits(build, reference, tmp_path):
         pytest.fail(build.missing)
     if build.missing or build.unsuited:
         pytest.skip(build.missing or build.unsuited)
+    build = replace(build, states=min(build.states, TESTED))
     assert build.digest(tmp_path) == reference(build.states)
 
 
 def test_most_steps_are_good(reference):
     """What is compared is mostly answers; the rest are errors of all kinds."""
-    _, in_float, _, in_double, _ = reference(FULL)
+    _, in_float, _, in_double, _ = reference(TESTED)
     for good in (int(in_float, 16), int(in_double, 16)):
-        assert 0.9 * LAWS * FULL < good < LAWS * FULL
+        assert 0.85 * LAWS * TESTED < good < LAWS * TESTED
 
 
 def test_digest_notices_fused_operations(reference, tmp_path):

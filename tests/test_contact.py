@@ -131,6 +131,16 @@ def test_what_friction_is_needed_is_enough():
     assert "assumed: mu 0.7, 100% of the weight" in found.summary() and "castors ignored" in found.summary()
 
 
+def test_friction_beyond_measure_is_told_briefly():
+    run = simulate(LINE)
+    heavy = dataclasses.replace(run, tau=1e200 * np.ones_like(run.tau))
+    verdict = grip(heavy).verdict()
+    assert "would slip" in verdict and len(verdict) < 200
+    told = [float(word) for word, before in zip(verdict.split()[1:], verdict.split(), strict=False) if before == ">="]
+    needed = [c.needs.max() for c in grip(heavy).contacts]
+    assert all(1 <= a / b < 1.011 for a, b in zip(told, needed, strict=True))
+
+
 def with_contact(run, **options):
     return dataclasses.replace(run, spec=dataclasses.replace(run.spec, contact=Contact(**options)))
 

@@ -229,6 +229,10 @@ def test_rounding_costs_no_full_turn(plan, radius):
         (ORIGIN, (1.0, 1.0, 1.0), 0.0, "radius = 0"),
         (ORIGIN, (1.0, 1.0, 1.0), math.nan, "radius = nan"),
         (ORIGIN, (1.0, 1.0, 1.0), 1e12, "rounding leaves a gap"),
+        (ORIGIN, (4.0, 4.0, 0.0), 1e200, "rounding leaves a gap"),
+        (ORIGIN, (4.0, 4.0, 1.0), 1e-300, "too far apart for a radius of 1e-300"),
+        (ORIGIN, (1e160, 4.0, 1.0), 1.0, "too far apart"),
+        ((-1e308, 0.0, 0.0), (1e308, 4.0, 1.0), 1.0, "too far apart"),
     ],
 )
 def test_no_plan(plan, start, goal, radius, words):
@@ -377,6 +381,8 @@ NAN = math.nan
         ([(0, 0), (1, 0), (2, 1), (0, 0), (0, 0)], {"closed": True}, "waypoints 4 and 1 are the same point"),
         ([(0, 0), (1, 0), (NAN, 1)], {}, "waypoint 3 = .* two finite numbers"),
         ([(0, 0), (1, 0, 2)], {}, "waypoint 2"),
+        ([(0, 0), (1, 0), (1e308, 1e308)], {}, "waypoint 3 = .* is too far out"),
+        ([(0, 0), (1e99, 1), (0, 2e99)], {}, "make it larger"),
         ([(0, 0), (2, 2), (1, 1)], {}, "turns back at waypoint 2"),
         ([(0, 0), (1, 0), (2, 0)], {"closed": True}, "turns back at waypoint"),
         ([(0, 0), (1, 0)], {"headings": [0.0]}, "1 headings for 2 waypoints"),
@@ -505,6 +511,15 @@ def test_plans_through_waypoints(points, capsys, tmp_path):
     assert all(apart(a.end, b.end) <= 1e-9 for a, b in zip(read, expected, strict=True)) and "closed" not in path
     closed = ["plan", "waypoints", points, "--tolerance", "0.05", "--degrees", "--closed"]
     assert tomllib.loads(planned(capsys, closed))["path"]["closed"] is True
+
+
+def test_a_spreadsheets_byte_order_mark_is_no_entry(capsys, tmp_path):
+    file = tmp_path / "points.csv"
+    for header in ("", "x,y\r\n"):
+        file.write_bytes(f"\ufeff{header}0,0\r\n3,4\r\n".encode())
+        assert "1 segment, 5 m" in planned(
+            capsys, ["plan", "waypoints", str(file), "--tolerance", "0.05", "-o", str(tmp_path / "p")]
+        )
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])

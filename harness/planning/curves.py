@@ -12,6 +12,7 @@ from ..errors import BadInput
 Points = np.ndarray  # complex: x + i y, m
 
 SAME = 1e-9  # m: points nearer than that are one
+FAR = 1e100  # m: so far out, cubes of lengths would overflow
 BACK = 1e-6  # rad: so near to half a turn, a turn has no side
 STEP = 1e-6  # of the domain: for the derivative of a function that brings none
 
@@ -186,6 +187,8 @@ def _places(points: Sequence[Sequence[float]]) -> Points:
         numbers = tuple(map(float, point))
         if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
             raise BadInput(f"waypoint {k} = {numbers} must be two finite numbers x, y")
+        if max(map(abs, numbers)) > FAR:
+            raise BadInput(f"waypoint {k} = {numbers} is too far out; choose an origin nearer to the path")
         places.append(complex(*numbers))
     return np.array(places)
 

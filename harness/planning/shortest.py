@@ -19,6 +19,7 @@ Piece = tuple[int, float]  # steering (1 left, 0 straight, -1 right) and signed 
 Middles = Callable[[int, int, float], Iterator[list[Piece]]]
 
 SNAP = 1e-10  # m and rad: a piece that is shorter, or that little short of a full turn, is rounding
+FAR = 1e100  # turning radii: beyond, squares of distances overflow
 TIE = 1e-12  # paths whose lengths differ by less of their length are equally short: fewer cusps win, fewer pieces, forward first
 SIDES = (1, -1)
 
@@ -27,7 +28,8 @@ def dubins(start: Sequence[float], goal: Sequence[float], radius: float) -> list
     """The shortest way forward from pose to pose (x m, y m, heading rad) turning no tighter than `radius` (m).
 
     L. E. Dubins, American Journal of Mathematics 79 (1957): arc, line, arc; or three arcs. Ends at the goal to 1e-9 (m and
-    rad). Raises BadInput for what is no pose or no radius, for equal poses, and where rounding forbids that precision.
+    rad). Raises BadInput for what is no pose or no radius, for equal poses, and where they are so far apart or the radius so
+    large that rounding forbids that precision.
     """
     return _plan(_dubins_middles, False, pose(start, "start"), pose(goal, "goal"), radius)
 
@@ -46,6 +48,8 @@ def _plan(middles: Middles, reversing: bool, start: Pose, goal: Pose, radius: fl
     if not (math.isfinite(radius) and radius > 0):
         raise BadInput(f"radius = {radius:g} m is not positive and finite")
     target = complex(goal[0] - start[0], goal[1] - start[1]) / radius * cmath.exp(-1j * start[2])
+    if not abs(target) < FAR:
+        raise BadInput(f"start and goal are too far apart for a radius of {radius:g} m; move them together or widen it")
     turn = math.remainder(goal[2] - start[2], 2 * math.pi)
     slack = SNAP / max(1.0, radius * (1 + abs(target)))  # rad, or radii: moves the end by less than SNAP
     if abs(target) < slack and abs(turn) < slack:
@@ -141,4 +145,4 @@ def _length(pieces: Iterable[Piece]) -> float:
 
 def _effort(pieces: Sequence[Piece]) -> tuple[int, int, bool]:
     cusps = sum(a[1] * b[1] < 0 for a, b in zip(pieces, pieces[1:], strict=False))
-    return cusps, len(pieces), pieces[0][1] < 0
+    return cusps, len(pieces), any(length < 0 for _, length in pieces[:1])

@@ -1,5 +1,6 @@
 /*
- * law_digest.c - numbers for the bits of everything that the LABMATE's laws answer, to compare between targets.
+ * law_digest.c - numbers for the bits of everything that the LABMATE's laws, dead reckoning and paths answer, to compare
+ * between targets.
  *
  * Needs of a library only memcpy and memset, which compilers call by themselves; with a whole one it has a main of its own:
  * law_digest STATES.
@@ -16,8 +17,12 @@
 #include "labmate_type_iv_ellipse_f.h"
 #include "labmate_type_iv_line.h"
 #include "labmate_type_iv_line_f.h"
+#include "labmate_type_iv_segment.h"
+#include "labmate_type_iv_segment_f.h"
 #include "law_digest_line.h"
 #include "law_names.h"
+#include "noslip_odometry.h"
+#include "noslip_path.h"
 
 #define STATES_A_ROBOT 50        /* then other parameters */
 #define STATES_A_LOOK_AT_PARTS 4 /* of these one goes through the functions of single quantities too */
@@ -70,15 +75,21 @@ static double any_value(uint64_t *random)
 #define LAW labmate_type_iv_line
 #include "law_bits.inc"
 #undef LAW
+#define LAW labmate_type_iv_segment
+#include "law_bits.inc"
+#undef LAW
+#include "route_bits.inc"
 
-#define LAWS 6
+#define LAWS 8 /* the last is no law: a vehicle led along a path */
 typedef void law_runner(uint32_t n, law_bits *bits);
 static law_runner *const in_float[LAWS] = {bits_labmate_type_i_f,          bits_labmate_type_ii_f,
                                            bits_labmate_type_iii_f,        bits_labmate_type_iv_circle_f,
-                                           bits_labmate_type_iv_ellipse_f, bits_labmate_type_iv_line_f};
+                                           bits_labmate_type_iv_ellipse_f, bits_labmate_type_iv_line_f,
+                                           bits_labmate_type_iv_segment_f, bits_route_f};
 static law_runner *const in_double[LAWS] = {bits_labmate_type_i,          bits_labmate_type_ii,
                                             bits_labmate_type_iii,        bits_labmate_type_iv_circle,
-                                            bits_labmate_type_iv_ellipse, bits_labmate_type_iv_line};
+                                            bits_labmate_type_iv_ellipse, bits_labmate_type_iv_line,
+                                            bits_labmate_type_iv_segment, bits_route};
 
 static char *write_hex(char *text, uint64_t value, int digits)
 {

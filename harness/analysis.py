@@ -1,0 +1,243 @@
+"""Everything that `noslip analyse` answers about a system, and the same as JSON."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import sympy as sp
+
+from ..model import analysis as structure
+from ..model.decoupling import decouple
+from ..model.distribution import distribution
+from ..model.errors import ModelError
+from ..model.kinematics import Kinematics
+from ..model.linearization import linearize
+from ..model.mechanism import Mechanism
+from ..model.normal_form import Moving, NormalForm, normal_form
+from ..model.outputs import OFFSET, OUTPUTS, output_map
+from ..model.properties import Check
+from ..model.reduction import ReducedSystem
+from ..model.rolling import PlanarContact, RollingContact, RollingGrowth, rolling_growth
+from ..model.symbolic import symbolic, written
+from .errors import BadInput
+from .loop import make_loop
+from .robots import find_robot, suggestion, system_of
+from .safety import Verdict, certify
+from .vary import read_varied
+
+Contact = RollingContact | PlanarContact
+System = Mechanism | Kinematics | Contact
+ROLLING_BRACKETS = {  # that fill the space, by the dimension of Delta, without spin and with it
+    2: (("s1", "s2"), ("[s1,s2]",), ("[s1,[s1,s2]]", "[s2,[s1,s2]]")),
+    3: (("s1", "s2", "s3"), ("[s1,s3]", "[s2,s3]")),
+}
+NO_INPUTS = "kinematics alone have no inputs, so nothing can be controlled"
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """n coordinates, m constraints, k of them holonomic. `levels`: the brackets that each step adds; `notes` by title.
+
+    `json`: the documented keys, and more. `S` and the `proof` of the growth are not given for every rolling contact.
+    """
+
+    n: int
+    m: int
+    k: int
+    growth: tuple[int, ...]
+    levels: tuple[tuple[str, ...], ...]
+    notes: dict[str, list[str]]
+    checks: tuple[Check, ...]
+    json: dict[str, Any]
+    S: sp.Matrix | None = None
+    proof: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """`outputs` by law; `refused`: why a law is none of this system's; `no_outputs`: why there is none; `starts` by file."""
+
+    name: str
+    about: str
+    constraints: Constraints
+    outputs: dict[str, NormalForm] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+    no_outputs: str = ""
+    starts: dict[str, Verdict] = field(default_factory=dict)
+
+    @property
+    def refused_by_reason(self) -> dict[str, list[str]]:
+        """Reason -> the laws that are refused for it."""
+        found: dict[str, list[str]] = {}
+        for law, reason in self.refused.items():
+            found.setdefault(reason, []).append(law)
+        return found
+
+    @property
+    def fails(self) -> bool:
+        """Will a start be singular?"""
+        return any(verdict.kind == "singular" for verdict in self.starts.values())
+
+
+def analyse(system: System, laws: Sequence[str] = (), starts: Sequence[str] = ()) -> Answer:
+    """Analyse a system with these of its laws, or all, and the starts in these files.
+
+    Raises ModelError and BadInput for what cannot be analysed, for a named law that is none of the system's, and for files that
+    are no SPEC of it.
+    """
+    for law in laws:
+        if law.removesuffix(OFFSET) not in OUTPUTS:
+            raise BadInput(f"unknown output {law!r}{suggestion(law, OUTPUTS)}")
+    verdicts = {file: start_verdict(system.name, file) for file in starts}
+    found = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
+    outputs, refused, nothing = _outputs(system, laws)
+    return Answer(system.name, getattr(system, "about", ""), found, outputs, refused, nothing, verdicts)
+
+
+def start_verdict(name: str, file: str) -> Verdict:
+    """Whether the start of a SPEC of this robot stays away from the singular set; nothing is compiled for it.
+
+    Raises BadInput for a file that is no SPEC of it.
+    """
+    spec = read_varied(file, {"simulation.backend": "casadi"})
+    try:
+        if find_robot(spec.robot).name != name:
+            raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
+        return certify(make_loop(spec), spec)
+    except (BadInput, ModelError) as error:
+        raise BadInput(f"{file}: {error}") from error
+
+
+def as_json(answer: Answer) -> dict[str, Any]:
+    """The documented keys, and more."""
+    return {
+        **answer.constraints.json,
+        "outputs": {law: _output_json(form) for law, form in answer.outputs.items()},
+        "refused": answer.refused,
+        **({"no_outputs": answer.no_outputs} if answer.no_outputs else {}),
+        "starts": {file: {"verdict": v.kind, "t": v.t, "reason": v.reason} for file, v in answer.starts.items()},
+    }
+
+
+def singular_when(form: NormalForm) -> list[str]:
+    """Where Phi is singular: a condition each; empty where it never is."""
+    return [f"{c}{'' if c.confirmed else ' [not tried at a point]'}" for c in form.decoupling.conditions]
+
+
+def uncontrolled(form: NormalForm) -> str:
+    """The zero dynamics and their stability, in a line."""
+    return f"{', '.join(form.T[2])}: zero dynamics {form.zero_dynamics}, {form.stability}"
+
+
+# -- constraints --------------------------------------------------------------------------------------------------------
+
+
+def _of_distribution(system: Mechanism | Kinematics) -> Constraints:
+    found = structure.analyse(system)
+    basis, before = found.certificate.basis, (0, *found.growth)
+    levels = tuple(tuple(basis[a:b]) for a, b in zip(before, found.growth, strict=False))
+    notes = {"integrals": found.holonomic.text(), "changes": found.places.text(), "taken positive": list(found.assumed)}
+    proof = tuple(found.certificate.text())
+    json = found.as_json() | {"proof": list(proof)}
+    return Constraints(found.n, found.m, found.k, found.growth, levels, notes, found.checks, json, found.S, proof)
+
+
+def _of_contact(contact: Contact) -> Constraints:
+    """As any distribution; where metrics have roots, by the structure equations alone, which serve any two surfaces."""
+    found, kinematics = rolling_growth(contact), contact.kinematics()
+    rough = bool(distribution(kinematics).functions.roots)
+    made = _by_structure_equations(kinematics, found) if rough else _of_distribution(kinematics)
+    notes = {"because": [found.reason], "special orbits": list(found.special)}
+    if contact.formal:
+        notes["formal only"] = [contact.formal]
+    notes = {title: lines for title, lines in notes.items() if lines}
+    return replace(made, notes=made.notes | notes, json=made.json | {"rolling": notes})
+
+
+def _by_structure_equations(system: Kinematics, found: RollingGrowth) -> Constraints:
+    k = found.holonomic
+    json = {"name": system.name, "coordinates": system.n, "constraints": system.m, "holonomic": k, "nonholonomic": system.m - k}
+    json |= {"growth": list(found.vector), "integrals": [], "integrals_complete": not k, "input_state_linearizable": False}
+    notes = {}
+    if found.drops_where is not None:
+        (where,) = symbolic(found.drops_where, [*system.coordinates, *system.parameters], system.name)
+        above, below = map(written, sp.fraction(sp.together(where)))
+        notes["changes"] = [f"where the Gaussian curvatures at the contact are equal: ({above})/({below}) = 0"]
+    levels = ROLLING_BRACKETS[found.vector[0]][: len(found.vector)]
+    return Constraints(system.n, system.m, k, found.vector, levels, notes, (), json)
+
+
+# -- outputs ------------------------------------------------------------------------------------------------------------
+
+
+def _outputs(system: System, laws: Sequence[str]) -> tuple[dict[str, NormalForm], dict[str, str], str]:
+    """Laws with their normal forms, those refused with the reason, and why there is none at all."""
+    if not isinstance(system, Mechanism):
+        if laws:
+            raise BadInput(f"{system.name}: {NO_INPUTS}; leave --output out")
+        return {}, {}, NO_INPUTS
+    try:
+        reduced = system_of(system)
+    except ModelError as error:
+        if laws:
+            raise
+        return {}, {}, _reason(error, system)
+    found, refused = {}, {}
+    for law in laws or OUTPUTS:
+        try:
+            found[law] = _form(reduced, law)
+        except ModelError as error:
+            if laws:
+                raise
+            refused[law] = _reason(error, system)
+    reasons = set(refused.values())
+    nothing = reasons.pop() if len(reasons) == 1 else "none of Types I to IV fits"
+    return found, refused, "" if found else nothing
+
+
+def _form(system: ReducedSystem, law: str) -> NormalForm:
+    return normal_form(decouple(linearize(system, output_map(system, law))))
+
+
+def _reason(error: ModelError, system: Mechanism) -> str:
+    """What an error says, without the robot's name and the law's."""
+    message = str(error).removeprefix(system.name).removeprefix(": ").removeprefix(", output ")
+    law, colon, rest = message.partition(": ")
+    return rest if colon and law in OUTPUTS else message
+
+
+def _output_json(form: NormalForm) -> dict[str, Any]:
+    made = form.decoupling
+    z1, z2, z3 = form.T
+    return {
+        "relative_degree": list(made.linearization.relative_degree),
+        "det": written(made.det_in_full),
+        "singular_when": ", or ".join(singular_when(form)) or "nowhere",
+        "zero_dynamics": "; ".join([uncontrolled(form), *map(str, form.moving)]),
+        "det_short": written(made.det_for_people),
+        "where": {str(name): written(formula) for name, formula in made.explained.items()} | made.renamed,
+        "conditions": [{"formula": written(c.formula), "words": c.words, "confirmed": c.confirmed} for c in made.conditions],
+        "undefined_where": [written(expression) for expression in made.undefined],
+        "normal_form": {
+            "z1": list(z1),
+            "z2": list(z2),
+            "z3": list(z3),
+            "regular_where_not_zero": [written(form.charts[0].minor), written(made.det)],
+            "other_z3": [list(map(str, chart.kept)) for chart in form.charts[1:]],
+        },
+        "z3_rates": {name: written(rate) for name, rate in form.equations.items()},
+        "stability": form.stability,
+        "moving_reference": [_moving_json(form, each) for each in form.moving],
+    }
+
+
+def _moving_json(form: NormalForm, moving: Moving) -> dict[str, Any]:
+    return {
+        "reference": moving.reference,
+        "equation": moving.equation,
+        "settles": moving.settles,
+        "stable_when": moving.stable_when or None,
+        "rate": None if moving.rate is None else written(moving.rate),
+        "lever": None if moving.lever is None else written(moving.lever),
+        "lever_default": None if moving.lever is None else form.decoupling.at_defaults(moving.lever),
+    }

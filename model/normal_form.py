@@ -1,0 +1,232 @@
+"""Normal-form coordinates T(x) = (h, rates of h, h~), what moves that is not controlled, and whether it stays near.
+
+Under the feedback (20) the outputs obey z1' = z2, z2' = v (relative degree 2) or z1' = v (relative degree 1). What is left,
+z3 = h~(q), obeys z3' = J_h~ S Phi^-1 w, w being the rates z2 and the outputs of relative degree 1: it is driven by w alone.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations, islice
+
+import sympy as sp
+
+from .decoupling import Decoupling
+from .points import random_point
+from .readable import readable
+from .symbolic import written
+
+CHOICES = 200  # of h~ looked at
+
+
+@dataclass(frozen=True)
+class Chart:
+    """h~ = the coordinates `kept`; T is regular where Phi is and `minor` is not zero: det J_T = +-minor det Phi."""
+
+    kept: tuple[sp.Symbol, ...]
+    minor: sp.Expr
+    everywhere: bool  # the minor is never zero
+
+
+@dataclass(frozen=True)
+class Moving:
+    """What is not controlled while the reference moves at the speed V: its equation, and where it settles if it is stable.
+
+    `stable_when` is empty when it never settles; `rate`, 1/s, is that of its linearization; the sign of `lever` (m) decides.
+    """
+
+    reference: str
+    equation: str
+    settles: str
+    stable_when: str = ""
+    rate: sp.Expr | None = None
+    lever: sp.Expr | None = None
+
+    def __str__(self) -> str:
+        """A line."""
+        stable = f"; stable if and only if {self.stable_when}, then {self.settles}" if self.stable_when else f": {self.settles}"
+        return f"{self.reference}: {self.equation}{stable}"
+
+
+SYMBOLS = {  # in the equations of Moving
+    "s": "n . (cos, sin)(heading), n the unit normal of the path at P_l; Phi is singular where |s| = 1",
+    "chi": "curvature of the path at P_l, positive where n points away from its centre",
+    "V": "speed of the reference, negative in reverse",
+    "psi": "direction in which P_l moves",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class NormalForm:
+    """`charts`: choices of h~; where Phi is regular, the rows of J_h are independent, so that one of them is regular.
+
+    `offset`: the outputs of relative degree 1 at nu = 0; None where one is not affine in nu with derivatives in q alone.
+    """
+
+    decoupling: Decoupling
+    charts: tuple[Chart, ...]
+    offset: dict[int, sp.Expr] | None
+
+    @property
+    def dimension(self) -> int:
+        """Of z3 and of the zero dynamics: n minus the number of outputs of relative degree 2."""
+        return len(self.charts[0].kept)
+
+    @property
+    def T(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+        """Names of z1, z2, z3."""
+        found = self.decoupling.linearization
+        names = [row.name for row in found.output.rows]
+        rates = tuple(f"{name}_dot" for name, degree in zip(names, found.relative_degree, strict=True) if degree == 2)
+        return tuple(names), rates, tuple(map(str, self.charts[0].kept))
+
+    @cached_property
+    def equations(self) -> dict[str, sp.Expr]:
+        """z3' in closed form, by coordinate, in z2 and the outputs of relative degree 1; empty without one."""
+        found = self.decoupling.linearization
+        names = zip(found.output.rows, found.relative_degree, strict=True)
+        return self._rates([sp.Symbol(f"{row.name}_dot" if degree == 2 else row.name) for row, degree in names])
+
+    @cached_property
+    def zero_dynamics(self) -> str:
+        """z3' where all outputs and their rates are zero, in a line."""
+        if self.offset is None:
+            return "an output is not affine in the quasi-velocities: no closed form"
+        if not any(self.offset.values()):
+            return "z3' = 0"
+        rates = self._rates([sp.Integer(0)] * self.decoupling.Phi.rows)
+        return ", ".join(f"{name}' = {written(rate)}" for name, rate in rates.items())
+
+    @property
+    def stability(self) -> str:
+        """Of the zero dynamics."""
+        stands = self.offset is not None and not any(self.offset.values())
+        return "Lagrange stable, not asymptotically stable" if stands else "not decided"
+
+    @cached_property
+    def moving(self) -> tuple[Moving, ...]:
+        """For a vehicle in the plane, under references that move steadily; empty where no rule is known."""
+        made = self.decoupling
+        if made.planar is None or made.planar.ahead is None or self.offset is None:
+            return ()
+        return _along_a_path(made) + _point_moving(made) + _heading_held(made)
+
+    def _rates(self, w: Sequence[sp.Expr]) -> dict[str, sp.Expr]:
+        """z3' = J_h~ S Phi^-1 (w - offset), by coordinate."""
+        if self.offset is None:
+            return {}
+        driving = [entry - self.offset.get(k, 0) for k, entry in enumerate(w)]
+        return {name: sp.Add(*[a * b for a, b in zip(row, driving, strict=True)]) for name, row in self._driven.items()}
+
+    @cached_property
+    def _driven(self) -> dict[str, list[sp.Expr]]:
+        """Rows of J_h~ S Phi^-1, by coordinate."""
+        made = self.decoupling
+        rows = made.S * made.Phi.adjugate()
+        kept = {str(name): made.q.index(name) for name in self.charts[0].kept}
+        return {name: [made.over_determinant(entry) for entry in rows.row(k)] for name, k in kept.items()}
+
+
+def normal_form(made: Decoupling) -> NormalForm:
+    """Choose h~ among the coordinates."""
+    degree = made.linearization.relative_degree
+    gradients = made.gradients.extract([k for k in range(len(degree)) if degree[k] == 2], list(range(len(made.q))))
+    nu = sp.Matrix(made.nu)
+    offset = {k: made.lowest(rate - (made.Phi.row(k) * nu)[0]) for k, rate in made.rates.items()}
+    moves = {symbol for expression in (*made.Phi, *offset.values()) for symbol in expression.free_symbols} & set(made.nu)
+    return NormalForm(made, _charts(made, gradients), None if moves else offset)
+
+
+def _charts(made: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
+    """The simplest choices first: those regular everywhere, then by the minor of the coordinates that are left out."""
+    n, count = len(made.q), gradients.rows
+    general = random_point(made.functions, 0)
+    found = []
+    for gone in islice(combinations(range(n), count), CHOICES):
+        minor = gradients.extract(list(range(count)), list(gone)).det(method="berkowitz")
+        above, _ = made.functions.ratio(minor)
+        if above and general(above):
+            kept = tuple(made.q[k] for k in range(n) if k not in gone)
+            everywhere = made.functions.never_zero(above)
+            chart = Chart(kept, made.lowest(minor), everywhere)
+            found.append((not everywhere, len(above), sum(map(sum, above)), chart))
+    return tuple(chart for *_, chart in sorted(found, key=lambda each: each[:3]))
+
+
+# -- references that move ---------------------------------------------------------------------------------------------
+#
+# A point P_l of the vehicle, (l, w) from the middle of the axle, moves at v e + omega (l e_left - w e), e being the heading;
+# v is the forward speed of the vehicle's point and omega the yaw rate. That an output obeys this is checked, exactly.
+
+
+def _along_a_path(made: Decoupling) -> tuple[Moving, ...]:
+    """Distance from a path and forward speed, held at 0 and V.
+
+    With n the unit normal at P_l, e_n = n . e and chi the curvature of the path (positive where n points away from the
+    centre), h1' = 0 gives omega = -V e_n / (l n . e_left) for w = 0; n turns with P_l, and s = e_n obeys
+    l s' = -V (s - l chi).
+    """
+    path = next((k for k, each in enumerate(made.arms) if each and made.normal and _is_point(made, k, _slope(made, k))), None)
+    speed = next((k for k in made.rates if _same(made, made.Phi.row(k), made.planar.forward)), None)
+    if path is None or speed is None or made.slopes[path] is not None:
+        return ()
+    arm, V = made.arms[path], sp.Symbol("V")
+    lever, stable_when, rate = _factor(arm.ahead), f"{written(V * arm.ahead)} > 0", -V / arm.ahead
+    if arm.left:
+        deviation = f"small deviations of the heading change at the rate {written(rate)}"
+        return (Moving("V along a straight path", deviation, "the heading is along it", stable_when, rate, arm.ahead),)
+    equation, chi = f"{lever}*s' = -V*(s - {lever}*chi)", made.normal.chi
+    if chi is None:
+        settles = f"s follows {lever}*chi, and |s| < 1 while |{lever}*chi| < 1"
+    elif not chi:
+        settles = "s -> 0 (chi = 0)"
+    else:
+        settles = f"s -> {written(arm.ahead * chi)} (chi = {written(chi)}), which must be below 1 in size"
+    return (Moving("V along the path", equation, settles, stable_when, rate, arm.ahead),)
+
+
+def _point_moving(made: Decoupling) -> tuple[Moving, ...]:
+    """Both coordinates of P_l, moving at (V cos psi, V sin psi): its component across the vehicle is l omega."""
+    rows = [k for k, slope in enumerate(made.slopes) if slope and made.arms[k] and _is_point(made, k, slope)]
+    if len(rows) != 2 or made.arms[rows[0]] != made.arms[rows[1]]:
+        return ()
+    if not sp.Matrix([made.slopes[k] for k in rows]).det():
+        return ()
+    ahead, heading = made.arms[rows[0]].ahead, written(made.planar.heading)
+    equation = f"{_factor(ahead)}*{heading}' = V*sin(psi - {heading})"
+    settles = f"{heading} -> psi, driving forward; else {heading} -> psi + pi, driving backward"
+    rate = -sp.Symbol("V") / ahead
+    return (Moving("V > 0 in the direction psi", equation, settles, f"{written(ahead)} > 0", rate, ahead),)
+
+
+def _heading_held(made: Decoupling) -> tuple[Moving, ...]:
+    """One coordinate of P_l and the heading: along the heading the other coordinate goes its own way."""
+    row = next((k for k, slope in enumerate(made.slopes) if slope and made.arms[k] and _is_point(made, k, slope)), None)
+    turns = any(_same(made, made.Phi.row(k), made.planar.yaw) for k in range(made.Phi.rows) if k not in made.rates)
+    if row is None or not turns:
+        return ()
+    (g_x, g_y), name = made.slopes[row], made.linearization.output.rows[row].name
+    speed = sp.Symbol("V") / readable(g_x * made.planar.cosine + g_y * made.planar.sine)
+    equation = f"forward speed = {written(speed)}"
+    return (Moving(f"{name} at V, heading held", equation, "the other coordinate of P_l drifts, neither held nor bounded"),)
+
+
+def _factor(expression: sp.Expr) -> str:
+    """Text that can be multiplied."""
+    return f"({written(expression)})" if expression.is_Add else written(expression)
+
+
+def _slope(made: Decoupling, row: int) -> tuple[sp.Expr, sp.Expr]:
+    return made.slopes[row] or (made.normal.x, made.normal.y)
+
+
+def _is_point(made: Decoupling, row: int, slope: tuple[sp.Expr, sp.Expr]) -> bool:
+    """Does the output move as a point of the vehicle does, exactly?"""
+    vehicle, arm = made.planar, made.arms[row]
+    along = slope[0] * vehicle.cosine + slope[1] * vehicle.sine
+    left = slope[1] * vehicle.cosine - slope[0] * vehicle.sine
+    return _same(made, made.Phi.row(row), vehicle.forward * along + vehicle.yaw * (arm.ahead * left - arm.left * along))
+
+
+def _same(made: Decoupling, a: sp.Matrix, b: sp.Matrix) -> bool:
+    return all(made.is_zero(x - y) for x, y in zip(a, b, strict=True))
