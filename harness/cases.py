@@ -21,6 +21,7 @@ FILE_KEYS = ("cases", "robot", "about", "seed")
 CASE_KEYS = ("params", "output", "q", "nu", "reference", "gains", "expect", "about")
 EXPECTED = (*QUANTITIES, *MODEL_QUANTITIES, "Sdot", "v")  # the last two are steps on the way that no backend answers
 SHORT_GAINS = ("kp", "kd", "kv")
+INTEGRAL = "ki"
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,12 +87,22 @@ def read_output(output: Mapping[str, Any], where: str) -> tuple[str, dict[str, A
 def gain_entries(law: ControlLaw, given: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Gains by the names of law.gains: kp, kd, kv stand for all gains of that kind, a gain named in full goes first.
 
-    Raises BadInput for a name that is neither.
+    Those of integral action are left to `integral_entries`. Raises BadInput for a name that is none of these.
     """
     names = [gain.name for gain in law.gains]
+    known = (*SHORT_GAINS, INTEGRAL, *names, *[f"{INTEGRAL}_{row.name}" for row in law.output.rows])
     for name in given:
-        if name not in names and name not in SHORT_GAINS:
-            raise BadInput(f"{where}: unknown gain {name!r}{suggestion(name, (*SHORT_GAINS, *names))}")
+        if name not in known:
+            raise BadInput(f"{where}: unknown gain {name!r}{suggestion(name, known)}")
+    return _in_full(names, given)
+
+
+def integral_entries(law: ControlLaw, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Gains ki_distance, ... of integral action, which is around a law and no part of it; ki stands for all of them."""
+    return _in_full([f"{INTEGRAL}_{row.name}" for row in law.output.rows], given)
+
+
+def _in_full(names: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
     short = {name: given[name[:2]] for name in names if name[:2] in given}
     return short | {name: given[name] for name in names if name in given}
 
@@ -118,6 +129,10 @@ def _case(robot: Mechanism, case: Any, where: str) -> Case:
         raise BadInput(f"{where}: {error}") from error
     params = _table(case["params"], f"{where}: params")
     gains = gain_entries(law, _table(case["gains"], f"{where}: gains"), f"{where}: gains")
+    for name in case["gains"]:
+        if name[:2] == INTEGRAL:
+            why = "a law has no memory, integral action is for `noslip simulate`"
+            raise BadInput(f"{where}: gains: unknown gain {name!r}: {why}")
     q = _numbers(case["q"], len(law.system.mechanism.coordinates), f"{where}: q")
     nu = _numbers(case["nu"], law.system.freedom, f"{where}: nu")
     return Case(

@@ -21,6 +21,7 @@ COMMANDS = (
     "simulate",
     "analyse",
     "plan",
+    "outer-loop",
     "figures",
     "export",
 )  # each a module beside this one

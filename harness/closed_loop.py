@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
 
-from ..model.law import ControlLaw, symbols
+from ..model.law import ControlLaw
 from .contact import grip, lambda_columns
+from .guidance import outputs
 from .loop import RUNNING, make_loop
 from .march import continuous, sampled
 from .plant import Plant
@@ -22,7 +22,8 @@ class Run:
 
     SI units, columns named by `law`; `spec` says how it was run (backend, tolerance). y are the true outputs, with the
     plant's parameters; y_d is what was wanted. `forces` (N, m) are the constraint forces lambda (8) in the paper's sign, N;
-    `seen` (N, 2n-m) is the state the controller worked with, `piece` (N) which piece of a composite path it followed.
+    `seen` (N, 2n-m) is the state the controller worked with, `piece` (N) which piece of a composite path it followed, `integral`
+    (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action, `integral_rows`.
     When a run stopped, its last row tells where, with the status that stopped it and no torque.
     """
 
@@ -40,6 +41,8 @@ class Run:
     seen: np.ndarray
     piece: np.ndarray
     config: np.ndarray
+    integral: np.ndarray
+    integral_rows: tuple[str, ...]
     warnings: tuple[str, ...] = ()
 
     @property
@@ -50,6 +53,7 @@ class Run:
         names += [*[f"y{k + 1}" for k in range(self.y.shape[1])], "status"]
         names += lambda_columns(mechanism)
         names += [f"seen_{q.name}" for q in self.law.state] if self.spec.sensors else []
+        names += [f"integral_{row}" for row in self.integral_rows]
         return [*names, "piece"] if self.composite else names
 
     @property
@@ -76,7 +80,7 @@ class Run:
     def csv(self) -> str:
         """The run as CSV, 17 significant digits."""
         numbers = np.column_stack([self.t, self.x, self.tau, self.y]).tolist()
-        more = np.column_stack([self.forces, *([self.seen] if self.spec.sensors else [])]).tolist()
+        more = np.column_stack([self.forces, *([self.seen] if self.spec.sensors else []), self.integral]).tolist()
         pieces = [[str(piece)] if self.composite else [] for piece in self.piece]
         lines = [
             ",".join([*(f"{v:.17g}" for v in row), status, *(f"{v:.17g}" for v in rest), *piece])
@@ -88,6 +92,7 @@ class Run:
         """A few lines for a reader: how long, how far from what was wanted, how hard, how true to the constraints."""
         simulation = self.spec.simulation
         held = f"called every {simulation.period:g} s" if simulation.period else "continuous"
+        held += f", acting {simulation.delay:g} s later" if simulation.delay else ""
         how = f"backend {simulation.backend}, {held}, tolerance {simulation.tolerance:g}"
         lines = [f"{self.spec.robot}, {self.law.name}, {how}: {self.t[-1]:.9g} s, {len(self.t)} rows"]
         for row, error in zip(self.law.output.rows, self.error.T, strict=True):
@@ -115,7 +120,6 @@ def simulate(spec: Spec, backend: str | None = None, progress: Callable[[float],
     law, n = loop.law, len(loop.law.system.mechanism.coordinates)
     t, x, tau = (np.array([getattr(row, name) for row in rows]) for name in ("t", "x", "tau"))
     config, reference = (np.array([getattr(row, name) for row in rows]) for name in ("config", "reference"))
-    h = ca.Function("h", [symbols(law.state), symbols(law.parameters), symbols(law.config)], [ca.densify(law.linearization.h)])
     wanted = [[r.name for r in law.reference].index(row.name) for row in law.output.rows]
     return Run(
         spec=spec,
@@ -125,13 +129,15 @@ def simulate(spec: Spec, backend: str | None = None, progress: Callable[[float],
         q=x[:, :n],
         nu=x[:, n:],
         tau=tau,
-        y=h(x.T, loop.plant.parameters, config.T).full().T,
+        y=outputs(law)(x.T, loop.plant.parameters, config.T).full().T,
         y_d=reference[:, wanted],
         status=np.array([row.status for row in rows]),
         forces=loop.plant.constraint_forces(x, tau),
         seen=np.array([row.seen for row in rows]),
         piece=np.array([row.piece for row in rows]),
         config=config,
+        integral=np.array([row.integral for row in rows]),
+        integral_rows=loop.integral.rows,
         warnings=loop.warnings,
     )
 

@@ -13,8 +13,10 @@ import numpy as np
 from ..model.law import ControlLaw, symbols
 from ..model.outputs import forward_speed
 from ..model.reduction import ReducedSystem
+from .angles import nearest_angle
 from .backends import Controller
 from .direct import Direct
+from .errors import BadInput
 
 if TYPE_CHECKING:
     from .tracking import Guide, Tracker
@@ -78,17 +80,36 @@ class Guidance(Protocol):
         """Go on to the next piece where this one has ended."""
 
 
+class ShortWay:
+    """Prepares references of a law: those of outputs in rad are taken the short way round from where the output is."""
+
+    def __init__(self, law: ControlLaw, parameters: np.ndarray, config: np.ndarray):
+        names = [q.name for q in law.reference]
+        rows = [(k, names.index(row.name)) for k, row in enumerate(law.output.rows) if row.unit == "rad"]
+        self._rows, self._fixed = rows, (parameters, config)
+        self._outputs = Direct(outputs(law))
+
+    def __call__(self, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """The reference to give to the controller, in the order of law.reference."""
+        if not self._rows:
+            return reference
+        prepared, y = np.array(reference, float), self._outputs(state, *self._fixed)[0]
+        for row, entry in self._rows:
+            prepared[entry] = nearest_angle(prepared[entry], y[row])
+        return prepared
+
+
 class OnePath:
-    """One path for all time, or none; the reference moves at a constant rate: offset + slope t."""
+    """One path for all time, or none; the reference moves at a constant rate, offset + slope t, headings the short way."""
 
     piece, arrived = 0, False
 
-    def __init__(self, leg: Leg, offset: np.ndarray, slope: np.ndarray):
-        self.leg, self._offset, self._slope = leg, offset, slope
+    def __init__(self, leg: Leg, offset: np.ndarray, slope: np.ndarray, prepare: ShortWay):
+        self.leg, self._offset, self._slope, self._prepare = leg, offset, slope, prepare
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Pure in t."""
-        return self._offset + self._slope * t
+        """As wanted at t."""
+        return self._prepare(x, self._offset + self._slope * t)
 
     def left(self, t: float, x: np.ndarray) -> float:
         """It does not end."""
@@ -98,16 +119,25 @@ class OnePath:
         """There is no other."""
 
 
+LOST = {  # status of a tracker -> why it cannot tell where on the path the robot is
+    "singular": "P_l is in the centre of the path's first arc; move it",
+    "range": "the heading is too large for sine and cosine; cut whole turns off",
+    "nonfinite": "P_l is too far from the path; move it nearer",
+}
+
+
 class Route:
     """A composite path: the tracker says which piece, the law of a line or arc follows it."""
 
     def __init__(self, law: ControlLaw, parameters: np.ndarray, tracker: Tracker, make_leg: LegMaker, start: np.ndarray):
-        """`parameters`: what the controller believes. Takes up the first piece."""
+        """`parameters`: what the controller believes. Takes up the first piece. Raises BadInput where it cannot be seen."""
         self._law, self._tracker, self._make_leg = law, tracker, make_leg
         self._motion, self._parameters = Direct(vehicle_motion(law.system)), parameters
         self._speed = [q.name for q in law.reference].index("speed")
         self._zeros = np.zeros(len(law.reference))
         self.piece, self.arrived = 0, False
+        if (reason := LOST.get(tracker.look(*self._seen(start)).status)) is not None:
+            raise BadInput(f"[initial]: {reason}")
         self.update(0.0, start)
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
@@ -128,6 +158,11 @@ class Route:
         if guide.changed:
             self.piece = guide.segment
             self.leg = self._make_leg(self._config(guide), x)
+
+    def faces(self, x: np.ndarray) -> float:
+        """Cosine of the angle between the vehicle's heading and the one in which it shall drive there."""
+        guide, heading = self._tracker.look(*self._seen(x)), self._seen(x)[2]
+        return float(np.cos(heading - guide.heading - guide.curvature * guide.progress - np.pi * guide.backward))
 
     def _config(self, guide: Guide) -> np.ndarray:
         given = {
@@ -150,3 +185,10 @@ def vehicle_motion(system: ReducedSystem) -> ca.Function:
     vehicle = system.mechanism.vehicle
     motion = ca.vertcat(vehicle.x, vehicle.y, vehicle.heading, forward_speed(system), system.along_motion(vehicle.heading))
     return ca.Function("motion", [symbols(system.state), system.mechanism.p], [ca.densify(motion)])
+
+
+@lru_cache(maxsize=16)
+def outputs(law: ControlLaw) -> ca.Function:
+    """Outputs y = h (14) of state, parameters and config."""
+    groups = [symbols(law.state), symbols(law.parameters), symbols(law.config)]
+    return ca.Function("outputs", groups, [ca.densify(law.linearization.h)])

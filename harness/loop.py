@@ -10,9 +10,10 @@ from ..model.linearization import SINGULAR
 from ..model.mechanism import values_of
 from ..model.outputs import body_point, forward_speed, reference_point
 from .backends import Limits, make_controller
-from .cases import gain_entries
+from .cases import gain_entries, integral_entries
 from .errors import BadInput
-from .guidance import Guidance, Leg, OnePath, Route, Side
+from .guidance import Guidance, Leg, OnePath, Route, ShortWay, Side
+from .integral import IntegralAction
 from .odometry import vehicle_wheels
 from .plant import Plant
 from .robots import find_robot, law_of
@@ -34,6 +35,7 @@ class Loop:
     plant: Plant
     guidance: Guidance
     start: np.ndarray
+    integral: IntegralAction
     sensing: Sensing | None
     warnings: tuple[str, ...] = ()
 
@@ -46,10 +48,20 @@ class Loop:
         if self.sensing:
             self.sensing.sense(t, x)
 
-    def command(self, t: float, x: np.ndarray) -> tuple[str, np.ndarray]:
-        """Status and inputs (N, N m) that the controller answers at time t in state x; zeros with an error."""
+    def error(self, t: float, x: np.ndarray) -> np.ndarray:
+        """y_d - y of the outputs with integral action, as the controller sees it."""
+        if not self.integral.rows:
+            return np.zeros(0)
+        seen = self.seen(x)
+        return self.integral.error(self.guidance.leg.controller, seen, self.guidance.reference(t, seen))
+
+    def command(self, t: float, x: np.ndarray, add: np.ndarray | float = 0.0) -> tuple[str, np.ndarray]:
+        """Status and inputs (N, N m) that the controller answers at time t in state x; zeros with an error.
+
+        `add`: what integral action adds for each output that has it.
+        """
         seen, leg = self.seen(x), self.guidance.leg
-        status, tau = leg.controller.step(seen, self.guidance.reference(t, seen))
+        status, tau = leg.controller.step(seen, self.integral.added(self.guidance.reference(t, seen), add))
         if status in RUNNING and leg.side(seen) <= 0:
             return "singular", np.zeros_like(tau)
         return status, tau
@@ -73,7 +85,7 @@ def make_loop(spec: Spec) -> Loop:
     believed = np.array(mechanism.parameter_values(spec.parameters))
     plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"))
     gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
-    limits = _limits(spec, len(mechanism.inputs))
+    limits, integral = _limits(spec, len(mechanism.inputs)), _integral(spec, law, gains)
 
     def make_leg(config: np.ndarray, x: np.ndarray) -> Leg:
         controller = make_controller(spec.simulation.backend, law, believed, config, gains, limits)
@@ -85,15 +97,18 @@ def make_loop(spec: Spec) -> Loop:
         L = tracker.options.L[spec.output.path.segments[0].backward]
         start = _start(_initial(spec, tracker.options), plant, L, spec.output.W)
         guidance = Route(law, believed, tracker, make_leg, start)
+        if guidance.faces(start) < 0:
+            warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
     else:
         spec, warnings = _facing(spec, law, believed)
         start = _start(spec.initial, plant, spec.output.L, spec.output.W)
-        guidance = OnePath(make_leg(_config(law, spec), start), *_reference(law, spec))
+        leg = make_leg(_config(law, spec), start)
+        guidance = OnePath(leg, *_reference(law, spec), ShortWay(law, believed, leg.config))
     sensing = None
     if spec.sensors:
         seen = (plant.parameters, believed, start, spec.simulation.backend)
         sensing = Sensing(spec.sensors, spec.correction, law.system, *seen)
-    loop = Loop(law, plant, guidance, start, sensing, warnings)
+    loop = Loop(law, plant, guidance, start, integral, sensing, warnings)
     _check_start(loop)
     return loop
 
@@ -104,6 +119,18 @@ def _limits(spec: Spec, inputs: int) -> Limits | None:
         return None
     torque = spec.limits.torque
     return Limits(torque * inputs if len(torque) == 1 else torque, spec.limits.mode)
+
+
+def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction:
+    ki = integral_entries(law, spec.gains)
+    if spec.limits is None:
+        return IntegralAction(law, gains, ki)
+    if any(ki.values()) and not spec.simulation.period:
+        raise BadInput(
+            "[limits] with a gain ki needs [simulation] period > 0: "
+            "at each call it is decided by the status of the last one whether the integral may grow"
+        )
+    return IntegralAction(law, gains, ki, spec.limits.integral)
 
 
 def _tracker(law: ControlLaw, spec: Spec, believed: np.ndarray):

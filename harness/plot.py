@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..model.law import symbols
-from .cases import gain_entries
+from .cases import gain_entries, integral_entries
 from .closed_loop import Run
 from .guidance import vehicle_motion
 from .spec import Path
@@ -64,6 +64,7 @@ def _title(run: Run) -> str:
     """Robot, law, backend; then the numbers it rests on."""
     simulation = run.spec.simulation
     held = f"controller called every {simulation.period:g} s" if simulation.period else "continuous"
+    held += f", acting {simulation.delay:g} s later" if simulation.delay else ""
     first = f"{run.law.system.mechanism.name}: {run.law.output.about}  ({run.law.name}, backend {simulation.backend}, {held})"
     names = [p.name for p in run.law.parameters]
     shown = [f"L = {run.spec.output.L:g} m", *[f"{name} = {value:g}" for name, value in _gains(run).items()]]
@@ -82,6 +83,7 @@ def _gains(run: Run) -> dict[str, float]:
     """Gains in use, kp, kd, kv for short where all of a kind are equal."""
     given = gain_entries(run.law, run.spec.gains, "gains")
     used = {gain.name: given.get(gain.name, gain.default) for gain in run.law.gains}
+    used |= {name: ki for name, ki in integral_entries(run.law, run.spec.gains).items() if ki}
     alike = {name[:2]: {value for other, value in used.items() if other[:2] == name[:2]} for name in used}
     return {name[:2] if len(alike[name[:2]]) == 1 else name: value for name, value in used.items()}
 

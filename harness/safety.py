@@ -81,6 +81,7 @@ def certify(loop: Loop, spec: Spec) -> Verdict:
     doubts = [
         (loop.law.output.path is None, "the outputs are not those of path following"),
         (bool(spec.plant), "the plant differs from what the controller believes"),
+        (bool(loop.integral.rows), "integral action changes the loop"),
         (loop.sensing is not None, "the controller does not see the true state"),
         (spec.limits is not None, "torque limits can bend the motion"),
         (spec.simulation.period > 0, "the controller is sampled"),

@@ -290,6 +290,10 @@ class Noise:
     mean: tuple[float, ...] = entry(one_or_more, (0.0,))
     sd: tuple[float, ...] = entry(one_or_more, (0.0,))
 
+    def __post_init__(self):
+        if min(self.sd, default=0.0) < 0:
+            raise BadInput(f"[sensors] noise sd = {min(self.sd):g} must be zero or positive")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
@@ -314,10 +318,14 @@ class Correction:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Largest input of each motor (N m; 0: none), one or one each; beyond it each is cut, or the robot slows down."""
+    """Largest input of each motor (N m; 0: none), one or one each; beyond it each is cut, or the robot slows down.
+
+    `integral`: the most that integral action may add to a wanted derivative (0: no limit), one or one for each output with ki.
+    """
 
     torque: tuple[float, ...] = entry(one_or_more)
     mode: str = entry(one_of("cut", "slow"), "slow")
+    integral: tuple[float, ...] = entry(one_or_more, (0.0,))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -337,10 +345,14 @@ class Contact:
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """How it is run: seconds, s between controller calls (0: continuous), s between rows, backend, integration tolerance."""
+    """How it is run: seconds, s between controller calls (0: continuous), s between rows, backend, integration tolerance.
+
+    `delay`: s from a call until what it answers acts, at most a period; until the first answer acts, no torque does.
+    """
 
     duration: float = entry(number("positive"))
     period: float = entry(number("nonnegative"), 0.0)
+    delay: float = entry(number("nonnegative"), 0.0)
     output_step: float = entry(number("positive"), 0.01)
     backend: str = entry(text, "c")
     tolerance: float = entry(number("positive"), 1e-10)
@@ -349,6 +361,9 @@ class Simulation:
         low, high = TOLERANCES
         if not low <= self.tolerance <= high:
             raise BadInput(f"[simulation] tolerance = {self.tolerance:g} must lie between {low:g} and {high:g}")
+        if self.delay > self.period:
+            limit = f"at most the period, {self.period:g} s" if self.period else "0 without a period: nothing is sampled"
+            raise BadInput(f"[simulation] delay = {self.delay:g} must be {limit}")
         if self.duration / self.output_step > MOST_ROWS:
             raise BadInput(f"[simulation] output_step = {self.output_step:g} gives more than {MOST_ROWS} rows; make it longer")
         if self.period and self.duration / self.period > MOST_ROWS:
@@ -359,7 +374,10 @@ class Simulation:
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """One closed-loop run. `parameters` is what the controller believes, `plant` where the truth differs."""
+    """One closed-loop run. `parameters` is what the controller believes, `plant` where the truth differs.
+
+    `gains` of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... give the law integral action.
+    """
 
     robot: str = entry(text)
     parameters: Mapping[str, float] = entry(named_numbers, {})

@@ -377,6 +377,7 @@ def test_outcomes_are_counted(small):
         "0 claims hold, 1 FAILS: it is fast",
         "0 claims hold, 1 FAILS: it rolls",
     ]
+    assert summary([dataclasses.replace(small[0], claims=[])]) == "no claims"
     top = report(small).split("<table>")[0]
     assert "It flies" not in top and "it flies: does not hold (as found here)" in top and "it is fast: FAILS" in top
 

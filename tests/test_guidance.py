@@ -10,7 +10,7 @@ from noslip.harness.closed_loop import simulate
 from noslip.harness.errors import BadInput
 from noslip.harness.loop import make_loop
 from noslip.harness.safety import certify
-from noslip.harness.spec import Correction, Limits, Noise, Path, Sensors, Spec
+from noslip.harness.spec import Correction, Limits, Noise, Path, Reference, Sensors, Spec
 from noslip.model.segments import Segment
 from noslip.tests.test_simulate import CIRCLE, LINE, SPECS, beside_line, changed
 
@@ -127,6 +127,22 @@ def test_bad_paths_are_refused_before_anything_moves(name, backend):
         make_loop(changed(composite(path), simulation={"backend": backend}))
 
 
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [({"point": (0.0, 5.0)}, "centre"), ({"heading": 2e6}, "cut whole turns"), ({"point": (1e300, 0.0)}, "far")],
+)
+@pytest.mark.parametrize("backend", ["c", "casadi"])
+def test_a_start_that_the_tracker_cannot_place_is_refused(backend, start, said):
+    with pytest.raises(BadInput, match=said):
+        make_loop(changed(composite(ARC_LINE_ARC), initial=start, simulation={"backend": backend}))
+
+
+def test_a_start_against_the_direction_of_travel_is_said():
+    loop = make_loop(changed(composite(ARC_LINE_ARC), initial={"heading": 3.0}))
+    assert "against the direction of travel" in loop.warnings[0]
+    assert not make_loop(composite(ARC_LINE_ARC)).warnings
+
+
 NOISE = Sensors(noise=Noise(mean=(5.0, 0.5), sd=(3.0, 3.0)), seed=7)
 
 
@@ -143,6 +159,11 @@ def test_noise_is_the_same_for_the_same_seed_in_c_and_in_python():
     assert np.abs(runs[0].x - runs[2].x).max() < 1e-8 and np.abs(runs[0].seen - runs[2].seen).max() < 1e-8
     other = simulate(dataclasses.replace(spec, sensors=dataclasses.replace(NOISE, seed=8)))
     assert np.abs(runs[0].x - other.x).max() > 1e-3
+
+
+def test_noise_has_no_negative_spread():
+    with pytest.raises(BadInput, match="sd = -1"):
+        Noise(sd=(-1.0,))
 
 
 def test_noise_has_the_stated_mean_and_spread():
@@ -236,7 +257,11 @@ def test_starts_on_the_circle_are_judged_as_they_run(heading):
 
 
 def test_what_the_proof_does_not_cover_is_not_proved():
-    for spec in (changed(LINE, simulation={"period": 0.01}), dataclasses.replace(LINE, plant={"m_c": 60.0})):
+    for spec in (
+        changed(LINE, simulation={"period": 0.01}),
+        dataclasses.replace(LINE, plant={"m_c": 60.0}),
+        dataclasses.replace(LINE, gains={"ki": 0.5}),
+    ):
         assert certify(make_loop(spec), spec).kind == "not_proved"
 
 
@@ -248,3 +273,15 @@ def test_a_spec_is_changed_on_the_command_line(tmp_path, capsys):
     for wrong in ("simulation.duration", "simulation.durration=1", "robot=labmate"):
         assert main(["simulate", line, "-o", str(target), "--set", wrong]) == 2
         assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_headings_are_taken_the_short_way_round():
+    """Type II from heading 3.0 to -3.0: over pi, 0.28 rad, not 6 rad back; whole turns in the reference change nothing."""
+    output = {"type": "II", "path": None}
+    reference = Reference(position=(0.0, -3.0), velocity=(0.0, 0.0))
+    spec = changed(LINE, output=output, reference=reference, initial={"point": (0.0, 0.0), "heading": 3.0})
+    spec = changed(spec, simulation={"duration": 12.0})
+    run = simulate(spec)
+    assert abs(run.q[-1, 2] - (2 * math.pi - 3.0)) < 0.02 and run.q[:, 2].min() > 2.99
+    turned = simulate(changed(spec, reference={"position": (0.0, -3.0 + 20 * math.pi)}))
+    assert np.abs(run.x - turned.x).max() < 1e-9

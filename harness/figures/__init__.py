@@ -61,7 +61,10 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(as_json(made), indent=1, ensure_ascii=False))
     where = os.path.join(args.out, "report.html")
-    print(f"{where}: {len(made)} figures; {summary(made)}", file=sys.stderr if args.json else sys.stdout)
+    print(
+        f"{where}: {len(made)} figure{'s' if len(made) > 1 else ''}; {summary(made)}",
+        file=sys.stderr if args.json else sys.stdout,
+    )
     return 0 if all(claim.as_expected for each in made for claim in each.claims) else 1
 
 

@@ -68,7 +68,7 @@ def _mark_sides(axes: Axes, run: Outcome) -> None:
 def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
     """The path with its cusps and the robot there; speed, L and distance over time."""
     run = runs[DRIVEN]
-    titles = ("path of the axle's middle", "forward speed", "distance of $P_l$ from the path", "s, sine of the angle to the path")
+    titles = ("path of the axle's middle", "forward speed", "distance of $P_l$ from the path", "s, sine of the angle to it")
     figure, axes = panels(*titles, height=4.8, widths=(1.25, 1, 1, 1))
     _draw_segments(axes[0], _segments(run), "planned: shortest, radius ≥ 2.5 m")
     for reverse, colour, label in ((False, FORWARD, "driven forward"), (True, BACKWARD, "driven in reverse")):
@@ -97,7 +97,7 @@ def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
     for k in cusps:
         text = f"{run.speed[k] * 1e3:+.1f} mm/s".replace("-", "−")
         axes[1].annotate(text, (run.t[k], 0.0), (4, 6), textcoords="offset points", color=STOP, fontsize=8)
-    axes[1].legend(loc="lower right")
+    axes[1].legend(loc="center", bbox_to_anchor=(0.44, 0.76))
     return figure
 
 
@@ -263,7 +263,10 @@ FIGURES = (
         "Beyond the paper: waypoints, as arcs and lines within a tolerance",
         "The paper argues that any path can be broken down into lines and arcs. Here a smooth curve through waypoints is.",
         "",
-        {HELD: Case("waypoints.toml"), CONTINUOUS: Case("waypoints.toml", {"simulation.period": 0.0})},
+        {
+            HELD: Case("waypoints.toml"),
+            CONTINUOUS: Case("waypoints.toml", {"simulation.period": 0.0, "simulation.tolerance": 1e-12}),
+        },
         draw_waypoints,
         claims_waypoints,
     ),

@@ -60,6 +60,8 @@ def report(made: Sequence[Made]) -> str:
 def summary(made: Iterable[Made]) -> str:
     """How many claims hold, how many do not as was found before, how many fail."""
     claims = [claim for each in made for claim in each.claims]
+    if not claims:
+        return "no claims"
     failing = [claim for claim in claims if not claim.as_expected]
     found = [claim for claim in claims if claim.as_expected and not claim.holds]
     said = [_count(len(claims) - len(failing) - len(found), "claim holds", "claims hold")]

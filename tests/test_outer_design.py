@@ -1,0 +1,323 @@
+"""Design and linear analysis of the outer loop's channels: against closed forms, python-control, and brute force."""
+
+import math
+
+import control
+import mpmath
+import numpy as np
+import pytest
+from noslip.harness.errors import BadInput
+from noslip.harness.outer.channel import Channel, Required, longest_period, longest_period_with
+from noslip.harness.outer.design import (
+    Gains,
+    from_discrete_poles,
+    from_lqr,
+    from_poles,
+    from_settling,
+    settling_time,
+)
+from noslip.harness.outer.exponential import exponential
+from noslip.harness.outer.margins import margins, structured
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+PAPER, SPEED = Gains(2, 1.0, 2.5), Gains(1, 2.0)
+INTEGRAL, SPEED_INTEGRAL = Gains(2, 1.0, 2.5, 0.3), Gains(1, 2.0, 0.0, 0.5)
+ALL = (PAPER, SPEED, INTEGRAL, SPEED_INTEGRAL)
+NAN, INF = math.nan, math.inf
+
+each_channel = pytest.mark.parametrize("gains", ALL, ids=["pd", "p", "pid", "pi"])
+with_delay = pytest.mark.parametrize("delay", [False, True], ids=["prompt", "late"])
+
+
+def held(gains: Gains, period: float, delay: bool) -> np.ndarray:
+    """The channel's map over a period, from the matrix exponential; the integral sums the errors at the calls."""
+    degree = gains.degree
+    chain = np.zeros((degree + 1, degree + 1))
+    chain[:-1, 1:] = np.eye(degree)
+    move = expm(chain * period)  # of y, ydot with the held v as the last entry
+    size = degree + bool(gains.integral) + delay
+    answer = np.zeros(size)
+    answer[:degree] = [-gains.error, -gains.rate][:degree]
+    if gains.integral:
+        answer[degree] = gains.integral
+    whole = np.zeros((size, size))
+    whole[:degree, :degree] = move[:degree, :degree]
+    if gains.integral:
+        whole[degree, degree], whole[degree, 0] = 1.0, -period
+    if delay:
+        whole[:degree, -1] = move[:degree, -1]
+        whole[-1] = answer
+    else:
+        whole[:degree] += np.outer(move[:degree, -1], answer)
+    return whole
+
+
+def random_gains(seed: int) -> Gains:
+    random = np.random.default_rng(seed)
+    degree, integral = random.integers(1, 3), bool(random.integers(2))
+    return from_poles(degree, -random.uniform(0.3, 5, degree + integral), integral)
+
+
+# -- design ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_poles_are_where_they_were_asked_for(seed):
+    random = np.random.default_rng(seed)
+    degree, integral = int(random.integers(1, 3)), bool(random.integers(2))
+    count = degree + integral
+    pair = complex(-random.uniform(0.1, 3), random.uniform(0.1, 3))
+    wanted = ([pair, pair.conjugate()] if count > 1 else []) + [-random.uniform(0.1, 3)] * (count % 2)
+    gains = from_poles(degree, wanted, integral)
+    matrix = np.zeros((count, count))  # of the error's integral, the error and its rate, written out
+    matrix[:-1, 1:] = np.eye(count - 1)
+    matrix[-1] = -np.array([*([gains.integral] if integral else []), *[gains.error, gains.rate][:degree]])
+    for pole in wanted:
+        assert np.abs(np.linalg.eigvals(matrix) - pole).min() < 1e-6
+    assert np.abs(np.sort_complex(gains.poles) - np.sort_complex(wanted)).max() < 1e-6
+
+
+def test_paper_gains():
+    assert from_poles(2, [-0.5, -2]) == PAPER and from_poles(1, [-2]) == SPEED
+    assert PAPER.named("distance") == {"kp_distance": 1.0, "kd_distance": 2.5}
+    assert SPEED_INTEGRAL.named("speed") == {"kv_speed": 2.0, "ki_speed": 0.5}
+
+
+def test_settling_in_closed_form():
+    """Critically damped (1 + w t) exp(-w t) = 0.02; one pole exp(-k t) = 0.02; overdamped by the two exponentials."""
+    reached = float(mpmath.findroot(lambda x: (1 + x) * mpmath.exp(-x) - 0.02, 5.8))
+    gains = from_settling(2, 4.0)
+    assert gains.error == pytest.approx((reached / 4) ** 2, rel=1e-11) and gains.rate == pytest.approx(2 * reached / 4, rel=1e-11)
+    assert from_settling(1, 4.0).error == pytest.approx(math.log(50) / 4, rel=1e-12)
+    slow, fast = 0.5, 2.0
+
+    def left(t: float) -> float:
+        return (fast * math.exp(-slow * t) - slow * math.exp(-fast * t)) / (fast - slow) - 0.02
+
+    overdamped = brentq(left, 5, 20, xtol=1e-13)
+    assert settling_time(PAPER) == pytest.approx(overdamped, rel=1e-12)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("integral", [False, True])
+@pytest.mark.parametrize("damping", [0.3, 0.6, 1.0, 1.25, 3.0])
+def test_settles_when_it_shall(degree, integral, damping):
+    """The error, integrated: 2 % at the time asked for, and within from then on."""
+    gains = from_settling(degree, 3.0, damping, integral)
+
+    def rate(t: float, x: np.ndarray) -> list[float]:
+        z, e, e_rate = x
+        v = -gains.integral * z - gains.error * e
+        return [e, v, 0.0] if degree == 1 else [e, e_rate, v - gains.rate * e_rate]
+
+    found = solve_ivp(rate, (0, 9), [0, 1, 0], "DOP853", rtol=1e-11, atol=1e-13, t_eval=np.linspace(0, 9, 3001))
+    error, after = np.abs(found.y[1]), found.t >= 3.0
+    assert error[1000] == pytest.approx(0.02, abs=1e-8) and error[after].max() <= 0.02 + 1e-8
+    if degree == 2 and damping >= 1 and not integral:
+        assert found.y[1].min() > 0  # no overshoot beside a wall
+
+
+def test_lqr_in_closed_form():
+    """Double integrator: kp = v/e, kd^2 = v^2/r^2 + 2 v/e; a single one: kv = v/e."""
+    e, r, v = 0.1, 0.2, 0.5
+    gains = from_lqr(2, [e, r, v])
+    assert gains.error == pytest.approx(v / e, rel=1e-10)
+    assert gains.rate == pytest.approx(math.sqrt(v**2 / r**2 + 2 * v / e), rel=1e-10)
+    assert from_lqr(1, [e, v]).error == pytest.approx(v / e, rel=1e-10)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_lqr_is_python_controls(degree):
+    largest = [0.1, 0.2][:degree] + [0.3, 0.5]
+    A, B = np.eye(degree + 1, k=1), np.eye(degree + 1)[:, -1:]
+    Q = np.diag([1 / 0.3**2, 1 / 0.1**2, 1 / 0.2**2][: degree + 1])
+    K = control.lqr(A, B, Q, [[4.0]], method="scipy")[0][0]
+    gains = from_lqr(degree, largest, integral=True)
+    assert gains.vector == pytest.approx(K, rel=1e-9)
+    sampled = control.c2d(control.ss(A[1:, 1:], B[1:], np.eye(degree), 0), 0.1)
+    discrete = control.dlqr(sampled.A, sampled.B, Q[1:, 1:], [[4.0]], method="scipy")[0][0]
+    assert from_lqr(degree, [*largest[:degree], 0.5], period=0.1).vector == pytest.approx(discrete, rel=1e-9)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("integral", [False, True])
+def test_discrete_poles(degree, integral):
+    poles = [0.9, 0.8, 0.95][: degree + integral]
+    gains = from_discrete_poles(degree, poles, 0.1, integral)
+    assert np.sort(np.linalg.eigvals(held(gains, 0.1, False)).real) == pytest.approx(sorted(poles), abs=1e-7)
+    assert np.sort(Channel("y", "m", gains, 0.1).poles.real) == pytest.approx(sorted(poles), abs=1e-7)
+
+
+def test_deadbeat():
+    assert from_discrete_poles(2, [0, 0], 0.1) == Gains(2, pytest.approx(100.0), pytest.approx(15.0))
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda: from_poles(2, [1, -2]), "pole at 1 1/s is unstable"),
+        (lambda: from_poles(2, [0, -2]), "pole at 0 1/s is unstable"),
+        (lambda: from_poles(2, [-1, -2, -3]), "improper"),
+        (lambda: from_poles(1, [-1, -2, -3], True), "improper"),
+        (lambda: from_poles(2, [-1]), "1 poles for a channel that has 2"),
+        (lambda: from_poles(2, [-1 + 1j, -2]), "conjugate"),
+        (lambda: from_poles(2, [NAN, -1]), "not finite"),
+        (lambda: from_poles(2, ["a", -1]), "not numbers"),
+        (lambda: from_poles(3, [-1, -1, -1]), "relative degree 3"),
+        (lambda: from_settling(2, 0.0), "must be positive"),
+        (lambda: from_settling(2, -1.0), "must be positive"),
+        (lambda: from_settling(2, 1.0, NAN), "must be positive and finite"),
+        (lambda: from_settling(2, "1"), "is not a number"),
+        (lambda: from_lqr(2, [1, 1]), "LQR takes 3"),
+        (lambda: from_lqr(2, [1, 0, 1]), "largest rate = 0"),
+        (lambda: from_lqr(2, [1, 1, 1], period=0.0), "period = 0"),
+        (lambda: from_discrete_poles(2, [1.0, 0.5], 0.1), "unstable"),
+        (lambda: from_discrete_poles(2, [0.5, 0.5], 0.0), "period = 0"),
+        (lambda: Gains(2, -1.0, 2.0).check(), "negative"),
+        (lambda: Gains(2, 1.0, 0.0).check("d"), "d: unstable"),
+        (lambda: Gains(2, 1.0, 1.0, 2.0).check(), "unstable, it has a pole at"),
+        (lambda: Gains(1, NAN).check(), "not finite"),
+        (lambda: Channel("y", "m", PAPER, 0.0), "period = 0"),
+        (lambda: Channel("y", "m", PAPER, delay=True), "needs a period"),
+        (lambda: Channel("y", "m", PAPER, 0.81).margins(), "stable below 0.8 s"),
+        (lambda: Channel("y", "m", PAPER, 0.37, True).margins(), "with a sample's delay, is beyond stability"),
+    ],
+)
+def test_refused(make, reason):
+    with pytest.raises(BadInput) as refused:
+        make()
+    assert reason in str(refused.value)
+
+
+@pytest.mark.parametrize("size", [1, 3, 8])
+@pytest.mark.parametrize("norm", [0.0, 1e-3, 1.0, 40.0])
+def test_exponential(size, norm):
+    matrix = np.random.default_rng(size).normal(size=(size, size))
+    matrix *= norm / np.linalg.norm(matrix)
+    assert np.abs(exponential(matrix) - expm(matrix)).max() <= 1e-13 * max(1.0, norm) * np.abs(expm(matrix)).max()
+
+
+# -- sampled channels ------------------------------------------------------------------------------------------------
+
+
+@each_channel
+@with_delay
+def test_discrete_model(gains, delay):
+    """Poles, and the plant as python-control samples it."""
+    channel = Channel("y", "m", gains, 0.13, delay)
+    wanted = np.linalg.eigvals(held(gains, 0.13, delay))
+    assert np.abs(np.sort_complex(channel.poles) - np.sort_complex(wanted)).max() < 1e-7
+    sampled = control.c2d(Channel("y", "m", gains).plant(), 0.13)
+    assert np.abs(channel.plant().A - sampled.A).max() < 1e-12 and np.abs(channel.plant().B - sampled.B).max() < 1e-12
+    assert channel.plant().output_labels == ["y", "y_rate"][: gains.degree] and channel.plant().input_labels == ["v_y"]
+
+
+def test_longest_period_in_closed_form():
+    """Double integrator: min(2/kd, 2 kd/kp); single: 2/kv; with a sample's delay z^2 - z + kv T: 1/kv."""
+    for kp, kd in ((1.0, 2.5), (4.0, 5.0), (9.0, 0.5)):
+        assert longest_period(Gains(2, kp, kd)) == pytest.approx(min(2 / kd, 2 * kd / kp), rel=1e-12)
+    assert longest_period(SPEED) == pytest.approx(1.0, rel=1e-12)
+    assert longest_period(SPEED, delay=True) == pytest.approx(0.5, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(12))
+@with_delay
+def test_longest_period(seed, delay):
+    """On the unit circle at that period, inside at every shorter one: eigenvalues of the matrix exponential's map."""
+    gains = random_gains(seed)
+    limit = longest_period(gains, delay)
+    radius = [np.abs(np.linalg.eigvals(held(gains, part * limit, delay))).max() for part in np.linspace(0.01, 0.99, 99)]
+    assert max(radius) < 1
+    at, beyond = (np.abs(np.linalg.eigvals(held(gains, part * limit, delay))).max() for part in (1, 1.01))
+    assert at == pytest.approx(1, abs=1e-7) and beyond > 1
+
+
+def test_longest_period_with_margins():
+    """A gain margin of 2 with the held double integrator: the gain may double until kd T = 1, kp T = kd."""
+    none = {"phase": 1e-3, "Ms": 1e3}
+    channel = Channel("y", "m", PAPER)
+    assert longest_period_with(channel, Required(gain=2.0, **none)) == pytest.approx(0.4, rel=1e-9)
+    phase = longest_period_with(channel, Required(gain=1.001, phase=math.radians(60), Ms=1e3))
+    assert Channel("y", "m", PAPER, phase).margins().phase == pytest.approx(math.radians(60), abs=1e-9)
+    peak = longest_period_with(channel, Required(gain=1.001, phase=1e-3, Ms=1.5))
+    assert Channel("y", "m", PAPER, peak).margins().Ms == pytest.approx(1.5, abs=1e-8)
+    assert longest_period_with(channel, Required(gain=2.0, phase=math.radians(89))) == 0  # not even in continuous time
+
+
+# -- margins ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("sampled", [False, True])
+def test_margins_are_python_controls(seed, sampled):
+    gains = random_gains(seed)
+    period = 0.2 * longest_period(gains) if sampled else None
+    loop = Channel("y", "m", gains, period).loop()
+    found = margins(loop)
+    omega = np.geomspace(1e-3, np.pi / period if sampled else 1e3, 4000)
+    response = loop(np.exp(1j * omega * period) if sampled else 1j * omega)
+    data = control.frd(response, omega)
+    gain, phase, _, _, crossover, _ = control.stability_margins(data)
+    assert found.phase == pytest.approx(math.radians(phase), abs=1e-4) and found.crossover == pytest.approx(crossover, rel=1e-4)
+    if gain < 1:  # the margin that python-control finds nearest; ours are both
+        assert found.gain_down == pytest.approx(gain, rel=1e-4)
+    S = 1 / (1 + response)
+    assert found.Ms == pytest.approx(max(1.0, np.abs(S).max()) if not sampled else np.abs(S).max(), abs=1e-5)
+    assert found.Mt == pytest.approx(np.abs(1 - S).max(), abs=1e-5)
+    disk, disk_gain, disk_phase = control.disk_margins(loop, omega[::10])
+    assert found.disk <= disk + 1e-12 and found.disk == pytest.approx(disk, abs=1e-3)
+    if disk < 1.999:
+        assert found.disk_phase == pytest.approx(math.radians(disk_phase), abs=1e-3)
+        assert 20 * math.log10(found.disk_gain) == pytest.approx(disk_gain, abs=0.05)
+
+
+@each_channel
+@with_delay
+def test_gain_margins_are_the_limits_of_stability(gains, delay):
+    """At the factors found the closed loop has a pole on the unit circle; a delay of the margin's size uses the phase up."""
+    channel = Channel("y", "m", gains, 0.05, delay)
+    found, loop = channel.margins(), channel.loop()
+
+    def radius(factor: float) -> float:
+        return float(np.abs(np.linalg.eigvals(loop.A - factor * loop.B @ loop.C)).max())
+
+    assert radius(found.gain) == pytest.approx(1, abs=1e-7) and radius(0.999 * found.gain) < 1 < radius(1.001 * found.gain)
+    if found.gain_down:
+        assert radius(found.gain_down) == pytest.approx(1, abs=1e-7) and radius(0.999 * found.gain_down) > 1
+    L = complex(loop(np.exp(1j * found.crossover * 0.05)))
+    assert L * np.exp(-1j * found.crossover * found.delay) == pytest.approx(-1, abs=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_structured_singular_value(seed):
+    """Two factors: the least scaled singular value is also the largest spectral radius over their phases."""
+    random = np.random.default_rng(seed)
+    M = random.normal(size=(1, 2, 2)) + 1j * random.normal(size=(1, 2, 2))
+    turned = [np.diag([1, np.exp(1j * angle)]) @ M[0] for angle in np.linspace(0, 2 * np.pi, 20_001)]
+    assert structured(M)[0] == pytest.approx(np.abs(np.linalg.eigvals(turned)).max(), rel=1e-6)
+
+
+def test_disk_margin_of_two_loops_side_by_side():
+    """Without coupling, that of the worse one: what slycot would be needed for in python-control."""
+    first, second = (Channel("y", "m", gains, 0.1).loop() for gains in (PAPER, SPEED))
+    both = margins(control.append(first, second))
+    assert both.disk == pytest.approx(min(margins(first).disk, margins(second).disk), rel=1e-6)
+    assert both.Ms == pytest.approx(max(margins(first).Ms, margins(second).Ms), rel=1e-6) and math.isnan(both.gain)
+
+
+@each_channel
+@pytest.mark.parametrize("period", [None, 0.05])
+def test_step_response(gains, period):
+    """Ends at 1; follows the differential equation, or the map, from the matrix exponential."""
+    channel = Channel("y", "m", gains, period)
+    times = np.linspace(0, 40, 4001) if period is None else 0.05 * np.arange(801)
+    y, v = control.step_response(channel.closed(), times, squeeze=False).outputs[[0, -1], 0]
+    assert y[-1] == pytest.approx(1, abs=1e-3) and v[0] == pytest.approx(gains.error)
+    if period:
+        whole, state = held(gains, period, False), np.zeros(gains.degree + bool(gains.integral))
+        state[0] = -1.0  # from where y = 1 is at rest
+        for value in y[:200]:
+            assert value == pytest.approx(1 + state[0], abs=1e-10)
+            state = whole @ state
