@@ -53,5 +53,5 @@ class Segment:
     def _seen_from_start(self, x: float, y: float) -> tuple[float, float]:
         """Along the direction of travel at the start, and to the left of it."""
         cosine, sine = math.cos(self.heading), math.sin(self.heading)
-        dx, dy = x - self.x, y - self.y
+        dx, dy = float(x - self.x), float(y - self.y)
         return cosine * dx + sine * dy, cosine * dy - sine * dx
