@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
         raise BadInput(f"{args.out}: exists and is not an empty folder; choose another")
     generated = selected_files(args)
-    files = {**runtime_files(), **generated, **example(generated, selected_laws(args)[0])}
+    files = {**_runtime(args.scalar), **generated, **example(generated, selected_laws(args)[0])}
     parent = target.parent
     parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=parent, prefix=".noslip-") as work:
@@ -52,3 +52,11 @@ def run(args: argparse.Namespace) -> int:
         os.replace(made, target)
     print(f"{args.out}: {len(files)} files; `make -C {args.out}` builds the library and runs {robot_name(generated)}'s example")
     return 0
+
+
+def _runtime(scalar: str) -> dict[str, str]:
+    """The hand-written C that a scalar needs: a source that has a float twin is left out where only one of them is wanted."""
+    files = runtime_files()
+    twins = {name: name.removesuffix(".c") + "_f.c" for name in files if name.removesuffix(".c") + "_f.c" in files}
+    unwanted = {"double": set(twins.values()), "float": set(twins), "both": set()}[scalar]
+    return {name: text for name, text in files.items() if name not in unwanted}

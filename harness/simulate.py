@@ -4,9 +4,13 @@ import argparse
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .errors import BadInput
 from .files import check_targets, write_whole
+
+if TYPE_CHECKING:
+    from .closed_loop import Run
 
 EXAMPLE = """example:
   noslip simulate specs/line.toml -o run.csv --plot run.png"""
@@ -57,15 +61,12 @@ def run(arguments: argparse.Namespace) -> int:
     """`noslip simulate`: 0, or 1 when the run stopped before its time. Raises BadInput, ModelError, OSError."""
     from ..model.errors import ModelError
     from .closed_loop import simulate  # slow to import, as are models
-    from .contact import draw_contact, grip
+    from .contact import grip
     from .loop import make_loop
-    from .plot import draw as draw_run
-    from .plot import picture
     from .safety import certify
     from .vary import change, read_varied
 
-    pictures = {draw: file for draw, file in ((draw_run, arguments.plot), (draw_contact, arguments.contact)) if file}
-    check_targets([arguments.output], list(pictures.values()))
+    check_targets([arguments.output], [file for file in (arguments.plot, arguments.contact) if file])
     spec = read_varied(arguments.spec, dict(map(change, arguments.set)))
     progress = Progress(spec.simulation.duration)
     try:
@@ -73,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         if verdict.kind == "singular":
             print(f"{arguments.spec}: warning: this start will be singular: {verdict.reason}", file=sys.stderr)
         done = simulate(spec, progress=progress)
-        drawn = {file: picture(draw(done), Path(file).suffix[1:]) for draw, file in pictures.items()}
+        drawn = _pictures(done, arguments)
     except (BadInput, ModelError) as error:
         raise BadInput(f"{arguments.spec}: {error}") from error
     finally:
@@ -89,3 +90,14 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{arguments.spec}: stopped at t = {done.t[-1]:.9g} s: {done.stopped}", file=sys.stderr)
         return 1
     return 0
+
+
+def _pictures(done: "Run", arguments: argparse.Namespace) -> dict[str, bytes]:
+    """What was asked for: file name -> content."""
+    if not (arguments.plot or arguments.contact):
+        return {}
+    from .contact import draw_contact
+    from .plot import draw, picture  # slow to import
+
+    wanted = ((draw, arguments.plot), (draw_contact, arguments.contact))
+    return {file: picture(made(done), Path(file).suffix[1:]) for made, file in wanted if file}

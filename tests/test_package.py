@@ -200,7 +200,8 @@ def test_export_builds_as_it_is(cc, selection, tmp_path):
 
 def test_export_holds_what_was_asked_for(exported):
     names = {path.name for path in exported.iterdir()}
-    assert names == {path.name for path in (ROOT / "runtime_c").iterdir()} | {
+    runtime = {path.name for path in (ROOT / "runtime_c").iterdir()} - {"noslip_path.c"}  # the twin in double
+    assert names == runtime | {
         "labmate_f.c",
         "labmate_f.h",
         "labmate_type_iv_circle_f.c",
@@ -348,3 +349,10 @@ def test_listed_packages_are_the_folders():
     assert "noslip.runtime_c" in listed
     kinds = {f"*{path.suffix}" for path in (ROOT / "runtime_c").iterdir()}
     assert kinds == set(tool["package-data"]["noslip.runtime_c"])
+
+
+@pytest.mark.parametrize(("scalar", "there", "not_there"), [("float", "_f.c", ".c"), ("double", ".c", "_f.c")])
+def test_export_of_one_scalar_has_no_source_of_the_other(scalar, there, not_there, tmp_path):
+    folder = tmp_path / "one"
+    assert main(["export", "labmate", "--output", "type_i", "--scalar", scalar, "-o", str(folder)]) == 0
+    assert (folder / f"noslip_path{there}").exists() and not (folder / f"noslip_path{not_there}").exists()
