@@ -42,7 +42,7 @@ class Target:
     name = "host"
     prefix = ""
     flags: Sequence[str] = ()
-    startup: Sequence[str] = ()
+    startup: Sequence[Path] = ()
     link: Sequence[str] = ()
     runner: Sequence[str] = ("valgrind",)
 
@@ -64,7 +64,7 @@ class Target:
         laws = dict.fromkeys(program.law for program in programs)
         suffix = "_f" if scalar == "float" else ""
         plain = [folder / "main.c", *(shared / f"cases_{law}_{scalar}.c" for law in laws), shared / f"labmate{suffix}.c"]
-        plain += [BENCH / name for name in self.startup]
+        plain += self.startup
         image = folder / "image"
         flags = [*COMMON, *LANGUAGE["c"], *self.flags, f"-I{RUNTIME}", f"-I{shared}"]
         run([self.prefix + "gcc", *flags, *map(str, plain + objects), *self.link, "-lm", "-o", str(image)], folder)
@@ -114,8 +114,8 @@ class CortexM4F(Target):
     name = "cortex-m4f"
     prefix = "arm-none-eabi-"
     flags = tuple(M4F)
-    startup = ("target/start_m4f.c",)
-    link = ("-nostartfiles", "--specs=nosys.specs", f"-T{BENCH / 'target/mps2-an386.ld'}", "-Wl,--gc-sections")
+    startup = (BENCH.parent / "firmware/boards/start_cortex_m.c",)
+    link = ("-nostartfiles", "--specs=nosys.specs", f"-T{BENCH.parent / 'firmware/boards/mps2-an386.ld'}", "-Wl,--gc-sections")
     runner = ("qemu-system-arm", "gcc")
 
     def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, tuple]:

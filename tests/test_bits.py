@@ -24,9 +24,8 @@ RUNTIME, GENERATED, DRIVERS, BOARDS = (
     ROOT / "runtime_c",
     ROOT / "generated" / "labmate",
     ROOT / "tests" / "c",
-    ROOT / "bench/target",
+    ROOT / "firmware/boards",
 )
-BARE = DRIVERS / "bare"
 SOURCES = [DRIVERS / "law_digest.c", *sorted(RUNTIME.glob("*.c")), *sorted(GENERATED.glob("*.c"))]
 INCLUDE = [f"-I{folder}" for folder in (RUNTIME, GENERATED, DRIVERS)]
 STANDARD = "-std=c99 -ffp-contract=off -fno-math-errno"
@@ -66,7 +65,7 @@ def cortex(machine: str, flags: str) -> Target:
         f"{flags} -mthumb -mfloat-abi=hard",
         "thumbv7em-none-eabihf",
         "arm-none-eabi-gcc",
-        (BOARDS / "start_m4f.c", BARE / "semihosting.c", BARE / "string.c"),
+        (BOARDS / "start_cortex_m.c", DRIVERS / "law_digest_bare.c", BOARDS / "string.c"),
         f"-nostdlib -T {shlex.quote(str(BOARDS / 'mps2-an386.ld'))} -lgcc",
         ("qemu-system-arm", *f"-M {machine} {CONSOLE}".split()),
     )
@@ -78,8 +77,8 @@ def rv32(flags: str, cpu: str = "rv32") -> Target:
         f"{flags} -mcmodel=medany",
         "riscv32-unknown-elf",
         "riscv64-unknown-elf-gcc",
-        (BARE / "start_rv32.c", BARE / "semihosting.c", BARE / "string.c"),
-        f"-nostdlib -T {shlex.quote(str(BARE / 'virt.ld'))} -lgcc",
+        (BOARDS / "start_rv32.c", DRIVERS / "law_digest_bare.c", BOARDS / "string.c"),
+        f"-nostdlib -T {shlex.quote(str(BOARDS / 'virt.ld'))} -lgcc",
         ("qemu-system-riscv32", *f"-M virt -cpu {cpu} -bios none {CONSOLE}".split()),
     )
 
@@ -94,7 +93,7 @@ TARGETS = {
     "rv32imac": rv32("-march=rv32imac -mabi=ilp32", "rv32,f=false,d=false"),
     "wasm32": Target(
         clang="wasm32",
-        start=(BARE / "string.c",),
+        start=(BOARDS / "string.c",),
         link="-nostdlib -Wl,--no-entry -Wl,--export=law_digest",
         runner=("node", "-e", NODE),
     ),
@@ -132,7 +131,7 @@ class Build:
         """Builds in an empty folder and runs; answers the words of law_digest's line."""
         target = TARGETS[self.target]
         given = [*STANDARD.split(), *target.flags.split(), *self.flags.split()]
-        bare = [] if self.target == HOST else ["-ffreestanding", f"-DSTATES={self.states}u", f"-I{BARE}"]
+        bare = [] if self.target == HOST else ["-ffreestanding", f"-DSTATES={self.states}u", f"-I{BOARDS}"]
         for_clang = [f"--target={target.clang}"] if target.clang and self.compiler == "clang" else []
         run([self.compiler, *for_clang, *given, *bare, *INCLUDE, "-c", *map(str, SOURCES)], folder)
         objects = [f"{source.stem}.o" for source in SOURCES]

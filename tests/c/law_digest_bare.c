@@ -1,4 +1,4 @@
-/* semihosting.c - main on a bare target in QEMU: the digest of STATES states, written to QEMU's semihosting console. */
+/* law_digest_bare.c - main on a bare target in QEMU: the digest of STATES states, written to QEMU's semihosting console. */
 #include "law_digest_line.h"
 
 /* Operation and argument are where QEMU looks for them: in the first two registers. */
