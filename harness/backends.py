@@ -1,4 +1,4 @@
-"""The controller behind one face: CasADi's evaluation of the model, or the compiled C in double or float."""
+"""The controller behind one face: CasADi's evaluation of the model, or the compiled C, here or on an emulated processor."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..model.law import ControlLaw
 
 BACKENDS = ("casadi", "c", "cf")  # CasADi in double, generated C in double, generated C in float
+ON_TARGET = {"m4f": "cortex-m4f", "rv32": "rv32imafc"}  # generated C in float on an emulated processor: backend -> target
 STATUS = (  # names as the C runtime's
     *("ok", "saturated", "null", "nonfinite", "range", "bad_parameter", "singular", "not_ready"),
     *("bad_path", "unstable", "arrived"),
@@ -90,8 +91,8 @@ def make_controller(
     Raises BadInput for an unknown backend or `limits` the law cannot have, ParameterRefused for a number it cannot take:
     alike in all backends.
     """
-    if backend not in BACKENDS:
-        raise BadInput(f"unknown backend {backend!r}; known are {', '.join(BACKENDS)}")
+    if backend not in (*BACKENDS, *ON_TARGET):
+        raise BadInput(f"unknown backend {backend!r}; known are {', '.join((*BACKENDS, *ON_TARGET))}")
     check_parameters(law, params, config, gains)
     if limits is not None:
         limits.check(law)
@@ -101,6 +102,10 @@ def make_controller(
         return CasadiController(law, params, config, gains, limits)
     from .compiled import CompiledController
 
+    if backend in ON_TARGET:
+        from .pil import target_library
+
+        return CompiledController(law, params, config, gains, limits=limits, made_by=target_library(law, backend))
     return CompiledController(law, params, config, gains, "double" if backend == "c" else "float", limits)
 
 

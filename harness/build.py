@@ -1,4 +1,4 @@
-"""Compiles generated C with the system's compiler into a shared library, once per content."""
+"""Compiles generated C, once per content: with the system's compiler into a shared library, or as told."""
 
 import hashlib
 import os
@@ -6,7 +6,7 @@ import shlex
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from .errors import BadInput
@@ -41,21 +41,30 @@ def shared_library(files: Mapping[str, str]) -> Path:
     Raises BadInput when there is no compiler, no place to write, or the compiler refuses.
     """
     everything = {**runtime_files(), **files}
-    command = [*compiler(), *FLAGS]
-    key = hashlib.sha256(repr((command, _version(command[0]), sorted(everything.items()))).encode()).hexdigest()
-    target = _cache() / f"{key[:32]}.so"
+    sources = [name for name in everything if name.endswith(".c") and (name in files or _called(name, files))]
+    return built([*compiler(), *FLAGS, *sources], everything, "law.so", "check CC and its flags")
+
+
+def built(command: Sequence[str], files: Mapping[str, str], product: str, advice: str = "") -> Path:
+    """What a command makes of `files` (name -> text), all in the folder it runs in; or an earlier result.
+
+    The command begins with a compiler; the last of its options, that it is to make `product`, is added here. Raises BadInput,
+    with the advice, when the compiler refuses; when it does not run; when there is no place to write.
+    """
+    whole = [*command, "-o", product]
+    key = hashlib.sha256(repr((whole, _version(command[0]), sorted(files.items()))).encode()).hexdigest()
+    target = _cache() / f"{key[:32]}{Path(product).suffix}"
     if target.exists():
         return target
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
         unfinished.add(Path(folder))
-        for name, text in everything.items():
+        for name, text in files.items():
             Path(folder, name).write_text(text)
-        sources = [name for name in everything if name.endswith(".c") and (name in files or _called(name, files))]
-        result = subprocess.run([*command, *sources, "-o", "law.so"], cwd=folder, capture_output=True, text=True)
-        if result.returncode or not Path(folder, "law.so").exists():
-            said = next((line for line in result.stderr.splitlines() if "error" in line), "it made no library")
-            raise BadInput(f"the generated C does not compile with `{' '.join(compiler())}`: {said}; check CC and its flags")
-        os.replace(Path(folder, "law.so"), target)
+        result = subprocess.run(whole, cwd=folder, capture_output=True, text=True)
+        if result.returncode or not Path(folder, product).exists():
+            said = next((line for line in result.stderr.splitlines() if "error" in line), f"it made no {product}")
+            raise BadInput(f"the generated C does not compile with `{command[0]}`: {said}" + (f"; {advice}" if advice else ""))
+        os.replace(Path(folder, product), target)
     return target
 
 
@@ -74,7 +83,7 @@ def _version(name: str) -> str:
 
 
 def _cache() -> Path:
-    """Where libraries are kept: $NOSLIP_CACHE, else the user's cache folder."""
+    """Where results are kept: $NOSLIP_CACHE, else the user's cache folder."""
     base = os.environ.get("NOSLIP_CACHE") or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "noslip"
     folder = Path(base)
     try:

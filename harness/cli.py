@@ -12,13 +12,14 @@ from contextlib import suppress
 
 from .. import __version__
 from .errors import BadInput
-from .files import remove, unfinished
+from .files import children, remove, unfinished
 
 COMMANDS = (
     "generate",
     "check",
     "evaluate",
     "simulate",
+    "replay",
     "analyse",
     "plan",
     "outer-loop",
@@ -48,6 +49,7 @@ class Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and answer its exit code; errors are one line on stderr, with NOSLIP_DEBUG set a traceback too."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy comes: matrices are small, threads would only wait
     if argv is None:
         signal.signal(signal.SIGINT, _interrupted)
         argv = sys.argv[1:]
@@ -70,6 +72,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _interrupted(*_) -> None:
     """End at once and leave nothing: an exception raised inside CasADi's or a compiler's callback could be lost."""
     remove(unfinished)
+    for child in children:
+        child.kill()
     _fail(INTERRUPTED, "interrupted")
     os._exit(INTERRUPTED)
 

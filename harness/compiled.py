@@ -1,14 +1,13 @@
 """A controller whose numbers come from the generated C, in double or float."""
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import cffi
 import numpy as np
 
-from ..codegen.files import law_text, shared_files
+from ..codegen.files import law_program, law_text, shared_files
 from ..codegen.law_c import LawC
-from ..codegen.program import Program, compile_law
 from ..codegen.robot_c import robot_declarations
 from ..codegen.scalar import SCALARS
 from ..model.law import ControlLaw
@@ -17,16 +16,16 @@ from .runtime import load
 
 
 class Library:
-    """The compiled C of one law in one scalar: `ffi` knows its types, `lib` its functions, `name` its names."""
+    """The compiled C of one law in one scalar: `ffi` knows its types, `lib` its functions, `files` are its text."""
 
     def __init__(self, law: ControlLaw, scalar: str):
-        self.text: LawC = law_text(program(law), SCALARS[scalar])
+        self.text: LawC = law_text(law_program(law), SCALARS[scalar])
         self.ffi = cffi.FFI()
         self.ffi.cdef("const char *noslip_status_name(int status);")
         self.ffi.cdef(robot_declarations(law.system, SCALARS[scalar]))
         self.ffi.cdef(self.text.declarations())
-        files = {**shared_files(law.system, SCALARS[scalar]), **self.text.files()}
-        self.lib = load(self.ffi, files)
+        self.files = {**shared_files(law.system, SCALARS[scalar]), **self.text.files()}
+        self.lib = load(self.ffi, self.files)
 
     def name(self, name: str) -> str:
         """The C name of something of this law."""
@@ -36,6 +35,10 @@ class Library:
         """The C name of something that the robot's laws share."""
         return self.text.scalar.name(f"{self.text.robot}_{name}")
 
+    def instance(self):
+        """A law that init has not seen yet."""
+        return self.ffi.new(f"{self.name('')} *")
+
     def function(self, name: str):
         """An entry point of the law."""
         return getattr(self.lib, self.name(name))
@@ -43,12 +46,6 @@ class Library:
     def status(self, number: int) -> str:
         """Name of a status."""
         return self.ffi.string(self.lib.noslip_status_name(number)).decode()
-
-
-@lru_cache(maxsize=64)
-def program(law: ControlLaw) -> Program:
-    """The law as a program, the same for both scalars, made once per process."""
-    return compile_law(law)
 
 
 @lru_cache(maxsize=64)
@@ -71,11 +68,13 @@ class CompiledController:
         gains: Sequence[float],
         scalar: str = "double",
         limits: Limits | None = None,
+        made_by: Library | None = None,
     ):
+        """`made_by`: the law's library, where it is not that of this host and scalar."""
         self.law = law
-        self._library = library(law, scalar)
+        self._library = made_by or library(law, scalar)
         ffi, name = self._library.ffi, self._library.name
-        self._self = ffi.new(f"{name('')} *")
+        self._self = self._library.instance()
         self._state = ffi.new(f"{self._library.robot_name('state')} *")
         self._reference = ffi.new(f"{name('reference')} *")
         self._evaluation = ffi.new(f"{name('evaluation')} *")
@@ -92,13 +91,17 @@ class CompiledController:
             options.on_limit = ON_LIMIT.index(limits.mode)
         status = self._library.function("init")(self._self, *structs, options)
         self.refused = None if status == 0 else self._library.status(status)
+        self._evaluate, self._step = self._library.function("evaluate"), self._library.function("step")
+        self._status = cache(self._library.status)
+        self._seen = [self._numbers(self._state), self._numbers(self._reference)]
+        self._answer = self._numbers(self._tau)
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
         """h, ydot, Phi, Phidot, u and tau at one state; no values unless the status is ok."""
         if self.refused:
             return Evaluation(self.refused, {})
         self._load(state, reference)
-        status = self._library.function("evaluate")(self._self, self._state, self._reference, self._evaluation)
+        status = self._evaluate(self._self, self._state, self._reference, self._evaluation)
         if status != 0:
             return Evaluation(self._library.status(status), {})
         present = set(dir(self._evaluation))
@@ -111,12 +114,18 @@ class CompiledController:
         if self.refused:
             return self.refused, np.zeros(len(self._tau))
         self._load(state, reference)
-        status = self._library.function("step")(self._self, self._state, self._reference, self._tau)
-        return self._library.status(status), np.array(list(self._tau))
+        status = self._step(self._self, self._state, self._reference, self._tau)
+        return self._status(status), self._answer.astype(float)
 
     def _load(self, state: np.ndarray, reference: np.ndarray) -> None:
-        self._filled(self._state, self.law.state, state)
-        self._filled(self._reference, self.law.reference, reference)
+        with np.errstate(over="ignore"):  # beyond float it is infinite, which the law refuses
+            for numbers, values in zip(self._seen, (state, reference), strict=True):
+                numbers[:] = values
+
+    def _numbers(self, place) -> np.ndarray:
+        """A struct of scalars, or an array of them, as an array in the same memory."""
+        ffi = self._library.ffi
+        return np.frombuffer(ffi.buffer(place), f"f{ffi.sizeof(self._library.text.scalar.real)}")
 
     @staticmethod
     def _filled(struct, quantities, values):

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import subprocess
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 from .errors import BadInput
 
 unfinished: set[Path] = set()  # temporary files and folders, to be removed by whoever stops the process
+children: set[subprocess.Popen] = set()  # and programs that run for it, to be killed
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
@@ -37,7 +39,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
 
 
 def write_folder(folder: Path, files: Mapping[str, str], stale: Collection[str] = ()) -> None:
-    """Write files into a folder, made if need be, all or none; `stale` are names in it to remove.
+    """Write files into a folder and folders in it, made if need be, all or none; `stale` are names in it to remove.
 
     A file that is right already is not touched. Raises OSError naming the folder.
     """
@@ -48,7 +50,8 @@ def write_folder(folder: Path, files: Mapping[str, str], stale: Collection[str] 
         for name, text in files.items():
             path = folder / name
             if not path.is_file() or path.read_bytes() != text.encode():
-                parts[path] = folder / f".{name}.{os.getpid()}.part"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                parts[path] = path.with_name(f".{path.name}.{os.getpid()}.part")
                 unfinished.add(parts[path])
                 parts[path].write_text(text)
         for path, part in parts.items():

@@ -1,15 +1,22 @@
 """The hand-written C as a library that Python can call, its declarations taken from the headers themselves."""
 
+from __future__ import annotations
+
 import re
 import subprocess
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import cffi
 
 from ..codegen.scalar import SCALARS
+from .backends import BACKENDS, ON_TARGET
 from .build import RUNTIME, compiler, shared_library
 from .errors import BadInput
+
+if TYPE_CHECKING:
+    from ..model.law import ControlLaw
 
 # The headers define everything static inline; here it is wanted as the functions of a library.
 SOURCE = """#include <float.h>
@@ -17,6 +24,7 @@ SOURCE = """#include <float.h>
 #include <stdint.h>
 #define static
 #define inline
+#define __attribute__(x)
 #include "{header}"
 """
 ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=")  # words that cffi does not read
@@ -53,6 +61,21 @@ def runtime(header: str) -> Runtime:
     return Runtime(header)
 
 
+def runtime_of(backend: str, header: str, law: ControlLaw | None = None) -> tuple[Runtime, str]:
+    """A header's C as a backend runs it, and its scalar: c in double, cf in float; m4f and rv32 in float on the processor that
+    runs `law` too.
+
+    Raises BadInput for another backend, and for one of these without a law.
+    """
+    if backend in ("c", "cf"):
+        return runtime(header), "double" if backend == "c" else "float"
+    if backend in ON_TARGET and law is not None:
+        from .pil import target_runtime
+
+        return target_runtime(header, law, backend), "float"
+    raise BadInput(f"unknown backend {backend!r}; known are {', '.join(BACKENDS)}, and with a law {', '.join(ON_TARGET)}")
+
+
 def load(ffi: cffi.FFI, files: Mapping[str, str]):
     """The library of C files (name -> text) compiled with the runtime."""
     path = shared_library(files)
@@ -72,7 +95,7 @@ def declarations(header: str) -> str:
     result = subprocess.run(command, input=f'#include "{header}"\n', capture_output=True, text=True)
     if result.returncode:
         raise BadInput(f"`{' '.join(compiler())}` cannot preprocess {header}; check CC and its flags")
-    return _without_bodies("\n".join(_own_lines(result.stdout)))
+    return without_bodies("\n".join(_own_lines(result.stdout)))
 
 
 def _own_lines(preprocessed: str) -> list[str]:
@@ -87,7 +110,7 @@ def _own_lines(preprocessed: str) -> list[str]:
     return lines
 
 
-def _without_bodies(text: str) -> str:
+def without_bodies(text: str) -> str:
     """C with a semicolon in place of each function's body: each outermost block after a closing parenthesis."""
     kept, depth, body = [], 0, False
     for piece in re.split(r"([{}])", text):

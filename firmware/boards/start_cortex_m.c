@@ -1,23 +1,35 @@
-/* Reset of a Cortex-M4F: FPU on, memory as C expects it, main, and its answer as QEMU's exit code (semihosting). */
+/*
+ * start_cortex_m.c - reset of a Cortex-M with an FPU: FPU on, memory as C expects it, main, and what comes after.
+ *
+ * Where main ends, its answer becomes QEMU's exit code (semihosting). Where nobody listens, that call is a fault in a fault: the
+ * processor stands still until a hardware watchdog resets it.
+ */
 #include <stdint.h>
+
+#include "semihosting.h"
 
 extern uint32_t data_start[], data_end[], data_load[], bss_start[], bss_end[], stack_top[];
 int main(void);
 void reset(void);
+void sys_tick(void);
 
 static void leave(uint32_t code)
 {
     const uint32_t block[2] = {0x20026u /* application exit */, code};
-    register uint32_t operation __asm__("r0") = 0x20u; /* SYS_EXIT_EXTENDED */
-    register const uint32_t *argument __asm__("r1") = block;
     for (;;) {
-        __asm__ volatile("bkpt 0xab" : "+r"(operation) : "r"(argument) : "memory");
+        (void)semihosting(SEMIHOSTING_EXIT_EXTENDED, block);
     }
 }
 
 static void fault(void)
 {
     leave(255);
+}
+
+/* The tick, for programs that have one. */
+__attribute__((weak)) void sys_tick(void)
+{
+    fault();
 }
 
 void reset(void)
@@ -35,6 +47,8 @@ void reset(void)
     leave((uint32_t)main());
 }
 
-__attribute__((section(".vectors"), used)) static const void *const vectors[16] = {
-    stack_top, (const void *)reset, (const void *)fault, (const void *)fault, (const void *)fault, (const void *)fault,
-    (const void *)fault};
+/* What the processor looks up: where the stack begins, then reset, eleven faults and calls that are none of ours, the tick. */
+__attribute__((section(".vectors"), used)) static const struct {
+    uint32_t *stack;
+    void (*handlers[15])(void);
+} vectors = {stack_top, {reset, fault, fault, fault, fault, fault, 0, 0, 0, 0, fault, fault, 0, fault, sys_tick}};

@@ -19,3 +19,18 @@ void *memset(void *to, int value, size_t size)
     }
     return to;
 }
+
+/* What clang calls on ARM in their place. */
+#if defined(__clang__) && defined(__arm__)
+void *__aeabi_memcpy(void *to, const void *from, size_t size) __attribute__((alias("memcpy")));
+void *__aeabi_memcpy4(void *to, const void *from, size_t size) __attribute__((alias("memcpy")));
+void *__aeabi_memcpy8(void *to, const void *from, size_t size) __attribute__((alias("memcpy")));
+void __aeabi_memclr(void *to, size_t size);
+void __aeabi_memclr4(void *to, size_t size) __attribute__((alias("__aeabi_memclr")));
+void __aeabi_memclr8(void *to, size_t size) __attribute__((alias("__aeabi_memclr")));
+
+void __aeabi_memclr(void *to, size_t size)
+{
+    (void)memset(to, 0, size);
+}
+#endif

@@ -1,4 +1,8 @@
-/* law_fuzz.h - what law_fuzz.inc needs, once for all laws. */
+/*
+ * law_fuzz.h - what law_fuzz.inc and runtime_fuzz.inc need, once for all laws.
+ *
+ * Their numbers come from a seed, or, one after the other, from bytes that a fuzzer has chosen.
+ */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,3 +14,61 @@
         fprintf(stderr, "%s: step %lu, status %d, line %d: not %s\n", name, (unsigned long)i, status, __LINE__, #condition); \
         exit(1); \
     }
+
+typedef struct {
+    uint64_t random;     /* the seed's state, where there are no bytes */
+    const uint8_t *next; /* bytes, or NULL */
+    size_t left;         /* of them */
+} fuzz_source;
+
+static inline int fuzz_more(const fuzz_source *from)
+{
+    return from->next == NULL || from->left > 0;
+}
+
+/* So many bits, at the lower end; zeros where there are no bytes any more. */
+static inline uint64_t fuzz_bits(fuzz_source *from, int count)
+{
+    uint64_t bits = 0;
+    int i;
+    if (from->next == NULL) {
+        return trig_random(&from->random) >> (64 - count);
+    }
+    for (i = 0; i < count; i += 8) {
+        bits = bits << 8 | (from->left > 0 ? *from->next : 0);
+        from->next += from->left > 0;
+        from->left -= from->left > 0;
+    }
+    return bits & UINT64_MAX >> (64 - count);
+}
+
+/* 1 once in `rare`; a fuzzer is free to do it as often as it wants. */
+static inline int fuzz_once_in(fuzz_source *from, unsigned rare)
+{
+    return from->next == NULL ? fuzz_bits(from, 31) < (1u << 31) / rare : fuzz_bits(from, 8) >= 192;
+}
+
+/* Any bits, special and ordinary numbers, one as often as the others. */
+static inline double fuzz_wild(fuzz_source *from, size_t size)
+{
+    static const double special[] = {0.0,       -0.0,      1.0,   -1.0,  1e-30, 1e30, 8192.0,  8193.0,
+                                     1048576.0, 1048577.0, 1e-45, 3e38, 1e308, 5e-324, INFINITY, NAN};
+    const unsigned kind = (unsigned)fuzz_bits(from, 8);
+    if (kind % 3 == 0 && size == sizeof(float)) {
+        noslip_bits_f any;
+        any.bits = (uint32_t)fuzz_bits(from, 32);
+        return (double)any.value;
+    }
+    if (kind % 3 == 0) {
+        noslip_bits any;
+        any.bits = fuzz_bits(from, 64);
+        return any.value;
+    }
+    return kind % 3 == 1 ? special[fuzz_bits(from, 4)] : 3 * ((double)fuzz_bits(from, 16) / 32768 - 1);
+}
+
+/* An ordinary number between -3 and 3. */
+static inline double fuzz_plain(fuzz_source *from)
+{
+    return 3 * ((double)fuzz_bits(from, 24) / 8388608 - 1);
+}

@@ -1,0 +1,58 @@
+/* main.c - after reset: the same at every tick, look, decide, drive, until it stands at the end of its path or has to stop. */
+#include "board.h"
+#include "robot.h"
+
+#define STAND 300u    /* ticks from the end of the path until it stands */
+#define LONGEST 6000u /* ticks: nobody waits for ever */
+
+/* Follows the path; answers why it ended. */
+static int follow(vehicle *robot, board_report *report)
+{
+    const noslip_guide_f *guide = &robot->path.guide;
+    uint32_t counts[2], missed, standing = 0;
+    float command[2];
+    while (standing < STAND) {
+        if (report->ticks == LONGEST) {
+            return BOARD_LATE;
+        }
+        missed = board_wait();
+        board_read(counts);
+        report->status = vehicle_step(robot, counts, missed, command);
+        board_drive(command);
+        board_alive();
+        report->ticks++;
+        report->missed += missed;
+        standing += report->status == NOSLIP_ARRIVED;
+        if (robot->watchdog.state == WATCHDOG_STOP) {
+            return BOARD_STOPPED;
+        }
+    }
+    /* of P_l, along the path and across it */
+    report->error = noslip_sqrt_f(guide->remaining * guide->remaining + guide->distance * guide->distance);
+    return report->error <= ROBOT_TOLERANCE ? BOARD_ARRIVED : BOARD_ASTRAY;
+}
+
+int main(void)
+{
+    static const float none[2] = {0, 0};
+    board_report report = {.code = BOARD_REFUSED};
+    vehicle_settings settings;
+    vehicle robot;
+
+    report.status = robot_settings(&settings);
+    if (report.status >= 0) {
+        report.status = vehicle_init(&robot, &settings);
+    }
+    if (report.status >= 0) {
+        report.code = board_start(settings.period);
+        if (report.code == BOARD_ARRIVED) {
+            report.code = follow(&robot, &report);
+        }
+        board_drive(none);
+        report.reason = robot.watchdog.reason;
+        report.x = robot.state.x_c;
+        report.y = robot.state.y_c;
+        report.heading = robot.state.phi;
+    }
+    return board_end(&report);
+}

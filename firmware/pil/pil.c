@@ -1,0 +1,170 @@
+/* pil.c - see pil.h. */
+#include "pil.h"
+
+static int hello(pil *self)
+{
+    const pil_input *in = &self->input;
+    const pil_output *out = &self->output;
+    const pil_hello found = {sizeof in->law.params,    sizeof in->law.config,       sizeof in->law.gains,
+                             sizeof in->law.options,   sizeof in->step.state,       sizeof in->step.reference,
+                             sizeof out->evaluation,   sizeof out->tau,             sizeof in->segment.segment,
+                             sizeof in->path.options,  sizeof out->guide,           sizeof in->odometry.options,
+                             PIL_LAWS,                 PIL_PATHS,                   PIL_ODOMETRIES,
+                             PIL_INTEGRALS,            PIL_SEGMENTS};
+    self->output.hello = found;
+    return NOSLIP_OK;
+}
+
+/* -- the law ----------------------------------------------------------------------------------------------------------- */
+
+static int law_init(pil *self)
+{
+    return PIL_LAW(_init)(&self->laws[self->request.object], &self->input.law.params, &self->input.law.config,
+                          &self->input.law.gains, &self->input.law.options);
+}
+
+static int law_step(pil *self)
+{
+    return PIL_LAW(_step)(&self->laws[self->request.object], &self->input.step.state, &self->input.step.reference,
+                          self->output.tau);
+}
+
+static int law_evaluate(pil *self)
+{
+    return PIL_LAW(_evaluate)(&self->laws[self->request.object], &self->input.step.state, &self->input.step.reference,
+                              &self->output.evaluation);
+}
+
+/* -- the path ---------------------------------------------------------------------------------------------------------- */
+
+static int path_segment(pil *self)
+{
+    const uint32_t index = self->input.segment.index;
+    if (index >= PIL_SEGMENTS) {
+        self->answer.fault = PIL_FAULT_OBJECT;
+        return NOSLIP_BAD_PARAMETER;
+    }
+    self->segments[self->request.object][index] = self->input.segment.segment;
+    return NOSLIP_OK;
+}
+
+static int path_init(pil *self)
+{
+    const uint32_t k = self->request.object;
+    const int32_t count = self->input.path.count;
+    if (count > PIL_SEGMENTS) {
+        self->answer.fault = PIL_FAULT_OBJECT;
+        return NOSLIP_BAD_PARAMETER;
+    }
+    return noslip_path_init_f(&self->paths[k], self->segments[k], count, &self->input.path.options, &self->output.fault);
+}
+
+static int path_look(pil *self)
+{
+    return noslip_path_look_f(&self->paths[self->request.object], self->input.seen.x, self->input.seen.y,
+                              self->input.seen.heading, self->input.seen.forward_speed, &self->output.guide);
+}
+
+static int path_update(pil *self)
+{
+    return noslip_path_update_f(&self->paths[self->request.object], self->input.seen.x, self->input.seen.y,
+                                self->input.seen.heading, self->input.seen.forward_speed, &self->output.guide);
+}
+
+/* -- dead reckoning, integral action ----------------------------------------------------------------------------------- */
+
+static int odometry_init(pil *self)
+{
+    return noslip_odometry_init_f(&self->odometries[self->request.object], &self->input.odometry.options,
+                                  &self->input.odometry.start);
+}
+
+static int odometry_pose(pil *self)
+{
+    return noslip_odometry_pose_f(&self->odometries[self->request.object], &self->output.pose);
+}
+
+static int odometry_move(pil *self)
+{
+    return noslip_odometry_move_f(&self->odometries[self->request.object], self->input.move.angle, self->input.move.dt,
+                                  &self->output.pose);
+}
+
+static int odometry_correct(pil *self)
+{
+    return noslip_odometry_correct_f(&self->odometries[self->request.object], &self->input.correction.truth,
+                                     self->input.correction.mode);
+}
+
+static int integral_init(pil *self)
+{
+    return noslip_integral_init_f(&self->integrals[self->request.object], self->input.integral.ki,
+                                  self->input.integral.limit);
+}
+
+static int integral_step(pil *self)
+{
+    noslip_integral_f *integral = &self->integrals[self->request.object];
+    const int status = noslip_integral_step_f(integral, self->input.sample.error, self->input.sample.dt,
+                                              self->input.sample.status, &self->output.integral.add);
+    self->output.integral.z = integral->z;
+    return status;
+}
+
+/* -- calls ------------------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    int (*call)(pil *self);
+    uint32_t takes, gives, objects;
+} operation;
+
+#define TAKES(part) sizeof(((pil_input *)0)->part)
+#define GIVES(part) sizeof(((pil_output *)0)->part)
+
+static const operation operations[PIL_OPERATIONS] = {
+    [PIL_OP_HELLO] = {hello, 0, GIVES(hello), 1},
+    [PIL_OP_LAW_INIT] = {law_init, TAKES(law), 0, PIL_LAWS},
+    [PIL_OP_LAW_STEP] = {law_step, TAKES(step), GIVES(tau), PIL_LAWS},
+    [PIL_OP_LAW_EVALUATE] = {law_evaluate, TAKES(step), GIVES(evaluation), PIL_LAWS},
+    [PIL_OP_PATH_SEGMENT] = {path_segment, TAKES(segment), 0, PIL_PATHS},
+    [PIL_OP_PATH_INIT] = {path_init, TAKES(path), GIVES(fault), PIL_PATHS},
+    [PIL_OP_PATH_LOOK] = {path_look, TAKES(seen), GIVES(guide), PIL_PATHS},
+    [PIL_OP_PATH_UPDATE] = {path_update, TAKES(seen), GIVES(guide), PIL_PATHS},
+    [PIL_OP_ODOMETRY_INIT] = {odometry_init, TAKES(odometry), 0, PIL_ODOMETRIES},
+    [PIL_OP_ODOMETRY_POSE] = {odometry_pose, 0, GIVES(pose), PIL_ODOMETRIES},
+    [PIL_OP_ODOMETRY_MOVE] = {odometry_move, TAKES(move), GIVES(pose), PIL_ODOMETRIES},
+    [PIL_OP_ODOMETRY_CORRECT] = {odometry_correct, TAKES(correction), 0, PIL_ODOMETRIES},
+    [PIL_OP_INTEGRAL_INIT] = {integral_init, TAKES(integral), 0, PIL_INTEGRALS},
+    [PIL_OP_INTEGRAL_STEP] = {integral_step, TAKES(sample), GIVES(integral), PIL_INTEGRALS},
+};
+
+static uint32_t fault_of(const pil_request *request)
+{
+    if (request->magic != PIL_MAGIC || request->version != PIL_VERSION) {
+        return PIL_FAULT_MAGIC;
+    }
+    if (request->operation >= PIL_OPERATIONS) {
+        return PIL_FAULT_OPERATION;
+    }
+    if (request->size != operations[request->operation].takes) {
+        return PIL_FAULT_SIZE;
+    }
+    return request->object < operations[request->operation].objects ? PIL_FAULT_NONE : PIL_FAULT_OBJECT;
+}
+
+uint32_t pil_check(pil *self)
+{
+    const pil_answer nothing = {PIL_MAGIC, PIL_VERSION, 0, NOSLIP_BAD_PARAMETER, 0};
+    self->answer = nothing;
+    self->answer.fault = fault_of(&self->request);
+    return self->answer.fault;
+}
+
+void pil_call(pil *self)
+{
+    const operation *asked = &operations[self->request.operation];
+    self->answer.status = asked->call(self);
+    if (self->answer.fault == PIL_FAULT_NONE) {
+        self->answer.size = asked->gives;
+    }
+}

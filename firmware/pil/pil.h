@@ -1,0 +1,151 @@
+/*
+ * pil.h - processor in the loop: a law, and what leads and surrounds it, called from another computer that simulates the rest.
+ *
+ * A call is a message in and a message out, of 32-bit words in the target's order of bytes, structs as they lie in memory. The
+ * objects, laws and paths and so on, stay on the target; a call says by a number which it means.
+ *
+ * The law is the one that pil_law.h includes; it defines PIL_ROBOT(name) and PIL_LAW(name), which make the C names of the
+ * robot and the law, both in float.
+ */
+#ifndef PIL_H
+#define PIL_H
+
+#include "noslip_integral.h"
+#include "noslip_odometry.h"
+#include "noslip_path.h"
+#include "pil_law.h"
+
+#define PIL_MAGIC 0x4c49504eu /* "NPIL" where the lowest byte comes first */
+#define PIL_VERSION 1u
+
+/* How many objects of a kind there are, and segments of a path. */
+#define PIL_LAWS 1024
+#define PIL_PATHS 16
+#define PIL_ODOMETRIES 16
+#define PIL_INTEGRALS 64
+#define PIL_SEGMENTS 512
+
+/* What can be called; words in -> words out beside the status that it answers. */
+enum {
+    PIL_OP_HELLO,            /* -> pil_hello */
+    PIL_OP_LAW_INIT,         /* params, config, gains, options -> */
+    PIL_OP_LAW_STEP,         /* state, reference -> tau */
+    PIL_OP_LAW_EVALUATE,     /* state, reference -> evaluation */
+    PIL_OP_PATH_SEGMENT,     /* index, segment -> */
+    PIL_OP_PATH_INIT,        /* count, options -> fault */
+    PIL_OP_PATH_LOOK,        /* x, y, heading, forward speed -> guide */
+    PIL_OP_PATH_UPDATE,      /* x, y, heading, forward speed -> guide */
+    PIL_OP_ODOMETRY_INIT,    /* options, start -> */
+    PIL_OP_ODOMETRY_POSE,    /* -> pose */
+    PIL_OP_ODOMETRY_MOVE,    /* angle[2], dt -> pose */
+    PIL_OP_ODOMETRY_CORRECT, /* truth, mode -> */
+    PIL_OP_INTEGRAL_INIT,    /* ki, limit -> */
+    PIL_OP_INTEGRAL_STEP,    /* error, dt, status -> what to add, z */
+    PIL_OPERATIONS
+};
+
+/* What is wrong with a message; then nothing was called, and the program ends once it has said so. */
+enum {
+    PIL_FAULT_NONE,
+    PIL_FAULT_MAGIC,     /* it does not begin with PIL_MAGIC and PIL_VERSION; what follows it cannot be trusted either */
+    PIL_FAULT_OPERATION, /* there is no such operation */
+    PIL_FAULT_SIZE,      /* the operation takes more bytes, or fewer */
+    PIL_FAULT_OBJECT     /* there is no object, or no segment, of this number */
+};
+
+typedef struct {
+    uint32_t magic, version;
+    uint32_t operation;
+    uint32_t object; /* from 0 */
+    uint32_t size;   /* bytes that follow */
+} pil_request;
+
+typedef struct {
+    uint32_t magic, version;
+    uint32_t fault;
+    int32_t status; /* of the function called */
+    uint32_t size;  /* bytes that follow */
+} pil_answer;
+
+/* Bytes, to see that both sides mean the same structs; numbers. */
+typedef struct {
+    uint32_t params, config, gains, options, state, reference, evaluation, inputs;
+    uint32_t segment, path_options, guide, odometry_options;
+    uint32_t laws, paths, odometries, integrals, segments;
+} pil_hello;
+
+typedef union {
+    struct {
+        PIL_ROBOT(_params) params;
+        PIL_LAW(_config) config;
+        PIL_LAW(_gains) gains;
+        PIL_ROBOT(_options) options;
+    } law;
+    struct {
+        PIL_ROBOT(_state) state;
+        PIL_LAW(_reference) reference;
+    } step;
+    struct {
+        uint32_t index;
+        noslip_segment_f segment;
+    } segment;
+    struct {
+        int32_t count;
+        noslip_path_options_f options;
+    } path;
+    struct {
+        float x, y, heading, forward_speed;
+    } seen;
+    struct {
+        noslip_odometry_options_f options;
+        noslip_pose_f start;
+    } odometry;
+    struct {
+        float angle[2], dt;
+    } move;
+    struct {
+        noslip_pose_f truth;
+        int32_t mode;
+    } correction;
+    struct {
+        float ki, limit;
+    } integral;
+    struct {
+        float error, dt;
+        int32_t status;
+    } sample;
+} pil_input;
+
+typedef union {
+    pil_hello hello;
+    float tau[sizeof((PIL_ROBOT(_options) *)0)->limit / sizeof(float)];
+    PIL_LAW(_evaluation) evaluation;
+    noslip_path_fault_f fault;
+    noslip_guide_f guide;
+    noslip_pose_f pose;
+    struct {
+        float add, z;
+    } integral;
+} pil_output;
+
+/* All there is. Read `request` and, if it passes pil_check, its bytes into `input`; then pil_call; then write `answer` and
+ * its bytes of `output`. */
+typedef struct {
+    pil_request request;
+    pil_input input;
+    pil_answer answer;
+    pil_output output;
+    PIL_LAW() laws[PIL_LAWS];
+    noslip_path_f paths[PIL_PATHS];
+    noslip_segment_f segments[PIL_PATHS][PIL_SEGMENTS];
+    noslip_odometry_f odometries[PIL_ODOMETRIES];
+    noslip_integral_f integrals[PIL_INTEGRALS];
+} pil;
+
+/* Prepares the answer to a request whose bytes are not read yet: PIL_FAULT_NONE, or what is wrong with it. */
+uint32_t pil_check(pil *self);
+
+/* Calls what a request asks for that was found right. */
+void pil_call(pil *self);
+
+#endif
