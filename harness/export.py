@@ -8,10 +8,11 @@ from pathlib import Path
 from .build import runtime_files
 from .errors import BadInput
 from .files import unfinished, write_folder
-from .generate import add_selection, robot_name, selected_files, selected_laws
+from .generate import DYNAMICS, add_selection, robot_name, selected_files, selected_laws
 
-EXAMPLE = """example:
-  noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip"""
+EXAMPLE = """examples:
+  noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip
+  noslip export labmate --output type_iv_circle --firmware cortex-m4f -o my_firmware"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -19,12 +20,20 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "export",
         help="write a folder of C that builds as it is",
-        description="Write the C of a robot's laws with the runtime, a Makefile and an example into a new folder.",
+        description="Write the C of a robot's laws with the runtime, a Makefile and an example into a new folder. With "
+        "--firmware: a project for a target, with CMake too, start-up code, a loop to fill in, and a self-test with golden "
+        "vectors (float, unless --scalar says double).",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
     add_selection(parser)
+    parser.add_argument(
+        "--firmware",
+        choices=("cortex-m4f", "rv32", "generic"),
+        metavar="TARGET",
+        help="cortex-m4f, rv32 or generic (any machine with a C compiler)",
+    )
     parser.add_argument("-o", dest="out", metavar="DIR", required=True, help="a folder that does not exist yet, or is empty")
     parser.set_defaults(run=run)
 
@@ -36,8 +45,17 @@ def run(args: argparse.Namespace) -> int:
     target = Path(os.path.realpath(args.out))
     if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
         raise BadInput(f"{args.out}: exists and is not an empty folder; choose another")
-    generated = selected_files(args)
-    files = {**_runtime(args.scalar), **generated, **example(generated, selected_laws(args)[0])}
+    if args.firmware and args.scalar == "both":
+        args.scalar = "float"
+    generated = selected_files(args, dynamics=DYNAMICS in args.output)
+    library = {**_runtime(args.scalar), **generated}
+    laws = selected_laws(args)
+    if args.firmware:
+        from . import project
+
+        files, board = project.project_files(args.firmware, library, laws, [args.scalar])
+    else:
+        files = {**library, **example(generated, laws[0])}
     parent = target.parent
     parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=parent, prefix=".noslip-") as work:
@@ -45,12 +63,18 @@ def run(args: argparse.Namespace) -> int:
         made = Path(work, "export")
         try:
             write_folder(made, files)
+            if args.firmware:
+                page = project.readme(args.firmware, generated["manifest.json"], laws, args.scalar, board, made)
+                write_folder(made, {"README.md": page})
         except OSError as error:
             raise OSError(error.errno, error.strerror, args.out) from error
         if target.is_dir():
             target.rmdir()
         os.replace(made, target)
-    print(f"{args.out}: {len(files)} files; `make -C {args.out}` builds the library and runs {robot_name(generated)}'s example")
+    goal, does = (" test", "self-test") if args.firmware else ("", "example")
+    print(
+        f"{args.out}: {len(files)} files; `make -C {args.out}{goal}` builds the library and runs {robot_name(generated)}'s {does}"
+    )
     return 0
 
 

@@ -1,0 +1,268 @@
+"""What the controller answers when something around it breaks: the table of docs/faults.md, measured anew each time.
+
+Two parts. A law by itself, every bit of every number it senses flipped in turn. And the vehicle of firmware/ on its way, with
+counters that lie or stand still, ticks that are missed, a clock that is wrong, motors that may do nothing.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..harness.backends import Limits
+from ..harness.compiled import CompiledController
+from ..harness.robots import find_laws, find_robot, law_of, system_of
+from ..harness.sampling import random_plants
+from .tools import Failed, Task
+from .vehicle import STOP, Firmware, Loop, Refused
+
+PAGE = "docs/faults.md"
+SEED, STATES, BITS = 1992, 20, 32
+LIMIT = 20.0  # N m
+SAME = 0.01  # of the largest torque: a change that nobody would notice
+BEGIN, TICKS = 200, 2600  # of a run: the fault begins, and all there are
+NO_MASS = tuple((f"params__{name}", 1e-30) for name in ("m_c", "m_w", "I_c", "I_w", "I_m"))
+REASONS = ("runs", "stops: an error", "stops: too many strikes", "stops: a wheel stands")
+
+TEXT = """# When something breaks
+
+Measured by `python -m noslip.guarantees faults`, which fails where this page is not what happens; with `--update` it writes it.
+
+## One bit of what a law senses
+
+Laws of the LABMATE in float, limits {limit:g} N m, {states} random states; each of the {bits} bits of each number of the
+state flipped in turn. Same: every torque within {same:.0%} of the limit of what it was. No answer is NaN or beyond its
+limit; with every error the torques are zero. A law cannot tell a wrong number from a right one: what is under "other"
+only a check of plausibility before it can find, such as the vehicle of `firmware/` makes of its counters.
+
+| law | same | other, within limits | nonfinite | range | singular |
+|---|---|---|---|---|---|
+{rows}
+
+## The vehicle of firmware/ on its way
+
+Ticks of 10 ms, 1 m/s, counters of 16 bits; the fault begins at tick {begin}, one of the settings at once. The watchdog
+holds the last torques for up to 3 bad or missed ticks, then stops. After, rolled: from the fault to the stop. Error: of
+the true vehicle at the end, reckoning and path together. Commands stay finite and within the supply at every tick, and
+are zero after a stop.
+
+| fault | statuses | the vehicle | after, ticks | rolled, m | error, mm |
+|---|---|---|---|---|---|
+{ends}
+
+Missed ticks within what is tolerated cost way, not safety. A clock that is wrong without knowing it makes every rate
+wrong: above `fastest` that is refused; below, the vehicle believes to be faster than it is. A law does not divide by the
+mass matrix: where that is singular it answers torques that move nothing; the generated plant answers `singular`. What
+counters cannot show, a wheel that slips or is lifted, nothing here finds.
+"""
+
+
+# -- a law and every bit of what it senses ---------------------------------------------------------------------------------
+
+
+def flipped(law_name: str, states: int) -> dict[str, int]:
+    """How often a law (float, limits 20 N m) answers what after one bit of one sensed number has flipped.
+
+    Failed: a torque that is not finite or beyond its limit, or an error with a torque that is not zero.
+    """
+    robot = find_robot("labmate")
+    law, counts = law_of(robot, law_name), dict.fromkeys(("same", "other", "nonfinite", "range", "singular"), 0)
+    for plant in random_plants(law, states, SEED):
+        limits = Limits((LIMIT,) * len(robot.inputs))
+        controller = CompiledController(law, plant.params, plant.config, plant.gains, "float", limits)
+        for point in plant.points:
+            _, good = controller.step(point.state, point.reference)
+            for k in range(len(point.state)):
+                for bit in range(BITS):
+                    status, tau = controller.step(_flip(point.state, k, bit), point.reference)
+                    counts[_kind(law_name, status, tau, good)] += 1
+    return counts
+
+
+def _flip(state: np.ndarray, k: int, bit: int) -> np.ndarray:
+    broken = np.array(state, np.float32)
+    broken.view(np.uint32)[k] ^= np.uint32(1 << bit)
+    return broken
+
+
+def _kind(law: str, status: str, tau: np.ndarray, good: np.ndarray) -> str:
+    error = status not in ("ok", "saturated")
+    if not np.all(np.abs(tau) <= LIMIT) or (error and np.any(tau != 0)):
+        raise Failed(f"{law}: answers {status} with torques {tau}")
+    return status if error else "same" if np.abs(tau - good).max() <= SAME * LIMIT else "other"
+
+
+# -- the vehicle on its way ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What breaks: `misread` changes the counters that a tick sees, `missed` says how many ticks are left out before it,
+    `settings` are changed before the start (names as in vehicle.h, `__` between them)."""
+
+    name: str
+    misread: Callable[[int, np.random.Generator, list[int]], list[int]] = lambda tick, random, counts: counts
+    missed: Callable[[int], int] = lambda tick: 0
+    settings: tuple[tuple[str, float], ...] = ()
+    told: bool = True  # does the loop know of the ticks that were missed?
+
+
+def _one_bit(bit: int, wheel: int, when: Callable[[int, np.random.Generator], bool]) -> Callable:
+    def misread(tick: int, random: np.random.Generator, counts: list[int]) -> list[int]:
+        if when(tick, random):
+            counts[wheel] ^= 1 << (bit if bit >= 0 else int(random.integers(0, 16)))
+        return counts
+
+    return misread
+
+
+def _stuck(*wheels: int) -> Callable:
+    kept: dict[int, int] = {}
+
+    def misread(tick: int, random: np.random.Generator, counts: list[int]) -> list[int]:
+        for wheel in wheels:
+            if tick >= BEGIN:
+                counts[wheel] = kept.setdefault(wheel, counts[wheel])
+        return counts
+
+    return misread
+
+
+def _noisy(tick: int, random: np.random.Generator, counts: list[int]) -> list[int]:
+    return [int(random.integers(0, 1 << 16)) for _ in counts] if tick >= BEGIN else counts
+
+
+def faults() -> list[Fault]:
+    """All that are tried, the undisturbed run first."""
+    once, often = (lambda tick, random: tick == BEGIN), (lambda tick, random: tick >= BEGIN and random.random() < 0.01)
+    always = lambda tick, random: tick >= BEGIN and random.random() < 0.5  # noqa: E731
+    later = lambda missed: lambda tick: missed if tick >= BEGIN else 0  # noqa: E731
+    return [
+        Fault("none"),
+        *(Fault(f"bit {bit} of the right counter flips once", _one_bit(bit, 0, once)) for bit in (0, 4, 8, 10, 12, 15)),
+        Fault("a random bit of the left counter flips in 1 % of the ticks", _one_bit(-1, 1, often)),
+        Fault("a random bit of the left counter flips in half of the ticks", _one_bit(-1, 1, always)),
+        Fault("the right counter stands still", _stuck(0)),
+        Fault("both counters stand still", _stuck(0, 1)),
+        Fault("both counters show random numbers", _noisy),
+        Fault("one tick in 150 is missed", missed=lambda tick: int(tick >= BEGIN and tick % 150 == 0)),
+        Fault("3 ticks are missed, once", missed=lambda tick: 3 * (tick == BEGIN)),
+        Fault("20 ticks are missed, once", missed=lambda tick: 20 * (tick == BEGIN)),
+        Fault("every tick takes ten times too long, and the clock says so", missed=later(9)),
+        Fault("every tick takes ten times too long, and the clock does not know", missed=later(9), told=False),
+        Fault("every tick takes twice as long, and the clock does not know", missed=later(1), told=False),
+        Fault("limits of 0 N m: no limits", settings=(("limits__limit__0", 0.0), ("limits__limit__1", 0.0))),
+        Fault("limits of 1e-6 N m: no torque", settings=(("limits__limit__0", 1e-6), ("limits__limit__1", 1e-6))),
+        Fault("supplies of 1e-6 V: no torque", settings=(("motors__0__supply", 1e-6), ("motors__1__supply", 1e-6))),
+        Fault("no mass: m_c = 0", settings=(("params__m_c", 0.0),)),
+        Fault("a singular mass matrix: all masses and inertias 1e-30", settings=NO_MASS),
+        Fault("a radius that is not a number", settings=(("params__r", float("nan")),)),
+    ]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run with a fault went: statuses other than good ones, how the watchdog ended and after how many ticks of the fault,
+    way rolled from the first fault to the command of zero (m; None if it went on), error at the end (m; None unless arrived)."""
+
+    statuses: tuple[str, ...]
+    end: str
+    after: int | None = None
+    rolled: float | None = None
+    error: float | None = None
+
+
+def outcome(c: Firmware, fault: Fault) -> Outcome:
+    """Runs the vehicle with a fault. Failed: a command that is not finite, beyond its limit, or not zero after a stop."""
+    try:
+        loop = Loop(c, **dict(fault.settings))
+    except Refused as refused:
+        return Outcome((refused.status,), "refused before anything moves")
+    random = np.random.default_rng(SEED)
+    statuses: dict[str, None] = {}
+    stopped, way, standing = None, 0.0, 0
+    begin = 0 if fault.settings else BEGIN
+    for tick in range(TICKS):
+        missed = fault.missed(tick)
+
+        def misread(counts, tick=tick):
+            counts[0], counts[1] = fault.misread(tick, random, [counts[0], counts[1]])
+
+        before = (c.lib.x, c.lib.y)
+        status = loop.tick(misread, missed, fault.told)
+        _check(c, fault, loop)
+        if stopped is None and tick >= begin:
+            way += float(np.hypot(c.lib.x - before[0], c.lib.y - before[1]))
+        if status < 0 and stopped is None:
+            statuses[c.status(status)] = None
+        if stopped is None and loop.state == STOP:
+            stopped = tick
+        standing += status == c.lib.NOSLIP_ARRIVED
+        if standing > 300:
+            break
+    guide = loop.vehicle.path.guide
+    arrived = standing > 300
+    return Outcome(
+        tuple(statuses),
+        REASONS[loop.vehicle.watchdog.reason] if stopped is not None else "arrives" if arrived else "runs, not there yet",
+        None if stopped is None else stopped - begin + 1,
+        way if stopped is not None else None,
+        float(np.hypot(guide.remaining, guide.distance)) + loop.drift() if arrived else None,
+    )
+
+
+def _check(c: Firmware, fault: Fault, loop: Loop) -> None:
+    for k in range(2):
+        limit = loop.settings.motors[k].supply
+        if not abs(loop.command[k]) <= limit:
+            raise Failed(f"{fault.name}: the command is {loop.command[k]} V, the supply {limit} V")
+        if loop.state == STOP and loop.command[k] != 0:
+            raise Failed(f"{fault.name}: a command of {loop.command[k]} V after the watchdog has stopped")
+
+
+# -- the page --------------------------------------------------------------------------------------------------------------
+
+
+def page(laws: dict[str, dict[str, int]], runs: dict[str, Outcome], states: int) -> str:
+    """Markdown of both tables."""
+    rows = [
+        f"| `{law}` | {' | '.join(_share(n, sum(counts.values())) for n in counts.values())} |" for law, counts in laws.items()
+    ]
+    ends = [
+        f"| {name} | {', '.join(o.statuses) or '-'} | {o.end} | {_number(o.after, 'd')} | {_number(o.rolled, '.2f')} | "
+        f"{_number(None if o.error is None else 1000 * o.error, '.1f')} |"
+        for name, o in runs.items()
+    ]
+    return TEXT.format(limit=LIMIT, states=states, bits=BITS, same=SAME, begin=BEGIN, rows="\n".join(rows), ends="\n".join(ends))
+
+
+def _share(count: int, all_of_them: int) -> str:
+    return f"{100 * count / all_of_them:.1f} %" if count else "-"
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def table(states: int = STATES) -> str:
+    """The page as it is now. Failed as `flipped` and `outcome` say."""
+    robot = find_robot("labmate")
+    laws = {name: flipped(name, states) for name in find_laws(system_of(robot))}
+    with tempfile.TemporaryDirectory() as folder:
+        c = Firmware(Path(folder))
+        runs = {fault.name: outcome(c, fault) for fault in faults()}
+    return page(laws, runs, states)
+
+
+def check(task: Task) -> str:
+    """Is the page what happens? Failed: it is not."""
+    path, now = task.root / PAGE, table()
+    if task.update:
+        path.write_text(now)
+    if not path.exists() or path.read_text() != now:
+        raise Failed(f"{PAGE} is not what happens now; python -m noslip.guarantees faults --update")
+    return f"{len(faults())} faults of the vehicle, each bit of what a law senses: as {PAGE} says"
