@@ -2,6 +2,9 @@
 # make test    every test
 # make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html
 # make bench   instruction counts, sizes and rates beside peers; make bits: the same bits on every target there is
+# make firmware the images of every target whose tools are here, into build/firmware
+# make firmware-test   runs them, every law's bits and closed loops in QEMU, and compares with this host
+# make guarantees   what holds of the C and what shows it, checked; see guarantees/README.md
 # make clean   leaves what git has
 PYTHON ?= python3
 VENV := .venv
@@ -15,7 +18,7 @@ RUNTIME := $(wildcard runtime_c/*)
 ROBOTS := labmate
 RUNS := line circle
 
-.PHONY: all setup generate check-generated check simulate figures test bench bits trig-sweep clean
+.PHONY: all setup generate check-generated check simulate figures test bench bits firmware firmware-test guarantees trig-sweep clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -64,6 +67,16 @@ bench: $(READY)
 
 bits: $(READY)
 	$(VENV)/bin/python tests/test_bits.py
+
+firmware:
+	$(MAKE) --no-print-directory -C firmware all BUILD=$(CURDIR)/build/firmware
+
+firmware-test: $(READY)
+	$(VENV)/bin/python -m noslip.tests.firmware
+
+# With UPDATE=--update what is measured becomes the budget.
+guarantees: $(READY)
+	$(VENV)/bin/python -m noslip.guarantees $(UPDATE)
 
 # Every float in range against a higher precision (about a minute on two cores), and a dense sample of doubles.
 trig-sweep:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from measure import BENCH, COMMON, LANGUAGE, RUNTIME, TIMEOUT, run
+from counting import TIMEOUT, run
+from measure import BENCH, COMMON, LANGUAGE, RUNTIME
 from noslip.harness.direct import Direct
 from noslip.model.law import ControlLaw, symbols
 from scipy.integrate import solve_ivp

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import cases
 import chart
+import growth
 import peers
 import programs
 import rates
@@ -64,6 +65,11 @@ def main() -> int:
     result["simulation"] = rates.simulation(laws[0], given[0].fixed, shared, work) if result["laws"] else {}
     result["generation"] = rates.generation()
     print(_rates(result))
+    if not Target(work).missing:
+        result["growth"] = growth.growth(work / "growth")
+        print(growth.table(result["growth"]))
+        chart.draw_growth(result["growth"], out / "growth.png")
+        print(f"{out}/growth.png")
     write_whole(out / "bench.json", json.dumps(result, indent=1) + "\n")
     print(f"{out}/bench.json")
     if panels := _panels(result):

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Sequence
+from functools import lru_cache
 
 import casadi as ca
 import sympy
@@ -11,6 +12,8 @@ from .. import __version__
 from ..model.law import ControlLaw, control_law
 from ..model.outputs import OUTPUTS, output_map
 from ..model.reduction import ReducedSystem
+from .dynamics import DynamicsProgram, compile_dynamics
+from .dynamics_c import DynamicsC
 from .law_c import LawC
 from .program import Program, compile_law
 from .robot_c import robot_header, robot_source
@@ -24,11 +27,23 @@ def standard_laws(system: ReducedSystem, names: Sequence[str] = ()) -> list[Cont
     return [control_law(system, output_map(system, name)) for name in names or OUTPUTS]
 
 
-def robot_files(system: ReducedSystem, laws: Sequence[ControlLaw], scalars: Sequence[str] = tuple(SCALARS)) -> dict[str, str]:
-    """File name -> text of the robot's headers and sources and a manifest that lists them with their costs."""
+@lru_cache(maxsize=64)
+def law_program(law: ControlLaw) -> Program:
+    """The law as a program, the same for both scalars, made once per process."""
+    return compile_law(law)
+
+
+def robot_files(
+    system: ReducedSystem, laws: Sequence[ControlLaw], scalars: Sequence[str] = tuple(SCALARS), dynamics: bool = True
+) -> dict[str, str]:
+    """File name -> text of the robot's headers and sources and a manifest that lists them with their costs.
+
+    `dynamics` says whether the plant is among them.
+    """
     files: dict[str, str] = {}
     manifest: dict = {"robot": system.mechanism.name, "tools": TOOLS, "model_sha256": fingerprint(system), "laws": {}}
-    programs = [compile_law(law) for law in laws]
+    programs = [law_program(law) for law in laws]
+    plant = compile_dynamics(system) if dynamics else None
     for scalar in (SCALARS[name] for name in scalars):
         files.update(shared_files(system, scalar))
         for program in programs:
@@ -39,6 +54,10 @@ def robot_files(system: ReducedSystem, laws: Sequence[ControlLaw], scalars: Sequ
                 "model_sha256": fingerprint(system, program.law),
                 "operations": {entry.name: text.operations(entry) for entry in text.entries},
             }
+        if plant:
+            text = dynamics_text(plant, scalar)
+            files.update(text.files())
+            manifest["dynamics"] = {"operations": {entry.name: text.operations(entry) for entry in plant.entries}}
     manifest["files"] = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
     files["manifest.json"] = json.dumps(manifest, indent=1) + "\n"
     return dict(sorted(files.items()))
@@ -53,6 +72,11 @@ def shared_files(system: ReducedSystem, scalar: Scalar) -> dict[str, str]:
 def law_text(program: Program, scalar: Scalar) -> LawC:
     """The C of one law with its banner."""
     return LawC(program, scalar, banner(fingerprint(program.law.system, program.law)))
+
+
+def dynamics_text(program: DynamicsProgram, scalar: Scalar) -> DynamicsC:
+    """The C of the robot's dynamics with its banner."""
+    return DynamicsC(program, scalar, banner(fingerprint(program.system)))
 
 
 def banner(model_hash: str) -> list[str]:

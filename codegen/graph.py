@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import frexp
+from math import frexp, isqrt
 
 import casadi as ca
 
@@ -12,11 +12,16 @@ from ..model.expression import fold
 COMMUTATIVE = frozenset({"add", "mul"})
 CONSTANT_GROUPS = frozenset({"params", "config", "gains"})  # known to init; the others change from step to step
 ARITHMETIC = ("mul", "add", "sub", "neg", "div", "sqrt", "abs")
+MATRIX_INVERSE, ENTRY = "inverse of a matrix", "entry"
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """One scalar: a constant (`value`), a leaf (`group` and `name`) or an operation on `arguments`."""
+    """One scalar: a constant (`value`), a leaf (`group` and `name`) or an operation on `arguments`.
+
+    "inverse of a matrix" is no scalar: its arguments are the entries, row by row, and it has a meaning where the matrix's
+    reciprocal condition exceeds `value`. Entry number `value` of it is an "entry".
+    """
 
     operation: str
     arguments: tuple["Node", ...] = ()
@@ -51,6 +56,18 @@ class Graph:
         if operation in COMMUTATIVE:
             arguments = tuple(sorted(arguments, key=lambda node: node.order))
         return self.make(operation, arguments)
+
+    def again(self, node: Node, arguments: Sequence[Node]) -> Node:
+        """The node's operation on other arguments."""
+        if node.operation in (MATRIX_INVERSE, ENTRY):
+            return self.make(node.operation, tuple(arguments), value=node.value)
+        return self.apply(node.operation, *arguments)
+
+    def inverse(self, matrix: Sequence[Sequence[Node]], least: float) -> list[list[Node]]:
+        """The entries of a square matrix's inverse, which has a meaning where the reciprocal condition exceeds `least`."""
+        whole = self.make(MATRIX_INVERSE, tuple(entry for row in matrix for entry in row), value=least)
+        size = range(len(matrix))
+        return [[self.make(ENTRY, (whole,), value=i * len(matrix) + j) for j in size] for i in size]
 
     def make(self, operation: str, arguments: tuple[Node, ...], value: float = 0.0, group: str = "", name: str = "") -> Node:
         """A node as it is asked for, made once."""
@@ -137,6 +154,8 @@ def count(nodes: Iterable[Node]) -> dict[str, int]:
     nodes = list(nodes)
     counted = {operation: sum(node.operation == operation for node in nodes) for operation in ARITHMETIC}
     counted["sincos"] = len({node.arguments for node in nodes if node.operation in ("sin", "cos")})
+    for size in (isqrt(len(node.arguments)) for node in nodes if node.operation == MATRIX_INVERSE):
+        counted[f"inverse {size}x{size}"] = counted.get(f"inverse {size}x{size}", 0) + 1
     return counted
 
 

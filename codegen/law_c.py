@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from ..model.mechanism import per_second
-from .graph import Node, count, reachable
+from .graph import MATRIX_INVERSE, Node, count, reachable
 from .layout import body, c_linkage, comment, fill, guard_name
 from .program import ENTRIES, Entry, Program, fixed_nodes, hidden_inputs
 from .robot_c import fields, refuse_parameters, struct
@@ -157,9 +157,11 @@ class LawC:
         return comment([entry.about + ".", *wanted, *answers, f"Operations: {cost or 'none'}."])
 
     def _init_prototype(self) -> str:
+        large = self.law.system.freedom > 2
         lines = [
             "Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.",
             "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.",
+            *(["At a state: where 1 / (|Phi| |Phi^-1|), in the 1-norm and these units, is not above 1e-5."] if large else []),
             self._on_limit(),
         ]
         return comment(lines) + "\n" + "\n".join(fill(self._init_signature() + ";", ""))
@@ -179,9 +181,10 @@ class LawC:
 
     def source(self) -> str:
         """The whole source of the law."""
+        includes = [self.type, *(["noslip_solve"] if any(node.operation == MATRIX_INVERSE for node in self._all_nodes()) else [])]
         parts = [
             comment([f"{self.type}.c - {self.law.output.about}, {self.robot}, {self.scalar.real}", *self.banner])
-            + f'\n#include "{self.type}.h"',
+            + "".join(f'\n#include "{name}.h"' for name in includes),
             self._init(),
             self._reset(),
             *self._admits(),
@@ -295,7 +298,7 @@ class LawC:
         for angle in program.angles:
             if angle.operation != "leaf" and angle in executed:
                 writer.lines.append(self._leave(f"!{self._in_range(writer.named(angle))}", "NOSLIP_RANGE"))
-        if entry.inverts:
+        if law.singular:
             writer.not_singular(*law.singular)
         for quantity in self.answered(entry):
             matrix = law.quantities[quantity]
@@ -339,7 +342,7 @@ class LawC:
         hidden = [place for place in self._hidden(entry) if place not in angles]
         begin = [*(f"{argument} != NULL" for argument in names), "self->ready == NOSLIP_READY"]
         begin += [self._in_range(angle) for angle in angles]
-        end = ["status == NOSLIP_OK", *(f"{name('noslip_abs')}(tau[{k}]) <= self->limit[{k}]" for k in range(self.inputs))]
+        end = ["status == NOSLIP_OK", *(f"{name('noslip_within')}(tau[{k}], self->limit[{k}])" for k in range(self.inputs))]
         if hidden:
             end.append(f"{name('noslip_is_finite')}({' + '.join(hidden)})")
         fast = [
@@ -458,6 +461,9 @@ class LawC:
         if node.operation == "leaf" and node.group == "demand":
             return f"v[{[q.name for q in self.law.demand].index(node.name)}]"
         return f"{node.group}->{node.name}" if node.operation == "leaf" else None
+
+    def _all_nodes(self) -> list[Node]:
+        return reachable(root for law in self.program.entries.values() for root in law.roots)
 
     def _executed(self, roots: Sequence[Node]) -> list[Node]:
         """The nodes a step computes, constants of init left out."""

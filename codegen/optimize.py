@@ -5,8 +5,9 @@ What they answer is rounded as it is then written in C; nothing is regrouped aft
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from itertools import combinations
 from math import prod
 
@@ -15,6 +16,7 @@ from .graph import CONSTANT_GROUPS, Graph, Node, is_constant, reachable
 # n-ary operations used between the passes only: "sum" (node.name holds a sign for each argument, the first is +),
 # "product", "kept" (a product that is not to be taken apart again) and "inverse"
 Signed = tuple[int, Node]
+Pair = tuple[Node, Node, int]  # two arguments and their relative sign
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class Optimizer:
                 done[node] = made if uses[node] == 1 else self._keep(*made)
             else:
                 arguments = [self._plain(done[argument]) for argument in node.arguments]
-                done[node] = (1, self.graph.apply(node.operation, *arguments))
+                done[node] = (1, self.graph.again(node, arguments))
             self._name(node, *done[node])
         return [done[root] for root in roots]
 
@@ -230,20 +232,19 @@ class Optimizer:
         return self._extract(signed, "product")
 
     def _extract(self, roots: Sequence[Signed], operation: str) -> list[Signed]:
-        signed = list(roots)
+        signed, index = list(roots), PairIndex()
         while True:
-            nodes = [node for node in reachable(node for _, node in signed) if node.operation == operation]
-            counted = Counter(pair for node in nodes for pair in dict.fromkeys(pairs(node)))
-            shared = [(times, pair) for pair, times in counted.items() if times > 1]
-            if not shared:
+            index.update(node for node in reachable(node for _, node in signed) if node.operation == operation)
+            found = index.most_shared()
+            if found is None:
                 return signed
-            _, (x, y, relative) = max(shared, key=lambda item: (item[0], -item[1][0].order, -item[1][1].order))
+            (x, y, relative), users = found
             signs = "+-" if relative < 0 else "++"
             pair = self.graph.make("sum", (x, y), name=signs) if operation == "sum" else self.graph.make("kept", (x, y))
             self._name(self.graph.make("product", (x, y)), 1, pair)
 
             def replace(sign: int, node: Node, x=x, y=y, relative=relative, pair=pair) -> Signed:
-                if node.operation != operation or node is pair or (x, y, relative) not in set(pairs(node)):
+                if node.operation != operation or node is pair or (x, y, relative) not in index.pairs(node):
                     return sign, node
                 if operation == "product":
                     rest = list(node.arguments)
@@ -254,7 +255,7 @@ class Optimizer:
                 rest = [self._atom(s, argument) for argument, s in signs.items() if argument is not x and argument is not y]
                 return self._signed(sign, self.sum([*rest, self._atom(signs[x], pair)]))
 
-            signed = self._rewrite_signed(signed, replace)
+            signed = self._rewrite_signed(signed, replace, users)
 
     @staticmethod
     def _atom(sign: int, node: Node) -> Term:
@@ -264,12 +265,16 @@ class Optimizer:
     def _signed(sign: int, other: Signed) -> Signed:
         return sign * other[0], other[1]
 
-    def _rewrite_signed(self, signed: Sequence[Signed], change: Callable[[int, Node], Signed]) -> list[Signed]:
-        rewritten = self._rewrite([node for _, node in signed], change)
+    def _rewrite_signed(
+        self, signed: Sequence[Signed], change: Callable[[int, Node], Signed], where: Container[Node] | None = None
+    ) -> list[Signed]:
+        rewritten = self._rewrite([node for _, node in signed], change, where)
         return [(sign * s, node) for (sign, _), (s, node) in zip(signed, rewritten, strict=True)]
 
-    def _rewrite(self, roots: Sequence[Node], change: Callable[[int, Node], Signed]) -> list[Signed]:
-        """Apply `change` to every node, arguments first, signs carried along."""
+    def _rewrite(
+        self, roots: Sequence[Node], change: Callable[[int, Node], Signed], where: Container[Node] | None
+    ) -> list[Signed]:
+        """Apply `change` to every node, arguments first, signs carried along; or to those in `where` and what depends on them."""
         done: dict[Node, Signed] = {}
         nodes = reachable(roots)
         uses = Counter(argument for node in nodes for argument in node.arguments)
@@ -279,6 +284,10 @@ class Optimizer:
                 done[node] = (1, node)
                 continue
             new = [done[argument] for argument in node.arguments]
+            same = all(sign > 0 and made is old for (sign, made), old in zip(new, node.arguments, strict=True))
+            if same and where is not None and node not in where and node.operation not in ("kept", "product"):
+                done[node] = (1, node)
+                continue
             if node.operation == "sum":
                 rebuilt = self.sum([self._term(s * sign, n) for s, (sign, n) in zip(signs_of(node), new, strict=True)])
             elif node.operation == "product":
@@ -291,7 +300,7 @@ class Optimizer:
                 rebuilt = (sign, self.graph.make("kept", parts)) if made_here else self.product(sign, *parts)
                 rebuilt = self._keep(*rebuilt) if uses[node] > 1 else rebuilt
             else:
-                rebuilt = (1, self.graph.apply(node.operation, *[self._plain(argument) for argument in new]))
+                rebuilt = (1, self.graph.again(node, [self._plain(argument) for argument in new]))
             done[node] = self._name(node, *change(*rebuilt))
         return [done[root] for root in roots]
 
@@ -362,7 +371,7 @@ class Optimizer:
             return result
         if node.operation == "sum":
             return self._chain([(sign, done[argument]) for sign, argument in signed_arguments(node)])
-        return apply(node.operation, *[done[argument] for argument in node.arguments])
+        return self.graph.again(node, [done[argument] for argument in node.arguments])
 
 
 def signs_of(node: Node) -> list[int]:
@@ -375,7 +384,53 @@ def signed_arguments(node: Node) -> list[Signed]:
     return list(zip(signs_of(node), node.arguments, strict=True))
 
 
-def pairs(node: Node) -> list[tuple[Node, Node, int]]:
+class PairIndex:
+    """The pairs of arguments of a changing set of nodes, and which nodes have each."""
+
+    def __init__(self) -> None:
+        self._nodes: set[Node] = set()
+        self._users: dict[Pair, set[Node]] = {}
+        self._pairs: dict[Node, frozenset[Pair]] = {}
+        self._heap: list[tuple] = []  # the most used first; an entry whose count is out of date does not count
+
+    def pairs(self, node: Node) -> frozenset[Pair]:
+        """The pairs of one node."""
+        if node not in self._pairs:
+            self._pairs[node] = frozenset(pairs(node))
+        return self._pairs[node]
+
+    def update(self, nodes: Iterable[Node]) -> None:
+        """Take these nodes for those before."""
+        new = set(nodes)
+        changed: set[Pair] = set()
+        for node in self._nodes - new:
+            for pair in self.pairs(node):
+                self._users[pair].discard(node)
+                changed.add(pair)
+        for node in new - self._nodes:
+            for pair in self.pairs(node):
+                self._users.setdefault(pair, set()).add(node)
+                changed.add(pair)
+        self._nodes = new
+        for pair in changed:
+            if len(self._users[pair]) > 1:
+                heappush(self._heap, (*self._rank(pair), pair))
+
+    def most_shared(self) -> tuple[Pair, set[Node]] | None:
+        """The pair that most nodes have, of those the earliest made; None when every pair has one user."""
+        while self._heap:
+            *rank, pair = self._heap[0]
+            if len(self._users[pair]) > 1 and tuple(rank) == self._rank(pair):
+                return pair, set(self._users[pair])
+            heappop(self._heap)
+        return None
+
+    def _rank(self, pair: Pair) -> tuple[int, ...]:
+        users = self._users[pair]
+        return -len(users), pair[0].order, pair[1].order, min(node.order for node in users), pair[2]
+
+
+def pairs(node: Node) -> list[Pair]:
     """The pairs of arguments of a sum, with their relative sign, or of a product."""
     if node.operation == "sum":
         return [(x, y, s * t) for (s, x), (t, y) in combinations(signed_arguments(node), 2)]

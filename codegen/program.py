@@ -7,7 +7,7 @@ from itertools import count
 import casadi as ca
 
 from ..model.law import ControlLaw
-from ..model.linearization import SINGULAR_SQUARED
+from ..model.linearization import SINGULAR, SINGULAR_SQUARED, Linearization
 from .graph import CONSTANT_GROUPS, Graph, Node, free_name, from_casadi, reachable
 from .optimize import Optimizer
 from .stages import PART, STEP, Stages, staged
@@ -48,7 +48,10 @@ ENTRIES = (
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What one entry point computes: its quantities as nodes; singular where not first > second of `singular`."""
+    """What one entry point computes: its quantities as nodes; singular where not first > second of `singular`.
+
+    `singular` is empty where nothing is inverted, or where the inversion itself tells.
+    """
 
     quantities: dict[str, Matrix]
     singular: tuple[Node, ...]
@@ -127,12 +130,13 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     def build(expression: ca.SX) -> Matrix:
         return from_casadi(graph, expression, symbols, [nodes[symbol.element_hash()] for symbol in symbols], where)
 
-    for symbol, expression in source.steps:
-        ((node,),) = build(expression)
-        nodes[symbol.element_hash()] = node
-        symbols.append(symbol)
-        if not str(symbol).startswith(PART):
-            labels.setdefault(node, str(symbol).removeprefix(STEP))
+    for symbol, expression, *least in source.steps:
+        made = graph.inverse(build(expression), *least) if least else build(expression)
+        for one, (node,) in zip(ca.vertsplit(ca.vec(symbol.T)), ([node] for row in made for node in row), strict=True):
+            nodes[one.element_hash()] = node
+            symbols.append(one)
+            if not least and not str(one).startswith(PART):
+                labels.setdefault(node, str(one).removeprefix(STEP))
     quantities = {name: build(expression) for name, expression in source.quantities.items()}
     labels = _own_names(law, quantities) | labels
     entries = {}
@@ -142,7 +146,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         if chosen:
             entries[entry] = _optimized(graph, Body(chosen, singular), labels) if optimize else Body(chosen, singular)
     conditions, regular = ([row[0] for row in quantities[name]] for name in ("conditions", "regular"))
-    return Program(law, entries, _constants(entries, labels), labels, conditions, regular, graph)
+    return Program(law, entries, constants_of(entries, labels), labels, conditions, regular, graph)
 
 
 def plain(law: ControlLaw) -> Stages:
@@ -156,12 +160,20 @@ def plain(law: ControlLaw) -> Stages:
         "u": law.u,
         "tau": law.tau,
         "tau_of_demand": law.tau_of_demand,
-        "singular": ca.vertcat(found.determinant**2, SINGULAR_SQUARED * found.scale_squared),
+        "singular": _singular(found),
         "regular": ca.SX(0, 1),
         "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         "slope": law.slope,
     }
     return Stages([], quantities=quantities)
+
+
+def _singular(found: Linearization) -> ca.SX:
+    """What must be greater than what, for Phi not to be singular; without a root up to 2 x 2."""
+    if found.system.freedom <= 2:
+        return ca.vertcat(found.determinant**2, SINGULAR_SQUARED * found.scale_squared)
+    one, condition = found.measure
+    return ca.vertcat(one, SINGULAR * condition)
 
 
 def _optimized(graph: Graph, body: Body, labels: dict[Node, str]) -> Body:
@@ -194,7 +206,7 @@ def _own_names(law: ControlLaw, quantities: dict[str, Matrix]) -> dict[Node, str
     return labels
 
 
-def _constants(entries: dict[Entry, Body], labels: dict[Node, str]) -> dict[Node, str]:
+def constants_of(entries: dict[Entry, Body], labels: dict[Node, str]) -> dict[Node, str]:
     """The fixed nodes that a step uses directly, with the names of their fields."""
     roots = [root for body in entries.values() for root in body.roots]
     fixed = fixed_nodes(roots)

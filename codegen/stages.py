@@ -14,13 +14,14 @@ import casadi as ca
 from ..model.exact import canonical
 from ..model.expression import fold, operate, operations, time_derivative
 from ..model.law import ControlLaw, outer_loop
-from ..model.linearization import SINGULAR_SQUARED, derivative
+from ..model.linearization import SINGULAR, SINGULAR_SQUARED, derivative, norm
 from ..model.mechanism import Quantity, quantity
 from ..model.outputs import OutputMap, OutputRow
-from ..model.reduction import ReducedSystem, solve
+from ..model.reduction import ReducedSystem, solve, solve_by_blocks
 from ..model.vehicle import velocity_map
 from .taylor import Taylor
 
+MONOMIALS = 3  # quasi-velocities up to which what is quadratic in them is sorted by monomials; above, that is more to compute
 STEP, PART = "step.", "part."  # before the names of symbols made here, so that they differ from all others
 
 
@@ -29,7 +30,7 @@ class Stages:
     """Named steps, each a symbol and an expression in earlier symbols, and the quantities built from them."""
 
     fixed: list[ca.SX]  # the symbols that init knows
-    steps: list[tuple[ca.SX, ca.SX]] = field(default_factory=list)
+    steps: list[tuple] = field(default_factory=list)  # symbol, expression; or those of a matrix's inverse, matrix, least rcond
     quantities: dict[str, ca.SX] = field(default_factory=dict)
     _parts: dict[tuple[int, ...], ca.SX] = field(default_factory=dict)
     _keys: dict[tuple, int] = field(default_factory=dict)
@@ -43,6 +44,15 @@ class Stages:
         self.steps.append((symbol, rest))
         return self._times(factor, symbol)
 
+    def variable(self, name: str, expression: ca.SX) -> ca.SX:
+        """A symbol for the expression as a whole, so that others can be differentiated by it."""
+        made = self.step(name, expression)
+        if made.is_symbolic():
+            return made
+        symbol = ca.SX.sym(STEP + name)
+        self.steps.append((symbol, made))
+        return symbol
+
     def row(self, names: list[str], expressions: ca.SX) -> ca.SX:
         """A step for each entry of a row."""
         return ca.horzcat(*[self.step(name, expressions[k]) for k, name in enumerate(names)])
@@ -52,6 +62,32 @@ class Stages:
         simple = ca.densify(canonical(matrix))
         entries = [self._times(*self._split(entry)) for entry in ca.vertsplit(ca.vec(simple))]
         return ca.reshape(ca.vertcat(*entries), simple.shape)
+
+    def inverse(self, matrix: ca.SX, least: float = 0.0) -> ca.SX:
+        """The inverse: in closed form up to 3 x 3; above, block by block, and a block above 3 x 3 is left to the C runtime.
+
+        There it has a meaning where its reciprocal condition exceeds `least`.
+        """
+        n = matrix.shape[0]
+        if n <= 3:
+            return self.exact(ca.adj(matrix) / ca.det(matrix) if n > 1 else 1 / matrix)
+
+        def solve_block(block: ca.SX, right: ca.SX) -> ca.SX:
+            inverse = self.inverse(block) if block.shape[0] <= 3 else self._inverted(block, least)
+            solved = self.exact(inverse @ right)
+            entries = [self.step(f"inverse_{k}", entry) for k, entry in enumerate(ca.vertsplit(ca.vec(solved)))]
+            return ca.reshape(ca.vertcat(*entries), solved.shape)
+
+        return ca.densify(solve_by_blocks(matrix, ca.SX.eye(n), solve_block))
+
+    def _inverted(self, block: ca.SX, least: float) -> ca.SX:
+        """Symbols for the entries of the inverse, which a step finds by elimination with pivots."""
+        symbols = ca.SX.sym(f"{STEP}inverse", *block.shape)
+        known = {symbol.element_hash() for symbol in self.fixed}
+        if all(symbol.element_hash() in known for symbol in ca.symvar(block)):
+            self.fixed.extend(ca.vertsplit(ca.vec(symbols)))
+        self.steps.append((symbols, block, least))
+        return symbols
 
     def key(self, matrix: ca.SX) -> tuple[int, ...]:
         """The same for matrices whose entries are the same operations on the same symbols and numbers, else different."""
@@ -149,7 +185,7 @@ def staged(law: ControlLaw) -> Stages:
         "u": from_inner @ feedback.acceleration(loop, damping),
         "tau": feedback.inputs(loop, damping),
         "tau_of_demand": feedback.inputs(demand, ca.SX.zeros(inner.freedom)),
-        **_singular(stages, Phi, W),
+        **_singular(stages, Phi, W, feedback.inverse),
         "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         "slope": ca.SX(0, 1) if law.speed_row is None else feedback.slope(law.speed_row),
     }
@@ -206,12 +242,12 @@ def _point_row(stages: Stages, inner: ReducedSystem, row: OutputRow) -> _Row:
     """A row h = outer(z(q)): first the point z, then the outer function's slope and curvature there."""
     through, q, w = row.through, inner.mechanism.q, inner.nu
     names = [str(symbol) for symbol in ca.vertsplit(through.symbols)]
-    z = stages.row(names, through.inner.T).T
+    z = ca.vertcat(*[stages.variable(name, through.inner[k]) for k, name in enumerate(names)])
     outer = ca.substitute(through.outer, through.symbols, z)
     point = stages.exact(ca.jacobian(through.inner, q) @ inner.S)
     point_rate = stages.exact(time_derivative(point, q, inner.qdot))
     point_drift = stages.exact(point_rate @ w)
-    zdot = stages.row([f"{name}_rate" for name in names], (point @ w).T).T
+    zdot = ca.vertcat(*[stages.variable(f"{name}_rate", (point @ w)[k]) for k, name in enumerate(names)])
 
     gradient = ca.jacobian(outer, z) if through.slope is None else ca.substitute(through.slope, through.symbols, z)
     slope = stages.row([f"{row.name}_by_{name}" for name in names], gradient)
@@ -266,18 +302,24 @@ def _rest_of_rates(rows: list[_Row], degree: tuple[int, ...], damped: dict[int, 
 class _Feedback:
     """Both feedbacks in w: u = Phi^-1 (v - residual) - rest - damping, tau = K u + bias (12), (20).
 
-    `damping` is the part of the outer loop that has been taken past the inverse, see _damped_alone.
+    `damping` is the part of the outer loop that has been taken past the inverse, see _damped_alone. With more inputs than
+    n-m, K u + bias is what S'E (tau - wanted) must be, and is shared out last: that takes less than the r rows of (S'E)^+.
     """
 
     def __init__(self, stages: Stages, inner: ReducedSystem, rows: list[_Row]):
         self.stages, self.inner = stages, inner
         Phi = ca.vertcat(*[row.Phi for row in rows])
-        self.inverse = stages.exact(ca.adj(Phi) / ca.det(Phi) if inner.freedom > 1 else 1 / Phi)
+        self.inverse = stages.inverse(Phi, SINGULAR)
         self.rest = self._acceleration_at_rest(rows)
         self.residual = ca.vertcat(*[self._residual(row) for row in rows])
-        to_inputs = stages.exact(inner.input_inverse())
-        self.K = stages.exact(to_inputs @ stages.exact(inner.Mbar))
-        self.bias = to_inputs @ stages.exact(inner.bias)
+        self.K, self.bias = stages.exact(inner.Mbar), stages.exact(inner.bias)
+        if inner.redundant:
+            self.bias -= inner.input_map @ inner.wanted
+            self.spread = stages.exact(inner.spread())
+            self.square = stages.inverse(_symbols(stages, "square", stages.exact(inner.input_map @ self.spread)))
+        else:
+            to_inputs = stages.exact(inner.input_inverse()) if inner.freedom <= 3 else stages.inverse(inner.input_map)
+            self.K, self.bias = stages.exact(to_inputs @ self.K), to_inputs @ self.bias
 
     def acceleration(self, v: ca.SX, damping: ca.SX) -> ca.SX:
         """u, the rate of w."""
@@ -285,12 +327,21 @@ class _Feedback:
 
     def inputs(self, v: ca.SX, damping: ca.SX) -> ca.SX:
         """tau."""
-        rest = _by_monomials(self.stages, self.bias - self.K @ (self.rest + damping), self.inner.nu)
-        return self.K @ self._solved(v) + rest
+        rest = self.bias - self.K @ (self.rest + damping)
+        if self.inner.freedom <= MONOMIALS:
+            rest = _by_monomials(self.stages, rest, self.inner.nu)
+        return self.inner.wanted + self._shared(self.K @ self._solved(v) + rest)
 
     def slope(self, row: int) -> ca.SX:
         """Derivative of tau by the demand of a row."""
-        return self.K @ self.inverse[:, row]
+        return self._shared(self.K @ self.inverse[:, row])
+
+    def _shared(self, effort: ca.SX) -> ca.SX:
+        """The inputs for an effort, where this does not give them already."""
+        if not self.inner.redundant:
+            return effort
+        effort = _symbols(self.stages, "effort", effort)
+        return self.spread @ _symbols(self.stages, "share", self.square @ effort)
 
     def _solved(self, v: ca.SX) -> ca.SX:
         wanted = ca.vertcat(*[self.stages.step(f"wanted_{k}", v[k] - self.residual[k]) for k in range(v.numel())])
@@ -316,11 +367,23 @@ class _Feedback:
         return self.stages.exact(row.drift - row.Phi @ self.rest) if not self.rest.is_zero() else row.drift
 
 
-def _singular(stages: Stages, Phi: ca.SX, W: ca.SX) -> dict[str, ca.SX]:
-    """`singular`: (det Phi)^2 and what it must exceed, both divided by (det W)^2 so that they are in w.
+def _symbols(stages: Stages, name: str, matrix: ca.SX) -> ca.SX:
+    """A step for each entry of a matrix."""
+    entries = [stages.step(f"{name}_{k}", entry) for k, entry in enumerate(ca.vertsplit(ca.vec(ca.densify(matrix))))]
+    return ca.reshape(ca.vertcat(*entries), matrix.shape)
 
+
+def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[str, ca.SX]:
+    """`singular`: up to 2 x 2 (det Phi)^2 and what it must exceed, both divided by (det W)^2 so that they are in w.
+
+    Above, where w is nu, the condition in the 1-norm; nothing where the C runtime inverts Phi as a whole, and tells.
     `regular`: what must be positive for that to be possible at all.
     """
+    none = ca.SX(0, 1)
+    if Phi.shape[0] > 2:
+        whole = any(least == [SINGULAR] and matrix.shape == Phi.shape for _, matrix, *least in stages.steps)
+        singular = none if whole else ca.vertcat(1, SINGULAR * norm(Phi) * norm(inverse))
+        return {"singular": singular, "regular": none}
     scale = ca.SX(SINGULAR_SQUARED)
     metric = canonical(W @ W.T)
     for k in range(Phi.shape[0]):

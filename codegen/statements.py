@@ -4,13 +4,15 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable
 from itertools import count
+from math import isqrt
 
-from .graph import Node, free_name
+from .graph import ENTRY, Node, free_name
 from .scalar import Scalar
 
 WIDEST = 100  # characters; a longer expression is broken into named steps
 PRECEDENCE = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}
 SIGN = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+NAMED_OTHERWISE = ("constant", "sin", "cos", ENTRY)  # what is never given to a variable of its own
 Printed = tuple[str, int]  # text and how tightly it binds
 
 
@@ -62,21 +64,21 @@ class Statements:
 
     def assign(self, place: str, node: Node) -> None:
         """Write the node to a place that outlives the statements. What nothing else uses gets no name of its own."""
-        known = node in self.names or self.given(node) is not None or node.operation in ("constant", "sin", "cos")
+        known = node in self.names or self.given(node) is not None or node.operation in NAMED_OTHERWISE
         text = self._expression(node)[0] if not known and self.uses[node] <= 1 else self.text(node)
         self.lines.append(f"{place} = {text};")
 
     def named(self, node: Node) -> str:
         """A name or literal for the node, made now if it has none."""
-        if node not in self.names and self.given(node) is None and node.operation not in ("constant", "sin", "cos"):
+        if node not in self.names and self.given(node) is None and node.operation not in NAMED_OTHERWISE:
             self._assign(node, self._expression(node)[0])
         return self._print(node)[0]
 
-    def not_singular(self, determinant_squared: Node, bound: Node) -> None:
+    def not_singular(self, measure: Node, bound: Node) -> None:
         """Leave the function unless the first is greater than the second; NaN leaves."""
-        left, right = self._operand(determinant_squared, 1), self._operand(bound, 1)
+        left, right = self._operand(measure, 1), self._operand(bound, 1)
         self.lines.append(self.guard(f"!({left} > {right})"))
-        self.guarded.update(factors(determinant_squared))
+        self.guarded.update(factors(measure))
 
     def _operand(self, node: Node, binding: int) -> str:
         text, precedence = self._print(node)
@@ -90,6 +92,9 @@ class Statements:
             return self.scalar.literal(node.value), 3 if node.value < 0 else 4
         if node.operation in ("sin", "cos"):
             self._sincos(node.arguments[0])
+            return self.names[node], 4
+        if node.operation == ENTRY:
+            self._inverse(node.arguments[0])
             return self.names[node], 4
         printed = self._expression(node)
         if node in self.labels or self.uses[node] > 1 or len(printed[0]) > WIDEST:
@@ -138,6 +143,21 @@ class Statements:
             for node in self.uses
             if node.operation in ("sin", "cos") and node.arguments[0] is angle
         ]
+
+    def _inverse(self, whole: Node) -> None:
+        """Invert a matrix in an array, and leave where it has no inverse."""
+        size = isqrt(len(whole.arguments))
+        texts = [self.text(entry) for entry in whole.arguments]
+        array, order, condition = (free_name(name, self.taken) for name in ("inverse", "order", "rcond"))
+        real, call = self.scalar.real, f"{self.scalar.name('noslip_invert')}({array}, {order}, {size})"
+        self.lines.append(f"{real} {array}[{len(texts)}];\nint {order}[{size}];")
+        self.lines += [f"{array}[{k}] = {text};" for k, text in enumerate(texts)]
+        self.lines.append(f"const {real} {condition} = {call};")
+        if self.guard is not None:
+            self.lines.append(self.guard(f"!({condition} > {self.scalar.literal(whole.value)})"))
+        for node in self.uses:
+            if node.operation == ENTRY and node.arguments[0] is whole:
+                self.names[node] = f"{array}[{int(node.value)}]"
 
     def _assign(self, node: Node, text: str) -> None:
         own = self.labels.get(node) or next(name for name in self.temporaries if name not in self.taken)

@@ -14,14 +14,14 @@ from ..model.kinematics import Kinematics
 from ..model.linearization import linearize
 from ..model.mechanism import Mechanism
 from ..model.normal_form import Moving, NormalForm, normal_form
-from ..model.outputs import OFFSET, OUTPUTS, output_map
+from ..model.outputs import output_map, output_names
 from ..model.properties import Check
 from ..model.reduction import ReducedSystem
 from ..model.rolling import PlanarContact, RollingContact, RollingGrowth, rolling_growth
 from ..model.symbolic import symbolic, written
 from .errors import BadInput
 from .loop import make_loop
-from .robots import find_robot, suggestion, system_of
+from .robots import check_law, find_robot, system_of
 from .safety import Verdict, certify
 from .vary import read_varied
 
@@ -86,8 +86,8 @@ def analyse(system: System, laws: Sequence[str] = (), starts: Sequence[str] = ()
     are no SPEC of it.
     """
     for law in laws:
-        if law.removesuffix(OFFSET) not in OUTPUTS:
-            raise BadInput(f"unknown output {law!r}{suggestion(law, OUTPUTS)}")
+        if isinstance(system, Mechanism):
+            check_law(system, law)
     verdicts = {file: start_verdict(system.name, file) for file in starts}
     found = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
     outputs, refused, nothing = _outputs(system, laws)
@@ -183,7 +183,7 @@ def _outputs(system: System, laws: Sequence[str]) -> tuple[dict[str, NormalForm]
             raise
         return {}, {}, _reason(error, system)
     found, refused = {}, {}
-    for law in laws or OUTPUTS:
+    for law in laws or output_names(system):
         try:
             found[law] = _form(reduced, law)
         except ModelError as error:
@@ -191,7 +191,7 @@ def _outputs(system: System, laws: Sequence[str]) -> tuple[dict[str, NormalForm]
                 raise
             refused[law] = _reason(error, system)
     reasons = set(refused.values())
-    nothing = reasons.pop() if len(reasons) == 1 else "none of Types I to IV fits"
+    nothing = reasons.pop() if len(reasons) == 1 else "none of Types I to IV fits, nor of its own"
     return found, refused, "" if found else nothing
 
 
@@ -203,7 +203,7 @@ def _reason(error: ModelError, system: Mechanism) -> str:
     """What an error says, without the robot's name and the law's."""
     message = str(error).removeprefix(system.name).removeprefix(": ").removeprefix(", output ")
     law, colon, rest = message.partition(": ")
-    return rest if colon and law in OUTPUTS else message
+    return rest if colon and law in output_names(system) else message
 
 
 def _output_json(form: NormalForm) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .backends import BACKENDS, Controller, Evaluation, ParameterRefused, make_controller
+from .backends import BACKENDS, ON_TARGET, Controller, Evaluation, ParameterRefused, make_controller
 
 if TYPE_CHECKING:
     from .cases import Case
@@ -29,7 +29,10 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("cases", metavar="CASES.json", help="cases: parameters, output, q, nu, reference, gains")
     parser.add_argument(
-        "--backend", choices=BACKENDS, default="c", help="casadi, or the generated C in double (c, the default) or float (cf)"
+        "--backend",
+        choices=(*BACKENDS, *ON_TARGET),
+        default="c",
+        help="casadi; the generated C in double (c, the default) or float (cf); the same on an emulated Cortex-M4F or RV32",
     )
     parser.add_argument(
         "-o", dest="out", metavar="OUT.json", default="-", help="where to write; - (the default) is standard output"

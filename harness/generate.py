@@ -7,8 +7,12 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from .errors import BadInput
 from .files import write_folder
 
+DYNAMICS = "dynamics"  # what is written beside the laws
+
+OUTPUT_HELP = f"a law, such as type_i, or {DYNAMICS}, the plant; may be repeated (default: all)"
 EXAMPLE = """examples:
   noslip generate labmate                      write generated/labmate/
   noslip generate labmate --check              exit 1 with a diff unless generated/labmate/ is current
@@ -20,8 +24,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add the command."""
     parser = subparsers.add_parser(
         "generate",
-        help="write the C of a robot's control laws",
-        description="Write the C of a robot's control laws into DIR/ROBOT/, double and float.",
+        help="write the C of a robot's control laws and dynamics",
+        description="Write the C of a robot's control laws and of its dynamics into DIR/ROBOT/, double and float.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -37,9 +41,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def add_selection(parser: argparse.ArgumentParser) -> None:
     """The options that choose laws and scalars."""
-    parser.add_argument(
-        "--output", action="append", default=[], metavar="LAW", help="a law, such as type_i; may be repeated (default: all)"
-    )
+    parser.add_argument("--output", action="append", default=[], metavar="LAW", help=OUTPUT_HELP)
     parser.add_argument("--scalar", choices=("double", "float", "both"), default="both", help="default: both")
 
 
@@ -50,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
 
         print("\n\n".join(explain(law) for law in selected_laws(args)))
         return 0
-    files = selected_files(args)
+    files = selected_files(args, dynamics=not args.output or DYNAMICS in args.output)
     folder = Path(args.out) / robot_name(files)
     if args.check:
         return _compare(files, folder)
@@ -59,22 +61,26 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def selected_files(args: argparse.Namespace) -> dict[str, str]:
-    """Text of the C that the command line asks for."""
+def selected_files(args: argparse.Namespace, dynamics: bool) -> dict[str, str]:
+    """Text of the C that the command line asks for, with or without the dynamics."""
     from ..codegen.files import robot_files
+    from .robots import find_robot, system_of
 
-    laws = selected_laws(args)
+    laws = [] if set(args.output) == {DYNAMICS} else selected_laws(args)
     scalars = ("double", "float") if args.scalar == "both" else (args.scalar,)
-    return robot_files(laws[0].system, laws, scalars)
+    return robot_files(system_of(find_robot(args.robot)), laws, scalars, dynamics)
 
 
 def selected_laws(args: argparse.Namespace) -> list:
-    """The control laws that the command line asks for. Raises BadInput when the robot has none."""
+    """The control laws that the command line asks for. Raises BadInput when the robot has none, or none is asked for."""
     from ..model.outputs import OUTPUTS
     from .robots import find_laws, find_robot, law_of, system_of
 
     system = system_of(find_robot(args.robot))
-    names = args.output or find_laws(system)
+    names = [name for name in args.output if name != DYNAMICS]
+    if args.output and not names:
+        raise BadInput(f"--output {DYNAMICS} is no control law; name one beside it, such as --output {next(iter(OUTPUTS))}")
+    names = names or find_laws(system)
     if not names:
         names = [next(iter(OUTPUTS))]  # building it says why not
     return [law_of(system, name) for name in dict.fromkeys(names)]

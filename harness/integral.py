@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from .backends import BACKENDS, Controller
+from .backends import Controller
 from .errors import BadInput
 
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
+    from .runtime import Runtime
 
 HEADER = "noslip_integral.h"
 
@@ -49,10 +50,10 @@ class Integral:
 class CompiledIntegral:
     """The same by the C, in double or float. Raises BadInput where the C answers an error."""
 
-    def __init__(self, ki: float, limit: float = 0.0, scalar: str = "double"):
+    def __init__(self, ki: float, limit: float = 0.0, scalar: str = "double", c: Runtime | None = None):
         from .runtime import runtime  # slow to import
 
-        self._runtime, self._scalar = runtime(HEADER), scalar
+        self._runtime, self._scalar = c or runtime(HEADER), scalar
         self._self, self._add = self._runtime.new("noslip_integral", scalar), self._runtime.array(scalar, [0.0])
         self._call("init", float(ki), float(limit))
 
@@ -73,13 +74,17 @@ class CompiledIntegral:
             raise BadInput(f"integral action: {name} answers {self._runtime.status(status)!r}")
 
 
-def make_integral(backend: str, ki: float, limit: float = 0.0) -> Integrator:
-    """Integral action as this backend does it: casadi in Python, c and cf by the C. Raises BadInput for an unknown backend."""
-    if backend not in BACKENDS:
-        raise BadInput(f"unknown backend {backend!r}; known are {', '.join(BACKENDS)}")
+def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw | None = None) -> Integrator:
+    """Integral action as this backend does it: casadi in Python, the others by the C; see `runtime_of`.
+
+    Raises BadInput for an unknown backend.
+    """
     if backend == "casadi":
         return Integral(ki, limit)
-    return CompiledIntegral(ki, limit, "double" if backend == "c" else "float")
+    from .runtime import runtime_of  # slow to import
+
+    c, scalar = runtime_of(backend, HEADER, law)
+    return CompiledIntegral(ki, limit, scalar, c)
 
 
 class IntegralAction:
@@ -104,7 +109,7 @@ class IntegralAction:
         known = {gain.name: value for gain, value in zip(law.gains, gains, strict=True)}
         for k in self._acting:
             _check(names[k], degree[k], by_row[k], known)
-        self._limit = _limits(limit, self.rows)
+        self._limit, self._law = _limits(limit, self.rows), law
         wanted = [q.name for q in law.reference]
         self._wanted = [wanted.index(name) for name in self.rows]
         self._highest = [entry + degree[k] for entry, k in zip(self._wanted, self._acting, strict=True)]
@@ -112,7 +117,7 @@ class IntegralAction:
 
     def integrators(self, backend: str) -> list[Integrator]:
         """One for each of the rows, at zero."""
-        return [make_integral(backend, ki, limit) for ki, limit in zip(self.ki, self._limit, strict=True)]
+        return [make_integral(backend, ki, limit, self._law) for ki, limit in zip(self.ki, self._limit, strict=True)]
 
     def error(self, controller: Controller, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """y_d - y (K), as the law finds y at a state; an angle the short way round.
@@ -127,6 +132,8 @@ class IntegralAction:
 
     def added(self, reference: np.ndarray, add: np.ndarray) -> np.ndarray:
         """The reference that the controller takes, in the order of law.reference."""
+        if not self.rows:
+            return reference
         made = reference.copy()
         made[self._highest] += add
         return made

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR
-from ..model.mechanism import values_of
+from ..model.mechanism import Mechanism, values_of
 from ..model.outputs import body_point, forward_speed, reference_point
 from .backends import Limits, make_controller
 from .cases import gain_entries, integral_entries
@@ -18,7 +18,7 @@ from .odometry import vehicle_wheels
 from .plant import Plant
 from .robots import find_robot, law_of
 from .sensing import Sensing
-from .spec import Initial, Spec, check_keys
+from .spec import TYPES, Initial, Spec, check_keys
 from .tracking import TrackerOptions, make_tracker
 
 RUNNING = ("ok", "saturated")  # the statuses with which a run goes on
@@ -78,7 +78,7 @@ def make_loop(spec: Spec) -> Loop:
     a singular start.
     """
     mechanism = find_robot(spec.robot)
-    law = law_of(mechanism, spec.output.law)
+    law = _law(mechanism, spec)
     names = [p.name for p in law.parameters]
     for where in ("parameters", "plant"):
         check_keys(getattr(spec, where), names, where)
@@ -107,10 +107,19 @@ def make_loop(spec: Spec) -> Loop:
     sensing = None
     if spec.sensors:
         seen = (plant.parameters, believed, start, spec.simulation.backend)
-        sensing = Sensing(spec.sensors, spec.correction, law.system, *seen)
+        sensing = Sensing(spec.sensors, spec.correction, law, *seen)
     loop = Loop(law, plant, guidance, start, integral, sensing, warnings)
     _check_start(loop)
     return loop
+
+
+def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
+    """The law asked for. Raises BadInput where the type is neither one of the paper's nor the name of an output of the robot."""
+    own = [output.name for output in mechanism.outputs]
+    if spec.output.own and spec.output.type not in own:
+        known = ", ".join([*TYPES, *own])
+        raise BadInput(f"[output] type = {spec.output.type!r} is not one of {known}")
+    return law_of(mechanism, spec.output.law)
 
 
 def _limits(spec: Spec, inputs: int) -> Limits | None:
@@ -149,7 +158,7 @@ def _tracker(law: ControlLaw, spec: Spec, believed: np.ndarray):
         stop=path.stop,
         closed=path.closed,
     )
-    return make_tracker(spec.simulation.backend, path.segments, options)
+    return make_tracker(spec.simulation.backend, path.segments, options, law)
 
 
 def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tuple[str, ...]]:
@@ -176,6 +185,8 @@ def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tu
 
 
 def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
+    if spec.output.own:
+        return np.array(values_of(list(law.config), spec.output.parameters, "[output] parameters"))
     path = spec.output.path.parameters if spec.output.path else {}
     names = [c.name for c in law.config if c.name not in ("L", "W")]
     check_keys(path, names, "[output] path")
@@ -219,7 +230,10 @@ def _initial(spec: Spec, options: TrackerOptions) -> Initial:
 
 
 def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
-    """[q; nu] at t = 0: as given, or found from P_l, heading and forward speed; what these leave open is least."""
+    """[q; nu] at t = 0: as given, or found from P_l, heading and forward speed; what these leave open is least.
+
+    First without the coordinates that the reduced mass matrix depends on: a vehicle starts with its wheels straight.
+    """
     system = plant.system
     n, freedom = len(system.mechanism.coordinates), system.freedom
     if initial.q is not None:
@@ -228,6 +242,8 @@ def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
             if len(given) != wanted:
                 raise BadInput(f"[initial] {name} has {len(given)} numbers, {system.mechanism.name} has {wanted}")
         return np.array([*initial.q, *nu])
+    if system.mechanism.vehicle is None:
+        raise BadInput(f"[initial] point: {system.mechanism.name} is no vehicle (moves_in_plane); give q and nu instead")
     heading, speed = initial.heading or 0.0, initial.speed or 0.0
     place = body_point(offset=True)
     point = ca.vertcat(*reference_point(system, place))
@@ -235,20 +251,28 @@ def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
     pose = ca.vertcat(point, system.mechanism.vehicle.heading)
     motion = ca.vertcat(forward_speed(system), system.along_motion(system.mechanism.vehicle.heading))
     q, nu, p = system.mechanism.q, system.nu, plant.parameters
-    q_0 = _solve(ca.substitute(pose, system.mechanism.p, p), q, [*initial.point, heading], "point and heading")
+    pose, wanted = ca.substitute(pose, system.mechanism.p, p), [*initial.point, heading]
+    shape = np.array([ca.depends_on(system.Mbar, c.symbol) for c in system.mechanism.coordinates])  # such as a steering angle
+    try:
+        q_0 = _solve(pose, q, wanted, "point and heading", still=shape)
+    except BadInput:
+        q_0 = _solve(pose, q, wanted, "point and heading")
     motion = ca.substitute(motion, ca.vertcat(q, system.mechanism.p), ca.vertcat(q_0, p))
     return np.concatenate([q_0, _solve(motion, nu, [speed, 0.0], "speed")])
 
 
-def _solve(expression: ca.SX, unknown: ca.SX, wanted: list[float], where: str) -> np.ndarray:
-    """Newton's method, least-norm steps from zero to expression(unknown) = wanted. Raises BadInput when it gets nowhere."""
+def _solve(expression: ca.SX, unknown: ca.SX, wanted: list[float], where: str, still: np.ndarray | bool = False) -> np.ndarray:
+    """Newton's method, least-norm steps from zero to expression(unknown) = wanted; those marked `still` stay zero.
+
+    Raises BadInput when it gets nowhere.
+    """
     function = ca.Function("start", [unknown], [expression - ca.DM(wanted), ca.densify(ca.jacobian(expression, unknown))])
     found, enough = np.zeros(unknown.numel()), 1e-12 * max(1.0, *np.abs(wanted))
     for _ in range(50):
         residual, jacobian = (value.full() for value in function(found))
         if np.abs(residual).max() <= enough:
             return found
-        moves = np.any(jacobian != 0, axis=0)  # the others stay exactly zero
+        moves = np.any(jacobian != 0, axis=0) & ~np.bool_(still)  # the others stay exactly zero
         found[moves] -= np.linalg.lstsq(jacobian[:, moves], residual[:, 0])[0]
     raise BadInput(f"[initial] {where}: the robot cannot be there; give q and nu instead")
 

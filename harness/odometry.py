@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from .backends import BACKENDS
 from .errors import BadInput
 
 if TYPE_CHECKING:
     import casadi as ca
 
+    from ..model.law import ControlLaw
     from ..model.reduction import ReducedSystem
+    from .runtime import Runtime
 
 MODES = {"reset": 0, "bumpless": 1}  # as in the C
 HEADER = "noslip_odometry.h"
@@ -98,10 +99,11 @@ class CompiledOdometry:
         release: float = 0.0,
         start: Sequence[float] = (0.0, 0.0, 0.0),
         scalar: str = "double",
+        c: Runtime | None = None,
     ):
         from .runtime import runtime  # slow to import
 
-        self._runtime, self._scalar = runtime(HEADER), scalar
+        self._runtime, self._scalar = c or runtime(HEADER), scalar
         self._self, self._pose = (self._runtime.new(kind, scalar) for kind in ("noslip_odometry", "noslip_pose"))
         options = self._runtime.new("noslip_odometry_options", scalar, (tuple(forward), tuple(turn), ahead, release))
         self._call("init", options, self._runtime.new("noslip_pose", scalar, tuple(start)))
@@ -135,13 +137,18 @@ def make_odometry(
     ahead: float,
     release: float = 0.0,
     start: Sequence[float] = (0.0, 0.0, 0.0),
+    law: ControlLaw | None = None,
 ) -> Reckoning:
-    """Dead reckoning as this backend does it: casadi in Python, c and cf by the C. Raises BadInput for an unknown backend."""
-    if backend not in BACKENDS:
-        raise BadInput(f"unknown backend {backend!r}; known are {', '.join(BACKENDS)}")
+    """Dead reckoning as this backend does it: casadi in Python, the others by the C; see `runtime_of`.
+
+    Raises BadInput for an unknown backend.
+    """
     if backend == "casadi":
         return Odometry(forward, turn, ahead, release, start)
-    return CompiledOdometry(forward, turn, ahead, release, start, scalar="double" if backend == "c" else "float")
+    from .runtime import runtime_of  # slow to import
+
+    c, scalar = runtime_of(backend, HEADER, law)
+    return CompiledOdometry(forward, turn, ahead, release, start, scalar, c)
 
 
 def vehicle_wheels(system: ReducedSystem, parameters: Sequence[float]) -> tuple[np.ndarray, np.ndarray, float]:

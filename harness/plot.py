@@ -1,6 +1,7 @@
 """Figures of runs: where the robot went, how far it was from what was wanted, how fast, with what torque."""
 
 import io
+import textwrap
 
 import casadi as ca
 import numpy as np
@@ -16,11 +17,16 @@ from .spec import Path
 FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"
 SENSED = "#d08a00"
 SECOND = "#8a4fa3"  # beside POINT where two like things are drawn
+COLOURS = (POINT, SECOND, AXLE, VEHICLE)
+WIDE = 170  # characters of a line of the title
 OUTLINES, APART = 6, 2.5  # the vehicle is drawn at most so often, so many m apart
 
 
 def draw(run: Run) -> Figure:
-    """One figure: the path in the plane on the left; errors, forward speed and inputs over time on the right. SI units."""
+    """One figure: the path in the plane on the left; errors, forward speed and inputs over time on the right. SI units.
+
+    Of a robot that is no vehicle: its outputs on the left, and on the right its quasi-velocities instead of the speed.
+    """
     figure = Figure(figsize=(13, 7.5), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1))
     figure.suptitle(_title(run), fontsize=11)
@@ -28,10 +34,11 @@ def draw(run: Run) -> Figure:
     errors = figure.add_subplot(grid[0, 1])
     speed = figure.add_subplot(grid[1, 1], sharex=errors)
     inputs = figure.add_subplot(grid[2, 1], sharex=errors)
-    _draw_plane(plane, run)
+    vehicle = run.law.system.mechanism.vehicle
+    (_draw_plane if vehicle else _draw_outputs)(plane, run)
     figure.legend(*plane.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=9, frameon=False)
     _draw_errors(errors, run)
-    _draw_speed(speed, run)
+    (_draw_speed if vehicle else _draw_rates)(speed, run)
     _draw_inputs(inputs, run)
     inputs.set_xlabel("time t (s)")
     for axes in (errors, speed):
@@ -67,7 +74,8 @@ def _title(run: Run) -> str:
     held += f", acting {simulation.delay:g} s later" if simulation.delay else ""
     first = f"{run.law.system.mechanism.name}: {run.law.output.about}  ({run.law.name}, backend {simulation.backend}, {held})"
     names = [p.name for p in run.law.parameters]
-    shown = [f"L = {run.spec.output.L:g} m", *[f"{name} = {value:g}" for name, value in _gains(run).items()]]
+    place = [] if run.spec.output.own else [f"L = {run.spec.output.L:g} m"]
+    shown = [*place, *[f"{name} = {value:g}" for name, value in _gains(run).items()]]
     assumed = [p for p in run.law.parameters if "assumed" in p.about or p.name in run.spec.parameters]
     for parameter in assumed:
         value = run.spec.parameters.get(parameter.name, parameter.default)
@@ -76,7 +84,9 @@ def _title(run: Run) -> str:
     truth = [f"{name} = {value:g} {run.law.parameters[names.index(name)].unit}" for name, value in run.spec.plant.items()]
     if truth:
         shown.append("true robot: " + ", ".join(truth))
-    return f"{first}\n{',  '.join(shown)}"
+    # a number keeps its unit: no break at single blanks
+    lines = textwrap.wrap(",  ".join(text.replace(" ", "\xa0") for text in shown), WIDE)
+    return "\n".join([first, *lines]).replace("\xa0", " ")
 
 
 def _gains(run: Run) -> dict[str, float]:
@@ -93,7 +103,8 @@ def _draw_plane(axes: Axes, run: Run) -> None:
     pose = _motion(run)
     p_l, vehicle, heading = pose[:, :2], pose[:, 2:4], pose[:, 4]
     values = dict(zip([p.name for p in run.law.parameters], run.plant.parameters, strict=True))
-    axes.plot(*p_l.T, color=POINT, linewidth=1.8, label="locus of $P_l$", zorder=2.5)
+    point = "the vehicle's point" if run.spec.output.own else "$P_l$"
+    axes.plot(*p_l.T, color=POINT, linewidth=1.8, label=f"locus of {point}", zorder=2.5)
     if run.spec.sensors:
         believed = _vehicle_motion(run, run.seen)[:, :2]
         axes.plot(*believed.T, color=SENSED, linewidth=1.0, label="where it believes to be", zorder=2.4)
@@ -104,10 +115,12 @@ def _draw_plane(axes: Axes, run: Run) -> None:
         axes.plot(*axle.T, "--", color=AXLE, linewidth=1.5, label="locus of the axle's middle $P_o$", zorder=2.6)
     _draw_vehicles(axes, run, vehicle, heading, values)
     ring = {"markersize": 9, "markerfacecolor": "white", "markeredgewidth": 2}
-    axes.plot(*p_l[0], "o", color=POINT, **ring, label="start of $P_l$", zorder=5)
+    axes.plot(*p_l[0], "o", color=POINT, **ring, label=f"start of {point}", zorder=5)
     if run.stopped:
         label = f"stopped at {run.t[-1]:.4g} s: {run.stopped}"
         axes.plot(*p_l[-1], "X", color=STOP, markersize=11, label=label, zorder=6)
+    if run.spec.output.own and _are_places(run):
+        _draw_places(axes, run, SECOND)
     if run.spec.output.type == "I":
         axes.plot(*run.y_d.T, color=FOLLOWED, linewidth=4, alpha=0.6, label="wanted $P_l$", zorder=0)
     if run.law.output.path:
@@ -116,6 +129,35 @@ def _draw_plane(axes: Axes, run: Run) -> None:
         _make_square(axes)
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.grid(alpha=0.3)
+
+
+def _draw_outputs(axes: Axes, run: Run) -> None:
+    """The first two outputs against each other where both are lengths, else all of them over time; and what is wanted."""
+    rows = run.law.output.rows
+    if _are_places(run):
+        _draw_places(axes, run, POINT)
+        axes.set(xlabel=f"{rows[0].about} (m)", ylabel=f"{rows[1].about} (m)")
+        _make_square(axes)
+    else:
+        for row, y, y_d, colour in zip(rows, run.y.T, run.y_d.T, COLOURS, strict=False):
+            axes.plot(run.t, y_d, color=FOLLOWED, linewidth=4, alpha=0.6, label="wanted" if row is rows[0] else None, zorder=0)
+            axes.plot(run.t, y, color=colour, label=f"{row.about} ({row.unit})")
+        axes.set(xlabel="time t (s)", ylabel="outputs")
+    axes.grid(alpha=0.3)
+
+
+def _are_places(run: Run) -> bool:
+    """Are the first two outputs lengths, as the coordinates of a point are?"""
+    return [row.unit for row in run.law.output.rows[:2]] == ["m", "m"]
+
+
+def _draw_places(axes: Axes, run: Run, colour: str) -> None:
+    """The first two outputs against each other, and what is wanted of them."""
+    first, second, *_ = run.law.output.rows
+    axes.plot(*run.y_d[:, :2].T, color=FOLLOWED, linewidth=4, alpha=0.6, label="wanted", zorder=0)
+    axes.plot(*run.y[:, :2].T, color=colour, label=f"{first.name}, {second.name}", zorder=2.7)
+    square = {"markersize": 7, "markerfacecolor": "white", "markeredgewidth": 2}
+    axes.plot(*run.y[0, :2], "s", color=colour, **square, label=f"start of {first.name}, {second.name}")
 
 
 def _make_square(axes: Axes) -> None:
@@ -190,7 +232,7 @@ def _draw_errors(axes: Axes, run: Run) -> None:
     """What the outputs of relative degree 2 are off, each with its unit."""
     second = [k for k, degree in enumerate(run.law.linearization.relative_degree) if degree == 2]
     rows = [run.law.output.rows[k] for k in second]
-    for k, row, colour in zip(second, rows, (POINT, SECOND, AXLE), strict=False):
+    for k, row, colour in zip(second, rows, COLOURS, strict=False):
         label = f"{row.name} - wanted, {run.error[-1, k]:.2g} {row.unit} at the end"
         axes.plot(run.t, run.error[:, k], color=colour, label=label)
     axes.axhline(0.0, color="black", linewidth=0.8)
@@ -214,16 +256,25 @@ def _draw_speed(axes: Axes, run: Run) -> None:
     axes.legend(loc="best", fontsize=9)
 
 
+def _draw_rates(axes: Axes, run: Run) -> None:
+    """The quasi-velocities."""
+    for velocity, values, colour in zip(run.law.system.quasi_velocities, run.nu.T, COLOURS, strict=False):
+        axes.plot(run.t, values, color=colour, label=f"{velocity.name} ({velocity.unit})")
+    axes.set_ylabel("quasi-velocities")
+    axes.legend(loc="best", fontsize=9)
+
+
 def _draw_inputs(axes: Axes, run: Run) -> None:
     """The inputs, as held between calls of the controller where the rows show that."""
     inputs = run.law.system.mechanism.inputs
     going = slice(None, -1) if run.stopped else slice(None)  # where it stopped there is none
     held = run.spec.simulation.period >= run.spec.simulation.output_step
     style = "steps-post" if held else "default"
-    for given, values, colour in zip(inputs, run.tau[going].T, (POINT, SECOND, AXLE, VEHICLE), strict=False):
+    for given, values, colour in zip(inputs, run.tau[going].T, COLOURS, strict=False):
         axes.plot(run.t[going], values, color=colour, drawstyle=style, label=f"{given.name} ({given.unit})")
     axes.axhline(0.0, color="black", linewidth=0.8)
-    axes.set_ylabel(f"torque ({inputs[0].unit})" if len({i.unit for i in inputs}) == 1 else "inputs")
+    units = {i.unit for i in inputs}
+    axes.set_ylabel("inputs" if len(units) > 1 else f"{'torque' if units == {'N m'} else 'input'} ({inputs[0].unit})")
     axes.legend(loc="best", fontsize=9)
 
 

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ..model.exact import canonical
+from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from .direct import Direct
 from .errors import BadInput
@@ -24,13 +25,14 @@ class Sensing:
         self,
         sensors: Sensors,
         correction: Correction | None,
-        system: ReducedSystem,
+        law: ControlLaw,
         parameters: np.ndarray,
         believed: np.ndarray,
         start: np.ndarray,
         backend: str,
     ):
         """Starts from the true pose. `parameters` are the truth, `believed` what the controller reckons with."""
+        system = law.system
         n, freedom = len(system.mechanism.coordinates), system.freedom
         self._sensors, self._correction, self._parameters = sensors, correction, parameters
         self._motion = Direct(vehicle_motion(system))
@@ -39,7 +41,7 @@ class Sensing:
         self._random = np.random.default_rng(sensors.seed)
         wheels = vehicle_wheels(system, believed)
         release = correction.release or 1 / correction.rate if correction else 0.0
-        self._odometry = make_odometry(backend, *wheels, release=release, start=self._true_pose(start))
+        self._odometry = make_odometry(backend, *wheels, release=release, start=self._true_pose(start), law=law)
         self.state = start.copy()
         self._rates = slice(n, n + freedom)
         self._t, self._true_angle = 0.0, start[self._angles].copy()

@@ -11,6 +11,7 @@ from .files import check_targets, write_whole
 
 if TYPE_CHECKING:
     from .closed_loop import Run
+    from .spec import Spec
 
 EXAMPLE = """example:
   noslip simulate specs/line.toml -o run.csv --plot run.png"""
@@ -48,6 +49,11 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument("--plot", metavar="RUN.png", help="draw it too")
     parser.add_argument("--contact", metavar="FORCES.png", help="draw the wheels' forces against what friction can give")
     parser.add_argument(
+        "--record",
+        metavar="RECORD",
+        help="write down, bit by bit, what the target was asked and answered (backends m4f, rv32), for noslip replay",
+    )
+    parser.add_argument(
         "--set",
         metavar="KEY=VALUE",
         action="append",
@@ -66,22 +72,24 @@ def run(arguments: argparse.Namespace) -> int:
     from .safety import certify
     from .vary import change, read_varied
 
-    check_targets([arguments.output], [file for file in (arguments.plot, arguments.contact) if file])
+    outputs, pictures = (arguments.output, arguments.record), (arguments.plot, arguments.contact)
+    check_targets(*[[file for file in files if file] for files in (outputs, pictures)])
     spec = read_varied(arguments.spec, dict(map(change, arguments.set)))
     progress = Progress(spec.simulation.duration)
     try:
         verdict = certify(make_loop(spec), spec)
         if verdict.kind == "singular":
             print(f"{arguments.spec}: warning: this start will be singular: {verdict.reason}", file=sys.stderr)
-        done = simulate(spec, progress=progress)
+        done, record = _recorded(spec, progress) if arguments.record else (simulate(spec, progress=progress), "")
         drawn = _pictures(done, arguments)
     except (BadInput, ModelError) as error:
         raise BadInput(f"{arguments.spec}: {error}") from error
     finally:
         progress.clear()
-    for file, content in {arguments.output: done.csv(), **drawn}.items():
+    written = {arguments.output: done.csv(), **({arguments.record: record} if arguments.record else {}), **drawn}
+    for file, content in written.items():
         write_whole(file, content)
-    files = ", ".join([arguments.output, *drawn])
+    files = ", ".join(written)
     print(f"{done.summary()}\n  {files}", file=sys.stderr if arguments.output == "-" else sys.stdout)
     held = grip(done)
     for warning in (*done.warnings, *([] if held.rolls else held.verdict().splitlines())):
@@ -90,6 +98,23 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{arguments.spec}: stopped at t = {done.t[-1]:.9g} s: {done.stopped}", file=sys.stderr)
         return 1
     return 0
+
+
+def _recorded(spec: "Spec", progress: Progress) -> tuple["Run", str]:
+    """The run, and the record of what its target was asked. Raises BadInput for a backend without a target."""
+    from .backends import ON_TARGET
+    from .closed_loop import simulate
+    from .loop import make_loop
+    from .pil import recorded
+    from .replay import record_text
+
+    backend = spec.simulation.backend
+    if backend not in ON_TARGET:
+        raise BadInput(f"--record: backend {backend!r} has no target; set [simulation] backend to {' or '.join(ON_TARGET)}")
+    law = make_loop(spec).law
+    with recorded(law, backend) as calls:
+        done = simulate(spec, progress=progress)
+    return done, record_text(spec.robot, law, calls)
 
 
 def _pictures(done: "Run", arguments: argparse.Namespace) -> dict[str, bytes]:

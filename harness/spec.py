@@ -220,7 +220,8 @@ def _pieces(kind: str, given: dict[str, Any], closed: bool, where: str) -> list[
 
 @dataclass(frozen=True, kw_only=True)
 class Output:
-    """What is controlled: Type I to IV, of the point P_l a distance L (m) ahead of the vehicle's point, W (m) to its left.
+    """What is controlled: Type I to IV, of the point P_l a distance L (m) ahead of the vehicle's point, W (m) to its left; or
+    an output of the robot's own by its name, with its `parameters` where it has some.
 
     Driving with speed v / (L + d) < 0 the heading diverges from the path: `reversing` says whether that is allowed, refused,
     or avoided by a P_l on the other side of the axle, L_backward (by default as far behind it as L is ahead).
@@ -232,18 +233,29 @@ class Output:
     path: Path | None = entry(_read_path, None)
     reversing: str = entry(one_of("allow", "refuse", "switch"), "allow")
     L_backward: float | None = entry(number(), None)
+    parameters: Mapping[str, float] = entry(named_numbers, {})
 
     def __post_init__(self):
-        if self.type not in TYPES:
-            raise BadInput(f"[output] type = {self.type!r} is not one of {', '.join(TYPES)}")
-        if (self.type == "IV") != (self.path is not None):
+        if self.type in TYPES and self.parameters:
+            raise BadInput(f"[output] parameters are for a robot's own output; type {self.type} has L, W and path")
+        if self.own and (self.L or self.W or self.path):
+            known = ", ".join(TYPES)
+            raise BadInput(f"[output] type = {self.type!r} is not one of {known}; an output of a robot's own has no L, W or path")
+        if not self.own and (self.type == "IV") != (self.path is not None):
             raise BadInput(f"[output] path belongs to type IV and to no other; type is {self.type}")
         if self.L_backward is not None and self.reversing != "switch":
             raise BadInput('[output] L_backward needs reversing = "switch"')
 
     @property
+    def own(self) -> bool:
+        """Is it an output of the robot's own?"""
+        return self.type not in TYPES
+
+    @property
     def law(self) -> str:
         """Name of the control law."""
+        if self.own:
+            return self.type
         name = f"type_{self.type.lower()}" + (f"_{self.path.law}" if self.path else "")
         return name + OFFSET if self.W else name
 

@@ -46,7 +46,7 @@ class CasadiController:
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         """Status and tau, N or N m, within the limits; zeros when the status is an error."""
         status, tau = self._unlimited(state, reference)
-        if np.all(np.abs(tau) <= self._limits):
+        if (np.abs(tau) <= self._limits).all():
             return status, tau
         if self._slows:
             tau = slowed(tau, np.asarray(self._slope(*self._fixed, state, reference)).ravel(), self._limits)
@@ -54,14 +54,14 @@ class CasadiController:
 
     def _unlimited(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         zero = np.zeros(len(self.law.system.mechanism.inputs))
-        if not (np.all(np.isfinite(state)) and np.all(np.isfinite(reference))):
+        if not (np.isfinite(state).all() and np.isfinite(reference).all()):
             return "nonfinite", zero
-        tau, determinant, scale, angles = self._step(*self._fixed, state, reference)
-        if not np.all(np.abs(angles) <= ANGLE_MAX):
+        tau, measure, angles = self._step(*self._fixed, state, reference)
+        if not (np.abs(angles) <= ANGLE_MAX).all():
             return "range", zero
-        if not abs(determinant[0]) > SINGULAR * scale[0]:
+        if not measure[0] > SINGULAR * measure[1]:
             return "singular", zero
-        if not np.all(np.isfinite(tau)):
+        if not np.isfinite(tau).all():
             return "nonfinite", zero
         return "ok", tau
 
@@ -99,11 +99,10 @@ def evaluation_function(law: ControlLaw) -> ca.Function:
 
 @cache
 def step_function(law: ControlLaw) -> ca.Function:
-    """(params, config, gains, state, reference) to tau, det Phi, the product of Phi's row norms, and all angles."""
+    """(params, config, gains, state, reference) to tau, the measure that tells whether Phi is singular, and all angles."""
     found = law.linearization
-    scale = ca.sqrt(found.scale_squared)
     used = ca.vertcat(found.h, found.rate, ca.vec(found.Phi), ca.vec(found.Phidot), law.tau)
-    return law.function({"tau": law.tau, "determinant": found.determinant, "scale": scale, "angles": angles(law, used)})
+    return law.function({"tau": law.tau, "measure": ca.vertcat(*found.measure), "angles": angles(law, used)})
 
 
 def angles(law: ControlLaw, expression: ca.SX) -> ca.SX:

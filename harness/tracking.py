@@ -9,14 +9,19 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ..codegen.scalar import SCALARS
 from ..model.segments import Segment
 from .errors import BadInput
-from .runtime import Runtime, runtime
+from .runtime import Runtime, runtime, runtime_of
+
+if TYPE_CHECKING:
+    from ..model.law import ControlLaw
+
+HEADER = "noslip_path.h"
 
 REVERSING = ("refuse", "switch")  # as the C runtime's NOSLIP_REFUSE and NOSLIP_SWITCH
 STOP = ("point", "axle")  # as its NOSLIP_STOP_POINT and NOSLIP_STOP_AXLE
@@ -98,14 +103,15 @@ class Tracker(Protocol):
         """Go on to the next piece where one has ended, and look."""
 
 
-def make_tracker(backend: str, segments: Sequence[Segment], options: TrackerOptions) -> Tracker:
-    """A tracker in Python ("casadi"), or the C in double ("c") or float ("cf"). Raises PathFault for a path it cannot follow."""
+def make_tracker(backend: str, segments: Sequence[Segment], options: TrackerOptions, law: ControlLaw | None = None) -> Tracker:
+    """A tracker in Python ("casadi"), or the C as a backend runs it; see `runtime_of`.
+
+    Raises PathFault for a path it cannot follow.
+    """
     if backend == "casadi":
         return PathTracker(segments, options)
-    scalar = {"c": "double", "cf": "float"}.get(backend)
-    if scalar is None:
-        raise BadInput(f"unknown backend {backend!r}; known are casadi, c, cf")
-    return CompiledTracker(segments, options, scalar)
+    c, scalar = runtime_of(backend, HEADER, law)
+    return CompiledTracker(segments, options, scalar, c)
 
 
 # -- refused paths -------------------------------------------------------------------------------------------------------
@@ -406,9 +412,9 @@ def _pieces(segments: Sequence[Segment], options: TrackerOptions) -> list[_Piece
 class CompiledTracker:
     """The C, in double or float. Raises PathFault for a path that cannot be followed."""
 
-    def __init__(self, segments: Sequence[Segment], options: TrackerOptions, scalar: str = "double"):
+    def __init__(self, segments: Sequence[Segment], options: TrackerOptions, scalar: str = "double", c: Runtime | None = None):
         self.options = options
-        self._c, self._scalar = runtime("noslip_path.h"), scalar
+        self._c, self._scalar = c or runtime(HEADER), scalar
         kind = f"{SCALARS[scalar].name('noslip_segment')}[]"
         self._segments = self._c.ffi.new(kind, [vars(segment) for segment in segments])
         self._self, fault = self._new("noslip_path"), self._new("noslip_path_fault")

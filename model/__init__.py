@@ -10,6 +10,7 @@ from .law import ControlLaw, control_law
 from .linearization import Linearization, linearize
 from .mechanism import Mechanism, Quantity
 from .outputs import OutputMap, OutputRow
+from .paths import config
 from .reduction import ReducedSystem, reduce
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "OutputRow",
     "Quantity",
     "ReducedSystem",
+    "config",
     "control_law",
     "linearize",
     "reduce",

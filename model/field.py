@@ -1,6 +1,6 @@
 """The field of rational functions that one expression lives in, with its sines, cosines and roots."""
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from math import prod
 
@@ -18,6 +18,7 @@ from .ratios import (
     Radical,
     Ratio,
     exact,
+    factored,
     generators_of,
     number,
     size,
@@ -25,6 +26,7 @@ from .ratios import (
     without_squares,
 )
 
+FACTORED = 15  # terms up to which a polynomial is factored; longer ones seldom have factors, and take long to show it
 LARGEST_POWER = 32  # as repeated multiplication
 
 
@@ -36,6 +38,7 @@ class Element:
     negative: bool
     magnitude: Ratio
     cancelled: bool  # did a common factor go?
+    pole: bool  # did rationalizing bring a factor into the denominator that vanishes where the expression has a value?
 
 
 class Field:
@@ -70,14 +73,16 @@ class Field:
         No sine or root in the denominator, no common factor; from there, where that has fewer terms, a sine or root moved
         to the denominator and squares of cosines written as squares of sines.
         """
-        numerator, denominator = self._rationalize(*self._evaluate())
+        given = self._evaluate()
+        numerator, denominator = self._rationalize(*given)
         ratio = numerator.cancel(denominator)
         cancelled = ratio[1].leading_expv() != denominator.leading_expv()
         numerator, denominator = (self._by_sines(part) for part in self._roots_below(*ratio))
         negative = bool(numerator) and (numerator.LC < 0) != (denominator.LC < 0)
         magnitude = tuple(-part if part and part.LC < 0 else part for part in (numerator, denominator))
         names = (*[symbol.__hash__() for symbol in self.symbols], *self.known.items())
-        return Element((names, magnitude), negative, magnitude, cancelled)
+        pole = denominator != 1 and any(powers[r.place] for r in self.radicals for powers in given[1])
+        return Element((names, magnitude), negative, magnitude, cancelled, pole and not self._divides(denominator, given[1]))
 
     def expression(self, ratio: Ratio) -> ca.SX:
         """A ratio as an expression, numerator and denominator factored."""
@@ -190,6 +195,14 @@ class Field:
             raise NotRational
         return numerator, denominator
 
+    def _divides(self, divisor: PolyElement, polynomial: PolyElement) -> bool:
+        """Does the divisor divide the polynomial's square, so that it vanishes only where the polynomial does?"""
+        try:
+            numerator, denominator = self._rationalize(*self._reduce(times(polynomial, polynomial), divisor))
+            return numerator.cancel(denominator)[1].is_ground
+        except NotRational:  # too large to tell
+            return False
+
     # -- the shorter of two ways ----------------------------------------------------------------------------------
 
     def _roots_below(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
@@ -236,16 +249,18 @@ class Field:
         return sum(terms[1:], start=terms[0])
 
 
-def _factors(polynomial: PolyElement) -> tuple[QQ, list[tuple[PolyElement, int]]]:
-    """Content and irreducible factors, as factor_list, which is slow where many symbols meet.
+def _factors(polynomial: PolyElement) -> tuple[QQ, Sequence[tuple[PolyElement, int]]]:
+    """Content and irreducible factors, as `factored`, which is slow where many symbols meet.
 
-    Without its common monomial, a polynomial that is linear in some generator, with one term there, is irreducible.
+    Without its common monomial, a polynomial that is linear in some generator, with one term there, is irreducible; one that is
+    long is taken for it.
     """
     common = tuple(map(min, zip(*polynomial, strict=True)))
     rest = polynomial.quo_term((common, QQ(1)))
     generators = range(len(common))
-    if not any([powers[k] for powers in rest if powers[k]] == [1] for k in generators):
-        return polynomial.factor_list()
+    irreducible = any([powers[k] for powers in rest if powers[k]] == [1] for k in generators)
+    if not irreducible and len(polynomial) <= FACTORED:
+        return factored(polynomial)
     content, primitive = rest.primitive()
     if primitive.LC < 0:
         content, primitive = -content, -primitive

@@ -20,7 +20,7 @@ from sympy.polys.matrices import DomainMatrix
 from sympy.polys.rings import PolyElement, PolyRing, ring
 
 from .errors import ModelError
-from .ratios import Ratio, generators_of
+from .ratios import Ratio, factored, generators_of
 
 LARGEST_POWER = 32  # of a function in an expression
 LARGEST_PRODUCT = 100_000  # terms before they are collected; more take too long
@@ -104,9 +104,9 @@ class Functions:
                     powers[factor] = powers.get(factor, 0) + sign * power
         return number, {factor: power for factor, power in powers.items() if power}
 
-    def factors(self, polynomial: PolyElement) -> tuple[int, list[tuple[PolyElement, int]]]:
+    def factors(self, polynomial: PolyElement) -> tuple[int, Sequence[tuple[PolyElement, int]]]:
         """Content and irreducible factors with their powers, squares of sines or of cosines eliminated, whichever gives fewer."""
-        lists = [form.factor_list() for form in self.forms(polynomial)]
+        lists = [factored(form) for form in self.forms(polynomial)]
         content, factors = min(lists, key=lambda made: (len(made[1]), sum(len(factor) for factor, _ in made[1])))
         return int(content), factors
 
@@ -269,7 +269,7 @@ class Functions:
 
     def _squares_out(self, polynomial: PolyElement) -> tuple[PolyElement, list[PolyElement]]:
         """The square root of the greatest square factor, and the other factors."""
-        content, factors = polynomial.factor_list()
+        content, factors = factored(polynomial)
         outside, inside = self.ring.one, []
         for factor, power in (*((self.ring(p), power) for p, power in factorint(abs(int(content))).items()), *factors):
             outside *= factor ** (power // 2)

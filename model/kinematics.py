@@ -6,7 +6,7 @@ import casadi as ca
 
 from .errors import ModelError
 from .mechanism import Mechanism, Quantity, matrix, refuse_strangers, refuse_twice
-from .reduction import ReducedSystem, eliminate
+from .reduction import ReducedSystem, check_constraints, eliminate
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +72,7 @@ def kinematics(system: Kinematics | Mechanism | ReducedSystem) -> Kinematics:
         raise ModelError(f"{mechanism.name}: the analysis needs coordinates and constraints; add them with coordinate and rolls")
     A, gamma = mechanism.A, mechanism.quasi_velocity_rows
     if A.shape[0] >= len(mechanism.coordinates):
-        raise ModelError(
-            f"{mechanism.name}: {A.shape[0]} constraints leave no motion in {len(mechanism.coordinates)} coordinates"
-        )
+        check_constraints(mechanism)
     if S is None and gamma is not None:
         S = _null_space(mechanism.name, A, gamma)
     names = tuple(mechanism.constraint_names)

@@ -1,7 +1,9 @@
 """Input-output linearization: relative degrees, decoupling matrix (15), its derivative, second feedback (20)."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import casadi as ca
 import numpy as np
@@ -9,11 +11,11 @@ import numpy as np
 from .errors import ModelError
 from .exact import canonical
 from .outputs import OutputMap
-from .reduction import ReducedSystem
-from .samples import Sampled
+from .reduction import ReducedSystem, solve
+from .samples import Sampled, rank
 
-SINGULAR = 1e-5  # |det Phi| at or below this times the product of Phi's row norms counts as singular, everywhere
-SINGULAR_SQUARED = 1e-10  # the same for the squares, which need no root
+SINGULAR = 1e-5  # of a measure of Phi (`Linearization.measure`): at or below it Phi counts as singular, everywhere
+SINGULAR_SQUARED = 1e-10  # the same for squares, which need no root
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +47,30 @@ class Linearization:
             product *= ca.sumsqr(self.Phi[row, :])
         return product
 
+    @cached_property
+    def measure(self) -> tuple[ca.SX, ca.SX]:
+        """Phi is regular where the first exceeds SINGULAR times the second, neither negative.
+
+        Up to 2 x 2 these are |det Phi| and the product of Phi's row norms; above, 1 and the condition |Phi| |Phi^-1| in the
+        1-norm. Phi is taken in the units of the outputs and quasi-velocities, nothing is scaled.
+        """
+        if self.Phi.shape[0] <= 2:
+            return ca.fabs(self.determinant), ca.sqrt(self.scale_squared)
+        return ca.SX(1), norm(self.Phi) * norm(solve(self.Phi, ca.SX.eye(self.Phi.shape[0])))
+
     def second_feedback(self, v: ca.SX) -> ca.SX:
         """u = Phi^-1 (v - drift) (20), (n-m) x 1: makes the highest derivatives equal v."""
-        return ca.adj(self.Phi) @ (v - self.drift) / self.determinant
+        if self.Phi.shape[0] <= 3:
+            return ca.adj(self.Phi) @ (v - self.drift) / self.determinant
+        return solve(self.Phi, v - self.drift)
+
+
+def norm(matrix: ca.SX) -> ca.SX:
+    """The 1-norm: the largest sum of sizes in a column. NaN where an entry is NaN, unlike with fmax; no branch."""
+    largest, *others = ca.horzsplit(ca.densify(ca.sum1(ca.fabs(matrix))))
+    for other in others:
+        largest = (largest + other + ca.fabs(largest - other)) / 2
+    return largest
 
 
 def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
@@ -59,9 +82,7 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
     """
     where = f"{system.mechanism.name}, output {output.name}"
     if len(output.rows) != system.freedom:
-        raise ModelError(f"{where}: {len(output.rows)} outputs for n - m = {system.freedom}; give exactly as many")
-    if system.freedom > 3:
-        raise ModelError(f"{where}: n - m = {system.freedom}, the closed-form inverse of Phi goes up to 3")
+        raise ModelError(f"{where}: {_not_square(system, output)}")
     output.check(system)
     degree, rates, rows, drift = [], [], [], []
     h = ca.vertcat(*[row.expression for row in output.rows])
@@ -76,7 +97,7 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
         if _vanishes(system, output, second):
             raise ModelError(
                 f"{where}: row {row.name!r} of Phi vanishes identically: neither the output nor its rate "
-                "feels the input (relative degree above 2, or the constraints fix the output)"
+                "feels an input, because the constraints keep the output constant; replace it by one that moves"
             )
         degree.append(2)
         rates.append(second @ system.nu)
@@ -106,17 +127,53 @@ def _sampled(system: ReducedSystem, output: OutputMap, matrix: ca.SX) -> Sampled
     return Sampled(matrix, ca.vertcat(system.mechanism.q, system.nu), (*system.mechanism.parameters, *output.parameters), where)
 
 
+def _not_square(system: ReducedSystem, output: OutputMap) -> str:
+    """Why Phi is not square, and what would make it so."""
+    given, wanted = len(output.rows), system.freedom
+    rows, motions = ", ".join(row.name for row in output.rows), ", ".join(q.name for q in system.quasi_velocities)
+    more = f"add {wanted - given}" if given < wanted else f"drop {given - wanted}"
+    return f"{given} outputs for n - m = {wanted}; {more}: {rows or 'none'} must be as many as the quasi-velocities {motions}"
+
+
 def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX) -> None:
-    """Refuse outputs that can never be controlled together."""
+    """Refuse outputs that can never be controlled together, and say which depend on each other and what none of them feels."""
     values = _sampled(system, output, Phi).values
-    if any(abs(np.linalg.det(value)) > SINGULAR * np.prod(np.linalg.norm(value, axis=1)) for value in values):
+    if any(map(is_regular, values)):
         return
-    where = f"{system.mechanism.name}, output {output.name}"
-    for column, velocity in enumerate(system.quasi_velocities):
+    where = f"{system.mechanism.name}, output {output.name}: Phi is singular everywhere"
+    motions, rows = [q.name for q in system.quasi_velocities], [row.name for row in output.rows]
+    for column, velocity in enumerate(motions):
         if max(np.abs(value[:, column]).max() for value in values) < 1e-12:
             raise ModelError(
-                f"{where}: Phi is singular everywhere: no output feels the input along {velocity.name}; "
-                f"replace one by {velocity.name} itself or by an output whose rate depends on it"
+                f"{where}: no output feels the input along {velocity}; replace one by {velocity} itself or by an output whose "
+                f"rate depends on it, such as a point that {velocity} moves (ahead of a steered wheel, not on its axle)"
             )
-    names = ", ".join(row.name for row in output.rows)
-    raise ModelError(f"{where}: Phi is singular everywhere: the outputs {names} depend on each other; replace one of them")
+    if max(map(rank, values)) == len(rows):
+        best = max(1 / np.linalg.cond(value, 1) for value in values)
+        raise ModelError(
+            f"{where}: its reciprocal condition is {best:.0e} at most, and singular is what is not above {SINGULAR:g}; "
+            "give outputs and quasi-velocities units in which they are of like size"
+        )
+    together = next(_dependent(values))
+    shared = max(rank(value[together, :]) for value in values)
+    felt = [q for j, q in enumerate(motions) if max(np.abs(value[together, j]).max() for value in values) > 1e-12]
+    raise ModelError(
+        f"{where}: the outputs {', '.join(rows[i] for i in together)} depend on each other: all they feel is {shared} "
+        f"{'combination' if shared == 1 else 'combinations'} of {', '.join(felt)}; replace one of them by an output that feels "
+        "another, such as a point elsewhere on the robot (ahead of a steered wheel, off an axle)"
+    )
+
+
+def is_regular(Phi: np.ndarray) -> bool:
+    """Numbers: is Phi regular, by the measure of `Linearization.measure`?"""
+    if len(Phi) <= 2:
+        return abs(np.linalg.det(Phi)) > SINGULAR * np.prod(np.linalg.norm(Phi, axis=1))
+    return rank(Phi) == len(Phi) and 1 > SINGULAR * np.linalg.cond(Phi, 1)
+
+
+def _dependent(values: list[np.ndarray]) -> Iterator[list[int]]:
+    """Sets of rows that are dependent in every sample, smallest first."""
+    for size in range(2, len(values[0]) + 1):
+        for rows in map(list, combinations(range(len(values[0])), size)):
+            if all(rank(value[rows, :]) < size for value in values):
+                yield rows

@@ -8,7 +8,7 @@ import keyword
 import math
 import numbers
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -23,6 +23,9 @@ SIGNS = {
     "nonnegative": (lambda value: value >= 0.0, "zero or positive"),
     "any": (lambda value: True, "any number"),
 }
+TYPE = "type_"  # begins the names of Types I to IV
+# what all laws share
+TAKEN_IN_C = frozenset({"params", "state", "options", "default_params", "check_params", "check_state", "dynamics"})
 
 
 @dataclass(frozen=True)
@@ -165,8 +168,12 @@ class Mechanism:
         self.constraint_names: list[str] = []
         self.contacts: list[Contact] = []
         self.vehicle: Vehicle | None = None
+        self.outputs: list[Output] = []
+        self.bodies: list[Body] = []
         self._constraints: list[ca.SX] = []
         self._actuation: list[ca.SX] = []
+        self._weights: list[ca.SX] = []
+        self._wanted: list[ca.SX] = []
         self._forces: list[tuple[ca.SX, ca.SX]] = []
         self._quasi_expressions: list[ca.SX] = []
         self._null_space: ca.SX | None = None
@@ -198,6 +205,22 @@ class Mechanism:
         self._kinetic += self._scalar(energy, "kinetic energy")
         self._forget()
 
+    def body(self, name: str, mass: ca.SX, inertia: ca.SX, forward: ca.SX, left: ca.SX, yaw_rate: ca.SX) -> None:
+        """Add a rigid body in the plane by the velocity (m/s) of its centre of mass along its own axes and its yaw rate (rad/s).
+
+        The same as kinetic_energy(mass (forward^2 + left^2) / 2 + inertia yaw_rate^2 / 2). But where each body's velocities
+        are written with those of the body before it, the reduced equations come body by body, at a cost that grows
+        linearly along a chain. `reduce` refuses velocities that are not along axes which turn at the yaw rate.
+        """
+        quantity(name, "")
+        refuse_twice([*(b.name for b in self.bodies), name], f"{self.name}, bodies")
+        given = {"mass": mass, "inertia": inertia, "forward": forward, "left": left, "yaw_rate": yaw_rate}
+        made = Body(name, **{what: self._scalar(x, f"body {name!r}, {what}") for what, x in given.items()})
+        if ca.depends_on(ca.vertcat(made.mass, made.inertia), ca.vertcat(self.q, self.qdot)):
+            raise ModelError(f"{self.name}: body {name!r}: mass and inertia must be parameters or numbers")
+        self.bodies.append(made)
+        self._forget()
+
     def potential_energy(self, energy: ca.SX) -> None:
         """Add a potential energy, J, a function of the coordinates."""
         self._potential += self._at_rest(self._scalar(energy, "potential energy"), "potential energy")
@@ -225,10 +248,25 @@ class Mechanism:
         where = f"constraint {name!r}"
         self.rolls(name, self.rate(self._at_rest(self._scalar(position, where), where)))
 
-    def input(self, name: str, unit: str, on: ca.SX, about: str = "") -> None:
-        """Add an input (force or torque) that does the power input * `on`: a column of E(q)."""
-        made = self._new(name, unit, about)
-        self._actuation.append(self._scalar(on, f"input {name!r}"))
+    def input(
+        self, name: str, unit: str, on: ca.SX, about: str = "", weight: ca.SX | float = 1.0, wanted: ca.SX | float = 0.0
+    ) -> None:
+        """Add an input (force or torque) that does the power input * `on`: a column of E(q).
+
+        Where there are more inputs than n-m, many give the same motion (12). Of these the law takes the ones with the least
+        sum of weight (input - wanted)^2; what they differ in acts on the constraint forces (8) alone. `weight` is a positive
+        number or is made of parameters; `wanted`, in the unit of the input, may depend on coordinates and rates too.
+        Raises ModelError for a weight that is none.
+        """
+        made, where = self._new(name, unit, about), f"input {name!r}"
+        weight, wanted = self._scalar(weight, f"{where}, weight"), self._scalar(wanted, f"{where}, wanted")
+        if ca.depends_on(weight, ca.vertcat(self.q, self.qdot)) or weight.is_constant() and not 0 < float(weight) < math.inf:
+            raise ModelError(f"{self.name}: {where}: weight {weight} must be a positive number or made of parameters")
+        if wanted.is_constant() and not math.isfinite(float(wanted)):
+            raise ModelError(f"{self.name}: {where}: wanted {wanted} is not finite")
+        self._actuation.append(self._scalar(on, where))
+        self._weights.append(weight)
+        self._wanted.append(wanted)
         self.inputs.append(made)
         self._forget()
 
@@ -280,7 +318,35 @@ class Mechanism:
         self.contacts.append(Contact(name, *velocities, *places))
         self._forget()
 
+    def output(self, name: str, about: str, rows: Sequence[tuple], parameters: Sequence[Quantity] = ()) -> None:
+        """Add an output map of your own (14), a law of this name: n-m rows (name, unit, expression, about).
+
+        An expression may use coordinates, rates (`rate`), parameters, and the `parameters` that the map brings along
+        (`noslip.model.config`). Types I to IV need no such call.
+        """
+        where = f"{self.name}, output {name!r}"
+        quantity(name, "", about)
+        if name.startswith(TYPE) or name in TAKEN_IN_C:
+            raise ModelError(f"{where}: the name has a meaning already; choose another")
+        refuse_twice([*(o.name for o in self.outputs), name], f"{self.name}, outputs")
+        made = []
+        for k, row in enumerate(rows):
+            if not isinstance(row, tuple | list) or len(row) not in (3, 4):
+                raise ModelError(f"{where}: row {k + 1} must be (name, unit, expression, about)")
+            label, unit, expression, meaning = (*row, "")[:4]
+            made.append((quantity(label, unit, meaning), self._scalar(expression, f"output {name!r}, {label}")))
+        if not all(isinstance(parameter, Quantity) for parameter in parameters):
+            raise ModelError(f"{where}: parameters must be made with config(name, default, unit, about)")
+        self.outputs.append(Output(name, about, tuple(made), tuple(parameters)))
+
     # -- what follows -------------------------------------------------------------------------------------------
+
+    def __getitem__(self, name: str) -> ca.SX:
+        """Symbol of a coordinate or parameter by its name, for what is built on another robot. Raises ModelError for no such."""
+        for known in (*self.coordinates, *self.parameters):
+            if known.name == name:
+                return known.symbol
+        raise ModelError(f"{self.name}: no coordinate or parameter {name!r}")
 
     @property
     def q(self) -> ca.SX:
@@ -304,17 +370,16 @@ class Mechanism:
     @cached_property
     def M(self) -> ca.SX:
         """Mass matrix (8), n x n: second derivative of the kinetic energy by the rates."""
-        return canonical(ca.hessian(self._kinetic, self.qdot)[0])
+        return self._simple(ca.hessian(self._total_kinetic, self.qdot)[0])
 
     @cached_property
     def V(self) -> ca.SX:
         """Velocity, gravity and other generalized forces (8), n x 1, on the left-hand side."""
-        momentum = ca.gradient(self._kinetic, self.qdot)
-        coriolis = time_derivative(momentum, self.q, self.qdot) - ca.gradient(self._kinetic, self.q)
+        coriolis = self._coriolis(self._total_kinetic)
         applied = ca.SX.zeros(len(self.coordinates))
         for force, velocity in self._forces:
             applied += force * self._rows({"the velocity of a force": velocity}).T
-        return canonical(coriolis + ca.gradient(self._potential, self.q) - applied)
+        return self._simple(coriolis + ca.gradient(self._potential, self.q) - applied)
 
     @cached_property
     def A(self) -> ca.SX:
@@ -347,9 +412,45 @@ class Mechanism:
         """S(q) as given by `null_space`, or None."""
         return self._null_space
 
+    @property
+    def constraints(self) -> tuple[ca.SX, ...]:
+        """The velocities that stay zero, in order."""
+        return tuple(self._constraints)
+
+    @property
+    def actuation(self) -> tuple[ca.SX, ...]:
+        """The velocity on which each input acts."""
+        return tuple(self._actuation)
+
+    @property
+    def weights(self) -> ca.SX:
+        """The weight of each input, r x 1."""
+        return ca.vertcat(*self._weights)
+
+    @property
+    def wanted(self) -> ca.SX:
+        """What is wanted of each input, r x 1, in coordinates, rates and parameters."""
+        return ca.vertcat(*self._wanted)
+
+    @property
+    def forces(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
+        """Forces other than inputs, each with the velocity on which it acts."""
+        return tuple(self._forces)
+
+    @property
+    def quasi_expressions(self) -> tuple[ca.SX, ...]:
+        """The quasi-velocities in terms of the rates; empty when the user gave S or nothing."""
+        return tuple(self._quasi_expressions)
+
+    @property
+    def rest(self) -> tuple[ca.SX, ca.SX]:
+        """Mass matrix, n x n, and V, n x 1, of the energies that are of no `body`; forces left out."""
+        M = ca.hessian(self._kinetic, self.qdot)[0]
+        return canonical(M), canonical(self._coriolis(self._kinetic) + ca.gradient(self._potential, self.q))
+
     def energy(self) -> ca.SX:
         """Total energy T + U, J."""
-        return self._kinetic + self._potential
+        return self._total_kinetic + self._potential
 
     def check(self) -> None:
         """Raise ModelError for anything the method cannot take that shows without numbers."""
@@ -357,17 +458,15 @@ class Mechanism:
             raise ModelError(f"{self.name}: no coordinates; add them with coordinate(name, unit)")
         if not self._constraints:
             raise ModelError(f"{self.name}: no constraints; add them with rolls(name, velocity) or holds(name, position)")
-        m, n = len(self._constraints), len(self.coordinates)
-        if m >= n:
-            raise ModelError(f"{self.name}: {m} constraints leave no motion in {n} coordinates")
         if not self.inputs:
             raise ModelError(f"{self.name}: no inputs; add them with input(name, unit, on=velocity)")
         known = ca.vertcat(self.q, self.qdot, self.p)
         for where, expression in self._everything():
             refuse_strangers(expression, known, f"{self.name}: {where}", "coordinate, rate or parameter of it")
-        still = ca.SX.zeros(n)
-        rest = ca.substitute(ca.vertcat(self._kinetic, ca.gradient(self._kinetic, self.qdot)), self.qdot, still)
-        if not ca.jacobian(self.M, self.qdot).is_zero() or not canonical(rest).is_zero():
+        still = ca.SX.zeros(len(self.coordinates))
+        kinetic = self._total_kinetic
+        rest = ca.substitute(ca.vertcat(kinetic, ca.gradient(kinetic, self.qdot)), self.qdot, still)
+        if not ca.jacobian(self.M, self.qdot).is_zero() or not self._simple(rest).is_zero():
             raise ModelError(f"{self.name}: the kinetic energy is not quadratic in the rates")
         _ = (self.V, self.A, self.E, self.contact_rows, self.quasi_velocity_rows)  # each refuses what is not linear in the rates
 
@@ -379,14 +478,29 @@ class Mechanism:
 
     # -- inside -------------------------------------------------------------------------------------------------
 
+    @property
+    def _total_kinetic(self) -> ca.SX:
+        return sum((body.kinetic_energy for body in self.bodies), start=self._kinetic)
+
+    def _simple(self, matrix: ca.SX) -> ca.SX:
+        """The matrix, simplified; left as it is where there are bodies, as what a long chain writes out is too much for that."""
+        return ca.sparsify(matrix) if self.bodies else canonical(matrix)
+
+    def _coriolis(self, kinetic: ca.SX) -> ca.SX:
+        """What a kinetic energy adds to V, n x 1."""
+        momentum = ca.gradient(kinetic, self.qdot)
+        return time_derivative(momentum, self.q, self.qdot) - ca.gradient(kinetic, self.q)
+
     def _everything(self) -> list[tuple[str, ca.SX]]:
         named = zip(self.constraint_names, self._constraints, strict=True)
         inputs = zip([i.name for i in self.inputs], self._actuation, strict=True)
         return [
-            ("the kinetic energy", self._kinetic),
+            ("the kinetic energy", self._total_kinetic),
             ("the potential energy", self._potential),
             *[(f"constraint {name!r}", row) for name, row in named],
             *[(f"input {name!r}", row) for name, row in inputs],
+            ("an input's weight", self.weights),
+            ("what is wanted of an input", self.wanted),
             *[("a force", ca.vertcat(*pair)) for pair in self._forces],
             *[("a quasi-velocity", row) for row in self._quasi_expressions],
             *[(f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left)) for c in self.contacts],
@@ -397,8 +511,8 @@ class Mechanism:
     def _rows(self, velocities: Mapping[str, ca.SX]) -> ca.SX:
         """The matrix R(q) with velocities = R qdot. Raises ModelError when one is not linear in the rates."""
         stacked = ca.vertcat(*velocities.values())
-        rows = canonical(ca.jacobian(stacked, self.qdot))
-        rest = canonical(ca.substitute(stacked, self.qdot, ca.SX.zeros(len(self.coordinates))))
+        rows = self._simple(ca.jacobian(stacked, self.qdot))
+        rest = self._simple(ca.substitute(stacked, self.qdot, ca.SX.zeros(len(self.coordinates))))
         for k, where in enumerate(velocities):
             if ca.depends_on(rows[k, :], self.qdot) or not rest[k].is_zero():
                 raise ModelError(f"{self.name}: {where} is not linear in the coordinates' rates")
@@ -427,6 +541,23 @@ class Mechanism:
         return expression
 
 
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body in the plane: mass (kg), inertia about its centre of mass (kg m^2), velocities along its own axes."""
+
+    name: str
+    mass: ca.SX
+    inertia: ca.SX
+    forward: ca.SX
+    left: ca.SX
+    yaw_rate: ca.SX
+
+    @property
+    def kinetic_energy(self) -> ca.SX:
+        """In J."""
+        return self.mass * (self.forward**2 + self.left**2) / 2 + self.inertia * self.yaw_rate**2 / 2
+
+
 @dataclass(frozen=True)
 class Vehicle:
     """A body in the plane: point (x, y) in m and heading in rad, as expressions in the coordinates."""
@@ -448,3 +579,13 @@ class Contact:
     across: ca.SX
     mass: ca.SX
     left: ca.SX
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """An output map of the user's own: rows as (name with unit and meaning, expression in coordinates and rates)."""
+
+    name: str
+    about: str
+    rows: tuple[tuple[Quantity, ca.SX], ...]
+    parameters: tuple[Quantity, ...] = ()

@@ -192,8 +192,8 @@ def _point_moving(made: Decoupling) -> tuple[Moving, ...]:
         return ()
     if not sp.Matrix([made.slopes[k] for k in rows]).det():
         return ()
-    ahead, heading = made.arms[rows[0]].ahead, written(made.planar.heading)
-    equation = f"{_factor(ahead)}*{heading}' = V*sin(psi - {heading})"
+    ahead, heading, factor = made.arms[rows[0]].ahead, written(made.planar.heading), _factor(made.planar.heading)
+    equation = f"{_factor(ahead)}*{factor}' = V*sin(psi - {factor})"
     settles = f"{heading} -> psi, driving forward; else {heading} -> psi + pi, driving backward"
     rate = -sp.Symbol("V") / ahead
     return (Moving("V > 0 in the direction psi", equation, settles, f"{written(ahead)} > 0", rate, ahead),)

@@ -11,7 +11,7 @@ import casadi as ca
 
 from .errors import ModelError
 from .exact import canonical
-from .mechanism import Quantity, quantity, refuse_strangers, refuse_twice, scalar
+from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
 from .paths import Path, circle, config, ellipse, line, segment
 from .reduction import ReducedSystem
 
@@ -115,11 +115,29 @@ OUTPUTS: dict[str, Callable[..., OutputMap]] = {
 OFFSET = "_offset"  # ends the name of a law whose P_l lies aside of the vehicle's axis too
 
 
+def output_names(robot: Mechanism) -> tuple[str, ...]:
+    """Names of the output maps that may fit this robot: Types I to IV, then its own. Each of OUTPUTS may have OFFSET after it."""
+    return (*OUTPUTS, *(output.name for output in robot.outputs))
+
+
 def output_map(system: ReducedSystem, name: str) -> OutputMap:
-    """The output map of a law by name: one of OUTPUTS, or one with OFFSET after it. Raises KeyError for any other."""
+    """The output map of a law by name: one of OUTPUTS, one with OFFSET after it, or the robot's own. Raises KeyError."""
+    own = {output.name: output for output in system.mechanism.outputs}
+    if name in own:
+        return _own(system, own[name])
     base = name.removesuffix(OFFSET)
     made = OUTPUTS[base](system, offset=base != name)
     return replace(made, name=name, about=made.about + (", P_l anywhere on the vehicle" if base != name else ""))
+
+
+def _own(system: ReducedSystem, output: Output) -> OutputMap:
+    """What the robot's file says, its rates by the quasi-velocities (9)."""
+    rows = []
+    for row, expression in output.rows:
+        if ca.depends_on(expression, system.mechanism.qdot):
+            expression = canonical(ca.substitute(expression, system.mechanism.qdot, system.qdot))
+        rows.append(OutputRow(row.name, row.unit, row.about, expression))
+    return OutputMap(output.name, output.about, tuple(rows), output.parameters)
 
 
 def body_point(offset: bool = False) -> tuple[Quantity, ...]:

@@ -12,7 +12,7 @@ from sympy.polys.rings import PolyElement, ring
 
 from .errors import ModelError
 from .functions import Functions, Vector
-from .ratios import generators_of
+from .ratios import factored, generators_of
 
 PRIME = 2305712387343084721  # 1 modulo 8 and modulo the odd primes to 37: so -1 and all of them have roots
 MODULAR = GF(PRIME)
@@ -173,7 +173,7 @@ def _zeros(polynomial: PolyElement, domain: Domain) -> list:
     """Zeros of a polynomial in one unknown that lie in the field."""
     if not polynomial:
         return []
-    factors = polynomial.factor_list()[1]
+    factors = factored(polynomial)[1]
     return [-factor.coeff(1) / factor.LC for factor, _ in factors if factor.degree() == 1]
 
 

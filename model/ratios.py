@@ -3,12 +3,15 @@
 import sys
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 import casadi as ca
 from sympy import QQ
+from sympy.polys.polyconfig import using
 from sympy.polys.rings import PolyElement
 
 TERMS, DEGREE = 100, 64  # of a polynomial; more take too long to divide and to factor
+PLACES = 12  # random ones at which a polynomial is factored first
 Ratio = tuple[PolyElement, PolyElement]
 
 
@@ -58,6 +61,18 @@ def times(a: PolyElement, b: PolyElement) -> PolyElement:
 def size(numerator: PolyElement, denominator: PolyElement) -> tuple[int, int]:
     """Terms, then degrees."""
     return len(numerator) + len(denominator), sum(map(sum, numerator)) + sum(map(sum, denominator))
+
+
+@lru_cache(maxsize=4096)
+def factored(polynomial: PolyElement) -> tuple[QQ, tuple[tuple[PolyElement, int], ...]]:
+    """Content and irreducible factors with their powers.
+
+    Factors are built up from those at a random place. Where it has more there, that takes a minute and is in vain: with the
+    three places that SymPy looks at, once in some hundred polynomials of 40 terms; with PLACES not in many thousand.
+    """
+    with using(EEZ_NUMBER_OF_CONFIGS=PLACES):
+        content, factors = polynomial.factor_list()
+    return content, tuple(factors)
 
 
 def generators_of(polynomial: PolyElement) -> set[int]:

@@ -1,6 +1,9 @@
-"""Formulas for people: factors kept, sums collected by sines and cosines, no needless minus signs."""
+"""Formulas for people: factors kept, sums collected by sines and cosines or put under one of them, no needless minus signs."""
 
 import sympy as sp
+from sympy.simplify.fu import TR10i
+
+LONGEST = 8  # terms of a sum that is tried with the addition theorems
 
 
 def readable(expression: sp.Expr) -> sp.Expr:
@@ -10,7 +13,7 @@ def readable(expression: sp.Expr) -> sp.Expr:
     for part in sp.Mul.make_args(rest):
         base, power = part.as_base_exp()
         if base.is_Add and power.is_Integer:
-            base, odd = _collected(base), int(power % 2)
+            base, odd = _collected(_added(base)), int(power % 2)
             turned, negative = _turned(base), int(_is_negative(coefficient))
             if _minuses(turned) + odd * (1 - negative) < _minuses(base) + odd * negative:
                 base, coefficient = turned, coefficient * (-1) ** odd
@@ -25,8 +28,18 @@ def unsigned(expression: sp.Expr) -> sp.Expr:
     return turned if _minuses(turned) < _minuses(bare) else bare
 
 
-def _collected(base: sp.Add) -> sp.Expr:
+def _added(base: sp.Add) -> sp.Expr:
+    """sin(a)*cos(b) + cos(a)*sin(b) as sin(a + b), where that is shorter."""
+    angles = {wave.args[0] for wave in base.atoms(sp.sin, sp.cos)}
+    if len(angles) < 2 or len(base.args) > LONGEST:
+        return base
+    return min((base, TR10i(base)), key=sp.count_ops)
+
+
+def _collected(base: sp.Expr) -> sp.Expr:
     """By the sine and cosine of the angle to which most terms are linear, if any."""
+    if not base.is_Add:
+        return base
     angles = {wave.args[0] for term in base.args for wave in sp.Mul.make_args(term) if isinstance(wave, sp.sin | sp.cos)}
     ways = [_by_angle(base, angle) for angle in sorted(angles, key=sp.default_sort_key)]
     return sp.Add(*min(ways, key=len)) if ways else base

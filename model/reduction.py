@@ -1,6 +1,6 @@
 """From a constrained mechanism to its reduced equations: paper (3), (9) to (13)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,7 @@ from .errors import ModelError
 from .exact import canonical
 from .expression import time_derivative
 from .mechanism import Mechanism, Quantity, is_number, per_second, quantity
+from .recursion import Recursion, Reduced, check_bodies
 from .samples import RANK_TOLERANCE, Sampled, smallest_eigenvalue
 
 NEGLIGIBLE_MASS = 1e-12  # smallest eigenvalue of S'MS scaled to a diagonal of ones, at or below which it is singular
@@ -23,6 +24,7 @@ class ReducedSystem:
     mechanism: Mechanism
     quasi_velocities: tuple[Quantity, ...]
     S: ca.SX
+    known: Reduced | None = None  # the equations body by body, where they are known already
 
     @property
     def nu(self) -> ca.SX:
@@ -59,13 +61,27 @@ class ReducedSystem:
         return ca.substitute(self.mechanism.V, self.mechanism.qdot, self.qdot)
 
     @cached_property
+    def by_bodies(self) -> Reduced | None:
+        """The same equations body by body, where the robot says its bodies; None where it does not."""
+        mechanism = self.mechanism
+        if self.known or not mechanism.bodies:
+            return self.known
+        if not mechanism.quasi_expressions:
+            return Recursion(mechanism, self.nu, S=self.S).reduced()
+        return _by_bodies(mechanism, self.quasi_velocities, canonical(mechanism.quasi_velocity_rows @ self.S))
+
+    @cached_property
     def Mbar(self) -> ca.SX:
         """Reduced mass matrix S'MS (10), (n-m) x (n-m)."""
+        if self.by_bodies:
+            return self.by_bodies.written_out(self.by_bodies.Mbar)
         return canonical(self.S.T @ self.mechanism.M @ self.S)
 
     @cached_property
     def bias(self) -> ca.SX:
         """S'(M Sdot nu + V) (10), (n-m) x 1."""
+        if self.by_bodies:
+            return self.by_bodies.written_out(self.by_bodies.bias)
         return canonical(self.S.T @ (self.mechanism.M @ self.Sdot @ self.nu + self.V))
 
     @cached_property
@@ -75,25 +91,49 @@ class ReducedSystem:
 
     def acceleration(self, tau: ca.SX) -> ca.SX:
         """nudot = (S'MS)^-1 (S'E tau - bias) (11), (n-m) x 1."""
-        return solve(self.Mbar, self.input_map @ tau - self.bias)
+        return solve_symmetric(self.Mbar, self.input_map @ tau - self.bias)
+
+    @property
+    def redundant(self) -> bool:
+        """Are there more inputs than n-m?"""
+        return len(self.mechanism.inputs) > self.freedom
+
+    @cached_property
+    def wanted(self) -> ca.SX:
+        """Inputs tau_0 that are wanted as far as (12) lets them, r x 1, in q, nu and parameters; zero unless `redundant`."""
+        mechanism = self.mechanism
+        none = ca.SX(len(mechanism.inputs), 1)
+        return ca.sparsify(ca.substitute(mechanism.wanted, mechanism.qdot, self.qdot)) if self.redundant else none
+
+    def spread(self, weight: Sequence[float] | None = None) -> ca.SX:
+        """W^-1 (S'E)', r x (n-m): what spans the inputs of least sum(weight_i tau_i^2); `weight` as for `input_inverse`."""
+        weights = self.mechanism.weights if weight is None else _weights(weight, len(self.mechanism.inputs))
+        return ca.diag(1 / weights) @ self.input_map.T
 
     def input_inverse(self, weight: Sequence[float] | None = None) -> ca.SX:
-        """(S'E)^+, r x (n-m): with more inputs than n-m the one of least sum(weight_i tau_i^2), weights 1 by default."""
-        r, unit = len(self.mechanism.inputs), ca.SX.eye(self.freedom)
-        if r == self.freedom:
+        """(S'E)^+, r x (n-m): with more inputs than n-m the one of least sum(weight_i tau_i^2).
+
+        `weight` is r positive numbers, the robot's own weights where it is None.
+        """
+        unit = ca.SX.eye(self.freedom)
+        if not self.redundant:
             return solve(self.input_map, unit)
-        inverse = ca.diag(1 / _weights(weight, r))
-        return inverse @ self.input_map.T @ solve(canonical(self.input_map @ inverse @ self.input_map.T), unit)
+        spread = self.spread(weight)
+        return spread @ solve_symmetric(canonical(self.input_map @ spread), unit)
 
     def first_feedback(self, u: ca.SX, weight: Sequence[float] | None = None) -> ca.SX:
-        """tau (12) that makes nudot = u (13), r x 1; `weight` as for `input_inverse`."""
-        return self.input_inverse(weight) @ (self.Mbar @ u + self.bias)
+        """tau (12) that makes nudot = u (13), r x 1; `weight` as for `input_inverse`.
+
+        With more inputs than n-m the one nearest to tau_0, which is wanted: (S'E)^+ (Mbar u + bias) + (1 - (S'E)^+ S'E) tau_0.
+        What tau_0 adds lies in the null space of S'E: it changes the constraint forces and not the motion.
+        """
+        return self.wanted + self.input_inverse(weight) @ (self.Mbar @ u + self.bias - self.input_map @ self.wanted)
 
     def constraint_forces(self, tau: ca.SX, nudot: ca.SX) -> ca.SX:
         """lambda of (8), m x 1, with the paper's sign: +A' lambda on the left-hand side."""
         A, M, E = self.mechanism.A, self.mechanism.M, self.mechanism.E
         rest = E @ tau - self.V - M @ (self.Sdot @ self.nu + self.S @ nudot)
-        return solve(canonical(A @ A.T), A @ rest)
+        return solve_symmetric(canonical(A @ A.T), A @ rest)
 
 
 def reduce(mechanism: Mechanism) -> ReducedSystem:
@@ -103,17 +143,17 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
     or inputs are too few.
     """
     mechanism.check()
+    check_bodies(mechanism)
+    check_constraints(mechanism)
     n, m = len(mechanism.coordinates), mechanism.A.shape[0]
-    A = _sampled(mechanism, mechanism.A, "A")
-    if A.rank() < m:
-        dependent = mechanism.constraint_names[A.dependent_row()]
-        raise ModelError(f"{mechanism.name}: the constraints are not independent: {dependent!r} follows from the others; drop it")
     if len(mechanism.inputs) < n - m:
+        names, missing = ", ".join(q.name for q in mechanism.inputs), n - m - len(mechanism.inputs)
         raise ModelError(
-            f"{mechanism.name}: {len(mechanism.inputs)} inputs for n - m = {n - m} degrees of freedom; "
-            "an underactuated robot cannot be linearized by this method: add an input or a constraint"
+            f"{mechanism.name}: {len(mechanism.inputs)} inputs for n - m = {n - m} degrees of freedom; an underactuated robot "
+            f"cannot be linearized by this method: with {names} alone S'E (12) has no inverse. Add {_some(missing, 'input')} or "
+            f"{_some(missing, 'constraint')}, or leave out what no input drives"
         )
-    S, quasi_velocities = _null_space(mechanism)
+    S, quasi_velocities, by_bodies = _null_space(mechanism)
     if S.shape != (n, n - m):
         raise ModelError(f"{mechanism.name}: S is {S.shape[0]} x {S.shape[1]}, it must be n x (n-m) = {n} x {n - m}")
     if len(quasi_velocities) != n - m:
@@ -126,12 +166,18 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
         )
     if _sampled(mechanism, S, "S").rank() < n - m:
         raise ModelError(f"{mechanism.name}: the columns of S are dependent; choose other quasi-velocities")
-    system = ReducedSystem(mechanism, quasi_velocities, S)
+    system = ReducedSystem(mechanism, quasi_velocities, S, by_bodies)
     if _sampled(mechanism, system.input_map, "S'E").rank() < n - m:
         raise ModelError(
             f"{mechanism.name}: S'E has rank below n - m = {n - m}: the inputs do not reach every motion; "
             "move an input to a coordinate that is free"
         )
+    for k, weight in enumerate(np.transpose([value[:, 0] for value in _sampled(mechanism, mechanism.weights, "weights").values])):
+        if weight.min() <= 0.0:
+            raise ModelError(
+                f"{mechanism.name}: input {mechanism.inputs[k].name!r}: its weight is not positive; parameters of a weight "
+                "must be positive, and it a product or sum of them"
+            )
     Mbar = _sampled(mechanism, system.Mbar, "S'MS")
     if min(map(smallest_eigenvalue, Mbar.at_defaults), default=0.0) < -NEGLIGIBLE_MASS:
         raise ModelError(
@@ -143,30 +189,92 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
     return system
 
 
+def check_constraints(mechanism: Mechanism) -> None:
+    """Raise ModelError for a constraint that follows from others, and when they leave no motion."""
+    A = _sampled(mechanism, mechanism.A, "A")
+    m, n = mechanism.A.shape
+    if A.rank() < m:
+        dependent = mechanism.constraint_names[A.dependent_row()]
+        raise ModelError(f"{mechanism.name}: the constraints are not independent: {dependent!r} follows from the others; drop it")
+    if m >= n:
+        raise ModelError(f"{mechanism.name}: {m} constraints leave no motion in {n} coordinates")
+
+
 def _sampled(mechanism: Mechanism, matrix: ca.SX, name: str) -> Sampled:
     return Sampled(matrix, mechanism.q, mechanism.parameters, f"{mechanism.name}: {name}")
 
 
 def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right, through cofactors up to 3 x 3 (no pivot that could vanish before the determinant does)."""
+    """matrix^-1 right, n x any, without a pivot that could vanish before the determinant does.
+
+    Through cofactors up to n = 3, above that block by block, blocks above 3 by orthogonalization.
+    """
     n = matrix.shape[0]
     if n > 3:
-        return ca.solve(matrix, right)
+        return solve_by_blocks(matrix, right, _solve_block)
     determinant = canonical(ca.det(matrix))
     return ca.adj(matrix) @ right / determinant if n > 1 else right / matrix
 
 
-def _weights(weight: Sequence[float] | None, r: int) -> ca.SX:
-    given = [1.0] * r if weight is None else list(weight) if isinstance(weight, Iterable) else [weight]
+def solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """matrix^-1 right for a symmetric positive definite matrix: as `solve` up to 3 x 3, by L D L' above."""
+    if matrix.shape[0] <= 3:
+        return solve(matrix, right)
+    D, U, order = ca.ldl(matrix)
+    return ca.ldl_solve(ca.densify(right), D, U, order)
+
+
+def solve_by_blocks(matrix: ca.SX, right: ca.SX, solve_block: Callable[[ca.SX, ca.SX], ca.SX]) -> ca.SX:
+    """matrix^-1 right, where rows and columns can be put in an order that makes the matrix block triangular.
+
+    `solve_block` solves for one block of the diagonal; what is zero in the matrix must be so by structure.
+    """
+    matrix = ca.sparsify(matrix)
+    count, rows, columns, starts, *_ = matrix.sparsity().btf()
+    found = ca.SX(*right.shape)
+    for first, last in zip(starts[:count], starts[1 : count + 1], strict=True):
+        i, j = rows[first:last], columns[first:last]
+        found[j, :] = solve_block(ca.densify(matrix[i, j]), right[i, :] - matrix[i, :] @ found)
+    return found
+
+
+def _solve_block(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    return solve(matrix, right) if matrix.shape[0] <= 3 else _orthogonally(matrix, right)
+
+
+def _orthogonally(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """matrix^-1 right by Gram and Schmidt's process on the columns of [matrix right], each kept orthogonal to all before.
+
+    No pivots, so no branches; as accurate as elimination with pivots, because `right` goes the same way as the columns.
+    """
+    n = matrix.shape[0]
+    columns = ca.horzsplit(ca.densify(ca.horzcat(matrix, right)))
+    table = ca.SX.zeros(n, len(columns))  # U with ones on its diagonal, and beside it what U x equals
+    for k in range(n):
+        square = ca.sumsqr(columns[k])
+        for j in range(k + 1, len(columns)):
+            table[k, j] = ca.dot(columns[k], columns[j]) / square
+            columns[j] -= table[k, j] * columns[k]
+    found = table[:, n:]
+    for k in reversed(range(n)):
+        found[k, :] -= table[k, k + 1 : n] @ found[k + 1 :, :]
+    return found
+
+
+def _weights(weight: Sequence[float], r: int) -> ca.SX:
+    given = list(weight) if isinstance(weight, Iterable) else [weight]
     if len(given) != r or not all(is_number(w) and 0 < w < np.inf for w in given):
         raise ModelError(f"weights must be {r} positive numbers, got {given}")
     return ca.SX([float(w) for w in given])
 
 
-def _null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...]]:
-    """S(q) and its quasi-velocities: given, from the user's quasi-velocities, or from rates chosen here."""
+def _null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduced | None]:
+    """S(q) and its quasi-velocities: given, from the user's quasi-velocities, or from rates chosen here.
+
+    With the reduced equations, where these are found together with S.
+    """
     if mechanism.given_null_space is not None:
-        return mechanism.given_null_space, tuple(mechanism.quasi_velocities)
+        return mechanism.given_null_space, tuple(mechanism.quasi_velocities), None
     n, m = len(mechanism.coordinates), mechanism.A.shape[0]
     rows, names = mechanism.quasi_velocity_rows, tuple(mechanism.quasi_velocities)
     if rows is None:
@@ -179,7 +287,15 @@ def _null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...]]:
         raise ModelError(
             f"{mechanism.name}: the quasi-velocities do not fix the motion: they depend on the constraints or on each other"
         )
-    return eliminate(square, ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m))), names
+    if mechanism.bodies and mechanism.quasi_expressions:
+        found = _by_bodies(mechanism, names, ca.SX.eye(n - m))
+        return found.written_out(found.S), names, found
+    return eliminate(square, ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m))), names, None
+
+
+def _by_bodies(mechanism: Mechanism, nu: Sequence[Quantity], T: ca.SX) -> Reduced:
+    """The reduced equations in nu, the robot's own quasi-velocities being T nu."""
+    return Recursion(mechanism, ca.vertcat(*[q.symbol for q in nu]), mechanism.quasi_expressions, T).reduced()
 
 
 def _choose_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
@@ -225,6 +341,10 @@ def _actuated_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
             (row, _rate(rates[0]) if rates else quantity(f"{force.name}_velocity", unit, f"velocity on which {force.name} acts"))
         )
     return found
+
+
+def _some(count: int, what: str) -> str:
+    return f"{count} {what}{'s' if count > 1 else ''}"
 
 
 def _rate(coordinate: Quantity) -> Quantity:

@@ -346,7 +346,8 @@ def mirrors(contact: RollingContact) -> tuple[str, ...]:
         for shifts in ((0, shift), (shift, 0), (0, 0)):
             place = ca.vertcat(s[0] * u + shifts[0], s[1] * v + shifts[1])
             there = _without_signs(ca.substitute(M2, contact.q[2:4], place))
-            if canonical(there @ ca.diag(ca.DM(s)) - ca.diag(turn) @ here).is_zero():
+            left = there @ ca.diag(ca.DM(s)) - ca.diag(turn) @ here
+            if not _differs(ca.norm_fro(left), ca.norm_fro(here)) and canonical(left).is_zero():
                 names = [_shifted(*each) for each in zip(s, ("u1", "v1"), shifts, strict=True)]
                 found.append(f"u2 = {names[0]}, v2 = {names[1]}, psi = {psi}")
                 break
@@ -371,18 +372,25 @@ def vanishes(expression: ca.SX, size: ca.SX, where: str) -> bool:
 
     Raises ModelError when it is neither.
     """
+    if _differs(expression, size):
+        return False
     if canonical(expression).is_zero():
         return True
+    raise ModelError(
+        f"{where} is zero to rounding, and cannot be proved to be: give the sizes as symbols, or write the surfaces more simply"
+    )
+
+
+def _differs(expression: ca.SX, size: ca.SX) -> bool:
+    """Is it at some place not small beside `size`? Quicker than to prove that it is zero."""
     both = ca.vertcat(expression, size)
     symbols = free_symbols(both)
     function = ca.Function("both", [ca.vertcat(*symbols)], [both])
     for place in np.random.default_rng(1992).uniform(0.2, 1.2, (8, len(symbols))):
         value, scale = (float(number) for number in ca.vertsplit(function(place)))
         if abs(value) > SMALLEST * abs(scale):
-            return False
-    raise ModelError(
-        f"{where} is zero to rounding, and cannot be proved to be: give the sizes as symbols, or write the surfaces more simply"
-    )
+            return True
+    return False
 
 
 def _shifted(sign: int, name: str, shift: ca.SX | int) -> str:

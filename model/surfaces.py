@@ -18,7 +18,7 @@ from .exact import canonical
 from .expression import fold, free_symbols, operate
 from .field import Field
 from .mechanism import matrix
-from .ratios import NotRational, number
+from .ratios import NotRational, factored, number
 
 SHORT = 1024  # numbers below it in whole parts of 1/SHORT are exact in what follows
 SMALLEST = 1e-9  # of its size at the regular place: a condition below that is not met
@@ -161,7 +161,7 @@ class _Patch:
 
     def _root_of(self, known: Field, polynomial: PolyElement, what: str) -> tuple[ca.SX, list[ca.SX]]:
         """The root of a polynomial's magnitude, and its factors and radicand, each positive at the regular place."""
-        content, powers = polynomial.factor_list() if not polynomial.is_ground else (polynomial.LC, [])
+        content, powers = factored(polynomial) if not polynomial.is_ground else (polynomial.LC, [])
         root, radicand, factors = self._number(math.sqrt(number(abs(content)))), known.ring.one, []
         for factor, power in powers:
             factor = self._upright(known, factor, what)

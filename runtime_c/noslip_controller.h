@@ -22,11 +22,16 @@ enum {
     NOSLIP_SLOW = 1 /* gives up the wanted speed, so that the other outputs get what they ask for: a path is kept */
 };
 
-/* What a step does when something is wrong stays out of the way of what it does when nothing is. */
+/* What a step does when something is wrong stays out of the way of what it does when nothing is: NOSLIP_COLD, in a header
+ * NOSLIP_APART. What every step runs through is NOSLIP_HOT. */
 #if defined(__GNUC__)
 #define NOSLIP_COLD __attribute__((noinline, cold))
+#define NOSLIP_APART static inline __attribute__((cold))
+#define NOSLIP_HOT static inline __attribute__((always_inline))
 #else
 #define NOSLIP_COLD
+#define NOSLIP_APART static inline
+#define NOSLIP_HOT static inline
 #endif
 
 #define NOSLIP_REAL double

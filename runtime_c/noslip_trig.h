@@ -1,5 +1,6 @@
 /*
- * noslip_trig.h - sine and cosine together, sin(x) / x, and the angle of a vector, with the same bits on every target.
+ * noslip_trig.h - sine and cosine together, sin(x) / x, tan(x) / x, and the angle of a vector, with the same bits on every
+ * target.
  *
  * Sine and cosine take only + - * and a look at the bits of one number: no division, fused operation, table, library call
  * or branch in the C.
@@ -27,7 +28,7 @@
 static inline int noslip_angle_ok(double x)
 {
 #if defined(__FRAMAC__) /* the same, in a form its intervals follow */
-    return x >= -NOSLIP_ANGLE_MAX && x <= NOSLIP_ANGLE_MAX;
+    return noslip_is_finite(x) && x >= -NOSLIP_ANGLE_MAX && x <= NOSLIP_ANGLE_MAX;
 #else
     return noslip_abs(x) <= NOSLIP_ANGLE_MAX;
 #endif
@@ -36,10 +37,24 @@ static inline int noslip_angle_ok(double x)
 static inline int noslip_angle_ok_f(float x)
 {
 #if defined(__FRAMAC__) /* the same, in a form its intervals follow */
-    return x >= -NOSLIP_ANGLE_MAX_F && x <= NOSLIP_ANGLE_MAX_F;
+    return noslip_is_finite_f(x) && x >= -NOSLIP_ANGLE_MAX_F && x <= NOSLIP_ANGLE_MAX_F;
 #else
     return noslip_abs_f(x) <= NOSLIP_ANGLE_MAX_F;
 #endif
+}
+
+/*
+ * Whole turns in an angle (rad), to the nearest, up to 4e6 of them in float and 2e15 in double: a fraction has no room when
+ * 1.5 * 2^23 or 2^52 is added.
+ */
+static inline float noslip_whole_turns_f(float angle)
+{
+    return (angle * 0.15915494f + 12582912.0f) - 12582912.0f;
+}
+
+static inline double noslip_whole_turns(double angle)
+{
+    return (angle * 0.15915494309189535 + 6755399441055744.0) - 6755399441055744.0;
 }
 
 static inline void noslip_sincos_f(float x, float *sine, float *cosine)
@@ -134,6 +149,39 @@ static inline double noslip_sinc(double x)
 }
 
 /*
+ * noslip_half_tanc - tan(x / 2) / x, and 1/2 at 0, for |x| <= 1/4, with the same bits on every target; farther out it means
+ * nothing.
+ *
+ *   float:  absolute error below 7e-8 (FOUND found)
+ *   double: absolute error below 1.3e-16 (FOUND found)
+ */
+static inline float noslip_half_tanc_f(float x)
+{
+    const float z = x * x;
+    return 0.5f + z * (0.04166595f + z * 0.004203654f);
+}
+
+static inline double noslip_half_tanc(double x)
+{
+    const double z = x * x;
+    return 0.5 + z * (0.0416666666666772 + z * (0.004166666664280801 + z * (0.00042162715959553963 + z * (4.2708217263671306e-5 +
+        z * 4.409519911987866e-6))));
+}
+
+/* atan(t) - t for |t| <= tan(pi/8); z is t^2. */
+static inline float noslip_atan_rest_f(float t, float z)
+{
+    return t * z * (-0.33332756f + z * (0.19971861f + z * (-0.13824259f + z * 0.079019666f)));
+}
+
+static inline double noslip_atan_rest(double t, double z)
+{
+    return t * z * (-0.3333333333333022 + z * (0.199999999991045 + z * (-0.14285714196511906 + z * (0.11111106702913295 +
+        z * (-0.09090783512934762 + z * (0.0769008312654027 + z * (-0.06641244219913213 + z * (0.05693154016768563 +
+        z * (-0.04360793836848341 + z * 0.02127975189888684)))))))));
+}
+
+/*
  * noslip_atan2 - angle of the vector (x, y), in [-pi, pi], with the same bits on every target.
  *
  *   float:  absolute error below 3e-7 (1.8e-7 found)
@@ -148,7 +196,7 @@ static inline float noslip_atan2_f(float y, float x)
 {
     const float a = noslip_abs_f(y), b = noslip_abs_f(x);
     const float scale = a + b > 1.0f ? 0.5f : 1.0f; /* a + b of large numbers must not overflow */
-    float over, under, m, t, z, angle;
+    float over, under, m, t, angle;
 
     if (a <= 0 && b <= 0) {
         return 0;
@@ -171,9 +219,7 @@ static inline float noslip_atan2_f(float y, float x)
         t = -t;
         m = 4.0f - m;
     }
-    z = t * t;
-    angle = m * 0.78539824f + (t + (t * z * (-0.33332756f + z * (0.19971861f + z * (-0.13824259f + z * 0.079019666f))) +
-        m * -8.146034e-8f));
+    angle = m * 0.78539824f + (t + (noslip_atan_rest_f(t, t * t) + m * -8.146034e-8f));
     return y < 0 ? -angle : angle;
 }
 
@@ -181,7 +227,7 @@ static inline double noslip_atan2(double y, double x)
 {
     const double a = noslip_abs(y), b = noslip_abs(x);
     const double scale = a + b > 1.0 ? 0.5 : 1.0;
-    double over, under, m, t, z, angle;
+    double over, under, m, t, angle;
 
     if (a <= 0 && b <= 0) {
         return 0;
@@ -204,12 +250,55 @@ static inline double noslip_atan2(double y, double x)
         t = -t;
         m = 4.0 - m;
     }
-    z = t * t;
-    angle = m * 0.7853981633974483 + (t + (t * z * (-0.3333333333333022 + z * (0.199999999991045 +
-        z * (-0.14285714196511906 + z * (0.11111106702913295 + z * (-0.09090783512934762 + z * (0.0769008312654027 +
-        z * (-0.06641244219913213 + z * (0.05693154016768563 + z * (-0.04360793836848341 +
-        z * 0.02127975189888684))))))))) + m * 3.061616997868383e-17));
+    angle = m * 0.7853981633974483 + (t + (noslip_atan_rest(t, t * t) + m * 3.061616997868383e-17));
     return y < 0 ? -angle : angle;
+}
+
+/*
+ * noslip_angle_of - angle of the vector (x, y) whose length is known and positive, in [-pi, pi]: cheaper than noslip_atan2, and
+ * as smooth, where the root has been taken anyway. The same bits on every target.
+ *
+ *   float:  absolute error below 5e-7 (FOUND found)
+ *   double: absolute error below 1e-15 (FOUND found)
+ *
+ * How: the angle is m pi/2 + 2 atan t with |t| <= tan(pi/8), which is the other part over the length and the larger part.
+ */
+static inline float noslip_angle_of_f(float y, float x, float length)
+{
+    const float size = noslip_abs_f(y);
+    float over = y, under = x, angle = 0, t;
+    if (!(x >= size)) {
+        angle = y < 0 ? -1.5707964f : 1.5707964f;
+        if (x > -size) {
+            over = y < 0 ? x : -x;
+            under = size;
+        } else {
+            over = -y;
+            under = -x;
+            angle += angle;
+        }
+    }
+    t = over / (length + under);
+    return angle + 2 * (t + noslip_atan_rest_f(t, t * t));
+}
+
+static inline double noslip_angle_of(double y, double x, double length)
+{
+    const double size = noslip_abs(y);
+    double over = y, under = x, angle = 0, t;
+    if (!(x >= size)) {
+        angle = y < 0 ? -1.5707963267948966 : 1.5707963267948966;
+        if (x > -size) {
+            over = y < 0 ? x : -x;
+            under = size;
+        } else {
+            over = -y;
+            under = -x;
+            angle += angle;
+        }
+    }
+    t = over / (length + under);
+    return angle + 2 * (t + noslip_atan_rest(t, t * t));
 }
 
 #endif

@@ -1,7 +1,11 @@
 """What several test files use."""
 
+import os
+
 import pytest
 from noslip.harness.cli import main
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy comes: the tests have all cores busy without its threads
 
 
 @pytest.fixture

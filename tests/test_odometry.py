@@ -97,6 +97,16 @@ def test_sinc(scalar, bound):
     assert [function(float(-v)) for v in x] == value.tolist()
 
 
+@pytest.mark.parametrize(("scalar", "bound"), [("double", 1.3e-16), ("float", 7e-8)])
+def test_half_tanc(scalar, bound):
+    function, kind = runtime(HEADERS[0]).function("noslip_half_tanc", scalar), {"double": np.float64, "float": np.float32}[scalar]
+    x = np.concatenate([np.random.default_rng(1).uniform(-0.25, 0.25, 3000), [1e-30, 0.25, -0.25]]).astype(kind)
+    with mpmath.workprec(120):
+        truth = [mpmath.tan(mpmath.mpf(float(v)) / 2) / mpmath.mpf(float(v)) for v in x]
+        assert max(abs(function(float(v)) - t) for v, t in zip(x, truth, strict=True)) < bound
+    assert function(0.0) == 0.5 and all(function(float(-v)) == function(float(v)) for v in x)
+
+
 # -- closed forms ----------------------------------------------------------------------------------------------------
 
 
@@ -173,6 +183,33 @@ def test_c_is_the_reference(scalar, bound, seed):
             truth, mode = reference.pose + random.normal(0, 1, 3) * (1, 1, 3), "bumpless" if k % 3 else "reset"
             assert compiled.correct(truth, mode) == pytest.approx(reference.correct(truth, mode), abs=bound)
         assert compiled.move(angle, dt) == pytest.approx(reference.move(angle, dt), abs=bound)
+
+
+@pytest.mark.parametrize(("scalar", "bound"), [("double", 1e-14), ("float", 3e-6)])
+def test_short_arcs_and_long_ones(scalar, bound):
+    """Turns about the border of a quarter of a radian, where one formula takes over from the other, and far beyond it."""
+    for size in (0.2499, 0.2501, 0.5, 3.0, 6.3):
+        for way, turn in product((-2.0, 0.0, 3.0), (size, -size)):
+            reference, compiled = (
+                make(*WHEELS, 0.0, (1.0, 2.0, 0.5)) for make in (Odometry, lambda *a: CompiledOdometry(*a, scalar))
+            )
+            for _ in range(3):
+                assert compiled.move(angles(way, turn), 0.1) == pytest.approx(reference.move(angles(way, turn), 0.1), abs=bound)
+
+
+@each_scalar
+def test_the_direction_is_that_of_the_pose(scalar):
+    """After every kind of call; of a heading in float it is good to the rounding of that."""
+    random, made = np.random.default_rng(4), C(scalar, (1.0, 2.0, 3.0), release=0.2)
+    for k in range(400):
+        made.move(random.normal(0, 3 if k % 9 == 0 else 0.3, 2), 0.01)
+        if k % 60 == 50:
+            made.correct(random.normal(0, 3, 3), k % 2)
+        if k % 70 == 60:
+            made.call("unwind", made.self)
+        heading = made.look()[2]
+        rounding = (1.2e-7 if scalar == "float" else 2.3e-16) * (1 + abs(heading))
+        assert [*made.self.direction] == pytest.approx([math.cos(heading), math.sin(heading)], abs=rounding)
 
 
 @each_scalar
@@ -450,11 +487,11 @@ class Encoder:
 @pytest.mark.parametrize("bits", [2, 8, 16, 31, 32])
 @pytest.mark.parametrize("counts", [4096, -500])
 def test_a_counter_that_wraps(scalar, bits, counts):
-    """Steps of up to half its range, forward and back; the bits above the counter's are noise."""
+    """Steps of less than half its range, forward and back; half of it is a step back. The bits above the counter's are noise."""
     random, most = np.random.default_rng(bits), 2 ** (bits - 1) - 1
     encoder, total = Encoder(scalar, counts, bits), int(random.integers(2**bits))
     assert encoder.read(total) == 0
-    for step in [*random.integers(-most, most + 1, 200).tolist(), most, -most, 0, 2 ** (bits - 1)]:
+    for step in [*random.integers(-most, most + 1, 200).tolist(), most, -most, 0, -most - 1]:
         total += step
         noise = int(random.integers(2 ** (32 - bits))) << bits if bits < 32 else 0
         wanted = step * 2 * math.pi / counts

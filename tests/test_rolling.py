@@ -2,6 +2,7 @@
 
 import itertools
 from fractions import Fraction
+from functools import cache
 
 import casadi as ca
 import mpmath
@@ -66,6 +67,10 @@ PAIRS = [
 ]
 
 
+growth_of = cache(rolling_growth)
+
+
+@cache
 def contact_of(first: str, second: str, spin: bool = True) -> RollingContact:
     return RollingContact(SURFACES[first], SURFACES[second], spin)
 
@@ -343,27 +348,6 @@ FILLING = {
 }
 
 
-@pytest.mark.parametrize("case", FILLING)
-def test_growth_2_3_5(case):
-    """Pure rolling: brackets of the basis fill the space, proved by intervals; the structure equations say the same."""
-    contact = RollingContact(*FILLING[case])
-    growth = rolling_growth(contact)
-    assert growth.vector == (2, 3, 5) and growth.holonomic == 0
-    first = list(ca.horzsplit(contact.basis))
-    second = bracket(*first, contact.q)
-    assert surely_independent([*first, second], contact.q, PLACE)
-    assert surely_independent([*first, second, *[bracket(f, second, contact.q) for f in first]], contact.q, PLACE)
-
-
-@pytest.mark.parametrize("case", [*FILLING, "equal spheres"])
-def test_growth_3_5_with_spin(case):
-    contact = RollingContact(*FILLING.get(case, (sphere(1), sphere(1))), spin=True)
-    growth = rolling_growth(contact)
-    assert growth.vector == (3, 5) and growth.holonomic == 0 and growth.drops_where is None
-    fields = list(ca.horzsplit(contact.basis))
-    assert surely_independent([*fields, *[bracket(fields[2], f, contact.q) for f in fields[:2]]], contact.q, PLACE)
-
-
 R1, R2 = ca.SX.sym("R1"), ca.SX.sym("R2")
 INVOLUTIVE = {
     "equal spheres": (sphere(R1), sphere(R1)),
@@ -374,11 +358,38 @@ INVOLUTIVE = {
 }
 
 
+@cache
+def contact_in(case: str, spin: bool = False) -> RollingContact:
+    """One contact for all tests of a case: what is found of it once is kept."""
+    return RollingContact(*{**FILLING, **INVOLUTIVE}[case], spin)
+
+
+@pytest.mark.parametrize("case", FILLING)
+def test_growth_2_3_5(case):
+    """Pure rolling: brackets of the basis fill the space, proved by intervals; the structure equations say the same."""
+    contact = contact_in(case)
+    growth = growth_of(contact)
+    assert growth.vector == (2, 3, 5) and growth.holonomic == 0
+    first = list(ca.horzsplit(contact.basis))
+    second = bracket(*first, contact.q)
+    assert surely_independent([*first, second], contact.q, PLACE)
+    assert surely_independent([*first, second, *[bracket(f, second, contact.q) for f in first]], contact.q, PLACE)
+
+
+@pytest.mark.parametrize("case", [*FILLING, "equal spheres"])
+def test_growth_3_5_with_spin(case):
+    contact = contact_in(case, spin=True) if case in FILLING else RollingContact(sphere(1), sphere(1))
+    growth = growth_of(contact)
+    assert growth.vector == (3, 5) and growth.holonomic == 0 and growth.drops_where is None
+    fields = list(ca.horzsplit(contact.basis))
+    assert surely_independent([*fields, *[bracket(fields[2], f, contact.q) for f in fields[:2]]], contact.q, PLACE)
+
+
 @pytest.mark.parametrize("case", INVOLUTIVE)
 def test_same_constant_curvature_is_involutive(case):
     """k = 3, and the bracket is in the span: proved as an identity of rational functions."""
-    contact = RollingContact(*INVOLUTIVE[case])
-    growth = rolling_growth(contact)
+    contact = contact_in(case)
+    growth = growth_of(contact)
     assert growth.vector == (2,) and growth.holonomic == 3 and growth.determinant is None
     first, second = ca.horzsplit(contact.basis)
     made = bracket(first, second, contact.q)
@@ -399,8 +410,8 @@ def test_structure_equations(pair):
     function = ca.Function("f", [q], [b - wanted, pure, spinning])
     claimed = []
     for spin in (False, True):
-        same = RollingContact(contact.first, contact.second, spin)
-        claimed.append(ca.Function("g", [same.q], [rolling_growth(same).determinant]))
+        same = contact_of(*pair, spin)
+        claimed.append(ca.Function("g", [same.q], [growth_of(same).determinant]))
     for place in places(30, 5, 6):
         rest, *found = (np.array(value) for value in function(place))
         assert np.abs(rest).max() < 1e-10
@@ -412,9 +423,9 @@ def test_structure_equations(pair):
 def test_brackets_of_the_exact_analysis_agree(case):
     """`distribution` forms the brackets and knows nothing of curvature; two ellipsoids of three axes are too much for it."""
     for spin in (False, True):
-        contact = RollingContact(*{**FILLING, **INVOLUTIVE}[case], spin)
+        contact = contact_in(case, spin)
         if case != "congruent ellipsoids":
-            assert distribution(contact.kinematics()).growth == rolling_growth(contact).vector
+            assert distribution(contact.kinematics()).growth == growth_of(contact).vector
 
 
 def test_where_the_growth_drops():
@@ -435,8 +446,8 @@ def iterated(contact: RollingContact, place, depth: int) -> int:
 
 def test_congruent_ellipsoids_have_one_special_orbit():
     """k = 0; the mirror configurations are kept by rolling, with dimension 2; elsewhere K1 = K2 is left."""
-    contact = RollingContact(ellipsoid(2, 1.5, 1), ellipsoid(2, 1.5, 1))
-    growth = rolling_growth(contact)
+    contact = contact_in("congruent ellipsoids")
+    growth = growth_of(contact)
     assert growth.holonomic == 0 and growth.vector == (2, 3, 5)
     assert growth.special == ("u2 = u1, v2 = -v1, psi = 0", "u2 = -u1, v2 = v1, psi = pi")
     mirror = [0.3, 0.5, 0.3, -0.5, 0.0]
@@ -453,8 +464,8 @@ def test_congruent_ellipsoids_have_one_special_orbit():
 
 
 def test_surfaces_of_revolution_have_a_family_of_special_orbits():
-    contact = RollingContact(torus(2, 0.5), torus(2, 0.5))
-    assert rolling_growth(contact).special[0] == "u2 = u1, v2 = -v1 + const, psi = 0"
+    contact = contact_in("tori")
+    assert growth_of(contact).special[0] == "u2 = u1, v2 = -v1 + const, psi = 0"
     assert iterated(contact, [0.3, 0.5, 0.3, 0.9, 0.0], 3) == 2 and iterated(contact, [0.3, 0.5, 0.3, 0.9, 0.2], 3) == 5
     assert not mirrors(RollingContact(torus(2, 0.5), torus(3, 0.5))) and not mirrors(RollingContact(sphere(1), plane()))
     inside = RollingContact(ellipsoid(2, 1.5, 1), hollow(ellipsoid(2, 1.5, 1)))

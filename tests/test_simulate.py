@@ -34,7 +34,18 @@ def with_gains(spec: Spec, kp: float, kd: float, kv: float) -> Spec:
 
 def channel(t, kp: float, kd: float, e: float, rate: float) -> np.ndarray:
     """Columns e(t), de/dt of e'' + kd e' + kp e = 0."""
-    return np.array([expm(np.array([[0.0, 1.0], [-kp, -kd]]) * s) @ (e, rate) for s in np.atleast_1d(t)])
+    return expm(np.array([[0.0, 1.0], [-kp, -kd]]) * np.asarray(t)[:, None, None]) @ (e, rate)
+
+
+def decay(slow: float, fast: float, e: float, rate: float):
+    """The same as a function of t, which answers e and de/dt: kp = slow fast, kd = slow + fast."""
+    a, b = (fast * e + rate) / (fast - slow), (slow * e + rate) / (slow - fast)
+
+    def at(t: float) -> tuple[float, float]:
+        slowly, fastly = a * math.exp(-slow * t), b * math.exp(-fast * t)
+        return slowly + fastly, -slow * slowly - fast * fastly
+
+    return at
 
 
 def along_normal(run, normal=NORMAL) -> np.ndarray:
@@ -84,7 +95,8 @@ def test_heading_on_a_line(seed):
     run = simulate(with_gains(spec, kp, kd, kv))
     assert run.stopped is None
     speed = lambda t: v_d + (v_0 - v_d) * math.exp(-kv * t)  # noqa: E731
-    alone = s_on_line(run.t, L + D, s_0, lambda t: channel(t, kp, kd, h_0, v_0 * s_0)[0, 1], speed)
+    distance = decay(slow, fast, h_0, v_0 * s_0)
+    alone = s_on_line(run.t, L + D, s_0, lambda t: distance(t)[1], speed)
     assert np.abs(run.y[:, 0] - channel(run.t, kp, kd, h_0, v_0 * s_0)[:, 0]).max() < 1e-10
     assert np.abs(along_normal(run) - alone.y[0]).max() < 1e-10
 
@@ -163,9 +175,10 @@ def test_heading_on_a_circle(L):
     l, v = L + D, 5.0  # noqa: E741
     s = along_normal(run, radial)
     h_0, rate_0 = rho[0] - 10.0, v * s[0]
+    distance = decay(1.0, 4.0, h_0, rate_0)
 
     def rate(t, s):
-        h1, h1_rate = channel(t, 4.0, 5.0, h_0, rate_0)[0]
+        h1, h1_rate = distance(t)
         return ((h1_rate - v * s) * (1 - l * s / (10 + h1)) + l * v / (10 + h1) * (1 - s**2)) / l
 
     alone = solve_ivp(rate, (0, run.t[-1]), [s[0]], "DOP853", run.t, rtol=1e-12, atol=1e-13)

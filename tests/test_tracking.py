@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from noslip.harness.backends import STATUS
 from noslip.harness.runtime import runtime
-from noslip.harness.tracking import Guide, PathFault, Tracker, TrackerOptions, make_tracker
+from noslip.harness.tracking import CompiledTracker, Guide, PathFault, Tracker, TrackerOptions, make_tracker
 from noslip.model.segments import Segment
 
 ROOT = Path(noslip.__file__).parent
@@ -299,6 +299,19 @@ def test_one_update_passes_many_short_segments(backend):
 
 
 @each_backend
+def test_the_way_to_the_stop_does_not_drift(backend):
+    """A line of 30 m, cut into a thousand pieces: what remains is right to the rounding of the place, on every one of them."""
+    cuts = np.sort(np.random.default_rng(6).uniform(0, 30, 999)).tolist()
+    cuts = [cut for k, cut in enumerate(cuts) if k == 0 or cut > cuts[k - 1]]
+    pieces = [Segment(a, 0, 0, 0, b - a) for a, b in pairwise([0.0, *cuts, 30.0])]
+    tracker = make_tracker(backend, pieces, TrackerOptions(speed=1, L=(0.25, 0)))
+    for k, piece in enumerate(pieces):
+        x = piece.x + 0.3 * piece.length
+        guide = tracker.update(x - 0.25, 0.0, 0.0, 1.0)
+        assert (guide.segment == k or piece.length < 1e-4) and abs(guide.remaining - (30 - x)) < CLOSE[backend] / 10
+
+
+@each_backend
 def test_pushed_back(backend):
     """A segment that was left is not followed again; where the vehicle comes forward again, the way goes on."""
     path = chain((0.0, 0.0, 0.0), [(0, 2), (0.5, 2), (0, 5)])
@@ -481,6 +494,35 @@ def test_too_many_turns():
     tracker = make_tracker("cf", [arc], TrackerOptions(speed=1, L=(0.5, 0)))
     statuses = [tracker.update(*vehicle_at(arc.pose(-3.0 * k), 0.5, 0, False), 1).status for k in range(2800)]
     assert statuses[:2700] == ["ok"] * 2700 and statuses[-1] == "range"
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+@pytest.mark.parametrize("seed", range(20))
+def test_a_step_is_an_update(scalar, seed):
+    """noslip_path_step, given cosine and sine, leaves in the path what update answers; on an error, all as it was."""
+    rng, segments, options = random_case(seed)
+    c, (one, other) = runtime("noslip_path.h"), (CompiledTracker(segments, options, scalar) for _ in range(2))
+    sine, cosine, direction = (c.array(scalar, [0.0] * count) for count in (1, 1, 2))
+    path, told, fields = other._self, one._guide, one._fields
+    guide = one.update(*start_of(segments, options), 0.5)
+    c.function("noslip_path_update", scalar)(path, *start_of(segments, options), 0.5, other._guide)
+    for k in range(150):
+        pose = list(walk(rng, guide, options, jumps=True))
+        if k % 10 == 9:
+            pose[rng.integers(4)] = rng.choice([math.nan, math.inf, -math.inf])
+        if k % 10 == 4:
+            pose[rng.integers(2)] = 1e38
+        c.function("noslip_sincos", scalar)(pose[2], sine, cosine)
+        direction[0], direction[1] = cosine[0], sine[0]
+        before = bytes(c.ffi.buffer(path))
+        found = one.update(*pose)
+        status = c.status(c.function("noslip_path_step", scalar)(path, pose[0], pose[1], direction, pose[3]))
+        assert status == found.status
+        if found.status in ("ok", "arrived"):
+            guide = found
+            assert [getattr(path.guide, field) for field in fields] == [getattr(told, field) for field in fields]
+        else:
+            assert bytes(c.ffi.buffer(path)) == before
 
 
 @pytest.mark.parametrize(("scalar", "suffix"), [("double", ""), ("float", "_f")])
@@ -695,6 +737,19 @@ def test_atan2_is_exact_on_the_axes(atan2):
         assert (
             math.isnan(function(math.nan, 1)) and math.isnan(function(1, math.nan)) and math.isnan(function(math.nan, math.nan))
         )
+
+
+@pytest.mark.parametrize(("scalar", "bound"), [("double", 7e-16), ("float", 4e-7)])
+def test_angle_of_a_vector_of_known_length(scalar, bound):
+    rng, function = np.random.default_rng(3), runtime("noslip_path.h").function("noslip_angle_of", scalar)
+    kind = {"double": np.float64, "float": np.float32}[scalar]
+    for k in range(4000):
+        angle = rng.uniform(-math.pi, math.pi) if k % 2 else rng.integers(-4, 5) * math.pi / 4 + rng.normal(0, 1e-4)
+        y, x = (rng.uniform(0.001, 1000) * np.array([math.sin(angle), math.cos(angle)])).astype(kind)
+        length = float(np.sqrt(x * x + y * y))
+        found, true = function(float(y), float(x), length), math.atan2(float(y), float(x))
+        assert abs(found - true) < bound and function(-float(y), float(x), length) == -found
+    assert function(0.0, 1.0, 1.0) == 0 and function(0.0, -1.0, 1.0) == kind(math.pi)
 
 
 M4F = "-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard".split()

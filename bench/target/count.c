@@ -2,7 +2,8 @@
  * count.c - QEMU plugin: instructions executed per call of some functions, with everything they call.
  *
  * Each argument call=ENTRY:FIRST:LAST (hexadecimal) names a function by its first instruction and the caller by its range:
- * a call lasts from the entry until the caller executes again. At exit, a line for each on the plugin's log:
+ * a call lasts from the entry, when it comes right after the caller, until the caller executes again. A function may be
+ * named with several callers. At exit, a line for each on the plugin's log:
  *     ENTRY calls total least most
  */
 #include <inttypes.h>
@@ -39,7 +40,7 @@ EXPORT int qemu_plugin_version = 1;
 static counted functions[MOST];
 static size_t count;
 static counted *running;
-static uint64_t executed;
+static uint64_t executed, previous;
 
 static void instruction(unsigned vcpu, void *userdata)
 {
@@ -54,12 +55,13 @@ static void instruction(unsigned vcpu, void *userdata)
         running = NULL;
     }
     for (i = 0; running == NULL && i < count; i++) {
-        if (functions[i].entry == address) {
+        if (functions[i].entry == address && previous >= functions[i].first && previous <= functions[i].last) {
             running = &functions[i];
             executed = 0;
         }
     }
     executed++;
+    previous = address;
 }
 
 static void translate(qemu_plugin_id_t id, struct qemu_plugin_tb *tb)

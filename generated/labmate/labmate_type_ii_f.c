@@ -436,7 +436,7 @@ int labmate_type_ii_step_f(labmate_type_ii_f *self, const labmate_state_f *state
         noslip_angle_ok_f(state->phi)) {
         status = labmate_type_ii_step_f_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
-        if (status == NOSLIP_OK && noslip_abs_f(tau[0]) <= self->limit[0] && noslip_abs_f(tau[1]) <= self->limit[1] &&
+        if (status == NOSLIP_OK && noslip_within_f(tau[0], self->limit[0]) && noslip_within_f(tau[1], self->limit[1]) &&
             noslip_is_finite_f(state->y_c + state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];

@@ -642,7 +642,7 @@ int labmate_type_iv_segment_step(labmate_type_iv_segment *self, const labmate_st
         noslip_angle_ok(state->phi)) {
         status = labmate_type_iv_segment_step_law(self, state, reference, tau);
         /* Any other input that is not finite shows in the result. */
-        if (status == NOSLIP_OK && noslip_abs(tau[0]) <= self->limit[0] && noslip_abs(tau[1]) <= self->limit[1] &&
+        if (status == NOSLIP_OK && noslip_within(tau[0], self->limit[0]) && noslip_within(tau[1], self->limit[1]) &&
             noslip_is_finite(state->theta_r + state->theta_l)) {
             self->held[0] = tau[0];
             self->held[1] = tau[1];

@@ -11,12 +11,11 @@ from typing import Any
 import matplotlib.figure
 import numpy as np
 
-from ...codegen.files import law_text, shared_files
+from ...codegen.files import law_program, law_text, shared_files
 from ...codegen.scalar import SCALARS
 from ...model.law import ControlLaw
 from ..build import runtime_files
 from ..closed_loop import Run, simulate
-from ..compiled import program
 from ..contact import Grip, grip
 from ..errors import BadInput
 from ..spec import Spec
@@ -227,7 +226,7 @@ def claims_of_every_run(runs: Runs) -> list[Claim]:
 def sources_of(law: ControlLaw) -> dict[str, str]:
     """SHA-256 of every file of the double-precision C that a run of this law is made of."""
     double = SCALARS["double"]
-    files = {**runtime_files(), **shared_files(law.system, double), **law_text(program(law), double).files()}
+    files = {**runtime_files(), **shared_files(law.system, double), **law_text(law_program(law), double).files()}
     return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
 
 

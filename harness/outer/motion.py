@@ -2,7 +2,8 @@
 
 Following a line or an arc, or a reference that moves evenly, nothing changes but where along it the robot is. Coordinates rho
 leave this out: what the outputs of relative degree 2 are off, the heading (from the path's direction where there is a path),
-the quasi-velocities nu. They make the motion an equilibrium of
+other coordinates that the robot's equations depend on (a steering angle), the quasi-velocities nu. They make the motion an
+equilibrium of
 
     d rho/dt = r(rho, tau),    tau = kappa(rho, z),    dz/dt = y_d - y    (z only with integral action)
 
@@ -19,7 +20,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ...model.law import ControlLaw, symbols
+from ...model.mechanism import Quantity
 from ...model.outputs import OutputRow
+from ...model.samples import Sampled
 from ..errors import BadInput
 from .channel import delayed
 from .exponential import exponential
@@ -200,7 +203,8 @@ def coordinates(law: ControlLaw) -> tuple[str, ...]:
     """Names of rho."""
     rows = [row.name for row in _position_rows(law)]
     heading = "heading_from_path" if law.output.path else "heading"
-    return (*rows, *([heading] if _angles(law) else []), *[v.name for v in law.system.quasi_velocities])
+    shape = [c.name for c in _shape(law)]
+    return (*rows, *([heading] if _angles(law) else []), *shape, *[v.name for v in law.system.quasi_velocities])
 
 
 class Functions:
@@ -224,7 +228,7 @@ class Functions:
         e = ca.substitute(ca.vertcat(ca.SX(0, 1), *errors), *seen)
 
         # How the true robot moves, its outputs measured by what is wanted.
-        place = ca.vertcat(*[row.expression for row in rows], *_angles(law))
+        place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
         rho = ca.vertcat(ca.substitute(place, symbols(law.config), wanted), system.nu)
         full = ca.vertcat(system.qdot, system.acceleration(tau))
         P = ca.jacobian(rho, x)
@@ -267,14 +271,32 @@ def _position_rows(law: ControlLaw) -> list[OutputRow]:
 
 
 def _angles(law: ControlLaw) -> list[ca.SX]:
-    """The vehicle's heading, from the path's line where there is a path; none where it is an output itself."""
+    """The vehicle's heading, from the path's line where there is a path; none where it is an output itself or no vehicle is."""
     vehicle = law.system.mechanism.vehicle
     if vehicle is None:
-        raise BadInput(f"{law.name}: steady motions are those of vehicles; call moves_in_plane(x, y, heading)")
+        return []
     if law.output.path is None:
         return [] if any(ca.is_equal(row.expression, vehicle.heading, 9) for row in _position_rows(law)) else [vehicle.heading]
     across, along = path_frame(law)
     return [ca.atan(across / along)]  # the way of travel does not matter; at a right angle the law is singular
+
+
+@lru_cache(maxsize=16)
+def _shape(law: ControlLaw) -> tuple[Quantity, ...]:
+    """Coordinates that the robot's equations depend on and that outputs and heading do not tell, such as a steering angle."""
+    system, q = law.system, law.system.mechanism.q
+    equations = ca.vertcat(ca.vec(system.Mbar), system.bias, ca.vec(system.input_map))
+    place = ca.vertcat(*[row.expression for row in _position_rows(law)], *_angles(law))
+    found: list[Quantity] = []
+
+    def rank(known: list[Quantity]) -> int:
+        jacobian = ca.jacobian(ca.vertcat(place, *[c.symbol for c in known]), q)
+        return Sampled(jacobian, q, (*law.parameters, *law.config), f"{law.name}: coordinates").rank()
+
+    for coordinate in system.mechanism.coordinates:
+        if ca.depends_on(equations, coordinate.symbol) and rank([*found, coordinate]) > rank(found):
+            found.append(coordinate)
+    return tuple(found)
 
 
 def path_frame(law: ControlLaw) -> tuple[ca.SX, ca.SX]:

@@ -166,7 +166,7 @@ def _heading_entry(setting: Setting) -> int | None:
     """Where in the state the heading is; None where it is no coordinate."""
     vehicle = setting.law.system.mechanism.vehicle
     names = [q.name for q in setting.law.state]
-    return names.index(str(vehicle.heading)) if str(vehicle.heading) in names else None
+    return names.index(str(vehicle.heading)) if vehicle and str(vehicle.heading) in names else None
 
 
 def _speeds(setting: Setting) -> list[int]:

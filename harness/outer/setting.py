@@ -7,7 +7,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.law import ControlLaw, symbols
-from ...model.mechanism import values_of
+from ...model.mechanism import TYPE, values_of
 from ...model.outputs import OFFSET
 from ..cases import gain_entries, integral_entries
 from ..errors import BadInput
@@ -21,7 +21,12 @@ KINDS = ("line", "circle", "segment")  # paths of constant curvature
 
 
 def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
-    """A SPEC of the law with the defaults of robot, path and gains, following at a speed (m/s); Types I to III along x or y."""
+    """A SPEC of the law with the defaults of robot, path and gains, following at a speed (m/s); Types I to III along x or y.
+
+    Raises BadInput for an output of the robot's own: where it is regular, no default tells.
+    """
+    if not law.name.startswith(TYPE):
+        raise BadInput(f"{law.name} is the robot's own output: say with --spec SPEC.toml where the robot is and what is wanted")
     config = {c.name: c.default for c in law.config}
     place = {"L": config.pop("L"), "W": config.pop("W", 0.0)}
     if law.output.path:
@@ -75,7 +80,12 @@ def _along(setting: Setting) -> bool:
 
 
 def _on_the_way(output: Output, reference: Reference, initial: Initial | None = None) -> Initial:
-    """A start on the path or the reference, heading along it, at the wanted speed; at rest with the heading of `initial`."""
+    """A start on the path or the reference, heading along it, at the wanted speed; at rest with the heading of `initial`.
+
+    For an output of the robot's own as given: the steady motion is looked for near it.
+    """
+    if output.own:
+        return initial
     if output.path is None:
         return _with_the_reference(output.type, reference, initial)
     p = output.path.parameters

@@ -3,6 +3,27 @@
 from collections.abc import Callable
 
 from ..mechanism import Mechanism
+from .ball_plate import ball_plate
+from .four_wheel import four_wheel
+from .geared_arm import geared_arm
+from .knife_edge import knife_edge
 from .labmate import labmate
+from .mobile_manipulator import mobile_manipulator
+from .rolling_disk import rolling_disk
+from .slope_platform import slope_platform
+from .steered import car, tricycle
+from .tractor_trailer import tractor_trailer
 
-ROBOTS: dict[str, Callable[[], Mechanism]] = {"labmate": labmate}
+ROBOTS: dict[str, Callable[..., Mechanism]] = {
+    "labmate": labmate,
+    "knife_edge": knife_edge,
+    "rolling_disk": rolling_disk,
+    "car": car,
+    "tricycle": tricycle,
+    "ball_plate": ball_plate,
+    "mobile_manipulator": mobile_manipulator,
+    "geared_arm": geared_arm,
+    "slope_platform": slope_platform,
+    "tractor_trailer": tractor_trailer,
+    "four_wheel": four_wheel,
+}

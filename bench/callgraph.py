@@ -1,0 +1,47 @@
+"""Who calls whom, and how much stack each needs: from the files that GCC's -fcallgraph-info=su,da writes."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+Graph = dict[str, tuple[int, set[str]]]
+
+
+def call_graph(files: Iterable[Path]) -> Graph:
+    """Function -> bytes of its own frame, callees; of functions with one name the larger frame, the callees of all.
+
+    Functions of libraries are callees only. RuntimeError: a frame that grows.
+    """
+    graph: Graph = {}
+    for file in files:
+        text = file.read_text()
+        if grows := re.search(r'title: "([^"]*)" label: "[^"]*\(dynamic\)', text):
+            raise RuntimeError(f"{grows[1]} allocates on the stack as it runs")
+        for title, stack in re.findall(r'node: \{ title: "([^"]*)" label: "[^"]*\\n(\d+) bytes', text):
+            own, callees = graph.get(_plain(title), (0, set()))
+            graph[_plain(title)] = (max(own, int(stack)), callees)
+        for caller, callee in re.findall(r'edge: \{ sourcename: "([^"]*)" targetname: "([^"]*)"', text):
+            graph.setdefault(_plain(caller), (0, set()))[1].add(_plain(callee))
+    return graph
+
+
+def reached(graph: Graph, name: str) -> set[str]:
+    """The function and all it calls, directly or not."""
+    found, left = set(), [name]
+    while left:
+        if (function := left.pop()) not in found:
+            found.add(function)
+            left += graph.get(function, (0, ()))[1]
+    return found
+
+
+def deepest(graph: Graph, name: str, callers: tuple[str, ...] = ()) -> int:
+    """Bytes of stack of the dearest chain of calls. RuntimeError: recursion, which has no dearest."""
+    if name in callers:
+        raise RuntimeError(f"recursion: {' -> '.join((*callers, name))}")
+    own, callees = graph.get(name, (0, ()))
+    return own + max((deepest(graph, callee, (*callers, name)) for callee in callees), default=0)
+
+
+def _plain(title: str) -> str:
+    return title.rpartition(":")[2]

@@ -1,0 +1,161 @@
+"""A whole step of a controller on a Cortex-M4F: encoders, dead reckoning, path and law, along a line, an arc and a line.
+
+    python bench/whole_step.py [--json] [--optimize=-Os]
+
+The counts that the vehicle reads are those of a closed loop simulated beforehand. These are instructions, not cycles.
+"""
+
+import argparse
+import csv
+import json
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from callgraph import call_graph, deepest, reached
+from counting import count_calls, run, symbols_of
+from noslip.harness.targets import QUIET, SEMIHOSTING, STANDARD, TARGETS, missing
+
+BENCH = Path(__file__).resolve().parent
+ROOT = BENCH.parent
+TARGET = TARGETS["cortex-m4f"]
+PREFIX = "arm-none-eabi-"
+SOURCES = ("runtime_c/noslip_path_f.c", "runtime_c/noslip_status.c", "generated/labmate/labmate_f.c")
+SOURCES += ("generated/labmate/labmate_type_iv_segment_f.c", "bench/target/whole_step.c")
+INCLUDE = ("runtime_c", "generated/labmate", "firmware/boards")
+COUNTS, PERIOD, SPEED, DECELERATION, DURATION = 4096, 0.01, 1.4, 0.5, 15.0
+LINE, RADIUS, LAST = 3.0, 5.0, 4.0  # m; between the lines a quarter of a turn to the left
+MANY = 50  # pieces of a path that is the same but for the last line, which is cut
+SPEC = f"""
+robot = "labmate"
+gains = {{ kp = 1.0, kd = 2.5, kv = 2.0 }}
+output = {{ type = "IV", path = {{ kind = "composite", segments = [
+  {{ kind = "line", from = [0, 0], to = [{LINE}, 0] }},
+  {{ kind = "arc", radius = {RADIUS}, angle = {math.pi / 2!r} }},
+  {{ kind = "line", length = {LAST} }},
+] }} }}
+reference = {{ speed = {SPEED}, deceleration = {DECELERATION} }}
+initial = {{ point = [0.0, 0.1], heading = 0.1, speed = 0.0 }}
+simulation = {{ duration = {DURATION}, period = {PERIOD}, output_step = {PERIOD}, backend = "cf" }}
+"""
+PARTS = ("read_encoders", "reckon", "look", "labmate_type_iv_segment_step_f", "make_law")
+Row = dict[str, float]
+
+
+def measure(folder: Path, optimize: Sequence[str] = ("-O2",)) -> dict:
+    """Builds images in a folder and runs them.
+
+    Answers instructions (calls, mean, least, most) of a step that stays on its piece, `ordinary`, and of one in which a line or
+    arc begins, `changing`, on the path of 3 pieces and, `many`, on that of 50; of the parts, compiled as functions of their own;
+    bytes of stack and code that a step takes. RuntimeError where a run does not arrive.
+    """
+    recorded = _record(folder)
+    image = _Image(folder / "step", recorded, 3, optimize)
+    many = _Image(folder / "many", recorded, MANY, optimize)
+    apart = _Image(folder / "apart", recorded, 3, (*optimize, "-DAPART"))
+    return {
+        **{kind: image.count("step", kind) for kind in ("ordinary", "changing")},
+        "many": {kind: many.count("step", kind) for kind in ("ordinary", "changing")},
+        "parts": {part: apart.count(part, "step") for part in PARTS},
+        "stack_bytes": image.stack_bytes,
+        "text_bytes": image.text_bytes,
+    }
+
+
+class _Image:
+    """A program of target/whole_step.c on a path of so many pieces."""
+
+    def __init__(self, folder: Path, recorded: list[tuple[int, int]], pieces: int, flags: Sequence[str]):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "recorded.h").write_text(_header(recorded, pieces))
+        for name, text in TARGET.files().items():
+            (folder / name).write_text(text)
+        sources = [*(str(ROOT / source) for source in SOURCES), *TARGET.start]
+        include = [f"-I{ROOT / place}" for place in INCLUDE]
+        command = [*TARGET.compile(), *STANDARD, "-ffunction-sections", "-Wl,--gc-sections", *flags, "-fcallgraph-info=su,da"]
+        run([*command, *include, "-I.", *sources, *TARGET.link(), "-o", "image"], folder)
+        self._folder, self._image = folder, folder / "image"
+        self._symbols = symbols_of(self._image, PREFIX)
+        self._graph = call_graph(sorted(folder.glob("*.ci")))
+
+    def count(self, function: str, caller: str) -> Row:
+        """Instructions of a function as called by another: least, mean and most of one call."""
+        machine = [*TARGET.machine, *QUIET, *SEMIHOSTING]
+        done, found = count_calls(machine, self._image, self._symbols, [(function, caller)], self._folder)
+        if done.returncode:
+            raise RuntimeError(f"{self._image}: exit {done.returncode} {done.stderr}")
+        calls, total, least, most = found[function]
+        return {"calls": calls, "mean": round(total / calls, 1), "least": least, "most": most}
+
+    @property
+    def stack_bytes(self) -> int:
+        """Of the dearest chain of calls in a step."""
+        return deepest(self._graph, "step")
+
+    @property
+    def text_bytes(self) -> int:
+        """Of all that a step may call."""
+        return sum(self._symbols[name][1] for name in reached(self._graph, "step") if name in self._symbols)
+
+
+def _record(folder: Path) -> list[tuple[int, int]]:
+    """Counters of the two encoders at each tick of the simulated run."""
+    (folder / "spec.toml").write_text(SPEC)
+    run([str(Path(sys.executable).parent / "noslip"), "simulate", "spec.toml", "-o", "run.csv"], folder)
+    with open(folder / "run.csv") as file:
+        rows = [[float(row[name]) for name in ("theta_r", "theta_l")] for row in csv.DictReader(file)]
+    return [tuple(round(angle * COUNTS / (2 * math.pi)) % 2**16 for angle in row) for row in rows]
+
+
+def _header(recorded: list[tuple[int, int]], pieces: int) -> str:
+    """What the program goes by."""
+    quarter, cut = math.pi / 2, LAST / (pieces - 2)
+    segments = [(0.0, 0.0, 0.0, 0.0, LINE), (LINE, 0.0, 0.0, 1 / RADIUS, quarter * RADIUS)]
+    segments += [(LINE + RADIUS, RADIUS + cut * k, quarter, 0.0, cut) for k in range(pieces - 2)]
+    lines = [f"#define {name} {value}f" for name, value in (("PERIOD", PERIOD), ("SPEED", SPEED), ("DECELERATION", DECELERATION))]
+    lines += [f"#define COUNTS {COUNTS}", f"#define TICKS {len(recorded)}"]
+    lines += ["static const noslip_pose_f start = {0.0f, 0.1f, 0.1f};", "static const noslip_segment_f segments[] = {"]
+    lines += [f"    {{{', '.join(f'{number!r}f' for number in segment)}, 0}}," for segment in segments]
+    rows = ", ".join(f"{{{right}, {left}}}" for right, left in recorded)
+    return "\n".join([*lines, "};", f"static const uint16_t recorded[TICKS][2] = {{{rows}}};", ""])
+
+
+def text(result: dict) -> str:
+    """The result as a table."""
+    rows = {"step": result["ordinary"], "step, a piece begins": result["changing"]}
+    rows |= {f"the same, {MANY} pieces": result["many"]["changing"]}
+    rows |= {f"  {part}": row for part, row in result["parts"].items()}
+    lines = [f"{TARGET.name + ', instructions':36}{'calls':>7}{'mean':>9}{'least':>7}{'most':>7}"]
+    lines += [f"{name:36}{row['calls']:7}{row['mean']:9.1f}{row['least']:7}{row['most']:7}" for name, row in rows.items()]
+    return "\n".join([*lines, f"bytes: {result['stack_bytes']} of stack, {result['text_bytes']} of code"])
+
+
+def absent() -> list[str]:
+    """The tools that are not there."""
+    return missing("gcc", TARGET.compiler, *TARGET.machine[:1])
+
+
+def main() -> int:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="as JSON")
+    parser.add_argument("--optimize", default="-O2", metavar="FLAGS", help="flags of GCC (default: -O2)")
+    args = parser.parse_args()
+    if tools := absent():
+        print(f"skipped, {', '.join(tools)} not installed")
+        return int(os.environ.get("NOSLIP_REQUIRE_FIRMWARE") == "1")
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            result = measure(Path(folder), args.optimize.split())
+        except RuntimeError as error:
+            print(error, file=sys.stderr)
+            return 1
+    print(json.dumps(result, indent=1) if args.json else text(result))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

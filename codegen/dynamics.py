@@ -1,0 +1,247 @@
+"""The reduced dynamics of a robot, its plant, as a program: named steps in order, split into what init and what a call computes.
+
+Inside, the quasi-velocities are the vehicle's forward speed and yaw rate where there are such (w = W nu): S and S'MS are
+sparse there.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from ..model.exact import canonical
+from ..model.mechanism import quantity
+from ..model.recursion import Recursion, Reduced
+from ..model.reduction import ReducedSystem, solve
+from ..model.vehicle import velocity_map
+from .graph import Graph, Node, free_name, from_casadi, reachable
+from .optimize import Optimizer
+from .program import Matrix, constants_of, fixed_nodes
+from .stages import inner_velocities
+
+UNROLLED = 5  # quasi-velocities up to which L D L' is written out; above, the runtime's loop is shorter
+NEGLIGIBLE_PIVOT = 1e-6  # of the mass matrix's diagonal, as in noslip_solve.inc
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A C function of the dynamics: which quantities it answers, and whether it takes the inputs."""
+
+    name: str
+    about: str
+    answers: tuple[str, ...]
+    takes_inputs: bool = False
+
+
+ENTRIES = (
+    Entry("reduced", "Reduced mass matrix S'MS and bias S'(M Sdot nu + V) (10)", ("Mbar", "bias")),
+    Entry("evaluate", "All of (9) and (10) at one sine and cosine of each angle", ("qdot", "Mbar", "bias", "input_map")),
+    Entry("acceleration", "The state's rate (11): qdot = S nu, nudot = (S'MS)^-1 (S'E tau - bias)", ("qdot", "nudot"), True),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A named value, for which `leaf` stands in what follows; a pivot is singular where it is not greater than `bound`."""
+
+    leaf: Node
+    node: Node
+    bound: Node | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """What an entry point computes: steps in order, then its quantities.
+
+    `looped`: S'MS and S'E tau - bias, for the runtime to solve, whose answer is the quantity nudot.
+    """
+
+    steps: tuple[Step, ...]
+    quantities: dict[str, Matrix]
+    looped: tuple[Matrix, Matrix] | None = None
+
+    @property
+    def roots(self) -> list[Node]:
+        """Every node that must be computed, guards included."""
+        matrices = [*self.quantities.values(), *(self.looped or ())]
+        bounds = [step.bound for step in self.steps if step.bound is not None]
+        return [*(step.node for step in self.steps), *bounds, *(node for matrix in matrices for row in matrix for node in row)]
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicsProgram:
+    """The entry points, the constants init makes for them, names of nodes, and pivots that init looks at."""
+
+    system: ReducedSystem
+    entries: dict[Entry, Body]
+    constants: dict[Node, str]
+    labels: dict[Node, str]
+    regular: list[tuple[Node, Node]]  # init answers singular where the first is not greater than the second
+
+    @property
+    def angles(self) -> list[Node]:
+        """Arguments of sines and cosines that change from call to call."""
+        known = fixed_nodes(root for body in self.entries.values() for root in body.roots)
+        return list({n.arguments[0]: None for n in known if n.operation in ("sin", "cos") and not known[n]})
+
+    @property
+    def fixed_angles(self) -> list[Node]:
+        """Arguments of sines and cosines that init takes."""
+        known = fixed_nodes([*self.constants, *(node for pair in self.regular for node in pair)])
+        return list({n.arguments[0]: None for n in known if n.operation in ("sin", "cos")})
+
+
+def compile_dynamics(system: ReducedSystem, optimize: bool = True) -> DynamicsProgram:
+    """Build the graph of the dynamics and split off what init computes; `optimize` runs the optimizer on each group of steps."""
+    return _Builder(system, optimize).program()
+
+
+class _Builder:
+    """Takes steps one group after another; what is fixed by the parameters is no step, but stands where it is used."""
+
+    def __init__(self, system: ReducedSystem, optimize: bool):
+        self.system, self.optimize = system, optimize
+        self.graph = Graph()
+        self.labels: dict[Node, str] = {}
+        self.steps: dict[Node, Step] = {}  # by leaf
+        self.regular: list[tuple[Node, Node]] = []
+        self.taken: set[str] = set()  # names of steps
+        mechanism = system.mechanism
+        groups = {"params": mechanism.parameters, "state": system.state, "input": mechanism.inputs}
+        self.nodes = {
+            q.symbol.element_hash(): self.graph.leaf(group, q.name) for group, members in groups.items() for q in members
+        }
+        self.symbols = {q.symbol.element_hash(): q.symbol for members in groups.values() for q in members}
+
+    def program(self) -> DynamicsProgram:
+        """All entry points."""
+        reduced, w, W = _equations(self.system)
+        self._group(list(zip(ca.vertsplit(w), ca.vertsplit(W @ self.system.nu), strict=True)))
+        for group in reduced.groups:
+            self._group(group)
+        tau = ca.vertcat(*[q.symbol for q in self.system.mechanism.inputs])
+        force = reduced.input_map @ tau - reduced.bias
+        quantities = {
+            "qdot": self._rates(reduced.S, w, W),
+            "Mbar": W.T @ reduced.Mbar @ W,
+            "bias": W.T @ reduced.bias,
+            "input_map": canonical(W.T @ reduced.input_map),
+        }
+        looped = None
+        if self.system.freedom > UNROLLED:
+            looped = W.T @ reduced.Mbar @ W, W.T @ force
+        else:
+            quantities["nudot"] = _inverse(W) @ self._solved(reduced.Mbar, force)
+        entries = {entry: self._body(entry, quantities, looped if "nudot" in entry.answers else None) for entry in ENTRIES}
+        return DynamicsProgram(self.system, entries, constants_of(entries, self.labels), self.labels, self.regular)
+
+    def _rates(self, S: ca.SX, w: ca.SX, W: ca.SX) -> ca.SX:
+        """qdot = S w (9), and straight from nu where it is a multiple of that."""
+        parameters = {p.symbol.element_hash() for p in self.system.mechanism.parameters}
+        rows = []
+        for row in ca.vertsplit(S):
+            fixed = all(symbol.element_hash() in parameters for symbol in ca.symvar(row))
+            of_nu = canonical(row @ W) if fixed else row
+            rows.append(of_nu @ self.system.nu if fixed and of_nu.is_constant() else row @ w)
+        return ca.vertcat(*rows)
+
+    def _body(self, entry: Entry, quantities: dict[str, ca.SX], looped: tuple[ca.SX, ca.SX] | None) -> Body:
+        chosen = {name: quantities[name] for name in entry.answers if name in quantities}
+        matrices = iter(self._built([*chosen.values(), *(looped or ())]))
+        made = {name: next(matrices) for name in chosen}
+        loop = (next(matrices), next(matrices)) if looped else None
+        body = Body((), made, loop)
+        return Body(tuple(self._needed(body.roots)), made, loop)
+
+    def _needed(self, roots: Sequence[Node]) -> Iterator[Step]:
+        """The steps that the roots depend on, in order."""
+        needed: set[Node] = set()
+        stack = list(roots)
+        while stack:
+            found = [node for node in reachable([stack.pop()]) if node in self.steps and node not in needed]
+            needed.update(found)
+            stack += [node for leaf in found for node in (self.steps[leaf].node, self.steps[leaf].bound) if node is not None]
+        return (step for leaf, step in self.steps.items() if leaf in needed)
+
+    def _group(self, steps: Sequence[tuple[ca.SX, ca.SX]], bounds: Sequence[ca.SX] = ()) -> None:
+        """Steps that are made shorter together; a later one may use an earlier one, `bounds` are those of pivots."""
+        for symbol, _ in steps:
+            self.symbols[symbol.element_hash()] = symbol
+            self.nodes[symbol.element_hash()] = self.graph.leaf("step", free_name(str(symbol), self.taken))
+        made = [matrix[0][0] for matrix in self._built([expression for _, expression in (*steps, *((None, b) for b in bounds))])]
+        fixed = fixed_nodes(made)
+        for k, (symbol, _) in enumerate(steps):
+            leaf, node = self.nodes[symbol.element_hash()], made[k]
+            bound = made[len(steps) + k] if bounds else None
+            if fixed[node] or bound is None and not node.arguments:
+                self.nodes[symbol.element_hash()] = node
+                if bound is not None:
+                    self.regular.append((node, bound))
+            else:
+                self.steps[leaf] = Step(leaf, node, bound)
+                self.labels.setdefault(node, str(symbol))
+
+    def _built(self, matrices: Sequence[ca.SX]) -> list[Matrix]:
+        """Nodes of matrices, made shorter together."""
+        where = self.system.mechanism.name
+        built = []
+        for matrix in matrices:
+            symbols = ca.symvar(matrix)
+            leaves = [self.nodes[symbol.element_hash()] for symbol in symbols]
+            built.append(from_casadi(self.graph, ca.densify(matrix), symbols, leaves, where))
+        if not self.optimize:
+            return built
+        roots = [node for matrix in built for row in matrix for node in row]
+        improved = iter(Optimizer(self.graph, self.labels).run(roots))
+        return [[[next(improved) for _ in row] for row in matrix] for matrix in built]
+
+    def _solved(self, matrix: ca.SX, right: ca.SX) -> ca.SX:
+        """matrix^-1 right by L D L', for a matrix that is symmetric and positive definite; its zeros stay zeros."""
+        n = matrix.shape[0]
+        table: dict[tuple[int, int], ca.SX] = {}  # L below the diagonal
+        inverse: list[ca.SX] = []
+        for i in range(n):
+            above: list[ca.SX] = []  # L D
+            for j in range(i):
+                above.append(matrix[i, j] - sum((above[k] * table[j, k] for k in range(j)), start=ca.SX(0)))
+            for j in range(i):
+                table[i, j] = self._step(f"L_{i + 1}{j + 1}", above[j] * inverse[j])
+            pivot = matrix[i, i] - sum((above[j] * table[i, j] for j in range(i)), start=ca.SX(0))
+            alone = all(entry.is_zero() for entry in above)
+            symbol = ca.SX.sym(f"pivot_{i + 1}")
+            self._group([(symbol, pivot)], [ca.SX(0) if alone else NEGLIGIBLE_PIVOT * matrix[i, i]])
+            inverse.append(1 / symbol)
+        found = list(ca.vertsplit(right))
+        for i in range(n):
+            found[i] -= sum((table[i, j] * found[j] for j in range(i)), start=ca.SX(0))
+            found[i] = self._step(f"force_{i + 1}", found[i])
+        for i in reversed(range(n)):
+            rest = sum((table[j, i] * found[j] for j in range(i + 1, n)), start=ca.SX(0))
+            found[i] = self._step(f"w_dot_{i + 1}", found[i] * inverse[i] - rest)
+        return ca.vertcat(*found)
+
+    def _step(self, name: str, expression: ca.SX) -> ca.SX:
+        if expression.is_constant():
+            return expression
+        symbol = ca.SX.sym(name)
+        self._group([(symbol, expression)])
+        return symbol
+
+
+def _equations(system: ReducedSystem) -> tuple[Reduced, ca.SX, ca.SX]:
+    """The reduced equations in w, w itself, and W with w = W nu: body by body where the robot says its bodies."""
+    mechanism = system.mechanism
+    if not (mechanism.bodies and mechanism.quasi_expressions):
+        inner, W = inner_velocities(system)
+        return Reduced((), inner.Mbar, inner.bias, inner.input_map, inner.S), inner.nu, W
+    W = velocity_map(system)
+    if W is None:
+        W, names = ca.SX.eye(system.freedom), [f"w_{q.name}" for q in system.quasi_velocities]
+    else:
+        names = ["forward_speed", "yaw_rate"]
+    w = ca.vertcat(*[quantity(name, "").symbol for name in names])
+    return Recursion(mechanism, w, mechanism.quasi_expressions, _inverse(W)).reduced(), w, W
+
+
+def _inverse(W: ca.SX) -> ca.SX:
+    return canonical(solve(W, ca.SX.eye(W.shape[0])))

@@ -1,0 +1,133 @@
+"""Frama-C's EVA: for every bit pattern of what is given, no undefined behaviour, and answers as promised.
+
+Special floats are let in (-warn-special-float none), so that an alarm is an access outside of an object, an integer that
+overflows, a conversion that has no result, or a promise (an assert in eva/*.c) that EVA cannot show.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from .tools import HERE, STANDARD, Failed, Task, attempt, each, need, run
+
+OPTIONS = (
+    "-eva -eva-precision 1 -eva-slevel 2000 -eva-split-return full -eva-auto-loop-unroll 40 "
+    "-eva-no-print -machdep gcc_x86_32 -warn-special-float none -out-external -inout-verbose 1"
+).split()
+SCALARS = {"float": ("_f", "0x1p-149f", "FLT_MAX", "_F"), "double": ("", "0x1p-1074", "DBL_MAX", "")}
+RECKONED = {f"self.{member}" for member in ("now", "pose", "direction", "pending", "left", "steady")}
+MAY_WRITE = {  # function -> objects and parts of them, as the programs call them
+    "init": {"law"},
+    "reset": {"law.held"},
+    "step": {"law.held", "tau"},
+    "output": {"all.h"},
+    "rate": {"all.ydot"},
+    "decoupling": {"all.Phi"},
+    "decoupling_rate": {"all.Phidot"},
+    "feedback": {"all.tau"},
+    "evaluate": {"all"},
+    "noslip_odometry_move": {*RECKONED, "pose"},
+    "noslip_odometry_rates": {*RECKONED, "pose"},
+    "noslip_odometry_correct": RECKONED,
+    "noslip_odometry_unwind": RECKONED,
+    "noslip_encoder_read": {"self.last", "self.started", "angle"},
+    "noslip_integral_step": {"self.z", "self.rounded", "self.error", "self.added", "added"},
+    "noslip_path_look": {"guide"},
+    "noslip_path_update": {"self.place", "self.guide", "self.under_way", "self.begun", "guide"},
+}
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program of eva/ and what it analyses, in one scalar."""
+
+    source: str
+    scalar: str
+    law: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.law or self.source}{SCALARS[self.scalar][0]}"
+
+    @property
+    def precision(self) -> list[str]:
+        """Where fewer paths are told apart: which limit is none; whether a size is infinite (-1 is none, so nothing is split)."""
+        suffix = SCALARS[self.scalar][0]
+        merged = f"noslip_limit{suffix}:0,noslip_abs{suffix}:0"
+        return ["-eva-slevel-function", merged, "-eva-split-return-function", f"noslip_abs{suffix}:-1"]
+
+    def sources(self, task: Task) -> list[Path]:
+        """The files to analyse."""
+        suffix = SCALARS[self.scalar][0]
+        more = [task.generated / f"labmate{suffix}.c", task.generated / f"{self.law}{suffix}.c"] if self.law else []
+        more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
+        return [HERE / "eva" / f"{self.source}.c", *more]
+
+    def defined(self) -> dict[str, str]:
+        """The macros that the programs are written in."""
+        suffix, smallest, largest, upper = SCALARS[self.scalar]
+        macros = {"SUFFIX": suffix, "REAL": self.scalar, "SMALLEST": smallest, "LARGEST": largest}
+        macros |= {"ANGLE_MAX": f"NOSLIP_ANGLE_MAX{upper}"}
+        return macros | ({"ROBOT": "labmate", "LAW": self.law, "HEADER": f'"{self.law}{suffix}.h"'} if self.law else {})
+
+
+def programs(task: Task) -> list[Program]:
+    """What is analysed: of the short version one law and the odometry, in float."""
+    laws = task.laws[:1] if task.short else task.laws
+    scalars = ["float"] if task.short else list(SCALARS)
+    named = [("law", law) for law in laws] + [("runtime", ""), ("path", "")][: 1 if task.short else 2]
+    return [Program(source, scalar, law) for source, law in named for scalar in scalars]
+
+
+def eva(task: Task) -> str:
+    """No alarm and no assertion that is not shown, in any program; a step writes to what it may."""
+    need("frama-c", "frama-c-base")
+    found = each(lambda program: analyse(task, program), programs(task))
+    wrong = [line for _, lines in found for line in lines]
+    if wrong:
+        raise Failed("\n".join(wrong))
+    return f"{len(found)} programs, {sum(shown for shown, _ in found)} assertions shown, 0 alarms"
+
+
+def same_bits(task: Task) -> str:
+    """What Frama-C sees is in five places written otherwise (`__FRAMAC__`): the digest of all laws and paths is the same."""
+    need("gcc", "gcc")
+    states, folder = "2000" if task.short else "20000", task.folder / "framac"
+    folder.mkdir(parents=True, exist_ok=True)
+    include, sources = [*task.include, f"-I{task.root / 'tests/c'}"], [*task.sources, task.root / "tests/c/law_digest.c"]
+
+    def digest(name: str, flags: list[str]) -> str:
+        run(["gcc", *STANDARD, "-O0" if task.short else "-O2", *flags, *include, *sources, "-lm", "-o", folder / name])
+        return run([folder / name, states, states])
+
+    found = each(lambda way: digest(*way), [("shipped", []), ("analysed", ["-D__FRAMAC__"])])
+    if found[0] != found[1]:
+        raise Failed(f"shipped:  {found[0]}analysed: {found[1]}")
+    return f"one digest of {states} states"
+
+
+def analyse(task: Task, program: Program) -> tuple[int, list[str]]:
+    """How many assertions were shown, and what was not."""
+    code, text = attempt(command(task, program))
+    if code or (shown := re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid", text)) is None:
+        return 0, [f"{program}: frama-c ended with {code}", *text.splitlines()[-10:]]
+    wrong = [f"{program}: {' '.join(each.split())}" for each in re.findall(r"\[eva:alarm\] (.*?)(?=\n\[|\n$|\Z)", text, re.S)]
+    if int(shown[2]) + int(shown[3]) and not wrong:
+        wrong = [f"{program}: {shown[0]}"]
+    if not re.search(r"^ +0 alarms generated", text, re.M) and not wrong:
+        wrong = [f"{program}: alarms that are not told"]
+    for function, written in re.findall(r"Out \(external\) for function (\w+):\n((?: +.*\n)+)", text):
+        allowed = MAY_WRITE.get(function.removeprefix(f"{program.law}_").removesuffix(SCALARS[program.scalar][0]))
+        written = re.sub(r"\[[^]]*\]", "", written)
+        written = re.sub(r"(\w+){([^}]*)}", lambda each: each[2].replace(".", f"{each[1]}."), written)  # a{.b; .c} is a.b; a.c
+        places = set(re.findall(r"[A-Za-z_][\w.]*", written)) - {"__fc_errno"}  # that of sqrt: it is an instruction here
+        if allowed is not None and not places <= allowed:
+            wrong.append(f"{program}: {function} writes to {' '.join(written.split())}")
+    return int(shown[1]), wrong
+
+
+def command(task: Task, program: Program) -> list[str]:
+    """The whole command line."""
+    places = [*task.include, f"-I{HERE / 'eva'}", *(f"-D{name}={value}" for name, value in program.defined().items())]
+    preprocess = " ".join(place.replace('"', '\\"') for place in places)
+    options = [*OPTIONS, *program.precision, f"-cpp-extra-args={preprocess}"]
+    return ["frama-c", *options, *map(str, program.sources(task))]

@@ -1,0 +1,98 @@
+/*
+ * path.c - noslip_path for EVA, in the scalar REAL with SUFFIX: init with any bits in everything, then any look and update.
+ *
+ * Of a path that is ready a look and an update need, and keep, what check_is_sound says, so what holds of one holds of all.
+ * Not shown here, for it follows from relations that intervals do not have: that a guide's x, y and heading are finite behind
+ * the last segment of a run. The fuzzers look at that.
+ */
+#include "eva.h"
+#include "noslip_path.h"
+
+#define SEGMENTS 3
+
+static OF(noslip_segment) segments[SEGMENTS];
+
+/* What holds of a path that is ready. */
+void check_is_sound(const OF(noslip_path) *self, int count)
+{
+    /*@ assert self->segments == &segments[0] && self->count == count; */
+    /*@ assert 0 <= self->place.segment < count && 0 <= self->guide.segment < count; */
+    /*@ assert NOSLIP_ALONG <= self->place.stage <= NOSLIP_AT_STOP; */
+    /*@ assert self->guide.backward == 0 || self->guide.backward == 1; */
+}
+
+/* Any path of which that holds, whose speeds and lengths are finite. */
+void make_path(OF(noslip_path) *self, int count, int segment)
+{
+    ANY(*self);
+    self->segments = segments;
+    self->count = count;
+    self->place.segment = segment;
+    self->place.stage = Frama_C_interval(NOSLIP_ALONG, NOSLIP_AT_STOP);
+    self->guide.segment = segment;
+    self->guide.backward = Frama_C_interval(0, 1);
+    self->speed = BETWEEN(0, LARGEST);
+    self->place.cruise = BETWEEN(-LARGEST, LARGEST);
+    self->creep = BETWEEN(0, LARGEST);
+    self->place.rest = BETWEEN(0, LARGEST);
+}
+
+/* What the guide says of the vehicle, which is checked at each update. */
+void check_guide(const OF(noslip_guide) *guide, int status, int count)
+{
+    /*@ assert status >= NOSLIP_UNSTABLE && status <= NOSLIP_ARRIVED; */
+    /*@ assert 0 <= guide->segment < count; */
+    Frama_C_show_each_g(guide->left,guide->distance,guide->speed);
+    /*@ assert \is_finite(guide->left) && \is_finite(guide->distance) && \is_finite(guide->speed); */
+    /*@ assert status < 0 ==> guide->speed == 0 && guide->left == 0 && guide->distance == 0; */
+}
+
+void check_init(int count)
+{
+    OF(noslip_path_options) options;
+    OF(noslip_path_fault) fault;
+    OF(noslip_path) self;
+    int status;
+    ANY(options);
+    ANY(self);
+    status = OF(noslip_path_init)(&self, segments, count, &options, &fault);
+    /*@ assert \is_finite(fault.size); */
+    if (status == NOSLIP_OK) {
+        /*@ assert self.ready == NOSLIP_READY && fault.kind == NOSLIP_FAULT_NONE; */
+        check_is_sound(&self, count);
+    } else {
+        /*@ assert self.ready == 0 && self.under_way == 0 && fault.kind != NOSLIP_FAULT_NONE; */
+    }
+}
+
+void check_update(int count, int segment)
+{
+    OF(noslip_path) self;
+    OF(noslip_guide) guide;
+    REAL x, y, heading, speed;
+    int status;
+    ANY(x);
+    ANY(y);
+    ANY(heading);
+    ANY(speed);
+    make_path(&self, count, segment);
+    status = OF(noslip_path_look)(&self, x, y, heading, speed, &guide);
+    check_guide(&guide, status, count);
+    status = OF(noslip_path_update)(&self, x, y, heading, speed, &guide);
+    check_guide(&guide, status, count);
+    check_is_sound(&self, count);
+}
+
+int main(void)
+{
+    int count, segment;
+    ANY(segments);
+    check_init(-1);
+    for (count = 1; count <= SEGMENTS; count++) {
+        check_init(count);
+        for (segment = 0; segment < count; segment++) {
+            check_update(count, segment);
+        }
+    }
+    return 0;
+}

@@ -1,0 +1,172 @@
+"""Running the C on what nobody would give it: sanitizers over seeded numbers, and libFuzzer."""
+
+import base64
+import re
+import shutil
+from pathlib import Path
+
+from .tools import HERE, STANDARD, Failed, Missing, Task, attempt, each, need, run
+
+CHECKS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
+RUNTIME = ("odometry", "integral", "angles", "path")
+SCALARS = {"double": "", "float": "_f"}
+CORPUS = HERE / "corpus.txt"  # an input a line, base64
+RUNS = {True: 20_000, False: 500_000}  # of libFuzzer, short or not; the README has the figures of more
+SEEDED = {True: 20_000, False: 200_000}  # calls a function
+LONGEST = 512  # bytes of an input
+
+
+def sanitizers(task: Task) -> str:
+    """Seeded numbers, any bits among them, through everything, and the digest of all laws: no report, and the digest's bits."""
+    gcc = need("gcc", "gcc")
+    folder = _folder(task, "sanitizers")
+    (folder / "seeded.c").write_text(_drivers(task) + SEEDED_MAIN)
+    (folder / "probe.c").write_text("int main(void) { return 0; }\n")
+    if attempt([gcc, CHECKS, folder / "probe.c", "-o", folder / "probe"])[0]:
+        raise Missing("install gcc with libasan and libubsan")
+    flags = [_level(task), CHECKS, "-fno-sanitize-recover=all"]
+    seeded = _program(task, folder, gcc, flags, folder / "seeded.c")
+    counted = _rows(run([seeded, str(SEEDED[task.short])]))
+    if task.short:
+        return f"{len(counted)} functions, {SEEDED[True]} calls each"
+    digest = task.root / "tests/c/law_digest.c"
+    plain, checked = (
+        _program(task, _folder(task, name), gcc, more, digest) for name, more in (("plain", ["-O2"]), ("checked", flags))
+    )
+    if len({run([program, "20000", "20000"]) for program in (plain, checked)}) != 1:
+        raise Failed("the digest is another one with sanitizers")
+    return f"{len(counted)} functions, {SEEDED[False]} calls each; the digest of 20000 states"
+
+
+def fuzz(task: Task) -> str:
+    """libFuzzer with the sanitizers, from the committed corpus on: no finding."""
+    clang = need("clang", "clang")
+    folder = _folder(task, "fuzz")
+    (folder / "fuzz.c").write_text(_drivers(task) + FUZZ_MAIN)
+    flags = [_level(task), CHECKS.replace("=", "=fuzzer,"), "-fno-sanitize-recover=all"]
+    (folder / "probe.c").write_text("int LLVMFuzzerTestOneInput(const char *x, unsigned long n) { return x == 0 && n > 9; }\n")
+    if attempt([clang, flags[1], folder / "probe.c", "-o", folder / "probe"])[0]:
+        raise Missing("install libclang-rt-14-dev (that of the clang there is)")
+    program = _program(task, folder, clang, flags, folder / "fuzz.c")
+    corpus, found = _unpacked(folder), _empty(folder / "found")
+    told = _fuzz(program, [f"-runs={RUNS[task.short]}", "-seed=1992"], found, corpus)
+    if task.update:
+        merged = _empty(folder / "merged")
+        run([program, "-merge=1", "-use_counters=0", f"-max_len={LONGEST}", merged, corpus, found])
+        inputs = [base64.b64encode(path.read_bytes()).decode() for path in merged.iterdir()]
+        CORPUS.write_text("".join(f"{line}\n" for line in sorted(inputs, key=lambda line: (len(line), line))))
+        told += f"; corpus of {len(inputs)} inputs"
+    return told
+
+
+def _fuzz(program: Path, options: list[str], found: Path, corpus: Path) -> str:
+    """Runs libFuzzer: new inputs go to `found`, one that fails into the program's folder."""
+    fixed = [f"-max_len={LONGEST}", "-print_final_stats=1", f"-artifact_prefix={program.parent}/"]
+    code, text = attempt([program, *options, *fixed, found, corpus])
+    if code:
+        raise Failed(text[-3000:])
+    runs = re.findall(r"number_of_executed_units: (\d+)", text)[-1]
+    edges, features = re.findall(r"cov: (\d+) ft: (\d+)", text)[-1]
+    return f"{runs} runs, {edges} edges, {features} features, 0 findings"
+
+
+def _unpacked(folder: Path) -> Path:
+    """The committed corpus as a folder."""
+    corpus = _empty(folder / "corpus")
+    for number, line in enumerate(CORPUS.read_text().split() if CORPUS.exists() else []):
+        (corpus / str(number)).write_bytes(base64.b64decode(line))
+    return corpus
+
+
+def _empty(folder: Path) -> Path:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    return folder
+
+
+def _folder(task: Task, name: str) -> Path:
+    folder = task.folder / name
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _level(task: Task) -> str:
+    """Of the short version compiling is what costs."""
+    return "-O0" if task.short else "-O1"
+
+
+def _functions(task: Task) -> list[str]:
+    """What is called, by name: laws and the runtime's, in both scalars."""
+    return [name + suffix for name in (*task.laws, *RUNTIME) for suffix in SCALARS.values()]
+
+
+def _drivers(task: Task) -> str:
+    """C that has a function of one kind for everything, and a table of them."""
+    runtime = ("noslip_angle.h", "noslip_integral.h", "noslip_odometry.h", "noslip_path.h", "noslip_reversing.h")
+    parts = [f'#include "{header}"\n' for header in ("law_fuzz.h", *runtime)] + ["#define ROBOT labmate\n"]
+    for real, suffix in SCALARS.items():
+        parts.append(f"#define SUFFIX {suffix}\n#define REAL {real}\n")
+        parts += [f'#include "{law}{suffix}.h"\n#define LAW {law}\n#include "law_fuzz.inc"\n#undef LAW\n' for law in task.laws]
+        parts.append('#include "runtime_fuzz.inc"\n#undef SUFFIX\n#undef REAL\n')
+    rows = [f'    {{"{name}", {"fuzz" if name.removesuffix("_f") in RUNTIME else "run"}_{name}}},\n' for name in _functions(task)]
+    return "".join(parts) + TABLE + "".join(rows) + "};\n"
+
+
+def _program(task: Task, folder: Path, compiler: str, flags: list[str], source: Path) -> Path:
+    """Everything and a driver, compiled and linked."""
+    include = [*task.include, f"-I{task.root / 'tests/c'}"]
+    command = [compiler, *STANDARD, *flags, *include]
+
+    def compiled(path: Path) -> Path:
+        run([*command, "-c", path, "-o", folder / f"{path.stem}.o"])
+        return folder / f"{path.stem}.o"
+
+    objects = each(compiled, [*task.sources, source])
+    run([*command, *objects, "-lm", "-o", folder / "program"])
+    return folder / "program"
+
+
+def _rows(text: str) -> dict[str, list[int]]:
+    """Function -> how many calls gave each kind of answer. Failed: one was never answered."""
+    rows = {line.split()[0]: [int(word) for word in line.split()[1:]] for line in text.splitlines()}
+    if idle := [name for name, counted in rows.items() if counted[-2] < 100]:
+        raise Failed(f"hardly a good answer from {', '.join(idle)}: the numbers given are no test")
+    return rows
+
+
+TABLE = """
+typedef void fuzz_function(fuzz_source *from, uint32_t n, const char *name, unsigned long *counted);
+static const struct {
+    const char *name;
+    fuzz_function *run;
+} functions[] = {
+"""
+SEEDED_MAIN = """
+int main(int argc, char **argv)
+{
+    int i, k;
+    for (i = 0; argc == 2 && i < COUNT(functions); i++) {
+        fuzz_source from = {7, NULL, 0};
+        unsigned long counted[8] = {0};
+        functions[i].run(&from, (uint32_t)strtoul(argv[1], NULL, 10), functions[i].name, counted);
+        printf("%s", functions[i].name);
+        for (k = 0; k < 8; k++) {
+            printf(" %lu", counted[k]);
+        }
+        printf("\\n");
+    }
+    return argc != 2;
+}
+"""
+FUZZ_MAIN = """
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count)
+{
+    if (count > 1) {
+        fuzz_source from = {1, bytes + 1, count - 1};
+        unsigned long counted[8] = {0};
+        const unsigned i = bytes[0] % (unsigned)COUNT(functions);
+        functions[i].run(&from, 64, functions[i].name, counted);
+    }
+    return 0;
+}
+"""

@@ -1,0 +1,71 @@
+"""How many instructions a step executes on the emulated target: the least and the most, for each kind of answer.
+
+These are instructions, not cycles.
+"""
+
+import re
+
+from . import budget
+from .tools import HERE, M4F, STANDARD, Task, need, run
+
+STATES = 4000  # a law; the short version has a tenth
+KINDS = {"good": "answers", "cut": "cuts a torque", "slowed": "gives up speed", "refused": "refuses"}
+ROUTE = ("odometry_good", "odometry_refused", "path_line", "path_arc", "path_next", "path_refused")
+MACHINE = "qemu-system-arm -M mps2-an386 -display none -monitor none -serial none -semihosting-config enable=on,target=native"
+
+
+def instructions(task: Task) -> str:
+    """Least and most of every law's step, of odometry and of the path; the most compared with the budget."""
+    need("qemu-system-arm", "qemu-system-arm")
+    folder = task.folder / "instructions"
+    folder.mkdir(parents=True, exist_ok=True)
+    image = _image(task, folder)
+    found = _count(task, folder, image)
+    measured: budget.Numbers = {}
+    for (module, kind), (least, most) in found.items():
+        measured.setdefault(module, {}).update({f"least {kind}": least, f"most {kind}": most})
+    spread = [f"{module} {low} to {high}" for (module, kind), (low, high) in found.items() if kind == "good" and low != high]
+    said = f"the same for every good answer, but of {', '.join(spread)}" if spread else "the same for every good answer"
+    if task.short:
+        return f"{said} ({len(measured)} functions)"
+    return f"{said}; {budget.compare(task, M4F, measured)}"
+
+
+def _image(task: Task, folder):
+    """A program for the board that calls everything."""
+    laws = "".join(f'#include "{law}_f.h"\n#define LAW {law}\n#include "instructions.inc"\n#undef LAW\n' for law in task.laws)
+    states = STATES // 10 if task.short else STATES
+    calls = "".join(f"    count_{law}_f({states});\n" for law in task.laws)
+    main = f"int main(void)\n{{\n{calls}    count_route({states});\n    return 0;\n}}\n"
+    (folder / "main.c").write_text(
+        f'#include "instructions.h"\n#define ROBOT labmate\n{laws}#include "instructions_route.inc"\n{main}'
+    )
+    boards = task.root / "firmware/boards"
+    include = [f"-I{HERE / 'c'}", f"-I{task.root / 'tests/c'}"]
+    objects = M4F.compile(task, task.float_sources)
+    objects += M4F.compile(task, [folder / "main.c"], "-fno-optimize-sibling-calls", *include)
+    objects += M4F.compile(task, [boards / "start_cortex_m.c", boards / "string.c"], "-ffreestanding", f"-I{boards}")
+    image = folder / "image"
+    link = ["-nostdlib", f"-T{boards / 'mps2-an386.ld'}", *objects, "-lgcc"]
+    run([M4F.compiler, *M4F.flags, *link, "-o", image])
+    return image
+
+
+def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
+    """(module, kind of answer) -> least and most instructions."""
+    listing = run([M4F.tool("nm"), "-S", image])
+    places = {name: (int(at, 16), int(size, 16)) for at, size, name in re.findall(r"^(\S+) (\S+) [Tt] (\w+)$", listing, re.M)}
+    wanted = {(f"{law}_f", kind): (f"{law}_step_f", f"{kind}_{law}_f") for law in task.laws for kind in KINDS}
+    for name in ROUTE:
+        module, kind = name.split("_")
+        entry = "odometry_move" if module == "odometry" else "noslip_path_update_f"
+        wanted[f"noslip_{module}_f", kind] = (entry, name)
+    plugin, log = folder / "count.so", folder / "count.log"
+    run([need("gcc", "gcc"), *STANDARD, "-O2", "-fPIC", "-shared", task.root / "bench/target/count.c", "-o", plugin])
+    calls = []
+    for entry, caller in wanted.values():
+        first, size = places[caller]
+        calls.append(f"call={places[entry][0] & ~1:x}:{first & ~1:x}:{(first & ~1) + size - 1:x}")
+    run([*MACHINE.split(), "-kernel", image, "-d", "plugin", "-D", log, "-plugin", ",".join([str(plugin), *calls])])
+    rows = [list(map(int, line.split()[1:])) for line in log.read_text().splitlines()]
+    return {key: (least, most) for key, (number, _, least, most) in zip(wanted, rows, strict=True) if number}

@@ -1,0 +1,94 @@
+"""What compilers and checkers find in the C by reading it: strict warnings, clang-tidy, MISRA C:2012."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from .tools import HERE, HOST, M4F, STANDARD, Failed, Target, Task, attempt, each, hold, need
+
+STRICT = (
+    "-pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion -Wfloat-equal -Wshadow "
+    "-Wundef -Wcast-qual -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror"
+).split()
+GCC_ONLY = ["-Wstack-usage=256", "-fanalyzer"]
+DEVIATIONS = HERE / "misra.md"
+# what the checker is told of the compiler: gcc for Cortex-M4F; it reads no headers of the system
+AS_M4F = [f"-D{name}" for name in ("__GNUC__=12", "__STDC_VERSION__=199901L", "__arm__=1", "__ARM_FP=4")] + [
+    f"-D{name}" for name in ("FLT_EVAL_METHOD=0", "FLT_RADIX=2", "FLT_MANT_DIG=24", "DBL_MANT_DIG=53")
+]
+
+
+def warnings(task: Task, target: Target = HOST) -> str:
+    """No warning from gcc, its analyzer, or clang; on the bare target from its gcc. Every source, and headers by themselves."""
+    sources = _sources(task, target)
+    commands = [[target.compiler, *target.flags, "-O2", *STRICT, *GCC_ONLY]]
+    if target is HOST:
+        commands += [[need("clang", "clang"), "-O2", *STRICT]]
+    jobs = [[*command, *STANDARD, *_include(task), "-c", source, "-o", "/dev/null"] for command in commands for source in sources]
+    answers = each(lambda job: attempt(job), jobs)
+    hold(text for code, text in answers if code or text)
+    return f"{len(sources)} sources, {', '.join(str(command[0]) for command in commands)}"
+
+
+def tidy(task: Task) -> str:
+    """No finding of clang-tidy with the checks of .clang-tidy."""
+    need("clang-tidy", "clang-tidy")
+    sources = _sources(task, HOST)
+    command = ["clang-tidy", "--quiet", f"--config-file={task.root / '.clang-tidy'}"]
+    answers = each(lambda source: attempt([*command, source, "--", *STANDARD, *_include(task)]), sources)
+    hold(text for code, text in answers if code or "warning:" in text or "error:" in text)
+    return f"{len(sources)} sources"
+
+
+def misra(task: Task) -> str:
+    """No finding of cppcheck and its MISRA addon but those that misra.md tells the reason of, by rule and files."""
+    need("cppcheck", "cppcheck")
+    allowed, used = _deviations(), set()
+    found = _findings(task)
+    undocumented = []
+    for path, line, rule in found:
+        if any(Path(path).match(files) for files in allowed.get(rule, ())):
+            used.add(rule)
+        else:
+            undocumented.append(f"{path}:{line}: {rule}, and no deviation in misra.md")
+    hold(undocumented)
+    if not task.short:
+        hold(f"misra.md: nothing deviates from {rule} any more" for rule in sorted(set(allowed) - used))
+    return f"0 undocumented, {len(found)} places deviate from {len({rule for _, _, rule in found})} rules with a reason"
+
+
+def _findings(task: Task) -> list[tuple[str, str, str]]:
+    """(file, line, rule), each once. Its exit code says nothing of what the addon finds."""
+    build = task.folder / "misra"
+    build.mkdir(parents=True, exist_ok=True)
+    template = "--template={file}:{line}: {id}: {message}"
+    command = ["cppcheck", "--addon=misra", "--enable=style", "--std=c99", "--quiet", f"--cppcheck-build-dir={build}", template]
+    code, text = attempt([*command, *AS_M4F, *_include(task), *_sources(task, M4F)])
+    if code:
+        raise Failed(text)
+    found = set()
+    for line in filter(None, text.splitlines()):
+        match = re.match(r"(.*?):(\d+): (?:misra-c2012-)?([\w.-]+): ", line)
+        if match is None:
+            raise Failed(f"cppcheck: {line}")
+        path = Path(match[1]).resolve()
+        found.add((str(path.relative_to(task.root)) if path.is_relative_to(task.root) else path.name, match[2], match[3]))
+    return sorted(found)
+
+
+def _deviations() -> dict[str, list[str]]:
+    """Rule -> the places, as patterns of file names, where misra.md lets it be broken."""
+    rows = re.findall(r"^\| ([\d.]+) \|[^|]*\| ([^|]+?) \|", DEVIATIONS.read_text(), re.M)
+    return {rule: re.findall(r"`(.*?)`", files) for rule, files in rows}
+
+
+def _sources(task: Task, target: Target) -> list[Path]:
+    """Every source; of the short version what is shared, and one law."""
+    sources = [*task.sources, task.headers()]
+    if task.short:
+        sources = [path for path in sources if "_type_" not in path.stem or path.stem.startswith(f"{task.laws[-1]}_f")]
+    return sources
+
+
+def _include(task: Task) -> Iterable[str]:
+    return task.include

@@ -1,0 +1,100 @@
+"""What the compiled C needs: symbols, stack and bytes."""
+
+import re
+from pathlib import Path
+
+from noslip.bench.callgraph import Graph, call_graph, deepest, reached
+
+from . import budget
+from .tools import HOST, M4F, Target, Task, hold, run
+
+BY_COMPILERS = {"memcpy", "memmove", "memset"}  # calls that compilers make by themselves
+MOST_STACK = 256  # bytes
+EMIT_ALL = "-fkeep-inline-functions"  # so that what only headers have is in the object of headers.c too
+IN_HEADERS = ("noslip_odometry", "noslip_encoder", "noslip_integral", "noslip_nearest_angle", "noslip_reversing")
+
+
+def symbols(task: Task, target: Target = HOST) -> str:
+    """Nothing undefined but what compilers call by themselves, nothing that is written to; links without any library.
+
+    On the bare target float only: its double needs the compiler's library.
+    """
+    objects = target.compile(task, task.sources if target is HOST else task.float_sources)
+    objects += target.compile(task, [task.headers()], EMIT_ALL) if target is HOST else []
+    found, defined, wanted = [], set(), {}
+    for made in objects:
+        for line in run([target.tool("nm"), made]).splitlines():
+            *_, kind, name = line.split()
+            if kind in "Uw":
+                wanted[name] = made.name
+            elif kind in "TtRrNn":
+                defined.add(name)
+            else:
+                found.append(f"{made.name}: {name} is data that is written to (nm says {kind})")
+        _, data, bss = _size(target, made)
+        if data or bss:
+            found.append(f"{made.name}: {data} bytes of data, {bss} of bss")
+    needed = set(wanted) - defined - {"_GLOBAL_OFFSET_TABLE_"}  # position independent code has this, no function has it
+    hold([*found, *(f"{wanted[name]} needs {name}" for name in sorted(needed - BY_COMPILERS))])
+    _link(task, target, objects)
+    return f"{len(objects)} objects need {', '.join(sorted(needed)) or 'nothing'}, have no data and no bss, link with -nostdlib"
+
+
+def stack(task: Task, target: Target = M4F) -> str:
+    """The dearest chain of calls from each entry point; no recursion, no frame that grows, no call of something unknown.
+
+    Unknown is also the compiler's library, so that no function of the float side uses double.
+    """
+    graph = _graph(task, target)
+    entries = [name for name in sorted(graph) if name.endswith("_f") and name.startswith((*IN_HEADERS, "noslip_path", "labmate"))]
+    used = {entry: deepest(graph, entry) for entry in entries}
+    outside = {(entry, name) for entry in entries for name in reached(graph, entry) - set(graph) - BY_COMPILERS}
+    hold(
+        [f"{entry} calls {name}" for entry, name in sorted(outside)]
+        + [f"{entry}: {bytes_} bytes, more than {MOST_STACK}" for entry, bytes_ in used.items() if bytes_ > MOST_STACK]
+    )
+    measured: budget.Numbers = {}
+    for entry, most in used.items():
+        module = next((name for name in sorted(task.laws, key=len, reverse=True) if entry.startswith(name)), "runtime")
+        measured.setdefault(f"{module}_f", {})[f"stack {entry.removeprefix(module + '_').removesuffix('_f')}"] = most
+    worst = max(used, key=used.__getitem__)
+    return f"{len(used)} entry points, worst {worst} {used[worst]} bytes; {budget.compare(task, target, measured)}"
+
+
+def sizes(task: Task, target: Target = HOST) -> str:
+    """Bytes of code and data of each object, and of the struct that its caller owns."""
+    objects = target.compile(task, task.sources if target is HOST else task.float_sources)
+    measured = {made.stem: dict(zip(("text", "data", "bss"), _size(target, made), strict=True)) for made in objects}
+    for module, size in _structs(task, target).items():
+        if module in measured:
+            measured[module]["struct"] = size
+    total = sum(each["text"] for each in measured.values())
+    return f"{len(objects)} objects, {total} bytes of code; {budget.compare(task, target, measured)}"
+
+
+def _size(target: Target, made: Path) -> tuple[int, int, int]:
+    text, data, bss = run([target.tool("size"), made]).splitlines()[-1].split()[:3]
+    return int(text), int(data), int(bss)
+
+
+def _link(task: Task, target: Target, objects: list[Path]) -> None:
+    """Everything into one program, bare: a symbol that nobody has is an error."""
+    by_compilers = target.compile(task, [task.root / "firmware/boards/string.c"], "-ffreestanding")
+    command = [target.compiler, *target.flags, "-nostdlib", "-Wl,-z,defs,-e,labmate_check_params_f", *objects, *by_compilers]
+    run([*command, "-o", task.folder / target.name / "all"])
+
+
+def _graph(task: Task, target: Target) -> Graph:
+    objects = [*target.compile(task, task.float_sources), *target.compile(task, [task.headers()], EMIT_ALL)]
+    return call_graph(made.with_suffix(".ci") for made in objects)
+
+
+def _structs(task: Task, target: Target) -> dict[str, int]:
+    """Module -> bytes of the struct that its caller owns."""
+    laws = [law + suffix for law in task.laws for suffix in ("", "_f")]
+    lines = [f'#include "{header}.h"' for header in (*laws, "noslip_path")]
+    lines += [f"char size_of_{kind}[sizeof({kind})] = {{1}};" for kind in (*laws, "noslip_path", "noslip_path_f")]
+    source = task.folder / "structs.c"
+    source.write_text("\n".join(lines) + "\n")
+    listing = run([target.tool("nm"), "-S", *target.compile(task, [source])])
+    return {name: int(size, 16) for size, name in re.findall(r"^\S+ (\S+) \w size_of_(\w+)$", listing, re.M)}

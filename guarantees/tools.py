@@ -1,0 +1,166 @@
+"""What the checks share: where the C is, how it is compiled, how a tool is run, what a check answers."""
+
+import os
+import platform
+import shutil
+import subprocess
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import noslip
+
+ROOT = Path(noslip.__file__).resolve().parent
+HERE = Path(__file__).resolve().parent
+STANDARD = ["-std=c99", "-ffp-contract=off", "-fno-math-errno"]
+TIMEOUT = 900  # s, of any one tool
+
+
+class Missing(Exception):
+    """A tool is not there; the message says what to install."""
+
+
+class Failed(Exception):
+    """A guarantee does not hold; the message has a line for each reason."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a check is to do: on which C, where it may write, all of it or a short version, whether to accept a new budget."""
+
+    folder: Path
+    root: Path = ROOT
+    short: bool = False
+    update: bool = False
+
+    @property
+    def runtime(self) -> Path:
+        """The hand-written C."""
+        return self.root / "runtime_c"
+
+    @property
+    def generated(self) -> Path:
+        """The generated C of the shipped robot."""
+        return self.root / "generated" / "labmate"
+
+    @property
+    def include(self) -> list[str]:
+        """Flags that find the headers."""
+        return [f"-I{folder}" for folder in (self.runtime, self.generated)]
+
+    @property
+    def sources(self) -> list[Path]:
+        """Every source."""
+        return [*_c_files(self.runtime), *_c_files(self.generated)]
+
+    @property
+    def float_sources(self) -> list[Path]:
+        """Every source that has nothing but float."""
+        return [path for path in self.sources if path.stem.endswith("_f")]
+
+    @property
+    def laws(self) -> list[str]:
+        """The laws' names in C, without the scalar."""
+        return [path.stem for path in _c_files(self.generated) if "_type_" in path.stem and not path.stem.endswith("_f")]
+
+    def headers(self) -> Path:
+        """A source that includes every header of the runtime, so that functions that are inline are somewhere."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / "headers.c"
+        path.write_text("".join(f'#include "{header.name}"\n' for header in sorted(self.runtime.glob("*.h"))))
+        return path
+
+
+@dataclass(frozen=True)
+class Target:
+    """A machine, the compiler for it, and the package that has the compiler."""
+
+    name: str
+    prefix: str
+    flags: tuple[str, ...]
+    package: str
+
+    @property
+    def compiler(self) -> str:
+        """The compiler's name. Missing: it is not there."""
+        return need(f"{self.prefix}gcc", self.package)
+
+    @property
+    def version(self) -> str:
+        """Name and version of the compiler, as budgets record it."""
+        return f"{self.compiler} {run([self.compiler, '-dumpfullversion']).strip()}"
+
+    def tool(self, name: str) -> str:
+        """One of the binary tools that come with the compiler."""
+        return need(self.prefix + name, self.package)
+
+    def compile(self, task: Task, sources: Iterable[Path], *flags: str) -> list[Path]:
+        """Objects of sources at -O2, each with its call graph beside it; what was compiled before is not again."""
+        folder = task.folder / self.name
+        folder.mkdir(parents=True, exist_ok=True)
+        command = (self.compiler, *STANDARD, "-O2", "-fcallgraph-info=su,da", *self.flags, *flags, *task.include, "-c")
+        return each(lambda source: _compiled(command, source, folder / f"{source.stem}.o"), sources)
+
+
+HOST = Target(platform.machine(), "", (), "gcc")
+M4F = Target(
+    "cortex-m4f",
+    "arm-none-eabi-",
+    ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"),
+    "gcc-arm-none-eabi libnewlib-arm-none-eabi",
+)
+TARGETS = {target.name: target for target in (HOST, M4F)}
+
+
+def _c_files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.c"))
+
+
+@cache
+def _compiled(command: tuple[str, ...], source: Path, target: Path) -> Path:
+    run([*command, str(source), "-o", str(target)], folder=target.parent)
+    return target
+
+
+def need(tool: str, package: str) -> str:
+    """The tool's name. Missing: it is not installed."""
+    if shutil.which(tool) is None:
+        raise Missing(f"install {package}")
+    return tool
+
+
+def run(command: Sequence[str], folder: Path | None = None, **more: str) -> str:
+    """What a tool that must succeed says, on both channels. `more` goes into its environment. Failed: it did not."""
+    code, text = attempt(command, folder, **more)
+    if code:
+        raise Failed(f"{' '.join(map(str, command))}\n{text}".strip())
+    return text
+
+
+def attempt(command: Sequence[str], folder: Path | None = None, **more: str) -> tuple[int, str]:
+    """Exit code and what a tool says."""
+    done = subprocess.run(
+        [str(word) for word in command],
+        cwd=folder,
+        env={**os.environ, **more},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=TIMEOUT,
+    )
+    return done.returncode, done.stdout
+
+
+def each(function, values: Iterable) -> list:
+    """The function's answers, two at a time."""
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(function, values))
+
+
+def hold(found: Iterable[str]) -> None:
+    """Failed, where anything was found."""
+    if lines := list(found):
+        raise Failed("\n".join(lines))

@@ -1,0 +1,437 @@
+"""The reduced equations (10) body by body: velocities from earlier velocities, so that cost grows linearly along a chain.
+
+Kane's form. A velocity u, linear in the rates, is u = J nu, and its derivative J nudot + drift. With the mass m_i and inertia
+I_i of a body whose velocities along its own axes are forward, left and yaw rate, J_i a row for each,
+
+    S'MS = sum of J_i' M_i J_i,    S'(M Sdot nu + V) = sum of J_i' M_i a_i,    M_i = diag(m_i, m_i, I_i),
+
+a_i being the drifts and what turning the axes adds. What is named (rates, velocities of bodies) is a step, a symbol for an
+expression in earlier symbols: nothing is written out, and simplification looks at one body at a time.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
+from math import prod
+
+import casadi as ca
+
+from .errors import ModelError
+from .exact import canonical
+from .expression import operate, time_derivative
+from .mechanism import Body, Mechanism
+from .samples import RANK_TOLERANCE, Sampled
+
+LINEAR = (ca.OP_ASSIGN, ca.OP_NEG, ca.OP_TWICE, ca.OP_ADD, ca.OP_SUB)  # of velocities only
+Step = tuple[ca.SX, ca.SX]
+Polynomial = dict[tuple[int, ...], float]  # places of factors -> coefficient
+SHORT = 4  # operations and symbols; there is nothing to simplify
+LARGEST_PRODUCT = 100  # terms; a longer one is not multiplied out
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """sum of row[j] nu_j; its derivative is the sum of row[j] nudot_j, and drift. Columns from n-m on are rates not known yet."""
+
+    row: dict[int, ca.SX] = field(default_factory=dict)
+    drift: ca.SX = field(default_factory=lambda: ca.SX(0))
+    value: ca.SX | None = None  # a step that stands for the sum
+
+    def plus(self, other: "Velocity", factor: ca.SX) -> "Velocity":
+        """self + factor * other, for a factor that is constant in time."""
+        row = dict(self.row)
+        for j, entry in other.row.items():
+            row[j] = row[j] + factor * entry if j in row else factor * entry
+        return Velocity(row, self.drift + factor * other.drift)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """S'MS, S'(M Sdot nu + V), S'E (10) and S (9) in `steps`, which come body by body in `groups`."""
+
+    groups: tuple[tuple[Step, ...], ...]
+    Mbar: ca.SX
+    bias: ca.SX
+    input_map: ca.SX
+    S: ca.SX
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """All steps in order."""
+        return tuple(step for group in self.groups for step in group)
+
+    @cached_property
+    def _values(self) -> dict[int, ca.SX]:
+        values: dict[int, ca.SX] = {}
+        for symbol, expression in self.steps:
+            values[symbol.element_hash()] = self._inserted(expression, values)
+        return values
+
+    def written_out(self, expression: ca.SX) -> ca.SX:
+        """The expression without steps; what they share stays shared."""
+        return self._inserted(expression, self._values)
+
+    @staticmethod
+    def _inserted(expression: ca.SX, values: dict[int, ca.SX]) -> ca.SX:
+        named = [symbol for symbol in ca.symvar(expression) if symbol.element_hash() in values]
+        if not named:
+            return expression
+        return ca.substitute([expression], [ca.vertcat(*named)], [ca.vertcat(*[values[s.element_hash()] for s in named])])[0]
+
+
+class Recursion:
+    """Walks through the velocities of a mechanism, each once.
+
+    The rates follow from the constraints (2) and, where `quasi` are the quasi-velocities as expressions in the rates, from
+    quasi = T nu; else from S(q), qdot = S nu (9).
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, nu: ca.SX, quasi: Sequence[ca.SX] = (), T: ca.SX | None = None, S: ca.SX | None = None
+    ):
+        self.mechanism, self.nu = mechanism, nu
+        self.q, self.qdot = mechanism.q, mechanism.qdot
+        self.n, self.freedom = self.q.numel(), nu.numel()
+        self.steps: list[Step] = []
+        self._made: set[int] = set()  # symbols of steps
+        self.rates: list[Velocity | None] = [None] * self.n
+        self._groups: list[tuple[Step, ...]] = []
+        self._grouped = 0  # steps that have a group
+        self._Mbar: dict[tuple[int, int], ca.SX] = {}
+        self._bias: dict[int, ca.SX] = {}
+        self._columns = {self.qdot[k].element_hash(): k for k in range(self.n)}
+        self._known: dict[int, tuple[ca.SX, Velocity]] = {}  # the expression too: while it lives, its hash is its own
+        self._moving: dict[int, tuple[ca.SX, bool]] = {}
+        self._names = {
+            velocity.element_hash(): f"{body.name}_{what}"
+            for body in mechanism.bodies
+            for what, velocity in (("forward", body.forward), ("left", body.left), ("yaw_rate", body.yaw_rate))
+        }
+        self._fixed = {symbol.element_hash() for symbol in ca.symvar(ca.SX(mechanism.p))}
+        if quasi:
+            self._solve(list(mechanism.constraints), list(quasi), T)
+        else:
+            self.rates = [self._given(S[k, :], S @ nu) for k in range(self.n)]
+            self._rest(mechanism.constraints)
+            for body in mechanism.bodies:
+                self._add_body(body)
+
+    # -- velocities -----------------------------------------------------------------------------------------------
+
+    def velocity(self, x: ca.SX) -> Velocity:
+        """An expression linear in the rates. Raises ModelError for any other."""
+        key = x.element_hash()
+        if key not in self._known:
+            made = self._derived(x)
+            if key in self._names and self._is_known(made):
+                made = self.named(self._names[key], made)
+            self._known[key] = (x, made)
+        return self._known[key][1]
+
+    def named(self, name: str, velocity: Velocity) -> Velocity:
+        """The velocity with a step for each coefficient and for its drift, simplified."""
+        row = {}
+        for j, entry in velocity.row.items():
+            entry = self._simple(entry)
+            if not entry.is_zero():
+                row[j] = self.step(f"{name}_by_{self.nu[j]}", entry)
+        return Velocity(row, self.step(f"{name}_drift", self._simple(velocity.drift)), self.step(name, self._sum(row)))
+
+    def _simple(self, matrix: ca.SX) -> ca.SX:
+        """Simplified: in full where nothing has been named yet, else only so far that terms cancel."""
+        if ca.n_nodes(matrix) <= SHORT:
+            return matrix
+        if not any(symbol.element_hash() in self._made for symbol in ca.symvar(matrix)):
+            return canonical(matrix)
+        simple = ca.densify(matrix)
+        for k in range(simple.numel()):
+            if not simple.nz[k].is_leaf():
+                simple.nz[k] = cancelled(simple.nz[k])
+        return ca.sparsify(simple)
+
+    def step(self, name: str, expression: ca.SX) -> ca.SX:
+        """A symbol for the expression; one that is a multiple of a symbol, fixed in time, stays as it is."""
+        if self._is_multiple(expression):
+            return expression
+        symbol = ca.SX.sym(name)
+        self.steps.append((symbol, expression))
+        self._made.add(symbol.element_hash())
+        return symbol
+
+    def value(self, velocity: Velocity) -> ca.SX:
+        """The velocity at nu; rates that are not known yet stand for themselves."""
+        return self._sum(velocity.row) if velocity.value is None else velocity.value
+
+    def _sum(self, row: dict[int, ca.SX]) -> ca.SX:
+        terms = [entry * (self.nu[j] if j < self.freedom else self.qdot[j - self.freedom]) for j, entry in row.items()]
+        return sum(terms[1:], start=terms[0]) if terms else ca.SX(0)
+
+    def at(self, x: ca.SX) -> ca.SX:
+        """An expression in coordinates and rates, as one in coordinates and nu."""
+        if not self._moves(x):
+            return x
+        try:
+            return self.value(self.velocity(x))
+        except ModelError:
+            return operate(x.op(), *[self.at(x.dep(k)) for k in range(x.n_dep())])
+
+    def _derived(self, x: ca.SX) -> Velocity:
+        if x.element_hash() in self._columns:
+            k = self._columns[x.element_hash()]
+            return self.rates[k] or Velocity({self.freedom + k: ca.SX(1)})
+        if x.is_zero():
+            return Velocity()
+        code, parts = (None, []) if x.is_leaf() else (x.op(), [x.dep(k) for k in range(x.n_dep())])
+        moving = [self._moves(part) for part in parts]
+        if code in LINEAR and all(m or part.is_zero() for part, m in zip(parts, moving, strict=True)):
+            sign = ca.SX({ca.OP_NEG: -1, ca.OP_TWICE: 2}.get(code, 1))
+            made = Velocity().plus(self.velocity(parts[0]), sign)
+            return made.plus(self.velocity(parts[1]), ca.SX(1 if code == ca.OP_ADD else -1)) if len(parts) > 1 else made
+        if code == ca.OP_MUL and moving.count(True) == 1:
+            return self._times(parts[moving.index(False)], self.velocity(parts[moving.index(True)]))
+        if code == ca.OP_DIV and moving == [True, False]:
+            return self._times(1 / parts[1], self.velocity(parts[0]))
+        raise ModelError(f"{self.mechanism.name}: a velocity is not linear in the rates: {str(x)[:60]}")
+
+    def _times(self, factor: ca.SX, velocity: Velocity) -> Velocity:
+        made = Velocity().plus(velocity, factor)
+        if not ca.depends_on(factor, self.q):
+            return made
+        rate = time_derivative(factor, self.q, ca.vertcat(*[self._rate(k) for k in range(self.n)]))
+        return Velocity(made.row, made.drift + rate * self.value(velocity))
+
+    def _rate(self, k: int) -> ca.SX:
+        return self.qdot[k] if self.rates[k] is None else self.value(self.rates[k])
+
+    def _moves(self, x: ca.SX) -> bool:
+        """Does the expression depend on the rates?"""
+        key = x.element_hash()
+        if key not in self._moving:
+            found = key in self._columns if x.is_leaf() else any(self._moves(x.dep(k)) for k in range(x.n_dep()))
+            self._moving[key] = (x, found)
+        return self._moving[key][1]
+
+    def _is_known(self, velocity: Velocity) -> bool:
+        return all(j < self.freedom for j in velocity.row) and not ca.depends_on(velocity.drift, self.qdot)
+
+    def _is_multiple(self, expression: ca.SX) -> bool:
+        moving = [s for s in ca.symvar(expression) if s.element_hash() not in self._fixed]
+        if not moving:
+            return True
+        if len(moving) > 1:
+            return False
+        slope = ca.jacobian(expression, moving[0])
+        return not ca.depends_on(slope, moving[0]) and ca.substitute(expression, moving[0], 0).is_zero()
+
+    # -- rates ----------------------------------------------------------------------------------------------------
+
+    def _given(self, row: ca.SX, qdot: ca.SX) -> Velocity:
+        entries = {j: row[j] for j in range(self.freedom) if not row[j].is_zero()}
+        return Velocity(entries, self._simple(time_derivative(row, self.q, qdot) @ self.nu))
+
+    def _rest(self, constraints: Sequence[ca.SX]) -> None:
+        """What the constraints say, wherever their velocities appear again: zero."""
+        for constraint in constraints:
+            self._known[constraint.element_hash()] = (constraint, Velocity())
+
+    def _solve(self, constraints: list[ca.SX], quasi: list[ca.SX], T: ca.SX) -> None:
+        """All rates, from small sets of equations that need no rates but those found before; each body as soon as it can move."""
+        equations = [*constraints, *quasi]
+        rates = [self._places(self.qdot, equation) for equation in equations]
+        # a derivative needs the rates of the coordinates in the coefficients, too
+        needs = [found | self._places(self.q, equation) for found, equation in zip(rates, equations, strict=True)]
+        waiting = {}
+        for body in self.mechanism.bodies:
+            velocities = ca.vertcat(body.forward, body.left, body.yaw_rate)
+            waiting[body] = self._places(self.qdot, velocities) | self._places(self.q, velocities)
+        places = [(i, k) for i, found in enumerate(rates) for k in sorted(found)]
+        sets = _sets(ca.Sparsity.triplet(self.n, self.n, *map(list, zip(*places, strict=True))))
+        while sets:
+            ready = (s for s in sets if all(self.rates[k] or k in s[1] for i in s[0] for k in needs[i]))
+            rows, columns = chosen = next(ready, (sum((s[0] for s in sets), start=[]), sum((s[1] for s in sets), start=[])))
+            sets = [s for s in sets if s is not chosen and chosen in sets]
+            right = [T[i - len(constraints), :] if i >= len(constraints) else ca.SX(1, self.freedom) for i in rows]
+            self._solve_set([equations[i] for i in rows], columns, ca.vertcat(*right))
+            self._rest([constraints[i] for i in rows if i < len(constraints)])
+            for body in [body for body, needed in waiting.items() if all(self.rates[k] for k in needed)]:
+                del waiting[body]
+                self._add_body(body)
+
+    def _places(self, symbols: ca.SX, velocities: ca.SX) -> set[int]:
+        """Which of the symbols appear in the velocities."""
+        place = {symbols[k].element_hash(): k for k in range(self.n)}
+        found = {symbol.element_hash() for symbol in ca.symvar(velocities)}
+        return {k for key, k in place.items() if key in found}
+
+    def _solve_set(self, equations: list[ca.SX], unknown: list[int], right: ca.SX) -> None:
+        """The rates `unknown` from equations = right nu."""
+        from .reduction import eliminate  # which itself asks for the recursion
+
+        before = set(self._known)
+        found = [self.velocity(x) for x in equations]
+        columns = range(self.freedom + self.n)
+        table = [[each.row.get(j, ca.SX(0)) for j in columns] for each in found]
+        B = ca.vertcat(*[ca.horzcat(*[row[self.freedom + k] for k in unknown]) for row in table])
+        known = ca.vertcat(*[ca.horzcat(*row[: self.freedom]) for row in table])
+        inverse = 1 / B if len(unknown) == 1 else eliminate(B, ca.SX.eye(len(unknown)))
+        rows = self._simple(inverse @ (right - known))
+        made = [Velocity({j: rows[k, j] for j in range(self.freedom) if not rows[k, j].is_zero()}) for k in range(len(unknown))]
+        if len(unknown) == 1:
+            made = [self.named(self.mechanism.velocities[unknown[0]].name, made[0])]
+        values = ca.vertcat(*map(self.value, made))
+        drift = -inverse @ ca.substitute(ca.vertcat(*[each.drift for each in found]), self.qdot[unknown], values)
+        for key in set(self._known) - before:
+            if not self._is_known(self._known[key][1]):
+                del self._known[key]
+        for k, (at, velocity) in enumerate(zip(unknown, made, strict=True)):
+            name = f"{self.mechanism.velocities[at].name}_drift"
+            rate = self._simple(drift[k])
+            self.rates[at] = Velocity(velocity.row, self.step(name, rate) if len(unknown) == 1 else rate, velocity.value)
+            self._known[self.qdot[at].element_hash()] = (self.qdot[at], self.rates[at])
+
+    # -- equations ------------------------------------------------------------------------------------------------
+
+    def reduced(self) -> Reduced:
+        """The reduced equations, what is of no body added last."""
+        mechanism = self.mechanism
+        M, V = mechanism.rest
+        taking_part = [k for k in range(self.n) if not (M[k, :].is_zero() and V[k].is_zero())]
+        forces = ca.vertcat(*[self.at(V[k]) for k in taking_part])
+        self._add("rest", M[taking_part, taking_part], [self.rates[k] for k in taking_part], forces)
+        for k, (force, on) in enumerate(mechanism.forces):
+            self._add(f"force{k + 1}", ca.SX(1, 1), [self.velocity(on)], -self.at(force))
+        columns = [self.velocity(on) for on in mechanism.actuation]
+        groups = (*self._groups, tuple(self.steps[self._grouped :]))
+        p = range(self.freedom)
+        return Reduced(
+            groups,
+            ca.SX(ca.vertcat(*[ca.horzcat(*[self._Mbar.get((min(i, j), max(i, j)), 0) for j in p]) for i in p])),
+            ca.SX(ca.vertcat(*[self._bias.get(i, 0) for i in p])),
+            ca.horzcat(*[self._column(velocity) for velocity in columns]),
+            ca.horzcat(*[self._column(velocity) for velocity in self.rates]).T,
+        )
+
+    def _add_body(self, body: Body) -> None:
+        forward, left, yaw_rate = (self.velocity(x) for x in (body.forward, body.left, body.yaw_rate))
+        v, w, omega = (self._sum(velocity.row) for velocity in (forward, left, yaw_rate))  # so that terms can cancel
+        turned = ca.vertcat(-body.mass * omega * w, body.mass * omega * v, 0)  # by the axes' turning
+        self._add(body.name, ca.diag(ca.vertcat(body.mass, body.mass, body.inertia)), [forward, left, yaw_rate], turned)
+
+    def _column(self, velocity: Velocity) -> ca.SX:
+        return ca.vertcat(*[self._simple(velocity.row.get(j, ca.SX(0))) for j in range(self.freedom)])
+
+    def _add(self, name: str, M: ca.SX, velocities: Sequence[Velocity], forces: ca.SX) -> None:
+        """J' M J and J' (M drift + forces), in a group of steps of their own."""
+        more: dict[tuple[int, int], ca.SX] = {}
+        push: dict[int, ca.SX] = {}
+        momentum = [self._weighted(M[k, :], velocities) for k in range(len(velocities))]
+        for k, (velocity, rate) in enumerate(zip(velocities, momentum, strict=True)):
+            for i, a in velocity.row.items():
+                push[i] = push.get(i, ca.SX(0)) + a * (rate.drift + forces[k])
+                for j, b in rate.row.items():
+                    if i <= j:
+                        more[i, j] = more.get((i, j), ca.SX(0)) + a * b
+        for total, part, label in ((self._Mbar, more, "Mbar"), (self._bias, push, "bias")):
+            for key, entry in part.items():
+                place = "".join(str(k + 1) for k in (key if isinstance(key, tuple) else (key,)))
+                total[key] = self.step(f"{label}{place}_{name}", total.get(key, ca.SX(0)) + self._simple(entry))
+        self._groups.append(tuple(self.steps[self._grouped :]))
+        self._grouped = len(self.steps)
+
+    @staticmethod
+    def _weighted(weights: ca.SX, velocities: Sequence[Velocity]) -> Velocity:
+        total = Velocity()
+        for k, velocity in enumerate(velocities):
+            if not weights[k].is_zero():
+                total = total.plus(velocity, weights[k])
+        return total
+
+
+def check_bodies(mechanism: Mechanism) -> None:
+    """Raise ModelError for a body whose velocities are not those of one body along its own axes, at random states.
+
+    For velocities u = j qdot along axes that turn at omega = j_omega qdot the terms dj/dt - du/dq, which are zero for a
+    coordinate's rate, are omega j_left - left j_omega, forward j_omega - omega j_forward, and zero.
+    """
+    if not mechanism.bodies:
+        return
+    q, qdot = mechanism.q, mechanism.qdot
+    differences, sizes = [], []
+    for body in mechanism.bodies:
+        velocities = forward, left, omega = body.forward, body.left, body.yaw_rate
+        j = [ca.gradient(u, qdot) for u in velocities]
+        turned = [time_derivative(row, q, qdot) - ca.gradient(u, q) for row, u in zip(j, velocities, strict=True)]
+        wanted = [omega * j[1] - left * j[2], forward * j[2] - omega * j[0], ca.SX.zeros(q.numel())]
+        differences.append(ca.norm_inf(ca.vertcat(*turned) - ca.vertcat(*wanted)))
+        sizes.append(1 + ca.norm_inf(ca.vertcat(*wanted)))
+    table = ca.horzcat(ca.vertcat(*differences), ca.vertcat(*sizes))
+    for value in Sampled(table, ca.vertcat(q, qdot), mechanism.parameters, f"{mechanism.name}: bodies").values:
+        for body, (difference, size) in zip(mechanism.bodies, value, strict=True):
+            if difference > RANK_TOLERANCE * size:
+                raise ModelError(
+                    f"{mechanism.name}: body {body.name!r}: forward and left are not the velocity of its centre of mass along "
+                    "axes that turn at yaw_rate; look for a sign, or use kinetic_energy"
+                )
+
+
+def _sets(pattern: ca.Sparsity) -> list[tuple[list[int], list[int]]]:
+    """Rows and columns of the blocks of a square pattern's block triangular form."""
+    count, rows, columns, row_start, column_start, *_ = pattern.btf()
+    return [
+        (sorted(rows[row_start[k] : row_start[k + 1]]), sorted(columns[column_start[k] : column_start[k + 1]]))
+        for k in range(count)
+    ]
+
+
+def cancelled(expression: ca.SX) -> ca.SX:
+    """The expression, or its sum of products where terms of that are alike and it is shorter."""
+    alike = False
+    numbers: dict[tuple, int] = {}  # of what is the same operation on the same, symbol or number
+    atoms: dict[tuple[int, bool], ca.SX] = {}  # number of an expression, and is it a divisor -> the factor
+
+    def number(x: ca.SX) -> int:
+        if x.is_leaf():
+            key = (float(x),) if x.is_constant() else ("symbol", x.element_hash())
+        else:
+            key = ("operation", x.op(), *(number(x.dep(k)) for k in range(x.n_dep())))
+        return numbers.setdefault(key, len(numbers))
+
+    def atom(x: ca.SX, divides: bool = False) -> Polynomial:
+        key = (number(x), divides)
+        atoms.setdefault(key, 1 / x if divides else x)
+        return {(list(atoms).index(key),): 1.0}
+
+    def polynomial(x: ca.SX) -> Polynomial:
+        if x.is_constant():
+            return {(): float(x)} if not x.is_zero() else {}
+        code = None if x.is_leaf() else x.op()
+        if code not in (*LINEAR, ca.OP_MUL, ca.OP_SQ, ca.OP_DIV):
+            return atom(x)
+        first = polynomial(x.dep(0))
+        if code in (ca.OP_NEG, ca.OP_TWICE, ca.OP_ASSIGN):
+            return scaled(first, {ca.OP_NEG: -1.0, ca.OP_TWICE: 2.0}.get(code, 1.0))
+        second = first if code == ca.OP_SQ else atom(x.dep(1), divides=True) if code == ca.OP_DIV else polynomial(x.dep(1))
+        if code in (ca.OP_ADD, ca.OP_SUB):
+            return gathered([*first.items(), *scaled(second, 1.0 if code == ca.OP_ADD else -1.0).items()])
+        if len(first) * len(second) > LARGEST_PRODUCT:
+            return atom(x)
+        return gathered([(tuple(sorted(a + b)), m * n) for (a, m), (b, n) in product(first.items(), second.items())])
+
+    def scaled(terms: Polynomial, factor: float) -> Polynomial:
+        return {key: factor * value for key, value in terms.items()}
+
+    def gathered(terms: Sequence[tuple[tuple[int, ...], float]]) -> Polynomial:
+        nonlocal alike
+        total: Polynomial = {}
+        for key, value in terms:
+            alike = alike or key in total
+            total[key] = total.get(key, 0.0) + value
+        return {key: value for key, value in total.items() if value}
+
+    terms = polynomial(expression)
+    if not alike:
+        return expression
+    factors = list(atoms.values())
+    written = sum((factor * prod((factors[k] for k in key), start=ca.SX(1)) for key, factor in terms.items()), start=ca.SX(0))
+    return written if ca.n_nodes(written) < ca.n_nodes(expression) else expression

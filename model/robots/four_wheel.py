@@ -1,0 +1,73 @@
+"""A platform of two bodies on one axle each, joined by a vertical pin, with a motor on each of its four wheels.
+
+The kinematics are those of P. I. Corke and P. Ridley, Steering kinematics for a center-articulated mobile robot (2001), and of
+C. Altafini, A path-tracking criterion for an LHD articulated vehicle (1999). There a cylinder bends the joint; here nothing
+does but the wheels, whose four torques share two degrees of freedom. That their differences act on the constraint forces
+alone is the internal force of V. Kumar and K. J. Waldron, Force distribution in closed kinematic chains (1988). All sizes are
+assumed, and that each body has its centre of mass above its axle, so that the joint carries no weight.
+"""
+
+from casadi import SX, cos, sin
+
+from ..errors import ModelError
+from ..mechanism import Mechanism
+
+
+def four_wheel(joints: int = 1) -> Mechanism:
+    """8 coordinates, 6 constraints, 4 wheel torques; without a joint 7 coordinates and 1 degree of freedom: it goes straight.
+
+    Torques are shared by the weights w_.. , less for a wheel of more weight; `squeeze` is what the front wheels pull more and
+    the rear wheels less, as far as that does not move the platform: it presses on the joint.
+    """
+    if joints not in (0, 1):
+        raise ModelError(f"four_wheel: {joints} joints; give 1, or 0 for a frame with two fixed axles")
+    name = "four_wheel" if joints else "four_wheel_rigid"
+    robot = Mechanism(name, f"platform with four driven wheels, {'jointed between' if joints else 'rigid with'} its two axles")
+    x = robot.coordinate("x", "m", "middle of the front axle")
+    y = robot.coordinate("y", "m", "middle of the front axle")
+    phi = robot.coordinate("phi", "rad", "heading of the front body")
+    gamma = robot.coordinate("gamma", "rad", "joint, from the rear body to the front body") if joints else SX(0)
+    wheels = {"fr": "front right", "fl": "front left", "rr": "rear right", "rl": "rear left"}
+    angles = {
+        at: robot.coordinate(f"theta_{at}", "rad", f"{where} wheel, positive rolls forward") for at, where in wheels.items()
+    }
+
+    def size(name: str, value: float, unit: str, about: str, sign: str = "positive") -> SX:
+        return robot.parameter(name, value, unit, f"{about} (assumed)", sign)
+
+    b = size("b", 0.4, "m", "half the distance between the wheels of an axle")
+    l_f, l_r = size("l_f", 0.5, "m", "from the front axle to the joint"), size("l_r", 0.7, "m", "from the joint to the rear axle")
+    r = size("r", 0.2, "m", "radius of the wheels")
+    m_f, m_r = size("m_f", 120.0, "kg", "front body with its wheels"), size("m_r", 60.0, "kg", "rear body with its wheels")
+    I_f = size("I_f", 12.0, "kg m^2", "front body with its wheels about the vertical through the middle of its axle")
+    I_r = size("I_r", 6.0, "kg m^2", "rear body with its wheels about the vertical through the middle of its axle")
+    I_w = size("I_w", 0.1, "kg m^2", "each wheel with its motor about its axle", "nonnegative")
+
+    # Velocities along each body's own axes: at the front axle, and from there by the joint at the rear axle.
+    forward, left = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y), cos(phi) * robot.rate(y) - sin(phi) * robot.rate(x)
+    turning, at_joint = robot.rate(phi), left - l_f * robot.rate(phi)
+    rear_turning = turning - robot.rate(gamma)
+    rear_forward, rear_left = cos(gamma) * forward - sin(gamma) * at_joint, sin(gamma) * forward + cos(gamma) * at_joint
+    axles = {"f": (m_f, I_f, forward, left, turning), "r": (m_r, I_r, rear_forward, rear_left - l_r * rear_turning, rear_turning)}
+    for axle, body in axles.items():
+        where = {"f": "front", "r": "rear"}[axle]
+        robot.body(where, *body)
+        robot.rolls(f"no side slip of the {where} axle", body[3])
+    for at, where in wheels.items():
+        mass, _, ahead, across, yaw_rate = axles[at[0]]
+        rolling, beside = robot.rate(angles[at]), b if at[1] == "l" else -b
+        slip = ahead - beside * yaw_rate - r * rolling
+        robot.kinetic_energy(I_w * rolling**2 / 2)
+        robot.rolls(f"{where} wheel rolls", slip)
+        robot.contact(f"{where} wheel", mass / 2, along=slip, across=across, left=beside)
+
+    squeeze = robot.parameter("squeeze", 0.0, "N m", "wanted of the front wheels, its negative of the rear", "any")
+    for at, where in wheels.items():
+        weight = robot.parameter(f"w_{at}", 1.0, "1", f"weight of the {where} torque, the greater the less of it")
+        wanted = squeeze if at[0] == "f" else -squeeze
+        robot.input(f"tau_{at}", "N m", robot.rate(angles[at]), f"{where} wheel torque", weight=weight, wanted=wanted)
+    robot.quasi_velocity("speed", "m/s", forward, "forward speed of the front axle's middle")
+    if joints:
+        robot.quasi_velocity("yaw_rate", "rad/s", turning, "yaw rate of the front body")
+    robot.moves_in_plane(x, y, phi)
+    return robot

@@ -1,0 +1,69 @@
+"""Vehicles with one steered and one fixed axle, each seen as one wheel in its middle (the bicycle model).
+
+A. De Luca, G. Oriolo and C. Samson, Feedback control of a nonholonomic car-like robot (1998), for the kinematics and for a
+point ahead of the steered wheel as output: a point fixed to the body does not feel the steering, so Phi is singular there.
+G. Campion, G. Bastin and B. d'Andrea-Novel, Structural properties ... of wheeled mobile robots (1996), for the tricycle.
+"""
+
+from casadi import SX, cos, sin, vertcat
+
+from ..mechanism import Mechanism
+
+
+def car() -> Mechanism:
+    """Driven at the rear axle through a differential, steered in front; P_l is a point ahead of the front wheel, L > 0."""
+    robot = Mechanism("car", "car, driven at the rear, steered in front")
+    return _steered(robot, driven_in_front=False, m=1200.0, l=2.6, c=1.3, r=0.3, I_c=1800.0, I_s=4.0, I_w=3.0)
+
+
+def tricycle() -> Mechanism:
+    """Driven and steered at the front wheel: it can turn about its rear axle, where a car is locked."""
+    robot = Mechanism("tricycle", "tricycle, driven and steered in front")
+    return _steered(robot, driven_in_front=True, m=80.0, l=1.0, c=0.4, r=0.15, I_c=10.0, I_s=0.1, I_w=0.1)
+
+
+def _steered(robot: Mechanism, driven_in_front: bool, **sizes: float) -> Mechanism:
+    """5 coordinates, 3 constraints, a drive and a steering torque; all sizes are assumed."""
+    x = robot.coordinate("x", "m", "middle of the rear axle")
+    y = robot.coordinate("y", "m", "middle of the rear axle")
+    phi = robot.coordinate("phi", "rad", "heading of the body")
+    delta = robot.coordinate("delta", "rad", "steering angle, from the body to the front wheel")
+    driven = "front wheel" if driven_in_front else "rear wheels"
+    theta = robot.coordinate("theta", "rad", f"{driven}, positive rolls forward")
+
+    def size(name: str, unit: str, about: str, sign: str = "positive") -> SX:
+        return robot.parameter(name, sizes[name], unit, f"{about} (assumed)", sign)
+
+    m = size("m", "kg", "mass with all wheels")
+    l = size("l", "m", "wheelbase")  # noqa: E741
+    c = size("c", "m", "distance of the centre of mass ahead of the rear axle", "any")
+    r = size("r", "m", f"radius of the {driven}")
+    I_c = size("I_c", "kg m^2", "body about the vertical through the centre of mass")
+    I_s = size("I_s", "kg m^2", "what is steered, about the steering axis")
+    I_w = size("I_w", "kg m^2", f"{driven} with motor, about the axle", "nonnegative")
+
+    def velocity(point: SX, heading: SX) -> tuple[SX, SX]:
+        """Of a point of the body, along a heading and to the left of it."""
+        x_dot, y_dot = robot.rate(point[0]), robot.rate(point[1])
+        return cos(heading) * x_dot + sin(heading) * y_dot, cos(heading) * y_dot - sin(heading) * x_dot
+
+    rear, ahead, steered = vertcat(x, y), vertcat(cos(phi), sin(phi)), phi + delta
+    front, centre = rear + l * ahead, rear + c * ahead
+    turning, steering, rolling = robot.rate(phi), robot.rate(delta), robot.rate(theta)
+    robot.kinetic_energy(m * (robot.rate(centre[0]) ** 2 + robot.rate(centre[1]) ** 2) / 2 + I_c * turning**2 / 2)
+    robot.kinetic_energy(I_s * robot.rate(steered) ** 2 / 2 + I_w * rolling**2 / 2)
+
+    (rear_forward, rear_sideways), (front_forward, front_sideways) = velocity(rear, phi), velocity(front, steered)
+    slip = (front_forward if driven_in_front else rear_forward) - r * rolling
+    robot.rolls("no side slip of the rear axle", rear_sideways)
+    robot.rolls("no side slip of the front wheel", front_sideways)
+    robot.rolls(f"{driven} roll" + ("s" if driven_in_front else ""), slip)
+    robot.contact("rear axle", m * (l - c) / l, along=None if driven_in_front else slip, across=rear_sideways)
+    robot.contact("front wheel", m * c / l, along=slip if driven_in_front else None, across=front_sideways)
+
+    robot.input("tau_d", "N m", on=rolling, about=f"drive torque on the {driven}")
+    robot.input("tau_s", "N m", on=steering, about="steering torque, against the body")
+    robot.quasi_velocity("thetadot", "rad/s", rolling, f"rate of the {driven}")
+    robot.quasi_velocity("deltadot", "rad/s", steering, "steering rate")
+    robot.moves_in_plane(front[0], front[1], steered)  # the steered wheel moves as a unicycle does
+    return robot

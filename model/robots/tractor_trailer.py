@@ -1,0 +1,70 @@
+"""A tractor with two driven wheels that pulls N trailers, each hitched to the middle of the axle before it.
+
+The kinematics are those of P. Rouchon, M. Fliess, J. Levine and P. Martin, Flatness and motion planning: the car with n
+trailers (1993), and O. J. Sordalen, Conversion of the kinematics of a car with n trailers into a chained form (1993). The
+tractor is driven as the LABMATE is. All sizes are assumed.
+"""
+
+from casadi import cos, sin
+
+from ..errors import ModelError
+from ..mechanism import Mechanism
+
+
+def tractor_trailer(N: int = 1) -> Mechanism:
+    """N trailers: 5 + N coordinates, 3 + N rolling constraints, 2 wheel torques; P_l is on the tractor.
+
+    Each body's velocity is that of the body before it, seen along its own axes. The trailers' wheels have no spin of their own.
+    """
+    if N < 0:
+        raise ModelError(f"tractor_trailer: {N} trailers; give 0 or more")
+    name = "tractor_trailer" if N == 1 else f"tractor_trailer_{N}"
+    robot = Mechanism(name, f"tractor with two driven wheels and {N} trailer{'s' * (N != 1)}, hitched on the axles")
+    x = robot.coordinate("x", "m", "middle of the tractor's axle")
+    y = robot.coordinate("y", "m", "middle of the tractor's axle")
+    phi = robot.coordinate("phi", "rad", "heading of the tractor")
+    theta_r = robot.coordinate("theta_r", "rad", "right wheel, positive rolls forward")
+    theta_l = robot.coordinate("theta_l", "rad", "left wheel, positive rolls forward")
+
+    b = robot.parameter("b", 0.5, "m", "half the distance between the tractor's wheels")
+    d = robot.parameter("d", 0.2, "m", "distance of the tractor's centre of mass ahead of its axle", sign="any")
+    r = robot.parameter("r", 0.25, "m", "radius of the driven wheels")
+    m = robot.parameter("m", 150.0, "kg", "mass of the tractor with its wheels")
+    I_t = robot.parameter("I_t", 25.0, "kg m^2", "tractor with its wheels about the vertical through its centre of mass")
+    I_w = robot.parameter("I_w", 0.2, "kg m^2", "driven wheel with motor about its axle", sign="nonnegative")
+
+    turning = robot.rate(phi)
+    forward = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y)
+    left = cos(phi) * robot.rate(y) - sin(phi) * robot.rate(x)
+    robot.body("tractor", m, I_t, forward, left + d * turning, turning)
+    for angle in (theta_r, theta_l):
+        robot.kinetic_energy(I_w * robot.rate(angle) ** 2 / 2)
+    robot.rolls("no side slip of the tractor", left)
+    robot.rolls("right wheel rolls", r * robot.rate(theta_r) - (forward + b * turning))
+    robot.rolls("left wheel rolls", r * robot.rate(theta_l) - (forward - b * turning))
+
+    # Half of the tractor's weight rests on each driven wheel, a trailer's on its axle: castors and hitches bear nothing.
+    for side, angle, across in (("right", theta_r, -b), ("left", theta_l, b)):
+        slip = forward - across * turning - r * robot.rate(angle)
+        robot.contact(f"{side} wheel", m / 2, along=slip, across=left, left=across)
+
+    before = phi
+    for k in range(1, N + 1):
+        heading = robot.coordinate(f"phi_{k}", "rad", f"heading of trailer {k}")
+        length = robot.parameter(f"l_{k}", 1.2, "m", f"from the hitch of trailer {k} to its axle")
+        ahead = robot.parameter(f"d_{k}", 0.1, "m", f"distance of trailer {k}'s centre of mass ahead of its axle", sign="any")
+        mass = robot.parameter(f"m_{k}", 80.0, "kg", f"mass of trailer {k}")
+        inertia = robot.parameter(f"I_{k}", 15.0, "kg m^2", f"trailer {k} about the vertical through its centre of mass")
+        fold, turning = before - heading, robot.rate(heading)
+        forward, left = cos(fold) * forward - sin(fold) * left, sin(fold) * forward + cos(fold) * left - length * turning
+        robot.body(f"trailer_{k}", mass, inertia, forward, left + ahead * turning, turning)
+        robot.rolls(f"no side slip of trailer {k}", left)
+        robot.contact(f"trailer {k}", mass, across=left)
+        before = heading
+
+    robot.input("tau_r", "N m", on=robot.rate(theta_r), about="right wheel torque")
+    robot.input("tau_l", "N m", on=robot.rate(theta_l), about="left wheel torque")
+    robot.quasi_velocity("thetadot_r", "rad/s", robot.rate(theta_r), "right wheel rate")
+    robot.quasi_velocity("thetadot_l", "rad/s", robot.rate(theta_l), "left wheel rate")
+    robot.moves_in_plane(x + d * cos(phi), y + d * sin(phi), phi)
+    return robot

@@ -1,0 +1,215 @@
+"""The guarantees, each in its short version; that each check refuses what it must; and the budget."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from noslip.guarantees import budget, eva, fuzz, memory
+from noslip.guarantees.__main__ import CHECKS, checked
+from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Missing, Target, Task
+
+# the other ones are short only where test_runtime.py has them already, or as long as they are
+SHORT = [name for name in CHECKS if name not in ("symbols", "sizes", "warnings", "warnings-m4f")]
+
+pytestmark = pytest.mark.xdist_group("guarantees")  # one process has what is compiled
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("guarantees")
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_guarantee(name, folder):
+    end, said = checked(name, Task(folder, short=True))
+    if end == "skipped":
+        pytest.skip(said)
+    assert end == "holds", said
+
+
+def test_missing_tools_are_skipped_unless_required(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("NOSLIP_REQUIRE_FIRMWARE", raising=False)
+    for name in CHECKS:
+        end, said = checked(name, Task(tmp_path, short=True))
+        assert end == "skipped" and said.startswith("install "), name
+    monkeypatch.setenv("NOSLIP_REQUIRE_FIRMWARE", "1")
+    assert {checked(name, Task(tmp_path, short=True))[0] for name in CHECKS} == {"FAILED"}
+
+
+# -- what must be refused ---------------------------------------------------------------------------------------------
+
+WRONG = {
+    "a variable": ("symbols", "int noslip_counter_f = 0;", "noslip_counter_f"),
+    "a static variable": (
+        "symbols",
+        "int noslip_count_f(void);\nint noslip_count_f(void) { static int count; return count++; }",
+        "written to",
+    ),
+    "the heap": (
+        "symbols",
+        "void *malloc(unsigned long size);\nvoid *noslip_f(void);\nvoid *noslip_f(void) { return malloc(9); }",
+        "malloc",
+    ),
+    "libm": ("symbols-m4f", "float sinf(float);\nfloat noslip_f(float x);\nfloat noslip_f(float x) { return sinf(x); }", "sinf"),
+    "double in float": (
+        "symbols-m4f",
+        "float noslip_f(float x);\nfloat noslip_f(float x) { return (float)(x * 0.1); }",
+        "__aeabi_dmul",
+    ),
+    "recursion": (
+        "stack-m4f",
+        "int noslip_path_a_f(int n);\nint noslip_path_b_f(int n);\n__attribute__((noinline)) int noslip_path_b_f(int n) "
+        "{ return n ? noslip_path_a_f(n - 1) * 3 + n : 0; }\n__attribute__((noinline)) int noslip_path_a_f(int n) "
+        "{ return n ? noslip_path_b_f(n / 2) + n : 0; }",
+        "recursion",
+    ),
+    "a large frame": (
+        "stack-m4f",
+        "int noslip_path_f(int n);\nint noslip_path_f(int n) { volatile int a[99]; a[n] = n; return a[n / 2]; }",
+        "more than 256",
+    ),
+    "a frame that grows": (
+        "stack-m4f",
+        "int noslip_path_f(int n);\nint noslip_path_f(int n) { volatile int a[n]; a[n - 1] = n; return a[n / 2]; }",
+        "as it runs",
+    ),
+    "a comparison for equality": (
+        "warnings",
+        "int noslip_f(float x);\nint noslip_f(float x) { return x == 1.0f; }",
+        "float-equal",
+    ),
+    "a null pointer followed": (
+        "warnings",
+        "int noslip_f(int x);\nint noslip_f(int x) { int *p = 0; if (x > 3) { p = &x; } return *p; }",
+        "null",
+    ),
+    "an integer division made a float": (
+        "clang-tidy",
+        "float noslip_f(int x);\nfloat noslip_f(int x) { return (float)(x / 2) + x / 3; }",
+        "integer-division",
+    ),
+    "goto": ("misra", "int noslip_f(int x);\nint noslip_f(int x) { again: if (x > 0) { x--; goto again; } return x; }", "15.1"),
+}
+
+
+def only(text: str, folder: Path) -> Task:
+    """A task that finds this C and nothing else."""
+    for name in ("runtime_c", "generated/labmate", "firmware/boards"):
+        (folder / "root" / name).mkdir(parents=True)
+    (folder / "root/runtime_c/noslip_wrong_f.c").write_text(text + "\n")
+    for name in ("firmware/boards/string.c", "firmware/boards/string.h", ".clang-tidy"):
+        shutil.copy(ROOT / name, folder / "root" / name)
+    return Task(folder, root=folder / "root")
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_wrong_is_found(wrong, tmp_path):
+    name, text, told = WRONG[wrong]
+    try:
+        CHECKS[name](only(text, tmp_path))
+    except Missing as missing:
+        pytest.skip(str(missing))
+    except (Failed, RuntimeError) as failed:
+        assert told in str(failed), failed
+    else:
+        pytest.fail(f"{name} accepts {wrong}")
+
+
+def changed(folder: Path, file: str, was: str, now: str, laws: str = "") -> Task:
+    """A task on a copy of the C in which one thing is changed, with only those laws whose names begin so."""
+    for name in ("runtime_c", "generated", "tests/c"):
+        shutil.copytree(ROOT / name, folder / "root" / name)
+    for path in (folder / "root/generated/labmate").glob("*_type_*"):
+        if not laws or not path.name.startswith((f"{laws}.", f"{laws}_f.")):
+            path.unlink()
+    path = folder / "root" / file
+    text = path.read_text()
+    assert was in text
+    path.write_text(text.replace(was, now))
+    return Task(folder, root=folder / "root", short=True)
+
+
+EVA_FINDS = {
+    "an angle beyond integers": (
+        ("runtime_c/noslip_angle.inc", "!(NOSLIP_NAME(noslip_angle_ok)(wanted) &&", "(NOSLIP_NAME(noslip_abs)(wanted) < 0 &&"),
+        eva.Program("runtime", "float"),
+        "overflow in conversion",
+    ),
+    "a torque beyond its limit": (
+        ("runtime_c/noslip_controller.inc", "inputs[i] > 0 ? limits[i] : -limits[i]", "inputs[i] > 0 ? limits[i] : -LARGEST"),
+        eva.Program("law", "float", "labmate_type_i"),
+        "law.c:",
+    ),
+    "a write where none may be": (
+        ("runtime_c/noslip_controller.inc", "held[i] = inputs[i];", "held[i] = inputs[i]; ((NOSLIP_REAL *)limits)[0] = 9;"),
+        eva.Program("law", "float", "labmate_type_i"),
+        "writes to",
+    ),
+}
+
+
+@pytest.mark.parametrize("wrong", EVA_FINDS)
+def test_eva_finds(wrong, tmp_path):
+    change, program, told = EVA_FINDS[wrong]
+    if shutil.which("frama-c") is None:
+        pytest.skip("install frama-c-base")
+    _, found = eva.analyse(changed(tmp_path, *change, laws="labmate_type_i"), program)
+    assert any(told in line for line in found), found
+
+
+def test_seeded_numbers_find_an_answer_beyond_its_limit(tmp_path):
+    task = changed(
+        tmp_path, "runtime_c/noslip_controller.inc", "(x) <= limit;", "(x) <= limit * (NOSLIP_REAL)1.001;", "labmate_type_i"
+    )
+    with pytest.raises(Failed, match=r"not (isfinite|options.limit)"):
+        try:
+            fuzz.sanitizers(task)
+        except Missing as missing:
+            pytest.skip(str(missing))
+
+
+# -- the budget -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def compare(monkeypatch, tmp_path):
+    """Compares numbers of one module with a budget that a first call has made."""
+    monkeypatch.setattr(budget, "FILE", tmp_path / "budget.json")
+
+    def compare(numbers: dict[str, int], target: Target = HOST, update: bool = False) -> str:
+        return budget.compare(Task(tmp_path, update=update), target, {"law": numbers})
+
+    shutil.which(HOST.prefix + "gcc") or pytest.skip("gcc is not installed")
+    compare({"text": 100, "stack": 20}, update=True)
+    return compare
+
+
+def test_budget(compare):
+    assert compare({"text": 100, "stack": 20}) == compare({"text": 100}) == "as budgeted"
+    assert compare({"text": 90, "stack": 20}) == "law text: 90, -10"
+    with pytest.raises(Failed, match=r"law text: 101, \+1"):
+        compare({"text": 101, "stack": 20})
+    with pytest.raises(Failed, match="not in the budget"):
+        compare({"data": 0})
+    compare({"text": 101}, update=True)
+    assert compare({"text": 101, "stack": 20}) == "as budgeted"
+
+
+def test_budget_of_another_compiler_is_not_compared(compare, monkeypatch):
+    monkeypatch.setattr(Target, "version", "gcc 99.0")
+    assert compare({"text": 1000, "stack": 20}).startswith("not compared: gcc 99.0, the budget is of gcc")
+
+
+def test_committed_budget_is_that_of_the_committed_c():
+    """Every law and the path, on both targets, and what the text of the guarantees speaks of."""
+    import json
+
+    found = json.loads(budget.FILE.read_text())
+    names = {law + suffix for law in Task(Path()).laws for suffix in ("", "_f")} | {"noslip_path", "noslip_path_f"}
+    assert names <= set(found[HOST.name]["modules"]) if HOST.name in found else True
+    bare = found[M4F.name]["modules"]
+    for name in (name for name in names if name.endswith("_f")):
+        assert bare[name]["data"] == bare[name]["bss"] == 0 < bare[name]["struct"]
+    for law in Task(Path()).laws:
+        assert max(value for key, value in bare[f"{law}_f"].items() if key.startswith("stack")) <= memory.MOST_STACK
