@@ -14,6 +14,7 @@ import growth
 import peers
 import programs
 import rates
+import whole_step
 from measure import CortexM4F, Count, Target, measure_all
 from noslip.codegen.files import robot_files, standard_laws
 from noslip.harness.files import write_folder, write_whole
@@ -55,7 +56,8 @@ def main() -> int:
             table = {law.name: _entry(law.name, scalar, counts) for law in laws}
             print(_table(f"{target.name}, {scalar}", table))
             if isinstance(target, CortexM4F):
-                result["targets"][target.name] = table
+                result["targets"][target.name] = table | {"whole_step": whole_step.measure(work / "whole_step")}
+                print(f"\n{whole_step.text(result['targets'][target.name]['whole_step'])}")
             else:
                 for law, entry in table.items():
                     result["laws"].setdefault(law, {})[scalar] = entry

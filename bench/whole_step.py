@@ -52,6 +52,7 @@ def measure(folder: Path, optimize: Sequence[str] = ("-O2",)) -> dict:
     arc begins, `changing`, on the path of 3 pieces and, `many`, on that of 50; of the parts, compiled as functions of their own;
     bytes of stack and code that a step takes. RuntimeError where a run does not arrive.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     recorded = _record(folder)
     image = _Image(folder / "step", recorded, 3, optimize)
     many = _Image(folder / "many", recorded, MANY, optimize)
@@ -84,7 +85,7 @@ class _Image:
     def count(self, function: str, caller: str) -> Row:
         """Instructions of a function as called by another: least, mean and most of one call."""
         machine = [*TARGET.machine, *QUIET, *SEMIHOSTING]
-        done, found = count_calls(machine, self._image, self._symbols, [(function, caller)], self._folder)
+        done, found = count_calls(machine, self._image, self._symbols, [(function, caller)], self._folder.parent)
         if done.returncode:
             raise RuntimeError(f"{self._image}: exit {done.returncode} {done.stderr}")
         calls, total, least, most = found[function]

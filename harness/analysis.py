@@ -21,7 +21,7 @@ from ..model.rolling import PlanarContact, RollingContact, RollingGrowth, rollin
 from ..model.symbolic import symbolic, written
 from .errors import BadInput
 from .loop import make_loop
-from .robots import check_law, find_robot, system_of
+from .robots import check_law, find_robot, placed, system_of
 from .safety import Verdict, certify
 from .vary import read_varied
 
@@ -89,7 +89,8 @@ def analyse(system: System, laws: Sequence[str] = (), starts: Sequence[str] = ()
         if isinstance(system, Mechanism):
             check_law(system, law)
     verdicts = {file: start_verdict(system.name, file) for file in starts}
-    found = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
+    with placed(system):
+        found = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
     outputs, refused, nothing = _outputs(system, laws)
     return Answer(system.name, getattr(system, "about", ""), found, outputs, refused, nothing, verdicts)
 
@@ -200,8 +201,9 @@ def _form(system: ReducedSystem, law: str) -> NormalForm:
 
 
 def _reason(error: ModelError, system: Mechanism) -> str:
-    """What an error says, without the robot's name and the law's."""
-    message = str(error).removeprefix(system.name).removeprefix(": ").removeprefix(", output ")
+    """What an error says, without the place in a user's file, the robot's name and the law's."""
+    said = error.__cause__ if isinstance(error.__cause__, ModelError) else error
+    message = str(said).removeprefix(system.name).removeprefix(": ").removeprefix(", output ")
     law, colon, rest = message.partition(": ")
     return rest if colon and law in output_names(system) else message
 

@@ -14,7 +14,7 @@ from ..model.mechanism import Mechanism, Quantity
 from .backends import MODEL_QUANTITIES, QUANTITIES, Evaluation
 from .errors import BadInput
 from .files import write_whole
-from .robots import find_robot, law_of, suggestion
+from .robots import beside, find_robot, law_of, suggestion
 
 DEFAULT_ROBOT = "labmate"
 FILE_KEYS = ("cases", "robot", "about", "seed")
@@ -48,7 +48,7 @@ def read_cases(path: str) -> list[Case]:
     name = content.get("robot", DEFAULT_ROBOT)
     if not isinstance(name, str):
         raise BadInput(f"{path}: `robot` must be a name, it is {name!r}")
-    robot = find_robot(name)
+    robot = find_robot(beside(name, path))
     return [_case(robot, case, f"{path}: case {k}") for k, case in enumerate(cases)]
 
 

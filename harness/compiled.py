@@ -95,6 +95,7 @@ class CompiledController:
         self._status = cache(self._library.status)
         self._seen = [self._numbers(self._state), self._numbers(self._reference)]
         self._answer = self._numbers(self._tau)
+        self._found = {q: self._quantity(q) for q, _ in ffi.typeof(self._evaluation).item.fields}
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
         """h, ydot, Phi, Phidot, u and tau at one state; no values unless the status is ok."""
@@ -103,11 +104,8 @@ class CompiledController:
         self._load(state, reference)
         status = self._evaluate(self._self, self._state, self._reference, self._evaluation)
         if status != 0:
-            return Evaluation(self._library.status(status), {})
-        present = set(dir(self._evaluation))
-        return Evaluation(
-            "ok", {q: self._array(getattr(self._evaluation, q)) if q in present else np.zeros(0) for q in QUANTITIES}
-        )
+            return Evaluation(self._status(status), {})
+        return Evaluation("ok", {q: self._found[q].astype(float) if q in self._found else np.zeros(0) for q in QUANTITIES})
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         """The controller's answer: status and inputs (N or N m), zeros on an error."""
@@ -127,12 +125,13 @@ class CompiledController:
         ffi = self._library.ffi
         return np.frombuffer(ffi.buffer(place), f"f{ffi.sizeof(self._library.text.scalar.real)}")
 
+    def _quantity(self, name: str) -> np.ndarray:
+        """A vector or matrix of the evaluation, in the same memory."""
+        values = getattr(self._evaluation, name)
+        return self._numbers(values).reshape((len(values), -1) if hasattr(values[0], "__len__") else -1)
+
     @staticmethod
     def _filled(struct, quantities, values):
         for quantity, value in zip(quantities, values, strict=True):
             setattr(struct, quantity.name, float(value))
         return struct
-
-    @staticmethod
-    def _array(values) -> np.ndarray:
-        return np.array([list(row) for row in values] if hasattr(values[0], "__len__") else list(values))

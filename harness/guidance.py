@@ -19,7 +19,7 @@ from .direct import Direct
 from .errors import BadInput
 
 if TYPE_CHECKING:
-    from .tracking import Guide, Tracker
+    from .tracking import Guide, Tracker, TrackerOptions
 
 
 class Side:
@@ -139,6 +139,11 @@ class Route:
         if (reason := LOST.get(tracker.look(*self._seen(start)).status)) is not None:
             raise BadInput(f"[initial]: {reason}")
         self.update(0.0, start)
+
+    @property
+    def options(self) -> TrackerOptions:
+        """How the path is followed."""
+        return self._tracker.options
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """On the path, at the tracker's speed."""

@@ -95,7 +95,7 @@ def make_loop(spec: Spec) -> Loop:
     if spec.output.path and spec.output.path.segments:
         tracker = _tracker(law, spec, believed)
         L = tracker.options.L[spec.output.path.segments[0].backward]
-        start = _start(_initial(spec, tracker.options), plant, L, spec.output.W)
+        start = _start(initial_of(spec, tracker.options), plant, L, spec.output.W)
         guidance = Route(law, believed, tracker, make_leg, start)
         if guidance.faces(start) < 0:
             warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
@@ -216,7 +216,7 @@ def _reference(law: ControlLaw, spec: Spec) -> tuple[np.ndarray, np.ndarray]:
     return np.array(offset), np.array(slope)
 
 
-def _initial(spec: Spec, options: TrackerOptions) -> Initial:
+def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
     """As given; else at rest at the start of the composite path, with what is to stop there at its end."""
     if spec.initial is not None:
         return spec.initial

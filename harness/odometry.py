@@ -157,12 +157,13 @@ def vehicle_wheels(system: ReducedSystem, parameters: Sequence[float]) -> tuple[
     `parameters` in the order of mechanism.parameters. Raises BadInput where forward speed and yaw rate are no fixed
     combinations of two quasi-velocities.
     """
-    W, ahead = (value.full() for value in _wheels(system)(parameters))
+    W, ahead = (value.full() for value in wheels_function(system)(parameters))
     return W[0], W[1], float(ahead[0, 0])
 
 
 @lru_cache(maxsize=16)
-def _wheels(system: ReducedSystem) -> ca.Function:
+def wheels_function(system: ReducedSystem) -> ca.Function:
+    """Of parameters: (forward; turn) per quasi-velocity (2, 2), and ahead; raises BadInput as `vehicle_wheels`."""
     import casadi as ca
 
     from ..model.errors import ModelError

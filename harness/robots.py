@@ -1,14 +1,18 @@
 """Robots and laws by name, as on the command line and in files."""
 
+import ast
 import difflib
 import inspect
 import re
 import sys
 import traceback
 import types
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 from ..model.errors import ModelError
 from ..model.law import ControlLaw, control_law
@@ -17,6 +21,36 @@ from ..model.outputs import OFFSET, OUTPUTS, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import ROBOTS
 from .errors import BadInput
+
+
+@dataclass(frozen=True)
+class Source:
+    """The user's code that made a robot: her file, its text, and the first and last line of what defines the robot's name."""
+
+    path: Path
+    text: bytes
+    line: int
+    last: int
+
+    def line_of(self, message: str) -> int:
+        """The line of the call that a message is about: one with a name quoted there, or of a method named there.
+
+        Of several the first, those of the robot's own function before others.
+        """
+        calls = [node for node in ast.walk(ast.parse(self.text)) if isinstance(node, ast.Call)]
+        calls.sort(key=lambda call: (not self.line <= call.lineno <= self.last, call.lineno))
+        for name in re.findall(r"'([^']+)'", message):
+            for call in calls:
+                if any(isinstance(given, ast.Constant) and given.value == name for given in call.args):
+                    return call.lineno
+        said = message.replace("-", " ")
+        for call in calls:
+            if isinstance(call.func, ast.Attribute) and call.func.attr.replace("_", " ") in said:
+                return call.lineno
+        return self.line
+
+
+_sources: WeakKeyDictionary[Mechanism, Source] = WeakKeyDictionary()
 
 
 @cache
@@ -56,9 +90,11 @@ def find_laws(system: ReducedSystem) -> tuple[str, ...]:
 @cache
 def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
     """The control law, built once per process. Raises BadInput for an unknown name, ModelError as `control_law` does."""
-    check_law(robot if isinstance(robot, Mechanism) else robot.mechanism, law_name)
+    mechanism = robot if isinstance(robot, Mechanism) else robot.mechanism
+    check_law(mechanism, law_name)
     system = system_of(robot) if isinstance(robot, Mechanism) else robot
-    return control_law(system, output_map(system, law_name))
+    with placed(mechanism, f"{law_name!r}"):
+        return control_law(system, output_map(system, law_name))
 
 
 def check_law(robot: Mechanism, law_name: str) -> None:
@@ -71,7 +107,27 @@ def check_law(robot: Mechanism, law_name: str) -> None:
 @cache
 def system_of(robot: Mechanism) -> ReducedSystem:
     """The reduced system, built once per process. Raises ModelError as `reduce` does."""
-    return reduce(robot)
+    with placed(robot):
+        return reduce(robot)
+
+
+@contextmanager
+def placed(robot: object, about: str = "") -> Iterator[None]:
+    """A ModelError about a robot of a user's file gets file and line of the call that it, or `about`, names."""
+    try:
+        yield
+    except ModelError as error:
+        source = _sources.get(robot) if isinstance(robot, Mechanism) else None
+        if source is None:
+            raise
+        raise ModelError(f"{source.path}:{source.line_of(f'{about} {error}')}: {error}") from error
+
+
+def beside(robot: str, file: Path | str) -> str:
+    """A robot named in a file: "path/to/file.py:name" is looked for from that file's folder first, then from the current one."""
+    stem, py, name = robot.partition(".py")
+    near = Path(file).parent / (stem + py)
+    return f"{near}{name}" if py and "\0" not in robot and near.is_file() else robot
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
@@ -107,7 +163,8 @@ def _check_numbers(text: str, robot: object, numbers: list[int]) -> None:
 
 
 def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list[int]) -> Mechanism:
-    module = _run(path)
+    text = path.read_bytes()
+    module = _run(path, text)
     made = [key for key, value in vars(module).items() if isinstance(value, kinds)]
     made += [
         key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__ and callable(value)
@@ -115,22 +172,35 @@ def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list
     if name not in vars(module):
         wanted = f"no robot {name!r} in it" if name else "say which robot"
         raise BadInput(f"{path}: {wanted}; give {path}:name{suggestion(name, made)}")
-    robot = getattr(module, name)
-    if callable(robot) or numbers:
-        _check_numbers(":".join([f"{path}:{name}", *map(str, numbers)]), robot, numbers)
-        robot = _guarded(path, lambda: robot(*numbers))
+    given = robot = getattr(module, name)
+    if callable(given) or numbers:
+        _check_numbers(":".join([f"{path}:{name}", *map(str, numbers)]), given, numbers)
+        robot = _guarded(path, lambda: given(*numbers))
+    source = Source(path, text, *_lines(text, name))
     if not isinstance(robot, kinds):
-        raise BadInput(
-            f"{path}: {name} is no Mechanism nor a function without arguments that answers one, it is {type(robot).__name__}"
-        )
+        what = f"it is {type(robot).__name__}"
+        if callable(given):
+            what = f"it answers {type(robot).__name__}" + ("; is `return` missing?" if robot is None else "")
+        wanted = "no Mechanism nor a function without arguments that answers one"
+        raise BadInput(f"{path}:{source.line}: {name} is {wanted}: {what}")
+    if isinstance(robot, Mechanism):
+        _sources[robot] = source
     return robot
 
 
-def _run(path: Path) -> types.ModuleType:
+def _lines(text: bytes, name: str) -> tuple[int, int]:
+    """First and last line of the statement of a module that binds a name; its first line where none does."""
+    for node in ast.parse(text).body:
+        names = [getattr(node, "name", None), *(getattr(target, "id", None) for target in getattr(node, "targets", ()))]
+        if name in names:
+            return node.lineno, node.end_lineno
+    return 1, 1
+
+
+def _run(path: Path, source: bytes) -> types.ModuleType:
     """The user's file as a module; her own modules beside it can be imported."""
     module = types.ModuleType(path.stem)
     module.__file__ = str(path)
-    source = path.read_bytes()
     folder = str(path.resolve().parent)
     sys.path.insert(0, folder)
     try:
@@ -149,4 +219,7 @@ def _guarded(path: Path, call):
         if isinstance(error, SyntaxError) and error.filename == str(path):
             lines.append(error.lineno)
         kind = "" if isinstance(error, ModelError) else f"{type(error).__name__}: "
-        raise BadInput(f"{path}:{lines[-1] if lines else 1}: {kind}{error}") from error
+        near = ""
+        if isinstance(error, AttributeError) and error.name and error.obj is not None:
+            near = suggestion(error.name, [known for known in dir(error.obj) if not known.startswith("_")])
+        raise BadInput(f"{path}:{lines[-1] if lines else 1}: {kind}{error}{near if 'did you mean' in near else ''}") from error

@@ -14,6 +14,8 @@ from .errors import BadInput
 
 STATES_PER_PLANT = 20  # states that share parameters, config and gains
 REGULAR = 1e-2  # |det Phi| is at or above this times the product of Phi's row norms
+LARGEST = 5.0  # times its median size, a row of S at most: beyond lies a pole, as where a wheel is steered across
+TYPICAL = 99  # states of which that is the median
 DRAWS = 100  # per wanted state, before giving up
 NEWTON_STEPS = 8  # to bring a point onto a path
 
@@ -53,11 +55,11 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
             controller = make_controller("casadi", law, *numbers)
         except ParameterRefused:
             continue
-        points = []
+        largest, points = _largest_rates(law, numbers[0]), []
         for _ in range(min(STATES_PER_PLANT, states - found)):
             state, reference = _state(law, numbers[1], random), random.uniform(-2, 2, len(law.reference))
             truth = controller.evaluate(state, reference)
-            if truth.status == "ok" and _regular(truth.values["Phi"]):
+            if truth.status == "ok" and _regular(truth.values["Phi"]) and np.all(_rates(truth.values["S"]) <= largest):
                 points.append(Point(found + len(points), state, reference, truth))
         found += len(points)
         yield Plant(*numbers, tuple(points))
@@ -79,6 +81,27 @@ def _state(law: ControlLaw, config: Sequence[float], random: np.random.Generator
     if law.output.path and place:
         state[place] = np.asarray(_onto_path(law)(state[place], config)).ravel() + random.uniform(-1, 1, 2)
     return state
+
+
+def _largest_rates(law: ControlLaw, params: Sequence[float]) -> np.ndarray:
+    """The largest norm that each row of S may have, (n,): the median is over coordinates that are always the same."""
+    ranges = [_range(law, quantity) for quantity in law.system.mechanism.coordinates]
+    some = np.random.default_rng(0).uniform(-1, 1, (TYPICAL, len(ranges))) * ranges
+    null_space = _null_space(law)
+    typical = np.median([_rates(null_space(q, params).full()) for q in some], axis=0)
+    return np.where(typical > 0, LARGEST * typical, np.inf)
+
+
+def _rates(S: np.ndarray) -> np.ndarray:
+    """How fast quasi-velocities of size 1 can make each coordinate, (n,)."""
+    return np.linalg.norm(S, axis=1)
+
+
+@cache
+def _null_space(law: ControlLaw) -> ca.Function:
+    """(q, parameters) to S."""
+    mechanism = law.system.mechanism
+    return ca.Function("null_space", [mechanism.q, mechanism.p], [ca.densify(law.system.S)])
 
 
 def _range(law: ControlLaw, quantity: Quantity) -> float:

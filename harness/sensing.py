@@ -13,6 +13,7 @@ from .errors import BadInput
 from .guidance import vehicle_motion
 from .odometry import make_odometry, vehicle_wheels
 from .spec import Correction, Sensors
+from .sweeping.noise import Noise
 
 
 class Sensing:
@@ -36,9 +37,9 @@ class Sensing:
         n, freedom = len(system.mechanism.coordinates), system.freedom
         self._sensors, self._correction, self._parameters = sensors, correction, parameters
         self._motion = Direct(vehicle_motion(system))
-        self._pose, self._angles = _pose_coordinates(system), _angle_coordinates(system)
+        self._pose, self._angles = pose_coordinates(system), angle_coordinates(system)
         self._mean, self._sd = (_each(values, freedom) for values in (sensors.noise.mean, sensors.noise.sd))
-        self._random = np.random.default_rng(sensors.seed)
+        self._random = Noise(sensors.seed, freedom) if self._sd.any() else None  # without, no C is needed
         wheels = vehicle_wheels(system, believed)
         release = correction.release or 1 / correction.rate if correction else 0.0
         self._odometry = make_odometry(backend, *wheels, release=release, start=self._true_pose(start), law=law)
@@ -71,7 +72,7 @@ class Sensing:
         self.state[self._rates] = moved / dt if self._sensors.counts else x[self._rates] + self._noise
 
     def _draw(self) -> np.ndarray:
-        return self._mean + self._sd * self._random.standard_normal(len(self._mean))
+        return self._mean + self._sd * self._random.draw() if self._random else self._mean
 
     def _counted(self) -> np.ndarray:
         """The wheels' angles as the encoders tell them."""
@@ -95,7 +96,7 @@ def _each(values: tuple[float, ...], count: int) -> np.ndarray:
     return np.array(values * count if len(values) == 1 else values)
 
 
-def _pose_coordinates(system: ReducedSystem) -> list[int]:
+def pose_coordinates(system: ReducedSystem) -> list[int]:
     """Which coordinates are the vehicle's x, y and heading."""
     vehicle = system.mechanism.vehicle
     names = [c.name for c in system.mechanism.coordinates]
@@ -105,7 +106,7 @@ def _pose_coordinates(system: ReducedSystem) -> list[int]:
     return [names.index(name) for name in found]
 
 
-def _angle_coordinates(system: ReducedSystem) -> list[int]:
+def angle_coordinates(system: ReducedSystem) -> list[int]:
     """For each quasi-velocity the coordinate whose rate it is."""
     found = []
     for k, velocity in enumerate(system.quasi_velocities):

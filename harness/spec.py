@@ -9,13 +9,16 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path as File
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..model.mechanism import SIGNS
 from ..model.outputs import OFFSET
 from ..model.segments import Segment
 from .errors import BadInput
-from .robots import suggestion
+from .robots import beside, suggestion
+
+if TYPE_CHECKING:
+    from .sweeping.distributions import Sweep
 
 Section = TypeVar("Section")
 Reader = Callable[[Any, str], Any]
@@ -384,11 +387,18 @@ class Simulation:
             )
 
 
+def _read_sweep(value: Any, where: str) -> "Sweep":
+    from .sweeping.distributions import Sweep  # slow to import
+
+    return section(Sweep)(value, "[sweep]")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Spec:
     """One closed-loop run. `parameters` is what the controller believes, `plant` where the truth differs.
 
     `gains` of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... give the law integral action.
+    `sweep` is for `noslip sweep`; one run takes no notice of it.
     """
 
     robot: str = entry(text)
@@ -403,6 +413,7 @@ class Spec:
     correction: Correction | None = entry(section(Correction), None)
     contact: Contact = entry(section(Contact), Contact())
     simulation: Simulation = entry(section(Simulation))
+    sweep: "Sweep | None" = entry(_read_sweep, None)
 
     def __post_init__(self):
         if self.sensors and not self.simulation.period:
@@ -425,14 +436,32 @@ class Spec:
                 raise BadInput(f"[reference] {name} is missing; type {self.output.type} needs it")
 
 
-def read_spec(file: File | str) -> Spec:
-    """Read SPEC.toml. Raises BadInput, naming the file, for anything that is not a SPEC."""
+def read_text(file: File | str) -> str:
+    """What a file says. Raises BadInput, naming the file, when it cannot be read."""
     try:
-        with open(file, "rb") as stream:
-            return section(Spec)(tomllib.load(stream), "")
+        return File(file).read_bytes().decode()
     except OSError as error:
         raise BadInput(f"{file}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except UnicodeDecodeError as error:
         raise BadInput(f"{file}: not TOML: {error}") from error
+
+
+def spec_of(text: str, name: File | str) -> Spec:
+    """The SPEC that a text is. Raises BadInput, with the `name` of the text, for anything that is none."""
+    try:
+        return spec_of_table(tomllib.loads(text), name)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise BadInput(f"{name}: not TOML: {error}") from error
     except BadInput as error:
-        raise BadInput(f"{file}: {error}") from error
+        raise BadInput(f"{name}: {error}") from error
+
+
+def spec_of_table(table: Mapping[str, Any], name: File | str) -> Spec:
+    """The SPEC that a table of the file `name` is; a robot's own file is looked for beside it first. Raises BadInput."""
+    spec = section(Spec)(table, "")
+    return dataclasses.replace(spec, robot=beside(spec.robot, name))
+
+
+def read_spec(file: File | str) -> Spec:
+    """Read SPEC.toml. Raises BadInput, naming the file, for anything that is not a SPEC."""
+    return spec_of(read_text(file), file)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import BadInput
-from .spec import Spec, read_spec, section
+from .spec import Spec, read_text, spec_of, spec_of_table
 
 
 def read_varied(file: Path | str, changes: Mapping[str, Any]) -> Spec:
@@ -15,14 +15,19 @@ def read_varied(file: Path | str, changes: Mapping[str, Any]) -> Spec:
 
     A table as value takes the place of the whole table. Raises BadInput, naming the file.
     """
-    read_spec(file)  # what the file itself has wrong is said without the changes
-    table = tomllib.loads(Path(file).read_text())
+    return varied(read_text(file), file, changes)
+
+
+def varied(text: str, name: Path | str, changes: Mapping[str, Any]) -> Spec:
+    """The same of the text of a SPEC, with a name for it."""
+    spec_of(text, name)  # what the text itself has wrong is said without the changes
+    table = tomllib.loads(text)
     try:
         for key, value in changes.items():
             _set(table, key, value)
-        return section(Spec)(table, "")
+        return spec_of_table(table, name)
     except BadInput as error:
-        raise BadInput(f"{file} with {', '.join(changes)} changed: {error}") from error
+        raise BadInput(f"{name} with {', '.join(changes)} changed: {error}") from error
 
 
 def change(text: str) -> tuple[str, Any]:

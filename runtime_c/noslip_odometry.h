@@ -8,8 +8,10 @@
  *     noslip_odometry_init(&self, &options, &start);
  *     noslip_odometry_move(&self, angle, dt, &pose);     at each sample
  *
+ * self.pose is the pose told last, self.direction cosine and sine of its heading, for noslip_path_step.
+ *
  * Exact where both wheels turned evenly between two samples: the axle's middle went along an arc, its chord is the way times
- * sinc(turn / 2), in the direction of the heading in between. Sums are compensated (Kahan), so that float does not lose small
+ * sin(turn / 2) / (turn / 2), in the direction of the heading in between. Sums are compensated (Kahan), so that float does not lose small
  * steps. What stays is the rounding of each step: a direction is good to 1e-7 in float, and to heading * 6e-8.
  *
  * Each function exists for double and, with the suffix _f, for float; both come from noslip_odometry.inc.

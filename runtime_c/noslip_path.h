@@ -35,8 +35,15 @@
  *
  * On an error the guide is all zeros, and the path is as it was before the call.
  *
- * Everything exists for double and, with the suffix _f, for float. An update costs at most a sine and cosine, an arctangent
- * and a square root, and where a segment ends the sines and cosines of the next one and an addition for each up to the stop.
+ * Who knows cosine and sine of the heading anyway, as noslip_odometry does, and runs on a small processor, makes instead
+ *
+ *     status = noslip_path_step(&path, x, y, odometry.direction, forward_speed);
+ *
+ * and reads path.guide, which on an error stays as it was.
+ *
+ * Everything exists for double and, with the suffix _f, for float. An update costs a sine and cosine, at most two square roots
+ * and an arctangent, and where a segment ends the sines and cosines of the next one: as much however many segments are left. Only
+ * where a run begins, at a cusp, the vehicle standing, there is an addition for each segment of it.
  */
 #ifndef NOSLIP_PATH_H
 #define NOSLIP_PATH_H

@@ -272,7 +272,7 @@ def linear(t: np.ndarray, coefficients: list[float], start: list[float]) -> np.n
     """Columns z, y, ... of the chain of integrators whose last derivative is -coefficients @ state."""
     matrix = np.eye(len(start), k=1)
     matrix[-1] = -np.array(coefficients)
-    return np.array([expm(matrix * s) @ start for s in t])
+    return expm(matrix * np.asarray(t)[:, None, None]) @ start
 
 
 @each_backend

@@ -899,7 +899,7 @@ REFUSED = {
     "no constraints": (lambda: reduce(plain(constraint=False)), "plain: no constraints; add them with rolls"),
     "no inputs": (lambda: reduce(plain(inputs="")), "plain: no inputs; add them with input"),
     "no motion left": (
-        having(lambda robot, s: [robot.rolls(name, s[f"{name}_dot"]) for name in "xy"]),
+        having(lambda robot, s: [robot.rolls(name, s[f"{name}_dot"]) for name in "xh"]),
         "plain: 3 constraints leave no motion in 3 coordinates",
     ),
     "dependent constraints": (

@@ -123,9 +123,11 @@ def test_energy_is_conserved_without_torques():
 
 
 def test_what_the_joint_is_for():
-    """With it six directions are reached, two functions of q never change; without it one: straight on."""
+    """With it six directions are reached (five where l_f = l_r: front and rear then turn alike); without it one: straight on."""
     jointed, rigid = analyse(robot()).constraints.json, analyse(four_wheel(0)).constraints.json
     assert jointed["growth"] == [2, 3, 5, 6] and len(jointed["integrals"]) == 2
+    equal = [place["growth"] for place in jointed["singular_places"] if place["condition"] == "l_f - l_r"]
+    assert [max(growth) for growth in equal] == [5]
     assert rigid["growth"] == [1] and len(rigid["integrals"]) == rigid["holonomic"] == rigid["constraints"] == 6
     assert {"phi = const", "y*cos(phi) - x*sin(phi) = const"} <= set(rigid["integrals"])
     with pytest.raises(ModelError, match="2 outputs for n - m = 1"):
@@ -333,7 +335,7 @@ def table() -> list[tuple[dict[str, float], list[float]]]:
     found = []
     for line in (ROOT / "docs" / "redundant.md").read_text().splitlines():
         cells = [cell.strip() for cell in line.split("|")[1:-1]]
-        if cells and re.fullmatch(r"[-\d.]+", cells[1]):
+        if cells and re.fullmatch(r"-?\d[\d.]*", cells[1]):
             given = dict(re.findall(r"`(\w+) = ([-\d.]+)`", cells[0]))
             found.append(({name: float(value) for name, value in given.items()}, [float(cell) for cell in cells[1:]]))
     return found

@@ -109,7 +109,7 @@ def test_every_shipped_robot_is_tested():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_accelerations_are_those_of_kane_and_lagrange(name):
-    """qddot of all coordinates at random states, inputs and parameters; measured: 2e-12 at worst."""
+    """qddot of all coordinates at random states, inputs and parameters."""
     assert [q.name for q in system(name).mechanism.coordinates] == list(motion(name).coordinates)
     for state in states(name):
         other, (q, tau, p) = by_name(name, state)

@@ -21,12 +21,13 @@ void check_is_sound(const OF(noslip_path) *self, int count)
     /*@ assert self->guide.backward == 0 || self->guide.backward == 1; */
 }
 
-/* Any path of which that holds, whose speeds and lengths are finite. */
-void make_path(OF(noslip_path) *self, int count, int segment)
+/* Any path of which that holds, whose speeds and lengths are finite, and twice its deceleration, too. */
+void make_path(OF(noslip_path) *self, int count, int closed, int segment)
 {
     ANY(*self);
     self->segments = segments;
     self->count = count;
+    self->closed = closed;
     self->place.segment = segment;
     self->place.stage = Frama_C_interval(NOSLIP_ALONG, NOSLIP_AT_STOP);
     self->guide.segment = segment;
@@ -34,6 +35,8 @@ void make_path(OF(noslip_path) *self, int count, int segment)
     self->speed = BETWEEN(0, LARGEST);
     self->place.cruise = BETWEEN(-LARGEST, LARGEST);
     self->creep = BETWEEN(0, LARGEST);
+    self->near = BETWEEN(-LARGEST, LARGEST);
+    self->deceleration = BETWEEN(0, LARGEST / 4);
     self->place.rest = BETWEEN(0, LARGEST);
 }
 
@@ -42,12 +45,11 @@ void check_guide(const OF(noslip_guide) *guide, int status, int count)
 {
     /*@ assert status >= NOSLIP_UNSTABLE && status <= NOSLIP_ARRIVED; */
     /*@ assert 0 <= guide->segment < count; */
-    Frama_C_show_each_g(guide->left,guide->distance,guide->speed);
     /*@ assert \is_finite(guide->left) && \is_finite(guide->distance) && \is_finite(guide->speed); */
     /*@ assert status < 0 ==> guide->speed == 0 && guide->left == 0 && guide->distance == 0; */
 }
 
-void check_init(int count)
+void check_init(int count, int closed)
 {
     OF(noslip_path_options) options;
     OF(noslip_path_fault) fault;
@@ -55,6 +57,7 @@ void check_init(int count)
     int status;
     ANY(options);
     ANY(self);
+    options.closed = closed;
     status = OF(noslip_path_init)(&self, segments, count, &options, &fault);
     /*@ assert \is_finite(fault.size); */
     if (status == NOSLIP_OK) {
@@ -65,7 +68,7 @@ void check_init(int count)
     }
 }
 
-void check_update(int count, int segment)
+void check_update(int count, int closed, int segment)
 {
     OF(noslip_path) self;
     OF(noslip_guide) guide;
@@ -75,7 +78,7 @@ void check_update(int count, int segment)
     ANY(y);
     ANY(heading);
     ANY(speed);
-    make_path(&self, count, segment);
+    make_path(&self, count, closed, segment);
     status = OF(noslip_path_look)(&self, x, y, heading, speed, &guide);
     check_guide(&guide, status, count);
     status = OF(noslip_path_update)(&self, x, y, heading, speed, &guide);
@@ -85,13 +88,16 @@ void check_update(int count, int segment)
 
 int main(void)
 {
-    int count, segment;
+    int count, closed, segment;
     ANY(segments);
-    check_init(-1);
+    check_init(Frama_C_interval(-9, 0), 0);
+    check_init(1, Frama_C_interval(2, 9));
     for (count = 1; count <= SEGMENTS; count++) {
-        check_init(count);
-        for (segment = 0; segment < count; segment++) {
-            check_update(count, segment);
+        for (closed = 0; closed <= 1; closed++) {
+            check_init(count, closed);
+            for (segment = 0; segment < count; segment++) {
+                check_update(count, closed, segment);
+            }
         }
     }
     return 0;

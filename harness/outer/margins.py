@@ -60,16 +60,16 @@ class Response:
     """L at frequencies omega (rad/s), (N, r, r); inf is allowed in continuous time."""
 
     def __init__(self, loop: control.StateSpace):
-        self._loop = loop
+        self._A, self._B, self._C, self._dt = loop.A, loop.B[None], loop.C, loop.dt
+        self._D, self._one = loop.D.astype(complex)[None], np.eye(len(loop.A))
 
     def __call__(self, omega: np.ndarray) -> np.ndarray:
         """Solves (s - A) X = B at each frequency."""
-        A, B, C, D, dt = (getattr(self._loop, name) for name in ("A", "B", "C", "D", "dt"))
         omega = np.atleast_1d(np.asarray(omega, float))
         finite = np.isfinite(omega)
-        at = np.exp(1j * omega[finite] * dt) if dt else 1j * omega[finite]
-        made = np.broadcast_to(D.astype(complex), (len(omega), *D.shape)).copy()
-        made[finite] += C @ np.linalg.solve(at[:, None, None] * np.eye(len(A)) - A, np.broadcast_to(B, (len(at), *B.shape)))
+        at = np.exp(1j * omega[finite] * self._dt) if self._dt else 1j * omega[finite]
+        made = self._D.repeat(len(omega), axis=0)
+        made[finite] += self._C @ np.linalg.solve(at[:, None, None] * self._one - self._A, self._B)
         return made
 
 
@@ -102,7 +102,18 @@ def _sensitivity(L: np.ndarray) -> np.ndarray:
 
 
 def _largest(matrices: np.ndarray) -> np.ndarray:
+    """Largest singular value of (N, r, r), in closed form up to 2 x 2."""
+    if matrices.shape[-1] == 1:
+        return np.abs(matrices[:, 0, 0])
+    if matrices.shape[-1] == 2:
+        return _greater(matrices, (np.abs(matrices) ** 2).sum(axis=(1, 2)))
     return np.linalg.norm(matrices, 2, axis=(1, 2))
+
+
+def _greater(matrices: np.ndarray, squares: np.ndarray) -> np.ndarray:
+    """The greater of two singular values, the sum of whose squares is given, and whose product is |det|."""
+    rest = np.maximum(squares**2 - 4 * np.abs(np.linalg.det(matrices)) ** 2, 0.0)
+    return np.sqrt((squares + np.sqrt(rest)) / 2)
 
 
 def structured(matrices: np.ndarray) -> np.ndarray:
@@ -114,9 +125,7 @@ def structured(matrices: np.ndarray) -> np.ndarray:
     if matrices.shape[-1] != 2:
         return _largest(matrices)
     diagonal = np.abs(matrices[:, 0, 0]) ** 2 + np.abs(matrices[:, 1, 1]) ** 2
-    sizes = diagonal + 2 * np.abs(matrices[:, 0, 1] * matrices[:, 1, 0])
-    rest = np.maximum(sizes**2 - 4 * np.abs(np.linalg.det(matrices)) ** 2, 0.0)
-    return np.sqrt((sizes + np.sqrt(rest)) / 2)
+    return _greater(matrices, diagonal + 2 * np.abs(matrices[:, 0, 1] * matrices[:, 1, 0]))
 
 
 def _peak(response: Response, omega: np.ndarray, values: np.ndarray, measure: Callable[[np.ndarray], np.ndarray]) -> float:

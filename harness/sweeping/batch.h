@@ -3,7 +3,7 @@
  *
  * A run is that of `noslip simulate` with a sampled controller: at each call the generated law sees the state (true, or sensed
  * with noise and dead-reckoned), what it answers acts `delay` s later and is held, and the generated dynamics are integrated
- * with steps of one length (Runge and Kutta, order 4). batch_law.h, made for the law, says how many numbers there are of what.
+ * with steps of one length (Runge and Kutta, order 6). batch_law.h, made for the law, says how many numbers there are of what.
  */
 #ifndef BATCH_H
 #define BATCH_H
@@ -13,7 +13,6 @@
 
 /* What all samples share. */
 typedef struct batch_settings {
-    int sensed;                     /* 1: the controller sees what sensors tell; 0: the true state */
     int corrected;                  /* 1: the dead-reckoned pose is set right now and then */
     int correction_mode;            /* NOSLIP_RESET or NOSLIP_BUMPLESS */
     int on_limit;                   /* NOSLIP_CUT or NOSLIP_SLOW */
@@ -78,8 +77,5 @@ void batch_run(const batch_settings *settings, const batch_sample *samples, long
 
 /* Runs one sample and writes down its rows, `most` at most. Answers how many there are. */
 long batch_trace(const batch_settings *settings, const batch_sample *sample, batch_row *rows, long most);
-
-/* `count` draws of `width` normal numbers each, from the draw `first` on; see noise.h. */
-void batch_noise(double seed, long first, long count, int width, double *normal);
 
 #endif

@@ -16,13 +16,13 @@ from ..mechanism import Mechanism
 def four_wheel(joints: int = 1) -> Mechanism:
     """8 coordinates, 6 constraints, 4 wheel torques; without a joint 7 coordinates and 1 degree of freedom: it goes straight.
 
-    Torques are shared by the weights w_.. , less for a wheel of more weight; `squeeze` is what the front wheels pull more and
-    the rear wheels less, as far as that does not move the platform: it presses on the joint.
+    Torques are shared by the weights w_.., less to a wheel of more weight. `squeeze` is wanted of the rear wheels and its
+    negative of the front wheels, as far as that does not change the motion: it presses on the joint.
     """
     if joints not in (0, 1):
         raise ModelError(f"four_wheel: {joints} joints; give 1, or 0 for a frame with two fixed axles")
     name = "four_wheel" if joints else "four_wheel_rigid"
-    robot = Mechanism(name, f"platform with four driven wheels, {'jointed between' if joints else 'rigid with'} its two axles")
+    robot = Mechanism(name, f"platform with four driven wheels, {'a joint between its axles' if joints else 'both axles fixed'}")
     x = robot.coordinate("x", "m", "middle of the front axle")
     y = robot.coordinate("y", "m", "middle of the front axle")
     phi = robot.coordinate("phi", "rad", "heading of the front body")
@@ -35,6 +35,7 @@ def four_wheel(joints: int = 1) -> Mechanism:
     def size(name: str, value: float, unit: str, about: str, sign: str = "positive") -> SX:
         return robot.parameter(name, value, unit, f"{about} (assumed)", sign)
 
+    # With l_f = l_r one more function of q would never change: the turns of all wheels would be bound to the joint.
     b = size("b", 0.4, "m", "half the distance between the wheels of an axle")
     l_f, l_r = size("l_f", 0.5, "m", "from the front axle to the joint"), size("l_r", 0.7, "m", "from the joint to the rear axle")
     r = size("r", 0.2, "m", "radius of the wheels")
@@ -61,10 +62,10 @@ def four_wheel(joints: int = 1) -> Mechanism:
         robot.rolls(f"{where} wheel rolls", slip)
         robot.contact(f"{where} wheel", mass / 2, along=slip, across=across, left=beside)
 
-    squeeze = robot.parameter("squeeze", 0.0, "N m", "wanted of the front wheels, its negative of the rear", "any")
+    squeeze = robot.parameter("squeeze", 0.0, "N m", "wanted of the rear wheels, its negative of the front ones", "any")
     for at, where in wheels.items():
         weight = robot.parameter(f"w_{at}", 1.0, "1", f"weight of the {where} torque, the greater the less of it")
-        wanted = squeeze if at[0] == "f" else -squeeze
+        wanted = -squeeze if at[0] == "f" else squeeze
         robot.input(f"tau_{at}", "N m", robot.rate(angles[at]), f"{where} wheel torque", weight=weight, wanted=wanted)
     robot.quasi_velocity("speed", "m/s", forward, "forward speed of the front axle's middle")
     if joints:

@@ -5,7 +5,7 @@ one after the other: after the lowest is rounded, the others are fitted again to
 rounding of those before it. The parts of pi/2 are cut so that the products named in the header are exact.
 """
 
-from mpmath import cos, factorial, floor, frexp, ldexp, linspace, lu_solve, matrix, mp, mpf, nint, pi, tan
+from mpmath import bernoulli, cos, factorial, floor, frexp, ldexp, linspace, lu_solve, matrix, mp, mpf, nint, pi, tan
 
 mp.dps = 60
 
@@ -63,6 +63,11 @@ def arctangent(z):
     return sum((-1) ** (k + 1) * z**k / (2 * k + 3) for k in range(80))
 
 
+def half_tangent(z):
+    """(tan(r/2)/r - 1/2)/z at z = r^2, free of cancellation."""
+    return sum((-1) ** (k + 1) * 2 * (4 ** (k + 2) - 1) * bernoulli(2 * k + 4) / factorial(2 * k + 4) * z**k for k in range(40))
+
+
 def literal(bits, x):
     """Shortest decimal that reads back as x."""
     digits = next(d for d in range(1, 20) if round_to(bits, mpf(mp.nstr(x, d))) == x)
@@ -85,9 +90,9 @@ def parts(bits, grids, cut):
 def main():
     # float: cut to nearest, which leaves so little that two parts do; double: cut downwards, so that no part is negative
     # and sin(-0) stays -0. The error of sine and arctangent is wanted absolute in float, relative in double.
-    for name, bits, largest, grids, cut, power, terms, atan_terms in (
-        ("float", 24, 8192, [11], nint, mpf(3) / 2, 3, 4),
-        ("double", 53, 2**20, [33, 53, 86], floor, mpf(1), 6, 10),
+    for name, bits, largest, grids, cut, power, terms, atan_terms, tan_terms in (
+        ("float", 24, 8192, [11], nint, mpf(3) / 2, 3, 4, 2),
+        ("double", 53, 2**20, [33, 53, 86], floor, mpf(1), 6, 10, 5),
     ):
         upper = (pi / 4 + largest * mpf(2) ** -bits) ** 2  # rounding may miss the nearest multiple by so much
         print(name)
@@ -100,6 +105,8 @@ def main():
         p, error = fit(arctangent, power, atan_terms, tan(pi / 8) ** 2, bits)
         show("  tan(pi/8)", bits, [round_to(bits, tan(pi / 8))])
         show("  P in atan t = t + t^3 P(t^2)", bits, p, "error " + mp.nstr(error, 3))
+        p, error = fit(half_tangent, 1, tan_terms, mpf(1) / 16, bits)
+        show("  P in tan(x/2)/x = 1/2 + x^2 P(x^2)", bits, p, "error " + mp.nstr(error, 3))
         high = round_to(bits - 2, pi / 4)  # its products with 1, 2, 3 and 4 are exact
         show("  pi/4", bits, [high, round_to(bits, pi / 4 - high)])
 

@@ -1,0 +1,1 @@
+"""Many closed loops at once: `batch` runs them in C."""

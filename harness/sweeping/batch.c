@@ -1,0 +1,873 @@
+/* batch.c - many closed loops, see batch.h. Order and meaning of everything in a run are those of march.py and sensing.py. */
+#include "batch.h"
+
+#include "noise.h"
+#include "noslip_angle.h"
+#include "noslip_integral.h"
+#include "noslip_odometry.h"
+
+#define STAGES 7         /* of the integrator */
+#define SHORTER 5        /* how often a run is repeated with half the step, at most */
+#define CROSSING 1e-12   /* s: how well the instant is found at which a run meets the singular set */
+#define SAFETY 4         /* what a call's error may grow to by the end; the sum of the calls' errors is stated so many times */
+#define LATEST 16        /* calls between two looks at the integration error, at most */
+
+typedef struct BATCH_LAW() controller;
+typedef struct BATCH_JUDGE() judge; /* the law in double, which tells of the truth whatever the controller computes in */
+typedef struct BATCH_PLANT() plant;
+
+/* Structs of scalars, and the same by number. */
+typedef union { BATCH_ROBOT(_state) named; BATCH_REAL at[BATCH_STATE]; } seen_state;
+typedef union { BATCH_JUDGE_ROBOT(_state) named; double at[BATCH_STATE]; } true_state;
+typedef union { BATCH_LAW(_reference) named; BATCH_REAL at[BATCH_REFERENCE]; } wanted;
+typedef union { BATCH_JUDGE(_config) named; double at[BATCH_CONFIG + 1]; } config;
+
+#define AS_MANY(name, type, number) typedef char name[sizeof(type) == sizeof(number) ? 1 : -1]
+AS_MANY(states_are_scalars, BATCH_JUDGE_ROBOT(_state), ((true_state *)0)->at);
+AS_MANY(references_are_scalars, BATCH_LAW(_reference), ((wanted *)0)->at);
+AS_MANY(outcomes_are_doubles, batch_outcome, double[4 + 3 * BATCH_ROWS + BATCH_INPUTS + BATCH_STATE + 1]);
+
+#if BATCH_SENSED
+/* What the controller sees in place of the truth. */
+typedef struct sensing {
+    BATCH_RUNTIME(noslip_odometry) odometry;
+    double t, drawn, corrected;
+    uint64_t draws;
+    double angle[2], turned[2], noise[2]; /* true angle; with the noise so far; rad/s */
+    double state[BATCH_STATE];
+} sensing;
+#endif
+
+/* One run. */
+typedef struct loop {
+    const batch_settings *settings;
+    const batch_sample *sample;
+    plant robot;
+    controller law;
+    judge believed, truth;   /* tell the side of the singular set, and the true outputs */
+    double sign;             /* of det Phi where the law was made */
+    int fresh;               /* 1: nobody has looked yet on which side of the singular set it is */
+    double x[BATCH_STATE];   /* true state */
+    double reference[BATCH_REFERENCE];
+    int status;
+    double step, error;      /* s; of the integrator, and its estimated error so far */
+#if BATCH_SENSED
+    sensing sensors;
+#endif
+#if BATCH_ROUTE
+    BATCH_RUNTIME(noslip_path) path;
+    BATCH_RUNTIME(noslip_guide) guide;
+    int arrived, piece;
+#endif
+#if BATCH_INTEGRALS
+    BATCH_RUNTIME(noslip_integral) integral[BATCH_INTEGRALS];
+#endif
+    batch_outcome *outcome;
+    double *told;            /* errors at the settings' instants */
+    int instant;
+    batch_row *rows;
+    long row_count, most_rows;
+} loop;
+
+static const int wanted_of_row[BATCH_ROWS] = BATCH_WANTED;
+
+static double least(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static int running(int status)
+{
+    return status == NOSLIP_OK || status == NOSLIP_SATURATED;
+}
+
+static double not_a_number(void)
+{
+    noslip_bits nan;
+    nan.bits = UINT64_C(0x7ff8000000000000);
+    return nan.value;
+}
+
+/* The largest integer not above x, exact where that fits into 63 bits; x itself beyond. */
+static double floor_of(double x)
+{
+    double whole;
+    if (!(noslip_abs(x) < 4503599627370496.0)) {
+        return x;
+    }
+    whole = (double)(int64_t)x;
+    return whole > x ? whole - 1 : whole;
+}
+
+static double *copy(double *to, const double *from, int count)
+{
+    int i;
+    for (i = 0; i < count; i++) {
+        to[i] = from[i];
+    }
+    return to;
+}
+
+/* What the controller sees. */
+static const double *seen(const loop *self)
+{
+#if BATCH_SENSED
+    return self->sensors.state;
+#else
+    return self->x;
+#endif
+}
+
+static void as_seen(const double *x, seen_state *state)
+{
+    int i;
+    for (i = 0; i < BATCH_STATE; i++) {
+        state->at[i] = (BATCH_REAL)x[i];
+    }
+}
+
+/* det Phi at a state, by elimination where it is large; NaN where there is none. */
+static double determinant(const judge *law, const double *x)
+{
+    double Phi[BATCH_FREEDOM][BATCH_FREEDOM];
+    true_state state;
+    copy(state.at, x, BATCH_STATE);
+    if (BATCH_JUDGE(_decoupling)(law, &state.named, Phi) < 0) {
+        return not_a_number();
+    }
+#if BATCH_FREEDOM == 2
+    return Phi[0][0] * Phi[1][1] - Phi[0][1] * Phi[1][0];
+#else
+    {
+        double product = 1;
+        int i, j, k;
+        for (k = 0; k < BATCH_FREEDOM; k++) {
+            int pivot = k;
+            for (i = k + 1; i < BATCH_FREEDOM; i++) {
+                pivot = noslip_abs(Phi[i][k]) > noslip_abs(Phi[pivot][k]) ? i : pivot;
+            }
+            for (j = k; j < BATCH_FREEDOM; j++) {
+                const double kept = Phi[k][j];
+                Phi[k][j] = Phi[pivot][j];
+                Phi[pivot][j] = kept;
+            }
+            product *= pivot == k ? Phi[k][k] : -Phi[k][k];
+            for (i = k + 1; i < BATCH_FREEDOM && noslip_abs(Phi[k][k]) > 0; i++) {
+                const double factor = Phi[i][k] / Phi[k][k];
+                for (j = k + 1; j < BATCH_FREEDOM; j++) {
+                    Phi[i][j] -= factor * Phi[k][j];
+                }
+            }
+        }
+        return product;
+    }
+#endif
+}
+
+/* Positive where the singular set has not been crossed since the law was made. */
+static double side(const loop *self, const double *x)
+{
+    return self->sign * determinant(&self->believed, x);
+}
+
+/* -- the controller's numbers ------------------------------------------------------------------------------------------ */
+
+/* The law of a path: for the controller, and in double for the truth. Its side is that of the state seen now. */
+static int make_law(loop *self, const double *where)
+{
+    const batch_sample *sample = self->sample;
+    union { BATCH_ROBOT(_params) named; BATCH_REAL at[BATCH_PARAMETERS]; } params;
+    union { BATCH_LAW(_config) named; BATCH_REAL at[BATCH_CONFIG + 1]; } where_seen;
+    union { BATCH_LAW(_gains) named; BATCH_REAL at[BATCH_GAINS + 1]; } gains;
+    union { BATCH_JUDGE_ROBOT(_params) named; double at[BATCH_PARAMETERS]; } exact;
+    union { BATCH_JUDGE(_gains) named; double at[BATCH_GAINS + 1]; } exact_gains;
+    BATCH_ROBOT(_options) options;
+    config place;
+    int i, status;
+    options.on_error = NOSLIP_ZERO;
+    options.on_limit = self->settings->on_limit;
+    for (i = 0; i < BATCH_INPUTS; i++) {
+        options.limit[i] = (BATCH_REAL)sample->limit[i];
+    }
+    for (i = 0; i < BATCH_PARAMETERS; i++) {
+        params.at[i] = (BATCH_REAL)sample->believed[i];
+    }
+    for (i = 0; i < BATCH_CONFIG; i++) {
+        where_seen.at[i] = (BATCH_REAL)where[i];
+    }
+    for (i = 0; i < BATCH_GAINS; i++) {
+        gains.at[i] = (BATCH_REAL)sample->gains[i];
+    }
+    copy(place.at, where, BATCH_CONFIG);
+    copy(exact_gains.at, sample->gains, BATCH_GAINS);
+    status = BATCH_LAW(_init)(&self->law, &params.named, &where_seen.named, &gains.named, &options);
+    if (status == NOSLIP_OK) {
+        copy(exact.at, sample->believed, BATCH_PARAMETERS);
+        status = BATCH_JUDGE(_init)(&self->believed, &exact.named, &place.named, &exact_gains.named, NULL);
+    }
+    if (status == NOSLIP_OK) {
+        copy(exact.at, sample->plant, BATCH_PARAMETERS);
+        status = BATCH_JUDGE(_init)(&self->truth, &exact.named, &place.named, &exact_gains.named, NULL);
+    }
+    if (status == NOSLIP_OK) {
+        const double found = determinant(&self->believed, seen(self));
+        self->sign = found > 0 ? 1 : found < 0 ? -1 : found;
+        self->fresh = 1;
+    }
+    return status;
+}
+
+#if BATCH_ROUTE
+static const int pose_of_state[3] = BATCH_POSE;
+
+/* Where the vehicle is seen, for the path. */
+static void place_seen(const loop *self, BATCH_REAL place[4])
+{
+    const double *x = seen(self), *rates = x + BATCH_COORDINATES, *forward = self->sample->forward;
+    int i;
+    for (i = 0; i < 3; i++) {
+        place[i] = (BATCH_REAL)x[pose_of_state[i]];
+    }
+    place[3] = (BATCH_REAL)(forward[0] * rates[0] + forward[1] * rates[1]);
+}
+
+static void take_guide(loop *self)
+{
+    double *reference = self->reference;
+    int i;
+    for (i = 0; i < BATCH_REFERENCE; i++) {
+        reference[i] = 0;
+    }
+    reference[BATCH_SPEED] = self->guide.speed;
+    reference[BATCH_SPEED + 1] = self->guide.speed_rate;
+}
+
+/* Goes on along the path, and makes the law of the piece that is followed now. Answers an error of the law's, or OK. */
+static int update(loop *self)
+{
+    BATCH_REAL place[4];
+    config where;
+    place_seen(self, place);
+    (void)BATCH_RUNTIME(noslip_path_update)(&self->path, place[0], place[1], place[2], place[3], &self->guide);
+    self->arrived = self->guide.arrived;
+    if (!self->guide.changed) {
+        return NOSLIP_OK;
+    }
+    self->piece = self->guide.segment;
+    where.named.L = self->guide.L;
+    BATCH_OFFSET(where.named, self->sample->W);
+    where.named.x_s = self->guide.x;
+    where.named.y_s = self->guide.y;
+    where.named.direction = self->guide.heading;
+    where.named.curvature = self->guide.curvature;
+    return make_law(self, where.at);
+}
+
+/* Takes the path up at the true start. */
+static int begin(loop *self)
+{
+    const batch_settings *settings = self->settings;
+    const batch_sample *sample = self->sample;
+    BATCH_RUNTIME(noslip_path_options) options = {0};
+    BATCH_REAL place[4];
+    int status;
+    options.speed = (BATCH_REAL)sample->speed;
+    options.deceleration = (BATCH_REAL)sample->deceleration;
+    options.creep = (BATCH_REAL)sample->creep;
+    options.L[0] = (BATCH_REAL)sample->L[0];
+    options.L[1] = (BATCH_REAL)sample->L[1];
+    options.W = (BATCH_REAL)sample->W;
+    options.ahead = (BATCH_REAL)sample->ahead;
+    options.reversing = settings->reversing;
+    options.stop = settings->stop;
+    options.closed = settings->closed;
+    status = BATCH_RUNTIME(noslip_path_init)(&self->path, settings->path, settings->segments, &options, NULL);
+    if (status < 0) {
+        return status;
+    }
+    place_seen(self, place);
+    status = BATCH_RUNTIME(noslip_path_look)(&self->path, place[0], place[1], place[2], place[3], &self->guide);
+    return status < 0 ? status : update(self);
+}
+
+/* What the outputs shall do, as told by the path where the robot is seen now. */
+static void look(loop *self, double t)
+{
+    BATCH_REAL place[4];
+    (void)t;
+    place_seen(self, place);
+    (void)BATCH_RUNTIME(noslip_path_look)(&self->path, place[0], place[1], place[2], place[3], &self->guide);
+    take_guide(self);
+}
+#else
+static int begin(loop *self)
+{
+    return make_law(self, self->sample->config);
+}
+
+static int update(loop *self)
+{
+    (void)self;
+    return NOSLIP_OK;
+}
+
+/* What the outputs shall do at a time, headings the short way round from where the robot is seen now. */
+static void look(loop *self, double t)
+{
+    int i;
+    for (i = 0; i < BATCH_REFERENCE; i++) {
+        self->reference[i] = self->sample->offset[i] + self->sample->slope[i] * t;
+    }
+#if BATCH_ANGLES
+    {
+        static const int angle[BATCH_ANGLES] = BATCH_ANGLE_ROWS;
+        double y[BATCH_ROWS], *prepared;
+        true_state state;
+        copy(state.at, seen(self), BATCH_STATE);
+        if (BATCH_JUDGE(_output)(&self->believed, &state.named, y) < 0) {
+            return;
+        }
+        for (i = 0; i < BATCH_ANGLES; i++) {
+            double nearest;
+            prepared = &self->reference[wanted_of_row[angle[i]]];
+            if (noslip_nearest_angle(*prepared, y[angle[i]], &nearest) == NOSLIP_OK) {
+                *prepared = nearest;
+            }
+        }
+    }
+#endif
+}
+#endif
+
+#if BATCH_INTEGRALS
+static const int row_of_integral[BATCH_INTEGRALS] = BATCH_INTEGRAL_ROWS;
+static const int is_angle[BATCH_INTEGRALS] = BATCH_INTEGRAL_ANGLES;
+static const int highest[BATCH_INTEGRALS] = BATCH_HIGHEST;
+
+/* Adds what integral action adds. */
+static int integrate(loop *self, const seen_state *state, wanted *reference)
+{
+    BATCH_LAW(_evaluation) all;
+    const int good = BATCH_LAW(_evaluate)(&self->law, &state->named, &reference->named, &all) == NOSLIP_OK;
+    int i;
+    for (i = 0; i < BATCH_INTEGRALS; i++) {
+        const int row = row_of_integral[i];
+        double error = good ? self->reference[wanted_of_row[row]] - all.h[row] : 0, near;
+        BATCH_REAL added;
+        int status;
+        if (is_angle[i] && noslip_nearest_angle(error, 0, &near) == NOSLIP_OK) {
+            error = near;
+        }
+        status = BATCH_RUNTIME(noslip_integral_step)(&self->integral[i], (BATCH_REAL)error,
+                                                     (BATCH_REAL)self->sample->period, self->status, &added);
+        if (status < 0) {
+            return status;
+        }
+        reference->at[highest[i]] = (BATCH_REAL)(self->reference[highest[i]] + added);
+    }
+    return NOSLIP_OK;
+}
+#endif
+
+/* What the controller answers at time t: its status, kept, and the inputs. */
+static int command(loop *self, double t, double tau[BATCH_INPUTS])
+{
+    BATCH_REAL answer[BATCH_INPUTS];
+    seen_state state;
+    wanted reference;
+    int i, status;
+#if BATCH_ROUTE
+    (void)t;
+    take_guide(self);
+#else
+    look(self, t);
+#endif
+    as_seen(seen(self), &state);
+    for (i = 0; i < BATCH_REFERENCE; i++) {
+        reference.at[i] = (BATCH_REAL)self->reference[i];
+    }
+#if BATCH_INTEGRALS
+    status = integrate(self, &state, &reference);
+    if (status < 0) {
+        return self->status = status;
+    }
+#endif
+    status = BATCH_LAW(_step)(&self->law, &state.named, &reference.named, answer);
+    /* a true state that was seen has been looked at when it was reached */
+    if (running(status) && (BATCH_SENSED || self->fresh)) {
+        self->fresh = 0;
+        status = side(self, seen(self)) <= 0 ? NOSLIP_SINGULAR : status;
+    }
+    for (i = 0; i < BATCH_INPUTS; i++) {
+        tau[i] = running(status) ? (double)answer[i] : 0;
+    }
+    return self->status = status;
+}
+
+/* -- the sensors ------------------------------------------------------------------------------------------------------- */
+
+#if BATCH_SENSED
+static const int pose_coordinate[3] = BATCH_POSE;
+static const int wheel_coordinate[2] = BATCH_WHEELS;
+
+/* How many periods have gone by; with none, every instant counts. */
+static double periods(double t, double period)
+{
+    return period > 0 ? floor_of(t / period + 1e-9) : t;
+}
+
+static void draw(sensing *self, const batch_sample *sample)
+{
+    double normal[2] = {0, 0};
+    int i;
+    if (sample->sd[0] > 0 || sample->sd[1] > 0) {
+        noise_normal((uint64_t)sample->seed, self->draws, 2, normal);
+    }
+    self->draws++;
+    for (i = 0; i < 2; i++) {
+        self->noise[i] = sample->mean[i] + sample->sd[i] * normal[i];
+    }
+}
+
+/* A wheel's angle as its encoder tells it. */
+static double counted(double turned, double counts)
+{
+    const double step = counts > 0 ? 6.283185307179586 / counts : 0;
+    return counts > 0 ? floor_of(turned / step) * step : turned;
+}
+
+static BATCH_RUNTIME(noslip_pose) true_pose(const double *x)
+{
+    BATCH_RUNTIME(noslip_pose) pose;
+    pose.x = (BATCH_REAL)x[pose_coordinate[0]];
+    pose.y = (BATCH_REAL)x[pose_coordinate[1]];
+    pose.heading = (BATCH_REAL)x[pose_coordinate[2]];
+    return pose;
+}
+
+/* Until there are sensors, the true state is seen. */
+static void show_truth(loop *self)
+{
+    copy(self->sensors.state, self->x, BATCH_STATE);
+}
+
+static int sense_first(loop *self)
+{
+    const batch_sample *sample = self->sample;
+    sensing *sensors = &self->sensors;
+    const BATCH_RUNTIME(noslip_pose) pose = true_pose(self->x);
+    BATCH_RUNTIME(noslip_odometry_options) options;
+    int i;
+    for (i = 0; i < 2; i++) {
+        options.forward[i] = (BATCH_REAL)sample->forward[i];
+        options.turn[i] = (BATCH_REAL)sample->turn[i];
+        sensors->angle[i] = sensors->turned[i] = self->x[wheel_coordinate[i]];
+    }
+    options.ahead = (BATCH_REAL)sample->ahead;
+    options.release = (BATCH_REAL)sample->release;
+    sensors->t = sensors->drawn = sensors->corrected = 0;
+    sensors->draws = 0;
+    draw(sensors, sample);
+    for (i = 0; i < 2; i++) {
+        sensors->state[BATCH_COORDINATES + i] += sensors->noise[i];
+    }
+    return BATCH_RUNTIME(noslip_odometry_init)(&sensors->odometry, &options, &pose);
+}
+
+static int sense(loop *self, double t)
+{
+    const batch_sample *sample = self->sample;
+    sensing *sensors = &self->sensors;
+    const double dt = t - sensors->t;
+    BATCH_RUNTIME(noslip_pose) pose;
+    BATCH_REAL moved_seen[2];
+    double moved[2], now;
+    int i, status;
+    sensors->t = t;
+    if (!(dt > 0)) {
+        return NOSLIP_OK;
+    }
+    for (i = 0; i < 2; i++) {
+        const double angle = self->x[wheel_coordinate[i]], before = counted(sensors->turned[i], sample->counts);
+        sensors->turned[i] += angle - sensors->angle[i] + sensors->noise[i] * dt;
+        sensors->angle[i] = angle;
+        moved[i] = counted(sensors->turned[i], sample->counts) - before;
+        moved_seen[i] = (BATCH_REAL)moved[i];
+    }
+    status = BATCH_RUNTIME(noslip_odometry_move)(&sensors->odometry, moved_seen, (BATCH_REAL)dt, &pose);
+    now = status >= 0 && self->settings->corrected ? periods(t, 1 / sample->correction_rate) : 0;
+    if (now > sensors->corrected) {
+        const BATCH_RUNTIME(noslip_pose) truth = true_pose(self->x);
+        sensors->corrected = now;
+        status = BATCH_RUNTIME(noslip_odometry_correct)(&sensors->odometry, &truth, self->settings->correction_mode);
+        if (status >= 0) {
+            status = BATCH_RUNTIME(noslip_odometry_pose)(&sensors->odometry, &pose);
+        }
+    }
+    if (status < 0) {
+        return status;
+    }
+    now = periods(t, sample->sensor_period);
+    if (now > sensors->drawn) {
+        draw(sensors, sample);
+        sensors->drawn = now;
+    }
+    copy(sensors->state, self->x, BATCH_STATE);
+    sensors->state[pose_coordinate[0]] = pose.x;
+    sensors->state[pose_coordinate[1]] = pose.y;
+    sensors->state[pose_coordinate[2]] = pose.heading;
+    for (i = 0; i < 2; i++) {
+        const double rate = self->x[BATCH_COORDINATES + i];
+        sensors->state[wheel_coordinate[i]] = counted(sensors->turned[i], sample->counts);
+        sensors->state[BATCH_COORDINATES + i] = sample->counts > 0 ? moved[i] / dt : rate + sensors->noise[i];
+    }
+    return NOSLIP_OK;
+}
+#else
+static void show_truth(loop *self)
+{
+    (void)self;
+}
+
+static int sense_first(loop *self)
+{
+    (void)self;
+    return NOSLIP_OK;
+}
+
+static int sense(loop *self, double t)
+{
+    (void)self;
+    (void)t;
+    return NOSLIP_OK;
+}
+#endif
+
+/* -- the robot --------------------------------------------------------------------------------------------------------- */
+
+static int rate(const loop *self, const double *x, const double *tau, double *xdot)
+{
+    true_state state;
+    copy(state.at, x, BATCH_STATE);
+    return BATCH_PLANT(_acceleration)(&self->robot, &state.named, tau, xdot, xdot + BATCH_COORDINATES);
+}
+
+/* State h seconds later, by one step of the method of order 6 with 7 stages (Butcher, On Runge-Kutta processes of high order,
+ * 1964). */
+static int step(const loop *self, const double *x, const double *tau, double h, double *after)
+{
+    static const double share[STAGES + 1][STAGES] = {
+        {0},
+        {1.0 / 3},
+        {0, 2.0 / 3},
+        {1.0 / 12, 1.0 / 3, -1.0 / 12},
+        {-1.0 / 16, 9.0 / 8, -3.0 / 16, -3.0 / 8},
+        {0, 9.0 / 8, -3.0 / 8, -3.0 / 4, 1.0 / 2},
+        {9.0 / 44, -9.0 / 11, 63.0 / 44, 18.0 / 11, 0, -16.0 / 11},
+        {11.0 / 120, 0, 27.0 / 40, 27.0 / 40, -4.0 / 15, -4.0 / 15, 11.0 / 120},
+    };
+    double slope[STAGES][BATCH_STATE];
+    int i, j, k, status;
+    copy(after, x, BATCH_STATE);
+    for (k = 0; k < STAGES; k++) {
+        status = rate(self, after, tau, slope[k]);
+        if (status < 0) {
+            return status;
+        }
+        for (i = 0; i < BATCH_STATE; i++) {
+            double sum = 0;
+            for (j = 0; j <= k; j++) {
+                sum += share[k + 1][j] * slope[j][i];
+            }
+            after[i] = x[i] + h * sum;
+        }
+    }
+    return noslip_all_finite(after, BATCH_STATE) ? NOSLIP_OK : NOSLIP_NONFINITE;
+}
+
+/* The instant, s from x, at which a step of h goes through the singular set; `after` is the state just behind. */
+static double crossing(const loop *self, const double *x, const double *tau, double h, double *after)
+{
+    double before = 0, tried[BATCH_STATE];
+    while (h - before > CROSSING) {
+        const double middle = before + (h - before) / 2;
+        if (step(self, x, tau, middle, tried) == NOSLIP_OK && side(self, tried) > 0) {
+            before = middle;
+        } else {
+            h = middle;
+        }
+    }
+    (void)step(self, x, tau, h, after);
+    return h;
+}
+
+/*
+ * Goes on for `duration` seconds with constant inputs, in `count` steps, from x, which it changes; `gone` are the seconds that
+ * were possible. NOSLIP_SINGULAR where a controller that sees the truth goes through the singular set.
+ */
+static int go(const loop *self, double *x, const double *tau, double duration, int count, double *gone)
+{
+    const double h = duration / count;
+    double after[BATCH_STATE];
+    int i, status;
+    for (i = 0; i < count; i++) {
+        *gone = i * h;
+        status = step(self, x, tau, h, after);
+        if (status < 0) {
+            return NOSLIP_NONFINITE;
+        }
+        if (!BATCH_SENSED && side(self, after) <= 0) {
+            *gone += crossing(self, x, tau, h, after);
+            copy(x, after, BATCH_STATE);
+            return NOSLIP_SINGULAR;
+        }
+        copy(x, after, BATCH_STATE);
+    }
+    *gone = duration;
+    return NOSLIP_OK;
+}
+
+/* The same, and where `weight` is not 0 once more with half the steps: what the two differ by counts so many times as error. */
+static int hold(loop *self, const double *tau, double duration, double weight, double *gone)
+{
+    const int count = (int)floor_of(duration / self->step + 1 - 1e-9);
+    double again[BATCH_STATE];
+    int i, status;
+    copy(again, self->x, BATCH_STATE);
+    status = go(self, self->x, tau, duration, count > 1 ? count : 1, gone);
+    if (status == NOSLIP_OK && weight > 0) {
+        double worst = 0, unused;
+        if (go(self, again, tau, duration, 2 * (count > 1 ? count : 1), &unused) == NOSLIP_OK) {
+            for (i = 0; i < BATCH_STATE; i++) {
+                const double apart = noslip_abs(again[i] - self->x[i]);
+                worst = apart > worst ? apart : worst;
+            }
+        }
+        self->error += SAFETY * weight * worst;
+    }
+    return status;
+}
+
+/* -- a run ------------------------------------------------------------------------------------------------------------- */
+
+/* An output time: how far the true outputs are from what is wanted. */
+static void note(loop *self, double t, const double *tau)
+{
+    const batch_settings *settings = self->settings;
+    batch_outcome *outcome = self->outcome;
+    double y[BATCH_ROWS], error[BATCH_ROWS];
+    true_state state;
+    int i, good;
+    look(self, t);
+    copy(state.at, self->x, BATCH_STATE);
+    good = BATCH_JUDGE(_output)(&self->truth, &state.named, y) == NOSLIP_OK;
+    for (i = 0; i < BATCH_ROWS; i++) {
+        double size;
+        error[i] = good ? y[i] - self->reference[wanted_of_row[i]] : not_a_number();
+        size = noslip_abs(error[i]);
+        outcome->final[i] = error[i];
+        outcome->peak[i] = size <= outcome->peak[i] ? outcome->peak[i] : size;
+        outcome->settling[i] = size <= settings->band[i] ? outcome->settling[i] : t;
+    }
+    while (self->instant < settings->instants && t >= settings->instant[self->instant] - 1e-9 * settings->output_step) {
+        for (i = 0; i < BATCH_ROWS; i++) {
+            self->told[i * settings->instants + self->instant] = error[i];
+        }
+        self->instant++;
+    }
+    if (self->row_count < self->most_rows) {
+        batch_row *row = &self->rows[self->row_count];
+        row->t = t;
+        copy(row->x, self->x, BATCH_STATE);
+        copy(row->tau, tau, BATCH_INPUTS);
+        copy(row->error, error, BATCH_ROWS);
+        row->status = self->status;
+#if BATCH_ROUTE
+        row->piece = self->piece;
+#else
+        row->piece = 0;
+#endif
+        self->row_count++;
+    }
+}
+
+/* Ends a run before its time. */
+static void stop(loop *self, double t, int status)
+{
+    static const double none[BATCH_INPUTS] = {0};
+    self->status = status;
+    note(self, t, none);
+    self->outcome->t_end = t;
+}
+
+/* Is the error too large, and is there a shorter step to try? */
+static int repeats(const loop *self)
+{
+    return self->error > self->settings->accuracy && self->step > self->settings->longest / (1 << SHORTER);
+}
+
+/* From the first call to the last output time. */
+static void march(loop *self)
+{
+    const batch_sample *sample = self->sample;
+    const double output_step = self->settings->output_step, slack = 1e-9 * least(sample->period, output_step);
+    const double rows = -floor_of(-(sample->duration / output_step - 1e-9)); /* but for the last */
+    double held[BATCH_INPUTS] = {0}, tau[BATCH_INPUTS], t = 0, row = 0, row_number = 0, checked = 0, k;
+    int i, part, status;
+    if (rows <= 0) {
+        row = sample->duration;
+    }
+    for (k = 0;; k++) {
+        const double end = (k + 1) * sample->period;
+        double weight = 0;
+        status = sense(self, t);
+        if (status >= 0) {
+            status = update(self);
+        }
+        if (status >= 0) {
+            status = command(self, t, tau);
+        }
+        if (!running(status)) {
+            stop(self, t, status);
+            return;
+        }
+        if (self->status == NOSLIP_SATURATED) {
+            self->outcome->saturated += least(end, sample->duration) - t;
+        }
+        if (k >= checked) { /* the error of this call stands for that of those until the next look: often at first */
+            weight = 1 + floor_of(least(k / 8, LATEST - 1));
+            checked = k + weight;
+        }
+        for (part = 0; part < 2; part++) {
+            const double *acting = part ? tau : held;
+            const double last = part ? end : least(t + sample->delay, end);
+            while (t < last) {
+                const int due = row < last - slack;
+                const double until = due ? row : last;
+                double gone;
+                for (i = 0; i < BATCH_INPUTS; i++) {
+                    const double size = noslip_abs(acting[i]);
+                    self->outcome->effort[i] = size > self->outcome->effort[i] ? size : self->outcome->effort[i];
+                }
+                status = until > t ? hold(self, acting, until - t, weight, &gone) : NOSLIP_OK;
+                if (status != NOSLIP_OK) {
+                    if (self->status == NOSLIP_SATURATED) {
+                        self->outcome->saturated -= least(end, sample->duration) - (t + gone);
+                    }
+                    stop(self, t + gone, status);
+                    return;
+                }
+                t = until > t ? until : t;
+                if (due) {
+                    note(self, row, acting);
+                    if (row_number >= rows) {
+                        self->outcome->t_end = row;
+                        return;
+                    }
+                    row_number++;
+                    row = row_number < rows ? row_number * output_step : sample->duration;
+                }
+            }
+        }
+        if (repeats(self)) {
+            return;
+        }
+        copy(held, tau, BATCH_INPUTS);
+    }
+}
+
+/* One run with one step of the integrator. */
+static void attempt(loop *self, double longest)
+{
+    const batch_sample *sample = self->sample;
+    union { BATCH_JUDGE_ROBOT(_params) named; double at[BATCH_PARAMETERS]; } params;
+    double *numbers = (double *)self->outcome;
+    int i, status = (int)sample->refused;
+    for (i = 0; i < (int)(sizeof(batch_outcome) / sizeof(double)); i++) {
+        numbers[i] = 0;
+    }
+    for (i = 0; i < BATCH_ROWS * self->settings->instants; i++) {
+        self->told[i] = not_a_number();
+    }
+    self->instant = 0;
+    self->row_count = 0;
+    self->status = NOSLIP_OK;
+    self->error = 0;
+    self->step = longest;
+    copy(self->x, sample->start, BATCH_STATE);
+    show_truth(self);
+    copy(params.at, sample->plant, BATCH_PARAMETERS);
+    if (status >= 0) {
+        status = BATCH_PLANT(_init)(&self->robot, &params.named);
+    }
+#if BATCH_INTEGRALS
+    for (i = 0; i < BATCH_INTEGRALS && status >= 0; i++) {
+        status = BATCH_RUNTIME(noslip_integral_init)(&self->integral[i], (BATCH_REAL)sample->ki[i],
+                                                     (BATCH_REAL)sample->integral_limit[i]);
+    }
+#endif
+    if (status >= 0) {
+        status = begin(self);
+    }
+    if (status >= 0) {
+        status = sense_first(self);
+    }
+    if (status >= 0) {
+        march(self);
+    }
+    copy(self->outcome->end, self->x, BATCH_STATE);
+    self->outcome->integration_error = self->error;
+    self->outcome->steps = floor_of(sample->period / longest + 1 - 1e-9);
+    if (status < 0) { /* there was no run */
+        for (i = 0; i < (int)(sizeof(batch_outcome) / sizeof(double)); i++) {
+            numbers[i] = not_a_number();
+        }
+        self->outcome->t_end = 0;
+        self->status = status;
+    }
+#if BATCH_ROUTE
+    if (status >= 0 && running(self->status) && self->arrived) {
+        self->status = NOSLIP_ARRIVED;
+    }
+#endif
+    self->outcome->status = self->status;
+}
+
+/* Runs a sample until its error is small enough. Answers the number of rows. */
+static long run(const batch_settings *settings, const batch_sample *sample, batch_outcome *outcome, double *told,
+                batch_row *rows, long most)
+{
+    loop self;
+    double longest = settings->longest;
+    self.settings = settings;
+    self.sample = sample;
+    self.outcome = outcome;
+    self.told = told;
+    self.rows = rows;
+    self.most_rows = most;
+    attempt(&self, longest);
+    while (repeats(&self)) {
+        longest /= 2;
+        attempt(&self, longest);
+    }
+    return self.row_count;
+}
+
+void batch_run(const batch_settings *settings, const batch_sample *samples, long count, double *outcomes, long width)
+{
+    long i;
+    for (i = 0; i < count; i++) {
+        batch_outcome outcome;
+        double *row = outcomes + i * width;
+        (void)run(settings, &samples[i], &outcome, row + sizeof outcome / sizeof(double), NULL, 0);
+        copy(row, (const double *)&outcome, (int)(sizeof outcome / sizeof(double)));
+    }
+}
+
+long batch_trace(const batch_settings *settings, const batch_sample *sample, batch_row *rows, long most)
+{
+    batch_settings alone = *settings;
+    batch_outcome outcome;
+    alone.instants = 0;
+    return run(&alone, sample, &outcome, NULL, rows, most);
+}
