@@ -42,15 +42,16 @@ initial = {{ point = [0.0, 0.1], heading = 0.1, speed = 0.0 }}
 simulation = {{ duration = {DURATION}, period = {PERIOD}, output_step = {PERIOD}, backend = "cf" }}
 """
 PARTS = ("read_encoders", "reckon", "look", "labmate_type_iv_segment_step_f", "make_law")
+KINDS = ("ordinary", "changing", "standing")
 Row = dict[str, float]
 
 
 def measure(folder: Path, optimize: Sequence[str] = ("-O2",)) -> dict:
     """Builds images in a folder and runs them.
 
-    Answers instructions (calls, mean, least, most) of a step that stays on its piece, `ordinary`, and of one in which a line or
-    arc begins, `changing`, on the path of 3 pieces and, `many`, on that of 50; of the parts, compiled as functions of their own;
-    bytes of stack and code that a step takes. RuntimeError where a run does not arrive.
+    Answers instructions (calls, mean, least, most) of a step that stays on its piece, `ordinary`, of one in which a line or arc
+    begins, `changing`, and of one at the stop, `standing`, on the path of 3 pieces and, `many`, on that of 50; of the parts,
+    compiled as functions of their own; bytes of stack and code that a step takes. RuntimeError where a run does not arrive.
     """
     folder.mkdir(parents=True, exist_ok=True)
     recorded = _record(folder)
@@ -58,8 +59,8 @@ def measure(folder: Path, optimize: Sequence[str] = ("-O2",)) -> dict:
     many = _Image(folder / "many", recorded, MANY, optimize)
     apart = _Image(folder / "apart", recorded, 3, (*optimize, "-DAPART"))
     return {
-        **{kind: image.count("step", kind) for kind in ("ordinary", "changing")},
-        "many": {kind: many.count("step", kind) for kind in ("ordinary", "changing")},
+        **{kind: image.count("step", kind) for kind in KINDS},
+        "many": {kind: many.count("step", kind) for kind in KINDS},
         "parts": {part: apart.count(part, "step") for part in PARTS},
         "stack_bytes": image.stack_bytes,
         "text_bytes": image.text_bytes,
@@ -126,7 +127,7 @@ def _header(recorded: list[tuple[int, int]], pieces: int) -> str:
 
 def text(result: dict) -> str:
     """The result as a table."""
-    rows = {"step": result["ordinary"], "step, a piece begins": result["changing"]}
+    rows = {"step": result["ordinary"], "step, at the stop": result["standing"], "step, a piece begins": result["changing"]}
     rows |= {f"the same, {MANY} pieces": result["many"]["changing"]}
     rows |= {f"  {part}": row for part, row in result["parts"].items()}
     lines = [f"{TARGET.name + ', instructions':36}{'calls':>7}{'mean':>9}{'least':>7}{'most':>7}"]

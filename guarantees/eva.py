@@ -11,7 +11,7 @@ from pathlib import Path
 from .tools import HERE, STANDARD, Failed, Task, attempt, each, need, run
 
 OPTIONS = (
-    "-eva -eva-precision 1 -eva-slevel 2000 -eva-split-return full -eva-auto-loop-unroll 40 "
+    "-eva -eva-precision 1 -eva-auto-loop-unroll 40 "
     "-eva-no-print -machdep gcc_x86_32 -warn-special-float none -out-external -inout-verbose 1"
 ).split()
 SCALARS = {"float": ("_f", "0x1p-149f", "FLT_MAX", "_F"), "double": ("", "0x1p-1074", "DBL_MAX", "")}
@@ -35,6 +35,8 @@ MAY_WRITE = {  # function -> objects and parts of them, as the programs call the
     "noslip_path_look": {"guide"},
     "noslip_path_update": {"self.place", "self.guide", "self.under_way", "self.begun", "guide"},
 }
+MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 2000}
+MOST_IN_PATH |= {"noslip_path_go_on": 2000, "noslip_path_step": 1000, "check_init": 2000, "check_update": 3000, "main": 10000}
 
 
 @dataclass(frozen=True)
@@ -50,10 +52,15 @@ class Program:
 
     @property
     def precision(self) -> list[str]:
-        """Where fewer paths are told apart: which limit is none; whether a size is infinite (-1 is none, so nothing is split)."""
+        """How many paths are told apart, and where fewer: which limit is none; whether a size is infinite.
+
+        The states at a return are told apart by what it answers; -1 is no size, so that of a size they are not.
+        """
         suffix = SCALARS[self.scalar][0]
-        merged = f"noslip_limit{suffix}:0,noslip_abs{suffix}:0"
-        return ["-eva-slevel-function", merged, "-eva-split-return-function", f"noslip_abs{suffix}:-1"]
+        most = {"noslip_limit": 0, "noslip_abs": 0} | (MOST_IN_PATH if self.source == "path" else {})
+        each = ",".join(f"{function}{suffix if function.startswith('noslip') else ''}:{n}" for function, n in most.items())
+        split = ["-eva-split-return", "full", "-eva-split-return-function", f"noslip_abs{suffix}:-1"]
+        return ["-eva-slevel", "100" if self.source == "path" else "2000", "-eva-slevel-function", each, *split]
 
     def sources(self, task: Task) -> list[Path]:
         """The files to analyse."""

@@ -240,6 +240,8 @@ def _moving_json(form: NormalForm, moving: Moving) -> dict[str, Any]:
         "settles": moving.settles,
         "stable_when": moving.stable_when or None,
         "rate": None if moving.rate is None else written(moving.rate),
+        "shape": {each.name: written(sp.Symbol("V") * each.rate) for each in moving.shape.followers},
+        "not_examined": [] if moving.shape.decided else list(moving.shape.names),
         "lever": None if moving.lever is None else written(moving.lever),
         "lever_default": None if moving.lever is None else form.decoupling.at_defaults(moving.lever),
     }

@@ -87,7 +87,7 @@ def _outputs(answer: Answer) -> list[str]:
     others = ["<h3>Not this system's</h3>", _table(("because", "laws"), refused)] if refused else []
     if not answer.outputs:
         return ["<h2>Outputs</h2>", f"<p>None: {_text(answer.no_outputs)}.</p>", *others]
-    used = {name for form in answer.outputs.values() for each in form.moving for name in SYMBOLS if name in each.equation}
+    used = {name for form in answer.outputs.values() for each in form.moving for name in each.symbols}
     legend = _table(("", ""), [(mathml(sp.Symbol(k)), _text(v)) for k, v in SYMBOLS.items() if k in used], header=False)
     return [
         "<h2>Outputs</h2>",

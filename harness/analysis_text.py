@@ -1,6 +1,5 @@
 """The answer of `noslip analyse` as text for people."""
 
-import re
 import textwrap
 from collections.abc import Iterable
 
@@ -58,6 +57,7 @@ def _output(law: str, form: NormalForm) -> list[str]:
     lines = labelled(law, [f"outputs (relative degree) {names}"])
     lines += labelled("  det Phi", [written(made.det_for_people)])
     lines += labelled("  singular", singular_when(form) or ["nowhere"])
+    lines += labelled("  not defined", [f"where {written(pole)} = 0" for pole in made.poles])
     lines += labelled("  uncontrolled", [uncontrolled(form)])
     return lines + labelled("  at speed V", map(str, form.moving))
 
@@ -74,8 +74,10 @@ def _legend(form: NormalForm) -> dict[str, str]:
             found[f"({', '.join(point)})"] = f"({places}), P_l"
         if str(made.normal.x) in shown:
             found[f"({made.normal.x}, {made.normal.y})"] = "gradient of the distance at P_l, of length 1 on the path"
-    said = " ".join(f"{each.equation} {each.settles}" for each in form.moving)
-    return found | {name: about for name, about in SYMBOLS.items() if re.search(rf"\b{name}\b", said)}
+    if form.moving and not made.planar.heading.is_Symbol:
+        found["heading"] = f"{written(made.planar.heading)}, of the part of the vehicle that P_l and its axle belong to"
+    said = {name for each in form.moving for name in each.symbols}
+    return found | {name: about for name, about in SYMBOLS.items() if name in said}
 
 
 def labelled(label: str, parts: Iterable[str], indent: int = 2) -> list[str]:

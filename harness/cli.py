@@ -23,6 +23,7 @@ COMMANDS = (
     "analyse",
     "plan",
     "outer-loop",
+    "sweep",
     "figures",
     "export",
 )  # each a module beside this one

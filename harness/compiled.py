@@ -1,7 +1,7 @@
 """A controller whose numbers come from the generated C, in double or float."""
 
 from collections.abc import Sequence
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import cffi
 import numpy as np
@@ -95,7 +95,6 @@ class CompiledController:
         self._status = cache(self._library.status)
         self._seen = [self._numbers(self._state), self._numbers(self._reference)]
         self._answer = self._numbers(self._tau)
-        self._found = {q: self._quantity(q) for q, _ in ffi.typeof(self._evaluation).item.fields}
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
         """h, ydot, Phi, Phidot, u and tau at one state; no values unless the status is ok."""
@@ -125,10 +124,14 @@ class CompiledController:
         ffi = self._library.ffi
         return np.frombuffer(ffi.buffer(place), f"f{ffi.sizeof(self._library.text.scalar.real)}")
 
-    def _quantity(self, name: str) -> np.ndarray:
-        """A vector or matrix of the evaluation, in the same memory."""
-        values = getattr(self._evaluation, name)
-        return self._numbers(values).reshape((len(values), -1) if hasattr(values[0], "__len__") else -1)
+    @cached_property
+    def _found(self) -> dict[str, np.ndarray]:
+        """The vectors and matrices of the evaluation, in the same memory."""
+        found = {}
+        for name, _ in self._library.ffi.typeof(self._evaluation).item.fields:
+            values = getattr(self._evaluation, name)
+            found[name] = self._numbers(values).reshape((len(values), -1) if hasattr(values[0], "__len__") else -1)
+        return found
 
     @staticmethod
     def _filled(struct, quantities, values):

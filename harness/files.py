@@ -13,8 +13,11 @@ unfinished: set[Path] = set()  # temporary files and folders, to be removed by w
 children: set[subprocess.Popen] = set()  # and programs that run for it, to be killed
 
 
-def write_whole(path: str | Path, content: str | bytes) -> None:
-    """Write a file through a temporary one beside it; "-" is standard output. Raises OSError naming the file."""
+def write_whole(path: str | Path, content: str | bytes, lasting: bool = False) -> None:
+    """Write a file through a temporary one beside it; "-" is standard output. `lasting`: it is on the disk when this returns.
+
+    Raises OSError naming the file.
+    """
     if path == "-":
         print(content, end="")
         return
@@ -26,7 +29,11 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
             target.write_bytes(data)
             return
         unfinished.add(part)
-        part.write_bytes(data)
+        with open(part, "wb") as file:
+            file.write(data)
+            if lasting:
+                file.flush()
+                os.fsync(file.fileno())
         if target.exists():
             shutil.copymode(target, part)
         os.replace(part, target)

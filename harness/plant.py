@@ -34,6 +34,10 @@ class Plant:
         """Total energy T + U, J, of each row of x."""
         return self._rows("energy", x)[:, 0]
 
+    def power(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """What inputs and forces (friction, not weight) do, W, of each row of x and tau: the rate of the energy."""
+        return self._rows("power", x, tau)[:, 0]
+
     def slip(self, x: np.ndarray) -> np.ndarray:
         """A qdot, what the constraints (2) leave, of each row of x."""
         return self._rows("slip", x)
@@ -61,12 +65,16 @@ def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
     rate = ca.Function("rate", [x, tau, p], [ca.densify(ca.vertcat(system.qdot, acceleration))])
     step = _dop853(rate, x, tau, p, h, tolerance)
     energy = ca.substitute(mechanism.energy(), mechanism.qdot, system.qdot)
+    power = ca.dot(tau, mechanism.E.T @ mechanism.qdot) + sum(
+        (force * velocity for force, velocity in mechanism.forces), ca.SX(0)
+    )
     places = ca.vertcat(*[c.mass for c in mechanism.contacts], *[c.left for c in mechanism.contacts])
     contacts = ca.vertcat(ca.vec(combination(mechanism)), places)
     return {
         "rate": rate,
         "step": ca.Function("step", [x, tau, p, h, tolerance], [ca.densify(s) for s in step]),
         "energy": ca.Function("energy", [x, p], [ca.densify(energy)]),
+        "power": ca.Function("power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot))]),
         "slip": ca.Function("slip", [x, p], [ca.densify(mechanism.A @ system.qdot)]),
         "contacts": ca.Function("contacts", [x, p], [ca.densify(contacts)]),
         "forces": ca.Function("forces", [x, tau, p], [ca.densify(system.constraint_forces(tau, acceleration))]),

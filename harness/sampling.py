@@ -105,10 +105,16 @@ def _null_space(law: ControlLaw) -> ca.Function:
 
 
 def _range(law: ControlLaw, quantity: Quantity) -> float:
-    vehicle = law.system.mechanism.vehicle
-    if vehicle and quantity.name in map(str, ca.symvar(vehicle.heading)):
+    if quantity.name in _headings(law):
         return np.pi
     return {"rad": 20.0, "rad/s": 15.0}.get(quantity.unit, 5.0)
+
+
+@cache
+def _headings(law: ControlLaw) -> frozenset[str]:
+    """The coordinates that the vehicle's heading is made of."""
+    vehicle = law.system.mechanism.vehicle
+    return frozenset(map(str, ca.symvar(vehicle.heading)) if vehicle else ())
 
 
 def _vehicle_place(law: ControlLaw) -> list[int]:

@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .errors import BadInput
 from .files import check_targets, write_whole
@@ -60,6 +60,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         default=[],
         help="change an entry of the SPEC, for example initial.heading=0.5 or output.type='\"I\"'; may come several times",
     )
+    parser.add_argument("--sample", metavar="K", type=int, help="SPEC.toml is OUT.parquet of noslip sweep: run its sample K")
     parser.set_defaults(run=run)
 
 
@@ -74,7 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     outputs, pictures = (arguments.output, arguments.record), (arguments.plot, arguments.contact)
     check_targets(*[[file for file in files if file] for files in (outputs, pictures)])
-    spec = read_varied(arguments.spec, dict(map(change, arguments.set)))
+    changes = dict(map(change, arguments.set))
+    spec = read_varied(arguments.spec, changes) if arguments.sample is None else _sample(arguments, changes)
     progress = Progress(spec.simulation.duration)
     try:
         verdict = certify(make_loop(spec), spec)
@@ -98,6 +100,17 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{arguments.spec}: stopped at t = {done.t[-1]:.9g} s: {done.stopped}", file=sys.stderr)
         return 1
     return 0
+
+
+def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":
+    """The SPEC of one sample of a finished sweep. Raises BadInput for no such sample, or changes of it."""
+    from .sweeping.store import sample_of
+    from .sweeping.study import sample_spec
+
+    if changes:
+        raise BadInput("--sample runs a sample as it was; --set changes a SPEC")
+    text, row, _ = sample_of(arguments.spec, arguments.sample)
+    return sample_spec(text, row)
 
 
 def _recorded(spec: "Spec", progress: Progress) -> tuple["Run", str]:

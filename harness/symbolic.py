@@ -1,7 +1,7 @@
 """The reference backend: the model's own expressions, evaluated by CasADi in double."""
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
@@ -30,18 +30,25 @@ class CasadiController:
     ):
         self.law = law
         self._fixed = tuple(np.array(group, dtype=float) for group in (params, config, gains))
-        self._step, self._evaluation, self._slope = Direct(step_function(law)), evaluation_function(law), slope_function(law)
+        self._step = Direct(step_function(law))
         self._slows = limits is not None and limits.mode == "slow"
         self._limits = np.array([limit or np.inf for limit in limits.torque] if limits else np.inf)
+
+    @cached_property
+    def _evaluation(self) -> Direct:
+        return Direct(evaluation_function(self.law))
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
         """All quantities, those of the model (M, V, A, S, Mbar, bias, lam) included."""
         status, _ = self._unlimited(state, reference)
         if status != "ok":
             return Evaluation(status)
-        values = [np.asarray(value) for value in self._evaluation(*self._fixed, state, reference)]
-        named = zip(self._evaluation.name_out(), values, strict=True)
-        return Evaluation(status, {name: value.ravel() if name in VECTORS else value for name, value in named})
+        function = evaluation_function(self.law)
+        values = {}
+        for k, value in enumerate(self._evaluation(*self._fixed, state, reference)):
+            name = function.name_out(k)
+            values[name] = value if name in VECTORS else value.reshape(function.size_out(k), order="F")
+        return Evaluation(status, values)
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         """Status and tau, N or N m, within the limits; zeros when the status is an error."""
@@ -49,7 +56,8 @@ class CasadiController:
         if (np.abs(tau) <= self._limits).all():
             return status, tau
         if self._slows:
-            tau = slowed(tau, np.asarray(self._slope(*self._fixed, state, reference)).ravel(), self._limits)
+            slope = slope_function(self.law)(*self._fixed, state, reference)
+            tau = slowed(tau, np.asarray(slope).ravel(), self._limits)
         return "saturated", np.clip(tau, -self._limits, self._limits)
 
     def _unlimited(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:

@@ -127,11 +127,16 @@ class Decoupling:
     @cached_property
     def undefined(self) -> tuple[sp.Expr, ...]:
         """Where det Phi has no value: where one of these is zero."""
-        found = [self.functions.expression(factor) for factor in self._vanishing(self._ratio[1])]
+        found = list(self.poles)
         for component in self.normal.meaning if self.normal else ():
             below = [part.as_base_exp()[0] for part in sp.Mul.make_args(sp.fraction(sp.together(component))[1])]
             found += [base for base in below if base.free_symbols & set(self.normal.point) and base not in found]
         return tuple(found)
+
+    @cached_property
+    def poles(self) -> tuple[sp.Expr, ...]:
+        """Where quasi-velocities or outputs fail, whatever the path: where one of these is zero det Phi has no value."""
+        return tuple(self.functions.expression(factor) for factor in self._vanishing(self._ratio[1]))
 
     @property
     def explained(self) -> dict[sp.Symbol, sp.Expr]:

@@ -4,6 +4,7 @@ Under the feedback (20) the outputs obey z1' = z2, z2' = v (relative degree 2) o
 z3 = h~(q), obeys z3' = J_h~ S Phi^-1 w, w being the rates z2 and the outputs of relative degree 1: it is driven by w alone.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,9 +15,11 @@ import sympy as sp
 from .decoupling import Decoupling
 from .points import random_point
 from .readable import readable
+from .shape import Shape, shape
 from .symbolic import written
 
 CHOICES = 200  # of h~ looked at
+COURSE = 20  # operations of a follower's equation that is shown
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,9 @@ class Chart:
 class Moving:
     """What is not controlled while the reference moves at the speed V: its equation, and where it settles if it is stable.
 
-    `stable_when` is empty when it never settles; `rate`, 1/s, is that of its linearization; the sign of `lever` (m) decides.
+    `stable_when` is empty when it never settles; it is of the heading and of all of `shape`, of the heading alone where nothing
+    is known of that. `rate`, 1/s, is that of the heading's linearization; the sign of `lever` (m) decides about the heading.
+    `beside`: what else there is to say of the shape.
     """
 
     reference: str
@@ -41,17 +46,29 @@ class Moving:
     stable_when: str = ""
     rate: sp.Expr | None = None
     lever: sp.Expr | None = None
+    shape: Shape = Shape((), ())
+    beside: str = ""
 
     def __str__(self) -> str:
         """A line."""
-        stable = f"; stable if and only if {self.stable_when}, then {self.settles}" if self.stable_when else f": {self.settles}"
-        return f"{self.reference}: {self.equation}{stable}"
+        what = "" if self.shape.decided else "the heading is "
+        settled = (
+            f"; {what}stable if and only if {self.stable_when}, then {self.settles}" if self.stable_when else f": {self.settles}"
+        )
+        return f"{self.reference}: {self.equation}{settled}{f'; {self.beside}' if self.beside else ''}"
+
+    @property
+    def symbols(self) -> list[str]:
+        """Those of SYMBOLS that are in it."""
+        said = f"{self.equation} {self.settles} {self.beside}"
+        return [name for name in SYMBOLS if re.search(rf"\b{name}\b", said)]
 
 
 SYMBOLS = {  # in the equations of Moving
     "s": "n . (cos, sin)(heading), n the unit normal of the path at P_l; Phi is singular where |s| = 1",
     "chi": "curvature of the path at P_l, positive where n points away from its centre",
     "V": "speed of the reference, negative in reverse",
+    "v": "forward speed of the vehicle",
     "psi": "direction in which P_l moves",
 }
 
@@ -170,19 +187,24 @@ def _along_a_path(made: Decoupling) -> tuple[Moving, ...]:
     speed = next((k for k in made.rates if _same(made, made.Phi.row(k), made.planar.forward)), None)
     if path is None or speed is None or made.slopes[path] is not None:
         return ()
-    arm, V = made.arms[path], sp.Symbol("V")
-    lever, stable_when, rate = _factor(arm.ahead), f"{written(V * arm.ahead)} > 0", -V / arm.ahead
+    arm, V, follows = made.arms[path], sp.Symbol("V"), shape(made)
+    lever, rate, chi = _factor(arm.ahead), -V / arm.ahead, made.normal.chi
+    beside = _shape_along(follows, V, bends=chi != 0)
+    stable_when = _stable_when(follows, V, arm.ahead)
     if arm.left:
-        deviation = f"small deviations of the heading change at the rate {written(rate)}"
-        return (Moving("V along a straight path", deviation, "the heading is along it", stable_when, rate, arm.ahead),)
-    equation, chi = f"{lever}*s' = -V*(s - {lever}*chi)", made.normal.chi
-    if chi is None:
-        settles = f"s follows {lever}*chi, and |s| < 1 while |{lever}*chi| < 1"
-    elif not chi:
-        settles = "s -> 0 (chi = 0)"
+        reference, settles = "V along a straight path", "the heading is along it"
+        equation = f"small deviations of the heading change at the rate {written(rate)}"
     else:
-        settles = f"s -> {written(arm.ahead * chi)} (chi = {written(chi)}), which must be below 1 in size"
-    return (Moving("V along the path", equation, settles, stable_when, rate, arm.ahead),)
+        reference, equation = "V along the path", f"{lever}*s' = -V*(s - {lever}*chi)"
+        if chi is None:
+            settles = f"s follows {lever}*chi, and |s| < 1 while |{lever}*chi| < 1"
+        elif not chi:
+            settles = "s -> 0 (chi = 0)"
+        else:
+            settles = f"s -> {written(arm.ahead * chi)} (chi = {written(chi)}), which must be below 1 in size"
+    if not stable_when:
+        settles = "never stable"
+    return (Moving(reference, equation, settles, stable_when, rate, arm.ahead, follows, beside),)
 
 
 def _point_moving(made: Decoupling) -> tuple[Moving, ...]:
@@ -193,10 +215,17 @@ def _point_moving(made: Decoupling) -> tuple[Moving, ...]:
     if not sp.Matrix([made.slopes[k] for k in rows]).det():
         return ()
     ahead, heading, factor = made.arms[rows[0]].ahead, written(made.planar.heading), _factor(made.planar.heading)
-    equation = f"{_factor(ahead)}*{factor}' = V*sin(psi - {factor})"
-    settles = f"{heading} -> psi, driving forward; else {heading} -> psi + pi, driving backward"
+    equation, follows = f"{_factor(ahead)}*{factor}' = V*sin(psi - {factor})", shape(made)
+    lost = {
+        way: "".join(f", where {name} turns away" for name in [_listed(follows.turning_away(way))] if name) for way in (1, -1)
+    }
+    settles = f"{heading} -> psi, driving forward{lost[1]}; else {heading} -> psi + pi, driving backward{lost[-1]}"
+    stable_when = f"{written(ahead)} > 0"
+    if lost[1]:
+        stable_when, settles = "", f"for {stable_when} {settles}"
     rate = -sp.Symbol("V") / ahead
-    return (Moving("V > 0 in the direction psi", equation, settles, f"{written(ahead)} > 0", rate, ahead),)
+    beside = _shape_along(follows, sp.Symbol("v"))
+    return (Moving("V > 0 in the direction psi", equation, settles, stable_when, rate, ahead, follows, beside),)
 
 
 def _heading_held(made: Decoupling) -> tuple[Moving, ...]:
@@ -207,8 +236,41 @@ def _heading_held(made: Decoupling) -> tuple[Moving, ...]:
         return ()
     (g_x, g_y), name = made.slopes[row], made.linearization.output.rows[row].name
     speed = sp.Symbol("V") / readable(g_x * made.planar.cosine + g_y * made.planar.sine)
-    equation = f"forward speed = {written(speed)}"
-    return (Moving(f"{name} at V, heading held", equation, "the other coordinate of P_l drifts, neither held nor bounded"),)
+    equation, follows = f"forward speed = {written(speed)}", shape(made)
+    settles = "the other coordinate of P_l drifts, neither held nor bounded"
+    beside = _shape_along(follows, sp.Symbol("v"))
+    return (Moving(f"{name} at V, heading held", equation, settles, shape=follows, beside=beside),)
+
+
+def _stable_when(follows: Shape, V: sp.Symbol, lever: sp.Expr) -> str:
+    """Of driving straight: all rates are negative, -V/lever and V times those of the followers. Empty: never."""
+    signs = {each.sign for each in follows.followers}
+    if not signs:
+        return f"{written(V * lever)} > 0"
+    if 0 not in signs:
+        return "" if len(signs) > 1 else " and ".join(f"{written(e)} {'>' if signs == {-1} else '<'} 0" for e in (V, lever))
+    return " and ".join([f"{written(V * lever)} > 0", *(f"{written(V * each.rate)} < 0" for each in follows.followers)])
+
+
+def _shape_along(follows: Shape, speed: sp.Symbol, bends: bool = False) -> str:
+    """How the shape follows straight driving at a forward speed; empty without one."""
+    if not follows.decided:
+        return f"what becomes of {_listed(follows.names)} is not examined"
+    if not follows.names:
+        return ""
+    said = ", ".join(
+        f"{each.name}' = {written(readable(speed * each.course))}"
+        if sp.count_ops(each.course) <= COURSE
+        else f"{each.name} at the rate {written(speed * each.rate)}"
+        for each in follows.followers
+    )
+    ways = {way: _listed(follows.turning_away(sign)) for way, sign in (("forward", 1), ("in reverse", -1))}
+    lost = "".join(f"; driving {way} {names} turns away" if names else "" for way, names in ways.items())
+    return f"driving straight {said}{lost}{', also where the path bends a little' if bends else ''}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names)
 
 
 def _factor(expression: sp.Expr) -> str:

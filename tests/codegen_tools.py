@@ -76,11 +76,10 @@ def in_c(scalar: type, sincos: Callable[[float], tuple[float, float]]) -> dict[s
 
 
 def unicycle(name: str = "unicycle", mass: str = "m", arm: bool = False) -> Mechanism:
-    """Pushed forward and turned; with an arm that turns about the same axle, n - m = 3. `mass`: the names of its masses."""
+    """Pushed forward and turned; with an arm that turns about the same axle, n - m = 3."""
     robot = Mechanism(name, "a unicycle")
     x, y, heading = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("heading", "rad")
-    m = sum(robot.parameter(part, 12.0, "kg") for part in mass.split())
-    inertia = robot.parameter("I_z", 0.8, "kg m^2")
+    m, inertia = robot.parameter(mass, 12.0, "kg"), robot.parameter("I_z", 0.8, "kg m^2")
     forward = cos(heading) * robot.rate(x) + sin(heading) * robot.rate(y)
     robot.kinetic_energy(m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + inertia * robot.rate(heading) ** 2 / 2)
     robot.rolls("no side slip", cos(heading) * robot.rate(y) - sin(heading) * robot.rate(x))

@@ -481,16 +481,25 @@ def quantities_of(evaluation) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "masses",
+    "names",
     [
-        "k1 t1 held self reference params status tau all x_l_rate yaw_rate part",
-        "k2 ready options state config gains limit h sin_heading Phi_11 forward_speed root",
+        "k1 ready self tau x_l_rate",
+        "k2 held state h Phi_11",
+        "t1 limit reference all yaw_rate",
+        "options config sin_heading part forward_speed",
+        "params gains status root",
     ],
-    ids=["k1", "k2"],
 )
-def test_any_name_of_a_parameter_gives_c(masses):
-    """What the generator calls its own does not meet what the user calls hers."""
-    law = control_law(system := reduce(unicycle("named", masses)), OUTPUTS["type_i"](system))
+def test_any_name_of_a_parameter_gives_c(names):
+    """What the generator calls its own does not meet what the user calls hers. Each is a number that the step itself uses."""
+    mass, *pulls = names.split()
+    robot = unicycle(f"u_{mass}", mass)
+    x, y, _ = ca.vertsplit(robot.q)
+    for pull, energy in zip(pulls, (x, y, x**2 / 2, y**2 / 2), strict=False):
+        robot.potential_energy(robot.parameter(pull, 1.3, "N") * energy)
+    law = control_law(system := reduce(robot), OUTPUTS["type_i"](system))
+    leaves = {node.name for node in compile_law(law).constants if node.operation == "leaf"}
+    assert leaves >= set(names.split())
     numbers = [[q.default or 0.3 for q in law.groups[g]] for g in ("params", "config", "gains")]
     state, reference = np.array([1.0, 0.5, 1.2, 0.7, 0.9]), np.array([0.1, 0.2, 0.3, 1.0, 0.4, 0.2])
     ours, truth = (made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController))
@@ -500,13 +509,14 @@ def test_any_name_of_a_parameter_gives_c(masses):
 
 @pytest.mark.parametrize(
     ("row", "other"),
-    [("k1", "t1"), ("self", "state"), ("reference", "tau"), ("h", "all"), ("status", "sin_heading"), ("Phi", "heading")],
+    [("k1", "t1"), ("self", "state"), ("reference", "tau"), ("h", "all"), ("status", "sin_heading"), ("Phi", "t2")],
 )
 def test_any_name_of_an_output_gives_c(row, other):
     system = reduce(unicycle(f"o_{row}"))
-    heading, x = system.mechanism.q[2], system.mechanism.q[0]
-    rows = (OutputRow(row, "m", "a point ahead", x + 0.3 * ca.cos(heading)), OutputRow(other, "rad", "heading", heading))
-    law = control_law(system, OutputMap("own", "own", rows))
+    x, y, heading = ca.vertsplit(system.mechanism.q)
+    point = (x + 0.3 * ca.cos(heading), y + 0.3 * ca.sin(heading))
+    rows = [OutputRow(name, "m", "of a point ahead", place) for name, place in zip((row, other), point, strict=True)]
+    law = control_law(system, OutputMap("own", "own", tuple(rows)))
     numbers = [[q.default for q in law.groups[g]] for g in ("params", "config", "gains")]
     state, reference = np.array([1.0, 0.5, 0.4, 0.7, 0.9]), np.arange(6) / 7
     ours, truth = (made(law, *numbers).evaluate(state, reference) for made in (CompiledController, CasadiController))

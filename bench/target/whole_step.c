@@ -1,8 +1,9 @@
 /*
  * whole_step.c - the controller's loop of a vehicle on a path, over recorded counts: encoders, dead reckoning, path, law.
  *
- * The run is made twice: the first time finds the steps in which a line or arc begins, the second calls each step from
- * ordinary() or changing(), so that they can be counted apart. With APART defined, so can the parts of a step.
+ * The run is made twice: the first time finds the steps in which a line or arc begins and those at the stop, the second calls
+ * each step from changing(), standing() or, the others, ordinary(), so that they can be counted apart. With APART defined, so
+ * can the parts of a step.
  */
 #include "labmate_type_iv_segment_f.h"
 #include "noslip_odometry.h"
@@ -26,7 +27,9 @@ typedef struct {
     noslip_path_f path;
 } vehicle;
 
-static unsigned char begins[TICKS];
+typedef int caller(const uint16_t counts[2], float torque[2]);
+
+static caller *callers[TICKS];
 static vehicle self;
 
 PART int read_encoders(const uint16_t counts[2], float turned[2])
@@ -105,6 +108,13 @@ ONCE int changing(const uint16_t counts[2], float torque[2])
     return status;
 }
 
+ONCE int standing(const uint16_t counts[2], float torque[2])
+{
+    const int status = step(counts, torque);
+    __asm__ volatile("");
+    return status;
+}
+
 static int begin(void)
 {
     noslip_path_options_f way = {.speed = SPEED, .deceleration = DECELERATION};
@@ -133,14 +143,14 @@ int main(void)
         if (step(recorded[i], torque) < 0) {
             return 2;
         }
-        begins[i] = (unsigned char)guide->changed;
+        callers[i] = guide->changed ? changing : guide->waiting || guide->arrived ? standing : ordinary;
         changes += guide->changed;
     }
     if (begin()) {
         return 1;
     }
     for (i = 0; i < TICKS; i++) {
-        if ((begins[i] ? changing : ordinary)(recorded[i], torque) < 0) {
+        if (callers[i](recorded[i], torque) < 0) {
             return 3;
         }
     }

@@ -2,8 +2,8 @@
  * path.c - noslip_path for EVA, in the scalar REAL with SUFFIX: init with any bits in everything, then any look and update.
  *
  * Of a path that is ready a look and an update need, and keep, what check_is_sound says, so what holds of one holds of all.
- * Not shown here, for it follows from relations that intervals do not have: that a guide's x, y and heading are finite behind
- * the last segment of a run. The fuzzers look at that.
+ * Not shown here, for it needs relations that intervals do not have: that the other numbers of a guide are finite, and with an
+ * error zero. The fuzzers look at that.
  */
 #include "eva.h"
 #include "noslip_path.h"
@@ -21,7 +21,7 @@ void check_is_sound(const OF(noslip_path) *self, int count)
     /*@ assert self->guide.backward == 0 || self->guide.backward == 1; */
 }
 
-/* Any path of which that holds, whose speeds and lengths are finite, and twice its deceleration, too. */
+/* Any path of which that holds, with a creep that init accepts. */
 void make_path(OF(noslip_path) *self, int count, int closed, int segment)
 {
     ANY(*self);
@@ -32,12 +32,7 @@ void make_path(OF(noslip_path) *self, int count, int closed, int segment)
     self->place.stage = Frama_C_interval(NOSLIP_ALONG, NOSLIP_AT_STOP);
     self->guide.segment = segment;
     self->guide.backward = Frama_C_interval(0, 1);
-    self->speed = BETWEEN(0, LARGEST);
-    self->place.cruise = BETWEEN(-LARGEST, LARGEST);
     self->creep = BETWEEN(0, LARGEST);
-    self->near = BETWEEN(-LARGEST, LARGEST);
-    self->deceleration = BETWEEN(0, LARGEST / 4);
-    self->place.rest = BETWEEN(0, LARGEST);
 }
 
 /* What the guide says of the vehicle, which is checked at each update. */
@@ -45,8 +40,7 @@ void check_guide(const OF(noslip_guide) *guide, int status, int count)
 {
     /*@ assert status >= NOSLIP_UNSTABLE && status <= NOSLIP_ARRIVED; */
     /*@ assert 0 <= guide->segment < count; */
-    /*@ assert \is_finite(guide->left) && \is_finite(guide->distance) && \is_finite(guide->speed); */
-    /*@ assert status < 0 ==> guide->speed == 0 && guide->left == 0 && guide->distance == 0; */
+    /*@ assert \is_finite(guide->left) && \is_finite(guide->distance); */
 }
 
 void check_init(int count, int closed)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from ..errors import BadInput
 from ..robots import suggestion
-from . import beyond, circle, composite, limits, line, masses, planned, redrawn, reversing, rolling, sensing
+from . import beyond, circle, composite, limits, line, masses, planned, redrawn, reversing, robots, rolling, sensing
 from .framework import Figure
 
 FIGURES: tuple[Figure, ...] = (
@@ -20,6 +20,7 @@ FIGURES: tuple[Figure, ...] = (
     *reversing.FIGURES,
     *rolling.FIGURES,
     *planned.FIGURES,
+    *robots.FIGURES,
 )
 
 

@@ -133,8 +133,9 @@ def _run_row(made: Made, label: str) -> list[str]:
     spec = f'<a href="#{case.file}"><code>{case.file}</code></a>{changes}'
     if run.refused:
         return [_cell(_text(label)), _cell(spec), *[_cell("–", "number")] * 4, _cell(_text(f"refused: {run.refused}"))]
-    numbers = (f"{value:.1e}" for value in (run.slip, run.integral, run.agreement))
-    friction = _cell(f"μ ≥ {_friction(run):.2g}", "number" if run.grip.rolls else "number not")
+    numbers = ("–" if value is None else f"{value:.1e}" for value in (run.slip, run.integral, run.agreement))
+    needed = _friction(run)
+    friction = _cell("–" if needed is None else f"μ ≥ {needed:.2g}", "number" if run.grip.rolls else "number not")
     return [
         _cell(_text(label)),
         _cell(spec),
@@ -144,9 +145,9 @@ def _run_row(made: Made, label: str) -> list[str]:
     ]
 
 
-def _friction(run: Outcome) -> float:
-    """The friction coefficient that rolling needs at the worst row."""
-    return max(float(contact.needs.max()) for contact in run.grip.contacts)
+def _friction(run: Outcome) -> float | None:
+    """The friction coefficient that rolling needs at the worst row; None of a robot that has no contacts to judge."""
+    return max((float(contact.needs.max()) for contact in run.grip.contacts), default=None)
 
 
 def _slipping(runs: Iterable[Outcome]) -> list[str]:

@@ -1,5 +1,7 @@
 """Many closed loops of one SPEC, each with numbers of its own, run by the C of batch.c."""
 
+from threading import Lock
+
 import numpy as np
 
 from ..backends import ON_LIMIT
@@ -18,6 +20,7 @@ LONGEST = 0.01  # s: the integrator's longest step
 ACCURACY = 1e-9
 BAND = 0.01
 CHUNK = 4096  # samples made ready at a time: memory stays constant
+_one = Lock()  # CasADi's functions are evaluated by one thread at a time
 
 
 class Batch:
@@ -130,6 +133,10 @@ class Batch:
 
     def _samples(self, table: np.ndarray) -> np.ndarray:
         """Rows of a table as the C has them."""
+        with _one:
+            return self._filled(table)
+
+    def _filled(self, table: np.ndarray) -> np.ndarray:
         law, mechanism = self.law, self.law.system.mechanism
         given = dict(zip(self.inputs, table.T, strict=True))
         made = np.zeros(len(table), self._sample)

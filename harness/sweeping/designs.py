@@ -35,13 +35,15 @@ def _sobol(seed: int, dimensions: int, first: int, count: int) -> np.ndarray:
     sequence = qmc.Sobol(dimensions, bits=SOBOL_BITS, seed=np.random.default_rng(seed))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # that a power of 2 is best: docs/sweep.md says so
-        return sequence.fast_forward(first).random(count) + 0.5 / 2.0**SOBOL_BITS
+        if first:
+            sequence.fast_forward(first)
+        return sequence.random(count) + 0.5 / 2.0**SOBOL_BITS
 
 
 def _latin(seed: int, samples: int, dimensions: int, first: int, count: int) -> np.ndarray:
     """A Latin hypercube: in each dimension one sample in each of `samples` equal parts, anywhere in it."""
     k = np.arange(first, first + count, dtype=np.uint64)
-    parts = [_shuffled(k, samples, seed * 65536 + column) for column in range(dimensions)]
+    parts = [_shuffled(k, samples, 2**64 + seed * 65536 + column) for column in range(dimensions)]
     inside = (np.column_stack(parts) + _random(seed, dimensions, first, count)) / samples
     return np.minimum(inside, np.nextafter(1.0, 0.0))  # where it was rounded to 1
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from ..errors import BadInput
-from ..spec import check_keys, entry, number, numbers, one_of, text, whole
+from ..spec import check_keys, entry, flag, number, numbers, one_of, text, whole
 
 SEEDS = 2**21  # of a sweep: a sample's seed is the sweep's times 2^32 plus the sample's number, below 2^53
 PERIOD = 0.01  # s between calls of a SPEC that says 0, continuous: a sweep runs the loop as compiled, which is sampled
@@ -68,12 +68,9 @@ def _collect(value: Any, name: str, where: str, found: dict[str, Margin]) -> Non
 
 
 def _is_margin(table: Mapping[str, Any]) -> bool:
-    """Is it a distribution, if perhaps of an unknown kind? Then there are numbers in it."""
-    return any(
-        key in KINDS or not isinstance(item, dict | list) or not any(isinstance(part, dict) for part in item)
-        for key, item in table.items()
-        if not isinstance(item, dict)
-    )
+    """Is it a distribution, if perhaps of an unknown kind? Then there are numbers in it, not tables or lists of them."""
+    parts = (item if isinstance(item, list) else [item] for item in table.values())
+    return any(not any(isinstance(part, dict) for part in items) for items in parts)
 
 
 def _margin(table: Mapping[str, Any], where: str) -> Margin:
@@ -131,9 +128,9 @@ def _criterion(value: Any, where: str) -> dict[str, float | bool]:
     made: dict[str, float | bool] = {}
     for key, item in value.items():
         if key == "status":
-            if not isinstance(item, bool):
-                raise BadInput(f"{where} status = {item!r} is neither true nor false")
-            made[key] = item
+            made[key] = flag(item, f"{where} status")
+        elif isinstance(item, dict):  # final.distance = 0.05
+            made |= {f"{key}.{name}": limit for name, limit in _criterion(item, f"{where} {key}").items()}
         else:
             made[key] = number("positive")(item, f"{where} {key}")
     return made

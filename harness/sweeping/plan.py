@@ -91,13 +91,11 @@ class Plan:
         return self.inputs.spec_of(self.inputs.table(fixed | row, 1)[0])
 
     def changes(self, row: dict[str, float]) -> list[str]:
-        """The same as arguments `KEY=VALUE` of `noslip simulate SPEC --set`."""
+        """The same as `KEY=VALUE` of `noslip simulate SPEC --set`."""
         spec, made = self.spec_of(row), {}
         for name in (*self.margins, *([SEED] if SEED in row else [])):
             for key in _keys(name, spec):
                 made[key] = _value(spec, key)
-        if not self.inputs.spec.sensors or "simulation.period" in made:
-            made.setdefault("simulation.period", spec.simulation.period)
         return [f"{key}={_toml(value)}" for key, value in made.items()]
 
     @cached_property

@@ -11,7 +11,6 @@ from ...codegen.dynamics import compile_dynamics
 from ...codegen.files import dynamics_text, law_program, law_text, shared_files
 from ...codegen.scalar import DOUBLE, SCALARS
 from ...model.law import ControlLaw
-from ..odometry import HEADER as ODOMETRY
 from ..runtime import declarations, load
 from ..sensing import angle_coordinates, pose_coordinates
 from ..tracking import HEADER as PATH
@@ -82,6 +81,7 @@ def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: 
         "INTEGRAL_ROWS": _list(acting),
         "INTEGRAL_ANGLES": _list([int(rows[k].unit == "rad") for k in acting]),
         "HIGHEST": _list([wanted[k] + degree[k] for k in acting]),
+        "SINGLE": int(bool(own.suffix)),
         "SENSED": int(sensed),
         "ROUTE": int(route),
     }

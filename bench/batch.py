@@ -1,0 +1,186 @@
+"""Closed loops a second and core: the batch simulator beside SciPy and CasADi, at equal accuracy; what a second thread brings.
+
+The LABMATE on the line of specs/line.toml, 10 s, the controller called at 100 Hz and its torque held. SciPy integrates the plant
+in NumPy from call to call and is given the compiled law; CasADi runs all calls as one function, cvodes from call to call. Of
+each the loosest tolerance counts that meets the accuracy. Times are those of the processor, not of the clock, but for threads.
+Adds "sweep" to bench.json.
+"""
+
+import argparse
+import json
+import os
+import resource
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+from noslip.harness.backends import Controller
+from noslip.harness.closed_loop import simulate
+from noslip.harness.files import write_whole
+from noslip.harness.loop import make_loop
+from noslip.harness.spec import Spec, read_spec
+from noslip.harness.sweeping.batch import Batch
+from noslip.model.law import ControlLaw
+from scipy.integrate import solve_ivp
+
+ROOT = Path(__file__).resolve().parent.parent
+ACCURACY = 1e-8  # greatest error of the state at the end, SI
+DURATION, PERIOD = 10.0, 0.01  # s
+SAMPLES = 1000
+GROWTH = (10, 100, 1000, 4000)
+REPEATS = 3  # the least time counts
+WANTED = {"scipy": 100.0, "cvodes": 5.0, "threads": 1.8}
+
+
+def main() -> int:
+    """Measure, print, add to bench.json; answers 0."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", dest="out", metavar="DIR", default="build", help="where bench.json is (default: build)")
+    file = Path(parser.parse_args().out) / "bench.json"
+    result = measure()
+    print(table(result))
+    known = json.loads(file.read_text()) if file.exists() else {}
+    write_whole(file, json.dumps(known | {"sweep": result}, indent=1) + "\n")
+    return 0
+
+
+def measure() -> dict:
+    """Rates in runs a second, errors, multiples of ours."""
+    spec = read_spec(ROOT / "specs/line.toml")
+    spec = replace(spec, simulation=replace(spec.simulation, duration=DURATION, period=PERIOD))
+    truth, loop, batch = simulate(spec).x[-1], make_loop(spec), Batch(spec)
+    last = [batch.outcomes.index(f"end.{q.name}") for q in loop.law.state]
+    samples = batch.table({}, SAMPLES)
+    ours = SAMPLES / _least(lambda: batch.run(samples))
+    result: dict = {
+        "duration_s": DURATION,
+        "period_s": PERIOD,
+        "accuracy": ACCURACY,
+        "runs_per_second": round(ours, 1),
+        "error": float(np.abs(batch.run(samples[:1])[0, last] - truth).max()),
+        "peers": {},
+    }
+    for name, way in _ways(spec).items():
+        chosen = next((one for k in range(3, 13) if _error((one := way(10.0**-k))(), truth) <= ACCURACY), None)
+        if chosen is not None:
+            seconds, error = _least(chosen), float(np.abs(chosen() - truth).max())
+            result["peers"][name] = {"seconds_per_run": round(seconds, 5), "error": error, "times": round(seconds * ours, 1)}
+    result["threads"] = _threads(batch, samples)
+    result["growth"] = {str(n): round(n / _least(lambda n=n: batch.run(batch.table({}, n))), 1) for n in GROWTH}
+    result["peak_memory_MB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    return result
+
+
+def table(result: dict) -> str:
+    """For a reader."""
+    each = f"{DURATION:g} s at {1 / PERIOD:g} Hz"
+    lines = [f"batch: {result['runs_per_second']:.0f} runs/s and core ({each}), error {result['error']:.0e}"]
+    for name, found in result["peers"].items():
+        wanted = WANTED["cvodes" if "cvodes" in name else "scipy"]
+        lines.append(
+            f"  {name}: {found['seconds_per_run']:.4f} s a run, error {found['error']:.0e}: "
+            f"ours is {found['times']:.0f} times as fast (wanted {wanted:g})"
+        )
+    threads = result["threads"]
+    lines.append(
+        f"  2 threads: {threads['clock']:.2f} times 1 by the clock, {threads['processor']:.2f} by processor time; "
+        f"other work took {threads['load']:.1f} of {os.cpu_count()} cores (wanted {WANTED['threads']:g})"
+    )
+    lines.append("  runs/s of N samples: " + ", ".join(f"{n}: {rate:.0f}" for n, rate in result["growth"].items()))
+    return "\n".join(lines)
+
+
+def _threads(batch: Batch, samples: np.ndarray) -> dict[str, float]:
+    """How much faster two threads are: by the clock, and by processor time, as if no other work were on the machine."""
+    halves = np.array_split(samples, 2)
+    with ThreadPoolExecutor(2) as pool:
+        clock, processor = [], []
+        for work in (lambda: list(pool.map(batch.run, [samples])), lambda: list(pool.map(batch.run, halves))):
+            work()
+            begin = time.perf_counter()
+            processor.append(_least(work))
+            clock.append((time.perf_counter() - begin) / REPEATS)
+    return {
+        "clock": round(clock[0] / clock[1], 2),
+        "processor": round(2 * processor[0] / processor[1], 2),
+        "load": round(os.getloadavg()[0], 1),
+    }
+
+
+def _least(action: Callable[[], object]) -> float:
+    """Seconds of processor time of one action, the least of some."""
+    times = []
+    for _ in range(REPEATS):
+        begin = time.process_time()
+        action()
+        times.append(time.process_time() - begin)
+    return min(times)
+
+
+def _error(x: np.ndarray, truth: np.ndarray) -> float:
+    error = float(np.abs(x - truth).max())
+    return error if np.isfinite(error) else np.inf
+
+
+def _ways(spec: Spec) -> dict[str, Callable[[float], Callable[[], np.ndarray]]]:
+    """Name -> from a tolerance to a run that answers the last state."""
+    loop = make_loop(spec)
+    wanted, controller = loop.guidance.reference(0.0, loop.start), loop.guidance.leg.controller
+    rate = _numpy_rate(loop.plant.parameters)
+    methods = ("RK45", "DOP853", "LSODA")
+    ways = {f"scipy {m}, NumPy": lambda tol, m=m: lambda: _scipy(rate, controller, wanted, loop.start, m, tol) for m in methods}
+    return ways | {"CasADi cvodes": lambda tol: _cvodes(loop, spec, wanted, tol)}
+
+
+def _scipy(rate: Callable, controller: Controller, wanted: np.ndarray, x: np.ndarray, method: str, tol: float) -> np.ndarray:
+    options = {"method": method, "rtol": tol, "atol": tol, "first_step": PERIOD}
+    for _ in range(round(DURATION / PERIOD)):
+        _, tau = controller.step(x, wanted)
+        x = solve_ivp(rate, (0.0, PERIOD), x, args=(tau,), **options).y[:, -1]
+    return x
+
+
+def _cvodes(loop, spec: Spec, wanted: np.ndarray, tol: float) -> Callable[[], np.ndarray]:
+    """All calls as one CasADi function, made beforehand."""
+    law: ControlLaw = loop.law
+    system, count = law.system, round(DURATION / PERIOD)
+    x, tau = ca.SX.sym("x", len(law.state)), ca.SX.sym("tau", len(system.mechanism.inputs))
+    state, known = ca.vertcat(*[q.symbol for q in law.state]), ca.SX(loop.plant.parameters)
+    ode = ca.vertcat(system.qdot, system.acceleration(tau))
+    ode = ca.cse(ca.substitute(ode, ca.vertcat(state, system.mechanism.p), ca.vertcat(x, known)))
+    options = {"reltol": tol, "abstol": tol, "max_num_steps": 10**6}
+    plant = ca.integrator("plant", "cvodes", {"x": x, "p": tau, "ode": ode}, 0.0, PERIOD, options)
+    gains = [spec.gains[gain.name[:2]] for gain in law.gains]
+    control = law.function({"tau": ca.cse(law.tau)})
+    at = ca.MX.sym("x", len(law.state))
+    held = control(loop.plant.parameters, loop.guidance.leg.config, gains, at, wanted)
+    run = ca.Function("call", [at], [plant(x0=at, p=held)["xf"]]).mapaccum(count)
+    return lambda: run(loop.start).full()[:, -1]
+
+
+def _numpy_rate(parameters: np.ndarray) -> Callable[[float, np.ndarray, np.ndarray], np.ndarray]:
+    """The plant (11) as one writes it in NumPy, what the parameters give made beforehand."""
+    b, d, r, m_c, m_w, I_c, I_w, I_m = parameters
+    c = r / (2 * b)
+    mass, inertia = m_c + 2 * m_w + 2 * I_w / r**2, I_c + m_c * d**2 + 2 * (I_m + m_w * b**2 + I_w * b**2 / r**2)
+    W = np.array([[r / 2, r / 2], [c, -c]])  # forward speed and yaw rate
+    Mbar = W.T @ np.diag([mass, inertia]) @ W
+    inverse = np.linalg.inv(Mbar)
+
+    def rate(_: float, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        sin, cos = np.sin(x[2]), np.cos(x[2])
+        nu = x[5:]
+        v, omega = W @ nu
+        bias = W.T @ np.array([-m_c * d * omega**2, m_c * d * v * omega])
+        S = np.array([[cos, -d * sin], [sin, d * cos], [0, 1]])
+        return np.concatenate([S @ (v, omega), nu, inverse @ (tau - bias)])
+
+    return rate
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,339 @@
+"""Laws of every shipped robot through the same battery: the C is the model, has the same bits from every compiler, guards
+itself, is small, compiles without a warning, and Phidot is the derivative of Phi.
+
+`python tests/test_battery.py` takes every law of every robot through it, and prints a line for each with what it measured.
+"""
+
+import math
+import subprocess
+import sys
+from functools import cache, cached_property
+
+import cffi
+import numpy as np
+import pytest
+from noslip.codegen.files import law_program, law_text, shared_files
+from noslip.codegen.robot_c import robot_declarations
+from noslip.codegen.scalar import SCALARS
+from noslip.harness.backends import QUANTITIES, make_controller
+from noslip.harness.build import built, runtime_files
+from noslip.harness.compiled import CompiledController, Library
+from noslip.harness.errors import BadInput
+from noslip.harness.pil import target_library
+from noslip.harness.robots import find_robot, law_of, system_of
+from noslip.harness.sampling import Plant, random_plants
+from noslip.harness.targets import TARGETS, required
+from noslip.model import ControlLaw, Mechanism
+from noslip.model.outputs import OUTPUTS
+from noslip.model.robots import ROBOTS
+from noslip.tests.test_runtime import FLAGS, STRICT, need
+
+VEHICLE = tuple(OUTPUTS)
+TWO = ("type_i", "type_iv_circle")  # both relative degrees, with and without a path
+LAWS = {
+    "knife_edge": VEHICLE,
+    "rolling_disk": VEHICLE,
+    "car": VEHICLE,
+    "tricycle": VEHICLE,
+    "ball_plate": ("ball",),
+    "geared_arm": ("tip", "joints"),
+    "slope_platform": VEHICLE,
+    "tractor_trailer:1": VEHICLE,
+    "tractor_trailer:4": VEHICLE,
+    "four_wheel": VEHICLE,
+    "mobile_manipulator": ("end_point",),
+}
+ALL_TESTED = "knife_edge"  # each time; of the other vehicles TWO
+REFERENCE, *OTHERS = ("gcc", "-O2"), ("gcc", "-O0"), ("clang", "-O2")
+ON_TARGET = {("car", "type_iv_circle"), ("ball_plate", "ball"), ("tractor_trailer:4", "type_i"), ("four_wheel", "type_iv_circle")}
+STATES = 20
+ERROR = {"double": 1e-11, "float": 1e-4}  # of a quantity's largest entry, or of a tenth of its median size
+TINY = 1e-300
+BYTES = {"double": 1024, "float": 512}  # of the struct that is all a law's memory
+TEXT: dict = {}
+TEXT_OF_OTHERS = 90_000
+FAR = 2.0**22  # rad, beyond what sines are taken of in either scalar
+
+CASES = [
+    pytest.param(robot, name, id=f"{robot} {name}", marks=pytest.mark.xdist_group(f"battery {robot}"))
+    for robot, names in LAWS.items()
+    for name in names
+    if robot == ALL_TESTED or name in TWO or names != VEHICLE
+]
+
+
+@pytest.mark.parametrize(("robot", "name"), CASES)
+def test_battery(robot, name):
+    for tool in ("gcc", "clang"):
+        need(tool)
+    battery(robot, name)
+
+
+def battery(robot: str, name: str) -> str:
+    """All that must hold of a law; answers what was measured."""
+    law = Law(law_of(find_robot(robot), name))
+    measured = []
+    for scalar in SCALARS:
+        off = law.is_the_model(scalar)
+        law.has_the_same_bits(scalar, [law.library(cc, level, scalar) for cc, level in OTHERS])
+        law.refuses_null(scalar)
+        law.refuses_what_is_not_finite(scalar)
+        law.refuses_parameters(scalar)
+        law.refuses_far_angles(scalar)
+        measured.append(f"{scalar}: off by {off:.1e}, {law.is_small(scalar)}")
+    measured.append(f"Phidot off by {law.knows_the_rate_of_Phi():.1e}")
+    if (robot, name) in ON_TARGET:
+        law.has_the_same_bits_on_the_target()
+    return "; ".join(measured)
+
+
+class Law:
+    """A law with what its tests share: its C by compiler, and a plant with random states."""
+
+    def __init__(self, law: ControlLaw):
+        self.law = law
+        self.texts = {scalar: law_text(law_program(law), SCALARS[scalar]) for scalar in SCALARS}
+        self.built = cache(self._built)
+        self.ffi = cffi.FFI()
+        self.ffi.cdef("const char *noslip_status_name(int status);")
+        for scalar, text in self.texts.items():
+            self.ffi.cdef(robot_declarations(law.system, SCALARS[scalar]))
+            self.ffi.cdef(text.declarations())
+
+    @cached_property
+    def plant(self) -> Plant:
+        """One with most of the states of the first few."""
+        return max(random_plants(self.law, 3 * STATES, seed=11), key=lambda plant: len(plant.points))
+
+    def library(self, cc: str, level: str, scalar: str) -> Library:
+        """Compiled without a warning."""
+        return Compiled(self.texts[scalar], self.ffi, *self.built(cc, level))
+
+    def _built(self, cc: str, level: str) -> tuple[object, str]:
+        """Functions and file of a library with both scalars."""
+        files = {}
+        for scalar, text in self.texts.items():
+            files |= {**shared_files(self.law.system, SCALARS[scalar]), **text.files()}
+        sources = [*(name for name in files if name.endswith(".c")), "noslip_status.c"]
+        path = built([cc, *FLAGS, level, *STRICT, "-fPIC", "-shared", *sources], {**runtime_files(), **files}, "law.so")
+        return self.ffi.dlopen(str(path)), str(path)
+
+    def instance(self, scalar: str) -> "Instance":
+        """Made by the reference compiler, with the plant's numbers."""
+        return Instance(self, self.library(*REFERENCE, scalar))
+
+    # -- what must hold ------------------------------------------------------------------------------------------
+
+    def is_the_model(self, scalar: str) -> float:
+        """All quantities against CasADi's, both given what the scalar can hold; the largest relative error."""
+        rounded = [as_held(group, scalar).tolist() for group in (self.plant.params, self.plant.config, self.plant.gains)]
+        model = make_controller("casadi", self.law, *rounded)
+        made = CompiledController(self.law, *rounded, made_by=self.library(*REFERENCE, scalar))
+        pairs = []
+        for point in self.plant.points:
+            at = as_held(point.state, scalar), as_held(point.reference, scalar)
+            pairs.append((made.evaluate(*at), model.evaluate(*at)))
+            status, tau = made.step(*at)
+            assert pairs[-1][0].status == pairs[-1][1].status == status == "ok"
+            assert np.abs(tau - pairs[-1][0].values["tau"]).max() <= ERROR[scalar] * np.abs(tau).max()
+        assert len(pairs) >= STATES // 2
+        errors = {}
+        for quantity in QUANTITIES:
+            sizes = [np.abs(truth.values[quantity]).max(initial=0.0) for _, truth in pairs]
+            for (found, truth), size in zip(pairs, sizes, strict=True):
+                off = np.abs(found.values[quantity] - truth.values[quantity]).max(initial=0.0)
+                errors[quantity] = max(errors.get(quantity, 0.0), off / max(size, 0.1 * np.median(sizes), TINY))
+        assert max(errors.values()) <= ERROR[scalar], errors
+        return max(errors.values())
+
+    def has_the_same_bits(self, scalar: str, others: list[Library]) -> None:
+        """Of everything evaluate and step answer, as by the reference compiler."""
+        right = self._bits(self.library(*REFERENCE, scalar))
+        assert all(self._bits(other) == right for other in others)
+
+    def has_the_same_bits_on_the_target(self) -> None:
+        """In float, on an emulated Cortex-M4F."""
+        missing = TARGETS["cortex-m4f"].missing()
+        if missing and required():
+            pytest.fail(f"{', '.join(missing)} not installed")
+        if not missing:
+            self.has_the_same_bits("float", [target_library(self.law, "m4f")])
+
+    def _bits(self, library: Library) -> bytes:
+        made = CompiledController(self.law, self.plant.params, self.plant.config, self.plant.gains, made_by=library)
+        answers = []
+        for point in self.plant.points:
+            values = made.evaluate(point.state, point.reference).values
+            answers += [*values.values(), made.step(point.state, point.reference)[1]]
+        return b"".join(np.asarray(answer, float).tobytes() for answer in answers)
+
+    def refuses_null(self, scalar: str) -> None:
+        one, null = self.instance(scalar), cffi.FFI.NULL
+        given = [one.own, one.params, one.config, one.gains]
+        for k in range(4):
+            assert one.call("init", *[null if i == k else argument for i, argument in enumerate(given)], null) == "null"
+            if k:
+                one.assert_answers("not_ready")
+        assert one.call("init", *given, null) == "ok" and one.call("reset", null) == "null"
+        one.assert_answers("ok")
+        for function, answer in (("step", one.tau), ("evaluate", one.all)):
+            arguments = [one.own, one.state, one.reference, answer]
+            for k in range(4):
+                one.soil()
+                assert one.call(function, *[null if i == k else a for i, a in enumerate(arguments)]) == "null"
+                assert k == 3 or not np.any(one.numbers(answer))
+
+    def refuses_what_is_not_finite(self, scalar: str) -> None:
+        one = self.instance(scalar)
+        for struct in (one.state, one.reference):
+            numbers = one.numbers(struct)
+            for k, good in enumerate(numbers.copy()):
+                for bad in (math.nan, math.inf, -math.inf):
+                    numbers[k] = bad
+                    one.assert_answers("nonfinite")
+                numbers[k] = good
+        one.assert_answers("ok")
+
+    def refuses_parameters(self, scalar: str) -> None:
+        """Not finite, or of the wrong sign; the law is not ready then."""
+        one = self.instance(scalar)
+        groups = ((one.params, self.law.parameters), (one.config, self.law.config), (one.gains, self.law.gains))
+        for struct, quantities in groups:
+            numbers = one.numbers(struct) if quantities else ()
+            for k, quantity in enumerate(quantities):
+                good = numbers[k]
+                for bad in (math.nan, math.inf, *{"positive": (0.0, -1.0), "nonnegative": (-1.0,), "any": ()}[quantity.sign]):
+                    numbers[k] = bad
+                    assert one.init() == "bad_parameter", quantity.name
+                    one.assert_answers("not_ready")
+                numbers[k] = good
+        assert one.init() == "ok"
+
+    def refuses_far_angles(self, scalar: str) -> None:
+        """Where CasADi's backend does, and with the same status: angles whose sine is taken."""
+        one, plant, state = self.instance(scalar), self.plant, self.plant.points[0].state
+        model, refused = make_controller("casadi", self.law, plant.params, plant.config, plant.gains), 0
+        for k, quantity in enumerate(self.law.state):
+            if quantity.unit == "rad":
+                far = np.array(state)
+                far[k] = FAR
+                status = model.evaluate(far, plant.points[0].reference).status
+                one.numbers(one.state)[:] = far
+                one.assert_answers(status)
+                refused += status == "range"
+        assert refused
+
+    def is_small(self, scalar: str) -> str:
+        """Its struct, and in float its code: no heap and no globals, so this is all there is."""
+        library = self.library(*REFERENCE, scalar)
+        struct, suffix = library.ffi.sizeof(library.name("")), SCALARS[scalar].name("")
+        symbols = [line.split() for line in run("nm", "-S", "--defined-only", library.path).splitlines()]
+        own = [line for line in symbols if line[-1].startswith(self.law.system.mechanism.name)]
+        assert not [line for line in own if line[-2] in "bBdD"]
+        code = sum(int(line[1], 16) for line in own if line[-2] in "tT" and line[-1].endswith("_f") == bool(suffix))
+        assert struct <= BYTES[scalar] and 0 < code <= TEXT.get(self.law.system.mechanism.name, TEXT_OF_OTHERS)
+        return f"{struct} bytes of struct, {code} of code"
+
+    def knows_the_rate_of_Phi(self) -> float:
+        """Phidot against differences of fourth order of Phi along qdot = S nu; the largest relative error."""
+        made = CompiledController(
+            self.law, self.plant.params, self.plant.config, self.plant.gains, made_by=self.library(*REFERENCE, "double")
+        )
+        worst, size = 0.0, np.median([np.abs(point.truth.values["Phidot"]).max() for point in self.plant.points])
+        for point in self.plant.points:
+            n = len(point.state) - self.law.system.freedom
+            qdot = np.concatenate([point.truth.values["S"] @ point.state[n:], np.zeros(len(point.state) - n)])
+            h = 1e-3 / max(1.0, np.abs(qdot).max())
+            at = {k: made.evaluate(point.state + k * h * qdot, point.reference).values["Phi"] for k in (-2, -1, 1, 2)}
+            rate = (8 * (at[1] - at[-1]) - (at[2] - at[-2])) / (12 * h)
+            off = np.abs(rate - point.truth.values["Phidot"]).max()
+            worst = max(worst, off / max(size, np.abs(rate).max(), np.abs(at[1]).max()))
+        assert worst <= 1e-7
+        return worst
+
+
+class Compiled(Library):
+    """One scalar of a library that is there already."""
+
+    def __init__(self, text, ffi: cffi.FFI, lib: object, path: str):
+        self.text, self.ffi, self.lib, self.path = text, ffi, lib, path
+        self.files = {}
+
+
+class Instance:
+    """A law in memory of its own, and what its entry points are given: the plant's numbers and its first state."""
+
+    def __init__(self, law: Law, library: Library):
+        plant, self.library = law.plant, library
+        name, robot, ffi = library.name, library.robot_name, library.ffi
+        self.own, self.tau = library.instance(), ffi.new(f"{library.text.scalar.real}[{library.text.inputs}]")
+        self.params = self.struct(robot("params"), plant.params)
+        self.config = self.struct(name("config"), plant.config)
+        self.gains = self.struct(name("gains"), plant.gains)
+        self.state = self.struct(robot("state"), plant.points[0].state)
+        self.reference = self.struct(name("reference"), plant.points[0].reference)
+        self.all = ffi.new(f"{name('evaluation')} *")
+        assert self.init() == "ok"
+
+    def struct(self, name: str, values):
+        made = self.library.ffi.new(f"{name} *")
+        if len(values):
+            self.numbers(made)[:] = values
+        return made
+
+    def numbers(self, place) -> np.ndarray:
+        """What lies there, as an array in the same memory."""
+        ffi = self.library.ffi
+        return np.frombuffer(ffi.buffer(place), f"f{ffi.sizeof(self.library.text.scalar.real)}")
+
+    def call(self, function: str, *arguments) -> str:
+        return self.library.status(self.library.function(function)(*arguments))
+
+    def init(self) -> str:
+        return self.call("init", self.own, self.params, self.config, self.gains, cffi.FFI.NULL)
+
+    def soil(self) -> None:
+        for place in (self.tau, self.all):
+            self.numbers(place)[:] = math.nan
+
+    def assert_answers(self, status: str) -> None:
+        """Of step and evaluate: this status, and finite values, zeros with an error."""
+        for function, answer in (("step", self.tau), ("evaluate", self.all)):
+            self.soil()
+            assert self.call(function, self.own, self.state, self.reference, answer) == status, function
+            values = self.numbers(answer)
+            assert np.all(np.isfinite(values)) if status == "ok" else not np.any(values)
+
+
+def as_held(values, scalar: str) -> np.ndarray:
+    """The nearest values that a scalar has."""
+    return np.asarray(values, np.float32 if scalar == "float" else float).astype(float)
+
+
+def run(*command: str) -> str:
+    return subprocess.run([need(command[0]), *command[1:]], capture_output=True, text=True, check=True).stdout
+
+
+def test_the_battery_has_every_robot_and_every_output_of_its_own():
+    assert {robot.partition(":")[0] for robot in LAWS} == set(ROBOTS) - {"labmate"}  # the LABMATE's are in test_runtime
+    for robot, names in LAWS.items():
+        made: Mechanism = find_robot(robot)
+        assert {output.name for output in made.outputs} <= set(names)
+        assert system_of(made).freedom == 2 or not made.vehicle or names == ("end_point",)
+
+
+def main() -> int:
+    """Every law; 1 if one is wrong."""
+    wrong = 0
+    for robot, names in LAWS.items():
+        for name in names:
+            try:
+                said = battery(robot, name)
+            except (AssertionError, BadInput) as error:
+                said, wrong = f"WRONG: {error}", wrong + 1
+            print(f"{robot} {name}: {said}", flush=True)
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
