@@ -29,7 +29,7 @@ static NOSLIP_COLD int make_encoders(vehicle *self, const vehicle_settings *sett
     for (i = 0; i < 2 && status >= 0; i++) {
         noslip_encoder_f *encoder = &self->encoders[i];
         status = noslip_encoder_init_f(encoder, settings->counts_per_turn[i], settings->counter_bits);
-        if (status >= 0 && !(most < noslip_abs_f(encoder->angle) * (float)(encoder->mask / 2))) {
+        if (status >= 0 && !(most < noslip_abs_f(encoder->angle) * (float)(encoder->mask >> 1))) {
             status = NOSLIP_BAD_PARAMETER;
         }
     }
@@ -258,7 +258,7 @@ static NOSLIP_COLD int refuse(const vehicle *self, const uint32_t counts[2], flo
 
 int vehicle_step(vehicle *self, const uint32_t counts[2], uint32_t missed, float command[2])
 {
-    float torque[2];
+    float torque[2] = {0, 0};
     int status, standing = 0;
     if (self == NULL || counts == NULL || command == NULL || self->ready != NOSLIP_READY) {
         return refuse(self, counts, command);

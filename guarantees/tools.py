@@ -48,7 +48,8 @@ class Task:
     @property
     def include(self) -> list[str]:
         """Flags that find the headers."""
-        return [f"-I{folder}" for folder in (self.runtime, self.generated)]
+        folders = (self.runtime, self.generated, self.root / "firmware", self.root / "firmware/boards")
+        return [f"-I{folder}" for folder in folders]
 
     @property
     def sources(self) -> list[Path]:
@@ -59,6 +60,11 @@ class Task:
     def float_sources(self) -> list[Path]:
         """Every source that has nothing but float."""
         return [path for path in self.sources if path.stem.endswith("_f")]
+
+    @property
+    def firmware(self) -> list[Path]:
+        """What a user's project would have: the vehicle in firmware/, without its boards."""
+        return _c_files(self.root / "firmware")
 
     @property
     def laws(self) -> list[str]:

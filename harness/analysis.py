@@ -125,6 +125,15 @@ def singular_when(form: NormalForm) -> list[str]:
     return [f"{c}{'' if c.confirmed else ' [not tried at a point]'}" for c in form.decoupling.conditions]
 
 
+def driven_straight(answer: Answer) -> list[str]:
+    """How what follows the vehicle beside its heading does so, the same for all outputs; empty where nothing does."""
+    shape = next((form.shape for form in answer.outputs.values() if form.moving and form.shape.names), None)
+    if shape is None:
+        return []
+    note = "v is the forward speed; where a path bends a little, the same settles and turns away"
+    return [*shape.lines(), *([note] if shape.decided else [])]
+
+
 def uncontrolled(form: NormalForm) -> str:
     """The zero dynamics and their stability, in a line."""
     return f"{', '.join(form.T[2])}: zero dynamics {form.zero_dynamics}, {form.stability}"
@@ -215,7 +224,7 @@ def _output_json(form: NormalForm) -> dict[str, Any]:
         "relative_degree": list(made.linearization.relative_degree),
         "det": written(made.det_in_full),
         "singular_when": ", or ".join(singular_when(form)) or "nowhere",
-        "zero_dynamics": "; ".join([uncontrolled(form), *map(str, form.moving)]),
+        "zero_dynamics": "; ".join([uncontrolled(form), *map(str, form.moving), *_driven_straight(form)]),
         "det_short": written(made.det_for_people),
         "where": {str(name): written(formula) for name, formula in made.explained.items()} | made.renamed,
         "conditions": [{"formula": written(c.formula), "words": c.words, "confirmed": c.confirmed} for c in made.conditions],
@@ -231,6 +240,11 @@ def _output_json(form: NormalForm) -> dict[str, Any]:
         "stability": form.stability,
         "moving_reference": [_moving_json(form, each) for each in form.moving],
     }
+
+
+def _driven_straight(form: NormalForm) -> list[str]:
+    """What the lines of `moving` do not say already."""
+    return form.shape.lines() if form.moving and form.shape.decided else []
 
 
 def _moving_json(form: NormalForm, moving: Moving) -> dict[str, Any]:

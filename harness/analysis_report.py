@@ -10,7 +10,7 @@ import sympy as sp
 from .. import __version__
 from ..model.normal_form import SYMBOLS, NormalForm
 from ..model.properties import Check
-from .analysis import Answer, Constraints, uncontrolled
+from .analysis import Answer, Constraints, driven_straight, uncontrolled
 from .analysis_text import VERDICTS
 from .mathml import mathml
 from .safety import Verdict
@@ -87,11 +87,13 @@ def _outputs(answer: Answer) -> list[str]:
     others = ["<h3>Not this system's</h3>", _table(("because", "laws"), refused)] if refused else []
     if not answer.outputs:
         return ["<h2>Outputs</h2>", f"<p>None: {_text(answer.no_outputs)}.</p>", *others]
+    straight = driven_straight(answer)
     used = {name for form in answer.outputs.values() for each in form.moving for name in each.symbols}
     legend = _table(("", ""), [(mathml(sp.Symbol(k)), _text(v)) for k, v in SYMBOLS.items() if k in used], header=False)
     return [
         "<h2>Outputs</h2>",
         *(part for law, form in answer.outputs.items() for part in _output(law, form)),
+        *([f"<h3>Driven straight</h3><p>{_lines(map(_text, straight))}</p>"] if straight else []),
         *([f"<h3>Symbols</h3>{legend}"] if used else []),
         *others,
     ]

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from ..model.normal_form import SYMBOLS, NormalForm
 from ..model.symbolic import written
-from .analysis import Answer, singular_when, uncontrolled
+from .analysis import Answer, driven_straight, singular_when, uncontrolled
 
 WIDTH = 120
 VERDICTS = {True: "yes", False: "no", None: "not decided"}
@@ -46,6 +46,7 @@ def outputs(answer: Answer) -> list[str]:
     for law, form in answer.outputs.items():
         lines += _output(law, form)
         legend |= _legend(form)
+    lines += labelled("driven straight", driven_straight(answer))
     lines += labelled("not this robot's", refused)
     return [*lines, *labelled("where", [f"{name} = {meaning}" for name, meaning in legend.items()])]
 

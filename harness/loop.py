@@ -2,13 +2,11 @@
 
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
 
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
-from ..model.outputs import body_point, forward_speed, reference_point
 from .backends import Limits, make_controller
 from .cases import gain_entries, integral_entries
 from .errors import BadInput
@@ -19,6 +17,7 @@ from .plant import Plant
 from .robots import find_robot, law_of
 from .sensing import Sensing
 from .spec import TYPES, Initial, Spec, check_keys
+from .starts import starts
 from .tracking import TrackerOptions, make_tracker
 
 RUNNING = ("ok", "saturated")  # the statuses with which a run goes on
@@ -230,10 +229,7 @@ def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
 
 
 def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
-    """[q; nu] at t = 0: as given, or found from P_l, heading and forward speed; what these leave open is least.
-
-    First without the coordinates that the reduced mass matrix depends on: a vehicle starts with its wheels straight.
-    """
+    """[q; nu] at t = 0: as given, or found from P_l, heading and forward speed."""
     system = plant.system
     n, freedom = len(system.mechanism.coordinates), system.freedom
     if initial.q is not None:
@@ -244,37 +240,12 @@ def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
         return np.array([*initial.q, *nu])
     if system.mechanism.vehicle is None:
         raise BadInput(f"[initial] point: {system.mechanism.name} is no vehicle (moves_in_plane); give q and nu instead")
-    heading, speed = initial.heading or 0.0, initial.speed or 0.0
-    place = body_point(offset=True)
-    point = ca.vertcat(*reference_point(system, place))
-    point = ca.substitute(point, ca.vertcat(*[q.symbol for q in place]), ca.DM([L, W]))
-    pose = ca.vertcat(point, system.mechanism.vehicle.heading)
-    motion = ca.vertcat(forward_speed(system), system.along_motion(system.mechanism.vehicle.heading))
-    q, nu, p = system.mechanism.q, system.nu, plant.parameters
-    pose, wanted = ca.substitute(pose, system.mechanism.p, p), [*initial.point, heading]
-    shape = np.array([ca.depends_on(system.Mbar, c.symbol) for c in system.mechanism.coordinates])  # such as a steering angle
-    try:
-        q_0 = _solve(pose, q, wanted, "point and heading", still=shape)
-    except BadInput:
-        q_0 = _solve(pose, q, wanted, "point and heading")
-    motion = ca.substitute(motion, ca.vertcat(q, system.mechanism.p), ca.vertcat(q_0, p))
-    return np.concatenate([q_0, _solve(motion, nu, [speed, 0.0], "speed")])
-
-
-def _solve(expression: ca.SX, unknown: ca.SX, wanted: list[float], where: str, still: np.ndarray | bool = False) -> np.ndarray:
-    """Newton's method, least-norm steps from zero to expression(unknown) = wanted; those marked `still` stay zero.
-
-    Raises BadInput when it gets nowhere.
-    """
-    function = ca.Function("start", [unknown], [expression - ca.DM(wanted), ca.densify(ca.jacobian(expression, unknown))])
-    found, enough = np.zeros(unknown.numel()), 1e-12 * max(1.0, *np.abs(wanted))
-    for _ in range(50):
-        residual, jacobian = (value.full() for value in function(found))
-        if np.abs(residual).max() <= enough:
-            return found
-        moves = np.any(jacobian != 0, axis=0) & ~np.bool_(still)  # the others stay exactly zero
-        found[moves] -= np.linalg.lstsq(jacobian[:, moves], residual[:, 0])[0]
-    raise BadInput(f"[initial] {where}: the robot cannot be there; give q and nu instead")
+    pose, speed = np.array([[*initial.point, initial.heading or 0.0]]), np.array([initial.speed or 0.0])
+    (found,) = starts(system, plant.parameters[None], (np.array([L]), np.array([W])), pose, speed)
+    for part, where in ((found[:n], "point and heading"), (found[n:], "speed")):
+        if np.isnan(part).any():
+            raise BadInput(f"[initial] {where}: the robot cannot be there; give q and nu instead")
+    return found
 
 
 def _check_start(loop: Loop) -> None:

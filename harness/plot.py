@@ -80,13 +80,18 @@ def _title(run: Run) -> str:
     for parameter in assumed:
         value = run.spec.parameters.get(parameter.name, parameter.default)
         mark = " (assumed)" if "assumed" in parameter.about else ""
-        shown.append(f"{parameter.name} = {value:g} {parameter.unit}{mark}")
-    truth = [f"{name} = {value:g} {run.law.parameters[names.index(name)].unit}" for name, value in run.spec.plant.items()]
+        shown.append(f"{parameter.name} = {_measured(value, parameter.unit)}{mark}")
+    truth = [f"{name} = {_measured(value, run.law.parameters[names.index(name)].unit)}" for name, value in run.spec.plant.items()]
     if truth:
         shown.append("true robot: " + ", ".join(truth))
     # a number keeps its unit: no break at single blanks
     lines = textwrap.wrap(",  ".join(text.replace(" ", "\xa0") for text in shown), WIDE)
     return "\n".join([first, *lines]).replace("\xa0", " ")
+
+
+def _measured(value: float, unit: str) -> str:
+    """With its unit, unless that is 1."""
+    return f"{value:g}" if unit == "1" else f"{value:g} {unit}"
 
 
 def _gains(run: Run) -> dict[str, float]:

@@ -11,13 +11,14 @@ the equation is integrated. Reversing, with v < 0 and l < 0, is no different.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from ..model.law import symbols
+from ..model.shape import shape_names
 from .cases import gain_entries
 from .errors import BadInput
 from .loop import Loop
@@ -92,9 +93,14 @@ def certify(loop: Loop, spec: Spec) -> Verdict:
         if applies:
             return Verdict("not_proved", f"{why}, which this proof does not cover")
     try:
-        return decide(_motion(loop, spec))
+        found = decide(_motion(loop, spec))
     except BadInput as error:
         return Verdict("not_proved", str(error))
+    others = ", ".join(shape_names(loop.law.system))
+    if found.kind == "safe" and others:
+        doubt = f"as far as the heading goes, {found.reason}; but {others} may turn away, which this proof does not cover"
+        return replace(found, kind="not_proved", reason=doubt)
+    return found
 
 
 def decide(motion: Motion) -> Verdict:

@@ -25,7 +25,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "sweep",
         help="run many closed loops with what is uncertain drawn at random",
-        description="Run the closed loop of SPEC.toml many times, each with numbers drawn as its [sweep] says; see docs/sweep.md.",
+        description="Run the closed loop of SPEC.toml many times, numbers drawn as its [sweep] says: docs/sweep.md.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -64,10 +64,11 @@ def run(args: argparse.Namespace) -> int:
         print(f"{output} is there already", file=sys.stderr)
     else:
         _run_samples(study, output, jobs, args.scheduler)
+    summary = summarize(output, study)
     found = indices(study, args.indices, jobs) if args.indices is not None else None
-    worst = find_worst(study, jobs) if args.worst else None
+    worst = find_worst(study, summary.worst, jobs) if args.worst else None
     verified = verify(output, args.verify, jobs) if args.verify is not None else None
-    report = Report(args.spec, args.output, study, summarize(output, study), found, worst, verified)
+    report = Report(args.spec, args.output, study, summary, found, worst, verified)
     drawn = _draw(report, jobs, args.figures) if args.figures else []
     if args.json:
         print(json.dumps(report.as_json(), indent=1, allow_nan=False))

@@ -15,11 +15,10 @@ import sympy as sp
 from .decoupling import Decoupling
 from .points import random_point
 from .readable import readable
-from .shape import Shape, shape
+from .shape import Shape, shape_of
 from .symbolic import written
 
 CHOICES = 200  # of h~ looked at
-COURSE = 20  # operations of a follower's equation that is shown
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,6 @@ class Moving:
 
     `stable_when` is empty when it never settles; it is of the heading and of all of `shape`, of the heading alone where nothing
     is known of that. `rate`, 1/s, is that of the heading's linearization; the sign of `lever` (m) decides about the heading.
-    `beside`: what else there is to say of the shape.
     """
 
     reference: str
@@ -47,20 +45,18 @@ class Moving:
     rate: sp.Expr | None = None
     lever: sp.Expr | None = None
     shape: Shape = Shape((), ())
-    beside: str = ""
 
     def __str__(self) -> str:
         """A line."""
-        what = "" if self.shape.decided else "the heading is "
-        settled = (
-            f"; {what}stable if and only if {self.stable_when}, then {self.settles}" if self.stable_when else f": {self.settles}"
-        )
-        return f"{self.reference}: {self.equation}{settled}{f'; {self.beside}' if self.beside else ''}"
+        known = self.shape.decided
+        stable = f"{'' if known else 'the heading is '}stable if and only if {self.stable_when}, then {self.settles}"
+        settled = f"; {stable}" if self.stable_when else f": {self.settles}"
+        return f"{self.reference}: {self.equation}{settled}{'' if known else f'; {self.shape}'}"
 
     @property
     def symbols(self) -> list[str]:
         """Those of SYMBOLS that are in it."""
-        said = f"{self.equation} {self.settles} {self.beside}"
+        said = f"{self.equation} {self.settles}"
         return [name for name in SYMBOLS if re.search(rf"\b{name}\b", said)]
 
 
@@ -68,7 +64,6 @@ SYMBOLS = {  # in the equations of Moving
     "s": "n . (cos, sin)(heading), n the unit normal of the path at P_l; Phi is singular where |s| = 1",
     "chi": "curvature of the path at P_l, positive where n points away from its centre",
     "V": "speed of the reference, negative in reverse",
-    "v": "forward speed of the vehicle",
     "psi": "direction in which P_l moves",
 }
 
@@ -121,12 +116,18 @@ class NormalForm:
         return "Lagrange stable, not asymptotically stable" if stands else "not decided"
 
     @cached_property
+    def shape(self) -> Shape:
+        """What follows a vehicle's motion beside its heading; nothing without an axle."""
+        made = self.decoupling
+        return shape_of(made) if made.planar and made.planar.ahead is not None else Shape((), ())
+
+    @cached_property
     def moving(self) -> tuple[Moving, ...]:
         """For a vehicle in the plane, under references that move steadily; empty where no rule is known."""
         made = self.decoupling
         if made.planar is None or made.planar.ahead is None or self.offset is None:
             return ()
-        return _along_a_path(made) + _point_moving(made) + _heading_held(made)
+        return _along_a_path(made, self.shape) + _point_moving(made, self.shape) + _heading_held(made, self.shape)
 
     def _rates(self, w: Sequence[sp.Expr]) -> dict[str, sp.Expr]:
         """z3' = J_h~ S Phi^-1 (w - offset), by coordinate."""
@@ -176,7 +177,7 @@ def _charts(made: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
 # v is the forward speed of the vehicle's point and omega the yaw rate. That an output obeys this is checked, exactly.
 
 
-def _along_a_path(made: Decoupling) -> tuple[Moving, ...]:
+def _along_a_path(made: Decoupling, shape: Shape) -> tuple[Moving, ...]:
     """Distance from a path and forward speed, held at 0 and V.
 
     With n the unit normal at P_l, e_n = n . e and chi the curvature of the path (positive where n points away from the
@@ -187,15 +188,15 @@ def _along_a_path(made: Decoupling) -> tuple[Moving, ...]:
     speed = next((k for k in made.rates if _same(made, made.Phi.row(k), made.planar.forward)), None)
     if path is None or speed is None or made.slopes[path] is not None:
         return ()
-    arm, V, follows = made.arms[path], sp.Symbol("V"), shape(made)
+    arm, V = made.arms[path], sp.Symbol("V")
     lever, rate, chi = _factor(arm.ahead), -V / arm.ahead, made.normal.chi
-    beside = _shape_along(follows, V, bends=chi != 0)
-    stable_when = _stable_when(follows, V, arm.ahead)
+    stable_when = _stable_when(shape, V, arm.ahead)
     if arm.left:
         reference, settles = "V along a straight path", "the heading is along it"
         equation = f"small deviations of the heading change at the rate {written(rate)}"
     else:
-        reference, equation = "V along the path", f"{lever}*s' = -V*(s - {lever}*chi)"
+        reference = "V along a path that bends little" if shape.followers and chi != 0 else "V along the path"
+        equation = f"{lever}*s' = -V*(s - {lever}*chi)"
         if chi is None:
             settles = f"s follows {lever}*chi, and |s| < 1 while |{lever}*chi| < 1"
         elif not chi:
@@ -204,10 +205,10 @@ def _along_a_path(made: Decoupling) -> tuple[Moving, ...]:
             settles = f"s -> {written(arm.ahead * chi)} (chi = {written(chi)}), which must be below 1 in size"
     if not stable_when:
         settles = "never stable"
-    return (Moving(reference, equation, settles, stable_when, rate, arm.ahead, follows, beside),)
+    return (Moving(reference, equation, settles, stable_when, rate, arm.ahead, shape),)
 
 
-def _point_moving(made: Decoupling) -> tuple[Moving, ...]:
+def _point_moving(made: Decoupling, shape: Shape) -> tuple[Moving, ...]:
     """Both coordinates of P_l, moving at (V cos psi, V sin psi): its component across the vehicle is l omega."""
     rows = [k for k, slope in enumerate(made.slopes) if slope and made.arms[k] and _is_point(made, k, slope)]
     if len(rows) != 2 or made.arms[rows[0]] != made.arms[rows[1]]:
@@ -215,20 +216,17 @@ def _point_moving(made: Decoupling) -> tuple[Moving, ...]:
     if not sp.Matrix([made.slopes[k] for k in rows]).det():
         return ()
     ahead, heading, factor = made.arms[rows[0]].ahead, written(made.planar.heading), _factor(made.planar.heading)
-    equation, follows = f"{_factor(ahead)}*{factor}' = V*sin(psi - {factor})", shape(made)
-    lost = {
-        way: "".join(f", where {name} turns away" for name in [_listed(follows.turning_away(way))] if name) for way in (1, -1)
-    }
-    settles = f"{heading} -> psi, driving forward{lost[1]}; else {heading} -> psi + pi, driving backward{lost[-1]}"
+    equation = f"{_factor(ahead)}*{factor}' = V*sin(psi - {factor})"
+    forward, backward = map(_losing, map(shape.lost, (1, -1)))
+    settles = f"{heading} -> psi, driving forward{forward}; else {heading} -> psi + pi, driving backward{backward}"
     stable_when = f"{written(ahead)} > 0"
-    if lost[1]:
+    if forward:
         stable_when, settles = "", f"for {stable_when} {settles}"
     rate = -sp.Symbol("V") / ahead
-    beside = _shape_along(follows, sp.Symbol("v"))
-    return (Moving("V > 0 in the direction psi", equation, settles, stable_when, rate, ahead, follows, beside),)
+    return (Moving("V > 0 in the direction psi", equation, settles, stable_when, rate, ahead, shape),)
 
 
-def _heading_held(made: Decoupling) -> tuple[Moving, ...]:
+def _heading_held(made: Decoupling, shape: Shape) -> tuple[Moving, ...]:
     """One coordinate of P_l and the heading: along the heading the other coordinate goes its own way."""
     row = next((k for k, slope in enumerate(made.slopes) if slope and made.arms[k] and _is_point(made, k, slope)), None)
     turns = any(_same(made, made.Phi.row(k), made.planar.yaw) for k in range(made.Phi.rows) if k not in made.rates)
@@ -236,41 +234,21 @@ def _heading_held(made: Decoupling) -> tuple[Moving, ...]:
         return ()
     (g_x, g_y), name = made.slopes[row], made.linearization.output.rows[row].name
     speed = sp.Symbol("V") / readable(g_x * made.planar.cosine + g_y * made.planar.sine)
-    equation, follows = f"forward speed = {written(speed)}", shape(made)
+    equation = f"forward speed = {written(speed)}"
     settles = "the other coordinate of P_l drifts, neither held nor bounded"
-    beside = _shape_along(follows, sp.Symbol("v"))
-    return (Moving(f"{name} at V, heading held", equation, settles, shape=follows, beside=beside),)
+    return (Moving(f"{name} at V, heading held", equation, settles, shape=shape),)
 
 
-def _stable_when(follows: Shape, V: sp.Symbol, lever: sp.Expr) -> str:
-    """Of driving straight: all rates are negative, -V/lever and V times those of the followers. Empty: never."""
-    signs = {each.sign for each in follows.followers}
-    if not signs:
+def _stable_when(shape: Shape, V: sp.Symbol, lever: sp.Expr) -> str:
+    """All rates of straight driving are negative: -V/lever of the heading, and those of the shape. Empty: never."""
+    ways = {each.way for each in shape.followers}
+    if not ways:
         return f"{written(V * lever)} > 0"
-    if 0 not in signs:
-        return "" if len(signs) > 1 else " and ".join(f"{written(e)} {'>' if signs == {-1} else '<'} 0" for e in (V, lever))
-    return " and ".join([f"{written(V * lever)} > 0", *(f"{written(V * each.rate)} < 0" for each in follows.followers)])
+    return "" if len(ways) > 1 else " and ".join(f"{written(e)} {'>' if ways == {1} else '<'} 0" for e in (V, lever))
 
 
-def _shape_along(follows: Shape, speed: sp.Symbol, bends: bool = False) -> str:
-    """How the shape follows straight driving at a forward speed; empty without one."""
-    if not follows.decided:
-        return f"what becomes of {_listed(follows.names)} is not examined"
-    if not follows.names:
-        return ""
-    said = ", ".join(
-        f"{each.name}' = {written(readable(speed * each.course))}"
-        if sp.count_ops(each.course) <= COURSE
-        else f"{each.name} at the rate {written(speed * each.rate)}"
-        for each in follows.followers
-    )
-    ways = {way: _listed(follows.turning_away(sign)) for way, sign in (("forward", 1), ("in reverse", -1))}
-    lost = "".join(f"; driving {way} {names} turns away" if names else "" for way, names in ways.items())
-    return f"driving straight {said}{lost}{', also where the path bends a little' if bends else ''}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names)
+def _losing(names: Sequence[str]) -> str:
+    return f", where {', '.join(names)} {'turns' if len(names) == 1 else 'turn'} away" if names else ""
 
 
 def _factor(expression: sp.Expr) -> str:

@@ -134,7 +134,8 @@ def _asymptotic(found: Distribution, where: str) -> Check:
     dimension = n - found.holonomic if where == LEAF else n
     possible = inputs == dimension
     if possible:
-        reason = f"there are as many quasi-velocities as dimensions of q there, {inputs}: it is {inputs} double integrators"
+        double = f"{inputs} double integrator{'s' * (inputs > 1)}"
+        reason = f"there are as many quasi-velocities as dimensions of q there, {inputs}: it is {double}"
     elif where == SPACE and found.holonomic:
         reason = f"k = {found.holonomic} functions of q never change; and velocities have {inputs} of {n} directions (Brockett)"
     else:
@@ -196,7 +197,7 @@ def _dynamic(found: Distribution) -> Check:
         says = (
             "so it is flat: dynamic feedback linearizes it"
             if verdict
-            else "so it is not flat: no endogenous dynamic feedback does"
+            else "so with all its coordinates, cyclic ones too, it is not flat: no endogenous dynamic feedback does"
         )
         reason, reference = f"two inputs and a derived flag of dimensions ({listed}), {says}", TWO_INPUTS
     elif gap == 1:

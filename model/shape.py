@@ -12,21 +12,32 @@ import casadi as ca
 import sympy as sp
 
 from .decoupling import Decoupling
+from .readable import readable
 from .reduction import ReducedSystem
+from .symbolic import written
+
+SHORT = 20  # operations of an equation that is shown
 
 
 @dataclass(frozen=True)
 class Follower:
     """A coordinate that follows straight driving at the speed v: its rate is v times `course`, 1/m, exactly.
 
-    v times `rate`, 1/m, is the rate of its small deviations; `sign` is that of `rate`, 0 where the parameters do not tell. At -1
-    it settles driving forward and turns away in reverse.
+    v times `rate`, 1/m, is the rate of its small deviations. `way`: 1 where it settles driving forward and turns away in reverse,
+    -1 where it is the other way round.
     """
 
     name: str
     course: sp.Expr
     rate: sp.Expr
-    sign: int
+    way: int
+
+    def __str__(self) -> str:
+        """A line."""
+        v, short = sp.Symbol("v"), sp.count_ops(self.course) <= SHORT
+        moves = f"' = {written(readable(v * self.course))}" if short else f" changes at the rate {written(v * self.rate)}"
+        settles, leaves = ("driving forward", "in reverse")[:: self.way]
+        return f"{self.name}{moves}: settles {settles}, turns away {leaves}"
 
 
 @dataclass(frozen=True)
@@ -41,9 +52,19 @@ class Shape:
         """Is all of it known? Also where there is nothing to know."""
         return len(self.followers) == len(self.names)
 
-    def turning_away(self, way: int) -> list[str]:
-        """Those that surely leave straight driving, forward (1) or in reverse (-1)."""
-        return [each.name for each in self.followers if each.sign == way]
+    def lost(self, way: int) -> list[str]:
+        """Those that turn away from straight driving, forward (1) or in reverse (-1)."""
+        return [each.name for each in self.followers if each.way != way]
+
+    def lines(self) -> list[str]:
+        """Of each how it follows straight driving, and whether it settles."""
+        return list(map(str, self.followers)) if self.decided else [str(self)]
+
+    def __str__(self) -> str:
+        """A line."""
+        if self.decided:
+            return ", ".join(map(str, self.followers))
+        return f"whether {', '.join(self.names)} {'settles' if len(self.names) == 1 else 'settle'} is not examined"
 
 
 def shape_names(system: ReducedSystem) -> tuple[str, ...]:
@@ -51,7 +72,7 @@ def shape_names(system: ReducedSystem) -> tuple[str, ...]:
     return tuple(system.mechanism.coordinates[k].name for k in _posture(system)[1:])
 
 
-def shape(made: Decoupling) -> Shape:
+def shape_of(made: Decoupling) -> Shape:
     """Of a vehicle with an axle, exactly."""
     names = shape_names(made.linearization.system)
     return Shape(names, _followers(made) if names else ())
@@ -68,7 +89,7 @@ def _posture(system: ReducedSystem) -> list[int]:
 
 
 def _followers(made: Decoupling) -> tuple[Follower, ...]:
-    """Empty where straight driving is not at zeros of the posture, where it is no cascade, and where something stands still."""
+    """Empty where straight driving is not at zeros of the posture, is no cascade, or signs of rates are not known."""
     vehicle, places = made.planar, _posture(made.linearization.system)
     W = sp.Matrix.vstack(vehicle.forward, vehicle.yaw)
     if W.shape != (2, 2) or made.is_zero(W.det()):
@@ -84,13 +105,14 @@ def _followers(made: Decoupling) -> tuple[Follower, ...]:
     if any(len(block) > 1 for block in others.strongly_connected_components()):
         return ()
     rates = others.diagonal()
-    if any(made.is_zero(rate) for rate in rates):
+    ways = [-_sign(made, rate) for rate in rates]
+    if 0 in ways:
         return ()
     c = others.LUsolve(-A[1:, 0] / gradient[0]).applyfunc(made.lowest)
     c = [(1 - (gradient[:, 1:] * c)[0]) / gradient[0], *c]
     if any(not made.is_zero(sp.Add(*[a * e.diff(q) for a, q in zip(c, posture, strict=True)])) for e in (*f, *g)):
         return ()
-    return tuple(Follower(str(q), e, rate, _sign(made, rate)) for q, e, rate in zip(posture[1:], f[1:], rates, strict=True))
+    return tuple(Follower(str(q), *known) for q, *known in zip(posture[1:], f[1:], rates, ways, strict=True))
 
 
 def _inverse(W: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix]:
@@ -100,5 +122,6 @@ def _inverse(W: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix]:
 
 
 def _sign(made: Decoupling, rate: sp.Expr) -> int:
+    """Of what is made of parameters; 0 where theirs do not tell."""
     above, below = made.functions.ratio(rate)
     return made.functions.sign(above) * made.functions.sign(below)

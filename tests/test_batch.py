@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from noslip.harness.closed_loop import simulate
 from noslip.harness.errors import BadInput
-from noslip.harness.loop import make_loop
+from noslip.harness.guidance import vehicle_motion
 from noslip.harness.robots import find_robot, system_of
 from noslip.harness.spec import Correction, Initial, Limits, Noise, Output, Reference, Sensors, read_spec
 from noslip.harness.spec import Path as Curve
+from noslip.harness.starts import starts
 from noslip.harness.sweeping import batch as module
 from noslip.harness.sweeping.batch import Batch
 from noslip.harness.sweeping.noise import Noise as Draws
 from noslip.harness.sweeping.noise import library
-from noslip.harness.sweeping.starts import starts
 from noslip.model.segments import Segment
 from scipy.stats import kstest
 
@@ -148,13 +148,31 @@ def test_a_run_ends_where_it_meets_the_singular_set():
     outcomes = batch.run(table)
     met = np.flatnonzero([batch.status(number) == "singular" for number in outcomes[:, 0]])
     assert 1 <= len(met) < len(heading)
-    for k in met[:2]:
+    steps, error = (outcomes[:, batch.outcomes.index(name)] for name in ("steps", "integration_error"))
+    for k in met:
         run = simulate(batch.spec_of(table[k]))
         assert run.status[-1] == "singular"
         assert outcomes[k, batch.outcomes.index("t_end")] == pytest.approx(run.t[-1], abs=2e-9)
-    steps, error = (outcomes[:, batch.outcomes.index(name)] for name in ("steps", "integration_error"))
+        end = columns(batch, outcomes, "end", [q.name for q in batch.law.state])[k]
+        np.testing.assert_allclose(end, run.x[-1], rtol=0, atol=error[k] + LEAST)
     assert steps.max() > 1, "no run was hard enough to be repeated"
-    assert np.all((error <= module.ACCURACY) | (steps == steps.max()))
+    others = np.setdiff1d(np.arange(len(heading)), met)
+    assert np.all((error[others] <= module.ACCURACY) | (steps[others] == 32))
+
+
+def test_the_integrator_is_of_order_6():
+    fast = spec(period=0.2, output_step=0.2, duration=0.2)
+    batches = [Batch(fast, accuracy=math.inf, longest=0.2 / n) for n in (1, 2, 4, 32)]
+    ends = []
+    for batch in batches:
+        names = [f"end.{q.name}" for q in batch.law.state]
+        table = batch.table({"initial.heading": 1.0}, 1)
+        ends.append(batch.run(table)[0, [batch.outcomes.index(name) for name in names]])
+    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
+    assert errors[0] > 1e-8, "rounding is what would be compared"
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert np.all((orders > 5.5) & (orders < 7.5)), orders
+    np.testing.assert_allclose(ends[-1], simulate(batches[0].spec_of(table[0])).x[-1], rtol=0, atol=1e-9)
 
 
 def test_saturation_counts_seconds_and_the_largest_input():
@@ -210,21 +228,21 @@ def test_a_sweep_refuses_what_it_cannot_run():
 
 
 @pytest.mark.parametrize("robot, L, W", [("labmate", 0.3, -0.1), ("car", 1.0, 0.0)])
-def test_starts_are_those_of_simulate(robot, L, W):
-    random, system = np.random.default_rng(9), system_of(find_robot(robot))
-    count, known = 5, [p.name for p in system.mechanism.parameters]
-    pose, speed = random.uniform(-3, 3, (count, 3)), random.uniform(0.5, 2, count)
+def test_starts_are_where_they_are_wanted(robot, L, W):
+    random, system, count = np.random.default_rng(9), system_of(find_robot(robot)), 8
+    pose, speed = random.uniform(-3, 3, (count, 3)), random.uniform(-2, 2, count)
     parameters = np.array([p.default for p in system.mechanism.parameters]) * random.uniform(0.9, 1.1, (count, 1))
     found = starts(system, parameters, (np.full(count, L), np.full(count, W)), pose, speed)
-    path = Curve(kind="line", parameters={"A": 0.1, "B": 1.0, "C": 0.0})
-    for k in range(count):
-        start = Initial(point=tuple(pose[k, :2]), heading=pose[k, 2], speed=speed[k])
-        one = replace(
-            spec(), robot=robot, parameters={}, plant=dict(zip(names(system), parameters[k], strict=True)), initial=start
-        )
-        one = replace(one, output=Output(type="IV", L=L, W=W, path=path))
-        np.testing.assert_allclose(found[k], make_loop(one).start, rtol=0, atol=1e-11)
-    assert np.isnan(starts(system, parameters, (np.full(count, np.nan),) * 2, pose, speed)).any(axis=1).all()
+    x, y, heading, forward, turning = vehicle_motion(system)(found.T, parameters.T).full()
+    point = [x + L * np.cos(heading) - W * np.sin(heading), y + L * np.sin(heading) + W * np.cos(heading)]
+    np.testing.assert_allclose([*point, heading, forward, turning], [*pose.T, speed, np.zeros(count)], rtol=0, atol=1e-11)
+    names = [c.name for c in system.mechanism.coordinates]
+    still = [names.index(name) for name in ("theta_r", "theta_l", "delta", "theta") if name in names]
+    np.testing.assert_array_equal(found[:, still], 0.0)  # wheels straight, no turns on them
+    one = starts(system, parameters[2:3], (np.array([L]), np.array([W])), pose[2:3], speed[2:3])
+    np.testing.assert_allclose(one[0], found[2], rtol=0, atol=1e-13)
+    lost = starts(system, parameters, (np.full(count, np.nan), np.full(count, W)), pose, speed)
+    assert np.isnan(lost).any(axis=1).all()
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,8 @@ FILES = sorted(path.name for path in SPECS.glob("*.toml"))
 
 
 def test_every_spec_is_used_and_every_name_is_once():
-    assert {case.file for figure in FIGURES for case in figure.cases.values()} == set(FILES)
+    used = {case.file for figure in FIGURES for case in figure.cases.values()}
+    assert {file for file in used if "/" not in file} == set(FILES)  # those elsewhere are specs of robots
     names = [figure.name for figure in FIGURES]
     assert len(set(names)) == len(names)
     for name in ("1", "6", "7", "8a", "8b", "9a", "9b"):

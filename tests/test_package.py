@@ -291,28 +291,29 @@ def installed(wheel, tmp_path_factory) -> Path:
     return folder / "env" / "bin"
 
 
+KINDS = {".py", ".c", ".h", ".inc", ".ld", ".toml"}  # of files that are used when noslip runs
+
+
 def listed_packages() -> set[str]:
     """The packages that pyproject names."""
     return set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
 
 
+def folder_of(package: str) -> Path:
+    return ROOT.joinpath(*package.split(".")[1:])
+
+
 def test_wheel_holds_the_packages(wheel):
     listing = run([sys.executable, "-m", "zipfile", "-l", wheel])
     names = {line.split()[0] for line in listing.splitlines()[1:]}
-    folders = [name.removeprefix("noslip").replace(".", "/").strip("/") for name in listed_packages()]
-    kinds_in = {
-        "runtime_c": ("*.c", "*.h", "*.inc"),
-        "firmware/boards": ("*.c", "*.h", "*.ld"),
-        "firmware/pil": ("*.c", "*.h"),
-        "specs/figures": ("*.toml",),
-    }
-    for folder in folders:
-        kinds = kinds_in.get(folder, ("*.py",))
-        for path in (path for kind in kinds for path in (ROOT / folder).glob(kind)):
-            assert "/".join(filter(None, ("noslip", folder, path.name))) in names, path
+    packages = listed_packages()
+    for package in packages:
+        for path in (path for path in folder_of(package).iterdir() if path.suffix in KINDS):
+            there = "/".join([*package.split("."), path.name])
+            assert there in names or path.suffix != ".py" and package == "noslip", path
     assert not [name for name in names if not name.startswith(("noslip/", f"noslip-{noslip.__version__}.dist-info/"))]
-    others = ("/tests/", "/generated/", "/bench/", "/docs/", "/specs/")
-    assert not [n for n in names if any(o in n for o in others) and not n.startswith("noslip/specs/figures/")]
+    inside = {name.rpartition("/")[0].replace("/", ".") for name in names if name.startswith("noslip/")}
+    assert inside == packages  # no tests, generated C, benchmarks, pages
     assert any(name.endswith("LICENSE") for name in names)
 
 
@@ -352,16 +353,16 @@ def test_listed_packages_are_the_folders():
     """pyproject's list, and nothing with code left out of it."""
     tool = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     listed = listed_packages()
-    of_no_python = {"noslip.runtime_c", "noslip.specs.figures", "noslip.firmware.boards", "noslip.firmware.pil"}
+    of_no_python = {package for package in listed if not (folder_of(package) / "__init__.py").exists()}
+    assert of_no_python >= {"noslip.runtime_c", "noslip.specs.figures", "noslip.firmware.boards", "noslip.firmware.pil"}
     assert listed - of_no_python == {
         ".".join(["noslip", *path.parent.relative_to(ROOT).parts])
         for path in ROOT.rglob("__init__.py")
         if not SKIPPED & set(path.relative_to(ROOT).parts) and path.relative_to(ROOT).parts[0] != "tests"
     }
-    assert of_no_python <= listed
-    for package in of_no_python:
-        kinds = {f"*{path.suffix}" for path in (ROOT / package.removeprefix("noslip.").replace(".", "/")).iterdir()}
-        assert kinds == set(tool["package-data"][package])
+    for package in listed - {"noslip"}:
+        kinds = {f"*{path.suffix}" for path in folder_of(package).iterdir() if path.suffix in KINDS} - {"*.py"}
+        assert kinds == set(tool["package-data"].get(package, ())), package
 
 
 @pytest.mark.parametrize(("scalar", "there", "not_there"), [("float", "_f.c", ".c"), ("double", ".c", "_f.c")])

@@ -378,7 +378,7 @@ def test_growth_2_3_5(case):
 
 @pytest.mark.parametrize("case", [*FILLING, "equal spheres"])
 def test_growth_3_5_with_spin(case):
-    contact = contact_in(case, spin=True) if case in FILLING else RollingContact(sphere(1), sphere(1))
+    contact = contact_in(case, spin=True) if case in FILLING else RollingContact(sphere(1), sphere(1), spin=True)
     growth = growth_of(contact)
     assert growth.vector == (3, 5) and growth.holonomic == 0 and growth.drops_where is None
     fields = list(ca.horzsplit(contact.basis))

@@ -149,11 +149,11 @@ def draw(name: str, runs: Runs) -> matplotlib.figure.Figure:
     _draw_way(axes[0], name, run)
     output = output_map(system_of(robot), run.spec.output.law)
     for row, error, colour in zip(output.rows, run.error.T, COLOURS, strict=False):
-        axes[1].plot(run.t, error, color=colour, label=f"{row.about} ({row.unit})")
+        axes[1].plot(run.t, error, color=colour, label=f"{row.name} ({row.unit})")
     units = ", ".join(dict.fromkeys(row.unit for row in output.rows))
     over_time(axes[1], f"error ({units})")
     for given, values, colour in zip(robot.inputs, run.tau.T, COLOURS, strict=False):
-        axes[2].plot(run.t, values, color=colour, label=given.about or given.name)
+        axes[2].plot(run.t, values, color=colour, label=f"{given.name} ({given.unit})")
     over_time(axes[2], f"input ({', '.join(dict.fromkeys(given.unit for given in robot.inputs))})")
     axes[3].plot(run.t, run.energy - run.energy[0], color=COLOURS[0], linewidth=3.5, alpha=0.5, label="energy E − E(0)")
     axes[3].plot(run.t, work(run), color=STOP, linestyle="--", label="work of inputs and friction")

@@ -9,6 +9,7 @@
 #define STAGES 7         /* of the integrator */
 #define SHORTER 5        /* how often a run is repeated with half the step, at most */
 #define CROSSING 1e-12   /* s: how well the instant is found at which a run meets the singular set */
+#define KNOWN 1e-9       /* s: how well the adaptive simulation knows it */
 #define SAFETY 4         /* what a call's error may grow to by the end; the sum of the calls' errors is stated so many times */
 #define LATEST 16        /* calls between two looks at the integration error, at most */
 
@@ -51,6 +52,7 @@ typedef struct loop {
     double reference[BATCH_REFERENCE];
     int status;
     double step, error;      /* s; of the integrator, and its estimated error so far */
+    double edge;             /* of the state where the run ends at the singular set: nobody knows the instant better */
 #if BATCH_SENSED
     sensing sensors;
 #endif
@@ -106,6 +108,16 @@ static double *copy(double *to, const double *from, int count)
         to[i] = from[i];
     }
     return to;
+}
+
+static double largest(const double *x)
+{
+    double found = 0;
+    int i;
+    for (i = 0; i < BATCH_STATE; i++) {
+        found = noslip_abs(x[i]) > found ? noslip_abs(x[i]) : found;
+    }
+    return found;
 }
 
 /* What the controller sees. */
@@ -341,10 +353,9 @@ static void look(loop *self, double t)
 
 #if BATCH_INTEGRALS
 static const int row_of_integral[BATCH_INTEGRALS] = BATCH_INTEGRAL_ROWS;
-static const int is_angle[BATCH_INTEGRALS] = BATCH_INTEGRAL_ANGLES;
 static const int highest[BATCH_INTEGRALS] = BATCH_HIGHEST;
 
-/* Adds what integral action adds. */
+/* Adds what integral action adds. Headings are wanted the short way round already. */
 static int integrate(loop *self, const seen_state *state, wanted *reference)
 {
     BATCH_LAW(_evaluation) all;
@@ -352,12 +363,9 @@ static int integrate(loop *self, const seen_state *state, wanted *reference)
     int i;
     for (i = 0; i < BATCH_INTEGRALS; i++) {
         const int row = row_of_integral[i];
-        double error = good ? self->reference[wanted_of_row[row]] - all.h[row] : 0, near;
+        const double error = good ? self->reference[wanted_of_row[row]] - all.h[row] : 0;
         BATCH_REAL added;
         int status;
-        if (is_angle[i] && noslip_nearest_angle(error, 0, &near) == NOSLIP_OK) {
-            error = near;
-        }
         status = BATCH_RUNTIME(noslip_integral_step)(&self->integral[i], (BATCH_REAL)error,
                                                      (BATCH_REAL)self->sample->period, self->status, &added);
         if (status < 0) {
@@ -640,14 +648,16 @@ static int hold(loop *self, const double *tau, double duration, double weight, d
     copy(again, self->x, BATCH_STATE);
     status = go(self, self->x, tau, duration, count > 1 ? count : 1, gone);
     if (status == NOSLIP_OK && weight > 0) {
-        double worst = 0, unused;
+        double unused;
         if (go(self, again, tau, duration, 2 * (count > 1 ? count : 1), &unused) == NOSLIP_OK) {
             for (i = 0; i < BATCH_STATE; i++) {
-                const double apart = noslip_abs(again[i] - self->x[i]);
-                worst = apart > worst ? apart : worst;
+                again[i] -= self->x[i];
             }
+            self->error += SAFETY * weight * largest(again);
         }
-        self->error += SAFETY * weight * worst;
+    }
+    if (status == NOSLIP_SINGULAR && rate(self, self->x, tau, again) == NOSLIP_OK) {
+        self->edge = KNOWN * largest(again);
     }
     return status;
 }
@@ -797,6 +807,7 @@ static void attempt(loop *self, double longest, double nudge)
     self->row_count = 0;
     self->status = NOSLIP_OK;
     self->error = 0;
+    self->edge = 0;
     self->step = longest;
     for (i = 0; i < BATCH_STATE; i++) {
         self->x[i] = sample->start[i] + nudge;
@@ -840,15 +851,16 @@ static void attempt(loop *self, double longest, double nudge)
 }
 
 /*
- * What the integration error of a run grows to where the controller answers in steps, as it does to encoders and in float: the
- * error does not die out between two steps, and may bring another step about. Found by a run from a start that is off by it.
+ * What the integration error of a run grows to where the controller does not make it die out: it answers in steps, as it does to
+ * encoders and in float, and an error may bring another step about; or it asks for ever more as the singular set comes near.
+ * Found by a run from a start that is off by the error.
  */
 static double grown(const loop *self, double longest)
 {
     batch_settings settings = *self->settings;
     batch_outcome outcome;
     loop other;
-    double worst = 0;
+    double apart[BATCH_STATE];
     int i;
     settings.accuracy = DBL_MAX;
     settings.instants = 0;
@@ -860,10 +872,9 @@ static double grown(const loop *self, double longest)
     other.most_rows = 0;
     attempt(&other, longest, self->error);
     for (i = 0; i < BATCH_STATE; i++) {
-        const double apart = noslip_abs(outcome.end[i] - self->outcome->end[i]);
-        worst = apart > worst ? apart : worst;
+        apart[i] = outcome.end[i] - self->outcome->end[i];
     }
-    return SAFETY * worst;
+    return SAFETY * largest(apart) + self->edge;
 }
 
 /* Runs a sample until its error is small enough. Answers the number of rows. */
@@ -883,7 +894,7 @@ static long run(const batch_settings *settings, const batch_sample *sample, batc
         longest /= 2;
         attempt(&self, longest, 0);
     }
-    if ((BATCH_SINGLE || sample->counts > 0) && self.error > 0) {
+    if ((BATCH_SINGLE || sample->counts > 0 || self.status == NOSLIP_SINGULAR) && self.error > 0) {
         outcome->integration_error += grown(&self, longest);
     }
     return self.row_count;

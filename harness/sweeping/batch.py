@@ -10,13 +10,13 @@ from ..guidance import Route
 from ..loop import make_loop
 from ..odometry import MODES, wheels_function
 from ..spec import MOST_ROWS, Spec
+from ..starts import starts
 from ..tracking import REVERSING, STOP
 from .inputs import SEED, SEEDS, inputs_of
 from .program import program
-from .starts import starts
 
 SCALAR = {"c": "double", "cf": "float"}  # backend -> what the controller computes in
-LONGEST = 0.01  # s: the integrator's longest step
+LONGEST = 0.01  # s
 ACCURACY = 1e-9
 BAND = 0.01
 CHUNK = 4096  # samples made ready at a time: memory stays constant
@@ -47,9 +47,10 @@ class Batch:
         accuracy: float = ACCURACY,
         band: float | tuple[float, ...] = BAND,
         instants: tuple[float, ...] = (),
+        longest: float = LONGEST,
     ):
-        """`accuracy`: a run whose integration error is larger is repeated with half the step, five times at most. `band`: one for
-        all outputs or one for each, in their units. `instants`: s, ascending.
+        """`accuracy`: a run whose integration error is larger is repeated with half the step, five times at most; `longest`: the
+        longest step, s. `band`: one for all outputs or one for each, in their units. `instants`: s, ascending.
 
         Raises BadInput and ModelError as `simulate` does, for a SPEC that is not sampled and for a backend other than c and cf.
         """
@@ -72,7 +73,7 @@ class Batch:
         self._program = program(law, scalar, spec.sensors is not None, self._route, self.loop.integral.rows)
         self._sample, self._row = (self._program.type(name) for name in ("batch_sample", "batch_row"))
         self._outcome = self._program.type("batch_outcome")
-        self._settings = self._make_settings(accuracy, band, instants)
+        self._settings = self._make_settings(accuracy, band, instants, longest)
         self.outcomes = self._outcome_names(len(instants))
 
     def run(self, table: np.ndarray) -> np.ndarray:
@@ -101,12 +102,12 @@ class Batch:
 
     # -- what all samples share ------------------------------------------------------------------------------------------
 
-    def _make_settings(self, accuracy: float, band: float | tuple[float, ...], instants: tuple[float, ...]):
+    def _make_settings(self, accuracy: float, band: float | tuple[float, ...], instants: tuple[float, ...], longest: float):
         spec, ffi = self.spec, self._program.ffi
         self._instants = ffi.new("double[]", [*instants, 0.0])  # the settings point to these two
         self._path = ffi.NULL
         settings = ffi.new("batch_settings *")
-        settings.longest, settings.accuracy = min(LONGEST, spec.simulation.period), accuracy
+        settings.longest, settings.accuracy = longest, accuracy
         settings.output_step = spec.simulation.output_step
         settings.band = [band] * len(settings.band) if np.ndim(band) == 0 else list(band)
         settings.instants, settings.instant = len(instants), self._instants

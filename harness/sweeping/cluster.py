@@ -15,7 +15,6 @@ from .runner import AHEAD, in_flight
 from .study import Study, study_of
 
 PATIENCE = "10s"  # until a scheduler answers
-DEATHS = 10  # workers that a part may lose before it is to blame
 
 
 class Cluster:
@@ -31,7 +30,7 @@ class Cluster:
             logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are told once, by us
         self._distributed, self._study = distributed, study
         try:
-            self._client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+            self._client = distributed.Client(address, timeout=PATIENCE)
         except (OSError, ValueError, RuntimeError) as error:  # TimeoutError is an OSError
             raise BadInput(f"--scheduler {address}: no scheduler answers; start one with dask scheduler") from error
         self.workers = sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values())
@@ -44,12 +43,11 @@ class Cluster:
         study, client = self._study, self._client
 
         def submit(table: np.ndarray):
-            return client.submit(_outcomes, study.text, study.identity, table, pure=False, retries=1)
+            return client.submit(_outcomes, study.text, study.identity, table, pure=False)
 
         try:
-            with self._distributed.config.set({"distributed.scheduler.allowed-failures": DEATHS}):
-                yield from in_flight(tables, submit, self._finished, AHEAD * self.workers)
-        except (ImportError, AttributeError) as error:
+            yield from in_flight(tables, submit, self._finished, AHEAD * self.workers)
+        except ImportError as error:
             raise BadInput(f"a worker cannot run noslip: {error}; install the same version of it there") from error
         except self._distributed.KilledWorker as error:
             raise BadInput(f"too many workers died on one part: {error}; give them more memory") from error

@@ -53,7 +53,7 @@ def _envelope(report: Report, jobs: int) -> matplotlib.figure.Figure:
     axes = figure.subplots(1, 2)
     running = np.isfinite(errors[1:]).any(axis=0)
     for panel, values in zip(axes, (errors, np.abs(errors)), strict=True):
-        for k, (low, high, dark) in enumerate(BANDS):
+        for low, high, dark in BANDS:
             edges = np.full((2, INSTANTS), np.nan)
             edges[:, running] = np.nanquantile(values[1:, running], (low, high), axis=0)
             panel.fill_between(t, *edges, color=COLOURS[0], alpha=dark, linewidth=0, label=f"{high - low:.0%} of the samples")
@@ -132,7 +132,7 @@ def _draw_median(panel: Axes, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def _start_axes(study: Study) -> dict[str, tuple[float, float]]:
-    """Heading and the place that varies, or the two numbers of the start that do: names and ranges. Empty where there are none."""
+    """Heading and the place that varies, or the two numbers of the start that do: names and ranges; none without either."""
     nominal, varies = study.batch.nominal, study.plan.names
     known = [f"initial.{name}" for name in REACH if f"initial.{name}" in nominal]
     if known:

@@ -16,7 +16,6 @@ from ..sensing import angle_coordinates, pose_coordinates
 from ..tracking import HEADER as PATH
 
 SOURCES = ("batch.c", "batch.h", "noise.h")
-OUTCOMES = "batch_outcome"
 
 
 class Program:
@@ -79,7 +78,6 @@ def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: 
         "ANGLE_ROWS": _list(angles),
         "INTEGRALS": len(acting),
         "INTEGRAL_ROWS": _list(acting),
-        "INTEGRAL_ANGLES": _list([int(rows[k].unit == "rad") for k in acting]),
         "HIGHEST": _list([wanted[k] + degree[k] for k in acting]),
         "SINGLE": int(bool(own.suffix)),
         "SENSED": int(sensed),

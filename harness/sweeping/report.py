@@ -7,7 +7,7 @@ from typing import Any
 
 from .statistics import CONFIDENCE, LEVELS, Indices, Summary
 from .study import STOPPED, Study
-from .verify import Verified
+from .verify import TIME, Verified
 from .worst import Worst
 
 SAYS = 0.1  # rank correlations and indices from here on are worth reading
@@ -135,8 +135,9 @@ class Report:
     def _verified(self) -> str:
         found = self.verified
         line = (
-            f"{found.samples} samples again by noslip simulate: differences at the end up to {found.largest:.1e} (sample {found.of}), "
-            f"stated {found.stated:.0e}: {'holds' if found.holds else 'does not hold'}"
+            f"{found.samples} samples again by noslip simulate: differences at the end up to {found.largest:.1e} "
+            f"(sample {found.of}), stated {found.stated:.0e}; stops at the same time to {TIME:.0e} s: "
+            f"{'holds' if found.holds else 'does not hold'}"
         )
         if found.otherwise:
             line += f"\n  {len(found.otherwise)} ended otherwise: samples {', '.join(map(str, found.otherwise[:10]))}"

@@ -17,7 +17,7 @@ from .batch import Batch
 from .inputs import inputs_of
 from .plan import Plan, as_sampled
 
-SHORT = ("final", "peak", "settling")  # of the first output
+SHORT = ("final", "peak", "settling")  # of each output that is a place or an angle, not a speed
 STOPPED = 1e6  # severity of a run that stops before its time: beyond any other, and the more the sooner it stops
 
 
@@ -81,9 +81,8 @@ class Study:
 
     @property
     def shown(self) -> list[str]:
-        """Outcomes that are worth a line: of the first output, and what the inputs do."""
-        row = self.batch.law.output.rows[0].name
-        names = [f"{name}.{row}" for name in SHORT]
+        """Outcomes that are worth a line: how far off it is, what is limited, and what the inputs do."""
+        names = [long for name in SHORT for long in _in_full(name, self.batch)]
         limited = ["saturated"] if self.spec.limits else []
         return list(dict.fromkeys([*names, *self.criterion.limits, *limited]))
 
@@ -114,11 +113,20 @@ def sample_spec(text: str, row: Mapping[str, float]) -> Spec:
 
 
 def _criterion(spec: Spec, batch: Batch) -> Criterion:
-    """As given; else a run fails that stops, or that ends with its first output beyond the band."""
+    """As given; else a run fails that stops, or that ends beyond the band."""
     given = dict({"final": spec.sweep.band} if spec.sweep.fails is None else spec.sweep.fails)
-    status, row = bool(given.pop("status", True)), batch.law.output.rows[0].name
-    limits = {f"{name}.{row}" if name in SHORT else name: limit for name, limit in given.items()}
+    status = bool(given.pop("status", True))
+    limits = {long: limit for name, limit in given.items() for long in _in_full(name, batch)}
     for name in limits:
         if name not in batch.outcomes or name in ("status", "steps"):
             raise BadInput(f"[sweep] fails: {name!r} is no outcome{suggestion(name, batch.outcomes)}")
     return Criterion(status, limits, batch.outcomes)
+
+
+def _in_full(name: str, batch: Batch) -> list[str]:
+    """Outcomes that a name means: a SHORT one that of each output of relative degree 2, or of all where there is none."""
+    if name not in SHORT:
+        return [name]
+    rows = batch.law.output.rows
+    places = [row.name for row, degree in zip(rows, batch.law.linearization.relative_degree, strict=True) if degree == 2]
+    return [f"{name}.{row}" for row in places or [row.name for row in rows]]

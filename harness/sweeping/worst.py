@@ -1,17 +1,20 @@
 """The worst combination that the distributions allow, looked for by scipy's differential evolution over the same simulator."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import differential_evolution
 
+from .designs import points
 from .inputs import SEED
 from .runner import run_table
 from .study import Study
 
 EDGE = 1e-3  # of the probability is left out at each end of each distribution: a normal one has no worst
 POPULATION = 12  # points for each dimension
-GENERATIONS = 40
+GENERATIONS = 60
+ENOUGH = 1e-5  # spread of the severities, of their mean, at which the search ends
 
 
 @dataclass(frozen=True)
@@ -25,9 +28,16 @@ class Worst:
     runs: int
 
 
-def find_worst(study: Study, jobs: int) -> Worst:
-    """The largest severity between the EDGEs, with the noise of sample 0; something must vary besides."""
+def find_worst(study: Study, known: Sequence[int], jobs: int) -> Worst:
+    """The largest severity between the EDGEs, with the noise of sample 0; something must vary besides.
+
+    The search starts with the samples `known` to be bad among points spread evenly.
+    """
     plan, runs = study.plan, 0
+    sweep, dimensions = study.spec.sweep, len(plan.names)
+    population = points("sobol", sweep.seed, POPULATION * dimensions, dimensions, 0, max(POPULATION * dimensions, 5))
+    for place, sample in enumerate(known):
+        population[place] = points(sweep.design, sweep.seed, study.samples, dimensions, sample, 1)
 
     def table_of(u: np.ndarray) -> np.ndarray:
         return plan.rows(np.atleast_2d(u), 0)
@@ -40,10 +50,11 @@ def find_worst(study: Study, jobs: int) -> Worst:
 
     found = differential_evolution(
         good,
-        [(EDGE, 1 - EDGE)] * len(plan.names),
+        [(EDGE, 1 - EDGE)] * dimensions,
+        init=population.clip(EDGE, 1 - EDGE),
         maxiter=GENERATIONS,
-        popsize=POPULATION,
-        seed=np.random.default_rng(study.spec.sweep.seed),
+        tol=ENOUGH,
+        seed=np.random.default_rng(sweep.seed),
         polish=False,  # by finite differences, which see the noise of rounding and the edges of what is singular
         vectorized=True,
         updating="deferred",

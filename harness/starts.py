@@ -6,8 +6,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from ...model.outputs import body_point, forward_speed, reference_point
-from ...model.reduction import ReducedSystem
+from ..model.outputs import body_point, forward_speed, reference_point
+from ..model.reduction import ReducedSystem
 
 TRIES = 50
 ENOUGH = 1e-12  # of what is wanted
