@@ -8,6 +8,7 @@ import argparse
 import json
 from pathlib import Path
 
+import batch
 import cases
 import chart
 import growth
@@ -67,6 +68,8 @@ def main() -> int:
     result["simulation"] = rates.simulation(laws[0], given[0].fixed, shared, work) if result["laws"] else {}
     result["generation"] = rates.generation()
     print(_rates(result))
+    result["sweep"] = batch.measure()
+    print(batch.table(result["sweep"]))
     if not Target(work).missing:
         result["growth"] = growth.growth(work / "growth")
         print(growth.table(result["growth"]))

@@ -350,6 +350,14 @@ def test_the_battery_has_every_robot_and_every_output_of_its_own():
         assert system_of(made).freedom == 2 or not made.vehicle or names == ("end_point",)
 
 
+def test_random_states_keep_away_from_the_poles_of_S():
+    """A car's wheel across: tan(delta) is its rate of turning, 1 in the median over all angles."""
+    law = law_of(find_robot("car"), "type_i")
+    delta = [c.name for c in law.state].index("delta")
+    tangents = [abs(math.tan(point.state[delta])) for plant in random_plants(law, 300, seed=5) for point in plant.points]
+    assert len(tangents) == 300 and 2.0 < max(tangents) < 8.0
+
+
 EXPORTED = {"car": "type_iv_circle", "tractor_trailer": "type_iv_line", "ball_plate": "ball"}
 
 

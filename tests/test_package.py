@@ -291,16 +291,14 @@ def installed(wheel, tmp_path_factory) -> Path:
     return folder / "env" / "bin"
 
 
-KINDS = {".py", ".c", ".h", ".inc", ".ld", ".toml"}  # of files that are used when noslip runs
-
-
 def listed_packages() -> set[str]:
     """The packages that pyproject names."""
     return set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
 
 
-def folder_of(package: str) -> Path:
-    return ROOT.joinpath(*package.split(".")[1:])
+def files_of(package: str) -> list[Path]:
+    """What a package's folder holds; at the top, where the repository's own files are too, only the code."""
+    return list(ROOT.joinpath(*package.split(".")[1:]).glob("*.py" if package == "noslip" else "*.*"))
 
 
 def test_wheel_holds_the_packages(wheel):
@@ -308,9 +306,8 @@ def test_wheel_holds_the_packages(wheel):
     names = {line.split()[0] for line in listing.splitlines()[1:]}
     packages = listed_packages()
     for package in packages:
-        for path in (path for path in folder_of(package).iterdir() if path.suffix in KINDS):
-            there = "/".join([*package.split("."), path.name])
-            assert there in names or path.suffix != ".py" and package == "noslip", path
+        for path in files_of(package):
+            assert "/".join([*package.split("."), path.name]) in names, path
     assert not [name for name in names if not name.startswith(("noslip/", f"noslip-{noslip.__version__}.dist-info/"))]
     inside = {name.rpartition("/")[0].replace("/", ".") for name in names if name.startswith("noslip/")}
     assert inside == packages  # no tests, generated C, benchmarks, pages
@@ -353,15 +350,15 @@ def test_listed_packages_are_the_folders():
     """pyproject's list, and nothing with code left out of it."""
     tool = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     listed = listed_packages()
-    of_no_python = {package for package in listed if not (folder_of(package) / "__init__.py").exists()}
+    of_no_python = {package for package in listed if all(path.suffix != ".py" for path in files_of(package))}
     assert of_no_python >= {"noslip.runtime_c", "noslip.specs.figures", "noslip.firmware.boards", "noslip.firmware.pil"}
     assert listed - of_no_python == {
         ".".join(["noslip", *path.parent.relative_to(ROOT).parts])
         for path in ROOT.rglob("__init__.py")
         if not SKIPPED & set(path.relative_to(ROOT).parts) and path.relative_to(ROOT).parts[0] != "tests"
     }
-    for package in listed - {"noslip"}:
-        kinds = {f"*{path.suffix}" for path in folder_of(package).iterdir() if path.suffix in KINDS} - {"*.py"}
+    for package in listed:
+        kinds = {f"*{path.suffix}" for path in files_of(package)} - {"*.py"}
         assert kinds == set(tool["package-data"].get(package, ())), package
 
 
