@@ -10,7 +10,7 @@ from .scalar import Scalar
 
 def struct(name: str, about: str, members: Sequence[tuple[str, str]]) -> str:
     """A typedef of a struct, `members` being declarations and comments; C has no struct without a member."""
-    members = members or [("char nothing;", "not used")]
+    members = members or [("int nothing;", "not used")]
     return "\n".join([f"/* {about} */", f"typedef struct {name} {{", *table(members), f"}} {name};"])
 
 

@@ -86,8 +86,8 @@ def _deviations() -> dict[str, list[str]]:
 
 
 def _sources(task: Task) -> list[Path]:
-    """Every source; of the short version what is shared, and one law."""
-    sources = [*task.sources, task.headers(), *task.firmware]
-    if task.short:
-        sources = [path for path in sources if "_type_" not in path.stem or path.stem.startswith(f"{task.laws[-1]}_f")]
-    return sources
+    """Every source; of the short version a law, what headers have, and the vehicle."""
+    law = task.generated / f"{task.laws[-1]}_f.c" if task.laws else None
+    if task.short and law:
+        return [law, task.headers(), task.root / "firmware/vehicle.c"]
+    return [*task.sources, task.headers(), *task.firmware]

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     from .sweeping.worst import find_worst
 
     _check(args)
-    jobs, output = args.jobs or len(os.sched_getaffinity(0)), Path(args.output)
+    jobs, output = args.jobs or os.cpu_count() or 1, Path(args.output)
     text = read_text(args.spec)
     study = study_of(text, args.spec, args.samples)
     if args.indices is not None:

@@ -58,7 +58,7 @@ LAWS = {
     "mobile_manipulator": ("end_point",),
 }
 REFERENCE, *OTHERS = ("gcc", "-O2"), ("gcc", "-O0"), ("clang", "-O2")
-ON_TARGET = {("car", "type_iv_circle"), ("rolling_disk", "type_iv_circle"), ("four_wheel", "type_iv_circle")}
+ON_TARGET = {("car", "type_iv_circle"), ("ball_plate", "ball"), ("four_wheel", "type_iv_circle")}
 STATES = 20
 ERROR = {"double": 1e-11, "float": 1e-4}  # of a quantity's largest entry, or of a tenth of its median size
 TINY = 1e-300
