@@ -17,7 +17,7 @@ from ..harness.backends import Limits
 from ..harness.compiled import CompiledController
 from ..harness.robots import find_laws, find_robot, law_of, system_of
 from ..harness.sampling import random_plants
-from .tools import Failed, Task
+from .tools import Failed, Task, need
 from .vehicle import STOP, Firmware, Loop, Refused
 
 PAGE = "docs/faults.md"
@@ -260,6 +260,7 @@ def table(states: int = STATES) -> str:
 
 def check(task: Task) -> str:
     """Is the page what happens? Failed: it is not."""
+    need("gcc", "gcc")
     path, now = task.root / PAGE, table()
     if task.update:
         path.write_text(now)

@@ -12,7 +12,7 @@ RUNTIME = ("odometry", "integral", "angles", "path")
 SCALARS = {"double": "", "float": "_f"}
 CORPUS = HERE / "corpus.txt"  # an input a line, base64
 RUNS = {True: 20_000, False: 500_000}  # of libFuzzer, short or not; the README has the figures of more
-SEEDED = {True: 20_000, False: 200_000}  # calls a function
+SEEDED = {True: 10_000, False: 200_000}  # calls a function
 LONGEST = 512  # bytes of an input
 
 
