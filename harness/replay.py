@@ -97,7 +97,7 @@ def read_record(file: str) -> Record:
         with open(file, encoding="ascii") as stream:
             lines = stream.read().splitlines()
     except UnicodeDecodeError as error:
-        raise BadInput(f"{file}: not a record: {error}") from error
+        raise BadInput(f"{file}: not a record: it holds more than ASCII; give what simulate --record wrote") from error
     if not lines or lines[0] != FIRST:
         raise BadInput(f"{file}: not a record: its first line is not {FIRST!r}")
     robot, name, model = (_entry(file, lines, k, key) for k, key in enumerate(("robot", "law", "model"), 1))
