@@ -87,7 +87,7 @@ class Report:
             f"{summary.samples} samples, {design}, seed {sweep.seed}, varying {len(study.plan.names)}: {statuses}",
             f"  fails when {study.criterion}: {summary.failed} of {summary.samples}, {_part(summary.failed / summary.samples)}; "
             f"{CONFIDENCE:.0%} interval {_part(low)} to {_part(high)} (Clopper-Pearson{self._caution()})",
-            f"  largest integration error {summary.integration_error:.1e}",
+            f"  largest integration error of runs to the end {summary.integration_error:.1e}",
         ]
         return "\n".join(lines)
 

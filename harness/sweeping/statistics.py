@@ -27,7 +27,9 @@ INDICES_SEED = 2**21  # the indices' samples are no part of any sweep
 @dataclass(frozen=True)
 class Summary:
     """`statuses`: how often each; `failed` of `samples`; `sizes`: quantiles at LEVELS and largest of |outcome| of the runs that
-    went to their end; `ranks`: Spearman's correlation of |outcome| with what varies; `worst`: samples, the worst first.
+    went to their end; `ranks`: Spearman's correlation of |outcome| with what varies; `worst`: samples, the worst first;
+    `integration_error`: the largest of the runs that went to their end. Where one stops singular the acceleration has no bound,
+    and neither has its error.
     """
 
     samples: int
@@ -68,7 +70,8 @@ def summarize(file: Path | str, study: Study) -> Summary:
         for name, count in zip(*np.unique(statuses, return_counts=True), strict=True):
             counts[str(name)] = counts.get(str(name), 0) + int(count)
         failed += int(part["failed"].to_numpy(zero_copy_only=False).sum())
-        largest_error = np.fmax(largest_error, np.fmax.reduce(part["integration_error"].to_numpy(), initial=0.0))
+        errors = part["integration_error"].to_numpy()[np.isin(statuses, ENDED)]
+        largest_error = np.fmax(largest_error, np.fmax.reduce(errors, initial=0.0))
         outcomes = np.full((len(statuses), len(study.batch.outcomes)), np.nan)
         for name in names:
             outcomes[:, study.batch.outcomes.index(name)] = part[name].to_numpy()
