@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     if args.firmware:
         from . import project
 
-        files, board = project.project_files(args.firmware, library, laws, [args.scalar])
+        files, board = project.project_files(args.firmware, library, laws, args.scalar)
     else:
         files = {**library, **example(generated, laws[0])}
     parent = target.parent

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from .backends import STATUS
 from .compiled import CompiledController, library
 from .errors import BadInput
 from .sampling import random_plants
-from .targets import BOARDS, HOST, TARGETS, Target
+from .targets import BOARDS, CONSOLE, HOST, TARGETS, Target
 
 FIRMWARE = {"cortex-m4f": TARGETS["cortex-m4f"], "rv32": TARGETS["rv32imafc"], "generic": HOST}  # --firmware
 STEPS, SEED = 12, 1992  # golden states of each law, and what they are drawn with
@@ -29,18 +29,17 @@ TIMEOUT = 120  # s, of any one tool
 
 
 def project_files(
-    name: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalars: Iterable[str]
+    name: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str
 ) -> tuple[dict[str, str], project.Board]:
     """File name -> text of everything but README.md, for a target of FIRMWARE; `sources` are the laws' C and the runtime's."""
     target, robot = FIRMWARE[name], laws[0].system.mechanism.name
     board = _board(name, target)
-    scalar = SCALARS[next(iter(scalars))]
     made = {f"noslip/{file}": text for file, text in sources.items()}
     made |= {f"board/{file}": text for file, text in target.files().items()}
     made |= {f"selftest/{path.name}": path.read_text() for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
-    golden = [_golden(law, scalar.real) for law in laws]
-    made["selftest/selftest.c"] = selftest(golden, scalar)
-    made["loop.c"] = project.loop(laws[0], scalar)
+    golden = [_golden(law, scalar) for law in laws]
+    made["selftest/selftest.c"] = selftest(golden, SCALARS[scalar])
+    made["loop.c"] = project.loop(laws[0], SCALARS[scalar])
     made = _needed(made)
     made["Makefile"] = project.makefile(robot, board)
     made["CMakeLists.txt"] = project.cmake(robot, board)
@@ -64,8 +63,7 @@ def _board(name: str, target: Target) -> project.Board:
         return project.Board("any machine")
     options, define = COUNTING[name]
     link = ("-nostdlib", "-T", f"board/{target.script}", "-Wl,--gc-sections", "-lgcc")
-    run = tuple(target.run("")[:-2]) + (*options, "-semihosting-config", "enable=on,target=native,chardev=console")
-    run += ("-chardev", "stdio,id=console", "-kernel")
+    run = target.run("", *options, *CONSOLE)[:-1]  # the image comes last
     prefix = target.compiler.removesuffix("gcc")
     return project.Board(name, prefix, target.flags, target.start, link, run, define)
 
