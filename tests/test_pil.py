@@ -156,15 +156,16 @@ def test_a_call_that_is_refused(host):
     ("script", "said"),
     [
         ("exit 3", "has ended"),
+        ("exec 0<&-; head -c 20 /dev/zero; exec sleep 60", "sends what is no answer"),
         ("echo it hurts >&2; exit 3", r"has ended \(it hurts\)"),
-        ("exec sleep 60", "has not answered for 0.3 s"),
+        ("exec sleep 60", "has not answered for 1 s"),
         ("head -c 20 /dev/zero", "sends what is no answer"),
         ("printf 'NPIL\\001\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\004\\0\\0\\0abcd'; exec sleep 60", "says hello with 4 bytes"),
         (
             "printf 'NPIL\\001\\0\\0\\0\\003\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0'; exec sleep 60",
             "refuses the call hello of object 0, 0 bytes",
         ),
-        ("printf 'NPIL\\001\\0\\0\\0'; exec sleep 60", "has not answered for 0.3 s"),
+        ("printf 'NPIL\\001\\0\\0\\0'; exec sleep 60", "has not answered for 1 s"),
     ],
 )
 def test_a_target_out_of_order(script, said, tmp_path, monkeypatch):
@@ -173,7 +174,7 @@ def test_a_target_out_of_order(script, said, tmp_path, monkeypatch):
     program.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\n{script}\n")
     program.chmod(0o755)
     monkeypatch.setattr(pil, "image", lambda *_: program)
-    monkeypatch.setattr(pil, "PATIENCE", 0.3)
+    monkeypatch.setattr(pil, "PATIENCE", 1)
     with pytest.raises(TargetFault, match=f"^host: the program {said}"):
         Session(HOST, library(LAW, "float"))
     with pytest.raises(ProcessLookupError):
