@@ -22,7 +22,7 @@ TARGET, PREFIX = "cortex-m4f", "arm-none-eabi-"
 CLOCK = ("-icount", "shift=5,sleep=off")  # time passes with the instructions, and at once while the processor sleeps
 PARTS = {  # function -> who calls it; odometry, path and motors are inline in the first
     "vehicle_step": "main",
-    "labmate_type_iv_segment_step_f": "vehicle_step",
+    "labmate_type_iv_segment_follow_f": "vehicle_step",
     "watchdog_step": "vehicle_step",
     "labmate_type_iv_segment_init_f": "make_law",
 }

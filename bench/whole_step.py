@@ -1,4 +1,4 @@
-"""A whole step of a controller on a Cortex-M4F: encoders, dead reckoning, path and law, along a line, an arc and a line.
+"""A whole step of a controller on a Cortex-M4F: encoders, dead reckoning, path and law, along a line, an arc, a line, an arc.
 
     python bench/whole_step.py [--json] [--optimize=-Os]
 
@@ -26,9 +26,10 @@ PREFIX = "arm-none-eabi-"
 SOURCES = ("runtime_c/noslip_path_f.c", "runtime_c/noslip_status.c", "generated/labmate/labmate_f.c")
 SOURCES += ("generated/labmate/labmate_type_iv_segment_f.c", "bench/target/whole_step.c")
 INCLUDE = ("runtime_c", "generated/labmate", "firmware/boards")
-COUNTS, PERIOD, SPEED, DECELERATION, DURATION = 4096, 0.01, 1.4, 0.5, 15.0
+COUNTS, PERIOD, SPEED, DECELERATION, DURATION = 4096, 0.01, 1.4, 0.5, 17.0
 LINE, RADIUS, LAST = 3.0, 5.0, 4.0  # m; between the lines a quarter of a turn to the left
-MANY = 50  # pieces of a path that is the same but for the last line, which is cut
+ANGLE = 0.5  # rad: of the arc at the end, on which it slows down
+MANY = 50  # pieces of a path that is the same but for the second line, which is cut
 SPEC = f"""
 robot = "labmate"
 gains = {{ kp = 1.0, kd = 2.5, kv = 2.0 }}
@@ -36,13 +37,15 @@ output = {{ type = "IV", path = {{ kind = "composite", segments = [
   {{ kind = "line", from = [0, 0], to = [{LINE}, 0] }},
   {{ kind = "arc", radius = {RADIUS}, angle = {math.pi / 2!r} }},
   {{ kind = "line", length = {LAST} }},
+  {{ kind = "arc", radius = {RADIUS}, angle = {ANGLE} }},
 ] }} }}
 reference = {{ speed = {SPEED}, deceleration = {DECELERATION} }}
 initial = {{ point = [0.0, 0.1], heading = 0.1, speed = 0.0 }}
 simulation = {{ duration = {DURATION}, period = {PERIOD}, output_step = {PERIOD}, backend = "cf" }}
 """
-PARTS = ("read_encoders", "reckon", "look", "labmate_type_iv_segment_step_f", "make_law")
+PARTS = ("read_encoders", "reckon", "look", "labmate_type_iv_segment_follow_f")
 KINDS = ("ordinary", "changing", "standing")
+SMALL = (["-O2"], ["-Os"], ["-Os", "-flto"])
 Row = dict[str, float]
 
 
@@ -50,20 +53,22 @@ def measure(folder: Path, optimize: Sequence[str] = ("-O2",)) -> dict:
     """Builds images in a folder and runs them.
 
     Answers instructions (calls, mean, least, most) of a step that stays on its piece, `ordinary`, of one in which a line or arc
-    begins, `changing`, and of one at the stop, `standing`, on the path of 3 pieces and, `many`, on that of 50; of the parts,
-    compiled as functions of their own; bytes of stack and code that a step takes. RuntimeError where a run does not arrive.
+    begins, `changing`, and of one at the stop, `standing`, on the path of 4 pieces and, `many`, on that of 50; of the parts,
+    compiled as functions of their own; bytes of stack and code that a step takes, and of code of a whole program that does
+    nothing else, start-up and making everything included, by flags. RuntimeError where a run does not arrive.
     """
     folder.mkdir(parents=True, exist_ok=True)
     recorded = _record(folder)
-    image = _Image(folder / "step", recorded, 3, optimize)
+    image = _Image(folder / "step", recorded, 4, optimize)
     many = _Image(folder / "many", recorded, MANY, optimize)
-    apart = _Image(folder / "apart", recorded, 3, (*optimize, "-DAPART"))
+    apart = _Image(folder / "apart", recorded, 4, (*optimize, "-DAPART"))
     return {
         **{kind: image.count("step", kind) for kind in KINDS},
         "many": {kind: many.count("step", kind) for kind in KINDS},
         "parts": {part: apart.count(part, "step") for part in PARTS},
         "stack_bytes": image.stack_bytes,
         "text_bytes": image.text_bytes,
+        "program_bytes": {" ".join(flags): _program_bytes(folder / "program", recorded, flags) for flags in SMALL},
     }
 
 
@@ -103,6 +108,20 @@ class _Image:
         return sum(self._symbols[name][1] for name in reached(self._graph, "step") if name in self._symbols)
 
 
+def _program_bytes(folder: Path, recorded: list[tuple[int, int]], flags: Sequence[str]) -> int:
+    """Code of a program that reads counters and steps. What compilers call by themselves cannot be analysed as one with it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "recorded.h").write_text(_header(recorded, 4))
+    for name, text in TARGET.files().items():
+        (folder / name).write_text(text)
+    include = [f"-I{place}" for place in (".", *(str(ROOT / place) for place in INCLUDE))]
+    compile = [*TARGET.compile(), *STANDARD, "-ffunction-sections", *flags, *include]
+    run([*compile, "-fno-lto", "-c", "string.c", "-o", "string.o"], folder)
+    sources = [*(str(ROOT / source) for source in SOURCES), *(name for name in TARGET.start if name != "string.c")]
+    run([*compile, "-Wl,--gc-sections", "-DIMAGE", *sources, "string.o", *TARGET.link(), "-o", "image"], folder)
+    return int(run([f"{PREFIX}size", "image"], folder).stdout.splitlines()[1].split()[0])
+
+
 def _record(folder: Path) -> list[tuple[int, int]]:
     """Counters of the two encoders at each tick of the simulated run."""
     (folder / "spec.toml").write_text(SPEC)
@@ -114,9 +133,10 @@ def _record(folder: Path) -> list[tuple[int, int]]:
 
 def _header(recorded: list[tuple[int, int]], pieces: int) -> str:
     """What the program goes by."""
-    quarter, cut = math.pi / 2, LAST / (pieces - 2)
+    quarter, cut = math.pi / 2, LAST / (pieces - 3)
     segments = [(0.0, 0.0, 0.0, 0.0, LINE), (LINE, 0.0, 0.0, 1 / RADIUS, quarter * RADIUS)]
-    segments += [(LINE + RADIUS, RADIUS + cut * k, quarter, 0.0, cut) for k in range(pieces - 2)]
+    segments += [(LINE + RADIUS, RADIUS + cut * k, quarter, 0.0, cut) for k in range(pieces - 3)]
+    segments += [(LINE + RADIUS, RADIUS + LAST, quarter, 1 / RADIUS, ANGLE * RADIUS)]
     lines = [f"#define {name} {value}f" for name, value in (("PERIOD", PERIOD), ("SPEED", SPEED), ("DECELERATION", DECELERATION))]
     lines += [f"#define COUNTS {COUNTS}", f"#define TICKS {len(recorded)}"]
     lines += ["static const noslip_pose_f start = {0.0f, 0.1f, 0.1f};", "static const noslip_segment_f segments[] = {"]
@@ -132,7 +152,9 @@ def text(result: dict) -> str:
     rows |= {f"  {part}": row for part, row in result["parts"].items()}
     lines = [f"{TARGET.name + ', instructions':36}{'calls':>7}{'mean':>9}{'least':>7}{'most':>7}"]
     lines += [f"{name:36}{row['calls']:7}{row['mean']:9.1f}{row['least']:7}{row['most']:7}" for name, row in rows.items()]
-    return "\n".join([*lines, f"bytes: {result['stack_bytes']} of stack, {result['text_bytes']} of code"])
+    program = ", ".join(f"{flags} {size}" for flags, size in result["program_bytes"].items())
+    lines.append(f"bytes: {result['stack_bytes']} of stack, {result['text_bytes']} of code; of a whole program {program}")
+    return "\n".join(lines)
 
 
 def absent() -> list[str]:

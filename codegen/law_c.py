@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from ..model.mechanism import per_second
+from ..model.mechanism import Quantity, per_second
+from ..model.outputs import FOOT
 from .graph import MATRIX_INVERSE, Node, count, reachable
 from .layout import body, c_linkage, comment, fill, guard_name
 from .program import ENTRIES, Entry, Program, fixed_nodes, hidden_inputs
@@ -10,6 +11,7 @@ from .robot_c import fields, refuse_parameters, struct
 from .scalar import DOUBLE, Scalar
 from .statements import Statements
 
+STEPS = {"step": "slope", "follow": "follow_slope"}  # a controller's step -> what it takes where the speed is given up
 OUTPUTS = {  # quantity -> name in C
     "h": "h",
     "ydot": "ydot",
@@ -20,6 +22,11 @@ OUTPUTS = {  # quantity -> name in C
     "tau_of_demand": "tau",
     "slope": "slope",
 }
+
+
+def foot_declaration(scalar: Scalar) -> str:
+    """The C runtime's noslip_foot, for those who read declarations without its headers."""
+    return struct(scalar.name("noslip_foot"), "P_l and the vehicle, seen from the path.", fields(scalar, FOOT))
 
 
 class LawC:
@@ -154,7 +161,19 @@ class LawC:
             if entry.takes == "demand"
             else []
         )
-        return comment([entry.about + ".", *wanted, *answers, f"Operations: {cost or 'none'}."])
+        return comment([entry.about + ".", *wanted, *answers, *self._read(entry), f"Operations: {cost or 'none'}."])
+
+    def _read(self, entry: Entry) -> list[str]:
+        """What is read of the state, where that is not all."""
+        if not (entry.at_foot and entry.public):
+            return []
+        place = ", ".join(q.name for q in self.law.config if q not in self._told_path())
+        read = ", ".join(name for group, name in self._inputs(entry) if group == "state")
+        return [f"Of the state it reads {read}; of config, which init has had, it needs {place}: it is one for all pieces."]
+
+    def _told_path(self) -> Sequence[Quantity]:
+        """The parameters that say where the path is."""
+        return self.law.output.path.parameters if self.law.output.path else ()
 
     def _init_prototype(self) -> str:
         large = self.law.system.freedom > 2
@@ -210,7 +229,7 @@ class LawC:
         constants = [f"self->{field}" for node, field in self.program.constants.items() if node.operation != "leaf"]
         for node in self.program.regular:
             writer.lines.append(self._leave(f"!({writer.text(node)} > 0)", "NOSLIP_SINGULAR"))
-        finite = " &&\n        ".join(f"{name('noslip_is_finite')}({constant})" for constant in constants)
+        finite = f"{name('noslip_is_finite')}({' + '.join(constants)})"
         on_limit = ["NOSLIP_CUT", "NOSLIP_SLOW"] if self.slows else ["NOSLIP_CUT"]
         refused = " && ".join(f"options->on_limit != {choice}" for choice in on_limit)
         return "\n".join(
@@ -246,7 +265,7 @@ class LawC:
                 "    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;",
                 *(["    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;"] if self.slows else []),
                 body(writer.lines),
-                *([f"    if (!({finite})) {{", "        return NOSLIP_BAD_PARAMETER;", "    }"] if constants else []),
+                *([body([self._leave(f"!{finite}", "NOSLIP_BAD_PARAMETER")])] if constants else []),
                 "    self->ready = NOSLIP_READY;",
                 "    return status;",
                 "}",
@@ -264,27 +283,40 @@ class LawC:
         ]
         return "\n".join([*head, *zeros, "    return NOSLIP_OK;", "}"])
 
-    def _admits(self) -> list[str]:
-        """The checks that entry points make first: of self and state, and of the reference where there is one."""
-        state = [f"state->{q.name}" for q in self.law.state]
-        reference = [f"reference->{q.name}" for q in self.law.reference]
-        check_state = f"{self.scalar.name(self.robot + '_check_state')}(state)"
-        parts = " && ".join(f"{self.scalar.name('noslip_is_finite')}({part})" for part in reference)
-        reference_type = f"const {self.scalar.name(self.prefix + '_reference')} *reference"
-        return [
-            self._admit("admit", "", state, f"{check_state} != NOSLIP_OK"),
-            self._admit("admit_both", f", {reference_type}", state + reference, f"({check_state} != NOSLIP_OK || !({parts}))"),
-        ]
+    def _admission(self, entry: Entry) -> str:
+        """The call of the check that an entry point makes of what it is given; of a demand it makes its own."""
+        return f"{self._function(self._admit_name(entry))}({', '.join(self._admitted(entry))})"
 
-    def _admit(self, name: str, more: str, parts: list[str], refused: str) -> str:
+    def _admit_name(self, entry: Entry) -> str:
+        if entry.at_foot:
+            return "admit_foot"
+        return "admit_both" if entry.takes == "reference" else "admit"
+
+    def _admitted(self, entry: Entry) -> dict[str, str]:
+        """The arguments that are checked, with their declarations; `self` as what is read only."""
+        declared = self._parameters(entry)
+        return {name: declared[name] for name in ("self", "foot", "state", "reference") if name in declared}
+
+    def _admits(self) -> list[str]:
+        """The checks that entry points make first, of all they are given but a demand: each once."""
+        entries = {self._admit_name(entry): entry for entry in self.entries if entry.public}
+        return [self._admit(entries[name]) for name in ("admit", "admit_both", "admit_foot") if name in entries]
+
+    def _admit(self, entry: Entry) -> str:
+        finite = self.scalar.name("noslip_is_finite")
+        given = [(group, name) for group, name in self._inputs(entry) if group in self._admitted(entry)]
+        whole_state = not entry.at_foot
+        parts = [f"{finite}({group}->{name})" for group, name in given if not (whole_state and group == "state")]
+        refused = [f"{self.scalar.name(self.robot + '_check_state')}(state) != NOSLIP_OK"] if whole_state else []
+        refused += [f"!({' && '.join(parts)})"] if parts else []
+        either = f"({' || '.join(refused)})" if len(refused) > 1 else refused[0]
         lines = [self._leave("self->ready != NOSLIP_READY", "NOSLIP_NOT_READY")]
         lines.append("/* A sum is finite only if all its parts are; one that overflows is looked at part by part. */")
-        lines.append(
-            self._leave(f"!{self.scalar.name('noslip_is_finite')}({' + '.join(parts)}) && {refused}", "NOSLIP_NONFINITE")
-        )
-        in_range = " && ".join(self._in_range(angle) for angle in self._state_angles())
+        total = " + ".join(f"{group}->{name}" for group, name in given)
+        lines.append(self._leave(f"!{finite}({total}) && {either}", "NOSLIP_NONFINITE"))
+        in_range = " && ".join(self._in_range(angle) for angle in self._state_angles(entry))
         lines.append(f"return {in_range} ? NOSLIP_OK : NOSLIP_RANGE;" if in_range else "return NOSLIP_OK;")
-        head = f"static int {self._function(name)}(const {self.type} *self, const {self.state_type} *state{more})"
+        head = f"static int {self._function(self._admit_name(entry))}({', '.join(self._admitted(entry).values())})"
         return "\n".join([*fill(head, ""), "{", body(lines), "}"])
 
     def _mathematics(self, entry: Entry) -> str:
@@ -315,14 +347,12 @@ class LawC:
         names = self._arguments(entry)
         answer, given = names[-1], names[:-1]
         pieces = self._pieces(entry)
-        if entry.name == "step":
+        if entry.name in STEPS:
             return self._step(entry)
         lines = ["int status = NOSLIP_NULL;"]
         lines.append(self._leave(f"{answer} == NULL", "NOSLIP_NULL"))
         present = " && ".join(f"{name} != NULL" for name in given)
-        both = entry.takes == "reference"
-        admit = f"{self._function('admit_both')}(self, state, reference)" if both else f"{self._function('admit')}(self, state)"
-        lines.append(f"if ({present}) {{\n    status = {admit};\n}}")
+        lines.append(f"if ({present}) {{\n    status = {self._admission(entry)};\n}}")
         if entry.takes == "demand":
             finite = f"{self.scalar.name('noslip_all_finite')}(v, {len(self.law.demand)})"
             lines.append(f"if (status == NOSLIP_OK && !{finite}) {{\n    status = NOSLIP_NONFINITE;\n}}")
@@ -337,8 +367,8 @@ class LawC:
     def _step(self, entry: Entry) -> str:
         """The controller: first as if nothing were wrong, with checks that only then hold; else with care."""
         name = self.scalar.name
-        names = ["self", "state", "reference", "tau"]
-        angles = self._state_angles()
+        names = self._arguments(entry)
+        angles = self._state_angles(entry)
         hidden = [place for place in self._hidden(entry) if place not in angles]
         begin = [*(f"{argument} != NULL" for argument in names), "self->ready == NOSLIP_READY"]
         begin += [self._in_range(angle) for angle in angles]
@@ -346,23 +376,23 @@ class LawC:
         if hidden:
             end.append(f"{name('noslip_is_finite')}({' + '.join(hidden)})")
         fast = [
-            f"status = {self._function('step')}_law({', '.join(names)});",
+            f"status = {self._function(entry.name)}_law({', '.join(names)});",
             "/* Any other input that is not finite shows in the result. */",
             f"if ({' && '.join(end)}) {{",
             *[f"    self->held[{k}] = tau[{k}];" for k in range(self.inputs)],
             "    return status;",
             "}",
         ]
-        slow = self._function("step") + "_with_care"
+        slow = self._function(entry.name) + "_with_care"
         parameters = self._parameters(entry, public=True)
         care = [
             self._leave("self == NULL || tau == NULL", f"{name('noslip_finish')}(NOSLIP_NULL, tau, {self.inputs})"),
             self._leave("self->ready != NOSLIP_READY", f"{name('noslip_finish')}(NOSLIP_NOT_READY, tau, {self.inputs})"),
-            "if (state != NULL && reference != NULL) {",
-            f"    const int admitted = {self._function('admit_both')}(self, state, reference);",
+            f"if ({' && '.join(f'{given} != NULL' for given in names[1:-1])}) {{",
+            f"    const int admitted = {self._admission(entry)};",
             "    status = admitted == NOSLIP_OK ? status : admitted;",
             "}",
-            *(self._slow() if self.slows else []),
+            *(self._slow(STEPS[entry.name]) if self.slows else []),
             f"return {name('noslip_answer')}(status, self->on_error, self->limit, self->held, tau, {self.inputs});",
         ]
         lines = ["int status = NOSLIP_NULL;", f"if ({' && '.join(begin)}) {{", *(f"    {line}" for line in fast), "}"]
@@ -373,21 +403,27 @@ class LawC:
             + [*fill(self._signature(entry), ""), "{", body(lines), "}"]
         )
 
-    def _slow(self) -> list[str]:
+    def _slow(self, slope: str) -> list[str]:
         """Brings tau within the limits by giving up the speed."""
+        arguments = self._arguments(next(entry for entry in self.entries if entry.name == slope))
         return [
             "if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {",
             f"    {self.scalar.real} slope[{self.inputs}];",
-            f"    status = {self._function('slope')}_law(self, state, slope);",
+            f"    status = {self._function(slope)}_law({', '.join(arguments)});",
             "    if (status == NOSLIP_OK) {",
             f"        status = {self.scalar.name('noslip_slow')}(tau, slope, self->limit, {self.inputs});",
             "    }",
             "}",
         ]
 
-    def _state_angles(self) -> list[str]:
-        """The parts of the state, as C, whose sine or cosine the law takes."""
-        return [f"state->{angle.name}" for angle in self.program.angles if angle.operation == "leaf"]
+    def _state_angles(self, entry: Entry) -> list[str]:
+        """The parts of the state, as C, whose sine or cosine an entry point takes; before the foot was told, any of them."""
+        angles = [angle for angle in self.program.angles if angle.operation == "leaf"]
+        if entry.at_foot:
+            executed = self._executed(self.program.entries[entry].roots)
+            taken = {node.arguments[0] for node in executed if node.operation in ("sin", "cos")}
+            angles = [angle for angle in angles if angle in taken]
+        return [f"state->{angle.name}" for angle in angles]
 
     def _in_range(self, angle: str) -> str:
         return f"{self.scalar.name('noslip_angle_ok')}({angle})"
@@ -397,8 +433,16 @@ class LawC:
         used = reachable(self.program.entries[entry].roots)
         shown = {(n.group, n.name) for n in used if n.operation == "leaf"}
         shown -= {(n.group, n.name) for n in hidden_inputs(self.program.entries[entry])}
-        inputs = [(group, q.name) for group in ("state", "reference") for q in self.law.groups[group]]
-        return [f"{group}->{name}" for group, name in inputs if (group, name) not in shown]
+        return [f"{group}->{name}" for group, name in self._inputs(entry) if (group, name) not in shown]
+
+    def _inputs(self, entry: Entry) -> list[tuple[str, str]]:
+        """What an entry point is given beside itself, by group and name: all of it, but at the foot only what it reads."""
+        groups = {group: [q.name for q in self.law.groups[group]] for group in ("state", "reference")}
+        if entry.at_foot:
+            read = {n.name for n in reachable(self.program.entries[entry].roots) if n.operation == "leaf" and n.group == "state"}
+            groups["state"] = [name for name in groups["state"] if name in read]
+            groups["foot"] = [q.name for q in FOOT]
+        return [(group, name) for group, names in groups.items() for name in names]
 
     # -- pieces ---------------------------------------------------------------------------------------------------
 
@@ -421,8 +465,11 @@ class LawC:
     def _parameters(self, entry: Entry, public: bool = False) -> dict[str, str]:
         """Names and declarations of an entry point's arguments; only the public step may write to self."""
         real = self.scalar.real
-        constant = "" if public and entry.name == "step" else "const "
-        declared = {"self": f"{constant}{self.type} *self", "state": f"const {self.state_type} *state"}
+        constant = "" if public and entry.name in STEPS else "const "
+        declared = {"self": f"{constant}{self.type} *self"}
+        if entry.at_foot:
+            declared["foot"] = f"const {self.scalar.name('noslip_foot')} *foot"
+        declared["state"] = f"const {self.state_type} *state"
         if entry.takes == "reference":
             declared["reference"] = f"const {self.scalar.name(self.prefix + '_reference')} *reference"
         if entry.takes == "demand":

@@ -8,11 +8,14 @@ import casadi as ca
 
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR, SINGULAR_SQUARED, Linearization
+from ..model.outputs import FOOT
+from .foot import TOLD, can_be_told, plain_at_foot, staged_at_foot
 from .graph import CONSTANT_GROUPS, Graph, Node, free_name, from_casadi, reachable
 from .optimize import Optimizer
 from .stages import PART, STEP, Stages, staged
 
 Matrix = list[list[Node]]
+AT_FOOT = "at foot: "  # begins the names of quantities by FOOT
 
 
 @dataclass(frozen=True)
@@ -27,11 +30,16 @@ class Entry:
     answers: tuple[str, ...]
     takes: str = ""  # "", "reference" or "demand"
     public: bool = True
+    at_foot: bool = False  # takes FOOT in place of the vehicle's position and heading
 
     @property
     def inverts(self) -> bool:
         """Does it need the inverse of Phi?"""
         return not {"u", "tau", "tau_of_demand", "slope"}.isdisjoint(self.answers)
+
+    def of(self, quantity: str) -> str:
+        """Name in the graph of a quantity that it answers."""
+        return AT_FOOT + quantity if self.at_foot else quantity
 
 
 ENTRIES = (
@@ -43,6 +51,14 @@ ENTRIES = (
     Entry("evaluate", "Everything at one sine and cosine", ("h", "ydot", "Phi", "Phidot", "u", "tau"), "reference"),
     Entry("step", "The controller: outer loop and feedback (12) with (20), limits, safe answer", ("tau",), "reference"),
     Entry("slope", "Derivative of the inputs by the demand on the speed, the output of degree 1", ("slope",), public=False),
+    Entry(
+        "follow",
+        "The step, where a path tells what it is for the law: P_l seen from its foot",
+        ("tau",),
+        "reference",
+        at_foot=True,
+    ),
+    Entry("follow_slope", "As slope, seen from the foot of P_l", ("slope",), public=False, at_foot=True),
 )
 
 
@@ -121,9 +137,10 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     both, the expressions are the model's own, as they come out of CasADi.
     """
     graph = Graph()
-    source = staged(law) if (optimize if stages is None else stages) else plain(law)
-    nodes = {q.symbol.element_hash(): graph.leaf(group, q.name) for group, members in law.groups.items() for q in members}
-    symbols = [q.symbol for members in law.groups.values() for q in members]
+    source = in_steps(law) if (optimize if stages is None else stages) else plain(law)
+    groups = law.groups | {"foot": FOOT}
+    nodes = {q.symbol.element_hash(): graph.leaf(group, q.name) for group, members in groups.items() for q in members}
+    symbols = [q.symbol for members in groups.values() for q in members]
     where = f"{law.system.mechanism.name} {law.name}"
     labels: dict[Node, str] = {}
 
@@ -141,12 +158,24 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     labels = _own_names(law, quantities) | labels
     entries = {}
     for entry in ENTRIES:
-        chosen = {name: quantities[name] for name in entry.answers if quantities[name]}
-        singular = tuple(row[0] for row in quantities["singular"]) if entry.inverts else ()
+        chosen = {name: quantities[entry.of(name)] for name in entry.answers if quantities.get(entry.of(name))}
+        singular = tuple(row[0] for row in quantities[entry.of("singular")]) if chosen and entry.inverts else ()
         if chosen:
             entries[entry] = _optimized(graph, Body(chosen, singular), labels) if optimize else Body(chosen, singular)
-    conditions, regular = ([row[0] for row in quantities[name]] for name in ("conditions", "regular"))
-    return Program(law, entries, constants_of(entries, labels), labels, conditions, regular, graph)
+    conditions = [row[0] for row in quantities["conditions"]]
+    regular = [row[0] for name in ("regular", AT_FOOT + "regular") for row in quantities.get(name, ())]
+    return Program(law, entries, constants_of(entries, labels), labels, conditions, list(dict.fromkeys(regular)), graph)
+
+
+def in_steps(law: ControlLaw) -> Stages:
+    """The law's quantities in short steps; those at the foot too, where they need nothing else of place and heading."""
+    found = staged(law)
+    if can_be_told(law):
+        told = staged_at_foot(law)
+        shared = {symbol.element_hash() for symbol, *_ in found.steps if symbol.is_symbolic()}  # the velocities
+        found.steps += [step for step in told.steps if step[0].element_hash() not in shared]
+        found.quantities |= {AT_FOOT + name: told.quantities[name] for name in TOLD}
+    return found
 
 
 def plain(law: ControlLaw) -> Stages:
@@ -165,6 +194,8 @@ def plain(law: ControlLaw) -> Stages:
         "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         "slope": law.slope,
     }
+    if can_be_told(law):
+        quantities |= {AT_FOOT + name: plain_at_foot(law, quantities[name]) for name in TOLD}
     return Stages([], quantities=quantities)
 
 

@@ -21,12 +21,13 @@ def fields(scalar: Scalar, quantities: Sequence[Quantity]) -> list[tuple[str, st
 
 def refuse_parameters(scalar: Scalar, group: str, quantities: Sequence[Quantity]) -> str:
     """The condition under which a group of parameters cannot be used, as C."""
-    signs = {"positive": " && {0} > 0", "nonnegative": " && {0} >= 0", "any": ""}
-    finite = scalar.name("noslip_is_finite")
-    tests = []
-    for q in quantities:
-        place = f"{group}->{q.name}"
-        tests.append(f"!({finite}({place}){signs[q.sign].format(place)})")
+    finite, positive = scalar.name("noslip_is_finite"), scalar.name("noslip_is_positive")
+    signs = {
+        "positive": f"!{positive}({{0}})",
+        "nonnegative": f"!({finite}({{0}}) && {{0}} >= 0)",
+        "any": f"!{finite}({{0}})",
+    }
+    tests = [signs[q.sign].format(f"{group}->{q.name}") for q in quantities]
     return " ||\n        ".join(tests) or "0"
 
 

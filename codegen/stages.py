@@ -152,14 +152,14 @@ class Stages:
         return self._parts[key]
 
 
-def staged(law: ControlLaw) -> Stages:
-    """The law's quantities in steps."""
+def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
+    """The law's quantities in steps; `outputs`: the law's own, written in another frame."""
     stages = Stages([q.symbol for group in ("params", "config", "gains") for q in law.groups[group]])
     inner, W = inner_velocities(law.system)
     to_inner, from_inner = stages.exact(W), stages.exact(solve(W, ca.SX.eye(law.system.freedom)))
     for q, speed in zip(inner.quasi_velocities, ca.vertsplit(to_inner @ law.system.nu), strict=True):
         stages.steps.append((q.symbol, speed))
-    output = _in_velocities(law.output, law.system, inner, W)
+    output = _in_velocities(outputs or law.output, law.system, inner, W)
     degree = law.linearization.relative_degree
     rows = [
         _point_row(stages, inner, row) if row.through else _plain_row(stages, inner, row, k)
@@ -252,7 +252,7 @@ def _point_row(stages: Stages, inner: ReducedSystem, row: OutputRow) -> _Row:
     gradient = ca.jacobian(outer, z) if through.slope is None else ca.substitute(through.slope, through.symbols, z)
     slope = stages.row([f"{row.name}_by_{name}" for name in names], gradient)
     Phi = written_out = stages.exact(slope @ point)
-    if not slope.is_constant():
+    if through.bend is not None or not slope.is_constant():
         Phi = stages.row([f"{row.name}_by_{q.name}" for q in inner.quasi_velocities], Phi)
     rate = stages.step(f"{row.name}_rate", Phi @ w)
 
@@ -263,13 +263,15 @@ def _point_row(stages: Stages, inner: ReducedSystem, row: OutputRow) -> _Row:
         shorter = stages.exact(ca.substitute(expression, zdot, point @ w))
         return expression if ca.depends_on(shorter, q) else shorter
 
-    taylor = Taylor(outer, z, zdot, rate, shorten)
-    slope_rate = ca.horzcat(*[taylor.first(entry) for entry in ca.horzsplit(ca.densify(gradient))])
-    slope_rate = stages.row([f"{row.name}_by_{name}_rate" for name in names], slope_rate)
     if through.bend is None:
+        taylor = Taylor(outer, z, zdot, rate, shorten)
+        slope_rate = ca.horzcat(*[taylor.first(entry) for entry in ca.horzsplit(ca.densify(gradient))])
         curvature = taylor.second(outer)
-    else:  # along a level of the distance, all of the velocity that does not change it
-        curvature = ca.substitute(through.bend, through.symbols, z) * (shorten(ca.sumsqr(zdot)) - rate**2)
+    else:  # the velocity along a level of the distance, which does not change it, turns the slope
+        bend = ca.substitute(through.bend, through.symbols, z)
+        slope_rate = bend * (zdot.T - rate * slope)
+        curvature = bend * (shorten(ca.sumsqr(zdot)) - rate**2)
+    slope_rate = stages.row([f"{row.name}_by_{name}_rate" for name in names], slope_rate)
     curvature = stages.step(f"{row.name}_curvature", curvature)
     Phidot = stages.exact(slope_rate @ point + slope @ point_rate)
     drift = stages.exact(slope @ point_drift) + curvature

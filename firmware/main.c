@@ -28,7 +28,7 @@ static int follow(vehicle *robot, board_report *report)
         }
     }
     /* of P_l, along the path and across it */
-    report->error = noslip_sqrt_f(guide->remaining * guide->remaining + guide->distance * guide->distance);
+    report->error = noslip_sqrt_f(guide->remaining * guide->remaining + guide->foot.distance * guide->foot.distance);
     return report->error <= ROBOT_TOLERANCE ? BOARD_ARRIVED : BOARD_ASTRAY;
 }
 
@@ -50,9 +50,9 @@ int main(void)
         }
         board_drive(none);
         report.reason = robot.watchdog.reason;
-        report.x = robot.state.x_c;
-        report.y = robot.state.y_c;
-        report.heading = robot.state.phi;
+        report.x = robot.odometry.pose.x;
+        report.y = robot.odometry.pose.y;
+        report.heading = robot.odometry.pose.heading;
     }
     return board_end(&report);
 }

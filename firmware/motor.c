@@ -3,11 +3,6 @@
 
 #include "motor.h"
 
-static int positive(float number)
-{
-    return noslip_is_finite_f(number) && number > 0;
-}
-
 int motor_init(motor *self, const motor_settings *settings)
 {
     if (self == NULL) {
@@ -26,9 +21,9 @@ int motor_init(motor *self, const motor_settings *settings)
         self->supply = FLT_MAX;
     } else {
         if ((settings->mode != MOTOR_CURRENT && settings->mode != MOTOR_VOLTAGE) ||
-            !positive(noslip_abs_f(settings->gear)) || !positive(settings->efficiency) || settings->efficiency > 1 ||
-            !positive(settings->torque_constant) || !noslip_limits_ok_f(&settings->friction, 1) ||
-            !positive(settings->resistance) || !positive(settings->current) || !positive(settings->supply)) {
+            !noslip_is_positive_f(noslip_abs_f(settings->gear)) || !noslip_is_positive_f(settings->efficiency) || settings->efficiency > 1 ||
+            !noslip_is_positive_f(settings->torque_constant) || !noslip_limits_ok_f(&settings->friction, 1) ||
+            !noslip_is_positive_f(settings->resistance) || !noslip_is_positive_f(settings->current) || !noslip_is_positive_f(settings->supply)) {
             return NOSLIP_BAD_PARAMETER;
         }
         self->back_emf = settings->torque_constant * settings->gear;

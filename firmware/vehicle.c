@@ -7,11 +7,6 @@
 
 /* -- made before anything moves ---------------------------------------------------------------------------------------- */
 
-static int positive(float number)
-{
-    return noslip_is_finite_f(number) && number > 0;
-}
-
 /* A time of so many periods. */
 static NOSLIP_COLD void set_interval(const vehicle_settings *settings, float periods, vehicle_interval *time)
 {
@@ -44,17 +39,12 @@ static NOSLIP_COLD int make_odometry(vehicle *self, const vehicle_settings *sett
     return status < 0 ? status : noslip_odometry_init_f(&self->odometry, &wheels, &settings->start);
 }
 
-/* The law of the line or arc that the guide tells. */
-static NOSLIP_COLD int make_law(vehicle *self, const noslip_guide_f *guide)
+/* The law for all lines and arcs on which P_l lies so far ahead. */
+static NOSLIP_COLD int make_law(vehicle *self, float L)
 {
     const vehicle_settings *settings = self->settings;
-    labmate_type_iv_segment_config_f piece;
-    piece.L = guide->L;
-    piece.x_s = guide->x;
-    piece.y_s = guide->y;
-    piece.direction = guide->heading;
-    piece.curvature = guide->curvature;
-    return labmate_type_iv_segment_init_f(&self->law, &settings->params, &piece, &settings->gains, &settings->limits);
+    self->place.L = L;
+    return labmate_type_iv_segment_init_f(&self->law, &settings->params, &self->place, &settings->gains, &settings->limits);
 }
 
 static NOSLIP_COLD int make_path(vehicle *self, const vehicle_settings *settings)
@@ -65,25 +55,17 @@ static NOSLIP_COLD int make_path(vehicle *self, const vehicle_settings *settings
     return noslip_path_init_f(&self->path, settings->segments, settings->count, &settings->way, NULL);
 }
 
-/* The law of the first piece, to see that parameters, gains and limits can be used. */
-static NOSLIP_COLD int try_law(vehicle *self, const noslip_pose_f *start)
-{
-    noslip_guide_f guide;
-    const int status = noslip_path_look_f(&self->path, start->x, start->y, start->heading, 0, &guide);
-    return status < 0 ? status : make_law(self, &guide);
-}
-
 static NOSLIP_COLD int make_motors(vehicle *self, const vehicle_settings *settings)
 {
     const int status = motor_init(&self->motors[0], &settings->motors[0]);
     return status < 0 ? status : motor_init(&self->motors[1], &settings->motors[1]);
 }
 
-static void stand(vehicle *self, const noslip_pose_f *start)
+static void stand(vehicle *self)
 {
-    self->state.x_c = start->x;
-    self->state.y_c = start->y;
-    self->state.phi = start->heading;
+    self->state.x_c = 0;
+    self->state.y_c = 0;
+    self->state.phi = 0;
     self->state.theta_r = 0;
     self->state.theta_l = 0;
     self->state.thetadot_r = 0;
@@ -109,23 +91,27 @@ int vehicle_init(vehicle *self, const vehicle_settings *settings)
     if (settings == NULL) {
         return NOSLIP_NULL;
     }
-    if (!positive(settings->period) || !noslip_limits_ok_f(&settings->smoothing, 1) || !positive(settings->fastest) ||
+    if (!noslip_is_positive_f(settings->period) || !noslip_limits_ok_f(&settings->smoothing, 1) || !noslip_is_positive_f(settings->fastest) ||
         !noslip_limits_ok_f(&settings->stuck_torque, 1)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->settings = settings;
+    self->place.x_s = 0;
+    self->place.y_s = 0;
+    self->place.direction = 0;
+    self->place.curvature = 0;
     set_interval(settings, 1, &self->usual);
-    if (!positive(self->usual.per_dt) || !positive(self->usual.most_turned) || !positive(self->usual.share)) {
+    if (!noslip_is_positive_f(self->usual.per_dt) || !noslip_is_positive_f(self->usual.most_turned) || !noslip_is_positive_f(self->usual.share)) {
         return NOSLIP_BAD_PARAMETER; /* they over- or underflow */
     }
     status = watchdog_init(&self->watchdog, &settings->watchdog);
     status = status < 0 ? status : make_encoders(self, settings);
     status = status < 0 ? status : make_odometry(self, settings);
     status = status < 0 ? status : make_path(self, settings);
-    status = status < 0 ? status : try_law(self, &settings->start);
+    status = status < 0 ? status : make_law(self, self->path.guide.L);
     status = status < 0 ? status : make_motors(self, settings);
     if (status >= 0) {
-        stand(self, &settings->start);
+        stand(self);
         self->ready = NOSLIP_READY;
     }
     return status;
@@ -174,7 +160,7 @@ static int sense(vehicle *self, const uint32_t counts[2], uint32_t missed, int *
     const vehicle_interval *time = &self->usual;
     labmate_state_f *state = &self->state;
     vehicle_interval longer;
-    noslip_pose_f pose;
+    noslip_pose_f pose; /* the odometry keeps it */
     float turned[2];
     int status;
     if ((missed | self->waited) != 0) {
@@ -188,13 +174,10 @@ static int sense(vehicle *self, const uint32_t counts[2], uint32_t missed, int *
     }
     *standing = stands(self, 0, noslip_abs_f(turned[0])) || stands(self, 1, noslip_abs_f(turned[1]));
     self->waited = 0;
-    if (noslip_abs_f(state->phi) > UNWIND) {
+    if (noslip_abs_f(self->odometry.pose.heading) > UNWIND) {
         unwind(self);
     }
     status = noslip_odometry_move_f(&self->odometry, turned, time->dt, &pose);
-    state->x_c = pose.x;
-    state->y_c = pose.y;
-    state->phi = pose.heading;
     self->rate[0] = turned[0] * time->per_dt;
     self->rate[1] = turned[1] * time->per_dt;
     state->thetadot_r += time->share * (self->rate[0] - state->thetadot_r);
@@ -206,17 +189,17 @@ static int sense(vehicle *self, const uint32_t counts[2], uint32_t missed, int *
 /* Where on the path, and the torques there. */
 static int follow(vehicle *self, float torque[2])
 {
-    const labmate_state_f *state = &self->state;
+    const noslip_odometry_f *at = &self->odometry;
     const noslip_guide_f *guide = &self->path.guide;
-    const int place = noslip_path_step_f(&self->path, state->x_c, state->y_c, self->odometry.direction, self->speed);
+    const int place = noslip_path_step_f(&self->path, at->pose.x, at->pose.y, at->direction, self->speed);
     int status = place;
-    if (status >= 0 && guide->changed) {
-        status = make_law(self, guide);
+    if (status >= 0 && noslip_abs_f(guide->L - self->place.L) > 0) { /* P_l has changed sides at a cusp */
+        status = make_law(self, guide->L);
     }
     if (status >= 0) {
         self->reference.speed = guide->speed;
         self->reference.speed_rate = guide->speed_rate;
-        status = labmate_type_iv_segment_step_f(&self->law, state, &self->reference, torque);
+        status = labmate_type_iv_segment_follow_f(&self->law, &guide->foot, &self->state, &self->reference, torque);
     }
     return status >= 0 && place == NOSLIP_ARRIVED ? place : status;
 }

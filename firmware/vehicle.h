@@ -64,11 +64,12 @@ typedef struct vehicle_interval {
 /* All the memory of a vehicle: made by init, owned by the caller, to be read, not to be written to. */
 typedef struct vehicle {
     const vehicle_settings *settings;
-    labmate_state_f state; /* pose of the centre of mass, filtered wheel rates; wheel angles are not kept */
+    labmate_state_f state; /* of it the filtered wheel rates; the pose is odometry.pose */
     float torque[2];       /* N m: wanted of the motors now */
     float rate[2];         /* rad/s: of the wheels in the last tick, not filtered */
     float speed;           /* m/s: forward, from the filtered rates */
     labmate_type_iv_segment_reference_f reference;
+    labmate_type_iv_segment_config_f place; /* of it L: how far ahead P_l lies; where the path is, it tells at each step */
     labmate_type_iv_segment_f law;
     noslip_path_f path; /* path.guide: where on it */
     noslip_odometry_f odometry;

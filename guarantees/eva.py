@@ -20,6 +20,7 @@ MAY_WRITE = {  # function -> objects and parts of them, as the programs call the
     "init": {"law"},
     "reset": {"law.held"},
     "step": {"law.held", "tau"},
+    "follow": {"law.held", "tau"},
     "output": {"all.h"},
     "rate": {"all.ydot"},
     "decoupling": {"all.Phi"},
@@ -33,7 +34,7 @@ MAY_WRITE = {  # function -> objects and parts of them, as the programs call the
     "noslip_encoder_read": {"self.last", "self.started", "angle"},
     "noslip_integral_step": {"self.z", "self.rounded", "self.error", "self.added", "added"},
     "noslip_path_look": {"guide"},
-    "noslip_path_update": {"self.place", "self.guide", "self.under_way", "self.begun", "guide"},
+    "noslip_path_update": {"self.place", "self.guide", "self.under_way", "guide"},
 }
 MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 2000}
 MOST_IN_PATH |= {"noslip_path_go_on": 2000, "noslip_path_step": 1000, "check_init": 2000, "check_update": 3000, "main": 10000}
@@ -69,17 +70,20 @@ class Program:
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
         return [HERE / "eva" / f"{self.source}.c", *more]
 
-    def defined(self) -> dict[str, str]:
+    def defined(self, task: Task) -> dict[str, str]:
         """The macros that the programs are written in."""
         suffix, smallest, largest, upper = SCALARS[self.scalar]
         macros = {"SUFFIX": suffix, "REAL": self.scalar, "SMALLEST": smallest, "LARGEST": largest}
         macros |= {"ANGLE_MAX": f"NOSLIP_ANGLE_MAX{upper}"}
-        return macros | ({"ROBOT": "labmate", "LAW": self.law, "HEADER": f'"{self.law}{suffix}.h"'} if self.law else {})
+        if not self.law:
+            return macros
+        law = {"ROBOT": "labmate", "LAW": self.law, "HEADER": f'"{self.law}{suffix}.h"'}
+        return macros | law | {"FOLLOWS": str(int(task.follows(self.law)))}
 
 
 def programs(task: Task) -> list[Program]:
-    """What is analysed: of the short version one law and the odometry, in float."""
-    laws = task.laws[:1] if task.short else task.laws
+    """What is analysed: of the short version the last law, which has follow too, and the odometry, in float."""
+    laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
     named = [("law", law) for law in laws] + [("runtime", ""), ("path", "")][: 1 if task.short else 2]
     return [Program(source, scalar, law) for source, law in named for scalar in scalars]
@@ -134,7 +138,7 @@ def analyse(task: Task, program: Program) -> tuple[int, list[str]]:
 
 def command(task: Task, program: Program) -> list[str]:
     """The whole command line."""
-    places = [*task.include, f"-I{HERE / 'eva'}", *(f"-D{name}={value}" for name, value in program.defined().items())]
+    places = [*task.include, f"-I{HERE / 'eva'}", *(f"-D{name}={value}" for name, value in program.defined(task).items())]
     preprocess = " ".join(place.replace('"', '\\"') for place in places)
     options = [*OPTIONS, *program.precision, f"-cpp-extra-args={preprocess}"]
     return ["frama-c", *options, *map(str, program.sources(task))]

@@ -211,7 +211,7 @@ def outcome(c: Firmware, fault: Fault) -> Outcome:
         REASONS[loop.vehicle.watchdog.reason] if stopped is not None else "arrives" if arrived else "runs, not there yet",
         None if stopped is None else stopped - begin + 1,
         way if stopped is not None else None,
-        float(np.hypot(guide.remaining, guide.distance)) + loop.drift() if arrived else None,
+        float(np.hypot(guide.remaining, guide.foot.distance)) + loop.drift() if arrived else None,
     )
 
 

@@ -106,7 +106,7 @@ def _drivers(task: Task) -> str:
     parts = [f'#include "{header}"\n' for header in ("law_fuzz.h", *runtime)] + ["#define ROBOT labmate\n"]
     for real, suffix in SCALARS.items():
         parts.append(f"#define SUFFIX {suffix}\n#define REAL {real}\n")
-        parts += [f'#include "{law}{suffix}.h"\n#define LAW {law}\n#include "law_fuzz.inc"\n#undef LAW\n' for law in task.laws]
+        parts += [task.driver(law, suffix, "law_fuzz.inc") for law in task.laws]
         parts.append('#include "runtime_fuzz.inc"\n#undef SUFFIX\n#undef REAL\n')
     rows = [f'    {{"{name}", {"fuzz" if name.removesuffix("_f") in RUNTIME else "run"}_{name}}},\n' for name in _functions(task)]
     return "".join(parts) + TABLE + "".join(rows) + "};\n"
@@ -127,8 +127,12 @@ def _program(task: Task, folder: Path, compiler: str, flags: list[str], source: 
 
 
 def _rows(text: str) -> dict[str, list[int]]:
-    """Function -> how many calls gave each kind of answer. Failed: one was never answered."""
-    rows = {line.split()[0]: [int(word) for word in line.split()[1:]] for line in text.splitlines()}
+    """Function -> how many calls gave each kind of answer; of a law, and of its follow. Failed: one was never answered."""
+    rows = {}
+    for line in text.splitlines():
+        name, *words = line.split()
+        counted = [int(word) for word in words]
+        rows |= {name: counted[:8]} | ({f"{name} follow": counted[8:]} if any(counted[8:]) else {})
     if idle := [name for name, counted in rows.items() if counted[-2] < 100]:
         raise Failed(f"hardly a good answer from {', '.join(idle)}: the numbers given are no test")
     return rows
@@ -147,10 +151,10 @@ int main(int argc, char **argv)
     int i, k;
     for (i = 0; argc == 2 && i < COUNT(functions); i++) {
         fuzz_source from = {7, NULL, 0};
-        unsigned long counted[8] = {0};
+        unsigned long counted[16] = {0};
         functions[i].run(&from, (uint32_t)strtoul(argv[1], NULL, 10), functions[i].name, counted);
         printf("%s", functions[i].name);
-        for (k = 0; k < 8; k++) {
+        for (k = 0; k < COUNT(counted); k++) {
             printf(" %lu", counted[k]);
         }
         printf("\\n");
@@ -163,7 +167,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t count)
 {
     if (count > 1) {
         fuzz_source from = {1, bytes + 1, count - 1};
-        unsigned long counted[8] = {0};
+        unsigned long counted[16] = {0};
         const unsigned i = bytes[0] % (unsigned)COUNT(functions);
         functions[i].run(&from, 64, functions[i].name, counted);
     }

@@ -15,7 +15,7 @@ MACHINE = "qemu-system-arm -M mps2-an386 -display none -monitor none -serial non
 
 
 def instructions(task: Task) -> str:
-    """Least and most of every law's step, of odometry and of the path; the most compared with the budget."""
+    """Least and most of every law's step and follow, of odometry and of the path; the most compared with the budget."""
     need("qemu-system-arm", "qemu-system-arm")
     folder = task.folder / "instructions"
     folder.mkdir(parents=True, exist_ok=True)
@@ -33,7 +33,7 @@ def instructions(task: Task) -> str:
 
 def _image(task: Task, folder):
     """A program for the board that calls everything."""
-    laws = "".join(f'#include "{law}_f.h"\n#define LAW {law}\n#include "instructions.inc"\n#undef LAW\n' for law in task.laws)
+    laws = "".join(task.driver(law, "_f", "instructions.inc") for law in task.laws)
     states = STATES // 10 if task.short else STATES
     calls = "".join(f"    count_{law}_f({states});\n" for law in task.laws)
     main = f"int main(void)\n{{\n{calls}    count_route({states});\n    return 0;\n}}\n"
@@ -55,7 +55,9 @@ def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
     """(module, kind of answer) -> least and most instructions."""
     listing = run([M4F.tool("nm"), "-S", image])
     places = {name: (int(at, 16), int(size, 16)) for at, size, name in re.findall(r"^(\S+) (\S+) [Tt] (\w+)$", listing, re.M)}
-    wanted = {(f"{law}_f", kind): (f"{law}_step_f", f"{kind}_{law}_f") for law in task.laws for kind in KINDS}
+    steps = [(law, f"{law}_f", f"{law}_step_f") for law in task.laws]
+    steps += [(law, f"{law}_follow_f", f"{law}_follow_f") for law in task.laws if task.follows(law)]
+    wanted = {(module, kind): (entry, f"{kind}_{law}_f") for law, module, entry in steps for kind in KINDS}
     for name in ROUTE:
         module, kind = name.split("_")
         entry = "odometry_move" if module == "odometry" else "noslip_path_update_f"

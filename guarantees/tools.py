@@ -71,6 +71,15 @@ class Task:
         """The laws' names in C, without the scalar."""
         return [path.stem for path in _c_files(self.generated) if "_type_" in path.stem and not path.stem.endswith("_f")]
 
+    def follows(self, law: str) -> bool:
+        """Does the law have a second step, `follow`, that a path tells the foot?"""
+        return f"int {law}_follow(" in (self.generated / f"{law}.h").read_text()
+
+    def driver(self, law: str, suffix: str, text: str) -> str:
+        """C that includes for one law a text that is written once for all: see tests/c/law_names.h."""
+        named = f"#define LAW {law}\n#define FOLLOWS {int(self.follows(law))}\n"
+        return f'#include "{law}{suffix}.h"\n{named}#include "{text}"\n#undef LAW\n#undef FOLLOWS\n'
+
     def headers(self) -> Path:
         """A source that includes every header of the runtime, so that functions that are inline are somewhere."""
         self.folder.mkdir(parents=True, exist_ok=True)

@@ -159,7 +159,8 @@ class Loop:
         return status
 
     def pose(self) -> np.ndarray:
-        return np.array([self.vehicle.state.x_c, self.vehicle.state.y_c, self.vehicle.state.phi])
+        pose = self.vehicle.odometry.pose
+        return np.array([pose.x, pose.y, pose.heading])
 
     def drift(self) -> float:
         """m: from the pose reckoned to the simulated vehicle's own."""

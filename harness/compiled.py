@@ -7,7 +7,7 @@ import cffi
 import numpy as np
 
 from ..codegen.files import law_program, law_text, shared_files
-from ..codegen.law_c import LawC
+from ..codegen.law_c import LawC, foot_declaration
 from ..codegen.robot_c import robot_declarations
 from ..codegen.scalar import SCALARS
 from ..model.law import ControlLaw
@@ -22,6 +22,7 @@ class Library:
         self.text: LawC = law_text(law_program(law), SCALARS[scalar])
         self.ffi = cffi.FFI()
         self.ffi.cdef("const char *noslip_status_name(int status);")
+        self.ffi.cdef(foot_declaration(SCALARS[scalar]))
         self.ffi.cdef(robot_declarations(law.system, SCALARS[scalar]))
         self.ffi.cdef(self.text.declarations())
         self.files = {**shared_files(law.system, SCALARS[scalar]), **self.text.files()}

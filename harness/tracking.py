@@ -64,9 +64,10 @@ class Guide:
     waiting: at a cusp, until the vehicle stands; arrived: the end is reached. L (m) of P_l now. The piece: a segment or its
     straight extension, from x, y (m) in the direction of travel heading (rad) with curvature (1/m, positive turns left).
     progress (m) of P_l on it, and what is left (m) until it ends, which it does at 0 or below: smooth; while waiting m/s,
-    |forward speed| - creep; inf when arrived. remaining (m) until the stop, inf where there is none. distance (m) of P_l from
-    the piece, positive to the left of travel. speed (m/s): wanted forward speed of the vehicle, negative in reverse, and its
-    rate along the motion (m/s^2).
+    |forward speed| - creep; inf when arrived. remaining (m) until the stop, inf where there is none. P_l seen from its foot on
+    the piece: distance (m), positive to the left of travel; cosine and sine of the heading, from the direction of travel there;
+    foot_curvature (1/m), that of the piece's parallel through P_l. speed (m/s): wanted forward speed of the vehicle, negative
+    in reverse, and its rate along the motion (m/s^2).
     """
 
     status: str
@@ -84,6 +85,9 @@ class Guide:
     left: float = 0.0
     remaining: float = 0.0
     distance: float = 0.0
+    cosine: float = 0.0
+    sine: float = 0.0
+    foot_curvature: float = 0.0
     speed: float = 0.0
     speed_rate: float = 0.0
 
@@ -287,7 +291,7 @@ class PathTracker:
     def look(self, x: float, y: float, heading: float, speed: float) -> Guide:
         """As Tracker's."""
         try:
-            return self._guide(self._state, *self._find(self._state, x, y, heading, speed), speed)
+            return self._guide(self._state, *self._find(self._state, x, y, heading, speed), heading, speed)
         except _Error as error:
             return Guide(error.status)
 
@@ -305,7 +309,7 @@ class PathTracker:
         except _Error as error:
             return Guide(error.status)
         self._state = replace(state, progress=progress, begun=True)
-        return replace(self._guide(self._state, progress, distance, speed), changed=changed)
+        return replace(self._guide(self._state, progress, distance, heading, speed), changed=changed)
 
     def _find(self, state: _State, x: float, y: float, heading: float, speed: float) -> tuple[float, float]:
         """Progress and distance of P_l on the active piece. Raises _Error where they have no meaning."""
@@ -348,8 +352,9 @@ class PathTracker:
         following = self._pieces[after]
         return replace(state, piece=after, progress=0.0, stopped=following.runs_on and not following.shape.length)
 
-    def _guide(self, state: _State, progress: float, distance: float, speed: float) -> Guide:
+    def _guide(self, state: _State, progress: float, distance: float, heading: float, speed: float) -> Guide:
         piece = self._pieces[state.piece]
+        turned = heading - piece.shape.pose(progress)[2]
         arrived, waiting = state.stopped and piece.after is None, state.stopped and piece.after is not None
         left = piece.shape.length - progress
         remaining = left + piece.rest
@@ -370,6 +375,9 @@ class PathTracker:
             left=math.inf if arrived else abs(speed) - self._creep if waiting else left,
             remaining=remaining,
             distance=distance,
+            cosine=math.cos(turned),
+            sine=math.sin(turned),
+            foot_curvature=piece.shape.curvature / (1 - piece.shape.curvature * distance),
             speed=sign * wanted,
             speed_rate=sign * rate,
         )
@@ -423,7 +431,7 @@ class CompiledTracker:
         if self._call("noslip_path_init", *given, fault) != "ok":
             raise PathFault(_fault_names(self._c)[fault.kind], fault.segment, fault.size, segments, options)
         self._guide = self._new("noslip_guide")
-        self._fields = [name for name, _ in self._c.ffi.typeof(self._guide).item.fields]
+        self._fields = [name for name, _ in self._c.ffi.typeof(self._guide).item.fields if name != "foot"]
         self._largest = float(np.finfo(np.float32 if scalar == "float" else np.float64).max)
 
     def _new(self, kind: str, *initial):
@@ -444,8 +452,10 @@ class CompiledTracker:
         status = self._call(name, *seen, self._guide)
         found = {field: getattr(self._guide, field) for field in self._fields}
         flags = {field: bool(found[field]) for field in ("backward", "changed", "waiting", "arrived")}
+        foot = self._guide.foot
+        seen = {"distance": foot.distance, "cosine": foot.cosine, "sine": foot.sine, "foot_curvature": foot.curvature}
         endless = {field: math.inf for field in ("left", "remaining") if found[field] >= self._largest}
-        return Guide(status, **(found | flags | endless))
+        return Guide(status, **(found | flags | seen | endless))
 
 
 def _index(names: Sequence[str], name: str) -> int:

@@ -42,6 +42,15 @@ class OutputRow:
     through: Through | None = None
 
 
+FOOT = (
+    Quantity("distance", "m", "of P_l from the path, positive to its left", symbol=ca.SX.sym("foot.distance")),
+    Quantity("cosine", "1", "of the heading, from the direction of the path", symbol=ca.SX.sym("foot.cosine")),
+    Quantity("sine", "1", "of that angle, positive where the vehicle points to the left", symbol=ca.SX.sym("foot.sine")),
+    Quantity("curvature", "1/m", "of the path's parallel through P_l, positive turns left", symbol=ca.SX.sym("foot.curvature")),
+)
+"""The vehicle seen from the foot of P_l on a path: all that a path has to tell a law of Type IV, whatever its shape."""
+
+
 @dataclass(frozen=True, eq=False)
 class OutputMap:
     """n-m outputs with the parameters they bring along. `path` is the curve followed, for Type IV."""
@@ -52,6 +61,28 @@ class OutputMap:
     parameters: tuple[Quantity, ...] = ()
     conditions: tuple[tuple[ca.SX, str], ...] = ()
     path: Path | None = None
+
+    @property
+    def at_foot(self) -> "OutputMap | None":
+        """The same outputs in the frame of P_l's foot, by FOOT: there the distance grows along y, and x bends away.
+
+        In that frame the heading is the angle whose cosine and sine FOOT has. None unless the path knows its unit normal.
+        """
+        if self.path is None or self.path.unit_normal is None:
+            return None
+        distance, _, _, curvature = (q.symbol for q in FOOT)
+        along_and_beside = ca.vertcat(ca.SX.sym("way"), ca.SX.sym("distance"))
+        rows = [
+            replace(
+                row,
+                expression=distance,
+                through=Through(along_and_beside, row.through.inner, distance, ca.SX([[0, 1]]), -curvature),
+            )
+            if row.through
+            else row
+            for row in self.rows
+        ]
+        return replace(self, rows=tuple(rows))
 
     def check(self, system: ReducedSystem) -> None:
         """Raise ModelError for names that C cannot take or that come twice, and for rows not of q, nu and parameters."""
@@ -147,10 +178,16 @@ def body_point(offset: bool = False) -> tuple[Quantity, ...]:
     return (L, W) if offset else (L,)
 
 
+def body_offsets(parameters: Sequence[Quantity]) -> tuple[ca.SX, ca.SX]:
+    """How far P_l lies ahead and to the left of the vehicle's point, m, from parameters that begin with `body_point`."""
+    ahead, *others = parameters
+    return ahead.symbol, next((q.symbol for q in others if q.name == "W"), ca.SX(0))
+
+
 def reference_point(system: ReducedSystem, point: Sequence[Quantity]) -> tuple[ca.SX, ca.SX]:
     """P_l in the world, m, from `body_point`."""
     vehicle = _vehicle(system)
-    ahead, left = (*(q.symbol for q in point), 0)[:2]
+    ahead, left = body_offsets(point)
     cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
     return vehicle.x + ahead * cosine - left * sine, vehicle.y + ahead * sine + left * cosine
 

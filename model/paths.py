@@ -15,7 +15,9 @@ class Path:
 
     `unit_normal(x, y)` gives the gradient of an exact distance, 1 x 2, and its bend, the curvature of the path's parallel
     through the point (1/m, positive where the gradient points away from the centre), where these are shorter written down
-    than derived.
+    than derived. `from_foot(distance, curvature)`, of a path with a unit normal, gives parameters of the path as it looks
+    from a foot on it, x along the path and y to where the distance grows, where its parallel at that distance has that
+    curvature.
     """
 
     kind: str
@@ -24,6 +26,7 @@ class Path:
     distance: Callable[[ca.SX, ca.SX], ca.SX]
     conditions: tuple[tuple[ca.SX, str], ...] = ()  # (expression that must be positive, what it means)
     unit_normal: Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]] | None = None
+    from_foot: Callable[[ca.SX, ca.SX], tuple[ca.SX, ...]] | None = None
 
 
 def config(name: str, default: float, unit: str, about: str, sign: str = "any") -> Quantity:
@@ -85,7 +88,10 @@ def segment() -> Path:
         along, out, radii = from_centre(x, y)
         return ca.horzcat(-sine * out - cosine * along, cosine * out - sine * along) / radii, -curvature.symbol / radii
 
-    return Path("segment", "line or arc", (x_s, y_s, direction, curvature), distance, unit_normal=unit_normal)
+    def from_foot(beside: ca.SX, bend: ca.SX) -> tuple[ca.SX, ...]:
+        return ca.SX(0), ca.SX(0), ca.SX(0), bend / (1 + bend * beside)
+
+    return Path("segment", "line or arc", (x_s, y_s, direction, curvature), distance, (), unit_normal, from_foot)
 
 
 def implicit(kind: str, about: str, parameters: tuple[Quantity, ...], f: Callable[[ca.SX, ca.SX], ca.SX]) -> Path:

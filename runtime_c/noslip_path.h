@@ -1,12 +1,14 @@
 /*
  * noslip_path.h - composite paths: lines and arcs, one after the other, forward and in reverse, to a stop at the end.
  *
- * What it is for: a law of Type IV follows one line or arc. noslip_path_update says after each look at the vehicle which
- * one it is now, where on it the reference point P_l is, and how fast to drive:
+ * What it is for: a law of Type IV follows a path whose foot it is told. noslip_path_update says after each look at the
+ * vehicle which line or arc it is now, where the reference point P_l is seen from there, and how fast to drive:
  *
  *     status = noslip_path_update(&path, x, y, heading, forward_speed, &guide);
- *     if (status >= 0 && guide.changed) { ... init of the law of the line or arc, with guide.L, x, y, heading, curvature }
- *     ... step of the law, with guide.speed and guide.speed_rate as wanted speed and its rate
+ *     ... follow of the law with &guide.foot, and with guide.speed and guide.speed_rate as wanted speed and its rate
+ *
+ * The law is made once, and anew where guide.L is another, as it is on the other side of a cusp. A law that has no `follow`
+ * is made for each piece, where guide.changed: init with guide.L, x, y, heading, curvature.
  *
  * Points. P_l lies L ahead of the vehicle's point and W to its left; the vehicle's point lies `ahead` ahead of the middle of
  * the axle, about which the vehicle turns. The lever of P_l is L + ahead, seen from the axle. Going forward wants a positive

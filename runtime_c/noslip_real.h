@@ -54,6 +54,25 @@ static inline int noslip_is_finite_f(float x)
     return NOSLIP_BUILTIN(isfinite)(x) != 0;
 }
 
+/* 1 if x is finite and above zero. */
+static inline int noslip_is_positive(double x)
+{
+#if defined(__FRAMAC__) /* which keeps a NaN in the other form */
+    return noslip_is_finite(x) && x > 0;
+#else
+    return x > 0 && x <= DBL_MAX;
+#endif
+}
+
+static inline int noslip_is_positive_f(float x)
+{
+#if defined(__FRAMAC__)
+    return noslip_is_finite_f(x) && x > 0;
+#else
+    return x > 0 && x <= FLT_MAX;
+#endif
+}
+
 /* 1 only if all are finite; 0 too where just their sum is not. One look instead of three. */
 static inline int noslip_sum_finite(double x, double y, double z)
 {

@@ -52,7 +52,26 @@ def random_leaves(seed: int) -> Callable[[Node], mpmath.mpf]:
         size = source.uniform(0.5, 2)
         return mpmath.mpf(size if group in ("params", "config", "gains") else size * source.choice((-1, 1)))
 
-    return lambda node: value(node.group, node.name)
+    return with_foot(lambda node: value(node.group, node.name))
+
+
+def with_foot(leaf: Callable[[Node], mpmath.mpf]) -> Callable[[Node], mpmath.mpf]:
+    """The same leaves, and the foot of the LABMATE's P_l on the arc that they describe, from the arc's centre."""
+
+    def at(group: str, name: str) -> mpmath.mpf:
+        return leaf(Node("leaf", group=group, name=name))
+
+    def foot(name: str) -> mpmath.mpf:
+        curvature, direction, heading = at("config", "curvature"), at("config", "direction"), at("state", "phi")
+        point = mpmath.mpc(at("state", "x_c"), at("state", "y_c")) + at("config", "L") * mpmath.expj(heading)
+        centre = mpmath.mpc(at("config", "x_s"), at("config", "y_s")) + mpmath.mpc(0, 1) * mpmath.expj(direction) / curvature
+        out = (point - centre) / curvature * abs(curvature)  # from the centre, or towards it where the arc turns right
+        turned = mpmath.expj(heading) / (mpmath.mpc(0, 1) * out / abs(out))
+        distance = (1 / abs(curvature) - abs(out)) * mpmath.sign(curvature)
+        found = {"distance": distance, "cosine": turned.real, "sine": turned.imag, "curvature": mpmath.sign(curvature) / abs(out)}
+        return found[name]
+
+    return lambda node: foot(node.name) if node.group == "foot" else leaf(node)
 
 
 def relative_error(values: Sequence[mpmath.mpf], truth: Sequence[mpmath.mpf]) -> float:

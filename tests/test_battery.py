@@ -14,6 +14,7 @@ import cffi
 import numpy as np
 import pytest
 from noslip.codegen.files import law_program, law_text, shared_files
+from noslip.codegen.law_c import foot_declaration
 from noslip.codegen.robot_c import robot_declarations
 from noslip.codegen.scalar import SCALARS
 from noslip.harness.backends import QUANTITIES, make_controller
@@ -124,6 +125,7 @@ class Law:
         self.ffi = cffi.FFI()
         self.ffi.cdef("const char *noslip_status_name(int status);")
         for scalar, text in self.texts.items():
+            self.ffi.cdef(foot_declaration(SCALARS[scalar]))
             self.ffi.cdef(robot_declarations(law.system, SCALARS[scalar]))
             self.ffi.cdef(text.declarations())
 

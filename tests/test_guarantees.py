@@ -155,11 +155,25 @@ def test_eva_finds(wrong, tmp_path):
     assert any(told in line for line in found), found
 
 
-def test_seeded_numbers_find_an_answer_beyond_its_limit(tmp_path):
-    task = changed(
-        tmp_path, "runtime_c/noslip_controller.inc", "(x) <= limit;", "(x) <= limit * (NOSLIP_REAL)1.001;", "labmate_type_i"
-    )
-    with pytest.raises(Failed, match=r"not (isfinite|options.limit)"):
+FOLLOW = "generated/labmate/labmate_type_iv_segment_f.c"
+FOLLOWED = "labmate_type_iv_segment_follow_f_law(self, foot, state, reference, tau);"
+SEEDED_FIND = {
+    "an answer beyond its limit": (
+        ("runtime_c/noslip_controller.inc", "(x) <= limit;", "(x) <= limit * (NOSLIP_REAL)1.001;", "labmate_type_i"),
+        r"not (isfinite|options.limit)",
+    ),
+    "a position that follow reads": (
+        (FOLLOW, FOLLOWED, f"{FOLLOWED} tau[0] += state->phi;", "labmate_type_iv_segment"),
+        "not status == STEP",
+    ),
+}
+
+
+@pytest.mark.parametrize("wrong", SEEDED_FIND)
+def test_seeded_numbers_find(wrong, tmp_path):
+    change, told = SEEDED_FIND[wrong]
+    task = changed(tmp_path, *change)
+    with pytest.raises(Failed, match=told):
         try:
             fuzz.sanitizers(task)
         except Missing as missing:

@@ -15,6 +15,8 @@ import cffi
 import noslip
 import numpy as np
 import pytest
+from noslip.codegen.law_c import foot_declaration
+from noslip.codegen.scalar import SCALARS
 from noslip.harness.cli import main
 from noslip.harness.robots import find_robot, law_of
 from noslip.harness.sampling import random_plants
@@ -147,6 +149,7 @@ def test_readme_robot(scalar, tolerance, tmp_path):
     sources = [*folder.glob("*.c"), *runtime.glob("*.c")]
     run(["gcc", *STRICT, "-fPIC", "-shared", f"-I{runtime}", f"-I{folder}", *sources, "-o", library])
     ffi = cffi.FFI()
+    ffi.cdef(foot_declaration(SCALARS[scalar]))
     for path in sorted(folder.glob("*.h"), key=lambda path: len(path.name)):
         text = re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", path.read_text(), flags=re.M)
         ffi.cdef("\n".join(line for line in text.splitlines() if not line.startswith("#")))

@@ -12,6 +12,8 @@ import cffi
 import noslip
 import numpy as np
 import pytest
+from noslip.codegen.law_c import foot_declaration
+from noslip.codegen.scalar import DOUBLE, FLOAT
 from noslip.harness.robots import find_robot, law_of
 from noslip.harness.sampling import random_plants
 from noslip.model.outputs import OUTPUTS
@@ -205,6 +207,8 @@ def program(built, tmp_path_factory):
     library = tmp_path_factory.mktemp("program") / "all.so"
     run(["gcc", "-shared", *built("gcc", "-O2"), "-o", str(library)])
     ffi = cffi.FFI()
+    for scalar in (DOUBLE, FLOAT):
+        ffi.cdef(foot_declaration(scalar))
     headers = [RUNTIME / "noslip_status.h", *sorted(GENERATED.glob("*.h"), key=lambda path: len(path.name))]
     for header in headers:
         text = re.sub(r'extern "C" \{|^\}$', "", re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", header.read_text(), flags=re.M))

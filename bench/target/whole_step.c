@@ -3,7 +3,7 @@
  *
  * The run is made twice: the first time finds the steps in which a line or arc begins and those at the stop, the second calls
  * each step from changing(), standing() or, the others, ordinary(), so that they can be counted apart. With APART defined, so
- * can the parts of a step.
+ * can the parts of a step. With IMAGE defined it is firmware that reads counters, for its size.
  */
 #include "labmate_type_iv_segment_f.h"
 #include "noslip_odometry.h"
@@ -27,9 +27,6 @@ typedef struct {
     noslip_path_f path;
 } vehicle;
 
-typedef int caller(const uint16_t counts[2], float torque[2]);
-
-static caller *callers[TICKS];
 static vehicle self;
 
 PART int read_encoders(const uint16_t counts[2], float turned[2])
@@ -40,18 +37,15 @@ PART int read_encoders(const uint16_t counts[2], float turned[2])
 
 PART int reckon(const float turned[2])
 {
-    noslip_pose_f pose;
-    const int status = noslip_odometry_move_f(&self.odometry, turned, PERIOD, &pose);
-    self.state.x_c = pose.x;
-    self.state.y_c = pose.y;
-    self.state.phi = pose.heading;
-    return status;
+    noslip_pose_f pose; /* the odometry keeps it too */
+    return noslip_odometry_move_f(&self.odometry, turned, PERIOD, &pose);
 }
 
 PART int look(void)
 {
+    const noslip_pose_f *pose = &self.odometry.pose;
     const float *forward = self.odometry.options.forward;
-    return noslip_path_step_f(&self.path, self.state.x_c, self.state.y_c, self.odometry.direction,
+    return noslip_path_step_f(&self.path, pose->x, pose->y, self.odometry.direction,
                               forward[0] * self.state.thetadot_r + forward[1] * self.state.thetadot_l);
 }
 
@@ -59,13 +53,7 @@ ONCE int make_law(void)
 {
     static const labmate_type_iv_segment_gains_f gains = {1.0f, 2.5f, 2.0f};
     static const labmate_options_f limits = {{20.0f, 20.0f}, NOSLIP_ZERO, NOSLIP_SLOW};
-    const noslip_guide_f *guide = &self.path.guide;
-    labmate_type_iv_segment_config_f piece;
-    piece.L = guide->L;
-    piece.x_s = guide->x;
-    piece.y_s = guide->y;
-    piece.direction = guide->heading;
-    piece.curvature = guide->curvature;
+    const labmate_type_iv_segment_config_f piece = {0}; /* the path tells where P_l is on which */
     return labmate_type_iv_segment_init_f(&self.law, &self.params, &piece, &gains, &limits);
 }
 
@@ -83,16 +71,56 @@ ONCE int step(const uint16_t counts[2], float torque[2])
     self.state.thetadot_r = turned[0] * (1 / PERIOD);
     self.state.thetadot_l = turned[1] * (1 / PERIOD);
     status = look();
-    if (status >= 0 && self.path.guide.changed) {
-        status = make_law();
-    }
     if (status < 0) {
         return status;
     }
     self.reference.speed = self.path.guide.speed;
     self.reference.speed_rate = self.path.guide.speed_rate;
-    return labmate_type_iv_segment_step_f(&self.law, &self.state, &self.reference, torque);
+    return labmate_type_iv_segment_follow_f(&self.law, &self.path.guide.foot, &self.state, &self.reference, torque);
 }
+
+static int begin(void)
+{
+    noslip_path_options_f way = {.speed = SPEED, .deceleration = DECELERATION};
+    noslip_odometry_options_f wheels;
+    if (labmate_default_params_f(&self.params) < 0) {
+        return 1;
+    }
+    way.ahead = self.params.d;
+    return noslip_odometry_differential_f(&wheels, self.params.r, self.params.b, self.params.d) < 0 ||
+           noslip_odometry_init_f(&self.odometry, &wheels, &start) < 0 ||
+           noslip_encoder_init_f(&self.encoders[0], COUNTS, 16) < 0 ||
+           noslip_encoder_init_f(&self.encoders[1], COUNTS, 16) < 0 ||
+           make_law() < 0 || noslip_path_init_f(&self.path, segments, (int)(sizeof segments / sizeof *segments), &way, NULL) < 0;
+}
+
+#if defined(IMAGE)
+
+/* Where a board has its encoders' counters and its motors. */
+volatile uint16_t counters[2];
+volatile float motors[2];
+
+/* As firmware: for good, or until something is wrong. */
+int main(void)
+{
+    uint16_t counts[2];
+    float torque[2];
+    int status = begin();
+    while (status >= 0) {
+        counts[0] = counters[0];
+        counts[1] = counters[1];
+        status = step(counts, torque);
+        motors[0] = torque[0];
+        motors[1] = torque[1];
+    }
+    return 1;
+}
+
+#else
+
+typedef int caller(const uint16_t counts[2], float torque[2]);
+
+static caller *callers[TICKS];
 
 ONCE int ordinary(const uint16_t counts[2], float torque[2])
 {
@@ -113,21 +141,6 @@ ONCE int standing(const uint16_t counts[2], float torque[2])
     const int status = step(counts, torque);
     __asm__ volatile("");
     return status;
-}
-
-static int begin(void)
-{
-    noslip_path_options_f way = {.speed = SPEED, .deceleration = DECELERATION};
-    noslip_odometry_options_f wheels;
-    if (labmate_default_params_f(&self.params) < 0) {
-        return 1;
-    }
-    way.ahead = self.params.d;
-    return noslip_odometry_differential_f(&wheels, self.params.r, self.params.b, self.params.d) < 0 ||
-           noslip_odometry_init_f(&self.odometry, &wheels, &start) < 0 ||
-           noslip_encoder_init_f(&self.encoders[0], COUNTS, 16) < 0 ||
-           noslip_encoder_init_f(&self.encoders[1], COUNTS, 16) < 0 ||
-           noslip_path_init_f(&self.path, segments, (int)(sizeof segments / sizeof *segments), &way, NULL) < 0;
 }
 
 /* 0 where all went well: every step good, every piece followed, the end near the path and near the stop. */
@@ -154,9 +167,11 @@ int main(void)
             return 3;
         }
     }
-    if (changes < (int)(sizeof segments / sizeof *segments) || !(noslip_abs_f(guide->distance) < 0.01f) ||
+    if (changes < (int)(sizeof segments / sizeof *segments) || !(noslip_abs_f(guide->foot.distance) < 0.01f) ||
         !(noslip_abs_f(guide->remaining) < 0.02f)) {
         return 4;
     }
     return 0;
 }
+
+#endif

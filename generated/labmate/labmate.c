@@ -26,12 +26,12 @@ int labmate_check_params(const labmate_params *params)
     if (params == NULL) {
         return NOSLIP_NULL;
     }
-    if (!(noslip_is_finite(params->b) && params->b > 0) ||
-        !(noslip_is_finite(params->d)) ||
-        !(noslip_is_finite(params->r) && params->r > 0) ||
-        !(noslip_is_finite(params->m_c) && params->m_c > 0) ||
+    if (!noslip_is_positive(params->b) ||
+        !noslip_is_finite(params->d) ||
+        !noslip_is_positive(params->r) ||
+        !noslip_is_positive(params->m_c) ||
         !(noslip_is_finite(params->m_w) && params->m_w >= 0) ||
-        !(noslip_is_finite(params->I_c) && params->I_c > 0) ||
+        !noslip_is_positive(params->I_c) ||
         !(noslip_is_finite(params->I_w) && params->I_w >= 0) ||
         !(noslip_is_finite(params->I_m) && params->I_m >= 0)) {
         return NOSLIP_BAD_PARAMETER;

@@ -26,12 +26,12 @@ int labmate_check_params_f(const labmate_params_f *params)
     if (params == NULL) {
         return NOSLIP_NULL;
     }
-    if (!(noslip_is_finite_f(params->b) && params->b > 0) ||
-        !(noslip_is_finite_f(params->d)) ||
-        !(noslip_is_finite_f(params->r) && params->r > 0) ||
-        !(noslip_is_finite_f(params->m_c) && params->m_c > 0) ||
+    if (!noslip_is_positive_f(params->b) ||
+        !noslip_is_finite_f(params->d) ||
+        !noslip_is_positive_f(params->r) ||
+        !noslip_is_positive_f(params->m_c) ||
         !(noslip_is_finite_f(params->m_w) && params->m_w >= 0) ||
-        !(noslip_is_finite_f(params->I_c) && params->I_c > 0) ||
+        !noslip_is_positive_f(params->I_c) ||
         !(noslip_is_finite_f(params->I_w) && params->I_w >= 0) ||
         !(noslip_is_finite_f(params->I_m) && params->I_m >= 0)) {
         return NOSLIP_BAD_PARAMETER;

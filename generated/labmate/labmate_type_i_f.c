@@ -20,7 +20,7 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
     if (status != NOSLIP_OK) {
         return status;
     }
-    if (!(noslip_is_finite_f(config->L)) ||
+    if (!noslip_is_finite_f(config->L) ||
         !(noslip_is_finite_f(gains->kp_x_l) && gains->kp_x_l >= 0) ||
         !(noslip_is_finite_f(gains->kd_x_l) && gains->kd_x_l >= 0) ||
         !(noslip_is_finite_f(gains->kp_y_l) && gains->kp_y_l >= 0) ||
@@ -92,25 +92,9 @@ int labmate_type_i_init_f(labmate_type_i_f *self, const labmate_params_f *params
     self->k17 = t13 * t12;
     self->k18 = t13 * t1;
     self->k19 = self->k4 * self->k9;
-    if (!(noslip_is_finite_f(self->k1) &&
-        noslip_is_finite_f(self->k2) &&
-        noslip_is_finite_f(self->k3) &&
-        noslip_is_finite_f(self->k4) &&
-        noslip_is_finite_f(self->k5) &&
-        noslip_is_finite_f(self->k6) &&
-        noslip_is_finite_f(self->k7) &&
-        noslip_is_finite_f(self->k8) &&
-        noslip_is_finite_f(self->k9) &&
-        noslip_is_finite_f(self->k10) &&
-        noslip_is_finite_f(self->k11) &&
-        noslip_is_finite_f(self->k12) &&
-        noslip_is_finite_f(self->k13) &&
-        noslip_is_finite_f(self->k14) &&
-        noslip_is_finite_f(self->k15) &&
-        noslip_is_finite_f(self->k16) &&
-        noslip_is_finite_f(self->k17) &&
-        noslip_is_finite_f(self->k18) &&
-        noslip_is_finite_f(self->k19))) {
+    if (!noslip_is_finite_f(self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 + self->k8 +
+        self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 + self->k17 +
+        self->k18 + self->k19)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;

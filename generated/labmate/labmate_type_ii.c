@@ -20,7 +20,7 @@ int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params, co
     if (status != NOSLIP_OK) {
         return status;
     }
-    if (!(noslip_is_finite(config->L)) ||
+    if (!noslip_is_finite(config->L) ||
         !(noslip_is_finite(gains->kp_x_l) && gains->kp_x_l >= 0) ||
         !(noslip_is_finite(gains->kd_x_l) && gains->kd_x_l >= 0) ||
         !(noslip_is_finite(gains->kp_heading) && gains->kp_heading >= 0) ||
@@ -84,24 +84,9 @@ int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params, co
     self->k14 = self->Phi_21 * (self->Phi_21 * (self->k1 * t9));
     self->k15 = self->k1 * gains->kd_x_l;
     self->k16 = self->k1 * (self->k5 * gains->kd_x_l);
-    if (!(noslip_is_finite(self->k1) &&
-        noslip_is_finite(self->Phi_21) &&
-        noslip_is_finite(self->k2) &&
-        noslip_is_finite(self->k3) &&
-        noslip_is_finite(self->k4) &&
-        noslip_is_finite(self->k5) &&
-        noslip_is_finite(self->k6) &&
-        noslip_is_finite(self->k7) &&
-        noslip_is_finite(self->Phi_22) &&
-        noslip_is_finite(self->k8) &&
-        noslip_is_finite(self->k9) &&
-        noslip_is_finite(self->k10) &&
-        noslip_is_finite(self->k11) &&
-        noslip_is_finite(self->k12) &&
-        noslip_is_finite(self->k13) &&
-        noslip_is_finite(self->k14) &&
-        noslip_is_finite(self->k15) &&
-        noslip_is_finite(self->k16))) {
+    if (!noslip_is_finite(self->k1 + self->Phi_21 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
+        self->Phi_22 + self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 +
+        self->k16)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;

@@ -21,10 +21,10 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
     if (status != NOSLIP_OK) {
         return status;
     }
-    if (!(noslip_is_finite(config->L)) ||
-        !(noslip_is_finite(config->x_f)) ||
-        !(noslip_is_finite(config->y_f)) ||
-        !(noslip_is_finite(config->R) && config->R > 0) ||
+    if (!noslip_is_finite(config->L) ||
+        !noslip_is_finite(config->x_f) ||
+        !noslip_is_finite(config->y_f) ||
+        !noslip_is_positive(config->R) ||
         !(noslip_is_finite(gains->kp_distance) && gains->kp_distance >= 0) ||
         !(noslip_is_finite(gains->kd_distance) && gains->kd_distance >= 0) ||
         !(noslip_is_finite(gains->kv_speed) && gains->kv_speed >= 0)) {
@@ -104,22 +104,8 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
     if (!(-(t11 / t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(noslip_is_finite(self->Phi_21) &&
-        noslip_is_finite(self->k1) &&
-        noslip_is_finite(self->k2) &&
-        noslip_is_finite(self->k3) &&
-        noslip_is_finite(self->k4) &&
-        noslip_is_finite(self->k5) &&
-        noslip_is_finite(self->k6) &&
-        noslip_is_finite(self->k7) &&
-        noslip_is_finite(self->k8) &&
-        noslip_is_finite(self->k9) &&
-        noslip_is_finite(self->k10) &&
-        noslip_is_finite(self->k11) &&
-        noslip_is_finite(self->k12) &&
-        noslip_is_finite(self->k13) &&
-        noslip_is_finite(self->k14) &&
-        noslip_is_finite(self->k15))) {
+    if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
+        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;

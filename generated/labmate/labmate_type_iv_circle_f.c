@@ -21,10 +21,10 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
     if (status != NOSLIP_OK) {
         return status;
     }
-    if (!(noslip_is_finite_f(config->L)) ||
-        !(noslip_is_finite_f(config->x_f)) ||
-        !(noslip_is_finite_f(config->y_f)) ||
-        !(noslip_is_finite_f(config->R) && config->R > 0) ||
+    if (!noslip_is_finite_f(config->L) ||
+        !noslip_is_finite_f(config->x_f) ||
+        !noslip_is_finite_f(config->y_f) ||
+        !noslip_is_positive_f(config->R) ||
         !(noslip_is_finite_f(gains->kp_distance) && gains->kp_distance >= 0) ||
         !(noslip_is_finite_f(gains->kd_distance) && gains->kd_distance >= 0) ||
         !(noslip_is_finite_f(gains->kv_speed) && gains->kv_speed >= 0)) {
@@ -104,22 +104,8 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
     if (!(-(t11 / t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(noslip_is_finite_f(self->Phi_21) &&
-        noslip_is_finite_f(self->k1) &&
-        noslip_is_finite_f(self->k2) &&
-        noslip_is_finite_f(self->k3) &&
-        noslip_is_finite_f(self->k4) &&
-        noslip_is_finite_f(self->k5) &&
-        noslip_is_finite_f(self->k6) &&
-        noslip_is_finite_f(self->k7) &&
-        noslip_is_finite_f(self->k8) &&
-        noslip_is_finite_f(self->k9) &&
-        noslip_is_finite_f(self->k10) &&
-        noslip_is_finite_f(self->k11) &&
-        noslip_is_finite_f(self->k12) &&
-        noslip_is_finite_f(self->k13) &&
-        noslip_is_finite_f(self->k14) &&
-        noslip_is_finite_f(self->k15))) {
+    if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
+        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;

@@ -21,9 +21,9 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
     if (status != NOSLIP_OK) {
         return status;
     }
-    if (!(noslip_is_finite(config->L)) ||
-        !(noslip_is_finite(config->a) && config->a > 0) ||
-        !(noslip_is_finite(config->b) && config->b > 0) ||
+    if (!noslip_is_finite(config->L) ||
+        !noslip_is_positive(config->a) ||
+        !noslip_is_positive(config->b) ||
         !(noslip_is_finite(gains->kp_distance) && gains->kp_distance >= 0) ||
         !(noslip_is_finite(gains->kd_distance) && gains->kd_distance >= 0) ||
         !(noslip_is_finite(gains->kv_speed) && gains->kv_speed >= 0)) {
@@ -116,28 +116,9 @@ int labmate_type_iv_ellipse_init(labmate_type_iv_ellipse *self, const labmate_pa
     if (!(-(t15 / t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(noslip_is_finite(self->Phi_21) &&
-        noslip_is_finite(self->k1) &&
-        noslip_is_finite(self->k2) &&
-        noslip_is_finite(self->k3) &&
-        noslip_is_finite(self->k4) &&
-        noslip_is_finite(self->k5) &&
-        noslip_is_finite(self->k6) &&
-        noslip_is_finite(self->k7) &&
-        noslip_is_finite(self->k8) &&
-        noslip_is_finite(self->k9) &&
-        noslip_is_finite(self->k10) &&
-        noslip_is_finite(self->k11) &&
-        noslip_is_finite(self->k12) &&
-        noslip_is_finite(self->k13) &&
-        noslip_is_finite(self->k14) &&
-        noslip_is_finite(self->k15) &&
-        noslip_is_finite(self->k16) &&
-        noslip_is_finite(self->k17) &&
-        noslip_is_finite(self->k18) &&
-        noslip_is_finite(self->k19) &&
-        noslip_is_finite(self->k20) &&
-        noslip_is_finite(self->k21))) {
+    if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
+        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
+        self->k17 + self->k18 + self->k19 + self->k20 + self->k21)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;

@@ -21,9 +21,9 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     if (status != NOSLIP_OK) {
         return status;
     }
-    if (!(noslip_is_finite_f(config->L)) ||
-        !(noslip_is_finite_f(config->a) && config->a > 0) ||
-        !(noslip_is_finite_f(config->b) && config->b > 0) ||
+    if (!noslip_is_finite_f(config->L) ||
+        !noslip_is_positive_f(config->a) ||
+        !noslip_is_positive_f(config->b) ||
         !(noslip_is_finite_f(gains->kp_distance) && gains->kp_distance >= 0) ||
         !(noslip_is_finite_f(gains->kd_distance) && gains->kd_distance >= 0) ||
         !(noslip_is_finite_f(gains->kv_speed) && gains->kv_speed >= 0)) {
@@ -116,28 +116,9 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     if (!(-(t15 / t20) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(noslip_is_finite_f(self->Phi_21) &&
-        noslip_is_finite_f(self->k1) &&
-        noslip_is_finite_f(self->k2) &&
-        noslip_is_finite_f(self->k3) &&
-        noslip_is_finite_f(self->k4) &&
-        noslip_is_finite_f(self->k5) &&
-        noslip_is_finite_f(self->k6) &&
-        noslip_is_finite_f(self->k7) &&
-        noslip_is_finite_f(self->k8) &&
-        noslip_is_finite_f(self->k9) &&
-        noslip_is_finite_f(self->k10) &&
-        noslip_is_finite_f(self->k11) &&
-        noslip_is_finite_f(self->k12) &&
-        noslip_is_finite_f(self->k13) &&
-        noslip_is_finite_f(self->k14) &&
-        noslip_is_finite_f(self->k15) &&
-        noslip_is_finite_f(self->k16) &&
-        noslip_is_finite_f(self->k17) &&
-        noslip_is_finite_f(self->k18) &&
-        noslip_is_finite_f(self->k19) &&
-        noslip_is_finite_f(self->k20) &&
-        noslip_is_finite_f(self->k21))) {
+    if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
+        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
+        self->k17 + self->k18 + self->k19 + self->k20 + self->k21)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;

@@ -21,11 +21,11 @@ int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_pa
     if (status != NOSLIP_OK) {
         return status;
     }
-    if (!(noslip_is_finite(config->L)) ||
-        !(noslip_is_finite(config->x_s)) ||
-        !(noslip_is_finite(config->y_s)) ||
-        !(noslip_is_finite(config->direction)) ||
-        !(noslip_is_finite(config->curvature)) ||
+    if (!noslip_is_finite(config->L) ||
+        !noslip_is_finite(config->x_s) ||
+        !noslip_is_finite(config->y_s) ||
+        !noslip_is_finite(config->direction) ||
+        !noslip_is_finite(config->curvature) ||
         !(noslip_is_finite(gains->kp_distance) && gains->kp_distance >= 0) ||
         !(noslip_is_finite(gains->kd_distance) && gains->kd_distance >= 0) ||
         !(noslip_is_finite(gains->kv_speed) && gains->kv_speed >= 0)) {
@@ -69,22 +69,20 @@ int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_pa
     self->k6 = config->curvature * self->k4;
     self->k7 = config->curvature * config->curvature;
     self->k8 = config->curvature * self->k5;
-    self->k9 = self->k7 * 2.0;
-    self->k10 = config->curvature * 2.0;
     const double t2 = params->d + config->L;
     if (!(noslip_abs(t2) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k11 = 1.0 / t2;
+    self->k9 = 1.0 / t2;
     const double t3 = params->r * params->r;
     if (!(noslip_abs(t3) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k12 = self->Phi_21 * ((params->I_w * 2.0 + t3 * params->m_c + t3 * params->m_w * 2.0) / t3);
+    self->k10 = self->Phi_21 * ((params->I_w * 2.0 + t3 * params->m_c + t3 * params->m_w * 2.0) / t3);
     const double t4 = params->b * params->b;
     const double t5 = t3 * params->I_c + t3 * params->I_m * 2.0 + t4 * params->I_w * 2.0 + t3 * (t4 * params->m_w) *
         2.0 + t3 * (params->d * params->d * params->m_c);
-    self->k13 = self->k11 * (self->k1 * (t5 / t3));
+    self->k11 = self->k9 * (self->k1 * (t5 / t3));
     const double t6 = t3 * 0.5;
     const double t7 = t4 * 2.0;
     if (!(noslip_abs(t7) > 0)) {
@@ -97,19 +95,19 @@ int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_pa
     if (!(noslip_abs(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k14 = t6 * (t8 * (t4 * t4)) * 7737125245533627.0 / t11;
-    self->k15 = self->k1 * t2;
-    self->k16 = self->Phi_21 * self->Phi_21;
+    self->k12 = t6 * (t8 * (t4 * t4)) * 7737125245533627.0 / t11;
+    self->k13 = self->k1 * t2;
+    self->k14 = self->Phi_21 * self->Phi_21;
     const double t12 = self->k1 * self->k1;
-    self->k17 = t9 * t12;
-    self->k18 = t12 * t2;
+    self->k15 = t9 * t12;
+    self->k16 = t12 * t2;
     const double t13 = params->d * params->m_c;
-    const double t14 = 0.5 * (self->k1 * t13 - self->k13) * 2.0;
-    self->k19 = self->k1 * (self->Phi_21 * t14);
-    self->k20 = t12 * (self->Phi_21 * t13 - self->k12 * t2);
+    const double t14 = 0.5 * (self->k1 * t13 - self->k11) * 2.0;
+    self->k17 = self->k1 * (self->Phi_21 * t14);
+    self->k18 = t12 * (self->Phi_21 * t13 - self->k10 * t2);
     const double t15 = self->Phi_21 * self->k1;
-    self->k21 = t14 * t15;
-    self->k22 = self->k11 * t15;
+    self->k19 = t14 * t15;
+    self->k20 = self->k9 * t15;
     const double t16 = t10 * 1.9342813113834067e+25;
     if (!(noslip_abs(t16) > 0)) {
         return NOSLIP_SINGULAR;
@@ -117,29 +115,9 @@ int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_pa
     if (!(-(t11 / t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    if (!(noslip_is_finite(self->Phi_21) &&
-        noslip_is_finite(self->k1) &&
-        noslip_is_finite(self->k2) &&
-        noslip_is_finite(self->k3) &&
-        noslip_is_finite(self->k4) &&
-        noslip_is_finite(self->k5) &&
-        noslip_is_finite(self->k6) &&
-        noslip_is_finite(self->k7) &&
-        noslip_is_finite(self->k8) &&
-        noslip_is_finite(self->k9) &&
-        noslip_is_finite(self->k10) &&
-        noslip_is_finite(self->k11) &&
-        noslip_is_finite(self->k12) &&
-        noslip_is_finite(self->k13) &&
-        noslip_is_finite(self->k14) &&
-        noslip_is_finite(self->k15) &&
-        noslip_is_finite(self->k16) &&
-        noslip_is_finite(self->k17) &&
-        noslip_is_finite(self->k18) &&
-        noslip_is_finite(self->k19) &&
-        noslip_is_finite(self->k20) &&
-        noslip_is_finite(self->k21) &&
-        noslip_is_finite(self->k22))) {
+    if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
+        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
+        self->k17 + self->k18 + self->k19 + self->k20)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -187,6 +165,25 @@ static int labmate_type_iv_segment_admit_both(const labmate_type_iv_segment *sel
     return noslip_angle_ok(state->phi) ? NOSLIP_OK : NOSLIP_RANGE;
 }
 
+static int labmate_type_iv_segment_admit_foot(const labmate_type_iv_segment *self, const noslip_foot *foot,
+    const labmate_state *state, const labmate_type_iv_segment_reference *reference)
+{
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    /* A sum is finite only if all its parts are; one that overflows is looked at part by part. */
+    if (!noslip_is_finite(state->thetadot_r + state->thetadot_l + reference->distance + reference->distance_rate +
+        reference->distance_acceleration + reference->speed + reference->speed_rate + foot->distance + foot->cosine +
+        foot->sine + foot->curvature) && !(noslip_is_finite(state->thetadot_r) && noslip_is_finite(state->thetadot_l) &&
+        noslip_is_finite(reference->distance) && noslip_is_finite(reference->distance_rate) &&
+        noslip_is_finite(reference->distance_acceleration) && noslip_is_finite(reference->speed) &&
+        noslip_is_finite(reference->speed_rate) && noslip_is_finite(foot->distance) && noslip_is_finite(foot->cosine) &&
+        noslip_is_finite(foot->sine) && noslip_is_finite(foot->curvature))) {
+        return NOSLIP_NONFINITE;
+    }
+    return NOSLIP_OK;
+}
+
 /*
  * Derivative of the inputs by the demand on the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
@@ -210,13 +207,31 @@ static int labmate_type_iv_segment_slope_law(const labmate_type_iv_segment *self
     const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k14 * distance_by_forward_speed *
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k12 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
-    const double t7 = self->k13 * distance_by_forward_speed / distance_by_yaw_rate;
-    slope[0] = self->k12 + t7;
-    slope[1] = self->k12 - t7;
+    const double t7 = self->k11 * distance_by_forward_speed / distance_by_yaw_rate;
+    slope[0] = self->k10 + t7;
+    slope[1] = self->k10 - t7;
+    return NOSLIP_OK;
+}
+
+/*
+ * As slope, seen from the foot of P_l.
+ * slope[2]: tau_r (N m), tau_l (N m), by v_speed
+ * Operations: 4 mul, 1 add, 1 sub, 1 neg, 1 div.
+ */
+static int labmate_type_iv_segment_follow_slope_law(const labmate_type_iv_segment *self, const noslip_foot *foot,
+    const labmate_state *state, double slope[2])
+{
+    (void)state;
+    if (!(foot->cosine * foot->cosine > -(self->k12 * foot->sine * foot->sine))) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t1 = self->k11 * foot->sine / foot->cosine;
+    slope[0] = self->k10 - t1;
+    slope[1] = self->k10 + t1;
     return NOSLIP_OK;
 }
 
@@ -274,7 +289,7 @@ static int labmate_type_iv_segment_rate_law(const labmate_type_iv_segment *self,
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    ydot[0] = self->k15 * distance_by_yaw_rate * (state->thetadot_r - state->thetadot_l) - forward_speed *
+    ydot[0] = self->k13 * distance_by_yaw_rate * (state->thetadot_r - state->thetadot_l) - forward_speed *
         distance_by_forward_speed;
     return NOSLIP_OK;
 }
@@ -311,7 +326,7 @@ static int labmate_type_iv_segment_decoupling_law(const labmate_type_iv_segment 
     const double distance_by_x_l = t6 * (self->k5 * t3 - self->k6 * t4);
     const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
-    const double t7 = self->k15 * distance_by_yaw_rate;
+    const double t7 = self->k13 * distance_by_yaw_rate;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
     const double t8 = self->Phi_21 * distance_by_forward_speed;
     Phi[0][0] = t7 - t8;
@@ -355,24 +370,24 @@ static int labmate_type_iv_segment_decoupling_rate_law(const labmate_type_iv_seg
         return NOSLIP_SINGULAR;
     }
     const double t6 = 1.0 / t5;
-    const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
-    const double t7 = state->thetadot_r - state->thetadot_l;
-    const double yaw_rate = self->k1 * t7;
+    const double t7 = t6 * self->curvature;
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double t8 = self->k15 * t7;
-    const double t9 = forward_speed * cos_phi - t8 * sin_phi;
-    const double y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
-    const double t10 = self->k4 * t9 + self->k5 * y_l_rate;
-    const double t11 = self->k4 * y_l_rate - self->k5 * t9;
+    const double t8 = state->thetadot_r - state->thetadot_l;
+    const double t9 = self->k13 * t8;
+    const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_x_l = t6 * (self->k5 * t3 - self->k6 * t4);
-    const double t12 = t6 * (self->k9 * t4 * t10 + self->k10 * t3 * t11) * 0.5;
-    const double t13 = distance_by_y_l * yaw_rate - t6 * (self->k6 * t10 - self->k8 * t11 + distance_by_x_l * t12);
-    const double distance_by_y_l_rate = t6 * (self->k6 * t11 + self->k8 * t10 - distance_by_y_l * t12);
-    const double t14 = distance_by_x_l * yaw_rate - distance_by_y_l_rate;
-    const double t15 = self->Phi_21 * (cos_phi * t13 + sin_phi * t14);
-    const double t16 = self->k15 * (cos_phi * t14 - sin_phi * t13);
-    Phidot[0][0] = t15 + t16;
-    Phidot[0][1] = t15 - t16;
+    const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
+    const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
+    const double t10 = forward_speed * distance_by_forward_speed - t9 * distance_by_yaw_rate;
+    const double yaw_rate = self->k1 * t8;
+    const double t11 = t7 * (forward_speed * sin_phi + t9 * cos_phi + distance_by_y_l * t10) - distance_by_x_l *
+        yaw_rate;
+    const double t12 = t7 * (forward_speed * cos_phi - t9 * sin_phi - distance_by_x_l * t10) - distance_by_y_l *
+        yaw_rate;
+    const double t13 = self->k13 * (cos_phi * t11 - sin_phi * t12);
+    const double t14 = self->Phi_21 * (cos_phi * t12 + sin_phi * t11);
+    Phidot[0][0] = -(t13 + t14);
+    Phidot[0][1] = t13 - t14;
     Phidot[1][0] = 0.0;
     Phidot[1][1] = 0.0;
     return NOSLIP_OK;
@@ -416,7 +431,7 @@ static int labmate_type_iv_segment_feedback_law(const labmate_type_iv_segment *s
     const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k14 * distance_by_forward_speed *
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k12 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
@@ -424,13 +439,13 @@ static int labmate_type_iv_segment_feedback_law(const labmate_type_iv_segment *s
     const double t8 = state->thetadot_r - state->thetadot_l;
     const double t9 = t8 * t8;
     const double forward_speed = self->Phi_21 * t7;
-    const double distance_rate = self->k15 * distance_by_yaw_rate * t8 - forward_speed * distance_by_forward_speed;
-    const double wanted_0 = v[0] + t6 * self->curvature * (self->k16 * t7 * t7 + self->k17 * t9 - distance_rate *
+    const double distance_rate = self->k13 * distance_by_yaw_rate * t8 - forward_speed * distance_by_forward_speed;
+    const double wanted_0 = v[0] + t6 * self->curvature * (self->k14 * t7 * t7 + self->k15 * t9 - distance_rate *
         distance_rate);
-    const double wanted_1 = v[1] - self->k18 * t9;
-    const double t10 = self->k19 * t7 * t8 + self->k13 * (wanted_0 + distance_by_forward_speed * wanted_1) /
+    const double wanted_1 = v[1] - self->k16 * t9;
+    const double t10 = self->k17 * t7 * t8 + self->k11 * (wanted_0 + distance_by_forward_speed * wanted_1) /
         distance_by_yaw_rate;
-    const double t11 = self->k12 * wanted_1 - self->k20 * t9;
+    const double t11 = self->k10 * wanted_1 - self->k18 * t9;
     tau[0] = t10 + t11;
     tau[1] = t11 - t10;
     return NOSLIP_OK;
@@ -475,7 +490,7 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     const double distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k14 * distance_by_forward_speed *
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k12 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
@@ -489,49 +504,46 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     const double forward_speed = self->Phi_21 * t11;
     all->h[1] = forward_speed;
     const double t12 = state->thetadot_r - state->thetadot_l;
-    const double t13 = self->k15 * t12;
+    const double t13 = self->k13 * t12;
     const double t14 = t13 * distance_by_yaw_rate;
     const double t15 = forward_speed * distance_by_forward_speed;
     all->ydot[0] = t14 - t15;
-    const double t16 = self->k15 * distance_by_yaw_rate;
+    const double t16 = self->k13 * distance_by_yaw_rate;
     const double t17 = self->Phi_21 * distance_by_forward_speed;
     all->Phi[0][0] = t16 - t17;
     all->Phi[0][1] = -(t16 + t17);
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t18 = forward_speed * cos_phi - t13 * sin_phi;
-    const double y_l_rate = forward_speed * sin_phi + t13 * cos_phi;
-    const double t19 = self->k4 * t18 + self->k5 * y_l_rate;
-    const double t20 = self->k4 * y_l_rate - self->k5 * t18;
-    const double t21 = t8 * (self->k9 * t3 * t19 + self->k10 * t6 * t20) * 0.5;
+    const double t18 = t8 * self->curvature;
+    const double t19 = t15 - t14;
     const double yaw_rate = self->k1 * t12;
-    const double t22 = t8 * (self->k6 * t19 - self->k8 * t20 + distance_by_x_l * t21) - yaw_rate * distance_by_y_l;
-    const double distance_by_y_l_rate = t8 * (self->k6 * t20 + self->k8 * t19 - distance_by_y_l * t21);
-    const double t23 = distance_by_y_l_rate - yaw_rate * distance_by_x_l;
-    const double t24 = self->Phi_21 * (cos_phi * t22 + sin_phi * t23);
-    const double t25 = self->k15 * (cos_phi * t23 - sin_phi * t22);
-    all->Phidot[0][0] = -(t24 + t25);
-    all->Phidot[0][1] = t25 - t24;
+    const double t20 = t18 * (forward_speed * sin_phi + t13 * cos_phi + distance_by_y_l * t19) - yaw_rate *
+        distance_by_x_l;
+    const double t21 = t18 * (forward_speed * cos_phi - t13 * sin_phi - distance_by_x_l * t19) - yaw_rate *
+        distance_by_y_l;
+    const double t22 = self->k13 * (cos_phi * t20 - sin_phi * t21);
+    const double t23 = self->Phi_21 * (cos_phi * t21 + sin_phi * t20);
+    all->Phidot[0][0] = -(t22 + t23);
+    all->Phidot[0][1] = t22 - t23;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
-    const double t26 = t12 * t12;
-    const double t27 = self->k18 * t26;
-    const double wanted_1 = reference->speed_rate - t27 + self->kv_speed * (reference->speed - forward_speed);
-    const double t28 = self->k2 * (wanted_1 + t27);
-    const double t29 = t11 * t12;
-    const double t30 = t15 - t14;
-    const double t31 = reference->distance_acceleration + self->kp_distance * (reference->distance + t10) +
-        self->kd_distance * (t30 + reference->distance_rate);
-    const double wanted_0 = t31 + t8 * self->curvature * (self->k16 * t11 * t11 + self->k17 * t26 - t30 * t30);
-    const double t32 = (wanted_0 + distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
-    const double u_yaw_rate = self->k11 * t32;
-    const double t33 = self->k3 * (self->k22 * t29 - u_yaw_rate);
-    all->u[0] = t28 - t33;
-    all->u[1] = t28 + t33;
-    const double t34 = self->k21 * t29 + self->k13 * t32;
-    const double t35 = self->k12 * wanted_1 - self->k20 * t26;
-    all->tau[0] = t34 + t35;
-    all->tau[1] = t35 - t34;
+    const double t24 = t12 * t12;
+    const double t25 = self->k16 * t24;
+    const double wanted_1 = reference->speed_rate - t25 + self->kv_speed * (reference->speed - forward_speed);
+    const double t26 = self->k2 * (wanted_1 + t25);
+    const double t27 = t11 * t12;
+    const double t28 = reference->distance_acceleration + self->kp_distance * (reference->distance + t10) +
+        self->kd_distance * (t19 + reference->distance_rate);
+    const double wanted_0 = t28 + t18 * (self->k14 * t11 * t11 + self->k15 * t24 - t19 * t19);
+    const double t29 = (wanted_0 + distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
+    const double u_yaw_rate = self->k9 * t29;
+    const double t30 = self->k3 * (self->k20 * t27 - u_yaw_rate);
+    all->u[0] = t26 - t30;
+    all->u[1] = t26 + t30;
+    const double t31 = self->k19 * t27 + self->k11 * t29;
+    const double t32 = self->k10 * wanted_1 - self->k18 * t24;
+    all->tau[0] = t31 + t32;
+    all->tau[1] = t32 - t31;
     return NOSLIP_OK;
 }
 
@@ -583,7 +595,7 @@ static int labmate_type_iv_segment_step_law(const labmate_type_iv_segment *self,
     const double distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const double distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k14 * distance_by_forward_speed *
+    if (!(distance_by_yaw_rate * distance_by_yaw_rate > -(self->k12 * distance_by_forward_speed *
         distance_by_forward_speed))) {
         return NOSLIP_SINGULAR;
     }
@@ -591,19 +603,20 @@ static int labmate_type_iv_segment_step_law(const labmate_type_iv_segment *self,
     const double t10 = t9 * t9;
     const double t11 = state->thetadot_r + state->thetadot_l;
     const double forward_speed = self->Phi_21 * t11;
-    const double wanted_1 = reference->speed_rate - self->k18 * t10 + self->kv_speed * (reference->speed -
+    const double wanted_1 = reference->speed_rate - self->k16 * t10 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t12 = self->k12 * wanted_1 - self->k20 * t10;
-    const double t13 = 1.0 + t7;
-    if (!(noslip_abs(t13) > 0)) {
+    const double t12 = self->k10 * wanted_1 - self->k18 * t10;
+    const double distance_rate = self->k13 * t9 * distance_by_yaw_rate - forward_speed * distance_by_forward_speed;
+    const double t13 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate -
+        distance_rate) + t8 * self->curvature * (self->k14 * t11 * t11 + self->k15 * t10 - distance_rate *
+        distance_rate);
+    const double t14 = 1.0 + t7;
+    if (!(noslip_abs(t14) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t14 = reference->distance_acceleration + self->kp_distance * (reference->distance + (t5 * (t6 + 1.0) +
-        t4 * self->curvature) / t13);
-    const double distance_rate = self->k15 * t9 * distance_by_yaw_rate - forward_speed * distance_by_forward_speed;
-    const double wanted_0 = t14 + self->kd_distance * (reference->distance_rate - distance_rate) + t8 *
-        self->curvature * (self->k16 * t11 * t11 + self->k17 * t10 - distance_rate * distance_rate);
-    const double t15 = self->k19 * t11 * t9 + self->k13 * (wanted_0 + distance_by_forward_speed * wanted_1) /
+    const double wanted_0 = t13 + self->kp_distance * (reference->distance + (t5 * (t6 + 1.0) + t4 * self->curvature) /
+        t14);
+    const double t15 = self->k17 * t11 * t9 + self->k11 * (wanted_0 + distance_by_forward_speed * wanted_1) /
         distance_by_yaw_rate;
     tau[0] = t12 + t15;
     tau[1] = t12 - t15;
@@ -650,4 +663,70 @@ int labmate_type_iv_segment_step(labmate_type_iv_segment *self, const labmate_st
         }
     }
     return labmate_type_iv_segment_step_with_care(self, state, reference, tau, status);
+}
+
+static int labmate_type_iv_segment_follow_law(const labmate_type_iv_segment *self, const noslip_foot *foot,
+    const labmate_state *state, const labmate_type_iv_segment_reference *reference, double tau[2])
+{
+    if (!(foot->cosine * foot->cosine > -(self->k12 * foot->sine * foot->sine))) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t1 = state->thetadot_r - state->thetadot_l;
+    const double t2 = t1 * t1;
+    const double t3 = state->thetadot_r + state->thetadot_l;
+    const double forward_speed = self->Phi_21 * t3;
+    const double wanted_1 = reference->speed_rate - self->k16 * t2 + self->kv_speed * (reference->speed -
+        forward_speed);
+    const double t4 = self->k10 * wanted_1 - self->k18 * t2;
+    const double distance_rate = self->k13 * foot->cosine * t1 + forward_speed * foot->sine;
+    const double distance_curvature = foot->curvature * (self->k14 * t3 * t3 + self->k15 * t2 - distance_rate *
+        distance_rate);
+    const double t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - foot->distance) +
+        distance_curvature;
+    const double wanted_0 = t5 + self->kd_distance * (reference->distance_rate - distance_rate);
+    const double t6 = self->k17 * t3 * t1 + self->k11 * (wanted_0 - foot->sine * wanted_1) / foot->cosine;
+    tau[0] = t4 + t6;
+    tau[1] = t4 - t6;
+    return NOSLIP_OK;
+}
+
+/* The step when something is wrong, or cut: finds out what. */
+static NOSLIP_COLD int labmate_type_iv_segment_follow_with_care(labmate_type_iv_segment *self, const noslip_foot *foot,
+    const labmate_state *state, const labmate_type_iv_segment_reference *reference, double tau[2], int status)
+{
+    if (self == NULL || tau == NULL) {
+        return noslip_finish(NOSLIP_NULL, tau, 2);
+    }
+    if (self->ready != NOSLIP_READY) {
+        return noslip_finish(NOSLIP_NOT_READY, tau, 2);
+    }
+    if (foot != NULL && state != NULL && reference != NULL) {
+        const int admitted = labmate_type_iv_segment_admit_foot(self, foot, state, reference);
+        status = admitted == NOSLIP_OK ? status : admitted;
+    }
+    if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
+        double slope[2];
+        status = labmate_type_iv_segment_follow_slope_law(self, foot, state, slope);
+        if (status == NOSLIP_OK) {
+            status = noslip_slow(tau, slope, self->limit, 2);
+        }
+    }
+    return noslip_answer(status, self->on_error, self->limit, self->held, tau, 2);
+}
+
+int labmate_type_iv_segment_follow(labmate_type_iv_segment *self, const noslip_foot *foot, const labmate_state *state,
+    const labmate_type_iv_segment_reference *reference, double tau[2])
+{
+    int status = NOSLIP_NULL;
+    if (self != NULL && foot != NULL && state != NULL && reference != NULL && tau != NULL &&
+        self->ready == NOSLIP_READY) {
+        status = labmate_type_iv_segment_follow_law(self, foot, state, reference, tau);
+        /* Any other input that is not finite shows in the result. */
+        if (status == NOSLIP_OK && noslip_within(tau[0], self->limit[0]) && noslip_within(tau[1], self->limit[1])) {
+            self->held[0] = tau[0];
+            self->held[1] = tau[1];
+            return status;
+        }
+    }
+    return labmate_type_iv_segment_follow_with_care(self, foot, state, reference, tau, status);
 }

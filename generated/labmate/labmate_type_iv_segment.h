@@ -70,20 +70,18 @@ typedef struct labmate_type_iv_segment {
     double k6;          /* see init */
     double k7;          /* curvature * curvature */
     double k8;          /* see init */
-    double k9;          /* curvature * curvature * 2.0 */
-    double k10;         /* curvature * 2.0 */
-    double k11;         /* 1.0 / (d + L) */
-    double k12;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    double k13;         /* see init */
-    double k14;         /* see init */
-    double k15;         /* r / (b * 2.0) * (d + L) */
-    double k16;         /* r * 0.5 * (r * 0.5) */
-    double k17;         /* (d + L) * (d + L) * (r / (b * 2.0) * (r / (b * 2.0))) */
-    double k18;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    double k9;          /* 1.0 / (d + L) */
+    double k10;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    double k11;         /* see init */
+    double k12;         /* see init */
+    double k13;         /* r / (b * 2.0) * (d + L) */
+    double k14;         /* r * 0.5 * (r * 0.5) */
+    double k15;         /* (d + L) * (d + L) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    double k16;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    double k17;         /* see init */
+    double k18;         /* see init */
     double k19;         /* see init */
-    double k20;         /* see init */
-    double k21;         /* see init */
-    double k22;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    double k20;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_segment;
 
 /*
@@ -125,7 +123,7 @@ int labmate_type_iv_segment_decoupling(const labmate_type_iv_segment *self, cons
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 49 mul, 12 add, 15 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 42 mul, 10 add, 15 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_segment_decoupling_rate(const labmate_type_iv_segment *self, const labmate_state *state,
     double Phidot[2][2]);
@@ -141,7 +139,7 @@ int labmate_type_iv_segment_feedback(const labmate_type_iv_segment *self, const 
 
 /*
  * Everything at one sine and cosine.
- * Operations: 83 mul, 29 add, 26 sub, 4 neg, 3 div, 1 sqrt, 1 sincos.
+ * Operations: 69 mul, 26 add, 24 sub, 4 neg, 3 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_segment_evaluate(const labmate_type_iv_segment *self, const labmate_state *state,
     const labmate_type_iv_segment_reference *reference, labmate_type_iv_segment_evaluation *all);
@@ -152,6 +150,15 @@ int labmate_type_iv_segment_evaluate(const labmate_type_iv_segment *self, const 
  * Operations: 46 mul, 18 add, 15 sub, 1 neg, 3 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_segment_step(labmate_type_iv_segment *self, const labmate_state *state,
+    const labmate_type_iv_segment_reference *reference, double tau[2]);
+
+/*
+ * The step, where a path tells what it is for the law: P_l seen from its foot.
+ * tau[2]: tau_r (N m), tau_l (N m)
+ * Of the state it reads thetadot_r, thetadot_l; of config, which init has had, it needs L: it is one for all pieces.
+ * Operations: 23 mul, 9 add, 9 sub, 1 neg, 1 div.
+ */
+int labmate_type_iv_segment_follow(labmate_type_iv_segment *self, const noslip_foot *foot, const labmate_state *state,
     const labmate_type_iv_segment_reference *reference, double tau[2]);
 
 #ifdef __cplusplus

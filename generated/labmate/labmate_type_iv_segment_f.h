@@ -70,20 +70,18 @@ typedef struct labmate_type_iv_segment_f {
     float k6;          /* see init */
     float k7;          /* curvature * curvature */
     float k8;          /* see init */
-    float k9;          /* curvature * curvature * 2.0 */
-    float k10;         /* curvature * 2.0 */
-    float k11;         /* 1.0 / (d + L) */
-    float k12;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
-    float k13;         /* see init */
-    float k14;         /* see init */
-    float k15;         /* r / (b * 2.0) * (d + L) */
-    float k16;         /* r * 0.5 * (r * 0.5) */
-    float k17;         /* (d + L) * (d + L) * (r / (b * 2.0) * (r / (b * 2.0))) */
-    float k18;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    float k9;          /* 1.0 / (d + L) */
+    float k10;         /* r * 0.5 * ((I_w * 2.0 + r * r * m_c + r * r * m_w * 2.0) / (r * r)) */
+    float k11;         /* see init */
+    float k12;         /* see init */
+    float k13;         /* r / (b * 2.0) * (d + L) */
+    float k14;         /* r * 0.5 * (r * 0.5) */
+    float k15;         /* (d + L) * (d + L) * (r / (b * 2.0) * (r / (b * 2.0))) */
+    float k16;         /* r / (b * 2.0) * (r / (b * 2.0)) * (d + L) */
+    float k17;         /* see init */
+    float k18;         /* see init */
     float k19;         /* see init */
-    float k20;         /* see init */
-    float k21;         /* see init */
-    float k22;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
+    float k20;         /* 1.0 / (d + L) * (r * 0.5 * (r / (b * 2.0))) */
 } labmate_type_iv_segment_f;
 
 /*
@@ -125,7 +123,7 @@ int labmate_type_iv_segment_decoupling_f(const labmate_type_iv_segment_f *self, 
 /*
  * Derivative dPhi/dt along the motion.
  * Phidot[2][2]: as Phi, per second
- * Operations: 49 mul, 12 add, 15 sub, 1 div, 1 sqrt, 1 sincos.
+ * Operations: 42 mul, 10 add, 15 sub, 1 neg, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_segment_decoupling_rate_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
     float Phidot[2][2]);
@@ -141,7 +139,7 @@ int labmate_type_iv_segment_feedback_f(const labmate_type_iv_segment_f *self, co
 
 /*
  * Everything at one sine and cosine.
- * Operations: 83 mul, 29 add, 26 sub, 4 neg, 3 div, 1 sqrt, 1 sincos.
+ * Operations: 69 mul, 26 add, 24 sub, 4 neg, 3 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_segment_evaluate_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
     const labmate_type_iv_segment_reference_f *reference, labmate_type_iv_segment_evaluation_f *all);
@@ -153,6 +151,15 @@ int labmate_type_iv_segment_evaluate_f(const labmate_type_iv_segment_f *self, co
  */
 int labmate_type_iv_segment_step_f(labmate_type_iv_segment_f *self, const labmate_state_f *state,
     const labmate_type_iv_segment_reference_f *reference, float tau[2]);
+
+/*
+ * The step, where a path tells what it is for the law: P_l seen from its foot.
+ * tau[2]: tau_r (N m), tau_l (N m)
+ * Of the state it reads thetadot_r, thetadot_l; of config, which init has had, it needs L: it is one for all pieces.
+ * Operations: 23 mul, 9 add, 9 sub, 1 neg, 1 div.
+ */
+int labmate_type_iv_segment_follow_f(labmate_type_iv_segment_f *self, const noslip_foot_f *foot,
+    const labmate_state_f *state, const labmate_type_iv_segment_reference_f *reference, float tau[2]);
 
 #ifdef __cplusplus
 }

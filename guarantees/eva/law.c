@@ -1,5 +1,6 @@
 /*
- * law.c - the law LAW of ROBOT for EVA, in the scalar REAL with SUFFIX: its init, a step, every other function.
+ * law.c - the law LAW of ROBOT for EVA, in the scalar REAL with SUFFIX: its init, a step, every other function. FOLLOWS is 1
+ * where it has a second step, follow.
  *
  * A step is shown to keep what init has made of limits and held inputs, so what holds of one step holds of all.
  */
@@ -38,18 +39,21 @@ void check_init(int with_options)
 }
 
 /*
- * A step with any bits in state, reference, tau, and in the law but for its limits, what is held, and what to do on an error.
+ * A step, or follow, with any bits in state, reference, foot, tau, and in the law but for its limits, what is held, and what
+ * to do on an error.
  * Limits are numbers here, not any: intervals cannot tell that a torque is below a limit if neither is known.
  */
-void check_step(int on_error, REAL odd, REAL even, REAL held_least, REAL held_most)
+void check_step(int follow, int on_error, REAL odd, REAL even, REAL held_least, REAL held_most)
 {
     OF_ROBOT(_state) state;
     OF_LAW(_reference) reference;
+    OF(noslip_foot) foot;
     OF_LAW() law;
     REAL tau[INPUTS];
     int status, k;
     ANY(state);
     ANY(reference);
+    ANY(foot);
     ANY(law);
     ANY(tau);
     law.on_error = on_error;
@@ -57,7 +61,14 @@ void check_step(int on_error, REAL odd, REAL even, REAL held_least, REAL held_mo
         law.limit[k] = k % 2 ? odd : even;
         law.held[k] = BETWEEN(held_least, held_most);
     }
-    status = OF_LAW(_step)(&law, &state, &reference, tau);
+#if FOLLOWS
+    if (follow) {
+        status = OF_LAW(_follow)(&law, &foot, &state, &reference, tau);
+    } else
+#endif
+    {
+        status = OF_LAW(_step)(&law, &state, &reference, tau);
+    }
     /*@ assert status <= NOSLIP_SATURATED && status >= NOSLIP_NOT_READY && status != NOSLIP_BAD_PARAMETER; */
     /*@ assert status >= 0 ==> law.ready == NOSLIP_READY; */
     for (k = 0; k < INPUTS; k++) {
@@ -116,12 +127,15 @@ void check_functions(void)
 
 int main(void)
 {
+    int follow;
     check_init(0);
     check_init(1);
-    check_step(NOSLIP_ZERO, SMALLEST, LARGEST, -SMALLEST, SMALLEST);
-    check_step(NOSLIP_ZERO, LARGEST, SMALLEST, -SMALLEST, SMALLEST);
-    check_step(NOSLIP_HOLD, 20, 7, -7, 7);
-    check_step(NOSLIP_HOLD, 20, 7, 3, 3);
+    for (follow = 0; follow <= FOLLOWS; follow++) {
+        check_step(follow, NOSLIP_ZERO, SMALLEST, LARGEST, -SMALLEST, SMALLEST);
+        check_step(follow, NOSLIP_ZERO, LARGEST, SMALLEST, -SMALLEST, SMALLEST);
+        check_step(follow, NOSLIP_HOLD, 20, 7, -7, 7);
+        check_step(follow, NOSLIP_HOLD, 20, 7, 3, 3);
+    }
     check_functions();
     return 0;
 }

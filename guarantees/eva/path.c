@@ -40,7 +40,7 @@ void check_guide(const OF(noslip_guide) *guide, int status, int count)
 {
     /*@ assert status >= NOSLIP_UNSTABLE && status <= NOSLIP_ARRIVED; */
     /*@ assert 0 <= guide->segment < count; */
-    /*@ assert \is_finite(guide->left) && \is_finite(guide->distance); */
+    /*@ assert \is_finite(guide->left) && \is_finite(guide->foot.distance) && \is_finite(guide->foot.curvature); */
 }
 
 void check_init(int count, int closed)

@@ -29,7 +29,7 @@
 
 typedef struct {
     uint64_t hash;
-    uint32_t good; /* steps that gave an answer and not an error */
+    uint32_t good; /* states where every step gave an answer and not an error */
 } law_bits;
 
 static uint64_t bits_of_status(uint64_t hash, int status)
@@ -57,6 +57,7 @@ static double any_value(uint64_t *random)
 }
 
 #define ROBOT labmate
+#define FOLLOWS 0
 #define LAW labmate_type_i
 #include "law_bits.inc"
 #undef LAW
@@ -75,6 +76,8 @@ static double any_value(uint64_t *random)
 #define LAW labmate_type_iv_line
 #include "law_bits.inc"
 #undef LAW
+#undef FOLLOWS
+#define FOLLOWS 1
 #define LAW labmate_type_iv_segment
 #include "law_bits.inc"
 #undef LAW
