@@ -16,7 +16,7 @@ static OF(noslip_segment) segments[SEGMENTS];
 void check_is_sound(const OF(noslip_path) *self, int count)
 {
     /*@ assert self->segments == &segments[0] && self->count == count; */
-    /*@ assert 0 <= self->place.segment < count && 0 <= self->guide.segment < count; */
+    /*@ assert 0 <= self->guide.segment < count; */
     /*@ assert NOSLIP_ALONG <= self->place.stage <= NOSLIP_AT_STOP; */
     /*@ assert self->guide.backward == 0 || self->guide.backward == 1; */
 }
@@ -28,7 +28,6 @@ void make_path(OF(noslip_path) *self, int count, int closed, int segment)
     self->segments = segments;
     self->count = count;
     self->closed = closed;
-    self->place.segment = segment;
     self->place.stage = Frama_C_interval(NOSLIP_ALONG, NOSLIP_AT_STOP);
     self->guide.segment = segment;
     self->guide.backward = Frama_C_interval(0, 1);
@@ -40,7 +39,9 @@ void check_guide(const OF(noslip_guide) *guide, int status, int count)
 {
     /*@ assert status >= NOSLIP_UNSTABLE && status <= NOSLIP_ARRIVED; */
     /*@ assert 0 <= guide->segment < count; */
-    /*@ assert \is_finite(guide->left) && \is_finite(guide->foot.distance) && \is_finite(guide->foot.curvature); */
+    /*@ assert \is_finite(guide->left); */
+    /*@ assert \is_finite(guide->foot.distance); */
+    /*@ assert \is_finite(guide->foot.curvature); */
 }
 
 void check_init(int count, int closed)
