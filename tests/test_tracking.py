@@ -489,6 +489,14 @@ def test_error_on_the_next_segment(backend):
     assert tracker.update(*vehicle_at(arc.pose(8.5), 0.5, 0, False), 1) == guide
 
 
+def test_however_far_the_wanted_speed_is_finite():
+    """Found by fuzzing: what is left times the deceleration overflowed, and its root was the wanted speed."""
+    for backend, far, speed in (("cf", 3e38, 1e20), ("c", 1e308, 1e160)):
+        tracker = make_tracker(backend, [Segment(0, 0, 0, 0, 1)], TrackerOptions(speed=speed, deceleration=5, L=(0.1, 0)))
+        guide = tracker.update(-far, 0.0, 0.0, 0.0)
+        assert guide.status == "ok" and 0 < guide.speed <= speed * (1 + 1e-6) and math.isfinite(guide.speed_rate)
+
+
 def test_too_many_turns():
     """Backwards round the first arc without end: a status, when the angle is beyond what sines are taken of."""
     arc = Segment(0, 0, 0, 1.0, 1.0)
