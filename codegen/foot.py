@@ -1,7 +1,7 @@
 """The law in the frame of P_l's foot on the path: what the path tells (FOOT) in place of the vehicle's position and heading.
 
-A vehicle's dynamics are the same wherever it stands and whichever way it points, so of a path the law needs no more than is to
-be seen from the foot: one law for all pieces, and no sine or cosine where something else has taken them already.
+A vehicle that moves alike wherever it stands and whichever way it points needs no more of a path than is to be seen from the
+foot: one law for all pieces, and no sine or cosine where something else has taken them already.
 """
 
 import casadi as ca
@@ -17,17 +17,29 @@ DISTANCE, COSINE, SINE, CURVATURE = (q.symbol for q in FOOT)
 
 
 def can_be_told(law: ControlLaw) -> bool:
-    """Is there a path that FOOT describes, and a vehicle that is the same wherever it stands and whichever way it points?
+    """Is there a path that FOOT describes, and a vehicle that moves alike wherever it stands and whichever way it points?
 
-    A slope, for one, is not the same in all directions.
+    A slope, for one, is not the same in all directions. What its dynamics, its other outputs and its motion, seen from itself,
+    depend on is looked at.
     """
     if law.output.at_foot is None:
         return False
     vehicle, inner = law.system.mechanism.vehicle, inner_velocities(law.system)[0]
     place = ca.vertcat(vehicle.x, vehicle.y, vehicle.heading)
+    if not all(part.is_symbolic() for part in ca.vertsplit(place)):
+        return False
+    x_rate, y_rate, turning = (inner.along_motion(part) for part in ca.vertsplit(place))
+    cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
+    motion = [cosine * x_rate + sine * y_rate, cosine * y_rate - sine * x_rate, turning]
     others = [row.expression for row in law.output.rows if row.through is None]
-    dynamics = ca.vertcat(ca.vec(inner.Mbar), inner.bias, ca.vec(inner.input_map), inner.wanted, *others)
-    return all(part.is_symbolic() for part in ca.vertsplit(place)) and not ca.depends_on(canonical(dynamics), place)
+    dynamics = ca.vertcat(ca.vec(inner.Mbar), inner.bias, ca.vec(inner.input_map), inner.wanted, *others, *motion)
+    return not ca.depends_on(canonical(dynamics), place)
+
+
+def place_names(law: ControlLaw) -> frozenset[str]:
+    """The coordinates that a law which is told the foot does without."""
+    vehicle = law.system.mechanism.vehicle
+    return frozenset(str(part) for part in (vehicle.x, vehicle.y, vehicle.heading))
 
 
 def staged_at_foot(law: ControlLaw) -> Stages:

@@ -9,7 +9,7 @@ import casadi as ca
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR, SINGULAR_SQUARED, Linearization
 from ..model.outputs import FOOT
-from .foot import TOLD, can_be_told, plain_at_foot, staged_at_foot
+from .foot import TOLD, can_be_told, place_names, plain_at_foot, staged_at_foot
 from .graph import CONSTANT_GROUPS, Graph, Node, free_name, from_casadi, reachable
 from .optimize import Optimizer
 from .stages import PART, STEP, Stages, staged
@@ -160,8 +160,9 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     for entry in ENTRIES:
         chosen = {name: quantities[entry.of(name)] for name in entry.answers if quantities.get(entry.of(name))}
         singular = tuple(row[0] for row in quantities[entry.of("singular")]) if chosen and entry.inverts else ()
-        if chosen:
-            entries[entry] = _optimized(graph, Body(chosen, singular), labels) if optimize else Body(chosen, singular)
+        body = Body(chosen, singular)
+        if chosen and not (entry.at_foot and _reads(body, place_names(law))):
+            entries[entry] = _optimized(graph, body, labels) if optimize else body
     conditions = [row[0] for row in quantities["conditions"]]
     regular = [row[0] for name in ("regular", AT_FOOT + "regular") for row in quantities.get(name, ())]
     return Program(law, entries, constants_of(entries, labels), labels, conditions, list(dict.fromkeys(regular)), graph)
@@ -213,6 +214,11 @@ def _optimized(graph: Graph, body: Body, labels: dict[Node, str]) -> Body:
     singular = tuple(next(improved) for _ in body.singular)
     quantities = {name: [[next(improved) for _ in row] for row in matrix] for name, matrix in body.quantities.items()}
     return Body(quantities, singular)
+
+
+def _reads(body: Body, names: frozenset[str]) -> bool:
+    """Is one of these coordinates read? A sine of more than the heading, which FOOT does not have, keeps it."""
+    return any(node.operation == "leaf" and node.group == "state" and node.name in names for node in reachable(body.roots))
 
 
 def _own_names(law: ControlLaw, quantities: dict[str, Matrix]) -> dict[Node, str]:

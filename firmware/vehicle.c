@@ -47,9 +47,23 @@ static NOSLIP_COLD int make_law(vehicle *self, float L)
     return labmate_type_iv_segment_init_f(&self->law, &settings->params, &self->place, &settings->gains, &settings->limits);
 }
 
+/* The laws of all directions in which the path is driven, to see that each can be made; last that of the first piece. */
+static NOSLIP_COLD int make_laws(vehicle *self)
+{
+    const vehicle_settings *settings = self->settings;
+    int i, status = NOSLIP_OK;
+    for (i = settings->count - 1; i >= 0 && status >= 0; i--) {
+        if (i == 0 || settings->segments[i].backward != settings->segments[i - 1].backward) {
+            status = make_law(self, settings->way.L[settings->segments[i].backward != 0]);
+        }
+    }
+    return status;
+}
+
+/* The law and the path have to mean the same point P_l; this law has none beside the axis. */
 static NOSLIP_COLD int make_path(vehicle *self, const vehicle_settings *settings)
 {
-    if (noslip_abs_f(settings->way.ahead - settings->params.d) > 0) { /* the law and the path mean the same point */
+    if (noslip_abs_f(settings->way.ahead - settings->params.d) > 0 || noslip_abs_f(settings->way.W) > 0) {
         return NOSLIP_BAD_PARAMETER;
     }
     return noslip_path_init_f(&self->path, settings->segments, settings->count, &settings->way, NULL);
@@ -108,7 +122,7 @@ int vehicle_init(vehicle *self, const vehicle_settings *settings)
     status = status < 0 ? status : make_encoders(self, settings);
     status = status < 0 ? status : make_odometry(self, settings);
     status = status < 0 ? status : make_path(self, settings);
-    status = status < 0 ? status : make_law(self, self->path.guide.L);
+    status = status < 0 ? status : make_laws(self);
     status = status < 0 ? status : make_motors(self, settings);
     if (status >= 0) {
         stand(self);

@@ -45,7 +45,7 @@ typedef struct vehicle_settings {
     noslip_pose_f start;                 /* of the centre of mass */
     const noslip_segment_f *segments;    /* the path */
     int count;                           /* of segments */
-    noslip_path_options_f way;           /* its `ahead` has to be params.d */
+    noslip_path_options_f way;           /* its `ahead` has to be params.d, its W zero: of another law, _offset */
     labmate_type_iv_segment_gains_f gains;
     labmate_options_f limits;            /* on_error does not count here: the watchdog holds, then stops */
     motor_settings motors[2];

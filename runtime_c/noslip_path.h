@@ -7,8 +7,9 @@
  *     status = noslip_path_update(&path, x, y, heading, forward_speed, &guide);
  *     ... follow of the law with &guide.foot, and with guide.speed and guide.speed_rate as wanted speed and its rate
  *
- * The law is made once, and anew where guide.L is another, as it is on the other side of a cusp. A law that has no `follow`
- * is made for each piece, where guide.changed: init with guide.L, x, y, heading, curvature.
+ * The law is made once, with the path's L, and W if there is one (a law whose name ends in _offset); and anew where guide.L
+ * is another, as it is on the other side of a cusp. A law that has no `follow` is made for each piece, where guide.changed:
+ * init with guide.L, x, y, heading, curvature.
  *
  * Points. P_l lies L ahead of the vehicle's point and W to its left; the vehicle's point lies `ahead` ahead of the middle of
  * the axle, about which the vehicle turns. The lever of P_l is L + ahead, seen from the axle. Going forward wants a positive
@@ -41,10 +42,10 @@
  *
  *     status = noslip_path_step(&path, x, y, odometry.direction, forward_speed);
  *
- * and reads path.guide, which on an error stays as it was.
+ * and reads path.guide, which on an error stays as it was, and says nothing before the first good step.
  *
  * Everything exists for double and, with the suffix _f, for float. An update costs a sine and cosine, at most two square roots
- * and an arctangent, and where a segment ends the sines and cosines of the next one: as much however many segments are left. Only
+ * and an arctangent, and for each segment that ends in it as much again for the next one: however many segments are left. Only
  * where a run begins, at a cusp, the vehicle standing, there is an addition for each segment of it.
  */
 #ifndef NOSLIP_PATH_H

@@ -33,6 +33,7 @@ SETTINGS = {  # a change of the settings that must be refused -> the status
     "speed": (("way", "speed"), (0.0, -1.0, NAN, INF)),
     "wrong side": (("way", "reversing"), (0, 7)),
     "another point": (("way", "ahead"), (0.0, 0.29, NAN)),
+    "a point aside": (("way", "W"), (0.2, -0.01, NAN)),
     "mass": (("params", "m_c"), (0.0, -1.0, NAN)),
     "radius": (("params", "r"), (0.0, -0.15, NAN, INF)),
     "on the axle": (("params", "d"), (0.0, 0.6, NAN)),

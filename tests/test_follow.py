@@ -12,7 +12,10 @@ from noslip.harness.compiled import library
 from noslip.harness.robots import find_laws, find_robot, law_of, system_of
 from noslip.harness.runtime import runtime
 from noslip.harness.sampling import Plant, random_plants
-from noslip.model.outputs import FOOT
+from noslip.model.law import control_law
+from noslip.model.mechanism import Mechanism
+from noslip.model.outputs import FOOT, OUTPUTS
+from noslip.model.reduction import reduce
 
 CASES = [("labmate", ""), ("labmate", "_offset"), ("knife_edge", ""), ("rolling_disk", ""), ("four_wheel", "")]
 ERROR = {"double": 1e-11, "float": 1e-4}  # of the largest torque at a state
@@ -166,6 +169,35 @@ def test_who_has_it():
     assert [name for name, law in laws.items() if can_be_told(law)] == ["type_iv_segment"]
     assert not can_be_told(law_of(find_robot("slope_platform"), "type_iv_segment"))  # gravity
     assert not can_be_told(law_of(find_robot("car"), "type_iv_segment"))  # its heading is that of the front wheel
+
+
+def skew(askew: bool):
+    """A knife edge whose blade is askew of the heading told, or whose heading is turned by an uneven gear."""
+    robot = Mechanism("askew" if askew else "uneven", "a knife edge that is not the same in all directions, or not written so")
+    x, y = robot.coordinate("x", "m"), robot.coordinate("y", "m")
+    phi, psi = robot.coordinate("phi", "rad"), robot.coordinate("psi", "rad")
+    m, J, a = robot.parameter("m", 10.0, "kg"), robot.parameter("J", 0.2, "kg m^2"), robot.parameter("a", 0.4, "rad", sign="any")
+    heading = phi + a if askew else phi
+    forward = ca.cos(heading) * robot.rate(x) + ca.sin(heading) * robot.rate(y)
+    motor = robot.rate(psi)
+    robot.kinetic_energy(m * (robot.rate(x) ** 2 + robot.rate(y) ** 2) / 2 + J * motor**2 / 2)
+    robot.rolls("no side slip", ca.cos(heading) * robot.rate(y) - ca.sin(heading) * robot.rate(x))
+    robot.rolls("gear", robot.rate(phi) - (1 if askew else 1 + a * ca.cos(phi)) * motor)
+    robot.input("push", "N", on=forward)
+    robot.input("turn", "N m", on=motor)
+    robot.quasi_velocity("speed", "m/s", forward)
+    robot.quasi_velocity("motor", "rad/s", motor)
+    robot.moves_in_plane(x, y, phi)
+    return robot
+
+
+@pytest.mark.parametrize("askew", [True, False])
+def test_no_follow_where_the_foot_does_not_tell_all(askew):
+    """Never one that reads the world's heading, or leaves out what depends on it."""
+    law = control_law(system := reduce(skew(askew)), OUTPUTS["type_iv_segment"](system))
+    assert "step" in {entry.name for entry in compile_law(law).entries}
+    assert not {entry.name for entry in compile_law(law).entries if entry.at_foot}
+    assert not {entry.name for entry in compile_law(law, optimize=False).entries if entry.at_foot}
 
 
 @each_scalar

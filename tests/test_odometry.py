@@ -410,6 +410,18 @@ def test_what_is_not_finite_changes_nothing(scalar, bad):
 
 
 @each_scalar
+def test_a_refused_move_keeps_the_direction(scalar):
+    """Also where it is that of the heading before whole turns were taken off, and where the pose told is the odometry's own."""
+    c = C(scalar, (1.0, 2.0, 5000.0))
+    assert c.call("unwind", c.self) == "ok"
+    kept, pose = list(c.self.direction), [c.self.pose.x, c.self.pose.y, c.self.pose.heading]
+    own = c.runtime.ffi.addressof(c.self.pose)
+    for angle, told in ((c.null, c.told), (c.array([math.nan, 0.0]), c.told), (c.array([math.inf, 0.0]), own), (c.null, own)):
+        assert c.call("move", c.self, angle, 0.01, told) in ("null", "nonfinite")
+        assert list(c.self.direction) == kept and [told.x, told.y, told.heading] == pose
+
+
+@each_scalar
 def test_what_overflows_changes_nothing(scalar):
     large = float(np.finfo({"double": np.float64, "float": np.float32}[scalar]).max)
     made = C(scalar, (large, -large, 0.0), 1.0, ((1.0, 1.0), (1.0, -1.0), 0.3))
