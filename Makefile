@@ -58,9 +58,10 @@ build/figures.stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard s
 	$(NOSLIP) figures -o build/figures
 	@touch $@
 
+test: export PYTHONDONTWRITEBYTECODE := # what the tests start finds noslip compiled
 test: $(READY)
 	$(VENV)/bin/ruff check .
-	$(VENV)/bin/python -m pytest -n 2 --dist loadgroup
+	$(VENV)/bin/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
 
 bench: $(READY)
 	$(VENV)/bin/python bench/run.py

@@ -549,7 +549,8 @@ ARC = {"x_s": 30.0, "y_s": 20.0, "direction": math.pi / 2, "curvature": 0.1}  # 
 @pytest.mark.parametrize("heading", np.radians([-60, -40, 0, 90, 120, 150]))
 def test_an_arc_is_judged_as_its_circle_and_as_it_runs(heading):
     """The arc's normal points to the left, the circle's outwards; h1 and s only change their signs."""
-    round_ = changed(CIRCLE, initial={"heading": float(heading)}, simulation={"duration": 6.0, "backend": "casadi"})
+    simulation = {"duration": 6.0, "output_step": 0.05, "backend": "casadi"}
+    round_ = changed(CIRCLE, initial={"heading": float(heading)}, simulation=simulation)
     arc = changed(round_, output={"path": Path(kind="segment", parameters=ARC)})
     verdicts = [certify(make_loop(spec), spec) for spec in (round_, arc)]
     assert verdicts[0].kind == verdicts[1].kind and np.abs(verdicts[0].course[1] + verdicts[1].course[1]).max() < 1e-8
@@ -568,7 +569,7 @@ def test_reversing_with_the_point_behind_is_driving_forward_with_it_ahead(offset
     verdicts = [certify(make_loop(spec), spec) for spec in (forward, back)]
     assert [v.kind for v in verdicts] == [kind, kind] and verdicts[0].reason == verdicts[1].reason
     assert np.abs(verdicts[0].course + verdicts[1].course * [[-1], [1]]).max() < 1e-7
-    run = simulate(changed(back, simulation={"duration": 6.0, "backend": "casadi"}))
+    run = simulate(changed(back, simulation={"duration": 6.0, "output_step": 0.05, "backend": "casadi"}))
     assert bool(run.stopped) == (kind == "singular")
 
 

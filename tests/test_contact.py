@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from casadi import cos, sin
 from noslip.codegen.files import fingerprint
-from noslip.harness.closed_loop import simulate
+from noslip.harness.closed_loop import Run, simulate
 from noslip.harness.contact import GRAVITY, ContactForce, Grip, contact_forces, draw_contact, grip, lambda_columns
 from noslip.harness.errors import BadInput
 from noslip.harness.plant import Plant
+from noslip.harness.robots import find_robot, system_of
 from noslip.harness.spec import Contact, Initial, read_spec
 from noslip.model import Mechanism, ModelError, reduce
 from noslip.model.contacts import axles, combination
@@ -28,9 +29,14 @@ RANGES = {
 }
 
 
-@cache
 def labmate_system():
-    return reduce(labmate())
+    return system_of(find_robot("labmate"))
+
+
+@cache
+def on_the_line() -> Run:
+    """The shipped run to a line."""
+    return simulate(LINE)
 
 
 def labmates():
@@ -121,7 +127,7 @@ def test_steady_circle():
 
 
 def test_what_friction_is_needed_is_enough():
-    run = simulate(LINE)
+    run = on_the_line()
     found = grip(run)
     assert not found.rolls and "would slip: right wheel, first at t = 0 s, needs mu >= " in found.verdict()
     needed = max(c.needs.max() for c in found.contacts)
@@ -132,7 +138,7 @@ def test_what_friction_is_needed_is_enough():
 
 
 def test_friction_beyond_measure_is_told_briefly():
-    run = simulate(LINE)
+    run = on_the_line()
     heavy = dataclasses.replace(run, tau=1e200 * np.ones_like(run.tau))
     verdict = grip(heavy).verdict()
     assert "would slip" in verdict and len(verdict) < 200
@@ -146,7 +152,7 @@ def with_contact(run, **options):
 
 
 def test_a_wheel_without_load_lifts():
-    found = grip(with_contact(simulate(LINE), height=2.0))
+    found = grip(with_contact(on_the_line(), height=2.0))
     right, left = found.contacts
     assert right.load[0] < 0 < left.load[0] and np.isinf(right.use[0])
     assert abs(right.lateral[0]) < 1e-3 < abs(left.lateral[0])
@@ -204,7 +210,7 @@ def test_contacts_are_no_part_of_the_c():
 
 @pytest.mark.parametrize("options", [{}, {"height": 0.5}, {"height": 2.0}, {"mu": 5.0}])
 def test_figure(options):
-    figure = draw_contact(with_contact(simulate(LINE), **options))
+    figure = draw_contact(with_contact(on_the_line(), **options))
     use, circle = figure.axes
     labels = [text.get_text() for text in use.get_legend().get_texts()]
     assert any(label.startswith("right wheel, at most ") for label in labels) and "would slip" in labels

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import sympy as sp
 from casadi import cos, sin
-from noslip.codegen.dynamics import UNROLLED, compile_dynamics
+from noslip.codegen.dynamics import UNROLLED, DynamicsProgram, compile_dynamics
 from noslip.codegen.dynamics_c import DynamicsC
 from noslip.codegen.files import dynamics_text, shared_files
 from noslip.codegen.robot_c import robot_declarations
 from noslip.codegen.scalar import SCALARS
 from noslip.harness.build import compiler, runtime_files
 from noslip.harness.cli import main
-from noslip.harness.robots import find_robot
+from noslip.harness.robots import find_robot, system_of
 from noslip.harness.runtime import load
 from noslip.model import Mechanism, ModelError, reduce
 from noslip.model.recursion import cancelled
@@ -111,7 +111,7 @@ CHAINS = ("tractor_trailer", "tractor_trailer:0", "tractor_trailer:3", "off_axle
 def system(name: str) -> ReducedSystem:
     if name == "off_axle, S of its own":
         return reduce(off_axle("other", quasi=False))
-    return reduce(OWN[name]() if name in OWN else find_robot(name))
+    return reduce(OWN[name]()) if name in OWN else system_of(find_robot(name))
 
 
 @cache
@@ -168,12 +168,18 @@ def close(found, wanted, tolerance: float, floor: float = 0.0) -> bool:
 # -- the C ------------------------------------------------------------------------------------------------------------
 
 
+@cache
+def program(name: str) -> DynamicsProgram:
+    """The same for both scalars."""
+    return compile_dynamics(system(name))
+
+
 class Plant:
     """A robot's compiled dynamics."""
 
     def __init__(self, name: str, scalar: str):
         made, kind = system(name), SCALARS[scalar]
-        text = dynamics_text(compile_dynamics(made), kind)
+        text = dynamics_text(program(name), kind)
         self.ffi = cffi.FFI()
         self.ffi.cdef("const char *noslip_status_name(int status);")
         self.ffi.cdef(robot_declarations(made, kind))
@@ -513,7 +519,7 @@ def test_strict_compilers_are_silent(name, scalar, tmp_path):
     """Warnings are errors, and nothing is called that is not in these files."""
     made = system(name)
     kind = SCALARS[scalar]
-    files = {**runtime_files(), **shared_files(made, kind), **dynamics_text(compile_dynamics(made), kind).files()}
+    files = {**runtime_files(), **shared_files(made, kind), **dynamics_text(program(name), kind).files()}
     for file, text in files.items():
         (tmp_path / file).write_text(text)
     sources = [file for file in files if file.endswith(".c") and file.startswith((made.mechanism.name, "noslip_status"))]

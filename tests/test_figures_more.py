@@ -17,19 +17,16 @@ from noslip.harness.plant import Plant
 from noslip.harness.robots import find_robot, law_of, system_of
 from noslip.harness.safety import certify
 from noslip.model.segments import Segment
-from noslip.tests.figures_made import in_one_process, made_figures
+from noslip.tests.figures_made import labmates_figures
 
 MODULES = (composite, sensing, limits, reversing, rolling, planned)
 FIGURES = [figure for module in MODULES for figure in module.FIGURES]
 
 
-pytestmark = in_one_process
-
-
 @pytest.fixture(scope="module")
 def everything() -> dict[str, Made]:
     """These figures."""
-    return {figure.name: made_figures()[figure.name] for figure in FIGURES}
+    return {figure.name: labmates_figures()[figure.name] for figure in FIGURES}
 
 
 def test_every_claim_is_as_expected(everything):

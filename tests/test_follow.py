@@ -1,14 +1,17 @@
 """`follow`, the step that is told where P_l is by a path: against the step that is given the pose, and on a path of any shape."""
 
 import math
+from functools import cache
 
 import casadi as ca
 import numpy as np
 import pytest
+from noslip.codegen.files import law_program
 from noslip.codegen.foot import can_be_told
 from noslip.codegen.program import compile_law
 from noslip.harness.backends import ON_LIMIT, Limits
 from noslip.harness.compiled import library
+from noslip.harness.plant import Plant as Motion
 from noslip.harness.robots import find_laws, find_robot, law_of, system_of
 from noslip.harness.runtime import runtime
 from noslip.harness.sampling import Plant, random_plants
@@ -20,9 +23,7 @@ from noslip.model.reduction import reduce
 CASES = [("labmate", ""), ("labmate", "_offset"), ("knife_edge", ""), ("rolling_disk", ""), ("four_wheel", "")]
 ERROR = {"double": 1e-11, "float": 1e-4}  # of the largest torque at a state
 
-each_law = pytest.mark.parametrize(
-    ("robot", "suffix"), [pytest.param(*case, marks=pytest.mark.xdist_group(f"follow {case[0]}")) for case in CASES]
-)
+each_law = pytest.mark.parametrize(("robot", "suffix"), CASES)
 each_scalar = pytest.mark.parametrize("scalar", list(ERROR))
 
 
@@ -75,6 +76,7 @@ def foot_at(law, config, state) -> tuple[float, float, float, float]:
     return turns * (1 / abs(given["curvature"]) - abs(out)), turned.real, turned.imag, turns / abs(out)
 
 
+@cache
 def made(robot: str, suffix: str, states: int = 60):
     """A law, and plants with points: nearly all of the points are as near to the path as its radius."""
     law = law_of(find_robot(robot), f"type_iv_segment{suffix}")
@@ -120,8 +122,7 @@ def test_limits_as_of_the_step(robot, suffix, mode):
 def test_what_it_reads_must_be_finite(robot, suffix, scalar):
     """Every number that is infinite or NaN is refused, but for those of the state that it does not read; then what is held."""
     law, (plant, *_) = made(robot, suffix, 20)
-    program = compile_law(law)
-    (body,) = (body for entry, body in program.entries.items() if entry.name == "follow")
+    (body,) = (body for entry, body in law_program(law).entries.items() if entry.name == "follow")
     read = {n.name for n in reachable_leaves(body) if n.group == "state"}
     assert read >= {q.name for q in law.system.quasi_velocities}
     one = Follower(law, plant, scalar, on_error=1)
@@ -195,8 +196,9 @@ def skew(askew: bool):
 def test_no_follow_where_the_foot_does_not_tell_all(askew):
     """Never one that reads the world's heading, or leaves out what depends on it."""
     law = control_law(system := reduce(skew(askew)), OUTPUTS["type_iv_segment"](system))
-    assert "step" in {entry.name for entry in compile_law(law).entries}
-    assert not {entry.name for entry in compile_law(law).entries if entry.at_foot}
+    entries = compile_law(law).entries
+    assert "step" in {entry.name for entry in entries}
+    assert not {entry.name for entry in entries if entry.at_foot}
     assert not {entry.name for entry in compile_law(law, optimize=False).entries if entry.at_foot}
 
 
@@ -213,13 +215,10 @@ def test_one_foot_in_both(scalar):
 def test_a_path_of_any_shape():
     """Round an ellipse, whose curvature changes all the way, the distance dies out as the outer loop says."""
     law = law_of(find_robot("labmate"), "type_iv_segment")
-    system, names = law.system, [q.name for q in law.state]
-    inputs = [ca.SX.sym(q.name) for q in system.mechanism.inputs]
-    rates = ca.vertcat(system.S @ system.nu, system.acceleration(ca.vertcat(*inputs)))
-    motion = ca.Function("motion", [ca.vertcat(system.mechanism.q, system.nu), ca.vertcat(*inputs), system.mechanism.p], [rates])
+    names = [q.name for q in law.state]
     kp, kd, h = 4.0, 5.0, 1e-3
     plant = Plant(tuple(q.default for q in law.parameters), (0.3, 0.0, 0.0, 0.0, 0.0), (kp, kd, 2.0), ())
-    one = Follower(law, plant, "double")
+    one, motion = Follower(law, plant, "double"), Motion(law.system, plant.params)
     x = np.zeros(len(names))
     x[names.index("x_c")], x[names.index("y_c")], x[names.index("phi")] = 4.3, -0.3, math.pi / 2
     x[-2:] = 1.0 / plant.params[[q.name for q in law.parameters].index("r")]
@@ -231,9 +230,7 @@ def test_a_path_of_any_shape():
         one.numbers(one.state)[:], one.numbers(one.foot)[:] = x, foot
         assert one.call("follow", one.foot, one.state, one.reference, one.tau) == "ok"
         tau = list(one.tau)
-        k1 = motion(x, tau, plant.params).full().ravel()  # by the midpoint
-        k2 = motion(x + h / 2 * k1, tau, plant.params).full().ravel()
-        x = x + h * k2
+        x = x + h * motion.rate(x + h / 2 * motion.rate(x, tau), tau)  # by the midpoint
     assert s > math.pi  # both kinds of vertices are behind it
     slope = (-3 * errors[0] + 4 * errors[1] - errors[2]) / (2 * h)
     slow, fast = (-kd + math.sqrt(kd**2 - 4 * kp)) / 2, (-kd - math.sqrt(kd**2 - 4 * kp)) / 2

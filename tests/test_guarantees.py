@@ -11,8 +11,6 @@ from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Missing, Target, Ta
 # test_runtime.py has the others already, test_faults.py the faults
 SHORT = [name for name in CHECKS if name not in ("symbols", "sizes", "warnings", "warnings-m4f", "faults")]
 
-pytestmark = pytest.mark.xdist_group("guarantees")  # one process has what is compiled
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:

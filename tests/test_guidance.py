@@ -35,8 +35,7 @@ def composite(segments, duration: float = 12.0, **output) -> Spec:
     path = Path(kind="composite", segments=tuple(segments))
     first = segments[0]
     initial = dataclasses.replace(LINE.initial, point=(first.x, first.y), heading=first.heading, speed=SPEED)
-    spec = changed(LINE, output={"path": path, **output}, initial=initial, simulation={"duration": duration})
-    return spec
+    return changed(LINE, output={"path": path, **output}, initial=initial, simulation={"duration": duration, "output_step": 0.05})
 
 
 def distance_from(path, points: np.ndarray) -> np.ndarray:
@@ -54,11 +53,11 @@ def test_arc_line_arc_is_followed():
     casadi = simulate(composite(ARC_LINE_ARC), "casadi")
     assert np.abs(run.x - casadi.x).max() < 1e-8 and np.array_equal(run.piece, casadi.piece)
     # Points of the path are 2 mm apart, so that the nearest one is at most this much farther than the path.
-    assert distance_from(ARC_LINE_ARC, run.q[::50, :2]).max() < 2e-3
+    assert distance_from(ARC_LINE_ARC, run.q[::10, :2]).max() < 2e-3
 
 
 def test_arc_line_arc_in_steps_of_10_ms():
-    run = simulate(changed(composite(ARC_LINE_ARC), simulation={"period": 0.01}))
+    run = simulate(changed(composite(ARC_LINE_ARC), simulation={"period": 0.01, "output_step": 0.01}))
     assert 1e-5 < np.abs(run.error[:, 0]).max() < 5e-3
     assert np.abs(run.x - simulate(run.spec, "casadi").x).max() < 1e-8
 
@@ -94,14 +93,14 @@ def test_it_comes_to_stand_at_the_end():
 def test_at_a_cusp_direction_and_reference_point_change_while_it_stands():
     """Forward on a line, back on an arc: P_l lies ahead of the axle, then behind it; the axle ends at the arc's end."""
     forward, back = Segment(0, 0, 0, 0, 5), Segment(5, 0, math.pi, -1 / 4, 6, backward=True)
-    spec = composite((forward, back), duration=30.0, reversing="switch")
+    spec = composite((forward, back), duration=20.0, reversing="switch")
     path = dataclasses.replace(spec.output.path, stop="axle")
     spec = changed(spec, output={"path": path}, initial=None, reference={"deceleration": 0.4, "creep": 0.005})
     run = simulate(spec)
     at = np.flatnonzero(np.diff(run.piece))[0] + 1
     levers = run.config[:, [c.name for c in run.law.config].index("L")] + AHEAD
     assert np.allclose(levers[:at], AHEAD) and np.allclose(levers[at + 1 :], -AHEAD)
-    assert abs(run.y[at, 1]) < 0.01 and run.y[at + 100 :, 1].max() < 1e-3 and run.y[:, 1].min() < -1.0
+    assert abs(run.y[at, 1]) < 0.01 and run.y[at + 20 :, 1].max() < 1e-3 and run.y[:, 1].min() < -1.0
     axle = run.q[:, :2] - AHEAD * np.column_stack([np.cos(run.q[:, 2]), np.sin(run.q[:, 2])])
     x, y, heading = back.end
     assert np.hypot(*(axle[-1] - (x, y))) < 0.02 and abs(run.q[-1, 2] - (heading - math.pi)) < 0.03
@@ -212,7 +211,7 @@ def test_limits_slow_down_and_keep_the_path():
 def test_reversing():
     """v / (L + d) < 0 diverges; refused, or P_l goes to the other side and it converges."""
     spec = beside_line(0.2, -1.0)
-    spec = changed(spec, reference={"speed": -1.0})
+    spec = changed(spec, reference={"speed": -1.0}, simulation={"output_step": 0.05})
     free = simulate(spec)
     assert free.stopped == "singular" and "opposite signs" in free.warnings[0]
     with pytest.raises(BadInput, match="opposite signs"):
@@ -226,7 +225,8 @@ def test_reversing():
 
 def test_a_reference_point_beside_the_axis():
     """P_l anywhere on the vehicle follows the path just so: distance and speed obey the same linear equations."""
-    plain, aside = simulate(LINE), simulate(changed(LINE, output={"W": -0.4, "L": 0.5}))
+    line = changed(LINE, simulation={"output_step": 0.05})
+    plain, aside = simulate(line), simulate(changed(line, output={"W": -0.4, "L": 0.5}))
     assert aside.law.name == "type_iv_line_offset"
     assert np.abs(plain.y - aside.y).max() < 1e-8
     assert np.abs(plain.q[-1, :2] - aside.q[-1, :2]).max() > 0.3
@@ -239,7 +239,7 @@ def test_a_reference_point_beside_the_axis():
 )
 def test_a_start_is_judged_as_stated(speed, offset, kind, time):
     """Figures of the mathematics, section 4; and the run agrees."""
-    spec = changed(beside_line(offset, speed), simulation={"duration": 8.0})
+    spec = changed(beside_line(offset, speed), simulation={"duration": 8.0, "output_step": 0.05})
     verdict = certify(make_loop(spec), spec)
     assert verdict.kind == kind and (time is None or abs(verdict.t - time) < 5e-3)
     run = simulate(spec)
@@ -249,7 +249,7 @@ def test_a_start_is_judged_as_stated(speed, offset, kind, time):
 
 @pytest.mark.parametrize("heading", np.radians([-90, -40, -20, 0, 60, 90, 120, 150, 156, 180]))
 def test_starts_on_the_circle_are_judged_as_they_run(heading):
-    spec = changed(CIRCLE, initial={"heading": float(heading)}, simulation={"duration": 6.0})
+    spec = changed(CIRCLE, initial={"heading": float(heading)}, simulation={"duration": 6.0, "output_step": 0.05})
     verdict, run = certify(make_loop(spec), spec), simulate(spec)
     assert verdict.kind == ("singular" if run.stopped else "safe")
     if run.stopped:
@@ -280,7 +280,7 @@ def test_headings_are_taken_the_short_way_round():
     output = {"type": "II", "path": None}
     reference = Reference(position=(0.0, -3.0), velocity=(0.0, 0.0))
     spec = changed(LINE, output=output, reference=reference, initial={"point": (0.0, 0.0), "heading": 3.0})
-    spec = changed(spec, simulation={"duration": 12.0})
+    spec = changed(spec, simulation={"duration": 12.0, "output_step": 0.05})
     run = simulate(spec)
     assert abs(run.q[-1, 2] - (2 * math.pi - 3.0)) < 0.02 and run.q[:, 2].min() > 2.99
     turned = simulate(changed(spec, reference={"position": (0.0, -3.0 + 20 * math.pi)}))

@@ -1,16 +1,16 @@
 """Limits of the inputs: each cut by itself, or kept by giving up the speed, so that the path gets what it asks for."""
 
 import math
-from collections.abc import Iterator
 from functools import cache
+from unittest.mock import patch
 
 import casadi as ca
 import cffi
 import numpy as np
 import pytest
 from noslip.codegen import program as program_module
-from noslip.codegen.files import law_text
-from noslip.codegen.program import compile_law
+from noslip.codegen.files import law_program, law_text
+from noslip.codegen.program import Program, compile_law
 from noslip.codegen.scalar import SCALARS
 from noslip.harness.backends import BACKENDS, ON_LIMIT, Limits, make_controller
 from noslip.harness.build import shared_library
@@ -52,11 +52,15 @@ def situations(name: str) -> list[tuple]:
     return found
 
 
-def limited(backend: str, name: str, mode: str) -> Iterator[tuple]:
+@cache
+def limited(backend: str, name: str, mode: str) -> list[tuple]:
     """Situation, status and tau of a backend in every situation."""
+    found = []
     for situation in situations(name):
         numbers, state, reference, _, limits = situation
-        yield *situation, *make_controller(backend, law(name), *numbers, Limits(limits, mode)).step(state, reference)
+        controller = make_controller(backend, law(name), *numbers, Limits(limits, mode))
+        found.append((*situation, *controller.step(state, reference)))
+    return found
 
 
 def bounds(limits: tuple[float, ...]) -> np.ndarray:
@@ -337,13 +341,20 @@ def test_no_speed_to_give_up(name, backend):
 # -- what it costs ------------------------------------------------------------------------------------------------------
 
 
+@cache
+def programs(name: str) -> tuple[Program, Program]:
+    """A law, and one that knows nothing of slowing."""
+    public = [entry for entry in program_module.ENTRIES if entry.public]
+    with patch.object(program_module, "ENTRIES", public):
+        without = compile_law(law(name))
+    return law_program(law(name)), without
+
+
 @each_scalar
 @each_following
-def test_the_step_costs_no_more(name, scalar, monkeypatch):
+def test_the_step_costs_no_more(name, scalar):
     """Where no limit is exceeded the C that runs is that of a law that knows nothing of slowing."""
-    with_slow = law_text(compile_law(law(name)), SCALARS[scalar]).source()
-    monkeypatch.setattr(program_module, "ENTRIES", [entry for entry in program_module.ENTRIES if entry.public])
-    without = law_text(compile_law(law(name)), SCALARS[scalar]).source()
+    with_slow, without = (law_text(program, SCALARS[scalar]).source() for program in programs(name))
     assert "slow" in with_slow.lower() and "slow" not in without.lower()
 
     def step(source: str) -> tuple[str, str]:

@@ -7,7 +7,7 @@ import pytest
 from noslip.harness.figures import robots
 from noslip.harness.figures.report import report
 from noslip.model.robots import ROBOTS
-from noslip.tests.figures_made import in_one_process, made_figures
+from noslip.tests.figures_made import figure_of
 
 NAMES = [figure.name for figure in robots.FIGURES]
 
@@ -17,10 +17,9 @@ def test_every_shipped_robot_but_the_labmate_has_one():
     assert set(robots.SHAPES) == set(robots.TITLES) == set(NAMES)
 
 
-@in_one_process
 @pytest.mark.parametrize("name", NAMES)
 def test_claims_hold_and_can_fail(name):
-    made = made_figures()[name]
+    made = figure_of(name)
     assert [claim.text for claim in made.claims if not claim.as_expected] == []
     run = made.runs[robots.RUN]
 
@@ -37,9 +36,8 @@ def test_claims_hold_and_can_fail(name):
     assert [c.holds for c in made.figure.all_claims({robots.RUN: slips})][2:] == [False, False]
 
 
-@in_one_process
 def test_a_report_has_robots_without_contacts_and_without_the_labmates_integral():
-    made = [made_figures()[name] for name in ("geared_arm", "car")]
+    made = [figure_of(name) for name in ("geared_arm", "car")]
     pictured = [dataclasses.replace(each, pictures={"svg": b"<svg/>", "png": b""}) for each in made]
     text = report(pictured)
     assert "Parameters of the geared_arm" in text and "φ − c(θ_r − θ_l) constant" not in text

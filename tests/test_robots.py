@@ -45,7 +45,7 @@ class State:
 
 @cache
 def system(name: str) -> ReducedSystem:
-    return reduce(ROBOTS[name]())
+    return system_of(find_robot(name))
 
 
 @cache
@@ -219,7 +219,7 @@ GROWTH = {
 
 @cache
 def analysed(name: str):
-    return analyse(ROBOTS[name]())
+    return analyse(find_robot(name))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -303,7 +303,7 @@ def test_the_loop_of_an_own_output_is_what_its_gains_say():
 
 def test_the_platform_follows_its_arm_where_both_can_move():
     """det Phi of the end point in the plane and on the platform: the arm's own Jacobian times how far ahead of the axle it is."""
-    law = law_of(ROBOTS["mobile_manipulator"](), "end_point")
+    law = law_of(find_robot("mobile_manipulator"), "end_point")
     function = law.function({"Phi": law.linearization.Phi})
     p = {parameter.name: parameter.default for parameter in law.parameters}
     for state in states("mobile_manipulator"):

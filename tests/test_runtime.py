@@ -64,21 +64,6 @@ def objects(cc: str, flags: list[str], folder: Path, sources: list[str] = SOURCE
     return made
 
 
-pytestmark = pytest.mark.xdist_group("runtime")  # one process has what is built
-
-
-@pytest.fixture(scope="module")
-def built(tmp_path_factory):
-    """Objects of all sources by compiler and level, made once: without a warning, for a shared library, without a library."""
-
-    @cache
-    def built(cc: str, level: str) -> list[str]:
-        more = ["-Wstack-usage=256"] if (cc, level) == ("gcc", "-O2") else []
-        return objects(cc, [level, "-ffreestanding", "-fPIC", *STRICT, *more], tmp_path_factory.mktemp("built"))
-
-    return built
-
-
 # -- headers and settings --------------------------------------------------------------------------------------
 
 

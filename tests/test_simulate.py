@@ -220,15 +220,6 @@ def test_position_and_heading_follow_their_ramps(kind):
         assert np.abs(run.y[:, k] - position[k] - velocity[k] * run.t - e).max() < 1e-10
 
 
-def test_zero_order_hold_shifts_the_path_as_stated():
-    exact = simulate(LINE)
-    for period, stated, across in ((1e-3, 0.7e-3, 0.46e-3), (1e-2, 7e-3, 4.5e-3), (1e-1, 66e-3, 41e-3)):
-        held = simulate(changed(LINE, simulation={"period": period}))
-        shift = held.q[:, :2] - exact.q[:, :2]
-        assert np.hypot(*shift.T).max() == pytest.approx(stated, rel=0.1)
-        assert np.abs(shift @ NORMAL).max() == pytest.approx(across, rel=0.1)
-
-
 def test_held_torque_does_the_work_that_the_energy_gains():
     run = simulate(changed(CIRCLE, simulation={"period": 0.01, "duration": 3.0}))
     work = np.sum(run.tau[:-1] * np.diff(run.q[:, 3:5], axis=0), axis=1)

@@ -121,7 +121,6 @@ def cart(tmp_path_factory):
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: " ".join(command.split()[:1]))
-@pytest.mark.xdist_group("cart")
 def test_a_robot_of_a_file_in_every_command(cart, monkeypatch, capsys, command):
     """SPEC and cases find it beside themselves."""
     monkeypatch.chdir(cart)

@@ -15,6 +15,8 @@ WIDEST = 190  # characters of what is assumed in a line
 METADATA = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}  # the same bytes at every run
 STYLE = {
     "svg.hashsalt": "noslip",
+    "figure.autolayout": False,
+    "figure.constrained_layout.use": False,
     "font.size": 9.5,
     "axes.titlesize": 10.5,
     "axes.grid": True,
@@ -95,7 +97,7 @@ def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, 
 def _freeze(figure: Figure) -> None:
     """Lay out once and round the result: the solver's last bits differ from run to run, and SVG names clip paths by them."""
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)  # not "none": with that each file would be drawn twice
     for axes in figure.axes:
         axes.set_position(np.round(axes.get_position(original=True).bounds, 6))
 
