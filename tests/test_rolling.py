@@ -253,7 +253,7 @@ def turn(axis, angle) -> np.ndarray:
 
 def test_sphere_on_plane_rolls_straight():
     """Its centre moves by d, it turns by |d| / R about the horizontal across d; the contact draws a great circle."""
-    contact = RollingContact(plane(), sphere(1.3))
+    contact = contact_of("plane", "sphere", spin=False)
     pose = ca.Function("pose", [contact.q], [contact.rotation, contact.origin])
     start, velocity = np.array([0.2, -0.1, 0.3, 0.4, 0.5]), np.array([0.4, -0.2])
     end = rolled(contact, start, lambda q: velocity, 2.0)
@@ -337,13 +337,13 @@ def determinant(rows):
 
 PLACE = [Fraction(1, 3), Fraction(-2, 5), Fraction(3, 7), Fraction(1, 2), Fraction(4, 9)]
 FILLING = {
-    "sphere on plane": (sphere(1.3), plane()),
-    "spheres": (sphere(1.3), sphere(0.7)),
+    "sphere on plane": (SURFACES["sphere"], SURFACES["plane"]),
+    "spheres": (SURFACES["sphere"], sphere(0.7)),
     "sphere in a bowl": (sphere(1), hollow(sphere(2))),
-    "ellipsoid on plane": (ellipsoid(2, 1.5, 1), plane()),
-    "spheroid on plane": (ellipsoid(2, 2, 1), plane()),
-    "congruent ellipsoids": (ellipsoid(2, 1.5, 1), ellipsoid(2, 1.5, 1)),
-    "tori": (torus(2, 0.5), torus(2, 0.5)),
+    "ellipsoid on plane": (SURFACES["ellipsoid"], SURFACES["plane"]),
+    "spheroid on plane": (SURFACES["spheroid"], SURFACES["plane"]),
+    "congruent ellipsoids": (SURFACES["ellipsoid"], ellipsoid(2, 1.5, 1)),
+    "tori": (SURFACES["torus"], torus(2, 0.5)),
     "sphere on cylinder": (sphere(1), cylinder(2)),
 }
 
@@ -468,7 +468,7 @@ def test_surfaces_of_revolution_have_a_family_of_special_orbits():
     assert growth_of(contact).special[0] == "u2 = u1, v2 = -v1 + const, psi = 0"
     assert iterated(contact, [0.3, 0.5, 0.3, 0.9, 0.0], 3) == 2 and iterated(contact, [0.3, 0.5, 0.3, 0.9, 0.2], 3) == 5
     assert not mirrors(RollingContact(torus(2, 0.5), torus(3, 0.5))) and not mirrors(RollingContact(sphere(1), plane()))
-    inside = RollingContact(ellipsoid(2, 1.5, 1), hollow(ellipsoid(2, 1.5, 1)))
+    inside = RollingContact(SURFACES["ellipsoid"], hollow(ellipsoid(2, 1.5, 1)))
     assert "u2 = u1, v2 = v1, psi = 0" in rolling_growth(inside).special
 
 
