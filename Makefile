@@ -1,5 +1,9 @@
 # make         sets up, generates and builds the C, checks it against the model, follows a line and a circle
-# make test    every test
+# make quick   before a commit, in about a minute: lint, rooms, generated C, and the tests of model, codegen and verification
+# make test    every check, in a few minutes: of long ones the smaller version, of many similar ones some
+# make nightly make test, then all that takes longer: all builds of the bit digest, all targets in QEMU, all figures, the long
+#              random tests, the tests that tests/nightly.py names, and whether small changes of the sources are found
+# make types   the types of every room, by mypy
 # make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html
 # make bench   instruction counts, sizes and rates beside peers; make bits: the same bits on every target there is
 # make firmware the images of every target whose tools are here, into build/firmware
@@ -12,13 +16,14 @@ NOSLIP := $(VENV)/bin/noslip
 READY := $(VENV)/.ready
 export NOSLIP_CACHE ?= $(CURDIR)/build/compiled
 
-MODEL := $(wildcard __init__.py model/*.py model/robots/*.py codegen/*.py)
-ALL_PYTHON := $(MODEL) $(wildcard harness/*.py harness/*/*.py)
+MODEL := $(wildcard __init__.py model/*.py model/*/*.py codegen/*.py codegen/*/*.py)
+ROOMS := analysis cli controllers evidence outer planning readers simulation sweeping verification
+ALL_PYTHON := $(MODEL) $(foreach room,$(ROOMS),$(wildcard $(room)/*.py $(room)/*/*.py))
 RUNTIME := $(wildcard runtime_c/*)
 ROBOTS := labmate
 RUNS := line circle
 
-.PHONY: all setup generate check-generated check simulate figures test bench bits firmware firmware-test guarantees trig-sweep clean
+.PHONY: all setup generate check-generated check simulate figures lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -37,6 +42,7 @@ generate: build/generated.stamp
 
 build/generated.stamp: $(READY) $(MODEL) $(ROBOTS:%=generated/%) $(wildcard generated/*/*)
 	@mkdir -p build
+	$(VENV)/bin/python -m noslip.codegen.targets > build/targets.mk && mv build/targets.mk firmware/targets.mk
 	$(foreach robot,$(ROBOTS),$(NOSLIP) generate $(robot) && $(NOSLIP) generate $(robot) --check &&) touch $@
 
 check-generated: $(READY)
@@ -58,10 +64,31 @@ build/figures.stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard s
 	$(NOSLIP) figures -o build/figures
 	@touch $@
 
-test: export PYTHONDONTWRITEBYTECODE := # what the tests start finds noslip compiled
-test: $(READY)
+PYTEST := $(VENV)/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder
+QUICK := rooms names poles structure model verify codegen
+
+# The repository's root is the package noslip: mypy finds it by a link of that name.
+types: $(READY)
+	@mkdir -p build/types && ln -sfn $(CURDIR) build/types/noslip
+	cd build/types && $(CURDIR)/$(VENV)/bin/mypy --config-file ../../pyproject.toml $(foreach room,model codegen guarantees $(ROOMS),-p noslip.$(room))
+
+lint: $(READY)
 	$(VENV)/bin/ruff check .
-	$(VENV)/bin/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
+
+quick test nightly: export PYTHONDONTWRITEBYTECODE := # what the tests start finds noslip compiled
+quick: lint types check-generated
+	$(PYTEST) $(QUICK:%=tests/test_%.py)
+
+test: lint types
+	$(PYTEST)
+
+# What each step finds is printed; the first that fails ends it.
+nightly: test
+	$(PYTEST) -m nightly
+	$(MAKE) --no-print-directory bits
+	$(MAKE) --no-print-directory firmware-test
+	$(MAKE) --no-print-directory figures
+	$(VENV)/bin/python -m noslip.tests.mutation
 
 bench: $(READY)
 	$(VENV)/bin/python bench/run.py
@@ -79,13 +106,14 @@ firmware-test: $(READY)
 guarantees: $(READY)
 	$(VENV)/bin/python -m noslip.guarantees $(UPDATE)
 
-# Every float in range against a higher precision (about a minute on two cores), and a dense sample of doubles.
+# Every float in range against a higher precision (minutes on two cores), and a dense sample of doubles.
 trig-sweep:
 	@mkdir -p build
 	$(CC) -std=c99 -O2 -ffp-contract=off -fno-math-errno -Iruntime_c tests/c/trig_sweep.c -lm -o build/trig_sweep
 	build/trig_sweep float 1 0 2 & other=$$!; build/trig_sweep float 1 1 2 && wait $$other
 	build/trig_sweep double 100000000 1992
 	build/trig_sweep atan2 50000000 1992
+	build/trig_sweep functions 1 20000000 1992
 
 clean:
 	rm -rf build $(VENV) *.egg-info .pytest_cache .ruff_cache

@@ -18,13 +18,13 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from noslip.harness.backends import Controller
-from noslip.harness.closed_loop import simulate
-from noslip.harness.files import write_whole
-from noslip.harness.loop import make_loop
-from noslip.harness.spec import Spec, read_spec
-from noslip.harness.sweeping.batch import Batch
+from noslip.controllers.controller import Controller
 from noslip.model.law import ControlLaw
+from noslip.readers.files import write_whole
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.loop import make_loop
+from noslip.simulation.specification.spec import Spec, read_spec
+from noslip.sweeping.batch import Batch
 from scipy.integrate import solve_ivp
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from noslip.codegen.scalar import SCALARS
+from noslip.codegen.printing.scalar import SCALARS
 from noslip.model.law import ControlLaw
 
 COUNT = 256

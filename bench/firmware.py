@@ -15,7 +15,7 @@ from pathlib import Path
 
 from callgraph import call_graph, deepest
 from counting import count_calls, run, symbols_of
-from noslip.harness.targets import QUIET, SEMIHOSTING, TARGETS, missing
+from noslip.controllers.targets import QUIET, SEMIHOSTING, TARGETS, missing
 
 FIRMWARE = Path(__file__).resolve().parent.parent / "firmware"
 TARGET, PREFIX = "cortex-m4f", "arm-none-eabi-"

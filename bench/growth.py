@@ -18,13 +18,13 @@ import numpy as np
 import sympy
 from measure import BENCH, COMMON, LANGUAGE, RUNTIME, _inclusive, run
 from noslip.codegen.dynamics import compile_dynamics
-from noslip.codegen.dynamics_c import DynamicsC
-from noslip.codegen.robot_c import robot_header, robot_source
-from noslip.codegen.scalar import SCALARS
-from noslip.harness.files import write_whole
-from noslip.model.expression import fold
+from noslip.codegen.printing.dynamics_c import DynamicsC
+from noslip.codegen.printing.robot_c import robot_header, robot_source
+from noslip.codegen.printing.scalar import SCALARS
+from noslip.model.algebra.expression import fold
 from noslip.model.reduction import ReducedSystem, reduce
 from noslip.model.robots.tractor_trailer import tractor_trailer
+from noslip.readers.files import write_whole
 from peers import _OPERATION
 from programs import ONCE
 from sympy.printing.c import C99CodePrinter
@@ -151,8 +151,9 @@ def growth(folder: Path, scalars: Sequence[str] = ("double", "float"), everythin
 def _from_process_start(trailers: int) -> float:
     """Seconds of the processor until both scalars of our C are there, with all that Python has to import for it."""
     code = (
-        "import time; from noslip.codegen.dynamics import compile_dynamics; from noslip.codegen.dynamics_c import DynamicsC; "
-        "from noslip.codegen.scalar import SCALARS; from noslip.model.reduction import reduce; "
+        "import time; from noslip.codegen.dynamics import compile_dynamics; "
+        "from noslip.codegen.printing.dynamics_c import DynamicsC; "
+        "from noslip.codegen.printing.scalar import SCALARS; from noslip.model.reduction import reduce; "
         "from noslip.model.robots.tractor_trailer import tractor_trailer; "
         f"made = compile_dynamics(reduce(tractor_trailer({trailers}))); "
         "[DynamicsC(made, scalar, []).files() for scalar in SCALARS.values()]; print(time.process_time())"

@@ -11,13 +11,14 @@ from pathlib import Path
 import cases
 from callgraph import call_graph, deepest, reached
 from counting import count_calls, run, symbols_of
+from noslip.codegen.targets import STANDARD, flags
 from programs import Program, main_text
 
 BENCH = Path(__file__).resolve().parent
 RUNTIME = BENCH.parent / "runtime_c"
-COMMON = ["-O2", "-ffp-contract=off", "-fno-math-errno", "-ffunction-sections", "-fcallgraph-info=su,da", "-w"]
-LANGUAGE = {"c": ["-std=c99"], "c++": ["-std=c++14", "-fno-exceptions", "-fno-rtti"]}
-M4F = ["-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"]
+COMMON = ["-O2", *STANDARD[1:], "-ffunction-sections", "-fcallgraph-info=su,da", "-w"]
+LANGUAGE = {"c": [STANDARD[0]], "c++": ["-std=c++14", "-fno-exceptions", "-fno-rtti"]}
+M4F = flags("cortex-m4f")
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class CortexM4F(Target):
 
     name = "cortex-m4f"
     prefix = "arm-none-eabi-"
-    flags = tuple(M4F)
+    flags = M4F
     startup = (BENCH.parent / "firmware/boards/start_cortex_m.c",)
     link = ("-nostartfiles", "--specs=nosys.specs", f"-T{BENCH.parent / 'firmware/boards/mps2-an386.ld'}", "-Wl,--gc-sections")
     runner = ("qemu-system-arm", "gcc")

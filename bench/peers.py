@@ -9,7 +9,7 @@ from types import ModuleType
 
 import casadi as ca
 import sympy
-from noslip.model.expression import fold
+from noslip.model.algebra.expression import fold
 from noslip.model.law import ControlLaw
 from programs import ONCE, Program, arrays, flat
 from sympy.codegen.ast import float32, real

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cases import COUNT, TOLERANCE
-from noslip.codegen.law_c import LawC
+from noslip.codegen.printing.law_c import LawC
+from noslip.codegen.printing.scalar import SCALARS
 from noslip.codegen.program import compile_law
-from noslip.codegen.scalar import SCALARS
 from noslip.model.law import ControlLaw
 
 ENTRY = {"tau": "step", "Phi": "decoupling", "Phidot": "decoupling_rate"}  # our C function of each quantity

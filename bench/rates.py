@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 from counting import TIMEOUT, run
 from measure import BENCH, COMMON, LANGUAGE, RUNTIME
-from noslip.harness.direct import Direct
+from noslip.controllers.direct import Direct
 from noslip.model.law import ControlLaw, symbols
 from scipy.integrate import solve_ivp
 
@@ -26,7 +26,7 @@ REPEATS = 3  # the least time counts
 def generation() -> dict[str, float]:
     """Seconds from the start of the process to all laws of the LABMATE written, float and double."""
     with tempfile.TemporaryDirectory() as folder:
-        start = "from noslip.harness.cli import main; raise SystemExit(main())"
+        start = "from noslip.cli.main import main; raise SystemExit(main())"
         command = [sys.executable, "-c", start, "generate", "labmate", "-o", folder]
         return {"seconds": round(_least(lambda: _checked(command)), 2)}
 

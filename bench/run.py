@@ -18,8 +18,8 @@ import rates
 import whole_step
 from measure import CortexM4F, Count, Target, measure_all
 from noslip.codegen.files import robot_files, standard_laws
-from noslip.harness.files import write_folder, write_whole
-from noslip.harness.robots import find_robot, system_of
+from noslip.readers.files import write_folder, write_whole
+from noslip.readers.robots import find_robot, system_of
 
 OURS = {"ours": programs.ours, "guarded": programs.guarded, "unoptimized": programs.unoptimized, "hand": programs.hand}
 PEERS = {"casadi": peers.casadi, "casadi_single": peers.casadi_single, "sympy": peers.sympy_cse, "symforce": peers.symforce}
@@ -42,7 +42,9 @@ def main() -> int:
     system = system_of(find_robot("labmate"))
     laws = standard_laws(system)
     given = [cases.make_cases(law) for law in laws]
-    write_folder(shared, robot_files(system, laws) | _case_files(given))
+    write_folder(shared, robot_files(system, laws))
+    for name, text in _case_files(given).items():
+        write_whole(shared / name, text)
 
     written = _programs(laws, OURS if args.quick else OURS | PEERS)
     result: dict = {"laws": {}, "targets": {}}

@@ -17,7 +17,8 @@ from pathlib import Path
 
 from callgraph import call_graph, deepest, reached
 from counting import count_calls, run, symbols_of
-from noslip.harness.targets import QUIET, SEMIHOSTING, STANDARD, TARGETS, missing
+from noslip.codegen.targets import STANDARD
+from noslip.controllers.targets import QUIET, SEMIHOSTING, TARGETS, missing
 
 BENCH = Path(__file__).resolve().parent
 ROOT = BENCH.parent

@@ -9,15 +9,16 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from ..model.exact import canonical
-from ..model.mechanism import quantity
+from ..model.algebra.exact import canonical
+from ..model.algebra.linear import solve
+from ..model.mechanism import Quantity, quantity
 from ..model.recursion import Recursion, Reduced
-from ..model.reduction import ReducedSystem, solve
+from ..model.reduction import ReducedSystem
 from ..model.vehicle import velocity_map
+from .derivation.stages import inner_velocities
 from .graph import Graph, Node, free_name, from_casadi, reachable
 from .optimize import Optimizer
 from .program import Matrix, constants_of, fixed_nodes
-from .stages import inner_velocities
 
 UNROLLED = 5  # quasi-velocities up to which L D L' is written out; above, the runtime's loop is shorter
 NEGLIGIBLE_PIVOT = 1e-6  # of the mass matrix's diagonal, as in noslip_solve.inc
@@ -79,6 +80,11 @@ class DynamicsProgram:
     regular: list[tuple[Node, Node]]  # init answers singular where the first is not greater than the second
 
     @property
+    def groups(self) -> dict[str, Sequence[Quantity]]:
+        """The leaves of the graph, by group."""
+        return _groups(self.system)
+
+    @property
     def angles(self) -> list[Node]:
         """Arguments of sines and cosines that change from call to call."""
         known = fixed_nodes(root for body in self.entries.values() for root in body.roots)
@@ -106,8 +112,7 @@ class _Builder:
         self.steps: dict[Node, Step] = {}  # by leaf
         self.regular: list[tuple[Node, Node]] = []
         self.taken: set[str] = set()  # names of steps
-        mechanism = system.mechanism
-        groups = {"params": mechanism.parameters, "state": system.state, "input": mechanism.inputs}
+        groups = _groups(system)
         self.nodes = {
             q.symbol.element_hash(): self.graph.leaf(group, q.name) for group, members in groups.items() for q in members
         }
@@ -133,7 +138,8 @@ class _Builder:
         else:
             quantities["nudot"] = _inverse(W) @ self._solved(reduced.Mbar, force)
         entries = {entry: self._body(entry, quantities, looped if "nudot" in entry.answers else None) for entry in ENTRIES}
-        return DynamicsProgram(self.system, entries, constants_of(entries, self.labels), self.labels, self.regular)
+        constants = constants_of([root for body in entries.values() for root in body.roots], self.labels)
+        return DynamicsProgram(self.system, entries, constants, self.labels, self.regular)
 
     def _rates(self, S: ca.SX, w: ca.SX, W: ca.SX) -> ca.SX:
         """qdot = S w (9), and straight from nu where it is a multiple of that."""
@@ -228,19 +234,21 @@ class _Builder:
         return symbol
 
 
+def _groups(system: ReducedSystem) -> dict[str, Sequence[Quantity]]:
+    return {"params": system.mechanism.parameters, "state": system.state, "input": system.mechanism.inputs}
+
+
 def _equations(system: ReducedSystem) -> tuple[Reduced, ca.SX, ca.SX]:
     """The reduced equations in w, w itself, and W with w = W nu: body by body where the robot says its bodies."""
     mechanism = system.mechanism
     if not (mechanism.bodies and mechanism.quasi_expressions):
         inner, W = inner_velocities(system)
         return Reduced((), inner.Mbar, inner.bias, inner.input_map, inner.S), inner.nu, W
-    W = velocity_map(system)
-    if W is None:
-        W, names = ca.SX.eye(system.freedom), [f"w_{q.name}" for q in system.quasi_velocities]
-    else:
-        names = ["forward_speed", "yaw_rate"]
+    known = velocity_map(system)
+    W = ca.SX.eye(system.freedom) if known is None else known
+    names = [f"w_{q.name}" for q in system.quasi_velocities] if known is None else ["forward_speed", "yaw_rate"]
     w = ca.vertcat(*[quantity(name, "").symbol for name in names])
-    return Recursion(mechanism, w, mechanism.quasi_expressions, _inverse(W)).reduced(), w, W
+    return Recursion(mechanism, w, _inverse(W), mechanism.quasi_expressions).reduced(), w, W
 
 
 def _inverse(W: ca.SX) -> ca.SX:

@@ -3,10 +3,10 @@
 import casadi as ca
 
 from ..model.law import ControlLaw
+from .derivation.stages import inner_velocities
 from .graph import count, reachable
 from .optimize import Optimizer
 from .program import ENTRIES, compile_law, fixed_nodes
-from .stages import inner_velocities
 
 COLUMNS = ("mul", "add", "sub", "neg", "div", "sqrt", "sincos")
 

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import sympy
@@ -13,13 +14,13 @@ from ..model.law import ControlLaw, control_law
 from ..model.outputs import OUTPUTS, output_map
 from ..model.reduction import ReducedSystem
 from .dynamics import DynamicsProgram, compile_dynamics
-from .dynamics_c import DynamicsC
-from .law_c import LawC
+from .printing.dynamics_c import DynamicsC
+from .printing.law_c import LawC
+from .printing.robot_c import robot_header, robot_source
+from .printing.scalar import SCALARS, Scalar
 from .program import Program, compile_law
-from .robot_c import robot_header, robot_source
-from .scalar import SCALARS, Scalar
 
-TOOLS = f"noslip {__version__}, CasADi {ca.__version__}, SymPy {sympy.__version__}"
+TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy.__version__}"
 
 
 def standard_laws(system: ReducedSystem, names: Sequence[str] = ()) -> list[ControlLaw]:
@@ -33,6 +34,12 @@ def law_program(law: ControlLaw) -> Program:
     return compile_law(law)
 
 
+@lru_cache(maxsize=16)
+def dynamics_program(system: ReducedSystem) -> DynamicsProgram:
+    """The robot's dynamics as a program, the same for both scalars, made once per process."""
+    return compile_dynamics(system)
+
+
 def robot_files(
     system: ReducedSystem, laws: Sequence[ControlLaw], scalars: Sequence[str] = tuple(SCALARS), dynamics: bool = True
 ) -> dict[str, str]:
@@ -41,9 +48,9 @@ def robot_files(
     `dynamics` says whether the plant is among them.
     """
     files: dict[str, str] = {}
-    manifest: dict = {"robot": system.mechanism.name, "tools": TOOLS, "model_sha256": fingerprint(system), "laws": {}}
+    manifest: dict[str, Any] = {"robot": system.mechanism.name, "tools": TOOLS, "model_sha256": fingerprint(system), "laws": {}}
     programs = [law_program(law) for law in laws]
-    plant = compile_dynamics(system) if dynamics else None
+    plant = dynamics_program(system) if dynamics else None
     for scalar in (SCALARS[name] for name in scalars):
         files.update(shared_files(system, scalar))
         for program in programs:
@@ -55,9 +62,9 @@ def robot_files(
                 "operations": {entry.name: text.operations(entry) for entry in text.entries},
             }
         if plant:
-            text = dynamics_text(plant, scalar)
-            files.update(text.files())
-            manifest["dynamics"] = {"operations": {entry.name: text.operations(entry) for entry in plant.entries}}
+            of_plant = dynamics_text(plant, scalar)
+            files.update(of_plant.files())
+            manifest["dynamics"] = {"operations": {entry.name: of_plant.operations(entry) for entry in plant.entries}}
     manifest["files"] = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
     files["manifest.json"] = json.dumps(manifest, indent=1) + "\n"
     return dict(sorted(files.items()))

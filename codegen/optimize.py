@@ -243,7 +243,7 @@ class Optimizer:
             pair = self.graph.make("sum", (x, y), name=signs) if operation == "sum" else self.graph.make("kept", (x, y))
             self._name(self.graph.make("product", (x, y)), 1, pair)
 
-            def replace(sign: int, node: Node, x=x, y=y, relative=relative, pair=pair) -> Signed:
+            def replace(sign: int, node: Node, x: Node = x, y: Node = y, relative: int = relative, pair: Node = pair) -> Signed:
                 if node.operation != operation or node is pair or (x, y, relative) not in index.pairs(node):
                     return sign, node
                 if operation == "product":
@@ -252,8 +252,8 @@ class Optimizer:
                     rest.remove(y)
                     return sign, self.graph.make("product", (*rest, pair)) if rest else pair
                 signs = dict((argument, s) for s, argument in signed_arguments(node))
-                rest = [self._atom(s, argument) for argument, s in signs.items() if argument is not x and argument is not y]
-                return self._signed(sign, self.sum([*rest, self._atom(signs[x], pair)]))
+                terms = [self._atom(s, argument) for argument, s in signs.items() if argument is not x and argument is not y]
+                return self._signed(sign, self.sum([*terms, self._atom(signs[x], pair)]))
 
             signed = self._rewrite_signed(signed, replace, users)
 
@@ -316,7 +316,7 @@ class Optimizer:
             turned = self.graph.make("sum", tuple(argument for _, argument in arguments), name=signs)
             tried |= {found, turned}
 
-            def change(sign: int, node: Node, found=found, turned=turned) -> Signed:
+            def change(sign: int, node: Node, found: Node = found, turned: Node = turned) -> Signed:
                 return (-sign, turned) if node is found else (sign, node)
 
             signed = self._rewrite_signed(signed, change)
@@ -391,7 +391,7 @@ class PairIndex:
         self._nodes: set[Node] = set()
         self._users: dict[Pair, set[Node]] = {}
         self._pairs: dict[Node, frozenset[Pair]] = {}
-        self._heap: list[tuple] = []  # the most used first; an entry whose count is out of date does not count
+        self._heap: list[tuple[tuple[int, ...], Pair]] = []  # the most used first; one with an old count does not count
 
     def pairs(self, node: Node) -> frozenset[Pair]:
         """The pairs of one node."""
@@ -414,13 +414,13 @@ class PairIndex:
         self._nodes = new
         for pair in changed:
             if len(self._users[pair]) > 1:
-                heappush(self._heap, (*self._rank(pair), pair))
+                heappush(self._heap, (self._rank(pair), pair))
 
     def most_shared(self) -> tuple[Pair, set[Node]] | None:
         """The pair that most nodes have, of those the earliest made; None when every pair has one user."""
         while self._heap:
-            *rank, pair = self._heap[0]
-            if len(self._users[pair]) > 1 and tuple(rank) == self._rank(pair):
+            rank, pair = self._heap[0]
+            if len(self._users[pair]) > 1 and rank == self._rank(pair):
                 return pair, set(self._users[pair])
             heappop(self._heap)
         return None

@@ -1,6 +1,6 @@
 """A law as a program: one graph for all its entry points, split into what init computes and what a step computes."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import count
 
@@ -8,11 +8,13 @@ import casadi as ca
 
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR, SINGULAR_SQUARED, Linearization
+from ..model.mechanism import Quantity
+from ..model.names import in_c
 from ..model.outputs import FOOT
-from .foot import TOLD, can_be_told, place_names, plain_at_foot, staged_at_foot
-from .graph import CONSTANT_GROUPS, Graph, Node, free_name, from_casadi, reachable
+from .derivation.foot import TOLD, can_be_told, place_names, plain_at_foot, staged_at_foot
+from .derivation.stages import PART, STEP, Stages, staged
+from .graph import CONSTANT_GROUPS, SHOWING, Graph, Node, free_name, from_casadi, reachable
 from .optimize import Optimizer
-from .stages import PART, STEP, Stages, staged
 
 Matrix = list[list[Node]]
 AT_FOOT = "at foot: "  # begins the names of quantities by FOOT
@@ -91,6 +93,11 @@ class Program:
     graph: Graph
 
     @property
+    def groups(self) -> dict[str, Sequence[Quantity]]:
+        """The leaves of the graph, by group."""
+        return {**self.law.groups, "foot": FOOT}
+
+    @property
     def angles(self) -> list[Node]:
         """Arguments of sines and cosines that change from step to step."""
         return self._angles(fixed=False)
@@ -109,13 +116,14 @@ class Program:
 def hidden_inputs(body: Body) -> list[Node]:
     """Inputs of a step that can be infinite or NaN while every result is finite.
 
-    Sums, products, roots and numerators pass such a value on; a denominator need not, and an angle is checked by itself.
+    Sums, products, roots and numerators pass such a value on; a denominator or a function that is bounded need not, and an
+    angle is checked by itself.
     """
     shown: set[Node] = set()
     stack = [root for matrix in body.quantities.values() for row in matrix for root in row]
     while stack:
         node = stack.pop()
-        if node not in shown and node.operation not in ("sin", "cos"):
+        if node not in shown and node.operation in SHOWING:
             shown.add(node)
             stack.extend(node.arguments[:1] if node.operation == "div" else node.arguments)
     return [node for node in reachable(body.roots) if node.operation == "leaf" and node not in shown]
@@ -165,7 +173,8 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
             entries[entry] = _optimized(graph, body, labels) if optimize else body
     conditions = [row[0] for row in quantities["conditions"]]
     regular = [row[0] for name in ("regular", AT_FOOT + "regular") for row in quantities.get(name, ())]
-    return Program(law, entries, constants_of(entries, labels), labels, conditions, list(dict.fromkeys(regular)), graph)
+    constants = constants_of([root for body in entries.values() for root in body.roots], labels)
+    return Program(law, entries, constants, labels, conditions, list(dict.fromkeys(regular)), graph)
 
 
 def in_steps(law: ControlLaw) -> Stages:
@@ -243,9 +252,8 @@ def _own_names(law: ControlLaw, quantities: dict[str, Matrix]) -> dict[Node, str
     return labels
 
 
-def constants_of(entries: dict[Entry, Body], labels: dict[Node, str]) -> dict[Node, str]:
+def constants_of(roots: Sequence[Node], labels: dict[Node, str]) -> dict[Node, str]:
     """The fixed nodes that a step uses directly, with the names of their fields."""
-    roots = [root for body in entries.values() for root in body.roots]
     fixed = fixed_nodes(roots)
     used: dict[Node, None] = {}
     for node in [n for n in fixed if not fixed[n]]:
@@ -255,11 +263,11 @@ def constants_of(entries: dict[Entry, Body], labels: dict[Node, str]) -> dict[No
     names: dict[Node, str] = {}
     taken = set(OWN_FIELDS)
     for node in (node for node in kept if node.operation == "leaf"):
-        names[node] = free_name(node.name if node.name not in taken else f"{node.group}_{node.name}", taken)
+        names[node] = free_name(in_c(node.name) if node.name not in taken else f"{node.group}_{node.name}", taken)
     numbers = (f"k{number}" for number in count(1))
     for node in (node for node in kept if node.operation != "leaf"):
         named = node in labels and labels[node] not in taken
-        names[node] = free_name(labels[node] if named else next(name for name in numbers if name not in taken), taken)
+        names[node] = free_name(in_c(labels[node]) if named else next(name for name in numbers if name not in taken), taken)
     return {node: names[node] for node in kept}
 
 

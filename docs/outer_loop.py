@@ -1,9 +1,10 @@
 # %% [markdown]
 # # The outer loop of the LABMATE, with python-control
 #
-# After exact linearization each output is a chain of integrators. Its gains are designed in a line; what matters then is what
-# they are worth on a processor that calls the law every few milliseconds, with parameters that are never quite right.
-# Run the cells from the repository's root; nothing is plotted, each cell ends with what it has shown.
+# After exact linearization each output is a chain of integrators, and its gains are designed in one line. The remaining
+# question is how they perform on a processor that calls the law every few milliseconds, with parameters that are never exact.
+# Run this file as a script, or its cells in a notebook in docs/ (in the root of the repository `import control` would find the
+# folder of that name). Nothing is plotted; each cell ends with an assertion of its result.
 
 # %%
 from dataclasses import replace
@@ -12,8 +13,8 @@ from pathlib import Path
 import control
 import noslip
 import numpy as np
-from noslip.harness.loop import make_loop
-from noslip.harness.outer import (
+from noslip import read_spec
+from noslip.outer import (
     Channel,
     Loops,
     closed_loop_system,
@@ -25,7 +26,7 @@ from noslip.harness.outer import (
     steady_motion,
     with_errors,
 )
-from noslip.harness.spec import read_spec
+from noslip.simulation.loop import make_loop
 
 SPECS = Path(noslip.__file__).parent / "specs"
 
@@ -43,7 +44,7 @@ y = response.outputs[0, 0]
 assert y.max() <= 1.0 and abs(y[400] - 0.98) < 1e-6
 
 # %% [markdown]
-# The same by LQR, from the largest error, rate and v that are acceptable (Bryson's rule). All objects are python-control's.
+# The same by LQR, from the largest acceptable error, rate and v (Bryson's rule). All objects are python-control's.
 
 # %%
 print(from_lqr(2, largest=[0.1, 0.2, 0.5]).named("distance"))
@@ -52,7 +53,7 @@ assert control.poles(distance.closed()).real.max() < 0
 
 # %% [markdown]
 # ## On a processor
-# Called every 20 ms, the torque a sample late: what is left of the margins, and how long a period may be.
+# The law is called every 20 ms and the torque is delayed by one sample: margins, and the longest stable period.
 
 # %%
 sampled = Channel("distance", "m", gains, period=0.02, delay=True)
@@ -62,8 +63,8 @@ assert sampled.margins().Ms < 1.3
 
 # %% [markdown]
 # ## The whole loop
-# The channel knows nothing of the robot. About its motion around the circle at 5 m/s the loop has four eigenvalues: the three
-# of the channels and -v/l of the heading, which makes the period that it bears much shorter.
+# A channel does not include the robot. About the motion around the circle at 5 m/s the loop has four eigenvalues: the three
+# of the channels and -v/l of the heading, which makes the longest stable period much shorter.
 
 # %%
 spec = read_spec(SPECS / "circle.toml")
@@ -75,8 +76,8 @@ assert motion.longest_period() < longest_period(from_settling(2, 4.0))
 
 # %% [markdown]
 # ## A wrong model
-# The true robot twice as heavy as the law believes (the paper's figure 9b): the circle is followed 8.7 cm too far out.
-# By itself, an error of 20 % hurts most in the wheel radius.
+# The true robot is twice as heavy as the law assumes (the paper's figure 9b): it follows a circle 8.7 cm too large.
+# Of single errors of 20 %, that of the sensed heading (0.2 rad) has the largest effect: the offset that it leaves.
 
 # %%
 heavy = with_errors(motion, {"m_c": 1.0, "m_w": 1.0})
@@ -85,12 +86,12 @@ assert abs(heavy.offset - 0.087) < 0.0005
 worst = ranking(motion, 0.2, Loops(period=0.01))
 for harm in worst[:3]:
     print(f"{harm.name}: decay {harm.decay:.3f} 1/s, disk margin {harm.disk:.3f}, longest period {harm.longest_period:.4f} s")
-assert worst[0].name == "r"
+assert worst[0].name == "heading"
 
 # %% [markdown]
 # ## The generated C inside python-control
-# Robot and controller as systems with named signals, joined by `control.interconnect`. With integral action in the distance the
-# offset is gone.
+# Robot and controller are systems with named signals, connected by `control.interconnect`. Integral action in the distance
+# removes the offset.
 
 # %%
 truth = replace(spec, plant={"m_c": 60.0, "m_w": 2.0}, gains={**spec.gains, "ki_distance": 2.0})

@@ -1,7 +1,7 @@
 """Frama-C's EVA: for every bit pattern of what is given, no undefined behaviour, and answers as promised.
 
 Special floats are let in (-warn-special-float none), so that an alarm is an access outside of an object, an integer that
-overflows, a conversion that has no result, or a promise (an assert in eva/*.c) that EVA cannot show.
+overflows, a conversion that has no result, or a promise (an assert in c/eva/*.c) that EVA cannot show.
 """
 
 import re
@@ -14,6 +14,7 @@ OPTIONS = (
     "-eva -eva-precision 1 -eva-auto-loop-unroll 40 "
     "-eva-no-print -machdep gcc_x86_32 -warn-special-float none -out-external -inout-verbose 1"
 ).split()
+PROGRAMS = HERE / "c" / "eva"
 SCALARS = {"float": ("_f", "0x1p-149f", "FLT_MAX", "_F"), "double": ("", "0x1p-1074", "DBL_MAX", "")}
 RECKONED = {f"self.{member}" for member in ("now", "pose", "direction", "pending", "left", "steady")}
 MAY_WRITE = {  # function -> objects and parts of them, as the programs call them
@@ -42,7 +43,7 @@ MOST_IN_PATH |= {"noslip_path_go_on": 2000, "noslip_path_step": 20000, "check_in
 
 @dataclass(frozen=True)
 class Program:
-    """A program of eva/ and what it analyses, in one scalar."""
+    """A program of c/eva/ and what it analyses, in one scalar."""
 
     source: str
     scalar: str
@@ -68,7 +69,14 @@ class Program:
         suffix = SCALARS[self.scalar][0]
         more = [task.generated / f"labmate{suffix}.c", task.generated / f"{self.law}{suffix}.c"] if self.law else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
-        return [HERE / "eva" / f"{self.source}.c", *more]
+        return [PROGRAMS / f"{self.source}.c", *more]
+
+    def places(self, task: Task) -> list[str]:
+        """What the analysis has to reach in the program, named by its REACHED(...)."""
+        text = (PROGRAMS / f"{self.source}.c").read_text()
+        if not (self.law and task.follows(self.law)):
+            text = re.sub(r"#if FOLLOWS.*?#endif", "", text, flags=re.S)
+        return re.findall(r"REACHED\((\w+)\)", text)
 
     def defined(self, task: Task) -> dict[str, str]:
         """The macros that the programs are written in."""
@@ -117,7 +125,7 @@ def same_bits(task: Task) -> str:
 
 
 def analyse(task: Task, program: Program) -> tuple[int, list[str]]:
-    """How many assertions were shown, and what was not."""
+    """How many assertions were shown, and what was not, or is not reached so that nothing is shown of it."""
     code, text = attempt(command(task, program))
     if code or (shown := re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid", text)) is None:
         return 0, [f"{program}: frama-c ended with {code}", *text.splitlines()[-10:]]
@@ -126,6 +134,8 @@ def analyse(task: Task, program: Program) -> tuple[int, list[str]]:
         wrong = [f"{program}: {shown[0]}"]
     if not re.search(r"^ +0 alarms generated", text, re.M) and not wrong:
         wrong = [f"{program}: alarms that are not told"]
+    reached = set(re.findall(r"Frama_C_show_each_reached_(\w+)", text))
+    wrong += [f"{program}: {place} is not reached" for place in program.places(task) if place not in reached]
     for function, written in re.findall(r"Out \(external\) for function (\w+):\n((?: +.*\n)+)", text):
         allowed = MAY_WRITE.get(function.removeprefix(f"{program.law}_").removesuffix(SCALARS[program.scalar][0]))
         written = re.sub(r"\[[^]]*\]", "", written)
@@ -138,7 +148,7 @@ def analyse(task: Task, program: Program) -> tuple[int, list[str]]:
 
 def command(task: Task, program: Program) -> list[str]:
     """The whole command line."""
-    places = [*task.include, f"-I{HERE / 'eva'}", *(f"-D{name}={value}" for name, value in program.defined(task).items())]
+    places = [*task.include, f"-I{PROGRAMS}", *(f"-D{name}={value}" for name, value in program.defined(task).items())]
     preprocess = " ".join(place.replace('"', '\\"') for place in places)
     options = [*OPTIONS, *program.precision, f"-cpp-extra-args={preprocess}"]
     return ["frama-c", *options, *map(str, program.sources(task))]

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..harness.backends import Limits
-from ..harness.compiled import CompiledController
-from ..harness.robots import find_laws, find_robot, law_of, system_of
-from ..harness.sampling import random_plants
+from ..controllers.compiled import CompiledController
+from ..controllers.controller import Limits
+from ..readers.robots import find_laws, find_robot, law_of, system_of
+from ..verification.sampling import random_plants
 from .tools import Failed, Task, need
 from .vehicle import STOP, Firmware, Loop, Refused
 
@@ -28,36 +28,36 @@ BEGIN, TICKS = 200, 2600  # of a run: the fault begins, and all there are
 NO_MASS = tuple((f"params__{name}", 1e-30) for name in ("m_c", "m_w", "I_c", "I_w", "I_m"))
 REASONS = ("runs", "stops: an error", "stops: too many strikes", "stops: a wheel stands")
 
-TEXT = """# When something breaks
+TEXT = """# Response to faults
 
-Measured by `python -m noslip.guarantees faults`, which fails where this page is not what happens; with `--update` it writes it.
+Measured by `python -m noslip.guarantees faults`, which fails if the measurements differ from this page; `--update` rewrites it.
 
-## One bit of what a law senses
+## One flipped bit in the input of a law
 
 Laws of the LABMATE in float, limits {limit:g} N m, {states} random states; each of the {bits} bits of each number of the
-state flipped in turn. Same: every torque within {same:.0%} of the limit of what it was. No answer is NaN or beyond its
-limit; with every error the torques are zero. A law cannot tell a wrong number from a right one: what is under "other"
-only a check of plausibility before it can find, such as the vehicle of `firmware/` makes of its counters.
+state is flipped in turn. "Same" means that no torque changes by more than {same:.0%} of the limit. No torque is NaN or exceeds
+its limit, and with every error the torques are zero. A law cannot distinguish a wrong number from a correct one: faults in the
+column "other" can only be detected by plausibility checks before the law, such as those of the vehicle in `firmware/`.
 
 | law | same | other, within limits | nonfinite | range | singular |
 |---|---|---|---|---|---|
 {rows}
 
-## The vehicle of firmware/ on its way
+## The vehicle of firmware/ on its path
 
-Ticks of 10 ms, 1 m/s, counters of 16 bits; the fault begins at tick {begin}, one of the settings at once. The watchdog
-holds the last torques for up to 3 bad or missed ticks, then stops. After, rolled: from the fault to the stop. Error: of
-the true vehicle at the end, reckoning and path together. Commands stay finite and within the supply at every tick, and
-are zero after a stop.
+Ticks of 10 ms, 1 m/s, counters of 16 bits. The fault begins at tick {begin}, a fault in the settings at the start. The watchdog
+holds the last torques for up to 3 bad or missed ticks, then stops. "After" and "rolled" count from the fault to the stop. "Error"
+is the position error of the true vehicle at the end, from dead reckoning and path following together. At every tick the commands
+are finite and within the supply voltage, and they are zero after a stop.
 
 | fault | statuses | the vehicle | after, ticks | rolled, m | error, mm |
 |---|---|---|---|---|---|
 {ends}
 
-Missed ticks within what is tolerated cost way, not safety. A clock that is wrong without knowing it makes every rate
-wrong: above `fastest` that is refused; below, the vehicle believes to be faster than it is. A law does not divide by the
-mass matrix: where that is singular it answers torques that move nothing; the generated plant answers `singular`. What
-counters cannot show, a wheel that slips or is lifted, nothing here finds.
+Missed ticks within the tolerance cost accuracy, not safety. An undetected error of the clock makes every rate wrong. Rates above
+`fastest` are rejected; below it, the vehicle assumes that it is faster than it is. A law does not divide by the mass matrix: if
+that is singular, the law returns torques that move nothing, and the generated plant returns `singular`. Faults that the counters
+do not show, such as a slipping or lifted wheel, are not detected.
 """
 
 

@@ -128,7 +128,7 @@ def _program(task: Task, folder: Path, compiler: str, flags: list[str], source: 
 
 def _rows(text: str) -> dict[str, list[int]]:
     """Function -> how many calls gave each kind of answer; of a law, and of its follow. Failed: one was never answered."""
-    rows = {}
+    rows: dict[str, list[int]] = {}
     for line in text.splitlines():
         name, *words = line.split()
         counted = [int(word) for word in words]

@@ -46,8 +46,7 @@ def _image(task: Task, folder):
     objects += M4F.compile(task, [folder / "main.c"], "-fno-optimize-sibling-calls", *include)
     objects += M4F.compile(task, [boards / "start_cortex_m.c", boards / "string.c"], "-ffreestanding", f"-I{boards}")
     image = folder / "image"
-    link = ["-nostdlib", f"-T{boards / 'mps2-an386.ld'}", *objects, "-lgcc"]
-    run([M4F.compiler, *M4F.flags, *link, "-o", image])
+    run([M4F.compiler, *M4F.flags, "-nostdlib", f"-T{boards / 'mps2-an386.ld'}", *objects, "-lgcc", "-o", image])
     return image
 
 

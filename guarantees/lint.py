@@ -23,7 +23,7 @@ def warnings(task: Task, target: Target = HOST) -> str:
     if target is HOST:
         commands += [[need("clang", "clang")]]
     flags = ["-O2", *STRICT, *STANDARD, *task.include, "-c", "-o", "/dev/null"]
-    jobs = [[*command, *flags, source] for command in commands for source in sources]
+    jobs: list[list[str | Path]] = [[*command, *flags, source] for command in commands for source in sources]
     answers = each(lambda job: attempt(job), jobs)
     hold(text for code, text in answers if code or text)
     return f"{len(sources)} sources, {', '.join(str(command[0]) for command in commands)}"

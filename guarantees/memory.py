@@ -17,10 +17,11 @@ IN_HEADERS = ("noslip_odometry", "noslip_encoder", "noslip_integral", "noslip_ne
 def symbols(task: Task, target: Target = HOST) -> str:
     """Nothing undefined but what compilers call by themselves, nothing that is written to; links without any library.
 
-    On the bare target float only: its double needs the compiler's library.
+    On the bare target float only, for its double needs the compiler's library, and nothing undefined at all.
     """
     objects = target.compile(task, task.sources if target is HOST else task.float_sources)
     objects += target.compile(task, [task.headers()], EMIT_ALL) if target is HOST else []
+    by_compilers = BY_COMPILERS if target is HOST else set()
     found, defined, wanted = [], set(), {}
     for made in objects:
         for line in run([target.tool("nm"), made]).splitlines():
@@ -35,7 +36,7 @@ def symbols(task: Task, target: Target = HOST) -> str:
         if data or bss:
             found.append(f"{made.name}: {data} bytes of data, {bss} of bss")
     needed = set(wanted) - defined - {"_GLOBAL_OFFSET_TABLE_"}  # position independent code has this, no function has it
-    hold([*found, *(f"{wanted[name]} needs {name}" for name in sorted(needed - BY_COMPILERS))])
+    hold([*found, *(f"{wanted[name]} needs {name}" for name in sorted(needed - by_compilers))])
     _link(task, target, objects)
     return f"{len(objects)} objects need {', '.join(sorted(needed)) or 'nothing'}, have no data and no bss, link with -nostdlib"
 
@@ -80,8 +81,8 @@ def _size(target: Target, made: Path) -> tuple[int, int, int]:
 def _link(task: Task, target: Target, objects: list[Path]) -> None:
     """Everything into one program, bare: a symbol that nobody has is an error."""
     by_compilers = target.compile(task, [task.root / "firmware/boards/string.c"], "-ffreestanding")
-    command = [target.compiler, *target.flags, "-nostdlib", "-Wl,-z,defs,-e,labmate_check_params_f", *objects, *by_compilers]
-    run([*command, "-o", task.folder / target.name / "all"])
+    options = [*target.flags, "-nostdlib", "-Wl,-z,defs,-e,labmate_check_params_f"]
+    run([target.compiler, *options, *objects, *by_compilers, "-o", task.folder / target.name / "all"])
 
 
 def _graph(task: Task, target: Target) -> Graph:

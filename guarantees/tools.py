@@ -4,18 +4,23 @@ import os
 import platform
 import shutil
 import subprocess
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TypeVar
 
 import noslip
 
+from ..codegen.targets import STANDARD, TABLE, flags
+
 ROOT = Path(noslip.__file__).resolve().parent
 HERE = Path(__file__).resolve().parent
-STANDARD = ["-std=c99", "-ffp-contract=off", "-fno-math-errno"]
 TIMEOUT = 900  # s, of any one tool
+
+Value = TypeVar("Value")
+Answer = TypeVar("Answer")
 
 
 class Missing(Exception):
@@ -120,12 +125,8 @@ class Target:
 
 
 HOST = Target(platform.machine(), "", (), "gcc")
-M4F = Target(
-    "cortex-m4f",
-    "arm-none-eabi-",
-    ("-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"),
-    "gcc-arm-none-eabi libnewlib-arm-none-eabi",
-)
+ARM = TABLE["toolchain"]["arm"]
+M4F = Target("cortex-m4f", ARM["prefix"], flags("cortex-m4f"), ARM["package"])
 TARGETS = {target.name: target for target in (HOST, M4F)}
 
 
@@ -146,7 +147,7 @@ def need(tool: str, package: str) -> str:
     return tool
 
 
-def run(command: Sequence[str], folder: Path | None = None, **more: str) -> str:
+def run(command: Sequence[str | Path], folder: Path | None = None, **more: str) -> str:
     """What a tool that must succeed says, on both channels. `more` goes into its environment. Failed: it did not."""
     code, text = attempt(command, folder, **more)
     if code:
@@ -154,7 +155,7 @@ def run(command: Sequence[str], folder: Path | None = None, **more: str) -> str:
     return text
 
 
-def attempt(command: Sequence[str], folder: Path | None = None, **more: str) -> tuple[int, str]:
+def attempt(command: Sequence[str | Path], folder: Path | None = None, **more: str) -> tuple[int, str]:
     """Exit code and what a tool says."""
     done = subprocess.run(
         [str(word) for word in command],
@@ -169,7 +170,7 @@ def attempt(command: Sequence[str], folder: Path | None = None, **more: str) -> 
     return done.returncode, done.stdout
 
 
-def each(function, values: Iterable) -> list:
+def each(function: Callable[[Value], Answer], values: Iterable[Value]) -> list[Answer]:
     """The function's answers, two at a time."""
     with ThreadPoolExecutor(2) as pool:
         return list(pool.map(function, values))

@@ -8,8 +8,8 @@ from pathlib import Path
 import cffi
 import numpy as np
 
-from ..harness.build import RUNTIME
-from ..harness.runtime import load, without_bodies
+from ..controllers.build import RUNTIME
+from ..controllers.runtime import load, without_bodies
 
 ROOT = RUNTIME.parent
 FIRMWARE, GENERATED = ROOT / "firmware", ROOT / "generated" / "labmate"
@@ -99,13 +99,19 @@ class Firmware:
     def new(self, kind: str, *initial):
         return self.ffi.new(f"{kind} *", *initial)
 
+    def used(self, kind: str):
+        """A struct in memory that was used before: NaN in every number."""
+        made = self.new(kind)
+        self.ffi.buffer(made)[:] = b"\xff" * self.ffi.sizeof(kind)
+        return made
+
     def settings(self):
         made = self.new("vehicle_settings")
         assert self.lib.robot_settings(made) == 0
         return made
 
     def vehicle(self, settings):
-        made = self.new("vehicle")
+        made = self.used("vehicle")
         status = self.lib.vehicle_init(made, settings)
         if status != 0:
             raise Refused(self.status(status))
@@ -117,7 +123,7 @@ class Firmware:
 
     def motor(self, **settings):
         """Answers the motor and the status of its init."""
-        made = self.new("motor")
+        made = self.used("motor")
         return made, self.lib.motor_init(made, self.new("motor_settings", settings))
 
 

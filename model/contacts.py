@@ -3,11 +3,11 @@
 import casadi as ca
 import numpy as np
 
+from .algebra.exact import canonical
+from .algebra.linear import solve
+from .algebra.samples import RANK_TOLERANCE, Sampled, rank
 from .errors import ModelError
-from .exact import canonical
 from .mechanism import Mechanism
-from .reduction import solve
-from .samples import RANK_TOLERANCE, Sampled, rank
 
 
 def combination(mechanism: Mechanism) -> ca.SX:

@@ -13,9 +13,11 @@ from .reduction import ReducedSystem
 
 @dataclass(frozen=True, eq=False)
 class ControlLaw:
-    """State and reference to input. `groups` are what it depends on, `quantities` what it answers.
+    """A control law from state and reference to the inputs, symbolic.
 
     Outer loop, row of relative degree 2: v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y); degree 1: v = ydot_d + kv (y_d - y).
+    `v` and `u` are (n-m) x 1, `tau` is r x 1 in the units of the inputs. They depend on `groups`: parameters, config (of the
+    output map), gains, state [q; nu] and reference, in SI units. `u_of_demand` and `tau_of_demand` take v itself as an argument.
     """
 
     linearization: Linearization

@@ -1,5 +1,6 @@
 """Input-output linearization: relative degrees, decoupling matrix (15), its derivative, second feedback (20)."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,11 +9,14 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 
+from .algebra.exact import canonical
+from .algebra.expression import degree as degree_in
+from .algebra.linear import solve
+from .algebra.poles import determinant
+from .algebra.samples import Sampled, rank
 from .errors import ModelError
-from .exact import canonical
 from .outputs import OutputMap
-from .reduction import ReducedSystem, solve
-from .samples import Sampled, rank
+from .reduction import ReducedSystem
 
 SINGULAR = 1e-5  # of a measure of Phi (`Linearization.measure`): at or below it Phi counts as singular, everywhere
 SINGULAR_SQUARED = 1e-10  # the same for squares, which need no root
@@ -20,9 +24,11 @@ SINGULAR_SQUARED = 1e-10  # the same for squares, which need no root
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """Derivatives of the outputs: of order relative_degree[i] for row i, y^(k) = drift + Phi u.
+    """Input-output linearization of a reduced system: y_i^(k) = drift_i + (Phi u)_i with k = relative_degree[i], 1 or 2.
 
-    `rate` lists the first derivatives of the rows of relative degree 2, in order.
+    Symbolic, in q, nu and parameters: outputs `h` ((n-m) x 1), first derivatives `rate` of the rows of relative degree 2 in
+    order, decoupling matrix `Phi` (15) and its time derivative `Phidot` (both (n-m) x (n-m)), `drift` ((n-m) x 1).
+    Units are those of the output map's rows, per second for each derivative.
     """
 
     system: ReducedSystem
@@ -37,7 +43,7 @@ class Linearization:
     @cached_property
     def determinant(self) -> ca.SX:
         """det Phi."""
-        return canonical(ca.det(self.Phi))
+        return self.system.simplified("det Phi", ca.det(self.Phi), (self.Phi,), determinant)
 
     @property
     def scale_squared(self) -> ca.SX:
@@ -93,6 +99,11 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
             rows.append(first)
             drift.append(first_drift)
             continue
+        if degree_in(canonical(expression), system.nu) == math.inf:
+            raise ModelError(
+                f"{where}: row {row.name!r} depends on the quasi-velocities, but its derivative by them vanishes (a step, or a "
+                "part that is flat there); replace it by an output whose rate the inputs change"
+            )
         second, second_drift = derivative(system, expression, 2)
         if _vanishes(system, output, second):
             raise ModelError(
@@ -112,8 +123,10 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
 def derivative(system: ReducedSystem, expression: ca.SX, degree: int) -> tuple[ca.SX, ca.SX]:
     """Row of Phi and drift of the derivative of order `degree` of an output: Phi u + drift."""
     if degree == 1:
-        return canonical(ca.jacobian(expression, system.nu)), system.along_motion(expression)
-    row = canonical(ca.jacobian(expression, system.mechanism.q) @ system.S)
+        slope = ca.jacobian(expression, system.nu)
+        return system.simplified("a row of Phi", slope, (slope,), lambda slope: slope), system.along_motion(expression)
+    J, S = ca.jacobian(expression, system.mechanism.q), system.S
+    row = system.simplified("a row of Phi", J @ S, (J, S), lambda J, S: J @ S)
     return row, system.along_motion(row) @ system.nu
 
 

@@ -4,28 +4,30 @@ The user names coordinates and parameters, adds the energy of each body, states 
 something rolls, and says where the inputs act. M, V, A and E follow by CasADi's differentiation.
 """
 
-import keyword
 import math
 import numbers
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import casadi as ca
 
+from .algebra.exact import canonical
+from .algebra.expression import degree, free_symbols, time_derivative
+from .algebra.operations import kinks, refuse_jumps, refuse_unsupported
 from .errors import ModelError
-from .exact import canonical
-from .expression import free_symbols, time_derivative
+from .names import in_c, is_reserved, refuse_output, refuse_robot
 
-SIGNS = {
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+SIGNS: dict[str, tuple[Callable[[float], bool], str]] = {
     "positive": (lambda value: value > 0.0, "positive"),
     "nonnegative": (lambda value: value >= 0.0, "zero or positive"),
     "any": (lambda value: True, "any number"),
 }
-TYPE = "type_"  # begins the names of Types I to IV
-# what all laws share
-TAKEN_IN_C = frozenset({"params", "state", "options", "default_params", "check_params", "check_state", "dynamics"})
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,12 @@ class Quantity:
     about: str = ""
     default: float = 0.0
     sign: str = "any"
-    symbol: ca.SX = field(default=None, compare=False, repr=False)
+    symbol: ca.SX = field(kw_only=True, compare=False, repr=False)
+
+    @property
+    def in_c(self) -> str:
+        """The name of its member in C."""
+        return in_c(self.name)
 
     def check(self, value: float, where: str = "") -> float:
         """Answer `value` as a float. Raises ModelError when it is not finite or has the wrong sign."""
@@ -59,28 +66,22 @@ class Quantity:
 def quantity(name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any") -> Quantity:
     """A Quantity with a fresh symbol. Raises ModelError for a name that C or Python cannot take, or an unknown sign."""
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or is_reserved(name):
-        raise ModelError(f"name {name!r} cannot be used in C: letters, digits and _ only, no keyword of C, C++ or Python")
+        raise ModelError(
+            f"name {name!r} cannot be used in C: letters, digits and _ only, no keyword of C, C++ or Python, no macro of the "
+            "standard headers, nothing that begins with noslip_"
+        )
     for text, what in ((unit, "unit"), (about, "about")):
         if not isinstance(text, str) or not text.isprintable() or "*/" in text:
             raise ModelError(f"{name}: {what} {text!r} must be text on one line that can stand in a C comment")
     if sign not in tuple(SIGNS):
         raise ModelError(f"{name}: sign {sign!r} is not one of {', '.join(SIGNS)}")
-    default = Quantity(name, unit, about, sign=sign).check(default, f"default of {name}")
-    return Quantity(name, unit, about, default, sign, ca.SX.sym(name))
+    made = Quantity(name, unit, about, sign=sign, symbol=ca.SX.sym(name))
+    return replace(made, default=made.check(default, f"default of {name}"))
 
 
 def is_number(value: object) -> bool:
     """A real number of any kind: Python's, NumPy's, a fraction."""
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
-
-
-def is_reserved(name: str) -> bool:
-    """Does the name mean something in C, C++, stdint.h or Python already?"""
-    return (
-        keyword.iskeyword(name)
-        or name in RESERVED
-        or re.fullmatch(r"u?int(_fast|_least)?(8|16|32|64|max|ptr)_t", name) is not None
-    )
 
 
 def per_second(unit: str) -> str:
@@ -91,18 +92,7 @@ def per_second(unit: str) -> str:
     return f"{base}/s^{int(power[1:] or 1) + 1}"
 
 
-RESERVED = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if inline int long register "
-    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while "
-    "alignas alignof and and_eq asm bitand bitor bool catch char8_t char16_t char32_t class co_await co_return co_yield compl "
-    "concept const_cast consteval constexpr constinit decltype delete dynamic_cast explicit export false friend mutable "
-    "namespace new noexcept not not_eq nullptr operator or or_eq private protected public reinterpret_cast requires "
-    "static_assert static_cast template this thread_local throw true try typeid typename typeof typeof_unqual using virtual "
-    "wchar_t xor xor_eq NULL NAN INFINITY size_t ptrdiff_t".split()
-)
-
-
-def scalar(expression: ca.SX, where: str) -> ca.SX:
+def scalar(expression: ca.SX | float, where: str) -> ca.SX:
     """The expression as a 1 x 1 SX. Raises ModelError when it is none."""
     made = matrix(expression, where)
     if made.shape != (1, 1):
@@ -110,7 +100,7 @@ def scalar(expression: ca.SX, where: str) -> ca.SX:
     return made
 
 
-def matrix(expression: ca.SX, where: str) -> ca.SX:
+def matrix(expression: ca.SX | float, where: str) -> ca.SX:
     """The expression as SX of any shape. Raises ModelError when it is none."""
     try:
         return ca.SX(expression)
@@ -150,16 +140,38 @@ def values_of(quantities: list[Quantity], given: Mapping[str, float], where: str
     return [q.check(given.get(q.name, q.default), where) for q in quantities]
 
 
+def _before_reduction(
+    method: Callable[Concatenate["Mechanism", Arguments], Result],
+) -> Callable[Concatenate["Mechanism", Arguments], Result]:
+    """A method that changes a robot's equations, refused once these have been reduced."""
+
+    @wraps(method)
+    def checked(self: "Mechanism", /, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        if self.reduced:
+            raise ModelError(
+                f"{self.name}: {method.__name__} after the robot was reduced, which laws and plants rely on; "
+                "add everything before, or build a new Mechanism"
+            )
+        return method(self, *arguments, **named)
+
+    return checked
+
+
 class Mechanism:
     """Lagrangian, rolling constraints and inputs of one robot.
 
     n coordinates q, m constraints A(q) qdot = 0, r inputs tau: M(q) qddot + V(q, qdot) = E(q) tau - A(q)' lambda  (8).
+
+    `reduced`: `reduce` has made its equations (10). From then on it takes outputs only: robots found by name are shared, and
+    what is derived from them is kept.
     """
 
     def __init__(self, name: str, about: str = ""):
         quantity(name, "")  # the name becomes C identifiers and file names
+        refuse_robot(name)
         self.name = name
         self.about = about
+        self.reduced = False
         self.coordinates: list[Quantity] = []
         self.velocities: list[Quantity] = []
         self.parameters: list[Quantity] = []
@@ -182,6 +194,7 @@ class Mechanism:
 
     # -- what the user writes -----------------------------------------------------------------------------------
 
+    @_before_reduction
     def coordinate(self, name: str, unit: str, about: str = "") -> ca.SX:
         """Add a generalized coordinate and answer its symbol."""
         q = self._new(name, unit, about)
@@ -190,21 +203,25 @@ class Mechanism:
         self._forget()
         return q.symbol
 
+    @_before_reduction
     def parameter(self, name: str, default: float, unit: str, about: str = "", sign: str = "positive") -> ca.SX:
         """Add a physical parameter (SI) and answer its symbol; `sign` is positive, nonnegative or any."""
         self.parameters.append(self._new(name, unit, about, default, sign))
         return self.parameters[-1].symbol
 
     def rate(self, expression: ca.SX) -> ca.SX:
-        """Time derivative of an expression in the coordinates, along qdot."""
-        position = self._at_rest(matrix(expression, f"{self.name}: rate"), "rate of an expression")
+        """Time derivative of an expression in the coordinates, along qdot. Raises ModelError for one that jumps."""
+        where = "rate of an expression"
+        position = self._smooth(self._at_rest(matrix(expression, f"{self.name}: rate"), where), where)
         return time_derivative(position, self.q, self.qdot) if self.coordinates else ca.SX(*position.shape)
 
+    @_before_reduction
     def kinetic_energy(self, energy: ca.SX) -> None:
         """Add the kinetic energy of a body, J, quadratic in the coordinates' rates."""
-        self._kinetic += self._scalar(energy, "kinetic energy")
+        self._kinetic += self._smooth(self._scalar(energy, "kinetic energy"), "kinetic energy", bends=False)
         self._forget()
 
+    @_before_reduction
     def body(self, name: str, mass: ca.SX, inertia: ca.SX, forward: ca.SX, left: ca.SX, yaw_rate: ca.SX) -> None:
         """Add a rigid body in the plane by the velocity (m/s) of its centre of mass along its own axes and its yaw rate (rad/s).
 
@@ -215,39 +232,48 @@ class Mechanism:
         quantity(name, "")
         refuse_twice([*(b.name for b in self.bodies), name], f"{self.name}, bodies")
         given = {"mass": mass, "inertia": inertia, "forward": forward, "left": left, "yaw_rate": yaw_rate}
-        made = Body(name, **{what: self._scalar(x, f"body {name!r}, {what}") for what, x in given.items()})
+        places = {what: f"body {name!r}, {what}" for what in given}
+        made = Body(
+            name, **{what: self._smooth(self._scalar(x, places[what]), places[what], bends=False) for what, x in given.items()}
+        )
         if ca.depends_on(ca.vertcat(made.mass, made.inertia), ca.vertcat(self.q, self.qdot)):
             raise ModelError(f"{self.name}: body {name!r}: mass and inertia must be parameters or numbers")
         self.bodies.append(made)
         self._forget()
 
+    @_before_reduction
     def potential_energy(self, energy: ca.SX) -> None:
         """Add a potential energy, J, a function of the coordinates."""
-        self._potential += self._at_rest(self._scalar(energy, "potential energy"), "potential energy")
+        made = self._at_rest(self._scalar(energy, "potential energy"), "potential energy")
+        self._potential += self._smooth(made, "potential energy")
         self._forget()
 
+    @_before_reduction
     def force(self, force: ca.SX, on: ca.SX) -> None:
         """Add a force (N or N m) that does the power force * `on`; `on` is a velocity, linear in the rates.
 
         Dissipation is force(-k * w, on=w).
         """
-        self._forces.append((self._scalar(force, "force"), self._scalar(on, "force's velocity")))
+        velocity = self._velocity(on, "force's velocity")
+        self._forces.append((self._scalar(force, "force"), velocity))
         self._forget()
 
+    @_before_reduction
     def rolls(self, name: str, velocity: ca.SX) -> None:
         """Add a constraint (2): this velocity, linear in the rates, stays zero."""
         if not isinstance(name, str) or not name.strip() or not name.isprintable():
             raise ModelError(f"{self.name}: a constraint's name must be text on one line, got {name!r}")
         refuse_twice([*self.constraint_names, name], f"{self.name}, constraints")
-        self._constraints.append(self._scalar(velocity, f"constraint {name!r}"))
+        self._constraints.append(self._velocity(velocity, f"constraint {name!r}"))
         self.constraint_names.append(name)
         self._forget()
 
     def holds(self, name: str, position: ca.SX) -> None:
         """Add a holonomic constraint (1) C(q) = const; its derivative becomes a row of A."""
         where = f"constraint {name!r}"
-        self.rolls(name, self.rate(self._at_rest(self._scalar(position, where), where)))
+        self.rolls(name, self.rate(self._smooth(self._at_rest(self._scalar(position, where), where), where)))
 
+    @_before_reduction
     def input(
         self, name: str, unit: str, on: ca.SX, about: str = "", weight: ca.SX | float = 1.0, wanted: ca.SX | float = 0.0
     ) -> None:
@@ -264,21 +290,23 @@ class Mechanism:
             raise ModelError(f"{self.name}: {where}: weight {weight} must be a positive number or made of parameters")
         if wanted.is_constant() and not math.isfinite(float(wanted)):
             raise ModelError(f"{self.name}: {where}: wanted {wanted} is not finite")
-        self._actuation.append(self._scalar(on, where))
+        self._actuation.append(self._velocity(on, where))
         self._weights.append(weight)
         self._wanted.append(wanted)
         self.inputs.append(made)
         self._forget()
 
+    @_before_reduction
     def quasi_velocity(self, name: str, unit: str, expression: ca.SX, about: str = "") -> None:
         """Choose a quasi-velocity nu_i as an expression linear in the rates; S(q) follows from all of them (9)."""
         made = self._new(name, unit, about)
         if self._null_space is not None:
             raise ModelError(f"{self.name}: quasi-velocity {name!r} after null_space, which names them all; use one or the other")
-        self._quasi_expressions.append(self._scalar(expression, f"quasi-velocity {name!r}"))
+        self._quasi_expressions.append(self._velocity(expression, f"quasi-velocity {name!r}"))
         self.quasi_velocities.append(made)
         self._forget()
 
+    @_before_reduction
     def null_space(self, S: ca.SX, names: Mapping[str, str]) -> None:
         """Give S(q), n x (n-m), outright; `names` maps each quasi-velocity's name to its unit."""
         if not isinstance(names, Mapping):
@@ -288,15 +316,21 @@ class Mechanism:
             raise ModelError(
                 f"{self.name}: null_space after quasi-velocity {self.quasi_velocities[0].name!r}; use one or the other, once"
             )
-        self._null_space = self._at_rest(matrix(S, f"{self.name}: S"), "S")
+        given = matrix(S, f"{self.name}: S")
+        refuse_unsupported(given, f"{self.name}: S")
+        self._null_space = self._smooth(self._at_rest(given, "S"), "S")
         self.quasi_velocities = made
 
+    @_before_reduction
     def moves_in_plane(self, x: ca.SX, y: ca.SX, heading: ca.SX) -> None:
         """Say where the vehicle is, for output Types I to IV: a point (m) and a heading (rad, from the x axis)."""
         places = {"x": x, "y": y, "heading": heading}
-        made = {name: self._scalar(place, f"the vehicle's {name}") for name, place in places.items()}
-        self.vehicle = Vehicle(**{name: self._at_rest(place, f"the vehicle's {name}") for name, place in made.items()})
+        for name, place in places.items():
+            where = f"the vehicle's {name}"
+            places[name] = self._smooth(self._at_rest(self._scalar(place, where), where), where)
+        self.vehicle = Vehicle(**places)
 
+    @_before_reduction
     def contact(
         self, name: str, mass: ca.SX, along: ca.SX | None = None, across: ca.SX | None = None, left: ca.SX | float = 0.0
     ) -> None:
@@ -312,13 +346,13 @@ class Mechanism:
         where = f"contact {name!r}"
         if along is None and across is None:
             raise ModelError(f"{self.name}: {where} needs a velocity along or across, which the constraints keep zero")
-        velocities = [ca.SX(0) if v is None else self._scalar(v, f"{where}, velocity") for v in (along, across)]
+        velocities = [ca.SX(0) if v is None else self._velocity(v, f"{where}, velocity") for v in (along, across)]
         given = [(f"{where}, mass", mass), (f"{where}, left", left)]
         places = [self._at_rest(self._scalar(value, place), place) for place, value in given]
         self.contacts.append(Contact(name, *velocities, *places))
         self._forget()
 
-    def output(self, name: str, about: str, rows: Sequence[tuple], parameters: Sequence[Quantity] = ()) -> None:
+    def output(self, name: str, about: str, rows: Sequence[tuple[Any, ...]], parameters: Sequence[Quantity] = ()) -> None:
         """Add an output map of your own (14), a law of this name: n-m rows (name, unit, expression, about).
 
         An expression may use coordinates, rates (`rate`), parameters, and the `parameters` that the map brings along
@@ -326,15 +360,15 @@ class Mechanism:
         """
         where = f"{self.name}, output {name!r}"
         quantity(name, "", about)
-        if name.startswith(TYPE) or name in TAKEN_IN_C:
-            raise ModelError(f"{where}: the name has a meaning already; choose another")
         refuse_twice([*(o.name for o in self.outputs), name], f"{self.name}, outputs")
+        refuse_output(name, [o.name for o in self.outputs], where)
         made = []
         for k, row in enumerate(rows):
             if not isinstance(row, tuple | list) or len(row) not in (3, 4):
                 raise ModelError(f"{where}: row {k + 1} must be (name, unit, expression, about)")
             label, unit, expression, meaning = (*row, "")[:4]
-            made.append((quantity(label, unit, meaning), self._scalar(expression, f"output {name!r}, {label}")))
+            place = f"output {name!r}, {label}"
+            made.append((quantity(label, unit, meaning), self._smooth(self._scalar(expression, place), place)))
         if not all(isinstance(parameter, Quantity) for parameter in parameters):
             raise ModelError(f"{where}: parameters must be made with config(name, default, unit, about)")
         self.outputs.append(Output(name, about, tuple(made), tuple(parameters)))
@@ -347,6 +381,13 @@ class Mechanism:
             if known.name == name:
                 return known.symbol
         raise ModelError(f"{self.name}: no coordinate or parameter {name!r}")
+
+    @property
+    def required_vehicle(self) -> "Vehicle":
+        """Where the vehicle is. Raises ModelError for a robot that does not say."""
+        if self.vehicle is None:
+            raise ModelError(f"{self.name}: Types I to IV need to know where the vehicle is; call moves_in_plane(x, y, heading)")
+        return self.vehicle
 
     @property
     def q(self) -> ca.SX:
@@ -466,7 +507,8 @@ class Mechanism:
         still = ca.SX.zeros(len(self.coordinates))
         kinetic = self._total_kinetic
         rest = ca.substitute(ca.vertcat(kinetic, ca.gradient(kinetic, self.qdot)), self.qdot, still)
-        if not ca.jacobian(self.M, self.qdot).is_zero() or not self._simple(rest).is_zero():
+        quadratic = _is_polynomial(kinetic, self.qdot) and ca.jacobian(self.M, self.qdot).is_zero()
+        if not quadratic or not self._simple(rest).is_zero():
             raise ModelError(f"{self.name}: the kinetic energy is not quadratic in the rates")
         _ = (self.V, self.A, self.E, self.contact_rows, self.quasi_velocity_rows)  # each refuses what is not linear in the rates
 
@@ -514,7 +556,8 @@ class Mechanism:
         rows = self._simple(ca.jacobian(stacked, self.qdot))
         rest = self._simple(ca.substitute(stacked, self.qdot, ca.SX.zeros(len(self.coordinates))))
         for k, where in enumerate(velocities):
-            if ca.depends_on(rows[k, :], self.qdot) or not rest[k].is_zero():
+            linear = _is_polynomial(stacked[k], self.qdot) and not ca.depends_on(rows[k, :], self.qdot)
+            if not linear or not rest[k].is_zero():
                 raise ModelError(f"{self.name}: {where} is not linear in the coordinates' rates")
         return rows
 
@@ -529,8 +572,22 @@ class Mechanism:
         for matrix in ("M", "V", "A", "E", "contact_rows", "quasi_velocity_rows"):
             self.__dict__.pop(matrix, None)
 
-    def _scalar(self, expression: ca.SX, where: str) -> ca.SX:
-        return scalar(expression, f"{self.name}: {where}")
+    def _scalar(self, expression: ca.SX | float, where: str) -> ca.SX:
+        made = scalar(expression, f"{self.name}: {where}")
+        refuse_unsupported(made, f"{self.name}: {where}")
+        return made
+
+    def _velocity(self, expression: ca.SX, where: str) -> ca.SX:
+        """A scalar that is to be linear in the rates; that it is shows in `_rows`."""
+        return self._smooth(self._scalar(expression, where), where, bends=False)
+
+    def _smooth(self, expression: ca.SX, where: str, bends: bool = True) -> ca.SX:
+        """The expression, which will be differentiated. Raises ModelError if it jumps, or bends in the rates without `bends`."""
+        refuse_jumps(expression, ca.vertcat(self.q, self.qdot), f"{self.name}: {where}")
+        bent = [] if bends else kinks(expression, self.qdot)
+        if bent:
+            raise ModelError(f"{self.name}: {where} uses {bent[0]} of a rate; it must be a polynomial in the rates")
+        return expression
 
     def _at_rest(self, expression: ca.SX, where: str) -> ca.SX:
         """The expression, refused when it uses rates."""
@@ -539,6 +596,11 @@ class Mechanism:
                 f"{self.name}: {where} uses rates of coordinates; it must be a function of coordinates and parameters"
             )
         return expression
+
+
+def _is_polynomial(expression: ca.SX, variables: ca.SX) -> bool:
+    """Is the scalar a polynomial in the variables, as it is written or simplified?"""
+    return degree(expression, variables) < math.inf or degree(canonical(expression), variables) < math.inf
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 
+from .algebra.exact import canonical
+from .algebra.operations import refuse_jumps, refuse_unsupported
 from .errors import ModelError
-from .exact import canonical
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
-from .paths import Path, circle, config, ellipse, line, segment
+from .paths import PATHS, Path, config
 from .reduction import ReducedSystem
 
 
@@ -63,6 +64,13 @@ class OutputMap:
     path: Path | None = None
 
     @property
+    def required_path(self) -> Path:
+        """The curve followed. Raises ModelError for outputs without one."""
+        if self.path is None:
+            raise ModelError(f"{self.name}: there is no path to follow; that is for Type IV")
+        return self.path
+
+    @property
     def at_foot(self) -> "OutputMap | None":
         """The same outputs in the frame of P_l's foot, by FOOT: there the distance grows along y, and x bends away.
 
@@ -96,6 +104,8 @@ class OutputMap:
             quantity(row.name, row.unit, row.about)
             place = f"{where}: {row.name}"
             expression = scalar(row.expression, place)
+            refuse_unsupported(expression, place)
+            refuse_jumps(expression, system.nu, place)
             if ca.depends_on(expression, system.mechanism.qdot):
                 rates = " ".join(str(s) for s in ca.symvar(expression) if ca.depends_on(system.mechanism.qdot, s))
                 raise ModelError(
@@ -103,7 +113,9 @@ class OutputMap:
                 )
             refuse_strangers(expression, known, place, "coordinate, quasi-velocity or parameter of the robot or the output map")
         for condition, meaning in self.conditions:
-            refuse_strangers(scalar(condition, f"{where}: condition"), fixed, f"{where}: condition {meaning!r}", "parameter")
+            made, place = scalar(condition, f"{where}: condition"), f"{where}: condition {meaning!r}"
+            refuse_unsupported(made, place)
+            refuse_strangers(made, fixed, place, "parameter")
 
 
 def type_i(system: ReducedSystem, offset: bool = False) -> OutputMap:
@@ -138,10 +150,9 @@ OUTPUTS: dict[str, Callable[..., OutputMap]] = {
     "type_i": type_i,
     "type_ii": type_ii,
     "type_iii": type_iii,
-    "type_iv_line": lambda system, offset=False: type_iv(system, line(), offset),
-    "type_iv_circle": lambda system, offset=False: type_iv(system, circle(), offset),
-    "type_iv_ellipse": lambda system, offset=False: type_iv(system, ellipse(), offset),
-    "type_iv_segment": lambda system, offset=False: type_iv(system, segment(), offset),
+    **{
+        f"type_iv_{kind}": lambda system, offset=False, path=path: type_iv(system, path(), offset) for kind, path in PATHS.items()
+    },
 }
 OFFSET = "_offset"  # ends the name of a law whose P_l lies aside of the vehicle's axis too
 
@@ -186,7 +197,7 @@ def body_offsets(parameters: Sequence[Quantity]) -> tuple[ca.SX, ca.SX]:
 
 def reference_point(system: ReducedSystem, point: Sequence[Quantity]) -> tuple[ca.SX, ca.SX]:
     """P_l in the world, m, from `body_point`."""
-    vehicle = _vehicle(system)
+    vehicle = system.mechanism.required_vehicle
     ahead, left = body_offsets(point)
     cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
     return vehicle.x + ahead * cosine - left * sine, vehicle.y + ahead * sine + left * cosine
@@ -194,17 +205,9 @@ def reference_point(system: ReducedSystem, point: Sequence[Quantity]) -> tuple[c
 
 def forward_speed(system: ReducedSystem) -> ca.SX:
     """Velocity of the vehicle's point along its heading, m/s, as a function of q and nu."""
-    vehicle = _vehicle(system)
+    vehicle = system.mechanism.required_vehicle
     x_dot, y_dot = system.along_motion(vehicle.x), system.along_motion(vehicle.y)
     return canonical(ca.cos(vehicle.heading) * x_dot + ca.sin(vehicle.heading) * y_dot)
-
-
-def _vehicle(system: ReducedSystem):
-    if system.mechanism.vehicle is None:
-        raise ModelError(
-            f"{system.mechanism.name}: Types I to IV need to know where the vehicle is; call moves_in_plane(x, y, heading)"
-        )
-    return system.mechanism.vehicle
 
 
 def at_point(
@@ -231,4 +234,4 @@ def _y(system: ReducedSystem, point: Sequence[Quantity]) -> OutputRow:
 
 
 def _heading(system: ReducedSystem) -> OutputRow:
-    return OutputRow("heading", "rad", "heading", _vehicle(system).heading)
+    return OutputRow("heading", "rad", "heading", system.mechanism.required_vehicle.heading)

@@ -1,12 +1,17 @@
 """Paths to follow, given as f(x, y) = 0: signed distance h1 of a point from the path, in m."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
+from .algebra.operations import refuse_jumps
 from .errors import ModelError
 from .mechanism import Quantity, quantity, scalar
+
+
+def _no_foot(distance: ca.SX, curvature: ca.SX) -> tuple[ca.SX, ...]:
+    raise ModelError("the path has no parameters by its foot: it knows no unit normal")
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,7 +22,7 @@ class Path:
     through the point (1/m, positive where the gradient points away from the centre), where these are shorter written down
     than derived. `from_foot(distance, curvature)`, of a path with a unit normal, gives parameters of the path as it looks
     from a foot on it, x along the path and y to where the distance grows, where its parallel at that distance has that
-    curvature.
+    curvature; of any other it raises ModelError.
     """
 
     kind: str
@@ -26,13 +31,12 @@ class Path:
     distance: Callable[[ca.SX, ca.SX], ca.SX]
     conditions: tuple[tuple[ca.SX, str], ...] = ()  # (expression that must be positive, what it means)
     unit_normal: Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]] | None = None
-    from_foot: Callable[[ca.SX, ca.SX], tuple[ca.SX, ...]] | None = None
+    from_foot: Callable[[ca.SX, ca.SX], tuple[ca.SX, ...]] = _no_foot
 
 
 def config(name: str, default: float, unit: str, about: str, sign: str = "any") -> Quantity:
     """A parameter of an output map; its symbol is marked so that it cannot be taken for one of the robot's."""
-    made = quantity(name, unit, about, default, sign)
-    return Quantity(name, unit, about, made.default, sign, ca.SX.sym(f"config.{name}"))
+    return replace(quantity(name, unit, about, default, sign), symbol=ca.SX.sym(f"config.{name}"))
 
 
 def line() -> Path:
@@ -103,6 +107,7 @@ def implicit(kind: str, about: str, parameters: tuple[Quantity, ...], f: Callabl
     def distance(x: ca.SX, y: ca.SX) -> ca.SX:
         point = ca.SX.sym("point", 2)
         value = scalar(f(point[0], point[1]), f"path {kind!r}: f(x, y)")
+        refuse_jumps(value, point, f"path {kind!r}: f(x, y)")
         gradient = ca.gradient(value, point)
         if gradient.is_zero():
             raise ModelError(f"path {kind!r}: f(x, y) does not depend on x or y")
@@ -120,3 +125,7 @@ def ellipse() -> Path:
         return (x / a.symbol) ** 2 + (y / b.symbol) ** 2 - 1
 
     return implicit("ellipse", "ellipse, f / |grad f|", (a, b), f)
+
+
+PATHS: dict[str, Callable[[], Path]] = {"line": line, "circle": circle, "ellipse": ellipse, "segment": segment}
+"""Every path that has a law of Type IV, by its kind."""

@@ -17,14 +17,15 @@ from math import prod
 
 import casadi as ca
 
+from .algebra.exact import canonical
+from .algebra.expression import degree, operate, time_derivative
+from .algebra.samples import RANK_TOLERANCE, Sampled
 from .errors import ModelError
-from .exact import canonical
-from .expression import operate, time_derivative
 from .mechanism import Body, Mechanism
-from .samples import RANK_TOLERANCE, Sampled
 
 LINEAR = (ca.OP_ASSIGN, ca.OP_NEG, ca.OP_TWICE, ca.OP_ADD, ca.OP_SUB)  # of velocities only
 Step = tuple[ca.SX, ca.SX]
+Entries = dict[tuple[int, ...], ca.SX]  # row, or row and column, from 0 -> entry
 Polynomial = dict[tuple[int, ...], float]  # places of factors -> coefficient
 SHORT = 4  # operations and symbols; there is nothing to simplify
 LARGEST_PRODUCT = 100  # terms; a longer one is not multiplied out
@@ -83,23 +84,21 @@ class Reduced:
 class Recursion:
     """Walks through the velocities of a mechanism, each once.
 
-    The rates follow from the constraints (2) and, where `quasi` are the quasi-velocities as expressions in the rates, from
-    quasi = T nu; else from S(q), qdot = S nu (9).
+    The rates follow from the constraints (2) and quasi = `given` nu, where `quasi` are the quasi-velocities as expressions in the
+    rates; without these from qdot = `given` nu (9).
     """
 
-    def __init__(
-        self, mechanism: Mechanism, nu: ca.SX, quasi: Sequence[ca.SX] = (), T: ca.SX | None = None, S: ca.SX | None = None
-    ):
+    def __init__(self, mechanism: Mechanism, nu: ca.SX, given: ca.SX, quasi: Sequence[ca.SX] = ()):
         self.mechanism, self.nu = mechanism, nu
         self.q, self.qdot = mechanism.q, mechanism.qdot
         self.n, self.freedom = self.q.numel(), nu.numel()
         self.steps: list[Step] = []
         self._made: set[int] = set()  # symbols of steps
-        self.rates: list[Velocity | None] = [None] * self.n
+        self.rates: dict[int, Velocity] = {}  # those found so far
         self._groups: list[tuple[Step, ...]] = []
         self._grouped = 0  # steps that have a group
-        self._Mbar: dict[tuple[int, int], ca.SX] = {}
-        self._bias: dict[int, ca.SX] = {}
+        self._Mbar: Entries = {}
+        self._bias: Entries = {}
         self._columns = {self.qdot[k].element_hash(): k for k in range(self.n)}
         self._known: dict[int, tuple[ca.SX, Velocity]] = {}  # the expression too: while it lives, its hash is its own
         self._moving: dict[int, tuple[ca.SX, bool]] = {}
@@ -110,9 +109,9 @@ class Recursion:
         }
         self._fixed = {symbol.element_hash() for symbol in ca.symvar(ca.SX(mechanism.p))}
         if quasi:
-            self._solve(list(mechanism.constraints), list(quasi), T)
+            self._solve(list(mechanism.constraints), list(quasi), given)
         else:
-            self.rates = [self._given(S[k, :], S @ nu) for k in range(self.n)]
+            self.rates = {k: self._given(given[k, :], given @ nu) for k in range(self.n)}
             self._rest(mechanism.constraints)
             for body in mechanism.bodies:
                 self._add_body(body)
@@ -179,7 +178,7 @@ class Recursion:
     def _derived(self, x: ca.SX) -> Velocity:
         if x.element_hash() in self._columns:
             k = self._columns[x.element_hash()]
-            return self.rates[k] or Velocity({self.freedom + k: ca.SX(1)})
+            return self.rates.get(k) or Velocity({self.freedom + k: ca.SX(1)})
         if x.is_zero():
             return Velocity()
         code, parts = (None, []) if x.is_leaf() else (x.op(), [x.dep(k) for k in range(x.n_dep())])
@@ -202,7 +201,7 @@ class Recursion:
         return Velocity(made.row, made.drift + rate * self.value(velocity))
 
     def _rate(self, k: int) -> ca.SX:
-        return self.qdot[k] if self.rates[k] is None else self.value(self.rates[k])
+        return self.value(self.rates[k]) if k in self.rates else self.qdot[k]
 
     def _moves(self, x: ca.SX) -> bool:
         """Does the expression depend on the rates?"""
@@ -221,8 +220,7 @@ class Recursion:
             return True
         if len(moving) > 1:
             return False
-        slope = ca.jacobian(expression, moving[0])
-        return not ca.depends_on(slope, moving[0]) and ca.substitute(expression, moving[0], 0).is_zero()
+        return degree(expression, moving[0]) == 1 and ca.substitute(expression, moving[0], 0).is_zero()
 
     # -- rates ----------------------------------------------------------------------------------------------------
 
@@ -248,13 +246,13 @@ class Recursion:
         places = [(i, k) for i, found in enumerate(rates) for k in sorted(found)]
         sets = _sets(ca.Sparsity.triplet(self.n, self.n, *map(list, zip(*places, strict=True))))
         while sets:
-            ready = (s for s in sets if all(self.rates[k] or k in s[1] for i in s[0] for k in needs[i]))
+            ready = (s for s in sets if all(k in self.rates or k in s[1] for i in s[0] for k in needs[i]))
             rows, columns = chosen = next(ready, (sum((s[0] for s in sets), start=[]), sum((s[1] for s in sets), start=[])))
             sets = [s for s in sets if s is not chosen and chosen in sets]
             right = [T[i - len(constraints), :] if i >= len(constraints) else ca.SX(1, self.freedom) for i in rows]
             self._solve_set([equations[i] for i in rows], columns, ca.vertcat(*right))
             self._rest([constraints[i] for i in rows if i < len(constraints)])
-            for body in [body for body, needed in waiting.items() if all(self.rates[k] for k in needed)]:
+            for body in [body for body, needed in waiting.items() if needed <= self.rates.keys()]:
                 del waiting[body]
                 self._add_body(body)
 
@@ -266,7 +264,7 @@ class Recursion:
 
     def _solve_set(self, equations: list[ca.SX], unknown: list[int], right: ca.SX) -> None:
         """The rates `unknown` from equations = right nu."""
-        from .reduction import eliminate  # which itself asks for the recursion
+        from .algebra.linear import eliminate  # which itself asks for the recursion
 
         before = set(self._known)
         found = [self.velocity(x) for x in equations]
@@ -274,7 +272,7 @@ class Recursion:
         table = [[each.row.get(j, ca.SX(0)) for j in columns] for each in found]
         B = ca.vertcat(*[ca.horzcat(*[row[self.freedom + k] for k in unknown]) for row in table])
         known = ca.vertcat(*[ca.horzcat(*row[: self.freedom]) for row in table])
-        inverse = 1 / B if len(unknown) == 1 else eliminate(B, ca.SX.eye(len(unknown)))
+        inverse = 1 / B if len(unknown) == 1 else eliminate(B, ca.SX.eye(len(unknown)), self.q, self.mechanism.name)
         rows = self._simple(inverse @ (right - known))
         made = [Velocity({j: rows[k, j] for j in range(self.freedom) if not rows[k, j].is_zero()}) for k in range(len(unknown))]
         if len(unknown) == 1:
@@ -307,9 +305,9 @@ class Recursion:
         return Reduced(
             groups,
             ca.SX(ca.vertcat(*[ca.horzcat(*[self._Mbar.get((min(i, j), max(i, j)), 0) for j in p]) for i in p])),
-            ca.SX(ca.vertcat(*[self._bias.get(i, 0) for i in p])),
+            ca.SX(ca.vertcat(*[self._bias.get((i,), 0) for i in p])),
             ca.horzcat(*[self._column(velocity) for velocity in columns]),
-            ca.horzcat(*[self._column(velocity) for velocity in self.rates]).T,
+            ca.horzcat(*[self._column(velocity) for velocity in (self.rates[k] for k in range(self.n))]).T,
         )
 
     def _add_body(self, body: Body) -> None:
@@ -323,18 +321,18 @@ class Recursion:
 
     def _add(self, name: str, M: ca.SX, velocities: Sequence[Velocity], forces: ca.SX) -> None:
         """J' M J and J' (M drift + forces), in a group of steps of their own."""
-        more: dict[tuple[int, int], ca.SX] = {}
-        push: dict[int, ca.SX] = {}
+        more: Entries = {}
+        push: Entries = {}
         momentum = [self._weighted(M[k, :], velocities) for k in range(len(velocities))]
         for k, (velocity, rate) in enumerate(zip(velocities, momentum, strict=True)):
             for i, a in velocity.row.items():
-                push[i] = push.get(i, ca.SX(0)) + a * (rate.drift + forces[k])
+                push[i,] = push.get((i,), ca.SX(0)) + a * (rate.drift + forces[k])
                 for j, b in rate.row.items():
                     if i <= j:
                         more[i, j] = more.get((i, j), ca.SX(0)) + a * b
         for total, part, label in ((self._Mbar, more, "Mbar"), (self._bias, push, "bias")):
             for key, entry in part.items():
-                place = "".join(str(k + 1) for k in (key if isinstance(key, tuple) else (key,)))
+                place = "".join(str(k + 1) for k in key)
                 total[key] = self.step(f"{label}{place}_{name}", total.get(key, ca.SX(0)) + self._simple(entry))
         self._groups.append(tuple(self.steps[self._grouped :]))
         self._grouped = len(self.steps)
@@ -387,12 +385,12 @@ def _sets(pattern: ca.Sparsity) -> list[tuple[list[int], list[int]]]:
 def cancelled(expression: ca.SX) -> ca.SX:
     """The expression, or its sum of products where terms of that are alike and it is shorter."""
     alike = False
-    numbers: dict[tuple, int] = {}  # of what is the same operation on the same, symbol or number
+    numbers: dict[tuple[object, ...], int] = {}  # of what is the same operation on the same, symbol or number
     atoms: dict[tuple[int, bool], ca.SX] = {}  # number of an expression, and is it a divisor -> the factor
 
     def number(x: ca.SX) -> int:
         if x.is_leaf():
-            key = (float(x),) if x.is_constant() else ("symbol", x.element_hash())
+            key: tuple[object, ...] = (float(x),) if x.is_constant() else ("symbol", x.element_hash())
         else:
             key = ("operation", x.op(), *(number(x.dep(k)) for k in range(x.n_dep())))
         return numbers.setdefault(key, len(numbers))

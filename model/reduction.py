@@ -7,12 +7,14 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from .algebra.exact import canonical
+from .algebra.expression import time_derivative
+from .algebra.linear import eliminate, solve, solve_symmetric
+from .algebra.poles import added_pole, quotient, singular_sets
+from .algebra.samples import RANK_TOLERANCE, Sampled, smallest_eigenvalue
 from .errors import ModelError
-from .exact import canonical
-from .expression import time_derivative
 from .mechanism import Mechanism, Quantity, is_number, per_second, quantity
 from .recursion import Recursion, Reduced, check_bodies
-from .samples import RANK_TOLERANCE, Sampled, smallest_eigenvalue
 
 NEGLIGIBLE_MASS = 1e-12  # smallest eigenvalue of S'MS scaled to a diagonal of ones, at or below which it is singular
 
@@ -63,31 +65,53 @@ class ReducedSystem:
     @cached_property
     def by_bodies(self) -> Reduced | None:
         """The same equations body by body, where the robot says its bodies; None where it does not."""
-        mechanism = self.mechanism
+        mechanism, rows = self.mechanism, self.mechanism.quasi_velocity_rows
         if self.known or not mechanism.bodies:
             return self.known
-        if not mechanism.quasi_expressions:
-            return Recursion(mechanism, self.nu, S=self.S).reduced()
-        return _by_bodies(mechanism, self.quasi_velocities, canonical(mechanism.quasi_velocity_rows @ self.S))
+        if rows is None:
+            return Recursion(mechanism, self.nu, self.S).reduced()
+        return _by_bodies(mechanism, self.quasi_velocities, canonical(rows @ self.S))
 
     @cached_property
     def Mbar(self) -> ca.SX:
         """Reduced mass matrix S'MS (10), (n-m) x (n-m)."""
         if self.by_bodies:
             return self.by_bodies.written_out(self.by_bodies.Mbar)
-        return canonical(self.S.T @ self.mechanism.M @ self.S)
+        S, M = self.S, self.mechanism.M
+        return self.simplified("S'MS", S.T @ M @ S, (S, M), lambda S, M: S.T @ M @ S)
 
     @cached_property
     def bias(self) -> ca.SX:
         """S'(M Sdot nu + V) (10), (n-m) x 1."""
         if self.by_bodies:
             return self.by_bodies.written_out(self.by_bodies.bias)
-        return canonical(self.S.T @ (self.mechanism.M @ self.Sdot @ self.nu + self.V))
+        forces = self.mechanism.M @ self.Sdot @ self.nu + self.V
+        return self.simplified("the bias", self.S.T @ forces, (self.S, forces), lambda S, forces: S.T @ forces)
 
     @cached_property
     def input_map(self) -> ca.SX:
         """S'E (10), (n-m) x r."""
-        return canonical(self.S.T @ self.mechanism.E)
+        S, E = self.S, self.mechanism.E
+        return self.simplified("S'E", S.T @ E, (S, E), lambda S, E: S.T @ E)
+
+    def simplified(
+        self, name: str, expression: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]
+    ) -> ca.SX:
+        """The expression in canonical form, `checked`."""
+        return self.checked(name, canonical(expression), given, combined)
+
+    def checked(self, name: str, found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]) -> ca.SX:
+        """The expression, which is to equal `combined` of the values of `given` (see `added_pole`).
+
+        Raises ModelError where it has a pole that the robot does not have.
+        """
+        pole = added_pole(found, given, combined, self.mechanism.q)
+        if pole is not None:
+            raise ModelError(
+                f"{self.mechanism.name}: no expression for {name} was found without a division by {str(pole)[:60]}, which "
+                "vanishes where the robot is regular; choose other quasi-velocities"
+            )
+        return found
 
     def acceleration(self, tau: ca.SX) -> ca.SX:
         """nudot = (S'MS)^-1 (S'E tau - bias) (11), (n-m) x 1."""
@@ -117,7 +141,7 @@ class ReducedSystem:
         """
         unit = ca.SX.eye(self.freedom)
         if not self.redundant:
-            return solve(self.input_map, unit)
+            return self.checked("(S'E)^-1", solve(self.input_map, unit), (self.input_map, unit), quotient)
         spread = self.spread(weight)
         return spread @ solve_symmetric(canonical(self.input_map @ spread), unit)
 
@@ -153,7 +177,7 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
             f"cannot be linearized by this method: with {names} alone S'E (12) has no inverse. Add {_some(missing, 'input')} or "
             f"{_some(missing, 'constraint')}, or leave out what no input drives"
         )
-    S, quasi_velocities, by_bodies = _null_space(mechanism)
+    S, quasi_velocities, by_bodies = null_space(mechanism)
     if S.shape != (n, n - m):
         raise ModelError(f"{mechanism.name}: S is {S.shape[0]} x {S.shape[1]}, it must be n x (n-m) = {n} x {n - m}")
     if len(quasi_velocities) != n - m:
@@ -186,7 +210,27 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
         )
     if max(map(smallest_eigenvalue, Mbar.values)) <= NEGLIGIBLE_MASS:
         raise ModelError(f"{mechanism.name}: the mass matrix S'MS is singular: a motion without kinetic energy")
+    mechanism.reduced = True
     return system
+
+
+def warnings(system: ReducedSystem) -> list[str]:
+    """Where the constraints lose rank, or the quasi-velocities given stop being coordinates: a line each; empty if nowhere.
+
+    As far as `singular_sets` finds it; empty too where S was given outright or chosen here.
+    """
+    mechanism = system.mechanism
+    if mechanism.quasi_velocity_rows is None:
+        return []
+    values = [p.default for p in mechanism.parameters]
+    square = ca.vertcat(mechanism.A, mechanism.quasi_velocity_rows)
+    sets = singular_sets(square, mechanism.A.shape[0], mechanism.q, mechanism.p, values)
+    return [
+        f"{mechanism.name}: the constraints lose rank where {where}; the robot has more freedom there than S(q) has columns"
+        if lost
+        else f"{mechanism.name}: the quasi-velocities do not fix the motion where {where}; keep away, or choose others there"
+        for where, lost in sets
+    ]
 
 
 def check_constraints(mechanism: Mechanism) -> None:
@@ -204,63 +248,6 @@ def _sampled(mechanism: Mechanism, matrix: ca.SX, name: str) -> Sampled:
     return Sampled(matrix, mechanism.q, mechanism.parameters, f"{mechanism.name}: {name}")
 
 
-def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right, n x any, without a pivot that could vanish before the determinant does.
-
-    Through cofactors up to n = 3, above that block by block, blocks above 3 by orthogonalization.
-    """
-    n = matrix.shape[0]
-    if n > 3:
-        return solve_by_blocks(matrix, right, _solve_block)
-    determinant = canonical(ca.det(matrix))
-    return ca.adj(matrix) @ right / determinant if n > 1 else right / matrix
-
-
-def solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right for a symmetric positive definite matrix: as `solve` up to 3 x 3, by L D L' above."""
-    if matrix.shape[0] <= 3:
-        return solve(matrix, right)
-    D, U, order = ca.ldl(matrix)
-    return ca.ldl_solve(ca.densify(right), D, U, order)
-
-
-def solve_by_blocks(matrix: ca.SX, right: ca.SX, solve_block: Callable[[ca.SX, ca.SX], ca.SX]) -> ca.SX:
-    """matrix^-1 right, where rows and columns can be put in an order that makes the matrix block triangular.
-
-    `solve_block` solves for one block of the diagonal; what is zero in the matrix must be so by structure.
-    """
-    matrix = ca.sparsify(matrix)
-    count, rows, columns, starts, *_ = matrix.sparsity().btf()
-    found = ca.SX(*right.shape)
-    for first, last in zip(starts[:count], starts[1 : count + 1], strict=True):
-        i, j = rows[first:last], columns[first:last]
-        found[j, :] = solve_block(ca.densify(matrix[i, j]), right[i, :] - matrix[i, :] @ found)
-    return found
-
-
-def _solve_block(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    return solve(matrix, right) if matrix.shape[0] <= 3 else _orthogonally(matrix, right)
-
-
-def _orthogonally(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right by Gram and Schmidt's process on the columns of [matrix right], each kept orthogonal to all before.
-
-    No pivots, so no branches; as accurate as elimination with pivots, because `right` goes the same way as the columns.
-    """
-    n = matrix.shape[0]
-    columns = ca.horzsplit(ca.densify(ca.horzcat(matrix, right)))
-    table = ca.SX.zeros(n, len(columns))  # U with ones on its diagonal, and beside it what U x equals
-    for k in range(n):
-        square = ca.sumsqr(columns[k])
-        for j in range(k + 1, len(columns)):
-            table[k, j] = ca.dot(columns[k], columns[j]) / square
-            columns[j] -= table[k, j] * columns[k]
-    found = table[:, n:]
-    for k in reversed(range(n)):
-        found[k, :] -= table[k, k + 1 : n] @ found[k + 1 :, :]
-    return found
-
-
 def _weights(weight: Sequence[float], r: int) -> ca.SX:
     given = list(weight) if isinstance(weight, Iterable) else [weight]
     if len(given) != r or not all(is_number(w) and 0 < w < np.inf for w in given):
@@ -268,7 +255,7 @@ def _weights(weight: Sequence[float], r: int) -> ca.SX:
     return ca.SX([float(w) for w in given])
 
 
-def _null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduced | None]:
+def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduced | None]:
     """S(q) and its quasi-velocities: given, from the user's quasi-velocities, or from rates chosen here.
 
     With the reduced equations, where these are found together with S.
@@ -290,12 +277,12 @@ def _null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Redu
     if mechanism.bodies and mechanism.quasi_expressions:
         found = _by_bodies(mechanism, names, ca.SX.eye(n - m))
         return found.written_out(found.S), names, found
-    return eliminate(square, ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m))), names, None
+    return eliminate(square, ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m)), mechanism.q, mechanism.name), names, None
 
 
 def _by_bodies(mechanism: Mechanism, nu: Sequence[Quantity], T: ca.SX) -> Reduced:
     """The reduced equations in nu, the robot's own quasi-velocities being T nu."""
-    return Recursion(mechanism, ca.vertcat(*[q.symbol for q in nu]), mechanism.quasi_expressions, T).reduced()
+    return Recursion(mechanism, ca.vertcat(*[q.symbol for q in nu]), T, mechanism.quasi_expressions).reduced()
 
 
 def _choose_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
@@ -355,36 +342,3 @@ def _distance_from_singular(rows: np.ndarray) -> float:
     """Smallest singular value of the rows scaled to length 1."""
     length = np.linalg.norm(rows, axis=1, keepdims=True)
     return float(np.linalg.svd(rows / np.where(length > 0, length, 1.0), compute_uv=False)[-1])
-
-
-def eliminate(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right in canonical form, by elimination with exact simplification after every step.
-
-    A pivot that vanishes somewhere cancels from the result unless the determinant vanishes there too.
-    """
-    n = matrix.shape[0]
-    table = canonical(ca.densify(ca.horzcat(matrix, right)))
-    remaining = list(range(n))
-    order = {}
-    for _ in range(n):
-        row, column = min(
-            ((i, j) for i in remaining for j in range(n) if j not in order and not table[i, j].is_zero()),
-            key=lambda place: _difficulty(table[place]),
-        )
-        pivot = table[row, :] / table[row, column]
-        pivot[column] = 1
-        pivot = canonical(pivot)
-        table = ca.densify(table)
-        table[row, :] = pivot
-        for i in range(n):
-            if i != row and not table[i, column].is_zero():
-                reduced = table[i, :] - table[i, column] * pivot
-                reduced[column] = 0
-                table[i, :] = canonical(reduced)
-        order[column] = row
-        remaining.remove(row)
-    return ca.sparsify(ca.vertcat(*[table[order[column], n:] for column in range(n)]))
-
-
-def _difficulty(pivot: ca.SX) -> tuple[bool, int]:
-    return not pivot.is_constant(), ca.n_nodes(pivot)

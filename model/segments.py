@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from .algebra.trigonometry import angle_of, sine, sine_cosine
+
 
 @dataclass(frozen=True)
 class Segment:
@@ -22,12 +24,9 @@ class Segment:
     def pose(self, s: float) -> tuple[float, float, float]:
         """Point and direction of travel s metres from the start; beyond either end the line or circle goes on."""
         half = self.curvature * s / 2
-        chord = s * (math.sin(half) / half if half else 1.0)
-        return (
-            self.x + chord * math.cos(self.heading + half),
-            self.y + chord * math.sin(self.heading + half),
-            self.heading + 2 * half,
-        )
+        chord = s * (sine(half) / half if half else 1.0)
+        s, c = sine_cosine(self.heading + half)
+        return self.x + chord * c, self.y + chord * s, self.heading + 2 * half
 
     @property
     def end(self) -> tuple[float, float, float]:
@@ -46,12 +45,12 @@ class Segment:
         if not self.curvature:
             return along
         turn = math.copysign(2 * math.pi, self.curvature)
-        angle = math.atan2(self.curvature * along, 1 - self.curvature * left)
-        laps = round((near * self.curvature - angle) / turn)
-        return (angle + laps * turn) / self.curvature
+        turned = angle_of(self.curvature * along, 1 - self.curvature * left)
+        laps = round((near * self.curvature - turned) / turn)
+        return (turned + laps * turn) / self.curvature
 
     def _seen_from_start(self, x: float, y: float) -> tuple[float, float]:
         """Along the direction of travel at the start, and to the left of it."""
-        cosine, sine = math.cos(self.heading), math.sin(self.heading)
+        s, c = sine_cosine(self.heading)
         dx, dy = float(x - self.x), float(y - self.y)
-        return cosine * dx + sine * dy, cosine * dy - sine * dx
+        return c * dx + s * dy, c * dy - s * dx

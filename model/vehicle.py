@@ -2,10 +2,11 @@
 
 import casadi as ca
 
+from .algebra.exact import canonical
+from .algebra.linear import solve
 from .errors import ModelError
-from .exact import canonical
 from .outputs import forward_speed
-from .reduction import ReducedSystem, solve
+from .reduction import ReducedSystem
 
 
 def velocity_map(system: ReducedSystem) -> ca.SX | None:
@@ -19,21 +20,29 @@ def velocity_map(system: ReducedSystem) -> ca.SX | None:
     return W if fixed and not canonical(ca.det(W)).is_zero() else None
 
 
+def required_velocity_map(system: ReducedSystem) -> ca.SX:
+    """As `velocity_map`. Raises ModelError where there is none."""
+    W = velocity_map(system)
+    if W is None:
+        raise ModelError(
+            f"{system.mechanism.name}: forward speed and yaw rate are no fixed combinations of two quasi-velocities; dead "
+            "reckoning and a point ahead of the axle need that: moves_in_plane(x, y, heading), and quasi-velocities such as two "
+            "wheels' rates"
+        )
+    return W
+
+
 def point_ahead(system: ReducedSystem) -> ca.SX:
     """How far ahead of the axle the vehicle's point lies, m, in parameters only: its velocity to the left per yaw rate.
 
     Raises ModelError where there is no velocity_map, or the point moves sideways without turning: no wheels on one axle.
     """
-    name, vehicle, W = system.mechanism.name, system.mechanism.vehicle, velocity_map(system)
-    if W is None:
-        raise ModelError(
-            f"{name}: forward speed and yaw rate are no fixed combinations of two quasi-velocities; dead reckoning and a "
-            "point ahead of the axle need that: moves_in_plane(x, y, heading), and quasi-velocities such as two wheels' rates"
-        )
+    W, vehicle = required_velocity_map(system), system.mechanism.required_vehicle
     x_dot, y_dot = system.along_motion(vehicle.x), system.along_motion(vehicle.y)
     sideways = ca.cos(vehicle.heading) * y_dot - ca.sin(vehicle.heading) * x_dot
     by_speed, by_yaw_rate = ca.horzsplit(canonical(ca.jacobian(sideways, system.nu) @ solve(W, ca.SX.eye(2))))
     known = ca.vertcat(system.mechanism.q, system.nu)
     if not by_speed.is_zero() or ca.depends_on(by_yaw_rate, known):
+        name = system.mechanism.name
         raise ModelError(f"{name}: the vehicle's point moves sideways while it drives straight; the heading is not its way")
     return by_yaw_rate

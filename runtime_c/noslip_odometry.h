@@ -1,42 +1,1059 @@
 /*
- * noslip_odometry.h - where a vehicle is, reckoned from how far its wheels turned; corrections of that; wheel encoders.
+ * noslip_odometry.h - dead reckoning of the pose from wheel rotation; pose corrections; wheel encoders.
  *
- * For any vehicle in the plane that does not slip, whose forward speed and yaw rate are fixed combinations of two wheel rates.
+ * For any planar vehicle that rolls without slipping and whose forward speed and yaw rate are fixed combinations of two wheel
+ * rates.
  *
  *     noslip_odometry_options options = {0};
- *     noslip_odometry_differential(&options, r, b, d);   two wheels on one axle, the pose is that of a point d ahead of it
+ *     noslip_odometry_differential(&options, r, b, d);   two wheels on one axle; the pose is that of a point d ahead of it
  *     noslip_odometry_init(&self, &options, &start);
  *     noslip_odometry_move(&self, angle, dt, &pose);     at each sample
+ *     noslip_odometry_unwind(&self);                     before a move, for instance where |pose.heading| > 4 rad
  *
- * self.pose is the pose told last, self.direction cosine and sine of its heading, for noslip_path_step.
+ * The heading is not wrapped. A vehicle that drives many turns must subtract whole turns with unwind. Otherwise a move beyond
+ * NOSLIP_ANGLE_MAX (8192 rad in float) is rejected with NOSLIP_RANGE, and before that the resolution of the heading decreases.
  *
- * Exact where both wheels turned evenly between two samples: the axle's middle went along an arc, its chord is the way times
- * sin(turn / 2) / (turn / 2), in the direction of the heading in between. Sums are compensated (Kahan), so that float does not lose small
- * steps. What stays is the rounding of each step: a direction is good to 1e-7 in float, and to heading * 6e-8.
+ * self.pose is the last pose returned; self.direction contains cosine and sine of its heading, for noslip_path_step.
  *
- * Each function exists for double and, with the suffix _f, for float; both come from noslip_odometry.inc.
+ * The result is exact if both wheels turn at constant rates between two samples: the middle of the axle then moves along an arc
+ * whose chord is the distance times sin(turn / 2) / (turn / 2), in the direction of the mean heading. Sums are compensated (Kahan),
+ * so that float does not lose small steps. The rounding of each step remains: a direction is accurate to 1e-7 in float, plus
+ * heading * 6e-8.
+ *
+ * Each function exists for double and, with the suffix _f, for float.
  */
 #ifndef NOSLIP_ODOMETRY_H
 #define NOSLIP_ODOMETRY_H
 
 #include "noslip_controller.h"
 
-/* How a correction is let in. */
-enum {
-    NOSLIP_RESET = 0,   /* at once: the pose jumps */
-    NOSLIP_BUMPLESS = 1 /* bit by bit, over the time `release` */
-};
+/* How a correction is applied. */
+typedef enum noslip_correction {
+    NOSLIP_RESET = 0,    /* at once: the pose jumps */
+    NOSLIP_BUMPLESS = 1, /* gradually, over the time `release` */
+    NOSLIP_CORRECTION_AS_INT = -0x7fffffff
+} noslip_correction;
 
-#define NOSLIP_REAL double
-#define NOSLIP_NAME(name) name
-#include "noslip_odometry.inc"
-#undef NOSLIP_REAL
-#undef NOSLIP_NAME
+/* -- double: made from noslip_odometry.inc by guarantees/headers.py ---------------------------------------------------- */
 
-#define NOSLIP_REAL float
-#define NOSLIP_NAME(name) name##_f
-#include "noslip_odometry.inc"
-#undef NOSLIP_REAL
-#undef NOSLIP_NAME
+/* Where a point of the vehicle is, and its heading, counterclockwise from the x axis and not wrapped. */
+typedef struct noslip_pose {
+    double x;            /* m */
+    double y;            /* m */
+    double heading;      /* rad */
+} noslip_pose;
+
+/* What the vehicle is. Zeros are good for all but the wheels. */
+typedef struct noslip_odometry_options {
+    double forward[2];      /* m/rad: way forward per angle of each wheel */
+    double turn[2];         /* rad/rad: turn per angle of each wheel */
+    double ahead;           /* m: the vehicle's point lies so far ahead of the axle */
+    double release;         /* s: time over which a bumpless correction is let in; 0: at once */
+} noslip_odometry_options;
+
+/* Where the axle is reckoned to be. */
+typedef struct noslip_reckoning {
+    double at[3];           /* m, m, rad: x and y of the axle's middle, heading */
+    double rounded[3];      /* what rounding has put too much into them */
+} noslip_reckoning;
+
+/* The pose told is the one reckoned and, until a bumpless correction is let in, a part of what it differed by. */
+typedef struct noslip_odometry {
+    noslip_odometry_options options;
+    noslip_reckoning now;
+    noslip_pose pose;              /* as told last */
+    double direction[2];           /* cosine and sine of its heading */
+    double pending[3];             /* m, m, rad: by what the pose differed at the correction */
+    double left;                   /* s until nothing of that is left */
+    int steady;                    /* NOSLIP_READY: nothing is left */
+    int ready;
+} noslip_odometry;
+
+/* Counts of an encoder, whose counter wraps around, as angles of its wheel. */
+typedef struct noslip_encoder {
+    double angle;      /* rad per count */
+    double scale;      /* rad per count / full */
+    uint32_t mask;     /* the bits that the counter has */
+    uint32_t full;     /* 2 for each bit that it has not: brings its highest bit to the top */
+    uint32_t last;     /* the counter when last read */
+    int started;       /* NOSLIP_READY: it has been read */
+    int ready;
+} noslip_encoder;
+
+/* -- inside ------------------------------------------------------------------------------------------------------------ */
+
+/*
+ * Adds whole turns to the heading. A turn is cut in two, the first part so short that its product with `turns` is exact; where
+ * turns are taken off, the difference is exact too.
+ */
+static inline void noslip_add_turns(noslip_reckoning *reckoning, double turns)
+{
+    reckoning->at[2] += turns * (double)6.283203125;
+    noslip_add(&reckoning->at[2], &reckoning->rounded[2], turns * (double)-1.7817820413527695e-05);
+}
+
+/* NOSLIP_NONFINITE or NOSLIP_RANGE for a pose that the vehicle cannot have. */
+static inline int noslip_check_pose(const noslip_pose *pose)
+{
+    if (!noslip_sum_finite(pose->x, pose->y, pose->heading)) {
+        return NOSLIP_NONFINITE;
+    }
+    return noslip_angle_ok(pose->heading) ? NOSLIP_OK : NOSLIP_RANGE;
+}
+
+/* Makes the reckoning that gives a pose of this direction, the number of its whole turns changed by `turns`. */
+static inline void noslip_reckon_from(const noslip_odometry *self,
+                         const noslip_pose *pose, const double direction[2],
+                         double turns, noslip_reckoning *made)
+{
+    int i;
+    made->at[0] = pose->x - self->options.ahead * direction[0];
+    made->at[1] = pose->y - self->options.ahead * direction[1];
+    made->at[2] = pose->heading;
+    for (i = 0; i < 3; i++) {
+        made->rounded[i] = 0;
+    }
+    noslip_add_turns(made, turns);
+}
+
+/* How far the axle moves along a long arc; see noslip_go. */
+NOSLIP_APART void noslip_long_arc(const noslip_reckoning *from, double way,
+                             double turn, double moved[2])
+{
+    const double chord = way * noslip_sinc(turn / 2);
+    noslip_sincos(from->at[2] + (turn / 2 - from->rounded[2]), &moved[1], &moved[0]);
+    moved[0] *= chord;
+    moved[1] *= chord;
+}
+
+/*
+ * Where the wheels bring the axle, and the direction there: along an arc. Its chord has the direction of the heading in between:
+ * on a short arc that of the sum of the directions before and after, which is 2 cos(turn / 2) long. NOSLIP_RANGE where the
+ * heading leaves the range of noslip_sincos, or is NaN.
+ */
+NOSLIP_HOT int noslip_go(const noslip_reckoning *from, const double before[2],
+                     double way, double turn, noslip_reckoning *to,
+                     double after[2])
+{
+    double x, y;
+    to->at[2] = from->at[2];
+    to->rounded[2] = from->rounded[2];
+    noslip_add(&to->at[2], &to->rounded[2], turn);
+    if (!noslip_angle_ok(to->at[2])) {
+        return NOSLIP_RANGE;
+    }
+    noslip_sincos(to->at[2], &after[1], &after[0]);
+    if (noslip_abs(turn) <= (double)0.25) {
+        const double share = way * noslip_half_tanc(turn);
+        x = share * (before[0] + after[0]);
+        y = share * (before[1] + after[1]);
+    } else {
+        double moved[2];
+        noslip_long_arc(from, way, turn, moved);
+        x = moved[0];
+        y = moved[1];
+    }
+    to->at[0] = from->at[0];
+    to->at[1] = from->at[1];
+    to->rounded[0] = from->rounded[0];
+    to->rounded[1] = from->rounded[1];
+    noslip_add(&to->at[0], &to->rounded[0], x);
+    noslip_add(&to->at[1], &to->rounded[1], y);
+    return NOSLIP_OK;
+}
+
+/* The pose that a reckoning gives where nothing is pending. */
+NOSLIP_HOT void noslip_pose_of(const noslip_odometry *self,
+                                const noslip_reckoning *reckoning,
+                                const double direction[2], noslip_pose *pose)
+{
+    pose->x = reckoning->at[0] + self->options.ahead * direction[0];
+    pose->y = reckoning->at[1] + self->options.ahead * direction[1];
+    pose->heading = reckoning->at[2];
+}
+
+/* Takes on a reckoning and its pose. */
+NOSLIP_HOT void noslip_settle(noslip_odometry *self,
+                               const noslip_reckoning *next,
+                               const noslip_pose *pose, const double direction[2])
+{
+    self->now.at[0] = next->at[0];
+    self->now.at[1] = next->at[1];
+    self->now.at[2] = next->at[2];
+    self->now.rounded[0] = next->rounded[0];
+    self->now.rounded[1] = next->rounded[1];
+    self->now.rounded[2] = next->rounded[2];
+    self->pose.x = pose->x;
+    self->pose.y = pose->y;
+    self->pose.heading = pose->heading;
+    self->direction[0] = direction[0];
+    self->direction[1] = direction[1];
+}
+
+/* Goes on with a reckoning, `left` s until `pending` is let in, where that gives a pose; else stays with what was. */
+NOSLIP_APART int noslip_odometry_take(noslip_odometry *self,
+                                      const noslip_reckoning *next,
+                                      const double direction[2], const double pending[3],
+                                      double left)
+{
+    noslip_pose pose;
+    int i, status;
+    if (!noslip_angle_ok(next->at[2])) {
+        return NOSLIP_RANGE;
+    }
+    noslip_pose_of(self, next, direction, &pose);
+    if (left > 0) {
+        const double share = left / self->options.release;
+        pose.x += pending[0] * share;
+        pose.y += pending[1] * share;
+        pose.heading += pending[2] * share;
+    }
+    status = noslip_check_pose(&pose);
+    if (status != NOSLIP_OK) {
+        return status;
+    }
+    noslip_settle(self, next, &pose, direction);
+    if (left > 0) {
+        noslip_sincos(pose.heading, &self->direction[1], &self->direction[0]);
+    }
+    for (i = 0; i < 3; i++) {
+        self->pending[i] = pending[i];
+    }
+    self->left = left;
+    self->steady = left > 0 ? 0 : NOSLIP_READY;
+    return status;
+}
+
+/* -- dead reckoning ---------------------------------------------------------------------------------------------------- */
+
+/*
+ * Options of a vehicle with two driven wheels on one axle, the right one first: wheel radius r, half the distance b between
+ * the wheels, d of the vehicle's point ahead of the axle (all m). Forward speed r (w_r + w_l) / 2, yaw rate
+ * r (w_r - w_l) / (2 b). Corrections are let in at once: set `release` afterwards.
+ * NOSLIP_BAD_PARAMETER, and no options, unless r and b are positive and all are finite.
+ */
+static inline int noslip_odometry_differential(noslip_odometry_options *options, double r,
+                             double b, double d)
+{
+    int usable;
+    if (options == NULL) {
+        return NOSLIP_NULL;
+    }
+    usable = noslip_is_finite(r) && r > 0 && noslip_is_finite(b) && b > 0 &&
+             noslip_is_finite(d);
+    options->forward[0] = usable ? r / 2 : 0;
+    options->forward[1] = options->forward[0];
+    options->turn[0] = usable ? r / b / 2 : 0;
+    options->turn[1] = -options->turn[0];
+    options->ahead = usable ? d : 0;
+    options->release = 0;
+    return usable ? NOSLIP_OK : NOSLIP_BAD_PARAMETER;
+}
+
+/*
+ * Starts at a pose, or at zeros where `start` is null. NOSLIP_BAD_PARAMETER unless all options are finite, the two wheels can
+ * move the vehicle both forward and around, and `release` is not negative; NOSLIP_NONFINITE, NOSLIP_RANGE for the pose.
+ */
+static inline int noslip_odometry_init(noslip_odometry *self,
+                          const noslip_odometry_options *options,
+                          const noslip_pose *start)
+{
+    double direction[2], pending[3];
+    noslip_reckoning reckoning;
+    noslip_pose known;
+    const double *forward, *turn;
+    double determinant;
+    int status, i;
+    if (self == NULL) {
+        return NOSLIP_NULL;
+    }
+    self->ready = 0;
+    self->steady = 0;
+    if (options == NULL) {
+        return NOSLIP_NULL;
+    }
+    forward = options->forward;
+    turn = options->turn;
+    determinant = forward[0] * turn[1] - forward[1] * turn[0];
+    if (!(noslip_is_finite(determinant) && noslip_abs(determinant) > 0 &&
+          noslip_is_finite(options->ahead) && noslip_is_finite(options->release) &&
+          options->release >= 0)) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    known.x = start == NULL ? 0 : start->x;
+    known.y = start == NULL ? 0 : start->y;
+    known.heading = start == NULL ? 0 : start->heading;
+    status = noslip_check_pose(&known);
+    if (status == NOSLIP_OK) {
+        for (i = 0; i < 2; i++) {
+            self->options.forward[i] = forward[i];
+            self->options.turn[i] = turn[i];
+        }
+        self->options.ahead = options->ahead;
+        self->options.release = options->release;
+        pending[0] = pending[1] = pending[2] = 0;
+        noslip_sincos(known.heading, &direction[1], &direction[0]);
+        noslip_reckon_from(self, &known, direction, 0, &reckoning);
+        status = noslip_odometry_take(self, &reckoning, direction, pending, 0);
+    }
+    self->ready = status == NOSLIP_OK ? NOSLIP_READY : 0;
+    return status;
+}
+
+/* The pose as told last; zeros with NOSLIP_NOT_READY. */
+static inline int noslip_odometry_pose(const noslip_odometry *self, noslip_pose *pose)
+{
+    if (pose == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self == NULL || self->ready != NOSLIP_READY) {
+        pose->x = 0;
+        pose->y = 0;
+        pose->heading = 0;
+        return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
+    }
+    *pose = self->pose;
+    return NOSLIP_OK;
+}
+
+/* Keeps cosine and sine of a heading. */
+NOSLIP_APART void noslip_odometry_face(noslip_odometry *self, double heading)
+{
+    noslip_sincos(heading, &self->direction[1], &self->direction[0]);
+}
+
+/* Why there is no move. The pose is the one told last. */
+NOSLIP_APART int noslip_odometry_refuse(noslip_odometry *self, const double angle[2],
+                      double dt, noslip_pose *pose)
+{
+    double way, turn, heading, rounded;
+    const int status = noslip_odometry_pose(self, pose);
+    if (status != NOSLIP_OK) {
+        return status;
+    }
+    if (self->steady != NOSLIP_READY) {
+        noslip_odometry_face(self, self->pose.heading);
+    }
+    if (angle == NULL) {
+        return NOSLIP_NULL;
+    }
+    way = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
+    turn = self->options.turn[0] * angle[0] + self->options.turn[1] * angle[1];
+    if (!noslip_sum_finite(way, turn, dt)) {
+        return NOSLIP_NONFINITE;
+    }
+    if (dt < 0) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    heading = self->now.at[2];
+    rounded = self->now.rounded[2];
+    noslip_add(&heading, &rounded, turn);
+    return noslip_angle_ok(heading) ? NOSLIP_NONFINITE : NOSLIP_RANGE;
+}
+
+/* Goes on with a reckoning while a correction is let in. */
+NOSLIP_APART int noslip_odometry_let_in(noslip_odometry *self,
+                           const noslip_reckoning *next,
+                           const double direction[2], double dt,
+                           noslip_pose *pose)
+{
+    const double left = self->left > dt ? self->left - dt : 0;
+    const int status = noslip_odometry_take(self, next, direction, self->pending, left);
+    if (status != NOSLIP_OK) {
+        noslip_odometry_face(self, self->pose.heading);
+    }
+    *pose = self->pose;
+    return status;
+}
+
+/*
+ * Each wheel turned by `angle` (rad) within dt (s, 0 or more), evenly: answers the pose. On an error nothing moves, and the
+ * pose is the one told last: NOSLIP_NULL, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER (negative dt), NOSLIP_RANGE where the heading
+ * leaves the range of noslip_sincos: then call noslip_odometry_unwind, and make the same move again.
+ */
+NOSLIP_HOT int noslip_odometry_move(noslip_odometry *self, const double angle[2],
+                  double dt, noslip_pose *pose)
+{
+    const int steady = self != NULL && self->steady == NOSLIP_READY;
+    if (angle != NULL && pose != NULL && (steady || (self != NULL && self->ready == NOSLIP_READY)) && dt >= 0 &&
+        noslip_is_finite(dt)) {
+        const double way = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
+        const double turn = self->options.turn[0] * angle[0] + self->options.turn[1] * angle[1];
+        noslip_reckoning next;
+        double direction[2];
+        if (!steady) { /* it is the direction of the pose told */
+            noslip_odometry_face(self, self->now.at[2]);
+        }
+        if (noslip_go(&self->now, self->direction, way, turn, &next, direction) == NOSLIP_OK) {
+            noslip_pose reached;
+            noslip_pose_of(self, &next, direction, &reached);
+            if (noslip_sum_finite(reached.x, reached.y, reached.heading)) {
+                if (!steady) { /* copies: what is here stays in registers */
+                    const noslip_reckoning to = {{next.at[0], next.at[1], next.at[2]},
+                                                              {next.rounded[0], next.rounded[1], next.rounded[2]}};
+                    const double towards[2] = {direction[0], direction[1]};
+                    return noslip_odometry_let_in(self, &to, towards, dt, pose);
+                }
+                noslip_settle(self, &next, &reached, direction);
+                pose->x = reached.x;
+                pose->y = reached.y;
+                pose->heading = reached.heading;
+                return NOSLIP_OK;
+            }
+        }
+    }
+    return noslip_odometry_refuse(self, angle, dt, pose);
+}
+
+/* The same for wheels that turned at a `rate` (rad/s) for dt (s). */
+static inline int noslip_odometry_rates(noslip_odometry *self, const double rate[2],
+                      double dt, noslip_pose *pose)
+{
+    double angle[2];
+    angle[0] = rate == NULL ? 0 : rate[0] * dt;
+    angle[1] = rate == NULL ? 0 : rate[1] * dt;
+    return noslip_odometry_move(self, rate == NULL ? NULL : angle, dt, pose);
+}
+
+/*
+ * The true pose has become known. NOSLIP_RESET: the pose is this one from now on, the heading as given. NOSLIP_BUMPLESS: the
+ * reckoning goes on from it, and by what the pose differed until now, the heading by the shorter way round, fades linearly over
+ * the time `release` of the moves to come: the pose does not jump. A correction replaces one that is still being let in.
+ * On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_BAD_PARAMETER (mode), NOSLIP_NONFINITE, NOSLIP_RANGE.
+ */
+static inline int noslip_odometry_correct(noslip_odometry *self,
+                             const noslip_pose *truth, int mode)
+{
+    noslip_reckoning next;
+    noslip_pose after;
+    double direction[2], pending[3], turns = 0, left = 0;
+    int status;
+    if (self == NULL || truth == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    if (mode != NOSLIP_RESET && mode != NOSLIP_BUMPLESS) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    status = noslip_check_pose(truth);
+    if (status != NOSLIP_OK) {
+        return status;
+    }
+    if (mode == NOSLIP_BUMPLESS) {
+        turns = noslip_whole_turns(self->pose.heading - truth->heading);
+    }
+    pending[0] = pending[1] = pending[2] = 0;
+    noslip_sincos(truth->heading, &direction[1], &direction[0]);
+    noslip_reckon_from(self, truth, direction, turns, &next);
+    noslip_pose_of(self, &next, direction, &after);
+    status = noslip_check_pose(&after);
+    if (status != NOSLIP_OK) {
+        return status;
+    }
+    if (mode == NOSLIP_BUMPLESS) {
+        pending[0] = self->pose.x - after.x;
+        pending[1] = self->pose.y - after.y;
+        pending[2] = self->pose.heading - after.heading;
+        left = self->options.release;
+    }
+    return noslip_odometry_take(self, &next, direction, pending, left);
+}
+
+/* Takes whole turns off the heading, which is then within half a turn of 0, but for what is pending. The place stays. */
+static inline int noslip_odometry_unwind(noslip_odometry *self)
+{
+    noslip_reckoning next;
+    double direction[2];
+    int i;
+    if (self == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    for (i = 0; i < 3; i++) {
+        next.at[i] = self->now.at[i];
+        next.rounded[i] = self->now.rounded[i];
+    }
+    noslip_sincos(next.at[2], &direction[1], &direction[0]);              /* before: the place is to stay to the last bit */
+    noslip_add_turns(&next, -noslip_whole_turns(next.at[2]));
+    return noslip_odometry_take(self, &next, direction, self->pending, self->left);
+}
+
+/* -- encoders ---------------------------------------------------------------------------------------------------------- */
+
+/*
+ * An encoder that makes `counts_per_turn` of its wheel (negative where it counts down as the wheel rolls forward, as on a side
+ * where it is mounted the other way round) with a counter of so many bits, 2 to 32. NOSLIP_BAD_PARAMETER for any other.
+ */
+static inline int noslip_encoder_init(noslip_encoder *self, double counts_per_turn,
+                    int counter_bits)
+{
+    if (self == NULL) {
+        return NOSLIP_NULL;
+    }
+    self->ready = 0;
+    self->started = 0;
+    if (!(noslip_is_finite(counts_per_turn) && (counts_per_turn >= 1 || counts_per_turn <= -1)) ||
+        counter_bits < 2 || counter_bits > 32) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    self->angle = (double)6.283185307179586 / counts_per_turn;
+    self->mask = UINT32_MAX >> (32 - counter_bits);
+    self->full = UINT32_C(1) << (32 - counter_bits);
+    self->scale = self->angle / (double)self->full;
+    self->last = 0;
+    self->ready = NOSLIP_READY;
+    return NOSLIP_OK;
+}
+
+/* The first time a counter is read, or why it is not. */
+NOSLIP_APART int noslip_encoder_start(noslip_encoder *self, uint32_t counter,
+                                      double *angle)
+{
+    if (angle == NULL) {
+        return NOSLIP_NULL;
+    }
+    *angle = 0;
+    if (self == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    self->last = counter;
+    self->started = NOSLIP_READY;
+    return NOSLIP_OK;
+}
+
+/*
+ * The angle (rad) by which the wheel turned since the counter was read last; 0 at the first time. In between less than half of
+ * the counter's range may go by: from there on it looks like a turn the other way. Bits above the counter's do not count.
+ */
+static inline int noslip_encoder_read(noslip_encoder *self, uint32_t counter, double *angle)
+{
+    uint32_t up; /* with the counter's highest bit at the top */
+    if (self == NULL || angle == NULL || self->started != NOSLIP_READY) {
+        return noslip_encoder_start(self, counter, angle);
+    }
+    up = (counter - self->last) * self->full;
+    *angle = (double)(int32_t)up * self->scale;
+    self->last = counter;
+    return NOSLIP_OK;
+}
+
+/* -- float: made from noslip_odometry.inc by guarantees/headers.py ----------------------------------------------------- */
+
+/* Where a point of the vehicle is, and its heading, counterclockwise from the x axis and not wrapped. */
+typedef struct noslip_pose_f {
+    float x;             /* m */
+    float y;             /* m */
+    float heading;       /* rad */
+} noslip_pose_f;
+
+/* What the vehicle is. Zeros are good for all but the wheels. */
+typedef struct noslip_odometry_options_f {
+    float forward[2];       /* m/rad: way forward per angle of each wheel */
+    float turn[2];          /* rad/rad: turn per angle of each wheel */
+    float ahead;            /* m: the vehicle's point lies so far ahead of the axle */
+    float release;          /* s: time over which a bumpless correction is let in; 0: at once */
+} noslip_odometry_options_f;
+
+/* Where the axle is reckoned to be. */
+typedef struct noslip_reckoning_f {
+    float at[3];            /* m, m, rad: x and y of the axle's middle, heading */
+    float rounded[3];       /* what rounding has put too much into them */
+} noslip_reckoning_f;
+
+/* The pose told is the one reckoned and, until a bumpless correction is let in, a part of what it differed by. */
+typedef struct noslip_odometry_f {
+    noslip_odometry_options_f options;
+    noslip_reckoning_f now;
+    noslip_pose_f pose;            /* as told last */
+    float direction[2];            /* cosine and sine of its heading */
+    float pending[3];              /* m, m, rad: by what the pose differed at the correction */
+    float left;                    /* s until nothing of that is left */
+    int steady;                    /* NOSLIP_READY: nothing is left */
+    int ready;
+} noslip_odometry_f;
+
+/* Counts of an encoder, whose counter wraps around, as angles of its wheel. */
+typedef struct noslip_encoder_f {
+    float angle;       /* rad per count */
+    float scale;       /* rad per count / full */
+    uint32_t mask;     /* the bits that the counter has */
+    uint32_t full;     /* 2 for each bit that it has not: brings its highest bit to the top */
+    uint32_t last;     /* the counter when last read */
+    int started;       /* NOSLIP_READY: it has been read */
+    int ready;
+} noslip_encoder_f;
+
+/* -- inside ------------------------------------------------------------------------------------------------------------ */
+
+/*
+ * Adds whole turns to the heading. A turn is cut in two, the first part so short that its product with `turns` is exact; where
+ * turns are taken off, the difference is exact too.
+ */
+static inline void noslip_add_turns_f(noslip_reckoning_f *reckoning, float turns)
+{
+    reckoning->at[2] += turns * (float)6.283203125;
+    noslip_add_f(&reckoning->at[2], &reckoning->rounded[2], turns * (float)-1.7817820413527695e-05);
+}
+
+/* NOSLIP_NONFINITE or NOSLIP_RANGE for a pose that the vehicle cannot have. */
+static inline int noslip_check_pose_f(const noslip_pose_f *pose)
+{
+    if (!noslip_sum_finite_f(pose->x, pose->y, pose->heading)) {
+        return NOSLIP_NONFINITE;
+    }
+    return noslip_angle_ok_f(pose->heading) ? NOSLIP_OK : NOSLIP_RANGE;
+}
+
+/* Makes the reckoning that gives a pose of this direction, the number of its whole turns changed by `turns`. */
+static inline void noslip_reckon_from_f(const noslip_odometry_f *self,
+                             const noslip_pose_f *pose, const float direction[2],
+                             float turns, noslip_reckoning_f *made)
+{
+    int i;
+    made->at[0] = pose->x - self->options.ahead * direction[0];
+    made->at[1] = pose->y - self->options.ahead * direction[1];
+    made->at[2] = pose->heading;
+    for (i = 0; i < 3; i++) {
+        made->rounded[i] = 0;
+    }
+    noslip_add_turns_f(made, turns);
+}
+
+/* How far the axle moves along a long arc; see noslip_go. */
+NOSLIP_APART void noslip_long_arc_f(const noslip_reckoning_f *from, float way,
+                                float turn, float moved[2])
+{
+    const float chord = way * noslip_sinc_f(turn / 2);
+    noslip_sincos_f(from->at[2] + (turn / 2 - from->rounded[2]), &moved[1], &moved[0]);
+    moved[0] *= chord;
+    moved[1] *= chord;
+}
+
+/*
+ * Where the wheels bring the axle, and the direction there: along an arc. Its chord has the direction of the heading in between:
+ * on a short arc that of the sum of the directions before and after, which is 2 cos(turn / 2) long. NOSLIP_RANGE where the
+ * heading leaves the range of noslip_sincos, or is NaN.
+ */
+NOSLIP_HOT int noslip_go_f(const noslip_reckoning_f *from, const float before[2],
+                        float way, float turn, noslip_reckoning_f *to,
+                        float after[2])
+{
+    float x, y;
+    to->at[2] = from->at[2];
+    to->rounded[2] = from->rounded[2];
+    noslip_add_f(&to->at[2], &to->rounded[2], turn);
+    if (!noslip_angle_ok_f(to->at[2])) {
+        return NOSLIP_RANGE;
+    }
+    noslip_sincos_f(to->at[2], &after[1], &after[0]);
+    if (noslip_abs_f(turn) <= (float)0.25) {
+        const float share = way * noslip_half_tanc_f(turn);
+        x = share * (before[0] + after[0]);
+        y = share * (before[1] + after[1]);
+    } else {
+        float moved[2];
+        noslip_long_arc_f(from, way, turn, moved);
+        x = moved[0];
+        y = moved[1];
+    }
+    to->at[0] = from->at[0];
+    to->at[1] = from->at[1];
+    to->rounded[0] = from->rounded[0];
+    to->rounded[1] = from->rounded[1];
+    noslip_add_f(&to->at[0], &to->rounded[0], x);
+    noslip_add_f(&to->at[1], &to->rounded[1], y);
+    return NOSLIP_OK;
+}
+
+/* The pose that a reckoning gives where nothing is pending. */
+NOSLIP_HOT void noslip_pose_of_f(const noslip_odometry_f *self,
+                                    const noslip_reckoning_f *reckoning,
+                                    const float direction[2], noslip_pose_f *pose)
+{
+    pose->x = reckoning->at[0] + self->options.ahead * direction[0];
+    pose->y = reckoning->at[1] + self->options.ahead * direction[1];
+    pose->heading = reckoning->at[2];
+}
+
+/* Takes on a reckoning and its pose. */
+NOSLIP_HOT void noslip_settle_f(noslip_odometry_f *self,
+                                   const noslip_reckoning_f *next,
+                                   const noslip_pose_f *pose, const float direction[2])
+{
+    self->now.at[0] = next->at[0];
+    self->now.at[1] = next->at[1];
+    self->now.at[2] = next->at[2];
+    self->now.rounded[0] = next->rounded[0];
+    self->now.rounded[1] = next->rounded[1];
+    self->now.rounded[2] = next->rounded[2];
+    self->pose.x = pose->x;
+    self->pose.y = pose->y;
+    self->pose.heading = pose->heading;
+    self->direction[0] = direction[0];
+    self->direction[1] = direction[1];
+}
+
+/* Goes on with a reckoning, `left` s until `pending` is let in, where that gives a pose; else stays with what was. */
+NOSLIP_APART int noslip_odometry_take_f(noslip_odometry_f *self,
+                                          const noslip_reckoning_f *next,
+                                          const float direction[2], const float pending[3],
+                                          float left)
+{
+    noslip_pose_f pose;
+    int i, status;
+    if (!noslip_angle_ok_f(next->at[2])) {
+        return NOSLIP_RANGE;
+    }
+    noslip_pose_of_f(self, next, direction, &pose);
+    if (left > 0) {
+        const float share = left / self->options.release;
+        pose.x += pending[0] * share;
+        pose.y += pending[1] * share;
+        pose.heading += pending[2] * share;
+    }
+    status = noslip_check_pose_f(&pose);
+    if (status != NOSLIP_OK) {
+        return status;
+    }
+    noslip_settle_f(self, next, &pose, direction);
+    if (left > 0) {
+        noslip_sincos_f(pose.heading, &self->direction[1], &self->direction[0]);
+    }
+    for (i = 0; i < 3; i++) {
+        self->pending[i] = pending[i];
+    }
+    self->left = left;
+    self->steady = left > 0 ? 0 : NOSLIP_READY;
+    return status;
+}
+
+/* -- dead reckoning ---------------------------------------------------------------------------------------------------- */
+
+/*
+ * Options of a vehicle with two driven wheels on one axle, the right one first: wheel radius r, half the distance b between
+ * the wheels, d of the vehicle's point ahead of the axle (all m). Forward speed r (w_r + w_l) / 2, yaw rate
+ * r (w_r - w_l) / (2 b). Corrections are let in at once: set `release` afterwards.
+ * NOSLIP_BAD_PARAMETER, and no options, unless r and b are positive and all are finite.
+ */
+static inline int noslip_odometry_differential_f(noslip_odometry_options_f *options, float r,
+                                float b, float d)
+{
+    int usable;
+    if (options == NULL) {
+        return NOSLIP_NULL;
+    }
+    usable = noslip_is_finite_f(r) && r > 0 && noslip_is_finite_f(b) && b > 0 &&
+             noslip_is_finite_f(d);
+    options->forward[0] = usable ? r / 2 : 0;
+    options->forward[1] = options->forward[0];
+    options->turn[0] = usable ? r / b / 2 : 0;
+    options->turn[1] = -options->turn[0];
+    options->ahead = usable ? d : 0;
+    options->release = 0;
+    return usable ? NOSLIP_OK : NOSLIP_BAD_PARAMETER;
+}
+
+/*
+ * Starts at a pose, or at zeros where `start` is null. NOSLIP_BAD_PARAMETER unless all options are finite, the two wheels can
+ * move the vehicle both forward and around, and `release` is not negative; NOSLIP_NONFINITE, NOSLIP_RANGE for the pose.
+ */
+static inline int noslip_odometry_init_f(noslip_odometry_f *self,
+                              const noslip_odometry_options_f *options,
+                              const noslip_pose_f *start)
+{
+    float direction[2], pending[3];
+    noslip_reckoning_f reckoning;
+    noslip_pose_f known;
+    const float *forward, *turn;
+    float determinant;
+    int status, i;
+    if (self == NULL) {
+        return NOSLIP_NULL;
+    }
+    self->ready = 0;
+    self->steady = 0;
+    if (options == NULL) {
+        return NOSLIP_NULL;
+    }
+    forward = options->forward;
+    turn = options->turn;
+    determinant = forward[0] * turn[1] - forward[1] * turn[0];
+    if (!(noslip_is_finite_f(determinant) && noslip_abs_f(determinant) > 0 &&
+          noslip_is_finite_f(options->ahead) && noslip_is_finite_f(options->release) &&
+          options->release >= 0)) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    known.x = start == NULL ? 0 : start->x;
+    known.y = start == NULL ? 0 : start->y;
+    known.heading = start == NULL ? 0 : start->heading;
+    status = noslip_check_pose_f(&known);
+    if (status == NOSLIP_OK) {
+        for (i = 0; i < 2; i++) {
+            self->options.forward[i] = forward[i];
+            self->options.turn[i] = turn[i];
+        }
+        self->options.ahead = options->ahead;
+        self->options.release = options->release;
+        pending[0] = pending[1] = pending[2] = 0;
+        noslip_sincos_f(known.heading, &direction[1], &direction[0]);
+        noslip_reckon_from_f(self, &known, direction, 0, &reckoning);
+        status = noslip_odometry_take_f(self, &reckoning, direction, pending, 0);
+    }
+    self->ready = status == NOSLIP_OK ? NOSLIP_READY : 0;
+    return status;
+}
+
+/* The pose as told last; zeros with NOSLIP_NOT_READY. */
+static inline int noslip_odometry_pose_f(const noslip_odometry_f *self, noslip_pose_f *pose)
+{
+    if (pose == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self == NULL || self->ready != NOSLIP_READY) {
+        pose->x = 0;
+        pose->y = 0;
+        pose->heading = 0;
+        return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
+    }
+    *pose = self->pose;
+    return NOSLIP_OK;
+}
+
+/* Keeps cosine and sine of a heading. */
+NOSLIP_APART void noslip_odometry_face_f(noslip_odometry_f *self, float heading)
+{
+    noslip_sincos_f(heading, &self->direction[1], &self->direction[0]);
+}
+
+/* Why there is no move. The pose is the one told last. */
+NOSLIP_APART int noslip_odometry_refuse_f(noslip_odometry_f *self, const float angle[2],
+                         float dt, noslip_pose_f *pose)
+{
+    float way, turn, heading, rounded;
+    const int status = noslip_odometry_pose_f(self, pose);
+    if (status != NOSLIP_OK) {
+        return status;
+    }
+    if (self->steady != NOSLIP_READY) {
+        noslip_odometry_face_f(self, self->pose.heading);
+    }
+    if (angle == NULL) {
+        return NOSLIP_NULL;
+    }
+    way = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
+    turn = self->options.turn[0] * angle[0] + self->options.turn[1] * angle[1];
+    if (!noslip_sum_finite_f(way, turn, dt)) {
+        return NOSLIP_NONFINITE;
+    }
+    if (dt < 0) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    heading = self->now.at[2];
+    rounded = self->now.rounded[2];
+    noslip_add_f(&heading, &rounded, turn);
+    return noslip_angle_ok_f(heading) ? NOSLIP_NONFINITE : NOSLIP_RANGE;
+}
+
+/* Goes on with a reckoning while a correction is let in. */
+NOSLIP_APART int noslip_odometry_let_in_f(noslip_odometry_f *self,
+                               const noslip_reckoning_f *next,
+                               const float direction[2], float dt,
+                               noslip_pose_f *pose)
+{
+    const float left = self->left > dt ? self->left - dt : 0;
+    const int status = noslip_odometry_take_f(self, next, direction, self->pending, left);
+    if (status != NOSLIP_OK) {
+        noslip_odometry_face_f(self, self->pose.heading);
+    }
+    *pose = self->pose;
+    return status;
+}
+
+/*
+ * Each wheel turned by `angle` (rad) within dt (s, 0 or more), evenly: answers the pose. On an error nothing moves, and the
+ * pose is the one told last: NOSLIP_NULL, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER (negative dt), NOSLIP_RANGE where the heading
+ * leaves the range of noslip_sincos: then call noslip_odometry_unwind, and make the same move again.
+ */
+NOSLIP_HOT int noslip_odometry_move_f(noslip_odometry_f *self, const float angle[2],
+                     float dt, noslip_pose_f *pose)
+{
+    const int steady = self != NULL && self->steady == NOSLIP_READY;
+    if (angle != NULL && pose != NULL && (steady || (self != NULL && self->ready == NOSLIP_READY)) && dt >= 0 &&
+        noslip_is_finite_f(dt)) {
+        const float way = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
+        const float turn = self->options.turn[0] * angle[0] + self->options.turn[1] * angle[1];
+        noslip_reckoning_f next;
+        float direction[2];
+        if (!steady) { /* it is the direction of the pose told */
+            noslip_odometry_face_f(self, self->now.at[2]);
+        }
+        if (noslip_go_f(&self->now, self->direction, way, turn, &next, direction) == NOSLIP_OK) {
+            noslip_pose_f reached;
+            noslip_pose_of_f(self, &next, direction, &reached);
+            if (noslip_sum_finite_f(reached.x, reached.y, reached.heading)) {
+                if (!steady) { /* copies: what is here stays in registers */
+                    const noslip_reckoning_f to = {{next.at[0], next.at[1], next.at[2]},
+                                                              {next.rounded[0], next.rounded[1], next.rounded[2]}};
+                    const float towards[2] = {direction[0], direction[1]};
+                    return noslip_odometry_let_in_f(self, &to, towards, dt, pose);
+                }
+                noslip_settle_f(self, &next, &reached, direction);
+                pose->x = reached.x;
+                pose->y = reached.y;
+                pose->heading = reached.heading;
+                return NOSLIP_OK;
+            }
+        }
+    }
+    return noslip_odometry_refuse_f(self, angle, dt, pose);
+}
+
+/* The same for wheels that turned at a `rate` (rad/s) for dt (s). */
+static inline int noslip_odometry_rates_f(noslip_odometry_f *self, const float rate[2],
+                         float dt, noslip_pose_f *pose)
+{
+    float angle[2];
+    angle[0] = rate == NULL ? 0 : rate[0] * dt;
+    angle[1] = rate == NULL ? 0 : rate[1] * dt;
+    return noslip_odometry_move_f(self, rate == NULL ? NULL : angle, dt, pose);
+}
+
+/*
+ * The true pose has become known. NOSLIP_RESET: the pose is this one from now on, the heading as given. NOSLIP_BUMPLESS: the
+ * reckoning goes on from it, and by what the pose differed until now, the heading by the shorter way round, fades linearly over
+ * the time `release` of the moves to come: the pose does not jump. A correction replaces one that is still being let in.
+ * On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_BAD_PARAMETER (mode), NOSLIP_NONFINITE, NOSLIP_RANGE.
+ */
+static inline int noslip_odometry_correct_f(noslip_odometry_f *self,
+                                 const noslip_pose_f *truth, int mode)
+{
+    noslip_reckoning_f next;
+    noslip_pose_f after;
+    float direction[2], pending[3], turns = 0, left = 0;
+    int status;
+    if (self == NULL || truth == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    if (mode != NOSLIP_RESET && mode != NOSLIP_BUMPLESS) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    status = noslip_check_pose_f(truth);
+    if (status != NOSLIP_OK) {
+        return status;
+    }
+    if (mode == NOSLIP_BUMPLESS) {
+        turns = noslip_whole_turns_f(self->pose.heading - truth->heading);
+    }
+    pending[0] = pending[1] = pending[2] = 0;
+    noslip_sincos_f(truth->heading, &direction[1], &direction[0]);
+    noslip_reckon_from_f(self, truth, direction, turns, &next);
+    noslip_pose_of_f(self, &next, direction, &after);
+    status = noslip_check_pose_f(&after);
+    if (status != NOSLIP_OK) {
+        return status;
+    }
+    if (mode == NOSLIP_BUMPLESS) {
+        pending[0] = self->pose.x - after.x;
+        pending[1] = self->pose.y - after.y;
+        pending[2] = self->pose.heading - after.heading;
+        left = self->options.release;
+    }
+    return noslip_odometry_take_f(self, &next, direction, pending, left);
+}
+
+/* Takes whole turns off the heading, which is then within half a turn of 0, but for what is pending. The place stays. */
+static inline int noslip_odometry_unwind_f(noslip_odometry_f *self)
+{
+    noslip_reckoning_f next;
+    float direction[2];
+    int i;
+    if (self == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    for (i = 0; i < 3; i++) {
+        next.at[i] = self->now.at[i];
+        next.rounded[i] = self->now.rounded[i];
+    }
+    noslip_sincos_f(next.at[2], &direction[1], &direction[0]);            /* before: the place is to stay to the last bit */
+    noslip_add_turns_f(&next, -noslip_whole_turns_f(next.at[2]));
+    return noslip_odometry_take_f(self, &next, direction, self->pending, self->left);
+}
+
+/* -- encoders ---------------------------------------------------------------------------------------------------------- */
+
+/*
+ * An encoder that makes `counts_per_turn` of its wheel (negative where it counts down as the wheel rolls forward, as on a side
+ * where it is mounted the other way round) with a counter of so many bits, 2 to 32. NOSLIP_BAD_PARAMETER for any other.
+ */
+static inline int noslip_encoder_init_f(noslip_encoder_f *self, float counts_per_turn,
+                       int counter_bits)
+{
+    if (self == NULL) {
+        return NOSLIP_NULL;
+    }
+    self->ready = 0;
+    self->started = 0;
+    if (!(noslip_is_finite_f(counts_per_turn) && (counts_per_turn >= 1 || counts_per_turn <= -1)) ||
+        counter_bits < 2 || counter_bits > 32) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    self->angle = (float)6.283185307179586 / counts_per_turn;
+    self->mask = UINT32_MAX >> (32 - counter_bits);
+    self->full = UINT32_C(1) << (32 - counter_bits);
+    self->scale = self->angle / (float)self->full;
+    self->last = 0;
+    self->ready = NOSLIP_READY;
+    return NOSLIP_OK;
+}
+
+/* The first time a counter is read, or why it is not. */
+NOSLIP_APART int noslip_encoder_start_f(noslip_encoder_f *self, uint32_t counter,
+                                          float *angle)
+{
+    if (angle == NULL) {
+        return NOSLIP_NULL;
+    }
+    *angle = 0;
+    if (self == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    self->last = counter;
+    self->started = NOSLIP_READY;
+    return NOSLIP_OK;
+}
+
+/*
+ * The angle (rad) by which the wheel turned since the counter was read last; 0 at the first time. In between less than half of
+ * the counter's range may go by: from there on it looks like a turn the other way. Bits above the counter's do not count.
+ */
+static inline int noslip_encoder_read_f(noslip_encoder_f *self, uint32_t counter, float *angle)
+{
+    uint32_t up; /* with the counter's highest bit at the top */
+    if (self == NULL || angle == NULL || self->started != NOSLIP_READY) {
+        return noslip_encoder_start_f(self, counter, angle);
+    }
+    up = (counter - self->last) * self->full;
+    *angle = (float)(int32_t)up * self->scale;
+    self->last = counter;
+    return NOSLIP_OK;
+}
+
+/* -- end of what is made ----------------------------------------------------------------------------------------------- */
 
 #endif

@@ -1,4 +1,5 @@
 /* noslip_path_f.c - the float side of noslip_path.h. */
+#define NOSLIP_OWN
 #include "noslip_controller.h"
 #include "noslip_path.h"
 

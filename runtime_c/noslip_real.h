@@ -1,8 +1,8 @@
 /*
- * noslip_real.h - what the float and the double side share: the arithmetic they stand on.
+ * noslip_real.h - arithmetic shared by the float and the double functions.
  *
- * Every target has to give the same bits. That needs IEEE 754 operations, rounded once each, in the order written.
- * The compiler settings that would break this silently are refused here.
+ * Every target must give the same bits. This requires IEEE 754 operations, each rounded once, in the order written.
+ * Compiler settings that would silently violate this are rejected here.
  */
 #ifndef NOSLIP_REAL_H
 #define NOSLIP_REAL_H
@@ -10,7 +10,7 @@
 #include <float.h>
 #include <stdint.h>
 
-/* Fast-math and its parts reorder sums and assume NaN away: tests for finite input would be optimised out. */
+/* Fast-math and its parts reorder sums and assume that there is no NaN: tests for finite input would be removed. */
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0) || \
     defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__) || defined(_M_FP_FAST)
 #error "noslip: compile without -ffast-math, -Ofast and their parts"
@@ -26,12 +26,29 @@
 #error "noslip: float and double must be IEEE 754 binary32 and binary64"
 #endif
 
-/* No macro tells of -fsingle-precision-constant, which would shorten every double constant. */
+/* No macro indicates -fsingle-precision-constant, which would round every double constant to float. */
 typedef char noslip_double_constants_are_double[sizeof(1.0) == sizeof(double) ? 1 : -1];
 
-/* a * b + c must not become one operation. GCC keeps to this by itself under -std=c99 and c11 (but not gnu99, gnu11: give
- * -ffp-contract=off), and does not know the standard pragma; clang knows it and needs it. */
-#if defined(__clang__) || !defined(__GNUC__)
+/*
+ * a * b + c must not become one operation, which is rounded once instead of twice: other bits. GCC fuses by itself in C++ and
+ * under -std=gnu99, gnu11 ..., clang within an expression. From here to the end of the file that includes this neither does, in
+ * whatever dialect: not in this package's functions, nor in those they are inlined into, link-time optimization included. (GCC
+ * inlines a function with such a pragma only where the same holds. It does not know the standard pragma.)
+ * What ends it: clang's -ffp-contract=fast, which overrides its pragmas and which no macro tells of. selftest.c finds it.
+ */
+#if defined(__clang__)
+#if defined(__cplusplus)
+#pragma clang fp contract(off)
+#else
+#pragma STDC FP_CONTRACT OFF
+#endif
+#elif defined(__GNUC__)
+#if !defined(__FRAMAC__)
+#pragma GCC optimize("fp-contract=off", "no-tree-loop-distribute-patterns") /* the second: no loop becomes a call of memset */
+#endif
+#elif defined(_MSC_VER)
+#pragma fp_contract(off)
+#else
 #pragma STDC FP_CONTRACT OFF
 #endif
 

@@ -15,7 +15,12 @@ from noslip.model.reduction import ReducedSystem, reduce
 
 mpmath.mp.dps = 50
 
-EXACT = {"sqrt": mpmath.sqrt, "sin": mpmath.sin, "cos": mpmath.cos, "abs": abs}
+EXACT = {
+    **{"sqrt": mpmath.sqrt, "sin": mpmath.sin, "cos": mpmath.cos, "abs": abs, "exp": mpmath.exp, "log": mpmath.log},
+    **{"sinh": mpmath.sinh, "cosh": mpmath.cosh, "tanh": mpmath.tanh, "pow": mpmath.power, "atan2": mpmath.atan2},
+    **{"atan": mpmath.atan, "asin": mpmath.asin, "acos": mpmath.acos, "sign": mpmath.sign, "min": min, "max": max},
+    **{"less": lambda a, b: mpmath.mpf(a < b), "not": lambda a: mpmath.mpf(not a), "if": lambda a, b: b if a else mpmath.mpf(0)},
+}
 
 
 def evaluate(roots: Sequence[Node], leaf: Callable[[Node], object], number=mpmath.mpf, functions: Mapping = EXACT) -> list:
@@ -39,7 +44,7 @@ def evaluate(roots: Sequence[Node], leaf: Callable[[Node], object], number=mpmat
             case "neg":
                 value[node] = -a[0]
             case operation:
-                value[node] = functions[operation](a[0])
+                value[node] = functions[operation](*a)
     return [value[root] for root in roots]
 
 
@@ -133,7 +138,7 @@ def arm_law(system: ReducedSystem):
 @cache
 def laws() -> dict[str, object]:
     """Every LABMATE law, and others: name -> law."""
-    from noslip.harness.robots import find_robot, law_of
+    from noslip.readers.robots import find_robot, law_of
 
     labmate = find_robot("labmate")
     found = {name: law_of(labmate, name) for name in OUTPUTS}

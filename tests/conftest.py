@@ -5,7 +5,8 @@ import os
 from functools import cache
 
 import pytest
-from noslip.harness.cli import main
+from noslip.cli.main import main
+from noslip.tests.nightly import faults, is_nightly
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy comes: the tests have all cores busy without its threads
 
@@ -24,27 +25,38 @@ LONGEST = (  # begin, so that no process is left with one of them at the end
     "robots",
     "test_figures",
     "test_runtime",
-    "test_codegen",
     "test_guarantees",
+    "test_analyse",
     "test_package",
-    "test_large",
-    "test_tracking",
+    "test_codegen",
     "test_sweep",
-    "test_evaluate",
+    "test_functions",
+    "test_dialects",
+    "test_tracking",
+    "test_planning",
+    "test_distribution",
+    "test_cli",
     "test_outer_loop",
-    "test_firmware",
+    "test_evaluate",
     "test_rolling",
-    "test_integral",
+    "test_verify",
+    "test_model",
+    "test_project",
+    "test_files",
 )
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """Puts tests into groups, the longest first."""
+def pytest_collection_modifyitems(config, items):
+    """Puts tests into groups, the longest first; leaves to the night what nightly.py names."""
+    if not any("::" in argument for argument in config.args) and (wrong := faults((i.path.stem, i.name) for i in items)):
+        raise pytest.UsageError("tests/nightly.py: " + "; ".join(wrong))
     order = {group: k for k, group in enumerate(LONGEST)}
     of = {item: GROUPS.get(item.path.stem, item.path.stem) for item in items}
     for item, group in of.items():
         item.add_marker(pytest.mark.xdist_group(group))
+        if is_nightly(item.path.stem, item.name):
+            item.add_marker(pytest.mark.nightly)
     items.sort(key=lambda item: order.get(of[item], len(order)))
 
 

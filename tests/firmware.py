@@ -14,14 +14,16 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-from noslip.harness.backends import ON_TARGET
-from noslip.harness.closed_loop import simulate
-from noslip.harness.errors import BadInput
-from noslip.harness.loop import make_loop
-from noslip.harness.pil import recorded, replay_session
-from noslip.harness.replay import Record, first_difference
-from noslip.harness.spec import Spec, read_spec, section
-from noslip.harness.targets import CONSOLE, STANDARD, TARGETS, Target, required
+from noslip.codegen.targets import STANDARD
+from noslip.controllers.controller import ON_TARGET
+from noslip.controllers.pil import recorded, replay_session
+from noslip.controllers.targets import CONSOLE, TARGETS, Target, required
+from noslip.readers.errors import BadInput
+from noslip.readers.reading import section
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.loop import make_loop
+from noslip.simulation.replay import Record, first_difference
+from noslip.simulation.specification.spec import Spec, read_spec
 from noslip.tests.test_bits import TIMEOUT, table, targeted
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -1,9 +1,11 @@
 """Systems seen through their velocities only, whose distributions are known from the literature."""
 
+from collections.abc import Callable
+
 import casadi as ca
 from casadi import cos, sin
-from noslip.model.kinematics import Kinematics
-from noslip.model.mechanism import Quantity, quantity
+from noslip.model.mechanism import Mechanism, Quantity, quantity
+from noslip.model.rolling.kinematics import Kinematics
 
 
 def angle(name: str) -> Quantity:
@@ -92,6 +94,27 @@ def labmate_with_trailers(count: int) -> Kinematics:
     return Kinematics(f"labmate with {count} trailers", q, (b, d, r, *sizes), A=A)
 
 
+def hitched(by_constraints: bool) -> Kinematics:
+    """A unicycle that pulls a trailer by a hitch as far behind its axle as the trailer is long, given by A or by S."""
+    *_, t0, t1 = q = (length("x"), length("y"), angle("t0"), angle("t1"))
+    L = size("L")
+    across, along = sin(t0.symbol - t1.symbol), cos(t0.symbol - t1.symbol)
+    if by_constraints:
+        axle = ca.horzcat(sin(t0.symbol), -cos(t0.symbol), 0, 0)
+        trailer = ca.horzcat(-sin(t1.symbol), cos(t1.symbol), -L.symbol * along, -L.symbol)
+        return Kinematics("hitched", q, (L,), A=ca.vertcat(axle, trailer))
+    turning = ca.vertcat(0, 0, 1, -along)
+    forward_one = ca.vertcat(cos(t0.symbol), sin(t0.symbol), 0, across / L.symbol)
+    return Kinematics("hitched", q, (L,), S=ca.horzcat(turning, forward_one))
+
+
+def grushin(function: Callable[[ca.SX], ca.SX], kind: Callable[[str], Quantity] = length, *parameters: Quantity) -> Kinematics:
+    """Velocities along x, and along y times a function of x: singular where the function is zero."""
+    x, y = kind("x"), length("y")
+    S = ca.horzcat(ca.vertcat(1, 0), ca.vertcat(0, function(x.symbol)))
+    return Kinematics("grushin", (x, y), parameters, S=S)
+
+
 def pendulum() -> Kinematics:
     """A point on a rigid rod in space: only holonomic."""
     q = tuple(map(length, "xyz"))
@@ -105,3 +128,47 @@ def slider_crank() -> Kinematics:
     crank, rod, x = (each.symbol for each in q)
     closure = ca.vertcat(R.symbol * cos(crank) + L.symbol * cos(rod) - x, R.symbol * sin(crank) + L.symbol * sin(rod))
     return Kinematics("slider_crank", q, (R, L), A=ca.jacobian(closure, ca.vertcat(crank, rod, x)))
+
+
+def sleigh(ahead: float, pushed: bool = False) -> Mechanism:
+    """Chaplygin's sleigh, turned by a torque and, if `pushed`, pushed along its blade; its centre of mass `ahead` (m) of it."""
+    robot = Mechanism("sleigh")
+    x, y, phi = (robot.coordinate(name, unit) for name, unit in (("x", "m"), ("y", "m"), ("phi", "rad")))
+    m, inertia = robot.parameter("m", 1.0, "kg"), robot.parameter("I", 0.5, "kg m^2")
+    d = robot.parameter("d", ahead, "m", sign="any")
+    forward = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y)
+    across, turning = cos(phi) * robot.rate(y) - sin(phi) * robot.rate(x), robot.rate(phi)
+    robot.kinetic_energy(m * (forward**2 + (across + d * turning) ** 2) / 2 + inertia * turning**2 / 2)
+    robot.rolls("no slip across the blade", across)
+    robot.input("torque", "N m", on=turning)
+    if pushed:
+        robot.input("push", "N", on=forward)
+    return robot
+
+
+def snakeboard() -> Mechanism:
+    """J. Ostrowski, A. Lewis, R. Murray, J. Burdick, IEEE Int. Conf. Robotics and Automation, 1994: rotor and wheels driven."""
+    robot = Mechanism("snakeboard")
+    x, y = robot.coordinate("x", "m"), robot.coordinate("y", "m")
+    theta, psi, phi = (robot.coordinate(name, "rad") for name in ("theta", "psi", "phi"))
+    m, half = robot.parameter("m", 6.0, "kg"), robot.parameter("l", 0.2, "m")
+    J, J_r, J_w = (
+        robot.parameter(name, value, "kg m^2")
+        for name, value in (
+            (
+                "J",
+                0.1,
+            ),
+            ("J_r", 0.1),
+            ("J_w", 0.02),
+        )
+    )
+    vx, vy, turning, rotor, wheels = map(robot.rate, (x, y, theta, psi, phi))
+    robot.kinetic_energy(m * (vx**2 + vy**2) / 2 + J * turning**2 / 2 + J_r * (turning + rotor) ** 2 / 2)
+    robot.kinetic_energy(J_w * ((turning + wheels) ** 2 + (turning - wheels) ** 2) / 2)
+    for name, sign in (("front", 1), ("back", -1)):
+        heading = theta + sign * phi
+        robot.rolls(f"no slip across the {name} wheels", cos(heading) * vy - sin(heading) * vx + sign * half * cos(phi) * turning)
+    robot.input("rotor_torque", "N m", on=rotor)
+    robot.input("wheel_torque", "N m", on=wheels)
+    return robot

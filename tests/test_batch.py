@@ -8,18 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from noslip.harness.closed_loop import simulate
-from noslip.harness.errors import BadInput
-from noslip.harness.guidance import vehicle_motion
-from noslip.harness.robots import find_robot, system_of
-from noslip.harness.spec import Correction, Initial, Limits, Noise, Output, Reference, Sensors, read_spec
-from noslip.harness.spec import Path as Curve
-from noslip.harness.starts import starts
-from noslip.harness.sweeping import batch as module
-from noslip.harness.sweeping.batch import Batch
-from noslip.harness.sweeping.noise import Noise as Draws
-from noslip.harness.sweeping.noise import library
 from noslip.model.segments import Segment
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, system_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.guidance import vehicle_motion
+from noslip.simulation.noise import Noise as Draws
+from noslip.simulation.noise import library
+from noslip.simulation.specification.spec import Correction, Initial, Limits, Noise, Output, Reference, Sensors, read_spec
+from noslip.simulation.specification.spec import Path as Curve
+from noslip.simulation.starts import starts
+from noslip.sweeping import batch as module
+from noslip.sweeping.batch import Batch
 from scipy.stats import kstest
 
 SPECS = Path(__file__).resolve().parent.parent / "specs"

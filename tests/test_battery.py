@@ -13,28 +13,29 @@ from functools import cache, cached_property
 import cffi
 import numpy as np
 import pytest
+from noslip.cli.main import main as main_of_noslip
 from noslip.codegen.files import law_program, law_text, shared_files
-from noslip.codegen.law_c import foot_declaration
-from noslip.codegen.robot_c import robot_declarations
-from noslip.codegen.scalar import SCALARS
-from noslip.harness import project
-from noslip.harness.backends import QUANTITIES, make_controller
-from noslip.harness.build import built, runtime_files
-from noslip.harness.cli import main as main_of_noslip
-from noslip.harness.compiled import CompiledController, Library
-from noslip.harness.errors import BadInput
-from noslip.harness.pil import target_library
-from noslip.harness.plant import Plant
-from noslip.harness.project import FIRMWARE
-from noslip.harness.robots import find_robot, law_of, system_of
-from noslip.harness.sampling import Plant as Sample
-from noslip.harness.sampling import random_plants
-from noslip.harness.symbolic import step_function
-from noslip.harness.targets import TARGETS, required
+from noslip.codegen.printing.law_c import runtime_types
+from noslip.codegen.printing.robot_c import robot_declarations
+from noslip.codegen.printing.scalar import SCALARS
+from noslip.controllers.backends import make_controller
+from noslip.controllers.build import built, runtime_files
+from noslip.controllers.compiled import CompiledController, Library
+from noslip.controllers.controller import QUANTITIES
+from noslip.controllers.pil import target_library
+from noslip.controllers.symbolic import step_function
+from noslip.controllers.targets import TARGETS, required
 from noslip.model import ControlLaw, Mechanism
 from noslip.model.outputs import OUTPUTS
 from noslip.model.robots import ROBOTS
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, law_of, system_of
+from noslip.simulation.plant import Plant
 from noslip.tests.test_runtime import FLAGS, STRICT, need
+from noslip.verification import project
+from noslip.verification.project import FIRMWARE
+from noslip.verification.sampling import Plant as Sample
+from noslip.verification.sampling import random_plants
 from scipy.integrate import solve_ivp
 
 VEHICLE = tuple(OUTPUTS)
@@ -126,7 +127,7 @@ class Law:
         self.ffi = cffi.FFI()
         self.ffi.cdef("const char *noslip_status_name(int status);")
         for scalar, text in self.texts.items():
-            self.ffi.cdef(foot_declaration(SCALARS[scalar]))
+            self.ffi.cdef(runtime_types(SCALARS[scalar]))
             self.ffi.cdef(robot_declarations(law.system, SCALARS[scalar]))
             self.ffi.cdef(text.declarations())
 

@@ -5,15 +5,16 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from noslip import __version__
-from noslip.harness import cli
-from noslip.harness.cli import COMMANDS, main
-from noslip.harness.errors import BadInput
+from noslip.cli.codes import COMMANDS, INTERNAL, READER_GONE
+from noslip.cli.main import main
 from noslip.model.errors import ModelError
+from noslip.readers.errors import BadInput
 
-RUN = [sys.executable, "-c", "import sys; from noslip.harness.cli import main; sys.exit(main())"]
+RUN = [sys.executable, "-c", "import sys; from noslip.cli.main import main; sys.exit(main())"]
 CASES = os.path.join(os.path.dirname(__file__), "reference", "labmate_paper.json")
 
 
@@ -52,7 +53,7 @@ def test_wrong_command_line(argv, bad_input):
 
 @pytest.mark.parametrize("command", ["evaluate", "check"])
 def test_the_command_line_does_not_import_the_model(command):
-    loaded = "import sys; from noslip.harness.cli import main; main(sys.argv[1:]); print(*sys.modules)"
+    loaded = "import sys; from noslip.cli.main import main; main(sys.argv[1:]); print(*sys.modules)"
     result = subprocess.run([sys.executable, "-c", loaded, command, "--help"], capture_output=True, text=True, check=True)
     assert not {"casadi", "sympy", "scipy", "matplotlib"} & set(result.stdout.splitlines()[-1].split())
 
@@ -65,7 +66,7 @@ def raising(monkeypatch):
         def run(args):
             raise error
 
-        monkeypatch.setattr("noslip.harness.evaluate.run", run)
+        monkeypatch.setattr("noslip.cli.evaluate.run", run)
         return ["evaluate", CASES]
 
     return raising
@@ -88,14 +89,14 @@ def test_errors_are_one_line(raising, capsys, error, code, line):
 
 def test_an_error_of_our_own_is_one_line(raising, capsys, monkeypatch):
     monkeypatch.delenv("NOSLIP_DEBUG", raising=False)
-    assert main(raising(KeyError("lost"))) == cli.INTERNAL
+    assert main(raising(KeyError("lost"))) == INTERNAL
     err = capsys.readouterr().err
     assert err.startswith("noslip: internal error") and "KeyError: 'lost' (test_cli.py:" in err and err.count("\n") == 1
 
 
 def test_debugging_shows_where_it_comes_from(raising, capsys, monkeypatch):
     monkeypatch.setenv("NOSLIP_DEBUG", "1")
-    assert main(raising(KeyError("lost"))) == cli.INTERNAL
+    assert main(raising(KeyError("lost"))) == INTERNAL
     assert "Traceback" in capsys.readouterr().err
 
 
@@ -105,7 +106,7 @@ def test_reader_that_leaves_is_no_error():
     os.close(read)
     result = subprocess.run([*RUN, "evaluate", CASES, "--backend", "casadi"], stdout=written, stderr=subprocess.PIPE, text=True)
     os.close(written)
-    assert (result.returncode, result.stderr) == (cli.READER_GONE, "")
+    assert (result.returncode, result.stderr) == (READER_GONE, "")
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full here")
@@ -120,17 +121,46 @@ def test_full_disk(to_file):
     assert result.stderr.count("\n") == 1 and "No space left on device" in result.stderr
 
 
-@pytest.mark.parametrize("wait", [0.3, 0.7])
-@pytest.mark.parametrize("command", [["generate", "labmate"], ["export", "labmate"], ["check", "--states", "100000"]])
-def test_ctrl_c_ends_at_once_and_leaves_nothing(command, wait, tmp_path):
-    """Wherever it comes, also inside CasADi, where an exception would be lost. A command may also have ended by itself."""
+# A process that sends itself a signal when something happens for the K-th time: a module is imported, a file is renamed, ...
+STOPPED = """import os, sys
+import signal as signals
+signals.signal(signals.SIGINT, signals.default_int_handler)  # also where the tests run in the background
+signal, wanted, left = int(sys.argv[1]), sys.argv[2], [int(sys.argv[3])]
+def hook(event, args):
+    if event == wanted and "noslip.cli.main" in sys.modules:
+        left[0] -= 1
+        if not left[0]:
+            os.kill(os.getpid(), signal)
+sys.addaudithook(hook)
+from noslip.cli.main import main
+del sys.argv[1:4]
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "event, k", [*(("import", k) for k in (1, 2, 9, 40, 150, 600)), ("open", 400), ("os.mkdir", 2), ("os.rename", 1)]
+)
+def test_a_signal_ends_at_once_and_leaves_nothing(number, event, k, tmp_path):
+    """Whenever it comes, from the first module that is imported until the files are in their place."""
+    command = [sys.executable, "-c", STOPPED, str(int(number)), event, str(k), "generate", "labmate", "--output", "type_ii"]
+    done = subprocess.run([*command, "-o", str(tmp_path / "new/made")], capture_output=True, text=True)
+    known = [(130, "noslip: interrupted\n")] if number == signal.SIGINT else [(143, "noslip: terminated\n")]
+    if number == signal.SIGTERM and k <= 2:
+        known += [(-number, "")]  # nothing is there yet that could answer, or have to be removed
+    assert (done.returncode, done.stderr) in known
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", [["export", "labmate"], ["check", "--states", "100000"]])
+def test_ctrl_c_from_outside(command, tmp_path):
+    """Also inside CasADi, where an exception would be lost. Before the first line of noslip Python itself answers."""
     target = [] if command[0] == "check" else ["-o", str(tmp_path / "made")]
     process = subprocess.Popen([*RUN, *command, *target], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    time.sleep(wait)
+    while "libcasadi" not in Path(f"/proc/{process.pid}/maps").read_text():
+        time.sleep(0.005)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
-    if process.returncode == 0 and command[0] != "check":
-        return
-    assert process.returncode in (130, -signal.SIGINT)  # the latter before the command line is up
-    assert err.decode() in ("noslip: interrupted\n", "") or "KeyboardInterrupt" in err.decode()
+    assert (process.returncode, err) == (130, b"noslip: interrupted\n")
     assert not list(tmp_path.iterdir())

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 from casadi import cos, sin
 from noslip.codegen.files import fingerprint
-from noslip.harness.closed_loop import Run, simulate
-from noslip.harness.contact import GRAVITY, ContactForce, Grip, contact_forces, draw_contact, grip, lambda_columns
-from noslip.harness.errors import BadInput
-from noslip.harness.plant import Plant
-from noslip.harness.robots import find_robot, system_of
-from noslip.harness.spec import Contact, Initial, read_spec
 from noslip.model import Mechanism, ModelError, reduce
 from noslip.model.contacts import axles, combination
 from noslip.model.robots.labmate import labmate
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, system_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.contact import GRAVITY, ContactForce, Grip, contact_forces, draw_contact, grip
+from noslip.simulation.plant import Plant
+from noslip.simulation.run import Run, lambda_columns
+from noslip.simulation.specification.spec import Contact, Initial, read_spec
 
 SPECS = File(__file__).parents[1] / "specs"
 LINE, CIRCLE = read_spec(SPECS / "line.toml"), read_spec(SPECS / "circle.toml")

@@ -11,17 +11,19 @@ import numpy as np
 import pytest
 import sympy as sp
 from casadi import cos, sin, sqrt
+from noslip.analysis.distributions.analysis import Analysis, analyse
+from noslip.analysis.distributions.distribution import distribution
+from noslip.analysis.distributions.places import places
+from noslip.analysis.distributions.properties import LEAF, SPACE, linearization_steps
+from noslip.analysis.exact.half_angles import expression as half_angles
+from noslip.analysis.exact.half_angles import factors
+from noslip.analysis.exact.symbolic import recognized
 from noslip.model import Mechanism, ModelError, reduce
-from noslip.model.analysis import Analysis, analyse
-from noslip.model.distribution import distribution
-from noslip.model.kinematics import Kinematics, kinematics
 from noslip.model.mechanism import Quantity, quantity
-from noslip.model.places import places
-from noslip.model.properties import LEAF, SPACE, linearization_steps
 from noslip.model.robots.labmate import labmate
-from noslip.model.rolling import PlanarContact, RollingContact
-from noslip.model.surfaces import circle, cylinder, ellipsoid, line, plane, sphere, torus
-from noslip.model.symbolic import recognized
+from noslip.model.rolling.contact import PlanarContact, RollingContact
+from noslip.model.rolling.kinematics import Kinematics, kinematics
+from noslip.model.rolling.surfaces import circle, cylinder, ellipsoid, line, plane, sphere, torus
 from noslip.tests import kinematic_systems as systems
 
 SYSTEMS: dict[str, Callable[[], Kinematics]] = {
@@ -296,6 +298,54 @@ def test_places_where_constraints_depend_or_quasi_velocities_fail():
     assert analysed("slider_crank").places.doubts == (("cos(crank)", "cos(rod)"),)
 
 
+@pytest.mark.parametrize("by_constraints", [True, False])
+def test_places_of_a_trailer_hitched_behind_the_axle(by_constraints):
+    """C. Altafini, Int. J. Control 74(2), 2001 (general 1-trailer): with a hitch offset of the trailer's length the joint rate is
+    (1 + cos) omega - sin v / L. It vanishes with the trailer folded onto the tractor, which no motion leaves; not when straight.
+    """
+    given = systems.hitched(by_constraints)
+    found = analyse(given).places
+    (place,) = found.places
+    assert place.words == "t0 - t1 is an odd multiple of 180 degrees" and found.complete
+    assert place.growth[:3] == (2, 3, 3) and not place.whole and place.verified and place.at_defaults
+    t0, t1 = sp.symbols("t0 t1")
+    columns = [0, 0, 1, -sp.cos(t0 - t1)], [sp.cos(t0), sp.sin(t0), 0, sp.sin(t0 - t1)]
+    fields = [sp.lambdify([sp.symbols("x y t0 t1")], column, "mpmath") for column in columns]
+    with mpmath.workdps(DIGITS):
+        for fold, growth in ((mpmath.mpf(0), (2, 3, 4)), (mpmath.pi, (2, 3, 3))):
+            point = [mpmath.mpf("0.3"), mpmath.mpf("-0.7"), mpmath.mpf("1.1") + fold, mpmath.mpf("1.1")]
+            assert numerical_growth(fields, point, 3) == growth
+
+
+@pytest.mark.parametrize(
+    "function, kind, words",
+    [
+        (lambda x: 2 * cos(x) + 3, systems.angle, []),
+        (lambda x: x * x + x + 1, systems.length, []),
+        (lambda x: x**4 + x + 1, systems.length, []),
+        (lambda x: x**3 - 2, systems.length, ["x**3 - 2 = 0"]),
+        (lambda x: 1 + cos(x), systems.angle, ["x is an odd multiple of 180 degrees"]),
+        (lambda x: sin(x), systems.angle, ["x is a multiple of 180 degrees"]),
+        (lambda x: 2 * sin(x) + cos(x) + 1, systems.angle, ["2*sin(x/2) + cos(x/2) = 0", "x is an odd multiple of 180 degrees"]),
+        (lambda x: x - 1000, systems.length, ["x - 1000 = 0"]),
+    ],
+)
+def test_places_are_real(function, kind, words):
+    """Only real zeros are places: f has them or not by its closed form; each is verified, and nothing else is left open."""
+    found = analyse(systems.grushin(function, kind)).places
+    assert sorted(place.words for place in found.places) == words and found.complete
+    for place in found.places:
+        double = place.words.endswith("180 degrees") and function(math.pi) < 1e-9 and abs(function(math.pi + 1e-4)) < 1e-7
+        assert place.growth == ((1, 1, 2) if double else (1, 2)) and place.verified and place.at_defaults
+
+
+def test_a_place_for_other_parameters_only():
+    """cos(x) + p with p = 2 is never zero; it is for p < 1."""
+    p = quantity("p", "1", default=2.0, sign="positive")
+    (place,) = analyse(systems.grushin(lambda x: cos(x) + p.symbol, systems.angle, p)).places.places
+    assert place.verified and not place.at_defaults and "not for the default parameters" in place.text()
+
+
 # -- theorems ---------------------------------------------------------------------------------------------------------
 
 
@@ -322,6 +372,34 @@ def test_theorems_without_integrals():
         assert found["accessible", SPACE] and found["controllable", SPACE] and found["dynamic_feedback_linearizable", SPACE]
         assert not found["asymptotically_stabilizable", SPACE] and not found["input_state_linearizable", SPACE]
         assert all(where == SPACE for _, where in found)
+
+
+@pytest.mark.parametrize(
+    "robot, driven, freedom, reached",
+    [
+        (lambda: systems.sleigh(0.3), 1, 2, 5),
+        (lambda: systems.sleigh(0.0), 1, 2, 4),
+        (systems.snakeboard, 2, 3, 8),
+    ],
+)
+def test_underactuated_robots_are_judged_as_they_are_driven(robot, driven, freedom, reached):
+    """Chaplygin's sleigh: v' = d omega^2, so that with d = 0 no torque changes v (Neimark, Fufaev 1972). The snakeboard: locally
+    accessible (J. Ostrowski, J. Burdick, Int. J. Robotics Research 17(7), 1998). What feedback (12) would allow is not said.
+    """
+    found = analyse(robot())
+    assert (found.actuation.driven, found.actuation.freedom, found.actuation.reached) == (driven, freedom, reached)
+    assert found.check("accessible").verdict is (reached == 2 * found.n - found.m)
+    assert found.check("controllable").verdict is (None if reached == 2 * found.n - found.m else False)
+    for name in ("lagrange_stable", "dynamic_feedback_linearizable"):
+        assert found.check(name).verdict is None and f"{driven} of {freedom} quasi-velocities" in found.check(name).reason
+    assert "nu' = u" not in found.controlled and found.as_json()["properties_of"] == found.controlled
+
+
+def test_a_robot_with_all_its_inputs_is_the_system_of_the_theorems():
+    """Pushed too, the sleigh is (13) after feedback (12): accessible by numbers as by Theorem 1."""
+    found = analyse(systems.sleigh(0.3, pushed=True))
+    assert found.actuation.full and found.actuation.reached == 5 and found.controlled == "q' = S nu, nu' = u"
+    assert found.check("accessible").verdict and found.check("controllable").verdict
 
 
 def test_theorems_with_only_holonomic_constraints():
@@ -416,6 +494,13 @@ def test_functions_of_angles_are_one():
     assert analysis.k == 1 and analysis.holonomic.integrals[0].text() == "y = const"
 
 
+def test_sine_and_exponential_of_the_same_multiple():
+    x, y, z = q = coordinates("x", "y", "z")
+    a = x.symbol
+    zero = ca.exp(2 * a) * sin(2 * a) - 2 * ca.exp(a) ** 2 * sin(a) * cos(a)
+    assert analyse(Kinematics("zero", q, A=ca.horzcat(zero, 1, 0))).holonomic.integrals[0].text() == "y = const"
+
+
 def test_root_of_a_square_is_taken_to_be_positive_and_said():
     x, y, z = q = coordinates("x", "y", "z")
     assert analyse(Kinematics("root", q, A=ca.horzcat(sqrt(1 - sin(z.symbol) ** 2), sin(z.symbol), 0))).assumed == ("cos(z)",)
@@ -492,3 +577,15 @@ def test_json_and_text():
     assert "3 constraints: 1 holonomic, 2 nonholonomic" in text and text.isascii()
     for check in analysis.checks:
         assert check.hypotheses and check.text() in text
+
+
+def test_factors_by_half_angles_are_the_function():
+    """Each factor vanishes where its expression in coordinates does, and their product is the function, to 1e-12."""
+    found = distribution(systems.grushin(lambda x: sin(x) * (2 * sin(x) + cos(x) + 1), systems.angle))
+    (polynomial,) = [part for part in found.fields[1].below if not found.functions.is_constant(part)]
+    forms = factors(found.functions, polynomial)
+    assert sum(power for _, power in forms) == 4 and len(forms) == 3  # C^2 S (C + 2 S)
+    x = found.functions.coordinates[0]
+    product = sp.prod(half_angles(found.functions, form) ** power for form, power in forms)
+    ratio = sp.lambdify(x, product / found.functions.expression(polynomial), "math")
+    assert np.ptp([ratio(value) for value in np.random.default_rng(2).uniform(-3, 3, 9)]) < 1e-12

@@ -10,20 +10,21 @@ import numpy as np
 import pytest
 import sympy as sp
 from casadi import cos, sin
+from noslip.cli.main import main
 from noslip.codegen.dynamics import UNROLLED, DynamicsProgram, compile_dynamics
-from noslip.codegen.dynamics_c import DynamicsC
 from noslip.codegen.files import dynamics_text, shared_files
-from noslip.codegen.robot_c import robot_declarations
-from noslip.codegen.scalar import SCALARS
-from noslip.harness.build import compiler, runtime_files
-from noslip.harness.cli import main
-from noslip.harness.robots import find_robot, system_of
-from noslip.harness.runtime import load
+from noslip.codegen.printing.dynamics_c import DynamicsC
+from noslip.codegen.printing.law_c import runtime_types
+from noslip.codegen.printing.robot_c import robot_declarations
+from noslip.codegen.printing.scalar import SCALARS
+from noslip.controllers.build import compiler, runtime_files
+from noslip.controllers.runtime import load
 from noslip.model import Mechanism, ModelError, reduce
 from noslip.model.recursion import cancelled
 from noslip.model.reduction import ReducedSystem
 from noslip.model.robots import ROBOTS
 from noslip.model.robots.tractor_trailer import tractor_trailer
+from noslip.readers.robots import find_robot, system_of
 from scipy.integrate import solve_ivp
 from sympy.physics.mechanics import LagrangesMethod, dynamicsymbols
 
@@ -182,6 +183,7 @@ class Plant:
         text = dynamics_text(program(name), kind)
         self.ffi = cffi.FFI()
         self.ffi.cdef("const char *noslip_status_name(int status);")
+        self.ffi.cdef(runtime_types(kind))
         self.ffi.cdef(robot_declarations(made, kind))
         self.ffi.cdef(text.declarations())
         self.lib = load(self.ffi, {**shared_files(made, kind), **text.files()})
@@ -195,7 +197,7 @@ class Plant:
     def filled(self, kind: str, quantities, values):
         made = self.ffi.new(f"{self.name(f'{self.robot}_{kind}')} *")
         for quantity, value in zip(quantities, values, strict=True):
-            setattr(made, quantity.name, value)
+            setattr(made, quantity.in_c, value)
         return made
 
     def status(self, number: int) -> str:

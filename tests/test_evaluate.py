@@ -3,20 +3,24 @@
 import copy
 import json
 import math
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
-from noslip.harness.backends import BACKENDS, MODEL_QUANTITIES, QUANTITIES, make_controller
-from noslip.harness.cases import read_cases
-from noslip.harness.cli import main
-from noslip.harness.evaluate import evaluate_cases
-from noslip.harness.robots import find_laws, find_robot, law_of, system_of
-from noslip.harness.sampling import random_plants
+from noslip.cli.main import main
+from noslip.controllers.backends import make_controller
+from noslip.controllers.controller import BACKENDS, MODEL_QUANTITIES, QUANTITIES
 from noslip.model.law import symbols
 from noslip.model.outputs import OUTPUTS
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_laws, find_robot, law_of, system_of
+from noslip.verification.cases import read_cases
+from noslip.verification.evaluate import evaluate_cases
+from noslip.verification.sampling import random_plants
 from scipy.optimize import brentq
 
 REFERENCE = Path(__file__).parent / "reference"
@@ -119,6 +123,47 @@ def test_robot_of_a_file(case, write, tmp_path):
 
 def test_every_law_fits_the_labmate():
     assert find_laws(system_of(find_robot("labmate"))) == tuple(OUTPUTS)
+
+
+@each_backend
+def test_threads_may_share_a_controller(backend):
+    """Six of them, each at states of its own: every answer is the one that a single thread gets."""
+    law = law_of(find_robot("labmate"), "type_i")
+    (plant,) = random_plants(law, 20, seed=16)
+    controller = make_controller(backend, law, plant.params, plant.config, plant.gains)
+    asked = [(point.state, point.reference) for point in plant.points]
+    alone = [(controller.step(*point)[1], controller.evaluate(*point).values["Phi"]) for point in asked]
+
+    def wrong(k: int) -> int:
+        count = 0
+        for turn in range(1000):
+            j = (k + turn) % len(asked)
+            found = controller.step(*asked[j])[1], controller.evaluate(*asked[j]).values["Phi"]
+            count += not all(map(np.array_equal, found, alone[j]))
+        return count
+
+    interval = sys.getswitchinterval()
+    try:
+        sys.setswitchinterval(1e-6)
+        with ThreadPoolExecutor(6) as pool:
+            assert sum(pool.map(wrong, range(6))) == 0
+    finally:
+        sys.setswitchinterval(interval)
+
+
+@each_backend
+@pytest.mark.parametrize("shape", [(1, 7), (7, 1), (6,), (8,), ()])
+def test_a_state_of_the_wrong_shape_is_refused(backend, shape):
+    """A number or a row in the place of a vector would be taken for all of it. So with the reference."""
+    law = law_of(find_robot("labmate"), "type_i")
+    (plant,) = random_plants(law, 1, seed=16)
+    controller = make_controller(backend, law, plant.params, plant.config, plant.gains)
+    reference = np.zeros(len(law.reference))
+    for ask in (controller.step, controller.evaluate):
+        with pytest.raises(BadInput, match=r"type_i: state has shape .*; give 7 numbers: x_c, "):
+            ask(np.full(shape, 0.1), reference)
+        with pytest.raises(BadInput, match="type_i: reference has shape"):
+            ask(plant.points[0].state, reference[None, :])
 
 
 @each_backend
@@ -279,7 +324,7 @@ def test_check_at_random_states(seed, capsys):
 
 def test_random_check_sees_a_difference(monkeypatch, capsys):
     """The C of a law that is told a radius one part in a thousand too large."""
-    from noslip.harness import check
+    from noslip.verification import check
 
     def wrong(backend, law, params, config, gains):
         r = [quantity.name for quantity in law.parameters].index("r")
@@ -399,11 +444,11 @@ def test_robot_file_with_an_error(case, write, tmp_path, bad_input, source, name
 def test_files_that_cannot_be_read_or_written(case, write, tmp_path, bad_input):
     path = write([case])
     assert "nothing.json: No such file" in bad_input(["evaluate", str(tmp_path / "nothing.json")])
-    assert "no_folder/out.json: No such file" in bad_input(
+    assert "no_folder/out.json: there is no folder" in bad_input(
         ["evaluate", path, "--backend", "casadi", "-o", str(tmp_path / "no_folder/out.json")]
     )
-    assert "Is a directory" in bad_input(["evaluate", path, "--backend", "casadi", "-o", str(tmp_path)])
-    assert "Not a directory" in bad_input(["evaluate", path, "--backend", "casadi", "-o", f"{path}/out.json"])
+    assert "is a folder; give a file in it" in bad_input(["evaluate", path, "--backend", "casadi", "-o", str(tmp_path)])
+    assert "there is no folder" in bad_input(["evaluate", path, "--backend", "casadi", "-o", f"{path}/out.json"])
 
 
 def test_bad_input_leaves_the_old_output(case, write, tmp_path):

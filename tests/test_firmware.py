@@ -11,11 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from noslip.codegen.targets import makefile
+from noslip.controllers.build import RUNTIME
+from noslip.controllers.targets import QUIET, TARGETS, missing, required
 from noslip.guarantees.vehicle import FIRMWARE, GENERATED, HOLD, PERIOD, ROOT, RUN, STOP, Firmware, Loop, change
-from noslip.harness.build import RUNTIME
-from noslip.harness.plant import Plant
-from noslip.harness.robots import find_robot, system_of
-from noslip.harness.targets import QUIET, TARGETS, missing, required
+from noslip.readers.robots import find_robot, system_of
+from noslip.simulation.plant import Plant
 
 TURN = 2 * math.pi
 NAN, INF = math.nan, math.inf
@@ -126,6 +127,23 @@ def test_bad_motors_are_refused(c, name):
         assert status == c.lib.NOSLIP_BAD_PARAMETER, value
 
 
+def test_no_motor_is_told_nothing(c):
+    motor, _ = c.motor(**some_motor(np.random.default_rng(2)))
+    told, null = c.ffi.new("float *", 7.0), c.ffi.NULL
+    assert c.lib.step_motor(null, 1.0, 1.0, told) == c.lib.NOSLIP_NULL and told[0] == 0
+    assert c.lib.step_motor(motor, 1.0, 1.0, null) == c.lib.step_motor(null, 1.0, 1.0, null) == c.lib.NOSLIP_NULL
+
+
+def test_motors_at_the_border_are_taken(c):
+    """A gear without losses, a motor without friction."""
+    good = some_motor(np.random.default_rng(2))
+    for change_of in ({"efficiency": 1.0}, {"friction": 0.0}, {"efficiency": 1.0, "friction": 0.0}):
+        settings, told = {**good, **change_of}, c.ffi.new("float *")
+        motor, status = c.motor(**settings)
+        assert status == 0 and c.lib.step_motor(motor, 0.5, 1.0, told) == 0
+        assert motor_does(settings, told[0], 1.0)[0] == pytest.approx(0.5, rel=1e-5)
+
+
 def test_a_motor_never_answers_what_is_not_finite(c):
     random, told = np.random.default_rng(3), c.ffi.new("float *")
     hard = [0.0, 1.0, -1e38, 3e38, 1e-45, NAN, INF, -INF]
@@ -150,14 +168,16 @@ class Rules:
 
     def __init__(self, tolerated: int, forgiven: int, stuck: int, passing: tuple):
         self.tolerated, self.forgiven, self.stuck, self.passing = tolerated, forgiven, stuck, passing
-        self.state, self.strikes, self.good, self.stood = RUN, 0, 0, 0
+        self.state, self.strikes, self.good, self.stood, self.status = RUN, 0, 0, 0, 0
 
     def tick(self, status: int, missed: int, standing: int) -> int:
         if self.state == STOP:
             return STOP
         self.stood = self.stood + 1 if standing else 0
         bad = missed + (status < 0)
-        if (self.stuck and self.stood > self.stuck) or (status < 0 and status not in self.passing):
+        stuck = self.stuck and self.stood > self.stuck
+        self.status = status if status < 0 and not stuck else self.status
+        if stuck or (status < 0 and status not in self.passing):
             self.state = STOP
         elif self.strikes + bad > self.tolerated:
             self.state = STOP
@@ -176,15 +196,17 @@ def test_the_watchdog_keeps_its_rules(c):
     seen = set()
     for _ in range(400):
         tolerated, forgiven, stuck = (int(n) for n in random.integers(0, [5, 6, 4]))
-        watchdog, rules = c.new("watchdog"), Rules(tolerated, forgiven, stuck, passing)
+        watchdog, rules = c.used("watchdog"), Rules(tolerated, forgiven, stuck, passing)
         assert lib.watchdog_init(watchdog, c.new("watchdog_settings", (tolerated, forgiven, stuck))) == 0
         for _ in range(60):
             status, missed = int(random.choice(statuses)), int(random.choice([0, 0, 0, 0, 0, 0, 1, 9]))
             standing = int(random.random() < 0.3)
             wanted = rules.tick(status, missed, standing)
             assert lib.watchdog_step(watchdog, status, missed, standing) == wanted == watchdog.state
+            assert watchdog.status == rules.status
             seen.add((wanted, watchdog.reason))
         assert lib.watchdog_reset(watchdog) == 0 and lib.watchdog_step(watchdog, 0, 0, 0) == RUN
+        assert (watchdog.status, watchdog.reason, watchdog.strikes, watchdog.good, watchdog.stood) == (0,) * 5
     assert seen == {(RUN, 0), (HOLD, 0), (STOP, 1), (STOP, 2), (STOP, 3)}
 
 
@@ -205,7 +227,7 @@ def test_bad_settings_are_refused(c, name):
     place, values = SETTINGS[name]
     told, counts = c.ffi.new("float[2]"), c.ffi.new("uint32_t[2]")
     for value in values:
-        settings, vehicle = c.settings(), c.new("vehicle")
+        settings, vehicle = c.settings(), c.used("vehicle")
         change(settings, place, value)
         assert c.lib.vehicle_init(vehicle, settings) < 0, value
         told[0] = told[1] = NAN
@@ -221,6 +243,13 @@ def test_null_is_refused(c):
     assert list(told) == [0, 0] and c.lib.vehicle_step(vehicle, counts, 0, null) == c.lib.NOSLIP_NULL
     settings.segments = null
     assert c.lib.vehicle_init(c.new("vehicle"), settings) < 0
+
+
+def test_null_parts_are_refused(c):
+    null, lib = c.ffi.NULL, c.lib
+    for init, kind in ((lib.watchdog_init, "watchdog"), (lib.motor_init, "motor")):
+        assert init(null, c.new(f"{kind}_settings")) == init(c.used(kind), null) == lib.NOSLIP_NULL
+    assert lib.watchdog_reset(null) == lib.vehicle_reset(null) == lib.NOSLIP_NULL
 
 
 def feed(c, vehicle, counts) -> np.ndarray:
@@ -401,6 +430,28 @@ def test_a_count_that_is_misread_costs_nothing(c):
     )  # rad/s: the mean over both ticks
 
 
+@pytest.mark.parametrize("missed", [1, 2])
+def test_a_misread_count_after_missed_ticks_costs_nothing(c, missed):
+    """The tick that is misread waits with those that were missed: the next one has the way and the time of all of them."""
+    loop = started(c)
+    before = list(loop.pose())
+    assert loop.tick(lambda counts: counts.__setitem__(0, counts[0] ^ 0x4000), missed) == c.lib.NOSLIP_RANGE
+    assert loop.state == HOLD and list(loop.pose()) == before and loop.vehicle.waited == missed + 1
+    assert loop.tick() >= 0 and loop.state == RUN and loop.vehicle.waited == 0
+    assert loop.drift() < 1e-4 and loop.vehicle.watchdog.strikes == missed + 1
+    way = loop.settings.params.r * sum(loop.vehicle.rate) / 2 * PERIOD * (missed + 2)
+    assert abs(way - np.hypot(*(loop.pose() - before)[:2])) < 1e-4 and abs(loop.vehicle.speed - 0.99) < 0.02
+
+
+def test_a_misread_count_too_long_after_the_last_good_one_is_where_it_goes_on(c):
+    """With as many missed as are tolerated the tick is lost, and the pose goes on from the counts that it saw."""
+    loop = started(c)
+    lost = loop.pose()
+    assert loop.tick(lambda counts: counts.__setitem__(0, counts[0] ^ 0x4000), 3) == c.lib.NOSLIP_RANGE
+    assert loop.state == STOP and loop.vehicle.waited == 0 and list(loop.pose()) == list(lost)
+    assert [encoder.last for encoder in loop.vehicle.encoders] == list(loop.counts)
+
+
 def test_missed_ticks_are_made_up_for(c):
     """Pose and rates are right at once; one strike each."""
     loop = started(c)
@@ -509,7 +560,7 @@ def test_ten_hours_of_dead_reckoning(c, pieces):
 # -- the images ------------------------------------------------------------------------------------------------------------
 
 
-PLATFORM = {"netduinoplus2": "cortex-m4f", "stm32f405": "cortex-m4f"}  # targets of firmware/Makefile -> of harness.targets
+PLATFORM = {"netduinoplus2": "cortex-m4f", "stm32f405": "cortex-m4f"}  # targets of firmware/Makefile -> of controllers.targets
 MACHINE = {"netduinoplus2": "netduinoplus2", "stm32f405": "netduinoplus2"}  # of QEMU
 CLOCK = ("-icount", "shift=5,sleep=off")  # time passes with the instructions, and at once while the processor sleeps
 CONSOLE = ("-chardev", "stdio,id=console", "-semihosting-config", "enable=on,target=native,chardev=console")
@@ -606,8 +657,9 @@ def test_the_real_board_checks_itself(built):
     assert code == 2, said
 
 
-def test_flags_are_those_of_the_other_images(built):
-    """The processor's flags in firmware/Makefile, as harness.targets has them, and the machines."""
+def test_the_makefile_has_the_targets_of_the_table(built):
+    """firmware/targets.mk is current, and make uses it."""
+    assert (FIRMWARE / "targets.mk").read_text() == makefile()
     for target in ("cortex-m4f", "cortex-m7", "rv32imafc", "rv32imac"):
         made = subprocess.run(
             ["make", "-n", "-B", "-C", str(FIRMWARE), "run", f"TARGET={target}"], capture_output=True, text=True, check=True

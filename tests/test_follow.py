@@ -6,19 +6,19 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
+from noslip.codegen.derivation.foot import can_be_told
 from noslip.codegen.files import law_program
-from noslip.codegen.foot import can_be_told
 from noslip.codegen.program import compile_law
-from noslip.harness.backends import ON_LIMIT, Limits
-from noslip.harness.compiled import library
-from noslip.harness.plant import Plant as Motion
-from noslip.harness.robots import find_laws, find_robot, law_of, system_of
-from noslip.harness.runtime import runtime
-from noslip.harness.sampling import Plant, random_plants
+from noslip.controllers.compiled import library
+from noslip.controllers.controller import ON_LIMIT, Limits
+from noslip.controllers.runtime import runtime
 from noslip.model.law import control_law
 from noslip.model.mechanism import Mechanism
 from noslip.model.outputs import FOOT, OUTPUTS
 from noslip.model.reduction import reduce
+from noslip.readers.robots import find_laws, find_robot, law_of, system_of
+from noslip.simulation.plant import Plant as Motion
+from noslip.verification.sampling import Plant, random_plants
 
 CASES = [("labmate", ""), ("labmate", "_offset"), ("knife_edge", ""), ("rolling_disk", ""), ("four_wheel", "")]
 ERROR = {"double": 1e-11, "float": 1e-4}  # of the largest torque at a state

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from noslip.guarantees import budget, eva, fuzz, memory
 from noslip.guarantees.__main__ import CHECKS, checked
+from noslip.guarantees.headers import headers
 from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Missing, Target, Task
 
 # test_runtime.py has the others already, test_faults.py the faults
@@ -54,6 +55,17 @@ WRONG = {
         "symbols-m4f",
         "float noslip_f(float x);\nfloat noslip_f(float x) { return (float)(x * 0.1); }",
         "__aeabi_dmul",
+    ),
+    "a struct that is copied by a call": (
+        "symbols-m4f",
+        "typedef struct { float x[64]; } noslip_big;\nvoid noslip_f(noslip_big *a, const noslip_big *b);\n"
+        "void noslip_f(noslip_big *a, const noslip_big *b) { *a = *b; }",
+        "memcpy",
+    ),
+    "double in float, warned of": (
+        "warnings-m4f",
+        "float noslip_f(float x);\nfloat noslip_f(float x) { return (float)(x * 0.1); }",
+        "double-promotion",
     ),
     "recursion": (
         "stack-m4f",
@@ -125,6 +137,8 @@ def changed(folder: Path, file: str, was: str, now: str, laws: str = "") -> Task
     text = path.read_text()
     assert was in text
     path.write_text(text.replace(was, now))
+    for header, remade in headers(folder / "root/runtime_c").items():
+        header.write_text(remade)
     return Task(folder, root=folder / "root", short=True)
 
 
@@ -153,15 +167,83 @@ def test_eva_finds(wrong, tmp_path):
     assert any(told in line for line in found), found
 
 
+VACUOUS = {  # file of c/eva/ and what is changed in it, the program, and the place that is then not reached
+    "no step is checked": (("law.c", "        check_step(", "        (void)follow; if (0) check_step("), "law", "step_good"),
+    "no law is ready": (
+        ("law.c", "    law.on_error = on_error;", "    law.on_error = on_error;\n    law.ready = 0;"),
+        "law",
+        "step_good",
+    ),
+    "no other function is checked": (("law.c", "    check_functions();\n    REACHED", "    REACHED"), "law", "evaluate_good"),
+    "no encoder is checked": (
+        ("runtime.c", "    check_encoder();\n    check_integral", "    check_integral"),
+        "runtime",
+        "read_good",
+    ),
+    "no odometry is ready": (
+        ("runtime.c", "    ANY(*self);\n", "    ANY(*self);\n    self->ready = self->steady = 0;\n"),
+        "runtime",
+        "move_good",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "wrong", [wrong if wrong == "no law is ready" else pytest.param(wrong, marks=pytest.mark.nightly) for wrong in VACUOUS]
+)
+def test_eva_does_not_hold_vacuously(wrong, tmp_path, monkeypatch):
+    """Where what is to be shown is not reached, nothing is shown of it."""
+    (file, was, now), source, place = VACUOUS[wrong]
+    if shutil.which("frama-c") is None:
+        pytest.skip("install frama-c-base")
+    shutil.copytree(eva.PROGRAMS, tmp_path / "eva")
+    text = (tmp_path / "eva" / file).read_text()
+    assert was in text
+    (tmp_path / "eva" / file).write_text(text.replace(was, now))
+    monkeypatch.setattr(eva, "PROGRAMS", tmp_path / "eva")
+    law = "labmate_type_i" if source == "law" else ""
+    _, found = eva.analyse(Task(tmp_path, short=True), eva.Program(source, "float", law))
+    assert any(line.endswith(f"{place} is not reached") for line in found), found
+
+
+def test_bits_of_what_is_analysed_are_compared(tmp_path):
+    """A form for Frama-C that is not the one that ships."""
+    if shutil.which("gcc") is None:
+        pytest.skip("install gcc")
+    was = "x >= -NOSLIP_ANGLE_MAX_F && x <= NOSLIP_ANGLE_MAX_F"
+    task = changed(tmp_path, "runtime_c/noslip_trig.h", was, "x >= -1.0f && x <= 1.0f", "labmate_type")
+    with pytest.raises(Failed, match="shipped"):
+        eva.same_bits(task)
+
+
+GROWN = (
+    "    self->ready = 0;\n",
+    "    self->ready = 0;\n    self->held[0] = params == NULL ? 0 : params->r * params->b / params->d;\n",
+)
+
+
+@pytest.mark.parametrize("name", ["sizes", "sizes-m4f"])
+def test_a_law_that_grows_is_found(name, tmp_path):
+    task = changed(tmp_path, "generated/labmate/labmate_type_i_f.c", *GROWN, "labmate_type_i")
+    try:
+        said = CHECKS[name](task)
+    except Missing as missing:
+        pytest.skip(str(missing))
+    except Failed as failed:
+        assert "labmate_type_i_f text" in str(failed)
+    else:
+        assert said.startswith("not compared") or "not compared" in said, said
+
+
 FOLLOW = "generated/labmate/labmate_type_iv_segment_f.c"
-FOLLOWED = "labmate_type_iv_segment_follow_f_law(self, foot, state, reference, tau);"
+FOLLOWED = "labmate_type_iv_segment_follow_f_law(self, foot, state, reference, made);"
 SEEDED_FIND = {
     "an answer beyond its limit": (
         ("runtime_c/noslip_controller.inc", "(x) <= limit;", "(x) <= limit * (NOSLIP_REAL)1.001;", "labmate_type_i"),
         r"not (isfinite|options.limit)",
     ),
     "a position that follow reads": (
-        (FOLLOW, FOLLOWED, f"{FOLLOWED} tau[0] += state->phi;", "labmate_type_iv_segment"),
+        (FOLLOW, FOLLOWED, f"{FOLLOWED} made[0] += state->phi;", "labmate_type_iv_segment"),
         "not status == STEP",
     ),
 }

@@ -9,21 +9,23 @@ from itertools import product
 
 import numpy as np
 import pytest
-from noslip.harness.backends import BACKENDS, make_controller
-from noslip.harness.cases import read_cases
-from noslip.harness.cli import main
-from noslip.harness.closed_loop import simulate
-from noslip.harness.errors import BadInput
-from noslip.harness.integral import CompiledIntegral, Integral, make_integral
-from noslip.harness.loop import make_loop
-from noslip.harness.robots import find_robot, law_of
-from noslip.harness.runtime import declarations, runtime
-from noslip.harness.spec import Initial, Limits, Output, Reference, Spec, read_spec
+from noslip.cli.main import main
+from noslip.controllers.backends import make_controller
+from noslip.controllers.controller import BACKENDS
+from noslip.controllers.integral import CompiledIntegral, Integral, make_integral
+from noslip.controllers.runtime import declarations, runtime
 from noslip.model.errors import ModelError
 from noslip.model.segments import Segment
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, law_of
+from noslip.simulation.closed_loop import simulate, summary
+from noslip.simulation.loop import make_loop
+from noslip.simulation.specification.spec import Initial, Limits, Output, Reference, Spec, read_spec
 from noslip.tests.test_guidance import NOISE, chain, composite
+from noslip.tests.test_odometry import used
 from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, need, run
 from noslip.tests.test_simulate import LINE, SPECS, changed, toml
+from noslip.verification.cases import read_cases
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -46,6 +48,7 @@ class C:
         self.scalar, self.runtime = scalar, runtime(HEADER)
         self.null = self.runtime.ffi.NULL
         self.self, self.add = self.runtime.new("noslip_integral", scalar), self.runtime.array(scalar, [7.0])
+        used(self.runtime.ffi, self.self)
         self.status = self.call("init", self.self, ki, limit)
 
     def call(self, name: str, *arguments) -> str:
@@ -122,6 +125,27 @@ def test_never_stuck_on_the_wrong_side(backend):
         assert made.step(8.0, 1.0, "ok") == -1.0
         assert made.step(8.0, 1.0, status) == 0.0
         assert made.step(0.5, 1.0, status) == 0.0 and made.step(0.0, 1.0, "ok") == 0.5
+
+
+@each_scalar
+@pytest.mark.parametrize("status", ["ok", "saturated", "singular"])
+@pytest.mark.parametrize("z", [3.0, -3.0])
+def test_without_an_error_or_time_nothing_changes(scalar, status, z):
+    """An error of exactly 0 and a time of exactly 0: z keeps its bits, inputs saturated or not."""
+    made = C(scalar, ki=0.5)
+    assert made.reset(z) == "ok"
+    for error, dt in ((0.0, 0.25), (-0.0, 0.25), (7.0, 0.25), (-7.0, 0.0), (0.0, 0.0), (0.0, 0.25)):
+        assert made.step(error, dt, status) == ("ok", 0.5 * z) and made.self.z == z
+
+
+def test_at_zero_nothing_is_left_of_rounding():
+    """In float: z goes from 1e6, of which 0.01 was lost, back to zero and not beyond; then it is the sum of what comes after."""
+    made = C("float", ki=1.0)
+    assert made.reset(1e6) == "ok"
+    made.step(0.01, 1.0), made.step(-3e6, 1.0)
+    assert made.self.z == 1e6 and made.self.rounded == pytest.approx(-0.01, rel=1e-6)
+    assert made.step(0.5, 1.0, "saturated") == ("ok", 0.0)
+    assert made.step(0.0, 1.0) == ("ok", 0.5)
 
 
 def test_float_does_not_lose_small_steps():
@@ -391,7 +415,7 @@ def test_what_acts_when():
     assert np.abs(none[:4] - none[0]).max() == 0 and np.abs(none[4] - none[0]).max() > 0.1
     assert np.all(half[:2] == 0) and np.array_equal(half[2:6], np.tile(half[2], (4, 1))) and np.array_equal(half[2], none[0])
     assert np.all(whole[:4] == 0) and np.array_equal(whole[4:8], np.tile(none[0], (4, 1)))
-    assert "acting 0.05 s later" in rows[0.05].summary() and "later" not in rows[0.0].summary()
+    assert "acting 0.05 s later" in summary(rows[0.05]) and "later" not in summary(rows[0.0])
 
 
 def test_a_very_short_delay_is_none():

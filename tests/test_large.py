@@ -10,22 +10,25 @@ import numpy as np
 import pytest
 from casadi import cos, sin
 from noslip.codegen.files import shared_files
-from noslip.codegen.scalar import SCALARS
-from noslip.harness.backends import Limits
-from noslip.harness.build import runtime_files
-from noslip.harness.compiled import CompiledController, library
-from noslip.harness.direct import Direct
-from noslip.harness.runtime import runtime
-from noslip.harness.sampling import random_plants
-from noslip.harness.symbolic import CasadiController
+from noslip.codegen.printing.scalar import SCALARS
+from noslip.controllers.build import runtime_files
+from noslip.controllers.compiled import CompiledController, library
+from noslip.controllers.controller import Limits
+from noslip.controllers.direct import Direct
+from noslip.controllers.runtime import runtime
+from noslip.controllers.symbolic import CasadiController
 from noslip.model import Mechanism, ModelError, OutputMap, OutputRow, control_law, reduce
-from noslip.model.exact import canonical
+from noslip.model.algebra.exact import canonical
+from noslip.model.algebra.linear import solve, solve_symmetric
 from noslip.model.law import symbols
-from noslip.model.linearization import SINGULAR, linearize
+from noslip.model.linearization import linearize
 from noslip.model.outputs import at_point, body_point, type_iv
 from noslip.model.paths import circle
-from noslip.model.reduction import solve, solve_symmetric
+from noslip.readers.robots import find_robot
+from noslip.readers.robots import law_of as robots_law
 from noslip.tests.test_runtime import FLAGS, STRICT
+from noslip.verification.sampling import random_plants
+from scipy.optimize import brentq
 
 # -- robots ------------------------------------------------------------------------------------------------------------
 
@@ -260,6 +263,7 @@ def test_slowing_down_within_limits(name, scalar):
 
 # -- singular ----------------------------------------------------------------------------------------------------------
 
+SINGULAR = 1e-5  # written out: the model's own number is what is tested
 NEARLY = {"casadi": 1e-8, "double": 1e-8, "float": 0.05}  # of SINGULAR: rounding of 1e-7 times a condition of 1e5
 
 
@@ -299,6 +303,28 @@ def test_singular_is_the_reciprocal_condition(name):
                 inside, outside = (middle, outside) if rcond(at(middle)) < factor * SINGULAR else (inside, middle)
             assert controller.step(at(inside), point.reference)[0] == expected, (backend, factor)
         assert controller.evaluate(at(centre), point.reference).status == "singular"
+
+
+def test_singular_of_two_outputs():
+    """The LABMATE nearly square to a line: |det Phi| of the product of its row norms against 1e-5, from the paper's Phi."""
+    robot = find_robot("labmate")
+    made, params = robots_law(robot, "type_iv_line"), robot.parameter_values({})
+    b, d, r = (params[[p.name for p in robot.parameters].index(name)] for name in ("b", "d", "r"))
+    config, gains = {"A": 0.0, "B": 1.0, "C": 0.0, "L": 0.4}, [1.0] * len(made.gains)
+    fixed = (params, [config[q.name] for q in made.config], gains)
+
+    def measure(phi: float) -> float:
+        across = r * (0.4 + d) / (2 * b) * np.cos(phi)
+        Phi = np.array([[r / 2 * np.sin(phi) + across, r / 2 * np.sin(phi) - across], [r / 2, r / 2]])
+        return abs(np.linalg.det(Phi)) / np.prod(np.linalg.norm(Phi, axis=1))
+
+    controllers = {"casadi": CasadiController(made, *fixed)}
+    controllers |= {scalar: CompiledController(made, *fixed, scalar) for scalar in ("double", "float")}
+    for backend, controller in controllers.items():
+        for factor, expected in ((1 - NEARLY[backend], "singular"), (1 + NEARLY[backend], "ok")):
+            phi = brentq(lambda phi, factor=factor: measure(phi) - factor * SINGULAR, np.pi / 2 - 1e-3, np.pi / 2, xtol=1e-16)
+            state = np.array([0.0, 0.0, phi, 0.0, 0.0, 0.5, 0.5])
+            assert controller.step(state, np.zeros(len(made.reference)))[0] == expected, (backend, factor)
 
 
 def test_regular_where_a_rewritten_denominator_would_vanish():

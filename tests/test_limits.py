@@ -10,18 +10,20 @@ import numpy as np
 import pytest
 from noslip.codegen import program as program_module
 from noslip.codegen.files import law_program, law_text
+from noslip.codegen.printing.scalar import SCALARS
 from noslip.codegen.program import Program, compile_law
-from noslip.codegen.scalar import SCALARS
-from noslip.harness.backends import BACKENDS, ON_LIMIT, Limits, make_controller
-from noslip.harness.build import shared_library
-from noslip.harness.errors import BadInput
-from noslip.harness.robots import find_robot, law_of
-from noslip.harness.sampling import random_plants
-from noslip.harness.symbolic import slowed
+from noslip.controllers.backends import make_controller
+from noslip.controllers.build import shared_library
+from noslip.controllers.controller import BACKENDS, ON_LIMIT, Limits
+from noslip.controllers.runtime import runtime
+from noslip.controllers.symbolic import slowed
 from noslip.model.law import symbols
 from noslip.model.outputs import OUTPUTS
 from noslip.model.reduction import reduce
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, law_of
 from noslip.tests.codegen_tools import unicycle, wave_law
+from noslip.verification.sampling import random_plants
 from scipy.optimize import linprog
 
 OTHERS = ("type_i", "type_ii", "type_iii")
@@ -228,6 +230,16 @@ def test_slow_follows_a_circle():
 # -- the function by itself ----------------------------------------------------------------------------------------------
 
 
+@each_scalar
+@pytest.mark.parametrize("count", [0, 1, 2, 5])
+def test_values_are_written_and_nothing_beside_them(scalar, count):
+    made = runtime("noslip_odometry.h")
+    given, place = made.array(scalar, range(1, 7)), made.array(scalar, [9.0] * 6)
+    for name, written in (("noslip_write", list(given)), ("noslip_write_zeros", [0.0] * 6)):
+        made.function(name, scalar)(*([given] if name == "noslip_write" else []), place, count)
+        assert list(place) == written[:count] + [9.0] * (6 - count)
+
+
 @cache
 def slow_in_c(scalar: str):
     """noslip_slow, then noslip_answer: (inputs, slope, limits) to statuses of both, inputs after each."""
@@ -236,7 +248,7 @@ def slow_in_c(scalar: str):
     answer = f"int answer(int status, const {scalar} *limits, {scalar} *held, {scalar} *inputs, int count)"
     text = f'#include "noslip_controller.h"\n{declared}; {answer};\n'
     text += f"{declared} {{ return noslip_slow{suffix}(inputs, slope, limits, count); }}\n"
-    text += f"{answer} {{ return noslip_answer{suffix}(status, NOSLIP_ZERO, limits, held, inputs, count); }}\n"
+    text += f"{answer} {{ return noslip_answer{suffix}(status, NOSLIP_ZERO, limits, held, inputs, inputs, count); }}\n"
     ffi = cffi.FFI()
     ffi.cdef(f"{declared}; {answer};")
     library = ffi.dlopen(str(shared_library({"slow.c": text})))

@@ -23,8 +23,8 @@ from noslip.model import (
     linearize,
     reduce,
 )
-from noslip.model.exact import canonical
-from noslip.model.expression import fold
+from noslip.model.algebra.exact import canonical
+from noslip.model.algebra.expression import fold
 from noslip.model.outputs import OUTPUTS, type_iv
 from noslip.model.paths import config, implicit
 from noslip.model.robots.labmate import labmate
@@ -820,6 +820,34 @@ def test_names_used_twice(taken):
     ):
         with pytest.raises(ModelError, match=f"edge: the name '{taken}' is used twice"):
             make()
+
+
+def test_a_reduced_robot_takes_only_outputs():
+    """What laws and plants have been made of does not change under them; a robot that cannot be reduced can be mended."""
+    robot = edge()
+    x, symbols = robot.coordinates[0].symbol, [q.symbol for q in robot.coordinates]
+    assert not robot.reduced
+    before = reduce(robot).Mbar
+    changes = {
+        "coordinate": ("s", "m"),
+        "parameter": ("s", 1.0, "m"),
+        "kinetic_energy": (robot.rate(x) ** 2,),
+        "body": ("trailer", 1.0, 1.0, robot.rate(x), 0.0, 0.0),
+        "potential_energy": (x,),
+        "force": (1.0, robot.rate(x)),
+        "rolls": ("another", robot.rate(x)),
+        "holds": ("another", x),
+        "input": ("more", "N", robot.rate(x)),
+        "quasi_velocity": ("w", "m/s", robot.rate(x)),
+        "null_space": (ca.SX(len(symbols), 1), {"w": "m/s"}),
+        "moves_in_plane": (x, x, x),
+        "contact": ("wheel", 1.0, robot.rate(x)),
+    }
+    for name, given in changes.items():
+        with pytest.raises(ModelError, match=r"edge: \w+ after the robot was reduced, .* build a new Mechanism"):
+            getattr(robot, name)(*given)
+    robot.output("place", "where it is", [(f"y{k}", "m", q) for k, q in enumerate(symbols[:2])])
+    assert ca.is_equal(reduce(robot).Mbar, before, 20)
 
 
 def test_unknown_sign():

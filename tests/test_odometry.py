@@ -9,13 +9,13 @@ import mpmath
 import numpy as np
 import pytest
 from casadi import cos, sin
-from noslip.harness.errors import BadInput
-from noslip.harness.odometry import CompiledOdometry, Odometry, make_odometry, vehicle_wheels
-from noslip.harness.plant import Plant
-from noslip.harness.robots import find_robot, system_of
-from noslip.harness.runtime import declarations, runtime
+from noslip.controllers.odometry import CompiledOdometry, Odometry, make_odometry, vehicle_wheels
+from noslip.controllers.runtime import declarations, runtime
 from noslip.model import Mechanism
 from noslip.model.reduction import reduce
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, system_of
+from noslip.simulation.plant import Plant
 from noslip.tests.codegen_tools import unicycle
 from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, need, run
 from scipy.integrate import solve_ivp
@@ -42,6 +42,11 @@ def short(angle: float) -> float:
     return math.remainder(angle, 2 * math.pi)
 
 
+def used(ffi, struct) -> None:
+    """Fills a struct with what memory may hold before init: NaN in every number."""
+    ffi.buffer(struct)[:] = b"\xff" * ffi.sizeof(struct[0])
+
+
 class C:
     """Dead reckoning by the C itself: statuses are answered, poses too."""
 
@@ -51,6 +56,7 @@ class C:
         self.self, self.told = self.new("noslip_odometry"), self.new("noslip_pose", (7.0, 7.0, 7.0))
         forward, turn, ahead = wheels
         self.options = self.new("noslip_odometry_options", (forward, turn, ahead, release))
+        used(self.runtime.ffi, self.self)
         self.status = self.call("init", self.self, self.options, self.null if start is None else self.pose(start))
 
     def new(self, kind: str, *initial):
@@ -199,17 +205,63 @@ def test_short_arcs_and_long_ones(scalar, bound):
 
 @each_scalar
 def test_the_direction_is_that_of_the_pose(scalar):
-    """After every kind of call; of a heading in float it is good to the rounding of that."""
-    random, made = np.random.default_rng(4), C(scalar, (1.0, 2.0, 3.0), release=0.2)
+    """After every kind of call, also while a correction is let in; of a heading in float it is good to the rounding of that."""
+    random, made, pending = np.random.default_rng(4), C(scalar, (1.0, 2.0, 3.0), release=0.2), set()
     for k in range(400):
         made.move(random.normal(0, 3 if k % 9 == 0 else 0.3, 2), 0.01)
         if k % 60 == 50:
-            made.correct(random.normal(0, 3, 3), k % 2)
-        if k % 70 == 60:
+            made.correct(random.normal(0, 3, 3), k // 60 % 2)
+        if k % 70 == 40:
             made.call("unwind", made.self)
+        if k % 11 == 7:
+            before = made.look()
+            assert made.move(((NAN, 0.0), (INF, 0.0), (1e30, -1e30))[k % 3]) in (("nonfinite", before), ("range", before))
+            pending.add((k % 3, made.self.left > 0))
         heading = made.look()[2]
         rounding = (1.2e-7 if scalar == "float" else 2.3e-16) * (1 + abs(heading))
         assert [*made.self.direction] == pytest.approx([math.cos(heading), math.sin(heading)], abs=rounding)
+    assert pending == set(product(range(3), (False, True)))
+
+
+@each_scalar
+def test_the_direction_where_a_correction_leaves_the_range(scalar):
+    """The reckoned heading stays within the range, what is left of the correction takes the pose beyond it: refused."""
+    made = C(scalar, (1.0, 2.0, RANGE[scalar] - 0.25), release=1.0)
+    assert made.correct((1.0, 2.0, RANGE[scalar] - 2.25), 1) == "ok"
+    before = made.look()
+    assert made.move(angles(0.0, 1.0), 1e-3) == ("range", before) and made.look() == before
+    wanted = [math.cos(before[2]), math.sin(before[2])]
+    assert [*made.self.direction] == pytest.approx(wanted, abs=1e-6 if scalar == "float" else 1e-15)
+    assert made.move(angles(0.0, -1.0), 1e-3)[0] == "ok"
+
+
+@each_scalar
+def test_a_move_in_no_time(scalar):
+    """dt = 0 is a move like any other, of which nothing of a correction is let in."""
+    slow, fast = C(scalar, release=0.5), C(scalar, release=0.5)
+    assert fast.move(angles(0.5, 0.25), 0.0) == slow.move(angles(0.5, 0.25), 0.25)
+    reset = C(scalar, (1.0, 1.0, 1.0))
+    before = fast.look()
+    assert fast.correct((1.0, 1.0, 1.0), 1) == "ok"
+    for _ in range(3):
+        told, bare = fast.move(angles(0.1, 0.0), 0.0)[1], reset.move(angles(0.1, 0.0), 0.0)[1]
+        assert np.subtract(told, bare) == pytest.approx(np.subtract(before, 1.0), abs=2e-6 if scalar == "float" else 1e-14)
+    assert fast.self.left == 0.5
+
+
+@each_scalar
+def test_long_arcs_go_by_the_heading_before_rounding(scalar):
+    """At a large heading: what its sum has lost turns the chord, which is off by one rounding at that size and not by two."""
+    kind, random, far = {"double": np.float64, "float": np.float32}[scalar], np.random.default_rng(11), RANGE[scalar] / 2
+    made, heading, worst = C(scalar, (0.0, 0.0, far), wheels=((1.0, 0.0), (0.0, 1.0), 0.0)), mpmath.mpf(far), 0.0
+    for _ in range(300):
+        way, turn, before = 4.0, float(kind(random.choice([-1, 1]) * random.uniform(0.3, 3.0))), made.look()
+        assert made.move((way, turn))[0] == "ok"
+        chord = way * mpmath.sinc(mpmath.mpf(turn) / 2) * mpmath.expj(heading + mpmath.mpf(turn) / 2)
+        heading += turn
+        worst = max(worst, abs(complex(*np.subtract(made.look(), before)[:2]) - complex(chord)) / way)
+    ulp = float(np.spacing(kind(far)))
+    assert ulp / 4 < worst < 0.8 * ulp  # half an ulp of the heading; its rest with the other sign gives up to 1.5 of them
 
 
 @each_scalar
@@ -485,6 +537,7 @@ class Encoder:
     def __init__(self, scalar: str, counts: float, bits: int):
         self.runtime, self.scalar = runtime(HEADERS[0]), scalar
         self.self, self.angle = self.runtime.new("noslip_encoder", scalar), self.runtime.array(scalar, [7.0])
+        used(self.runtime.ffi, self.self)
         self.status = self.call("init", self.self, counts, bits)
 
     def call(self, name: str, *arguments) -> str:

@@ -6,18 +6,11 @@ import control
 import mpmath
 import numpy as np
 import pytest
-from noslip.harness.errors import BadInput
-from noslip.harness.outer.channel import Channel, Required, longest_period, longest_period_with
-from noslip.harness.outer.design import (
-    Gains,
-    from_discrete_poles,
-    from_lqr,
-    from_poles,
-    from_settling,
-    settling_time,
-)
-from noslip.harness.outer.exponential import exponential
-from noslip.harness.outer.margins import margins, structured
+from noslip.outer.channel import Channel, Required, longest_period, longest_period_with
+from noslip.outer.design import Gains, from_discrete_poles, from_lqr, from_poles, from_settling, settling_time
+from noslip.outer.exponential import exponential
+from noslip.outer.margins import margins, structured
+from noslip.readers.errors import BadInput
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq

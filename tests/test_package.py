@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import math
 import os
 import re
 import shutil
@@ -15,12 +16,13 @@ import cffi
 import noslip
 import numpy as np
 import pytest
-from noslip.codegen.law_c import foot_declaration
-from noslip.codegen.scalar import SCALARS
-from noslip.harness.cli import main
-from noslip.harness.robots import find_robot, law_of
-from noslip.harness.sampling import random_plants
-from noslip.harness.targets import TARGETS
+from noslip.cli.main import main
+from noslip.codegen.printing.law_c import runtime_types
+from noslip.codegen.printing.scalar import SCALARS
+from noslip.controllers.build import runtime_files
+from noslip.controllers.targets import TARGETS
+from noslip.readers.robots import find_robot, law_of
+from noslip.verification.sampling import random_plants
 
 ROOT = Path(noslip.__file__).parent
 STRICT = (
@@ -98,7 +100,7 @@ static int ticks;
 void wait_for_tick(void);
 void read_wheels(float turned[2]);
 void set_torques(float right, float left);
-void wait_for_tick(void) { if (ticks++ == 2500) { exit(0); } }
+void wait_for_tick(void) { if (ticks++ == TICKS) { exit(0); } }
 void read_wheels(float turned[2]) { turned[0] = rate[0] * PERIOD; turned[1] = rate[1] * PERIOD; }
 void set_torques(float right, float left)
 {
@@ -107,9 +109,23 @@ void set_torques(float right, float left)
     const float determinant = same * same - other * other;
     rate[0] += PERIOD * (same * right - other * left) / determinant;
     rate[1] += PERIOD * (same * left - other * right) / determinant;
-    if (ticks % 100 == 0) { printf("%.9g %.9g\\n", (double)rate[0], (double)rate[1]); }
+    if (ticks % PRINTED == 0) { printf("%.9g %.9g\\n", (double)rate[0], (double)rate[1]); }
 }
 """
+
+
+def drive(loop: str, cc: str, ticks: int, printed: int, folder: Path) -> list[list[float]]:
+    """What a loop prints on a board that stops it: the wheels' rates, rad/s, once every `printed` ticks."""
+    exported = folder / "segment"
+    assert main(["export", "labmate", "--output", "type_iv_segment", "--scalar", "float", "-o", str(exported)]) == 0
+    (folder / "main.c").write_text(loop)
+    (folder / "board.c").write_text(ROLLING_BOARD)
+    sources = [path for path in exported.glob("*.c") if path.name != "example.c"]
+    sources += [folder / "main.c", folder / "board.c"]
+    program = folder / "firmware"
+    given = [f"-DTICKS={ticks}", f"-DPRINTED={printed}", f"-I{exported}"]
+    run([cc, *STRICT, *given, *sources, "-o", program])
+    return [list(map(float, line.split())) for line in run([program]).splitlines()]
 
 
 @pytest.mark.parametrize("cc", ["gcc", "clang"])
@@ -117,17 +133,27 @@ def test_path_firmware(cc, tmp_path):
     """The loop of docs/paths.md compiles without a warning and drives a vehicle to the end, where it stands."""
     if shutil.which(cc) is None:
         pytest.skip(f"{cc} is not installed")
-    folder = tmp_path / "segment"
-    assert main(["export", "labmate", "--output", "type_iv_segment", "--scalar", "float", "-o", str(folder)]) == 0
-    (tmp_path / "main.c").write_text(block("c", "docs/paths.md"))
-    (tmp_path / "board.c").write_text(ROLLING_BOARD)
-    sources = [path for path in folder.glob("*.c") if path.name != "example.c"]
-    program = tmp_path / "firmware"
-    run([cc, *STRICT, f"-I{folder}", *sources, tmp_path / "main.c", tmp_path / "board.c", "-o", program])
-    rates = [list(map(float, line.split())) for line in run([program]).splitlines()]
+    rates = drive(block("c", "docs/paths.md"), cc, 2500, 100, tmp_path)
     speeds = [0.075 * (right + left) for right, left in rates]
     assert abs(max(speeds) - 1.4) < 0.1 and abs(speeds[-1]) < 1e-3
     assert 17 < sum(speeds) < 21  # m, one line a second: the path is 18.6 m long
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_laps_for_a_day(turn, tmp_path):
+    """24 h of the loop on a circle of 3 m, 40 000 rad: the wheels turn as ever, nearly as the model's do."""
+    loop = block("c", "docs/paths.md")
+    circle = f"{{.heading = 0.0f, .curvature = {turn}.0f / 3.0f, .length = 18.849556f}}"
+    loop, found = re.subn(r"(segments\[\] = \{).*?\n\};", rf"\1{circle}}};", loop, flags=re.S)
+    loop = loop.replace("segments, 3,", "segments, 1,").replace(".deceleration = 0.5f", ".deceleration = 0.5f, .closed = 1")
+    assert found == 1 and ".closed" in loop and "segments, 1," in loop
+    per_minute, day = 6_000, 24 * 60
+    rates = drive(loop, "gcc", day * per_minute, per_minute, tmp_path)
+    assert len(rates) == day
+    axle = math.sqrt(3**2 - 0.3**2)  # m: radius of its circle, P_l being 0.3 m ahead
+    right, left = (1.4 * (1 + turn * side * 0.75 / axle) / 0.15 for side in (1, -1))
+    assert rates[1] == pytest.approx([right, left], rel=0.1)
+    assert np.abs(np.array(rates[1:]) - rates[1]).max() < 0.01
 
 
 @pytest.fixture(scope="module")
@@ -150,7 +176,7 @@ def test_readme_robot(scalar, tolerance, cart, tmp_path):
     sources = [*folder.glob("*.c"), runtime / "noslip_status.c"]
     run(["gcc", *STRICT, "-fPIC", "-shared", f"-I{runtime}", f"-I{folder}", *sources, "-o", library])
     ffi = cffi.FFI()
-    ffi.cdef(foot_declaration(SCALARS[scalar]))
+    ffi.cdef(runtime_types(SCALARS[scalar]))
     for path in sorted(folder.glob("*.h"), key=lambda path: len(path.name)):
         text = re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", path.read_text(), flags=re.M)
         ffi.cdef("\n".join(line for line in text.splitlines() if not line.startswith("#")))
@@ -208,7 +234,7 @@ def test_export_builds_as_it_is(cc, selection, tmp_path):
 
 def test_export_holds_what_was_asked_for(exported):
     names = {path.name for path in exported.iterdir()}
-    runtime = {path.name for path in (ROOT / "runtime_c").iterdir()} - {"noslip_path.c"}  # the twin in double
+    runtime = runtime_files().keys() - {"noslip_path.c"}  # the twin in double
     assert names == runtime | {
         "labmate_f.c",
         "labmate_f.h",
@@ -301,8 +327,9 @@ def listed_packages() -> set[str]:
 
 
 def files_of(package: str) -> list[Path]:
-    """What a package's folder holds; at the top, where the repository's own files are too, only the code."""
-    return list(ROOT.joinpath(*package.split(".")[1:]).glob("*.py" if package == "noslip" else "*.*"))
+    """What a package's folder holds; at the top, where the repository's own files are too, only the code and py.typed."""
+    kinds = ("*.py", "*.typed") if package == "noslip" else ("*.*",)
+    return [path for kind in kinds for path in ROOT.joinpath(*package.split(".")[1:]).glob(kind)]
 
 
 def test_wheel_holds_the_packages(wheel):
@@ -320,13 +347,25 @@ def test_wheel_holds_the_packages(wheel):
 
 COMMANDS = """
 import json, sys
-from noslip.harness.cli import main
+from noslip.cli.main import main
 for arguments in json.loads(sys.argv[1]):
     if main(arguments):
         sys.exit(f"{arguments} failed")
 """
 
 
+def test_an_unpacked_wheel_generates(wheel, tmp_path):
+    """With nothing of this folder. The nightly test installs it."""
+    run([sys.executable, "-m", "zipfile", "-e", wheel, tmp_path / "unpacked"])
+    env = {**os.environ, "PYTHONPATH": str(tmp_path / "unpacked")}
+    said = "import noslip, sys; from noslip.cli.main import main; print(noslip.__file__); sys.exit(main(sys.argv[1:]))"
+    out = run([sys.executable, "-c", said, "generate", "labmate", "--output", "type_i"], cwd=tmp_path, env=env)
+    assert out.splitlines()[0] == str(tmp_path / "unpacked/noslip/__init__.py")
+    for name in ("labmate.h", "labmate_type_i.c", "labmate_type_i_f.h"):
+        assert (tmp_path / "generated/labmate" / name).read_bytes() == (ROOT / "generated/labmate" / name).read_bytes()
+
+
+@pytest.mark.nightly
 def test_installed_wheel(installed, tmp_path):
     """generate, then in one process export, evaluate and check from an empty folder."""
     cases, env = tmp_path / "cases.json", {**os.environ, "NOSLIP_CACHE": str(tmp_path / "cache")}

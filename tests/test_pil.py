@@ -11,19 +11,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from noslip.harness import pil
-from noslip.harness.backends import ON_TARGET, Limits, make_controller
-from noslip.harness.cli import main
-from noslip.harness.closed_loop import simulate
-from noslip.harness.compiled import library
-from noslip.harness.errors import BadInput
-from noslip.harness.odometry import make_odometry
-from noslip.harness.pil import Session, TargetFault
-from noslip.harness.robots import find_robot, law_of
-from noslip.harness.sampling import random_plants
-from noslip.harness.targets import HOST, TARGETS, required
+from noslip.cli.main import main
+from noslip.controllers import pil
+from noslip.controllers.backends import make_controller
+from noslip.controllers.compiled import library
+from noslip.controllers.controller import ON_TARGET, Limits
+from noslip.controllers.odometry import make_odometry
+from noslip.controllers.pil import Session, TargetFault
+from noslip.controllers.targets import HOST, TARGETS, required
 from noslip.model.segments import Segment
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, law_of
+from noslip.simulation.closed_loop import simulate
 from noslip.tests import firmware
+from noslip.verification.sampling import random_plants
 
 ROOT = Path(__file__).parents[1]
 LAW = law_of(find_robot("labmate"), "type_iv_line")
@@ -97,7 +98,7 @@ def test_objects_are_given_back(backend):
 
 
 def test_a_path_that_is_too_long(backend):
-    from noslip.harness.tracking import TrackerOptions, make_tracker
+    from noslip.controllers.tracking import TrackerOptions, make_tracker
 
     path = [Segment(float(k), 0.0, 0.0, 0.0, 1.0) for k in range(513)]
     options = TrackerOptions(speed=1.0, ahead=0.3)
@@ -238,7 +239,7 @@ def _runs(pid: int) -> bool:
 @pytest.fixture(scope="module")
 def record(tmp_path_factory):
     """The text of a record. It is made on this host: what an image answers is the same, which test_loop and others see to."""
-    from noslip.harness.replay import record_text
+    from noslip.simulation.replay import record_text
 
     spec = firmware.runs()["line"]
     session = Session(HOST, library(LAW, "float"))

@@ -13,11 +13,11 @@ from pathlib import Path
 import noslip
 import numpy as np
 import pytest
-from noslip.harness.cli import main
-from noslip.harness.errors import BadInput
-from noslip.harness.planning import dubins, fit, reeds_shepp, segments_from_tables
-from noslip.harness.planning.tables import toml
+from noslip.cli.main import main
 from noslip.model.segments import Segment
+from noslip.planning import dubins, fit, reeds_shepp, segments_from_tables
+from noslip.planning.tables import toml
+from noslip.readers.errors import BadInput
 from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.spatial import cKDTree
 

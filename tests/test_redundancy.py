@@ -8,22 +8,22 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from noslip.harness.analysis import analyse
-from noslip.harness.backends import Limits
-from noslip.harness.closed_loop import simulate
-from noslip.harness.compiled import CompiledController
-from noslip.harness.contact import contact_forces
-from noslip.harness.plant import Plant
-from noslip.harness.robots import law_of, system_of
-from noslip.harness.sampling import random_plants
-from noslip.harness.spec import Contact, read_spec
-from noslip.harness.symbolic import CasadiController
+from noslip.analysis.answers import analyse
+from noslip.controllers.compiled import CompiledController
+from noslip.controllers.controller import Limits
+from noslip.controllers.symbolic import CasadiController
 from noslip.model import Mechanism, ModelError, reduce
-from noslip.model.kinematics import kinematics
 from noslip.model.law import symbols
 from noslip.model.robots import ROBOTS
 from noslip.model.robots.four_wheel import four_wheel
+from noslip.model.rolling.kinematics import kinematics
+from noslip.readers.robots import law_of, system_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.contact import contact_forces
+from noslip.simulation.plant import Plant
+from noslip.simulation.specification.spec import Contact, read_spec
 from noslip.tests.independent import Description, Motion
+from noslip.verification.sampling import random_plants
 from scipy.integrate import solve_ivp
 
 ROOT = Path(__file__).parents[1]
@@ -299,11 +299,11 @@ def test_c_refuses_a_weight_that_is_none(scalar):
 REFUSED = {
     "zero": (dict(weight=0.0), "'oar': weight 0 must be a positive number"),
     "negative": (dict(weight=-2.0), "must be a positive number"),
-    "not a number": (dict(weight=np.nan), "must be a positive number"),
-    "no limit": (dict(weight=np.inf), "must be a positive number"),
+    "not a number": (dict(weight=np.nan), "weight: contains nan, which is not a finite number"),
+    "no limit": (dict(weight=np.inf), "weight: contains inf, which is not a finite number"),
     "no expression": (dict(weight="much"), "weight is no expression"),
     "no scalar": (dict(weight=ca.SX.ones(2)), "weight must be a scalar"),
-    "nothing wanted": (dict(wanted=np.nan), "wanted nan is not finite"),
+    "nothing wanted": (dict(wanted=np.nan), "wanted: contains nan, which is not a finite number"),
     "a stranger": (dict(wanted=ca.SX.sym("stranger")), "uses stranger"),
     "a strange weight": (dict(weight=ca.SX.sym("stranger")), "uses stranger"),
 }

@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from noslip.harness.figures import robots
-from noslip.harness.figures.report import report
+from noslip.evidence.figures import robots
+from noslip.evidence.report import report
 from noslip.model.robots import ROBOTS
 from noslip.tests.figures_made import figure_of
 

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 import sympy as sp
 from casadi import cos, sin
-from noslip.harness.analysis import analyse
-from noslip.harness.cli import main
-from noslip.harness.closed_loop import simulate
-from noslip.harness.errors import BadInput
-from noslip.harness.loop import make_loop
-from noslip.harness.outer.motion import steady_motion
-from noslip.harness.outer.setting import setting_of
-from noslip.harness.robots import find_laws, find_robot, law_of, system_of
-from noslip.harness.spec import Initial, Reference, read_spec
+from noslip.analysis.answers import analyse
+from noslip.cli.main import main
 from noslip.model import Mechanism, ModelError, config, reduce
+from noslip.model.algebra.exact import by_addition_theorems, canonical
 from noslip.model.contacts import combination
-from noslip.model.exact import by_addition_theorems, canonical
 from noslip.model.reduction import ReducedSystem
 from noslip.model.robots import ROBOTS
+from noslip.outer.motion import steady_motion
+from noslip.outer.setting import setting_of
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_laws, find_robot, law_of, system_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.loop import make_loop
+from noslip.simulation.specification.spec import Initial, Reference, read_spec
 from noslip.tests.independent import DERIVATIONS, Motion, motion
 from scipy.integrate import solve_ivp
 

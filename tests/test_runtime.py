@@ -12,18 +12,19 @@ import cffi
 import noslip
 import numpy as np
 import pytest
-from noslip.codegen.law_c import foot_declaration
-from noslip.codegen.scalar import DOUBLE, FLOAT
-from noslip.harness.robots import find_robot, law_of
-from noslip.harness.sampling import random_plants
+from noslip.codegen.targets import STANDARD
+from noslip.controllers.runtime import declarations, runtime
+from noslip.guarantees.headers import headers
 from noslip.model.outputs import OUTPUTS
+from noslip.readers.robots import find_robot, law_of
+from noslip.verification.sampling import random_plants
 
 ROOT = Path(noslip.__file__).parent
 RUNTIME, GENERATED, DRIVERS = ROOT / "runtime_c", ROOT / "generated" / "labmate", ROOT / "tests" / "c"
 INCLUDE = [f"-I{folder}" for folder in (RUNTIME, GENERATED, DRIVERS)]
 SOURCES = sorted(str(path) for folder in (RUNTIME, GENERATED) for path in folder.glob("*.c"))
 FLOAT_SOURCES = [source for source in SOURCES if source.endswith("_f.c")]
-FLAGS = ["-std=c99", "-ffp-contract=off", "-fno-math-errno"]
+FLAGS = list(STANDARD)
 LEVELS = ("-O0", "-O2")
 # as in the strict set for firmware
 STRICT = (
@@ -150,7 +151,7 @@ def test_no_globals_that_change(cc, built):
     assert len(names) == len(set(names)) and all(name.startswith(("labmate_", "noslip_")) for name in names)
 
 
-# -- sine, cosine, square root -------------------------------------------------------------------------------------------
+# -- sine, cosine, square root, other functions --------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +161,7 @@ def trig_sweep(tmp_path_factory) -> str:
     return program
 
 
-@pytest.mark.parametrize("mode", ["float 101", "double 1000000 1992", "sqrt 1000000 7"])
+@pytest.mark.parametrize("mode", ["float 101", "double 1000000 1992", "functions 4999 100000 1992", "sqrt 1000000 7"])
 def test_trig_and_roots(trig_sweep, mode):
     """A sample; make trig-sweep tries every float."""
     result = subprocess.run([trig_sweep, *mode.split()], capture_output=True, text=True)
@@ -192,10 +193,8 @@ def program(built, tmp_path_factory):
     library = tmp_path_factory.mktemp("program") / "all.so"
     run(["gcc", "-shared", *built("gcc", "-O2"), "-o", str(library)])
     ffi = cffi.FFI()
-    for scalar in (DOUBLE, FLOAT):
-        ffi.cdef(foot_declaration(scalar))
-    headers = [RUNTIME / "noslip_status.h", *sorted(GENERATED.glob("*.h"), key=lambda path: len(path.name))]
-    for header in headers:
+    ffi.cdef(declarations("noslip_controller.h"))
+    for header in sorted(GENERATED.glob("*.h"), key=lambda path: len(path.name)):
         text = re.sub(r'extern "C" \{|^\}$', "", re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", header.read_text(), flags=re.M))
         ffi.cdef("\n".join(line for line in text.splitlines() if not line.startswith("#")))
     return ffi, ffi.dlopen(str(library))
@@ -585,6 +584,19 @@ def test_answer_on_an_error(robot, hold):
 
 @each_scalar
 @each_law
+def test_no_options_are_zeros(robot):
+    """Null: no limits, zeros on an error, whatever the struct held before."""
+    _, free = robot.step()
+    robot.options.on_error, robot.options.limit[0], robot.options.limit[1] = 1, 1e-3, 1e-3
+    assert robot.init() == "ok" and robot.step()[0] == "saturated"
+    assert robot.call("init", robot.self, robot.params, robot.config, robot.gains, robot.ffi.NULL) == "ok"
+    assert robot.step() == ("ok", free)
+    robot.state.phi = math.nan
+    assert robot.step() == ("nonfinite", [0.0, 0.0])
+
+
+@each_scalar
+@each_law
 def test_held_is_what_was_cut(robot):
     _, free = robot.step()
     robot.options.limit[0], robot.options.on_error = abs(free[0]) / 2, 1
@@ -652,3 +664,84 @@ def test_controllers_do_not_touch_each_other(program):
             answers.append(one_step(robot, k))
     assert together == alone
     assert len({str(answers) for answers in alone}) == len(alone)
+
+
+def test_headers_are_current():
+    """Those made from one text for both scalars are what that text says."""
+    made = headers()
+    assert len(made) == 7
+    for path, text in made.items():
+        assert path.read_text() == text, f"{path.name}: python -m noslip.guarantees.headers"
+
+
+def test_each_public_name_is_in_a_header():
+    """Each function that the runtime's library has stands in a header by its whole name, in double and in float."""
+    text = "".join(path.read_text() for path in RUNTIME.glob("*.h"))
+    for header in ("angle", "integral", "odometry", "path", "reversing", "solve"):
+        names = re.findall(r"\b(noslip_\w+)\(", declarations(f"noslip_{header}.h"))
+        assert {name + "_f" for name in names} & set(names)
+        for name in names:
+            assert re.search(rf"\b{name}\(", text), name
+            assert name.endswith("_f") or name.startswith(("noslip_status", "noslip_version")) or f"{name}_f(" in text, name
+
+
+def test_version_is_that_of_the_package():
+    """One source: __version__. The macros and the function agree with it."""
+    made = runtime("noslip_version.h")
+    text = (RUNTIME / "noslip_version.h").read_text()
+    major, minor, patch = (int(part) for part in noslip.__version__.split(".")[:3])
+    assert f'#define NOSLIP_VERSION "{noslip.__version__}"' in text
+    assert f"#define NOSLIP_VERSION_NUMBER {10000 * major + 100 * minor + patch} " in text
+    assert made.ffi.string(made.lib.noslip_version()).decode() == noslip.__version__
+
+
+@compilers
+@pytest.mark.parametrize("number", [None, 0, 100, 10000])
+def test_generated_c_refuses_a_runtime_of_another_version(number, cc, tmp_path):
+    """It compiles with the runtime of its own version (None) alone, and says what is wrong."""
+    shutil.copytree(RUNTIME, tmp_path / "runtime")
+    path = tmp_path / "runtime" / "noslip_version.h"
+    if number is not None:
+        path.write_text(re.sub(r"(NOSLIP_VERSION_NUMBER) \d+", rf"\1 {number + 1}", path.read_text()))
+    for header in ("labmate.h", "labmate_type_i.h", "labmate_dynamics_f.h"):
+        command = [cc, "-std=c99", *STRICT, f"-I{tmp_path / 'runtime'}", f"-I{GENERATED}", "-fsyntax-only", "-x", "c", "-"]
+        result = subprocess.run(command, input=f'#include "{header}"\n', capture_output=True, text=True)
+        assert (result.returncode == 0) == (number is None), result.stderr
+        assert number is None or f"{header} is of noslip" in result.stderr or "labmate_f.h is of noslip" in result.stderr
+
+
+CHOICES = """
+#include "labmate_type_iv_circle.h"
+#include "noslip_odometry.h"
+#include "noslip_path.h"
+#define IS_INT(type) typedef char type##_is_an_int[sizeof(type) == sizeof(int) ? 1 : -1]
+IS_INT(noslip_on_error);
+IS_INT(noslip_on_limit);
+IS_INT(noslip_on_reversing);
+IS_INT(noslip_path_stop);
+IS_INT(noslip_path_fault_kind);
+IS_INT(noslip_path_stage);
+IS_INT(noslip_correction);
+void choose(labmate_options *options, noslip_path_options_f *path);
+void choose(labmate_options *options, noslip_path_options_f *path)
+{
+    const noslip_on_error hold = NOSLIP_HOLD;
+    options->on_error = NOSLIP_ZERO;
+    options->on_error = hold;
+    options->on_limit = NOSLIP_SLOW;
+    path->reversing = NOSLIP_SWITCH;
+    path->stop = NOSLIP_STOP_AXLE;
+}
+"""
+
+
+@compilers
+@pytest.mark.parametrize(
+    "language", ["c -std=c99 -Wstrict-prototypes", "c -std=c99 -fshort-enums", "c++ -std=c++11", "c++ -std=c++17"]
+)
+def test_choices_have_types(language, cc, tmp_path):
+    """The enums of public structs are types as wide as an int, and their values are assigned without a cast, in C and C++."""
+    strict = [flag for flag in STRICT if flag not in ("-Wstrict-prototypes", "-Wmissing-prototypes")]
+    command = [cc, *strict, "-x", *language.split(), f"-I{RUNTIME}", f"-I{GENERATED}", "-fsyntax-only", "-"]
+    result = subprocess.run(command, input=CHOICES, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr

@@ -8,11 +8,11 @@ from pathlib import Path as File
 
 import numpy as np
 import pytest
-from noslip.harness import closed_loop as module
-from noslip.harness.cli import main
-from noslip.harness.closed_loop import continuous, make_loop, simulate
-from noslip.harness.errors import BadInput
-from noslip.harness.spec import Initial, Output, Path, Reference, Spec, read_spec
+from noslip.cli.main import main
+from noslip.readers.errors import BadInput
+from noslip.simulation import closed_loop as module
+from noslip.simulation.closed_loop import continuous, make_loop, simulate
+from noslip.simulation.specification.spec import Initial, Output, Path, Reference, Spec, read_spec
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 

@@ -14,15 +14,16 @@ import mpmath
 import noslip
 import numpy as np
 import pytest
-from noslip.harness.backends import STATUS
-from noslip.harness.runtime import runtime
-from noslip.harness.tracking import CompiledTracker, Guide, PathFault, Tracker, TrackerOptions, make_tracker
+from noslip.codegen.targets import STANDARD, flags
+from noslip.controllers.controller import STATUS
+from noslip.controllers.runtime import runtime
+from noslip.controllers.tracking import CompiledTracker, Guide, PathFault, Tracker, TrackerOptions, make_tracker
 from noslip.model.segments import Segment
 
 ROOT = Path(noslip.__file__).parent
 RUNTIME, DRIVERS = ROOT / "runtime_c", ROOT / "tests" / "c"
 INCLUDE = [f"-I{folder}" for folder in (RUNTIME, DRIVERS)]
-FLAGS = ["-std=c99", "-ffp-contract=off", "-fno-math-errno"]
+FLAGS = list(STANDARD)
 TURN = 2 * math.pi
 BACKENDS = ("casadi", "c", "cf")
 # m, rad, m/s; of numbers above 1 relative to them. Coordinates are up to some 50 m, where a float is rounded by 2e-6 m.
@@ -778,7 +779,7 @@ def test_angle_of_a_vector_of_known_length(scalar, bound):
     assert function(0.0, 1.0, 1.0) == 0 and function(0.0, -1.0, 1.0) == kind(math.pi)
 
 
-M4F = "-mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=hard".split()
+M4F = list(flags("cortex-m4f"))
 
 
 def test_stack_and_symbols_on_the_target(tmp_path):

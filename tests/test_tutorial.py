@@ -7,9 +7,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from noslip.harness.cli import main
-from noslip.harness.robots import beside, find_robot
-from noslip.harness.spec import read_spec
+from noslip.cli.main import main
+from noslip.readers.robots import beside, find_robot
+from noslip.simulation.specification.spec import read_spec
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "your_robot.md").read_text()
 FILES = {"python": ("forklift.py", "balancer.py", "variants.py"), "toml": ("lift.toml",)}

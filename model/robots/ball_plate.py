@@ -10,8 +10,8 @@ A ball on one plate that moves in x and y has 4 velocities and 2 inputs; the pla
 from casadi import substitute, sumsqr, vertcat
 
 from ..mechanism import Mechanism
-from ..rolling import RollingContact, rolls_on
-from ..surfaces import plane, sphere
+from ..rolling.contact import RollingContact, rolls_on
+from ..rolling.surfaces import plane, sphere
 
 
 def ball_plate() -> Mechanism:

@@ -1,6 +1,6 @@
 """The LABMATE mobile platform of the paper: two driven wheels on one axle, castors ignored."""
 
-from casadi import cos, sin
+from casadi import SX, cos, sin
 
 from ..mechanism import Mechanism
 
@@ -27,12 +27,12 @@ def labmate() -> Mechanism:
     I_w = robot.parameter("I_w", 0.005, "kg m^2", "wheel with motor about its axle", sign="nonnegative")
     I_m = robot.parameter("I_m", 0.0025, "kg m^2", "wheel with motor about a vertical diameter", sign="nonnegative")
 
-    def body(expression):
+    def body(expression: tuple[SX, SX]) -> tuple[SX, SX]:
         """Velocity components along the body's X (forward) and Y (left) axes of a point given in the world."""
         x_dot, y_dot = (robot.rate(component) for component in expression)
         return x_dot * cos(phi) + y_dot * sin(phi), y_dot * cos(phi) - x_dot * sin(phi)
 
-    def kinetic(mass, inertia, point):
+    def kinetic(mass: SX, inertia: SX, point: tuple[SX, SX]) -> SX:
         x_dot, y_dot = (robot.rate(component) for component in point)
         return mass * (x_dot**2 + y_dot**2) / 2 + inertia * robot.rate(phi) ** 2 / 2
 

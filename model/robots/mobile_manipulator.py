@@ -45,7 +45,7 @@ def mobile_manipulator() -> Mechanism:
     robot.quasi_velocity("qdot_1", "rad/s", robot.rate(q_1), "rate of joint 1")
     robot.quasi_velocity("qdot_2", "rad/s", robot.rate(q_2), "rate of joint 2")
 
-    def along(angle: SX) -> SX:
+    def along(angle: SX | float) -> SX:
         return vertcat(cos(angle), sin(angle))
 
     reach = a * along(0) + l_1 * along(q_1) + l_2 * along(q_1 + q_2)  # from P_c to the end point, in the platform's axes

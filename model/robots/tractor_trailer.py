@@ -10,6 +10,8 @@ from casadi import cos, sin
 from ..errors import ModelError
 from ..mechanism import Mechanism
 
+MOST = 16  # trailers
+
 
 def tractor_trailer(N: int = 1) -> Mechanism:
     """N trailers: 5 + N coordinates, 3 + N rolling constraints, 2 wheel torques; P_l is on the tractor.
@@ -18,6 +20,8 @@ def tractor_trailer(N: int = 1) -> Mechanism:
     """
     if N < 0:
         raise ModelError(f"tractor_trailer: {N} trailers; give 0 or more")
+    if N > MOST:
+        raise ModelError(f"tractor_trailer: {N} trailers; give at most {MOST}, the derivation of more takes minutes to hours")
     name = "tractor_trailer" if N == 1 else f"tractor_trailer_{N}"
     robot = Mechanism(name, f"tractor with two driven wheels and {N} trailer{'s' * (N != 1)}, hitched on the axles")
     x = robot.coordinate("x", "m", "middle of the tractor's axle")

@@ -1,11 +1,13 @@
 /*
- * trig_sweep.c - measures noslip_trig.h and noslip_real.h against the host's libm.
+ * trig_sweep.c - measures noslip_trig.h, noslip_functions.h and noslip_real.h against the host's libm.
  *
  *   trig_sweep float [stride [part parts]]   every float (or every stride-th) in range; fails above 1e-7 absolute
  *   trig_sweep double N seed                 N arguments and the neighbourhood of every multiple of pi/4 in range;
  *                                            fails above 1 ulp
  *   trig_sweep atan2 N seed                  N directions, axes, diagonals and the borders between the pieces of the
  *                                            polynomial; fails above 3e-7 (float), 4e-16 or 2.5 ulp (double)
+ *   trig_sweep functions stride N seed       every stride-th float and N doubles for each function of noslip_functions.h; fails
+ *                                            above the bounds stated there
  *   trig_sweep sqrt N seed                   both routines, bit for bit
  *   trig_sweep digest N seed                 digest of the bits, to compare between targets
  *
@@ -16,6 +18,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "noslip_functions.h"
 #include "trig_digest.h"
 
 #define HALF_PI_L 1.57079632679489661923132169163975144L
@@ -185,6 +188,136 @@ static int sweep_atan2(unsigned long long n, uint64_t seed)
             report("double", &t.relative, 2.5, "ulp")) || t.broken > 0;
 }
 
+/* A function of noslip_functions.h, what it should be, its bounds in ulp, and the sizes of x between which it is swept. */
+typedef struct {
+    const char *name;
+    float (*single)(float);
+    double (*real)(double), (*exact)(double);
+    long double (*exact_l)(long double);
+    double limit_f, limit, low_f, high_f, low, high;
+    int odd; /* 1: f(-x) = -f(x), -1: f(-x) = f(x), 0: neither, 2: not swept below zero */
+} swept_function;
+
+static const swept_function swept[] = {
+    {"exp", noslip_exp_f, noslip_exp, exp, expl, 1, 1, 0, 87.3, 0, 708.3, 0},
+    {"log", noslip_log_f, noslip_log, log, logl, 1, 1, 0, FLT_MAX, 0, DBL_MAX, 2},
+    {"tanh", noslip_tanh_f, noslip_tanh, tanh, tanhl, 3, 3, FLT_MIN, 100, DBL_MIN, 800, 1},
+    {"sinh", noslip_sinh_f, noslip_sinh, sinh, sinhl, 3, 3, FLT_MIN, 89.4, DBL_MIN, 710.4, 1},
+    {"cosh", noslip_cosh_f, noslip_cosh, cosh, coshl, 3, 3, 0, 89.4, 0, 710.4, -1},
+    {"atan", noslip_atan_f, noslip_atan, atan, atanl, 2.5, 2.5, FLT_MIN, FLT_MAX, DBL_MIN, DBL_MAX, 1},
+    {"asin", noslip_asin_f, noslip_asin, asin, asinl, 3.5, 3.5, FLT_MIN, 1, DBL_MIN, 1, 1},
+    {"acos", noslip_acos_f, noslip_acos, acos, acosl, 3.5, 3.5, 0, 1, 0, 1, 0},
+};
+
+/* Error in units of the last place of a float. */
+static double ulps_f(float y, double exact)
+{
+    int exponent;
+    frexp(exact, &exponent);
+    return ldexp(fabs((double)y - exact), 24 - (exponent > -125 ? exponent : -125));
+}
+
+static void check_function_f(const swept_function *f, worst *w, unsigned long long *broken, float x)
+{
+    const float y = f->single(x), turned = f->odd == 2 ? 0 : f->single(-x);
+    note(w, ulps_f(y, f->exact((double)x)), (double)x);
+    if (f->odd == 0) {
+        note(w, ulps_f(turned, f->exact(-(double)x)), -(double)x);
+    }
+    *broken += (f->odd == 1 && !same_f(turned, -y)) || (f->odd == -1 && !same_f(turned, y));
+}
+
+static void check_function(const swept_function *f, worst *w, unsigned long long *broken, double x)
+{
+    const double y = f->real(x), turned = f->odd == 2 ? 0 : f->real(-x);
+    if (!(x >= f->low && x <= f->high)) {
+        return;
+    }
+    note(w, ulps(y, f->exact_l((long double)x)), x);
+    if (f->odd == 0) {
+        note(w, ulps(turned, f->exact_l(-(long double)x)), -x);
+    }
+    *broken += (f->odd == 1 && !same(turned, -y)) || (f->odd == -1 && !same(turned, y));
+}
+
+/* Outside a domain, and of what is not finite. */
+static int sweep_edges(void)
+{
+    const float huge_f = HUGE_VALF;
+    const double huge = HUGE_VAL;
+    int wrong = 0, k;
+    const double x[] = {-huge, -1e300, -2, -1, 0, 1, 2, 1e300, huge, huge - huge};
+    for (k = 0; k < (int)(sizeof swept / sizeof *swept); k++) {
+        int i;
+        for (i = 0; i < (int)(sizeof x / sizeof *x); i++) {
+            const double y = swept[k].real(x[i]), exact = swept[k].exact(x[i]);
+            const float y_f = swept[k].single((float)x[i]);
+            wrong += isnan(exact) ? !isnan(y) || !isnan(y_f) : !(fabs(y - exact) <= 1e-15 * fabs(exact)) && !same(y, exact);
+        }
+    }
+    wrong += !same_f(noslip_log_f(0), -huge_f) || !same_f(noslip_exp_f(-huge_f), 0) || !same_f(noslip_exp_f(100.0f), huge_f);
+    for (k = 0; k < 9; k++) { /* every pair of NaN, -1 and 1 */
+        const double a = k % 3 == 0 ? huge - huge : k % 3 - 1.5, b = k / 3 == 0 ? huge - huge : k / 3 - 1.5;
+        const int none = isnan(a) || isnan(b);
+        const double found[] = {noslip_min(a, b), noslip_max(a, b), noslip_less(a, b)};
+        const double right[] = {fmin(a, b), fmax(a, b), a < b};
+        int i;
+        for (i = 0; i < 3; i++) {
+            wrong += none ? !isnan(found[i]) : !same(found[i], right[i]);
+        }
+        wrong += isnan(a) ? !isnan(noslip_sign(a)) : !same(noslip_sign(a), a < 0 ? -1 : 1);
+        wrong += isnan(a) ? !isnan(noslip_not(a)) || !isnan(noslip_if(a, 1)) : !same(noslip_not(a), 0);
+    }
+    wrong += !same(noslip_not(0), 1) || !same(noslip_if(0, huge - huge), 0) || !same(noslip_if(1, 3), 3);
+    wrong += !same(noslip_sign(0), 0) || !same(noslip_less(1, 1), 0) || !isnan(noslip_pow(-1, 0.3)) || !same(noslip_pow(0, 0.3), 0);
+    printf("%d wrong beyond domains and of what is not finite\n", wrong);
+    return wrong > 0;
+}
+
+/* x^y by its exponent's size, 1 + |y log x|: the logarithm's error grows with it. */
+static int sweep_power(unsigned long long n, uint64_t seed)
+{
+    worst single = {0, 0}, real = {0, 0};
+    uint64_t state = seed * 2 + 1;
+    while (n-- > 0) {
+        const double x = exp2(40 * uniform(&state) - 20), y = 64 * uniform(&state) - 32, size = 1 + fabs(y * log(x));
+        const float x_f = (float)x, y_f = (float)y;
+        note(&real, size < 700 ? ulps(noslip_pow(x, y), powl((long double)x, (long double)y)) / size : 0, x);
+        note(&single, size < 87 ? ulps_f(noslip_pow_f(x_f, y_f), pow((double)x_f, (double)y_f)) / size : 0, x);
+    }
+    return report("pow_f", &single, 2.5, "(1 + |y log x|) ulp") | report("pow", &real, 2.5, "(1 + |y log x|) ulp");
+}
+
+static int sweep_functions(uint32_t stride, unsigned long long n, uint64_t seed)
+{
+    int failed = sweep_edges() | sweep_power(n, seed), k;
+    for (k = 0; k < (int)(sizeof swept / sizeof *swept); k++) {
+        const swept_function *f = &swept[k];
+        worst single = {0, 0}, real = {0, 0};
+        unsigned long long broken = 0, i;
+        uint64_t state = seed * 2 + 1, bits;
+        noslip_bits_f x, last;
+        char name[8];
+        x.value = (float)f->low_f;
+        last.value = (float)f->high_f;
+        for (bits = x.bits; bits <= last.bits; bits += stride) {
+            x.bits = (uint32_t)bits;
+            check_function_f(f, &single, &broken, x.value);
+        }
+        for (i = 0; i < n; i++) {
+            const double u = uniform(&state), v = uniform(&state), least = f->high < 2e3 ? -60 : -1074;
+            const double most = f->high < 2e3 ? log2(f->high) : 1023;
+            check_function(f, &real, &broken, f->high * u);
+            check_function(f, &real, &broken, (1.0 + u) * exp2(floor(least + (most - least) * v))); /* in the logarithm */
+            check_function(f, &real, &broken, 1.0 + (u - 0.5) * exp2(-50 * v));                      /* near 1 */
+            check_function(f, &real, &broken, 2.0 * u);
+        }
+        snprintf(name, sizeof name, "%s_f", f->name);
+        failed |= report(name, &single, f->limit_f, "ulp") | report(f->name, &real, f->limit, "ulp") | (broken > 0);
+    }
+    return failed;
+}
+
 static int sweep_sqrt(unsigned long long n, uint64_t seed)
 {
     static const uint64_t special[] = {0, 1, 0x000fffffffffffffu, 0x0010000000000000u, 0x3fefffffffffffffu,
@@ -242,6 +375,9 @@ int main(int argc, char **argv)
     if (strcmp(mode, "atan2") == 0) {
         return sweep_atan2(a, b);
     }
+    if (strcmp(mode, "functions") == 0 && a > 0) {
+        return sweep_functions((uint32_t)a, b, parts);
+    }
     if (strcmp(mode, "sqrt") == 0) {
         return sweep_sqrt(a, b);
     }
@@ -249,7 +385,7 @@ int main(int argc, char **argv)
         printf("%016llx\n", (unsigned long long)trig_digest((uint32_t)a, b));
         return 0;
     }
-    fprintf(stderr, "usage: trig_sweep float [stride [part parts]] | double N seed | atan2 N seed | sqrt N seed | "
-                    "digest N seed\n");
+    fprintf(stderr, "usage: trig_sweep float [stride [part parts]] | double N seed | atan2 N seed | "
+                    "functions stride N seed | sqrt N seed | digest N seed\n");
     return 2;
 }

@@ -1,11 +1,11 @@
-"""Derives every constant of runtime_c/noslip_trig.h and prints it; mpmath is all it needs.
+"""Derives every constant of runtime_c/noslip_trig.h and runtime_c/noslip_functions.h and prints it; mpmath is all it needs.
 
 The polynomials are minimax fits on the reduced interval (Remez exchange), with the coefficients rounded to the scalar
 one after the other: after the lowest is rounded, the others are fitted again to what is left, so that each takes up the
 rounding of those before it. The parts of pi/2 are cut so that the products named in the header are exact.
 """
 
-from mpmath import bernoulli, cos, factorial, floor, frexp, ldexp, linspace, lu_solve, matrix, mp, mpf, nint, pi, tan
+from mpmath import bernoulli, cos, factorial, floor, frexp, ldexp, linspace, ln, lu_solve, matrix, mp, mpf, nint, pi, sqrt, tan
 
 mp.dps = 60
 
@@ -68,6 +68,16 @@ def half_tangent(z):
     return sum((-1) ** (k + 1) * 2 * (4 ** (k + 2) - 1) * bernoulli(2 * k + 4) / factorial(2 * k + 4) * z**k for k in range(40))
 
 
+def exponential(z):
+    """(r coth(r/2) - 2)/z at z = r^2, free of cancellation."""
+    return sum(2 * bernoulli(2 * k + 2) / factorial(2 * k + 2) * z**k for k in range(40))
+
+
+def logarithm(z):
+    """(log((1+s)/(1-s))/s - 2)/z at z = s^2, free of cancellation."""
+    return sum(2 * z**k / (2 * k + 3) for k in range(60))
+
+
 def literal(bits, x):
     """Shortest decimal that reads back as x."""
     digits = next(d for d in range(1, 20) if round_to(bits, mpf(mp.nstr(x, d))) == x)
@@ -90,9 +100,9 @@ def parts(bits, grids, cut):
 def main():
     # float: cut to nearest, which leaves so little that two parts do; double: cut downwards, so that no part is negative
     # and sin(-0) stays -0. The error of sine and arctangent is wanted absolute in float, relative in double.
-    for name, bits, largest, grids, cut, power, terms, atan_terms, tan_terms in (
-        ("float", 24, 8192, [11], nint, mpf(3) / 2, 3, 4, 2),
-        ("double", 53, 2**20, [33, 53, 86], floor, mpf(1), 6, 10, 5),
+    for name, bits, largest, grids, cut, power, terms, atan_terms, tan_terms, exp_terms, log_terms, ln2_bits in (
+        ("float", 24, 8192, [11], nint, mpf(3) / 2, 3, 4, 2, 2, 3, 16),
+        ("double", 53, 2**20, [33, 53, 86], floor, mpf(1), 6, 10, 5, 5, 7, 42),
     ):
         upper = (pi / 4 + largest * mpf(2) ** -bits) ** 2  # rounding may miss the nearest multiple by so much
         print(name)
@@ -107,6 +117,12 @@ def main():
         show("  P in atan t = t + t^3 P(t^2)", bits, p, "error " + mp.nstr(error, 3))
         p, error = fit(half_tangent, 1, tan_terms, mpf(1) / 16, bits)
         show("  P in tan(x/2)/x = 1/2 + x^2 P(x^2)", bits, p, "error " + mp.nstr(error, 3))
+        p, error = fit(exponential, 1, exp_terms, (ln(2) / 2 * (1 + mpf(2) ** (8 - bits))) ** 2, bits)
+        show("  P in e^r = 1 + r + r c/(2 - c), c = r - r^2 P(r^2)", bits, p, "error " + mp.nstr(error, 3))
+        p, error = fit(logarithm, 1, log_terms, ((sqrt(2) - 1) / (sqrt(2) + 1)) ** 2, bits)
+        show("  P in log((1 + s)/(1 - s)) = 2 s + s^3 P(s^2)", bits, p, "error " + mp.nstr(error, 3))
+        high = round_to(ln2_bits, ln(2))  # its products with exponents are exact
+        show("  log 2", bits, [high, round_to(bits, ln(2) - high)])
         high = round_to(bits - 2, pi / 4)  # its products with 1, 2, 3 and 4 are exact
         show("  pi/4", bits, [high, round_to(bits, pi / 4 - high)])
 

@@ -1,0 +1,1 @@
+"""What a robot can do: growth, integrals, control properties, singularities, zero dynamics, certified starts."""

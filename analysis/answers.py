@@ -1,0 +1,309 @@
+"""Everything that `noslip analyse` answers about a system, and the same as JSON."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import sympy as sp
+
+from ..model.errors import ModelError
+from ..model.linearization import linearize
+from ..model.mechanism import Mechanism
+from ..model.outputs import output_map, output_names
+from ..model.reduction import ReducedSystem
+from ..model.rolling.contact import PlanarContact, RollingContact, RollingGrowth, rolling_growth
+from ..model.rolling.kinematics import Kinematics
+from ..readers.errors import BadInput
+from ..readers.robots import check_law, find_robot, placed, system_of
+from ..simulation.loop import make_loop
+from ..simulation.specification.vary import read_varied
+from .certification.safe_offsets import Offsets, safe_offsets
+from .certification.safety import SAFE, Verdict, certify, of_each
+from .distributions import analysis as structure
+from .distributions.distribution import distribution
+from .distributions.properties import Check
+from .exact.readable import unsigned
+from .exact.symbolic import symbolic, written
+from .outputs.decoupling import decouple
+from .outputs.normal_form import Moving, NormalForm, normal_form
+
+Contact = RollingContact | PlanarContact
+System = Mechanism | Kinematics | Contact
+ROLLING_BRACKETS = {  # that fill the space, by the dimension of Delta, without spin and with it
+    2: (("s1", "s2"), ("[s1,s2]",), ("[s1,[s1,s2]]", "[s2,[s1,s2]]")),
+    3: (("s1", "s2", "s3"), ("[s1,s3]", "[s2,s3]")),
+}
+NO_INPUTS = "kinematics alone have no inputs, so nothing can be controlled"
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """n coordinates, m constraints, k of them holonomic. `levels`: the brackets that each step adds; `notes` by title.
+
+    `json`: the documented keys, and more. `S` and the `proof` of the growth are not given for every rolling contact.
+    """
+
+    n: int
+    m: int
+    k: int
+    growth: tuple[int, ...]
+    levels: tuple[tuple[str, ...], ...]
+    notes: dict[str, list[str]]
+    checks: tuple[Check, ...]
+    json: dict[str, Any]
+    S: sp.Matrix | None = None
+    proof: tuple[str, ...] = ()
+    controlled: str = ""  # the system that the checks are about
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """`outputs` by law; `refused`: why a law is none of this system's; `no_outputs`: why there is none; `starts` by file."""
+
+    name: str
+    about: str
+    constraints: Constraints
+    outputs: dict[str, NormalForm] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+    no_outputs: str = ""
+    starts: dict[str, Verdict] = field(default_factory=dict)
+    tables: dict[str, Offsets] = field(default_factory=dict)
+
+    @property
+    def refused_by_reason(self) -> dict[str, list[str]]:
+        """Reason -> the laws that are refused for it."""
+        found: dict[str, list[str]] = {}
+        for law, reason in self.refused.items():
+            found.setdefault(reason, []).append(law)
+        return found
+
+    @property
+    def fails(self) -> bool:
+        """Is a start not proved to be safe?"""
+        return any(verdict.kind != SAFE for verdict in self.starts.values())
+
+
+def analyse(
+    system: System,
+    laws: Sequence[str] = (),
+    starts: Sequence[str] = (),
+    uncertainty: Mapping[str, float] | float = 0.0,
+    table: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Answer:
+    """Analyse a system with these of its laws, or all, and the starts in these files; `uncertainty` as for `start_verdict`;
+    `table`: find the safe offsets of each start too; `progress` as `safe_offsets` calls it.
+
+    Raises ModelError and BadInput for what cannot be analysed, for a named law that is none of the system's, and for files that
+    are no SPEC of it.
+    """
+    for law in laws:
+        if isinstance(system, Mechanism):
+            check_law(system, law)
+    verdicts = {file: start_verdict(system.name, file, uncertainty) for file in starts}
+    with placed(system):
+        found = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
+    outputs, refused, nothing = _outputs(system, laws)
+    tables = {file: start_offsets(file, uncertainty, progress) for file in starts} if table else {}
+    return Answer(system.name, getattr(system, "about", ""), found, outputs, refused, nothing, verdicts, tables)
+
+
+def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float = 0.0) -> Verdict:
+    """Whether the start of a SPEC of this robot stays away from the singular set; nothing is compiled for it.
+
+    `uncertainty`: relative, of the robot's parameters by name, or of all of them. Raises BadInput for a file that is no SPEC
+    of it.
+    """
+    spec = read_varied(file, {"simulation.backend": "casadi"})
+    try:
+        if find_robot(spec.robot).name != name:
+            raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
+        loop = make_loop(spec)
+        return certify(loop, spec, of_each(uncertainty, loop))
+    except (BadInput, ModelError) as error:
+        raise BadInput(f"{file}: {error}") from error
+
+
+def start_offsets(
+    file: str, uncertainty: Mapping[str, float] | float = 0.0, progress: Callable[[int, int], None] | None = None
+) -> Offsets:
+    """The table of safe offsets of a SPEC; `progress` as `safe_offsets` calls it.
+
+    Raises BadInput for a file that is no SPEC, or has a path without a table.
+    """
+    spec = read_varied(file, {"simulation.backend": "casadi"})
+    try:
+        return safe_offsets(spec, of_each(uncertainty, make_loop(spec)), progress=progress)
+    except (BadInput, ModelError) as error:
+        raise BadInput(f"{file}: {error}") from error
+
+
+def as_json(answer: Answer) -> dict[str, Any]:
+    """The documented keys, and more."""
+    return {
+        **answer.constraints.json,
+        "outputs": {law: _output_json(form) for law, form in answer.outputs.items()},
+        "refused": answer.refused,
+        **({"no_outputs": answer.no_outputs} if answer.no_outputs else {}),
+        "starts": {file: _verdict_json(verdict) for file, verdict in answer.starts.items()},
+        **({"tables": {file: asdict(table) for file, table in answer.tables.items()}} if answer.tables else {}),
+        **(_verdict_json(*answer.starts.values()) if len(answer.starts) == 1 else {}),
+    }
+
+
+def _verdict_json(verdict: Verdict) -> dict[str, Any]:
+    until = verdict.until if math.isfinite(verdict.until) else None
+    return {"verdict": verdict.kind, "t": verdict.t, "margin": verdict.margin, "until": until, "reason": verdict.reason}
+
+
+def singular_when(form: NormalForm) -> list[str]:
+    """Where Phi is singular: a condition each; empty where it never is."""
+    return [f"{c}{'' if c.confirmed else ' [not tried at a point]'}" for c in form.decoupling.conditions]
+
+
+def driven_straight(answer: Answer) -> list[str]:
+    """How what follows the vehicle beside its heading does so, the same for all outputs; empty where nothing does."""
+    shape = next((form.shape for form in answer.outputs.values() if form.moving and form.shape.names), None)
+    if shape is None:
+        return []
+    note = "v is the forward speed; where a path bends a little, the same settles and turns away"
+    return [*shape.lines(), *([note] if shape.decided else [])]
+
+
+def uncontrolled(form: NormalForm) -> str:
+    """The coordinates that are not controlled, the zero dynamics and their stability, in a line.
+
+    Where no choice of coordinates serves everywhere there are two, such as y where a line is not parallel to the x axis, else x.
+    """
+    first, *others = form.charts
+    kept = ", ".join(form.T[2])
+    if not first.everywhere and others:
+        made = form.decoupling
+        minor = made.written_out(first.minor) if made.det_for_people != made.det else first.minor
+        minor = unsigned(sp.fraction(sp.together(minor))[0])
+        kept += f" where {written(minor)} != 0, else {', '.join(map(str, others[0].kept))}"
+    return f"{kept}: zero dynamics {form.zero_dynamics}, {form.stability}"
+
+
+# -- constraints --------------------------------------------------------------------------------------------------------
+
+
+def _of_distribution(system: Mechanism | Kinematics) -> Constraints:
+    found = structure.analyse(system)
+    basis, before = found.certificate.basis, (0, *found.growth)
+    levels = tuple(tuple(basis[a:b]) for a, b in zip(before, found.growth, strict=False))
+    notes = {"integrals": found.holonomic.text(), "changes": found.places.text(), "taken positive": list(found.assumed)}
+    proof = tuple(found.certificate.text())
+    json = found.as_json() | {"proof": list(proof)}
+    ranks = found.n, found.m, found.k, found.growth
+    return Constraints(*ranks, levels, notes, found.checks, json, found.S, proof, found.controlled)
+
+
+def _of_contact(contact: Contact) -> Constraints:
+    """As any distribution; where metrics have roots, by the structure equations alone, which serve any two surfaces."""
+    found, kinematics = rolling_growth(contact), contact.kinematics()
+    rough = bool(distribution(kinematics).functions.roots)
+    made = _by_structure_equations(kinematics, found) if rough else _of_distribution(kinematics)
+    notes = {"because": [found.reason], "special orbits": list(found.special)}
+    if contact.formal:
+        notes["formal only"] = [contact.formal]
+    notes = {title: lines for title, lines in notes.items() if lines}
+    return replace(made, notes=made.notes | notes, json=made.json | {"rolling": notes})
+
+
+def _by_structure_equations(system: Kinematics, found: RollingGrowth) -> Constraints:
+    k = found.holonomic
+    json = {"name": system.name, "coordinates": system.n, "constraints": system.m, "holonomic": k, "nonholonomic": system.m - k}
+    json |= {"growth": list(found.vector), "integrals": [], "integrals_complete": not k, "input_state_linearizable": False}
+    notes = {}
+    if found.drops_where is not None:
+        (where,) = symbolic(found.drops_where, [*system.coordinates, *system.parameters], system.name)
+        above, below = map(written, sp.fraction(sp.together(where)))
+        notes["changes"] = [f"where the Gaussian curvatures at the contact are equal: ({above})/({below}) = 0"]
+    levels = ROLLING_BRACKETS[found.vector[0]][: len(found.vector)]
+    return Constraints(system.n, system.m, k, found.vector, levels, notes, (), json)
+
+
+# -- outputs ------------------------------------------------------------------------------------------------------------
+
+
+def _outputs(system: System, laws: Sequence[str]) -> tuple[dict[str, NormalForm], dict[str, str], str]:
+    """Laws with their normal forms, those refused with the reason, and why there is none at all."""
+    if not isinstance(system, Mechanism):
+        if laws:
+            raise BadInput(f"{system.name}: {NO_INPUTS}; leave --output out")
+        return {}, {}, NO_INPUTS
+    try:
+        reduced = system_of(system)
+    except ModelError as error:
+        if laws:
+            raise
+        return {}, {}, _reason(error, system)
+    found, refused = {}, {}
+    for law in laws or output_names(system):
+        try:
+            found[law] = _form(reduced, law)
+        except ModelError as error:
+            if laws:
+                raise
+            refused[law] = _reason(error, system)
+    reasons = set(refused.values())
+    nothing = reasons.pop() if len(reasons) == 1 else "none of Types I to IV fits, nor of its own"
+    return found, refused, "" if found else nothing
+
+
+def _form(system: ReducedSystem, law: str) -> NormalForm:
+    return normal_form(decouple(linearize(system, output_map(system, law))))
+
+
+def _reason(error: ModelError, system: Mechanism) -> str:
+    """What an error says, without the place in a user's file, the robot's name and the law's."""
+    said = error.__cause__ if isinstance(error.__cause__, ModelError) else error
+    message = str(said).removeprefix(system.name).removeprefix(": ").removeprefix(", output ")
+    law, colon, rest = message.partition(": ")
+    return rest if colon and law in output_names(system) else message
+
+
+def _output_json(form: NormalForm) -> dict[str, Any]:
+    made = form.decoupling
+    z1, z2, z3 = form.T
+    return {
+        "relative_degree": list(made.linearization.relative_degree),
+        "det": written(made.det_in_full),
+        "singular_when": ", or ".join(singular_when(form)) or "nowhere",
+        "zero_dynamics": "; ".join([uncontrolled(form), *map(str, form.moving), *_driven_straight(form)]),
+        "det_short": written(made.det_for_people),
+        "where": {str(name): written(formula) for name, formula in made.explained.items()} | made.renamed,
+        "conditions": [{"formula": written(c.formula), "words": c.words, "confirmed": c.confirmed} for c in made.conditions],
+        "undefined_where": [written(expression) for expression in made.undefined],
+        "normal_form": {
+            "z1": list(z1),
+            "z2": list(z2),
+            "z3": list(z3),
+            "regular_where_not_zero": [written(form.charts[0].minor), written(made.det)],
+            "other_z3": [list(map(str, chart.kept)) for chart in form.charts[1:]],
+        },
+        "z3_rates": {name: written(rate) for name, rate in form.equations.items()},
+        "stability": form.stability,
+        "moving_reference": [_moving_json(form, each) for each in form.moving],
+    }
+
+
+def _driven_straight(form: NormalForm) -> list[str]:
+    """What the lines of `moving` do not say already."""
+    return form.shape.lines() if form.moving and form.shape.decided else []
+
+
+def _moving_json(form: NormalForm, moving: Moving) -> dict[str, Any]:
+    return {
+        "reference": moving.reference,
+        "equation": moving.equation,
+        "settles": moving.settles,
+        "stable_when": moving.stable_when or None,
+        "rate": None if moving.rate is None else written(moving.rate),
+        "shape": {each.name: written(sp.Symbol("V") * each.rate) for each in moving.shape.followers},
+        "not_examined": [] if moving.shape.decided else list(moving.shape.names),
+        "lever": None if moving.lever is None else written(moving.lever),
+        "lever_default": None if moving.lever is None else form.decoupling.at_defaults(moving.lever),
+    }

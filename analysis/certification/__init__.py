@@ -1,0 +1,1 @@
+"""Is a start safe? All motions of a closed loop with uncertain parameters, enclosed."""

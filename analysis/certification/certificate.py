@@ -1,0 +1,316 @@
+"""A closed loop followed with all that its parameters may be, until it is proved to stay regular or nothing more can be said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ...model.linearization import SINGULAR
+from ...simulation.specification.spec import Simulation
+from .enclosed_loop import EnclosedLoop, Inputs
+from .enclosure import Bounds
+from .tube import Flow, Lost, Step, Tube
+
+LONGEST, STEPS = 0.05, 6000  # s, of a step of a continuous loop, and how many are taken
+SETTLED = 1e-3  # of 1 + |x|: a set of motions that may be found to return into itself is at least that wide
+SOON = 0.5  # s: motions that approach the singular set would be there within this time, as fast as they do
+STILL = 1e-9  # of 1 + |x|: how little a motion at rest moves
+PROBE = 1e-6  # a deviation whose growth tells whether an equilibrium is stable
+AGAIN = 1.2  # how much later it is tried again
+
+
+@dataclass
+class Course:
+    """What is proved: regular up to `until` (s), and for ever where `invariant`; `margin`: least |det Phi| over its row norms.
+
+    `largest`: upper bound of |s|; `lost`: why no more is proved, empty where the end was reached; `t` (s) and `s` of the nominal
+    motion. `unstable`: it rests at an equilibrium that is not stable. `approaching`: all motions approach the singular set, and
+    as fast as they do they would not have been there yet; `approach`: which deviations of the parameters (1: the largest) bring
+    them nearer.
+    """
+
+    until: float = 0.0
+    margin: float = 1.0
+    largest: float = 0.0
+    invariant: bool = False
+    lost: str = ""
+    t: list[float] = field(default_factory=list)
+    s: list[float] = field(default_factory=list)
+    unstable: bool = False
+    approaching: bool = False
+    approach: np.ndarray | None = None
+
+
+class _Stop(Exception):
+    """Nothing more is proved."""
+
+
+class _Held:
+    """The plant with its inputs held: x = [z; integrals; held; next], of which the inputs from `first` on act."""
+
+    def __init__(self, loop: EnclosedLoop, first: int):
+        self._loop, self._first = loop, first
+
+    def _arguments(self, *parts: np.ndarray) -> list[np.ndarray]:
+        n, r = len(self._loop.z), len(self._loop.most)
+        return [np.concatenate([part[:n], part[self._first : self._first + r]]) for part in parts]
+
+    def tangent(self, x: np.ndarray, found: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As a Field's."""
+        n, r = len(self._loop.z), len(self._loop.most)
+        value, slope = self._loop.plant.tangent(np.concatenate([*self._arguments(x), self._loop.nominal]))
+        rate, A, B = np.zeros(len(x)), np.zeros((len(x), len(x))), np.zeros((len(x), slope.shape[1] - n - r))
+        rate[:n], A[:n, :n], B[:n] = value, slope[:, :n], slope[:, n + r :]
+        A[:n, self._first : self._first + r] = slope[:, n : n + r]
+        return rate, A, B
+
+    def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
+        """As a Field's."""
+        loop, n, count = self._loop, len(self._loop.z), len(tube.spread)
+        parts = (tube.centre, moved, tube.radius + growth, growth, tube.S, tube.G)
+        x, moved, radius, growth, S, G = self._arguments(*parts)
+        none = np.zeros(count)
+        found = loop.plant.bounds(*map(np.concatenate, ([x, loop.nominal], [moved, none], [radius, tube.spread])))
+        S, G = np.vstack([S, np.eye(count)]), _padded(G, count)
+        found = found.of(S, G, tube.spread, np.concatenate([growth, none]))
+        entries = (found.value, found.slope, found.moved, found.radius, found.rest, found.turned)
+        return Bounds(*[_padded(entry, len(tube.centre) - n) for entry in entries])
+
+
+class _Closed:
+    """Plant and law together: x = [z; integrals]."""
+
+    def __init__(self, loop: EnclosedLoop, fixed: np.ndarray):
+        self._loop, self._fixed = loop, fixed
+        self._inputs: Inputs | None = None
+
+    def tangent(self, x: np.ndarray, found: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As a Field's."""
+        loop, m, n, r = self._loop, len(x), len(self._loop.z), len(self._loop.most)
+        value, slope = loop.law.tangent(x, self._fixed)
+        tau = loop.limited(value)
+        rate, by = loop.plant.tangent(np.concatenate([x[:n], tau, loop.nominal]))
+        if found is None or self._inputs is None:
+            return np.concatenate([rate, value[r : r + m - n]]), np.zeros((m, m)), np.zeros((m, by.shape[1] - n - r))
+        A = np.vstack([by[:, n : n + r] @ self._inputs.slope(slope)[:, :m], slope[r : r + m - n, :m]])
+        A[:n, :n] += by[:, :n]
+        return np.concatenate([rate, value[r : r + m - n]]), A, _padded(by[:, n + r :], m - n)
+
+    def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
+        """As a Field's."""
+        loop, n, r, m, count = self._loop, len(self._loop.z), len(self._loop.most), len(tube.centre), len(tube.spread)
+        law = loop.law.bounds(tube.centre, moved, tube.radius + growth, fixed=self._fixed)
+        self._inputs = loop.inputs(law.of(tube.S, tube.G, tube.spread, growth))
+        tau, errors, none = self._inputs.bounds, law.rows(slice(r, r + m - n)), np.zeros(count)
+        plant = loop.plant.bounds(
+            np.concatenate([tube.centre[:n], tau.value, loop.nominal]),
+            np.concatenate([moved[:n], tau.moved, none]),
+            np.concatenate([tube.radius[:n] + growth[:n], tau.radius, tube.spread]),
+            np.concatenate([np.zeros(n), tau.rest, none]),
+        )
+        S = np.vstack([tube.S[:n], tau.slope @ tube.S, np.eye(count)])
+        G = np.vstack([tube.G[:n], tau.slope @ tube.G, np.zeros((count, tube.G.shape[1]))])
+        plant = plant.of(S, G, tube.spread, np.concatenate([growth[:n], np.abs(tau.slope) @ growth + tau.turned, none]))
+        parts = ("value", "moved", "radius", "rest", "turned")
+        value, *rest = (np.concatenate([getattr(plant, name), getattr(errors, name)]) for name in parts)
+        return Bounds(value, np.zeros((m, 0)), *rest)
+
+
+def _padded(part: np.ndarray, rows: int) -> np.ndarray:
+    return np.concatenate([part, np.zeros((rows, *part.shape[1:]))])
+
+
+class Certificate:
+    """Follows an EnclosedLoop."""
+
+    def __init__(self, loop: EnclosedLoop, simulation: Simulation):
+        self._loop, self._simulation, self._found = loop, simulation, Course()
+        self._t, self._steps, self._count = 0.0, 0, len(loop.loop.integral.rows)
+        self._tried: tuple[Tube, np.ndarray] | None = None
+        self._kept: tuple[Tube, float, Course] | None = None  # before a set was widened
+        self._flows: dict[Any, Flow] = {}
+        self._before: Tube | None = None
+        self._deadline = -np.inf
+        self._next = 0.0
+
+    def run(self) -> Course:
+        """All that is proved."""
+        start, inputs = self._loop.start, len(self._loop.most)
+        count = self._count + (2 * inputs if self._simulation.period else 0)
+        centre = np.concatenate([start.value, np.zeros(count)])
+        tube = Tube(centre, _padded(start.slope, count), _padded(np.diag(start.rest), count), self._loop.spread)
+        try:
+            self._rest(tube)
+            self._guard(tube.centre, 0 * tube.centre, tube.radius)
+            self._follow(tube)
+        except Lost:
+            self._found.lost = "the bounds grow without limit"
+        except _Stop as stop:
+            self._found.lost = str(stop)
+        return self._found
+
+    def _follow(self, tube: Tube) -> None:
+        """Up to the end, or until the set of motions returns into itself. Raises Lost and _Stop."""
+        period = self._simulation.period
+        while not self._ended():
+            try:
+                tube = self._turn(tube, self._passed)
+                if period:
+                    self._t = round(self._t / period) * period
+                tube = self._tried_again(tube)
+            except (Lost, _Stop):
+                if not self._kept:
+                    raise
+                self._next = 2 * self._t
+                tube, self._t, self._found = self._kept  # the set that was widened was too wide
+                self._kept, self._tried = None, None
+
+    # -- marching ---------------------------------------------------------------------------------------------------------
+
+    def _turn(self, tube: Tube, passed: Callable[[Step], Tube]) -> Tube:
+        """One period of a sampled loop, one step of a continuous one; every step is `passed`."""
+        loop, simulation = self._loop, self._simulation
+        if not simulation.period:
+            end = min((int(self._t / LONGEST + 1e-9) + 1) * LONGEST, simulation.duration)  # so that courses have times in common
+            return passed(self._flow(_Closed, self._fixed()).step(tube, end - self._t))
+        first, r = len(loop.z) + self._count, len(loop.most)
+        tube = self._called(tube)
+        for begin, duration in ((first, simulation.delay), (first + r, simulation.period - simulation.delay)):
+            flow = self._flow(_Held, begin)
+            while duration > 1e-9 * simulation.period:
+                step = flow.step(tube, duration)
+                tube, duration = passed(step), duration - step.h
+        return _handed_on(tube, first, r)
+
+    def _flow(self, kind: type, argument: Any) -> Flow:
+        """Kept from step to step: it knows the length of its steps."""
+        key = (kind, argument if isinstance(argument, int) else argument.tobytes())
+        if key not in self._flows:
+            self._flows[key] = Flow(kind(self._loop, argument))
+        return self._flows[key]
+
+    def _called(self, tube: Tube) -> Tube:
+        """The tube with what the controller asks for, and the integrals of the next call."""
+        loop, r, n, fixed = self._loop, len(self._loop.most), len(self._loop.z), self._fixed()
+        m = n + self._count
+        radius = tube.radius
+        self._guard(tube.centre, 0 * tube.centre, radius)
+        law = loop.law.bounds(tube.centre[:m], np.zeros(m), radius[:m], fixed=fixed)
+        law = law.of(tube.S[:m], tube.G[:m], tube.spread, np.zeros(m))
+        inputs, errors = loop.inputs(law), law.rows(slice(r, r + self._count))
+        if not (inputs.bounds.finite and errors.finite):
+            raise Lost
+        size, T = len(tube.centre), self._simulation.period
+        centre, A, rest = tube.centre.copy(), np.eye(size), np.zeros(size)
+        asked, summed = slice(m + r, m + 2 * r), slice(n, m)
+        centre[asked], rest[asked] = inputs.bounds.value, inputs.bounds.rest
+        A[asked] = 0.0
+        A[asked, :m] = inputs.slope(law.slope)[:, :m]
+        centre[summed] += T * errors.value
+        A[summed, :m] += T * errors.slope[:, :m]
+        rest[summed] = T * errors.rest
+        return tube.map(centre, A, np.zeros_like(tube.S), rest)
+
+    def _rest(self, tube: Tube) -> None:
+        """Raises _Stop where the nominal motion is at an equilibrium that is not stable."""
+        if not self._loop.settles:
+            return
+        m, count = len(self._loop.z) + self._count, len(tube.centre)
+        probe = Tube(tube.centre, 0 * tube.S, PROBE * np.eye(count)[:, :m], 0 * tube.spread)
+        try:
+            after = self._turn(probe, lambda step: step.tube)
+        except (Lost, _Stop):
+            return
+        if (np.abs(after.centre - tube.centre) > STILL * (1 + np.abs(tube.centre)))[:m].any():
+            return
+        if np.abs(np.linalg.eigvals(after.G[:m, :m] / PROBE)).max() > 1 + 1e-6:
+            self._found.unstable = True
+            raise _Stop("the equilibrium is not stable")
+
+    def _fixed(self) -> np.ndarray:
+        """Config and reference of the law now."""
+        return np.concatenate([self._loop.config, self._loop.loop.guidance.reference(self._t, self._loop.loop.start)])
+
+    # -- what is looked at ------------------------------------------------------------------------------------------------
+
+    def _passed(self, step: Step) -> Tube:
+        """What a step leads to, the states in between being regular."""
+        self._guard(step.centre, step.moved, step.radius)
+        self._approach(step)
+        self._t += step.h
+        self._steps += 1
+        if self._steps > STEPS:
+            raise _Stop(f"more than {STEPS} steps would be needed to go on")
+        self._found.until = self._t
+        return step.tube
+
+    def _guard(self, centre: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> None:
+        """Is every state regular? Raises _Stop where that is not proved."""
+        loop, n, found = self._loop, len(self._loop.z), self._found
+        bounds = loop.guard.bounds(centre[:n], moved[:n], radius[:n], fixed=loop.config)
+        size, scale, determinant, s = bounds.value
+        spread = bounds.moved + bounds.radius
+        least = (size - spread[0]) / (scale + spread[1])
+        if not (bounds.finite and abs(determinant) > spread[2] and least > SINGULAR):
+            raise _Stop("a motion may become singular")
+        found.margin, found.largest = min(found.margin, float(least)), max(found.largest, float(abs(s) + spread[3]))
+        found.t.append(self._t)
+        found.s.append(float(s))
+
+    def _approach(self, step: Step) -> None:
+        """Note whether all motions of a step approach the singular set, near which they are."""
+        n, found = len(self._loop.z), self._found
+        guard = self._loop.guard.bounds(step.centre[:n], step.moved[:n], step.radius[:n], fixed=self._loop.config)
+        side = np.sign(guard.value[2])
+        slope, rate = side * guard.slope[2], step.rate
+        nearer = -(slope @ rate.value[:n]) - np.abs(slope) @ (rate.moved + rate.radius)[:n]
+        farthest = abs(guard.value[2]) + guard.moved[2] + guard.radius[2]
+        if farthest < SOON * nearer:
+            self._deadline = self._t + farthest / nearer
+        found.approaching = self._t <= self._deadline
+        found.approach = -np.sign(slope @ step.tube.S[:n])
+
+    def _ended(self) -> bool:
+        return self._found.invariant or self._t >= self._end
+
+    @property
+    def _end(self) -> float:
+        return self._simulation.duration - 1e-9
+
+    def _tried_again(self, tube: Tube) -> Tube:
+        """Where a motion has settled: is the set of states contained in one that was passed? Else a wider set may be later."""
+        if not self._loop.settles:
+            return tube
+        if self._tried:
+            before, width = self._tried
+            reach = np.abs(tube.centre - before.centre) + np.abs(tube.S - before.S) @ tube.spread + tube.rest
+            if (reach <= width).all():
+                self._found.invariant = True
+                return tube
+        if self._t < self._next:
+            return tube
+        self._next = AGAIN * self._t + 0.1
+        width = np.maximum(2 * tube.rest, SETTLED * (1 + np.abs(tube.centre)))
+        width[tube.radius == 0] = 0.0  # what is not in use
+        last, self._before = self._before, tube
+        if last is not None and (np.abs(tube.centre - last.centre) <= STILL * (1 + np.abs(tube.centre))).all():
+            self._rest(tube)
+        if last is None or not (np.abs(tube.centre - last.centre) <= width)[: len(self._loop.z)].all():
+            return tube
+        found = self._found
+        self._kept = self._kept or (tube, self._t, replace(found, t=found.t[:], s=found.s[:]))
+        tube = Tube(tube.centre, tube.S, np.diag(width), tube.spread)
+        self._tried = tube, width
+        return tube
+
+
+def _handed_on(tube: Tube, first: int, r: int) -> Tube:
+    """What was asked for is what acts until the next call's inputs do."""
+    acting, asked = slice(first, first + r), slice(first + r, first + 2 * r)
+    centre, S, G = tube.centre.copy(), tube.S.copy(), tube.G.copy()
+    for part in (centre, S, G):
+        part[acting], part[asked] = part[asked], 0.0
+    return Tube(centre, S, G, tube.spread)

@@ -1,0 +1,431 @@
+"""The closed loop of a SPEC as `tube` needs it: plant, law and guard with their bounds, in coordinates in which a motion settles.
+
+Along a line or a circle the place on the path does not matter. There the vehicle is described from the foot of P_l on the path:
+by h, the distance of P_l to the left, and psi, its heading against the direction of travel. With the curvature k of the path
+(positive to the left), P_l' = (x', y') seen from the foot, the foot advances at sigma' = x' / (1 - k h), h' = y' and
+psi' = heading' - k sigma'. Along an ellipse k depends on the foot: there the direction theta of the path at the foot is a further
+coordinate, theta' = k sigma'. On a composite path, and where forces depend on the pose, the coordinates are the robot's own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from ...controllers.odometry import vehicle_wheels
+from ...controllers.symbolic import slowed
+from ...model.law import symbols
+from ...model.outputs import body_point, forward_speed, reference_point
+from ...model.reduction import ReducedSystem
+from ...model.segments import Segment
+from ...readers.errors import BadInput
+from ...simulation.loop import Loop
+from ...simulation.sensing import pose_coordinates
+from ...simulation.specification.spec import Spec
+from .enclosure import Bounds, Enclosure
+
+SIDES = (-1.0, 1.0)
+FLAT = 1e-4  # of a slope of the inputs by the demand of the speed; below ten times what the controller takes for zero
+
+
+@dataclass(frozen=True)
+class Foot:
+    """The path as seen from a foot on it: `config` of the law there, `curvature` (1/m) to the left, `distance` h (m) and
+    `heading` psi (rad).
+
+    Where the path is not the same everywhere along itself, `curvature` and the `place` of the foot (m) are functions of the
+    path's direction `theta` there (rad), whose value is `direction`; else the foot is the origin and theta zero.
+    """
+
+    config: np.ndarray
+    curvature: ca.SX
+    distance: float
+    heading: float
+    direction: float = 0.0
+    theta: ca.SX = field(default_factory=lambda: ca.SX(0))
+    place: ca.SX = field(default_factory=lambda: ca.SX.zeros(2))
+
+    @property
+    def uniform(self) -> bool:
+        """Is the path the same everywhere along itself?"""
+        return not self.theta.is_symbolic()
+
+
+def foot_of(kind: str, names: list[str], config: np.ndarray, pose: tuple[float, float, float]) -> Foot | None:
+    """From P_l and the heading in the world. None for a path without a chart, and where no foot is found."""
+    given, (x, y, heading) = dict(zip(names, config, strict=True)), pose
+    if kind == "line":
+        A, B, C = (given[name] for name in "ABC")
+        size = math.hypot(A, B)
+        curvature, distance, direction = 0.0, (A * x + B * y + C) / size, math.atan2(-A, B)
+        given |= {"A": 0.0, "B": 1.0, "C": 0.0}
+    elif kind == "circle":
+        dx, dy, R = x - given["x_f"], y - given["y_f"], given["R"]
+        curvature, distance, direction = -1 / R, math.hypot(dx, dy) - R, math.atan2(-dx, dy)
+        given |= {"x_f": 0.0, "y_f": -R}
+    elif kind == "segment":
+        segment = Segment(given["x_s"], given["y_s"], given["direction"], given["curvature"], 1.0)
+        curvature, distance = segment.curvature, segment.distance(x, y)
+        direction = segment.heading + curvature * segment.progress(x, y)
+        given |= {"x_s": 0.0, "y_s": 0.0, "direction": 0.0}
+    elif kind == "ellipse":
+        return _foot_on_ellipse(given["a"], given["b"], config, pose)
+    else:
+        return None
+    psi = math.remainder(heading - direction, 2 * math.pi)
+    return Foot(np.array([given[name] for name in names]), ca.SX(curvature), distance, psi)
+
+
+def _foot_on_ellipse(a: float, b: float, config: np.ndarray, pose: tuple[float, float, float]) -> Foot | None:
+    """With the normal n outwards and G = |(a n_x, b n_y)|: foot (a^2 n_x, b^2 n_y) / G, radius of curvature (a b)^2 / G^3."""
+    x, y, heading = pose
+    u = math.atan2(y / b, x / a)  # eccentric angle of the foot
+    for _ in range(50):  # Newton's method on the derivative of the squared distance
+        c, s = math.cos(u), math.sin(u)
+        slope = (b * b - a * a) * s * c + a * x * s - b * y * c
+        bend = (b * b - a * a) * (c * c - s * s) + a * x * c + b * y * s
+        if not bend > 0:
+            return None  # beyond the centres of curvature
+        u -= slope / bend
+    if not abs(slope) < 1e-9 * (a * a + a * abs(x) + b * abs(y)):
+        return None
+    normal = math.atan2(math.sin(u) / b, math.cos(u) / a)
+    direction = normal - math.pi / 2
+    distance = (x - a * math.cos(u)) * math.cos(normal) + (y - b * math.sin(u)) * math.sin(normal)
+    theta = ca.SX.sym("theta")
+    n = ca.vertcat(-ca.sin(theta), ca.cos(theta))
+    G = ca.sqrt((a * n[0]) ** 2 + (b * n[1]) ** 2)
+    place = ca.vertcat(a * a * n[0], b * b * n[1]) / G
+    psi = math.remainder(heading - direction, 2 * math.pi)
+    return Foot(config, -(G**3) / (a * b) ** 2, distance, psi, direction, theta, place)
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The limited inputs near a state: their bounds, and the combinations of entries of `law` (inputs, entries) that they
+    follow there.
+    """
+
+    bounds: Bounds
+    mix: np.ndarray
+
+    def slope(self, slope: np.ndarray) -> np.ndarray:
+        """Of the inputs, from that of `law`."""
+        return self.mix @ slope
+
+
+def mixed(found: Bounds, mix: np.ndarray, value: np.ndarray, off: np.ndarray, off_moved: np.ndarray) -> Inputs:
+    """Inputs of that value which change as the combinations do, but for something within `off`; between x and the centre, within
+    `off_moved`.
+    """
+    used = np.abs(mix).any(axis=0)  # the other entries may have no bounds
+    size, part = np.abs(mix[:, used]), found.rows(used)
+    with np.errstate(invalid="ignore", over="ignore"):
+        moved, radius, rest, turned = (size @ bound for bound in (part.moved, part.radius, part.rest, part.turned))
+    return Inputs(Bounds(value, mix[:, used] @ part.slope, moved + off_moved, radius + off, rest + off, turned), mix)
+
+
+def kink(over: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The slope of the line nearest to max(0, x) where x is `moved` from `over` and changes by `radius` from there; by how much
+    the change of max(0, x) can differ from that of the line then, and by how much between `over` and where x is moved to.
+    """
+    spread = moved + radius
+    slope = np.clip(0.5 + 0.5 * over / np.maximum(spread, 1e-300), 0.0, 1.0)
+    straddles, steeper = (slope > 0) & (slope < 1), np.maximum(slope, 1 - slope)
+    off = np.minimum((spread - np.abs(over)) / 2 + moved, steeper * radius)
+    return slope, np.where(straddles, off, 0.0), np.where(straddles, steeper * moved, 0.0)
+
+
+class EnclosedPlant:
+    """w' = N^-1 F and the rates of the coordinates before, from an Enclosure of [rates; N; F] of [z; tau; p]; N is freedom^2.
+
+    Nothing is inverted symbolically: N (w' + dw') = F + dF - dN w' tells how far w' can change.
+    """
+
+    def __init__(self, parts: Enclosure, freedom: int):
+        self._parts, self._freedom = parts, freedom
+
+    def tangent(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Value and slope at x."""
+        value, slope = self._parts.tangent(x)
+        return self._solved(value, slope)[:2]
+
+    def bounds(self, x: np.ndarray, moved: np.ndarray, radius: np.ndarray, rest: np.ndarray | float = 0.0) -> Bounds:
+        """As an Enclosure's."""
+        found, f = self._parts.bounds(x, moved, radius, rest), self._freedom
+        value, slope, inverse = self._solved(found.value, found.slope)
+        size, k = np.abs(value[-f:]), len(value) - f
+        (mN, mF), (RN, RF), (rN, rF) = (self._split(part)[1:] for part in (found.moved, found.radius, found.rest))
+        inverse = np.abs(inverse)
+        change = inverse @ (mN + RN)
+        if not (found.finite and np.abs(change).sum(axis=1).max() < 1):
+            endless = np.full(len(value), np.inf)
+            return Bounds(value, slope, endless, endless, endless, endless)
+        inverse = np.linalg.solve(np.eye(f) - change, inverse)  # of any N in the box (Neumann's series)
+        moved_w = inverse @ (mF + mN @ size)
+        radius_w = inverse @ (RF + RN @ (size + moved_w))
+        rest_w = inverse @ (rF + rN @ (size + moved_w) + RN @ radius_w)
+        tN, tF = self._split(found.turned)[1:]
+        linear = self._split(np.abs(found.slope) @ radius)[1]
+        turned_w = inverse @ (tF + tN @ (size + moved_w) + linear @ moved_w + mN @ (np.abs(slope[-f:]) @ radius))
+        firsts = (found.moved, found.radius, found.rest, found.turned)
+        both = zip(firsts, (moved_w, radius_w, rest_w, turned_w), strict=True)
+        return Bounds(value, slope, *[np.concatenate([first[:k], second]) for first, second in both])
+
+    def _split(self, part: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        f = self._freedom
+        k = len(part) - f * (f + 1)
+        return part[:k], part[k : k + f * f].reshape(f, f).T, part[k + f * f :]
+
+    def _solved(self, value: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        rates, N, F = self._split(value)
+        f, k = self._freedom, len(rates)
+        inverse = np.linalg.inv(N)
+        w = inverse @ F
+        by = slope[k + f * f :].copy()
+        for column in range(f):
+            by -= slope[k + column * f : k + (column + 1) * f] * w[column]
+        return np.concatenate([rates, w]), np.vstack([slope[:k], inverse @ by]), inverse
+
+
+class EnclosedLoop:
+    """z (n): the coordinates and quasi-velocities that matter; p: the uncertain parameters, of value `nominal` and +- `spread`.
+
+    `plant`: z' of [z; tau; p]. `law`: what the controller asks for, its errors with integral action and, where it may slow down,
+    the inputs with each limit met, of [z; integrals; config; reference]. `guard`: |det Phi|, the product of Phi's row norms,
+    det Phi and s, the cosine of the angle between heading and normal, of [z; config]. `start`: z of p.
+    `settles`: a motion may come to rest in these coordinates.
+    """
+
+    def __init__(self, loop: Loop, spec: Spec, uncertainty: Mapping[str, float]):
+        """Raises BadInput for a robot whose pose is not three of its coordinates, and a model without bounds."""
+        law, mechanism = loop.law, loop.law.system.mechanism
+        names = [q.name for q in law.parameters]
+        uncertain = [k for k, name in enumerate(names) if uncertainty.get(name)]
+        self.loop, self._uncertain = loop, [names[k] for k in uncertain]
+        self.nominal = loop.plant.parameters[uncertain]
+        self.spread = np.array([uncertainty[names[k]] for k in uncertain]) * np.abs(self.nominal)
+        self.slows = loop.limits is not None and loop.limits.mode == "slow"
+        self.most = np.array([most or np.inf for most in loop.limits.torque] if loop.limits else [np.inf] * len(mechanism.inputs))
+        parameters = ca.vertsplit(mechanism.p)
+        p = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in uncertain])
+        known = [k for k in range(len(names)) if k not in uncertain]
+        numbers = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in known]), ca.SX(loop.plant.parameters[known])
+
+        tau = ca.SX.sym("tau", len(mechanism.inputs))
+        z, x_of_z, rates, start = self._speeds(*self._chart())
+        system = law.system
+        by_nu = ca.inv(ca.DM(self._of_nu))
+        self._forces = self._plain_inputs(by_nu)
+        acting = ca.solve(self._forces, tau)
+        mass, force = by_nu.T @ system.Mbar @ by_nu, by_nu.T @ (system.input_map @ acting - system.bias)
+        motion = ca.substitute(ca.vertcat(ca.vec(mass), force), symbols(law.state), x_of_z)
+        rates, motion = (ca.substitute(part, *numbers) for part in (rates, motion))
+        law_of_z, guard = self._controller(x_of_z)
+        keep = _relevant(z, rates, ca.vertcat(motion, law_of_z, guard))
+        z, self.z = ca.vertcat(*[z[k] for k in keep]), start[keep]
+        self._keep, self._count = keep, len(start)
+        fixed = ca.vertcat(symbols(law.config), symbols(law.reference))
+        kept = ca.vertcat(*[rates[k] for k in keep[: -system.freedom]])
+        self.plant = EnclosedPlant(Enclosure(ca.vertcat(kept, motion), ca.vertcat(z, tau, p)), system.freedom)
+        self.law = Enclosure(law_of_z, ca.vertcat(z, self._integrals), fixed)
+        self.guard = Enclosure(guard, z, symbols(law.config))
+        self.start = self._start(spec, p, numbers)
+
+    def plant_at(self, deviation: np.ndarray) -> dict[str, float]:
+        """The uncertain parameters by name, deviating by parts of their spread."""
+        return dict(zip(self._uncertain, map(float, self.nominal + deviation * self.spread), strict=True))
+
+    def limited(self, value: np.ndarray) -> np.ndarray:
+        """The inputs within the limits, from the value of `law`."""
+        r = len(self.most)
+        tau = value[:r]
+        if (np.abs(tau) <= self.most).all():
+            return tau
+        if self.slows:
+            tau = slowed(tau, value[-r:], self.most)
+        return np.clip(tau, -self.most, self.most)
+
+    def inputs(self, found: Bounds) -> Inputs:
+        """The limited inputs from the bounds of `law`; where it is open which limit holds, `rest` covers all that may be."""
+        r = len(self.most)
+        value, size, spread = self.limited(found.value), np.abs(found.value[:r]), (found.moved + found.radius)[:r]
+        if (size + spread <= self.most).all():
+            return mixed(found, np.eye(r, len(found.value)), value, np.zeros(r), np.zeros(r))
+        if self.slows:
+            return self._slowed(found, value)
+        moved, radius = found.moved[:r], found.radius[:r]
+        slope, off, off_moved = kink(size - self.most, moved, radius)
+        both = spread - size > self.most  # either limit may be met
+        slope, off, off_moved = np.where(both, 0.5, slope), np.where(both, radius / 2, off), np.where(both, moved / 2, off_moved)
+        return mixed(found, (1 - slope)[:, None] * np.eye(r, len(found.value)), value, off, off_moved)
+
+    def _slowed(self, found: Bounds, value: np.ndarray) -> Inputs:
+        """With one limit met, or perhaps met, and the others not; else anything within the limits."""
+        r, n = len(self.most), len(found.value)
+        spread = found.moved + found.radius
+        tau, steepness, steepness_spread = found.value[:r], np.abs(found.value[-r:]), spread[-r:]
+        for k, (i, side) in enumerate((i, side) for i in range(r) for side in SIDES):
+            met = n - r - (2 * r - k) * r
+            over, others = side * tau[i] - self.most[i], np.arange(r) != i
+            steep = steepness[i] - steepness_spread[i] > FLAT * (steepness + steepness_spread).max()
+            rows = np.arange(r) + met
+            holds = (np.abs(found.value[rows]) + spread[rows] <= self.most)[others].all()
+            if not (steep and holds and over + spread[i] > 0):
+                continue
+            if over - spread[i] < 0:
+                if not (np.abs(tau) + spread[:r] <= self.most)[others].all() or -side * tau[i] + spread[i] > self.most[i]:
+                    continue
+            slope, off, off_moved = kink(over, found.moved[i], found.radius[i])
+            mix = np.zeros((r, n))
+            mix[:, :r], mix[:, met : met + r] = (1 - slope) * np.eye(r), slope * np.eye(r)
+            least = steepness[i] - steepness_spread[i]
+            ratio = (steepness + steepness_spread) / least
+            if 0 < slope < 1:  # max(0, over) less the line multiplies the quotient of two slopes, which changes too
+                apart = min(slope, 1 - slope) * abs(over)
+                change, change_moved = ((part[-r:] + ratio * part[n - r + i]) / least for part in (found.radius, found.moved))
+                off = off * ratio + (apart + found.moved[i]) * change
+                off_moved = off_moved * ratio + apart * change_moved
+            return mixed(found, mix, value, off * np.ones(r), off_moved * np.ones(r))
+        anything, none = self.most + np.abs(value), np.zeros(r)
+        return Inputs(Bounds(value, np.zeros((r, found.slope.shape[1])), none, anything, anything, none), np.zeros((r, n)))
+
+    def _chart(self) -> tuple[ca.SX, ca.SX, ca.SX, np.ndarray]:
+        """z with all coordinates, the state [q; nu] by z, the rates of what is no quasi-velocity, and z at the start."""
+        law, system, x = self.loop.law, self.loop.law.system, self.loop.start
+        state = symbols(law.state)
+        rates, count = system.qdot, system.mechanism.q.numel()
+        pose = _pose(system)
+        self.config = np.asarray(self.loop.guidance.leg.config)
+        names = [c.name for c in law.config]
+        given = dict(zip(names, self.config, strict=True))
+        ahead, left = given["L"], given.get("W", 0.0)
+        foot = None
+        acting = ca.vertcat(ca.vec(system.Mbar), ca.vec(system.input_map), system.bias)
+        level = not ca.depends_on(acting, ca.vertcat(*[state[k] for k in pose]))  # the same forces in each pose
+        if pose and level and not self.loop.composite:
+            c, s = math.cos(x[pose[2]]), math.sin(x[pose[2]])
+            place = (x[pose[0]] + ahead * c - left * s, x[pose[1]] + ahead * s + left * c, x[pose[2]])
+            foot = foot_of(law.output.required_path.kind, names, self.config, place)
+        self.settles = foot is not None and foot.uniform
+        if foot is None:
+            return state, state, rates, x.copy()
+        self.config = foot.config
+        point = body_point(offset=True)
+        offsets = ca.vertcat(*[q.symbol for q in point]), ca.SX([ahead, left])
+        velocity = system.along_motion(ca.substitute(ca.vertcat(*reference_point(system, point)), *offsets))
+        h, psi = ca.SX.sym("h"), ca.SX.sym("psi")
+        cosine, sine = ca.cos(foot.theta), ca.sin(foot.theta)
+        along, across = left * ca.sin(psi) - ahead * ca.cos(psi), h - ahead * ca.sin(psi) - left * ca.cos(psi)
+        places = foot.place + ca.vertcat(cosine * along - sine * across, sine * along + cosine * across)
+        others = [k for k in range(len(x)) if k not in pose]
+        from_foot, x_of_z = state[:], state[:]  # the foot as origin, and in the world
+        for k, here, there in zip(pose, (along, across, psi), (*ca.vertsplit(places), foot.theta + psi), strict=True):
+            from_foot[k], x_of_z[k] = here, there
+        ahead_, aside = ca.vertsplit(ca.substitute(velocity, state, from_foot))
+        turned = foot.curvature * ahead_ / (1 - foot.curvature * h)
+        moved = ca.vertcat(aside, ca.substitute(rates[pose[2]], state, from_foot) - turned)
+        first, begin = ca.vertcat(h, psi), [foot.distance, foot.heading]
+        if not foot.uniform:
+            moved, first, begin = ca.vertcat(moved, turned), ca.vertcat(first, foot.theta), [*begin, foot.direction]
+        moved = ca.vertcat(moved, *[ca.substitute(rates[k], state, from_foot) for k in others if k < count])
+        z = ca.vertcat(first, *[state[k] for k in others])
+        return z, x_of_z, moved, np.array([*begin, *x[others]])
+
+    def _speeds(self, z: ca.SX, x_of_z: ca.SX, rates: ca.SX, start: np.ndarray) -> tuple[ca.SX, ca.SX, ca.SX, np.ndarray]:
+        """The same with forward speed and yaw rate, as the controller reckons them, instead of wheels' rates."""
+        system, others = self.loop.law.system, len(start) - self.loop.law.system.freedom
+        self._of_nu = _velocities(system, self.loop.believed)
+        moving = ca.SX.sym("moving", system.freedom)
+        change = z[others:], ca.SX(ca.inv(ca.DM(self._of_nu))) @ moving
+        start = np.concatenate([start[:others], self._of_nu @ start[others:]])
+        return ca.vertcat(z[:others], moving), ca.substitute(x_of_z, *change), ca.substitute(rates, *change), start
+
+    def _controller(self, x_of_z: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """What `law` and `guard` are made of."""
+        law, action, found = self.loop.law, self.loop.integral, self.loop.law.linearization
+        wanted = symbols(law.reference)
+        self._integrals = ca.SX.sym("integral", len(action.rows))
+        added = ca.SX.zeros(wanted.numel())
+        for k, entry in enumerate(action.highest):
+            added[entry] = action.ki[k] * self._integrals[k]
+        numbers = ca.vertcat(symbols(law.parameters), symbols(law.gains)), ca.SX([*self.loop.believed, *self.loop.gains])
+
+        def seen(expression: ca.SX) -> ca.SX:
+            return ca.substitute(ca.substitute(expression, *numbers), symbols(law.state), x_of_z)
+
+        through, heading = law.output.rows[0].through, law.system.mechanism.required_vehicle.heading
+        if through is None:
+            raise BadInput(f"{law.name}: its first output is no distance of a point")
+        gradient = ca.substitute(ca.gradient(through.outer, through.symbols), through.symbols, through.inner)
+        s = ca.dot(gradient, ca.vertcat(ca.cos(heading), ca.sin(heading))) / ca.sqrt(ca.sumsqr(gradient))
+        errors = [wanted[entry] - found.h[row] for entry, row in zip(action.wanted, action.acting, strict=True)]
+        tau = self._forces @ seen(ca.substitute(law.tau, wanted, wanted + added))
+        slope = seen(law.slope)
+        met = []
+        for i, most in enumerate(self.most if self.slows else ()):
+            met += [tau + (side * most - tau[i]) / slope[i] * slope for side in SIDES]
+        flat = slope if self.slows else ca.SX(0, 1)
+        return ca.vertcat(tau, *map(seen, errors), *met, flat), seen(ca.vertcat(*found.measure, found.determinant, s))
+
+    def _plain_inputs(self, by_nu: ca.DM) -> ca.DM:
+        """What the inputs are multiplied by: forces along the speeds, where there is one for each and no limit on a motor."""
+        system, r = self.loop.law.system, len(self.most)
+        map_ = system.input_map
+        if np.isfinite(self.most).any() or r != system.freedom or ca.symvar(map_):
+            return ca.DM.eye(r)
+        return by_nu.T @ ca.evalf(ca.densify(map_))
+
+    def _start(self, spec: Spec, p: ca.SX, numbers: tuple[ca.SX, ca.SX]) -> Bounds:
+        """z of p: a start given by its speed has quasi-velocities that depend on the parameters."""
+        n, count = len(self.z), p.numel()
+        rest = Bounds(self.z, np.zeros((n, count)), *np.zeros((4, n)))
+        initial = spec.initial
+        if not count or initial is None or initial.q is not None or not initial.speed:
+            return rest
+        system, x = self.loop.law.system, self.loop.start
+        freedom = system.freedom
+        motion = ca.vertcat(forward_speed(system), system.along_motion(system.mechanism.required_vehicle.heading))
+        M = ca.substitute(ca.jacobian(motion, system.nu), *numbers)
+        M = ca.substitute(M, ca.vertcat(system.mechanism.q, system.nu), ca.SX(x))
+        wanted = ca.SX([initial.speed, 0.0])
+        nu = ca.solve(M, wanted) if freedom == 2 else M.T @ ca.solve(M @ M.T, wanted)
+        rates = Enclosure(ca.SX(self._of_nu) @ nu, p).bounds(self.nominal, np.zeros(count), self.spread)
+        first = self._count - freedom
+        for place, k in enumerate(self._keep):
+            if k >= first:
+                for name in ("slope", "radius", "rest"):
+                    getattr(rest, name)[place] = getattr(rates, name)[k - first]
+        return rest
+
+
+def _velocities(system: ReducedSystem, believed: np.ndarray) -> np.ndarray:
+    """Forward speed and yaw rate of the quasi-velocities where these are such combinations, else the quasi-velocities."""
+    try:
+        forward, turn, _ = vehicle_wheels(system, believed)
+    except BadInput:
+        return np.eye(system.freedom)
+    return np.array([forward, turn])
+
+
+def _pose(system: ReducedSystem) -> list[int]:
+    """Which coordinates are the vehicle's x, y and heading; none where these are no coordinates."""
+    try:
+        return pose_coordinates(system)
+    except BadInput:
+        return []
+
+
+def _relevant(z: ca.SX, rates: ca.SX, needed: ca.SX) -> list[int]:
+    """The coordinates among z on which something depends, and all that follows these."""
+    coordinates = rates.numel()
+    keep: list[int] = []
+    while more := [k for k in range(coordinates) if k not in keep and ca.depends_on(needed, z[k])]:
+        keep = sorted([*keep, *more])
+        needed = ca.vertcat(*[rates[k] for k in keep])
+    keep += range(coordinates, z.numel())
+    return keep

@@ -1,0 +1,128 @@
+"""Will this start stay away from the singular set? Decided before the run, for path following.
+
+All motions that the start can lead to, with every value that the robot's parameters may have, are enclosed (`certificate`),
+in the loop that `simulate` runs: sampled or continuous, delayed, limited, with integral action. A start is
+
+- safe, where the enclosure stays regular: up to the end of the run, or for ever where the set of motions returns into itself;
+- singular, where the motion with the given parameters is, every motion of the enclosure approaches the singular set at the last
+  instant that is enclosed, and so do the runs at the two ends of what the parameters may be;
+- an unstable equilibrium, where the nominal motion rests at one: when it leaves is decided by rounding;
+- not proved otherwise.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...readers.errors import BadInput
+from ...readers.reading import check_keys
+from ...simulation.integrate import Row, continuous, sampled
+from ...simulation.loop import RUNNING, Loop, make_loop
+from ...simulation.specification.spec import Spec
+from .certificate import Certificate, Course
+from .enclosed_loop import EnclosedLoop
+
+SAFE, SINGULAR, NOT_PROVED, UNSTABLE = KINDS = ("safe", "singular", "not proved", "unstable equilibrium")
+NEAR = 0.5  # s: a motion that would still need longer to become singular, as fast as it approaches, may yet turn away
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`kind` is one of KINDS; `reason` a sentence; `t` (s) when the nominal motion will be singular.
+
+    `margin`: a lower bound of |det Phi| over the product of its row norms, of all motions up to `until` (s; infinite: for ever).
+    `course`: t (s) and s of the nominal motion as far as it was followed, 2 x N.
+    """
+
+    kind: str
+    reason: str
+    t: float | None = None
+    margin: float | None = None
+    until: float = 0.0
+    course: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)), compare=False, repr=False)
+
+    def __str__(self) -> str:
+        """In words."""
+        words = "will be singular" if self.kind == SINGULAR else self.kind
+        return f"{words}: {self.reason}"
+
+
+def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = None) -> Verdict:
+    """The verdict on a start. `uncertainty`: how far parameters of the robot may be from their values, relative, by name.
+
+    Raises BadInput for the name of no parameter and for a size that is not in [0, 1).
+    """
+    uncertainty = dict(uncertainty or {})
+    check_uncertainty(uncertainty, loop)
+    doubts = [
+        (loop.law.output.path is None, "the outputs are not those of path following"),
+        (loop.sensing is not None, "the controller does not see the true state"),
+        (loop.limits is not None and bool(loop.integral.rows), "limits decide when integral action stops"),
+        (loop.composite, "path and wanted speed change along a composite path"),
+    ]
+    for applies, why in doubts:
+        if applies:
+            return Verdict(NOT_PROVED, f"{why}, which this proof does not cover")
+    try:
+        enclosed = EnclosedLoop(loop, spec, uncertainty)
+    except BadInput as error:
+        return Verdict(NOT_PROVED, str(error))
+    certificate = Certificate(enclosed, spec.simulation)
+    found = certificate.run()
+    course = np.array([found.t, found.s])
+    if found.unstable:
+        reason = "the motion rests at an equilibrium of the loop that is not stable; when it leaves is decided by rounding"
+        return Verdict(UNSTABLE, reason, None, found.margin, found.until, course)
+    if not found.lost:
+        until = np.inf if found.invariant else found.until
+        when = "for ever" if found.invariant else f"for the {found.until:.6g} s of the run"
+        reason = f"|s| stays below {np.ceil(1e4 * found.largest) / 1e4:.4f} {when}"
+        return Verdict(SAFE, reason, None, found.margin, until, course)
+    return _lost(enclosed, spec, found, course)
+
+
+def check_uncertainty(uncertainty: Mapping[str, float], loop: Loop) -> None:
+    """Raises BadInput for the name of no parameter and for a size that is not in [0, 1)."""
+    check_keys(uncertainty, [q.name for q in loop.law.parameters], "uncertainty")
+    for name, size in uncertainty.items():
+        if not 0 <= size < 1:
+            raise BadInput(f"uncertainty {name} = {size:g} must lie between 0 and 1: it is relative to the parameter")
+
+
+def of_each(uncertainty: Mapping[str, float] | float, loop: Loop) -> Mapping[str, float]:
+    """One uncertainty for all of the robot's parameters, unless it is given by name."""
+    if isinstance(uncertainty, Mapping):
+        return uncertainty
+    return {q.name: uncertainty for q in loop.law.parameters}
+
+
+def _lost(enclosed: EnclosedLoop, spec: Spec, found: Course, course: np.ndarray) -> Verdict:
+    """Where the enclosure is lost: is it because all motions are singular then?"""
+    last = _run(spec, {}, found.until + NEAR)
+    proved = f"|s| stays below {np.ceil(1e4 * found.largest) / 1e4:.4f} up to t = {found.until:.4g} s" if found.t else "nothing"
+    if last.status != "singular":
+        reason = f"{found.lost}; what is proved is that {proved}" if found.t else found.lost
+        return Verdict(NOT_PROVED, reason, None, found.margin, found.until, course)
+    ends = [last]
+    if len(enclosed.spread) and found.approach is not None:
+        ends += [_run(spec, enclosed.plant_at(side * found.approach), found.until + NEAR) for side in (-1.0, 1.0)]
+    if found.approaching and all(row.status == "singular" for row in ends):
+        times = [row.t for row in ends]
+        spread = "" if len(ends) == 1 else f", with other parameters between {found.until:.4g} and {max(times):.4g} s"
+        reason = f"the heading becomes normal to the path at t = {last.t:.4g} s{spread}"
+        return Verdict(SINGULAR, reason, last.t, 0.0, found.until, course)
+    reason = f"with the given parameters the heading becomes normal to the path at t = {last.t:.4g} s, with others it may not"
+    return Verdict(NOT_PROVED, reason, None, 0.0, found.until, course)
+
+
+def _run(spec: Spec, plant: Mapping[str, float], end: float) -> Row:
+    """The last row of a run with other parameters of the robot, up to `end` (s) or until it stops."""
+    duration = min(end, spec.simulation.duration)
+    simulation = replace(spec.simulation, duration=duration, output_step=duration, backend="casadi")
+    changed = replace(spec, plant={**spec.plant, **plant}, simulation=simulation)
+    march = sampled if simulation.period else continuous
+    for row in march(make_loop(changed), simulation):  # noqa: B007
+        if row.status not in RUNNING:
+            break
+    return row

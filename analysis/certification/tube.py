@@ -1,0 +1,167 @@
+"""All motions of a closed loop that start alike and differ by the robot's parameters, enclosed about one of them.
+
+About the nominal motion x(t) the deviation of any other is e = S pi + G b: pi the deviations of the parameters, at most `spread`,
+S the sensitivity of the motion to them, and b unknown numbers in [-1, 1]. S and G are carried along by the loop's tangent; what
+the tangent leaves out (`Enclosure`), the error of each step of integration and what a limit or the next piece of a path
+makes uncertain become further columns of G. A step is good when a box is found that no motion leaves during it (Picard).
+
+Rounding is covered by the error allowed for each step; the tangent itself is taken to be exact along the nominal motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.integrate import RK45
+
+from .enclosure import Bounds
+
+STAGES, WEIGHTS, ERROR = RK45.A, RK45.B, RK45.E  # Dormand and Prince, of order 5(4)
+TOLERANCE = 1e-9  # of a step's error, absolute and relative
+ROUNDING = 1e-13  # of a step, relative and absolute
+SHORTEST, TRIES = 1e-6, 8  # s, and guesses of a box for a step
+COLUMNS = 8  # times the dimension: columns of G that are kept
+GROW, SHRINK = 2.0, 0.5
+
+
+class Lost(Exception):
+    """No box is found for a step, however short."""
+
+
+@dataclass
+class Tube:
+    """`centre` (n), `S` (n, parameters), `G` (n, columns) and the parameters' `spread`: the set of states at an instant."""
+
+    centre: np.ndarray
+    S: np.ndarray
+    G: np.ndarray
+    spread: np.ndarray
+
+    @property
+    def rest(self) -> np.ndarray:
+        """The part of `radius` that is not linear in the parameters."""
+        return np.abs(self.G).sum(axis=1)
+
+    @property
+    def radius(self) -> np.ndarray:
+        """How far a state can be from the centre, entry by entry."""
+        return np.abs(self.S) @ self.spread + self.rest
+
+    def map(self, centre: np.ndarray, A: np.ndarray, B: np.ndarray, rest: np.ndarray) -> Tube:
+        """All centre + A e + B pi + anything within `rest`."""
+        columns = np.hstack([A @ self.G, np.diag(rest)[:, rest > 0]])
+        return Tube(centre, A @ self.S + B, _reduced(columns), self.spread)
+
+
+def _reduced(G: np.ndarray) -> np.ndarray:
+    """G with its smallest columns replaced by a box (Girard 2005)."""
+    n = len(G)
+    if G.shape[1] <= 2 * COLUMNS * n:
+        return G
+    scale = np.abs(G).max(axis=1, keepdims=True)
+    size = np.abs(G / np.where(scale, scale, 1.0)).sum(axis=0)
+    order = np.argsort(-size)
+    keep, box = order[: COLUMNS * n], order[COLUMNS * n :]
+    return np.hstack([G[:, keep], np.diag(np.abs(G[:, box]).sum(axis=1))])
+
+
+@dataclass(frozen=True)
+class Step:
+    """`h` s, and the tube behind it. In between the nominal motion was within `moved` of `centre`, the others within `radius` of
+    that; `rate`: bounds of their rates of change.
+    """
+
+    h: float
+    tube: Tube
+    centre: np.ndarray
+    moved: np.ndarray
+    radius: np.ndarray
+    rate: Bounds
+
+
+class Field(Protocol):
+    """A rate of change x' = f(x, p)."""
+
+    def tangent(self, x: np.ndarray, found: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """f, its derivatives by x and by p, where the bounds that were found for the step hold."""
+
+    def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
+        """Near the tube, the nominal motion within `moved` of its centre and deviations within `growth` of what they are there;
+        the slope is not needed.
+        """
+
+
+class Flow:
+    """Integrates a Field and everything near its nominal motion."""
+
+    def __init__(self, field: Field):
+        self._field, self._h = field, np.inf
+
+    def step(self, tube: Tube, longest: float) -> Step:
+        """Go on by at most `longest` s. Raises Lost."""
+        h = min(self._h, longest)
+        if longest - h < SHORTEST:
+            h = longest
+        while True:
+            box = self._box(tube, h)
+            made = None if box is None else self._step(tube, h, box)
+            if box is not None and made is not None:
+                after, error = made
+                if error <= 1 or h <= 10 * SHORTEST:
+                    cut = self._h if h == longest else 0.0  # which says nothing about the next step
+                    self._h = max(cut, h * min(GROW, 0.9 * max(error, 1e-8) ** -0.2))
+                    return Step(h, after, tube.centre, *box)
+                h *= max(SHRINK, 0.9 * error**-0.2)
+            else:
+                h *= SHRINK
+            if h < SHORTEST:
+                raise Lost
+
+    def _box(self, tube: Tube, h: float) -> tuple[np.ndarray, np.ndarray, Bounds] | None:
+        """A box that no motion leaves within h, and f's bounds in it; None where none is found."""
+        radius = tube.radius
+        value = self._field.tangent(tube.centre, None)[0]
+        moved, growth = 1.2 * h * np.abs(value) + ROUNDING, 1e-6 * radius + ROUNDING
+        for _ in range(TRIES):
+            found = self._field.bounds(tube, moved, growth)
+            if not found.finite:
+                return None
+            farthest, grown = h * (np.abs(found.value) + found.moved), h * found.radius
+            if (farthest <= moved).all() and (grown <= growth).all():
+                return moved, radius + growth, found
+            moved = np.maximum(moved, 1.1 * farthest + ROUNDING)
+            growth = np.maximum(growth, 1.1 * grown + ROUNDING)
+        return None
+
+    def _step(self, tube: Tube, h: float, box: tuple[np.ndarray, np.ndarray, Bounds]) -> tuple[Tube, float] | None:
+        """The tube h later, and the error of the nominal motion in units of what is allowed."""
+        n, (_, _, found) = len(tube.centre), box
+        slopes: list[np.ndarray] = []
+        tangents: list[np.ndarray] = []
+        size = np.zeros((n, n))
+        start = np.hstack([np.eye(n), np.zeros((n, len(tube.spread)))])
+        for row in STAGES:
+            x, X = tube.centre, start
+            for weight, k, K in zip(row, slopes, tangents, strict=False):
+                if weight:
+                    x, X = x + h * weight * k, X + h * weight * K
+            k, A, B = self._field.tangent(x, found)
+            K = A @ X
+            K[:, n:] += B
+            slopes.append(k)
+            tangents.append(K)
+            size = np.maximum(size, np.abs(A))
+        after = tube.centre + h * sum(w * k for w, k in zip(WEIGHTS, slopes, strict=True))
+        X = start + h * sum(w * K for w, K in zip(WEIGHTS, tangents, strict=True))
+        if not (np.isfinite(after).all() and np.isfinite(X).all()):
+            return None
+        last = self._field.tangent(after, found)[0]
+        error = np.abs(h * sum(w * k for w, k in zip(ERROR, [*slopes, last], strict=True)))
+        term = rest = 1.01 * h * found.rest
+        for order in range(2, 7):  # exp(h |A|) carries on what is left out early in the step
+            term = h / order * (size @ term)
+            rest = rest + term
+        rest = rest + error + ROUNDING * (1 + np.abs(after))
+        return tube.map(after, X[:, :n], X[:, n:], rest), float((error / (TOLERANCE * (1 + np.abs(after)))).max())

@@ -1,0 +1,1 @@
+"""Distributions and brackets: growth, involutive closure, integrals, places of lower rank, control properties."""

@@ -1,0 +1,126 @@
+"""What the inputs of a robot can do: whether they drive every quasi-velocity, and what they reach where they do not.
+
+With S'E of rank n-m, the feedback (12) turns the robot into qdot = S nu, nudot = u (13). Else the robot is
+x' = f(x) + sum g_j tau_j, x = [q; nu], f being its motion without inputs, and brackets of these tell what it reaches:
+H. J. Sussmann, V. Jurdjevic, Controllability of nonlinear systems, J. Differential Equations 12, 1972.
+"""
+
+import random
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import mpmath
+
+from ...model.algebra.expression import fold
+from ...model.algebra.samples import Sampled
+from ...model.errors import ModelError
+from ...model.mechanism import Mechanism
+from ...model.reduction import ReducedSystem, null_space
+from ..exact.real_points import DIGITS, rank
+from ..exact.symbolic import FUNCTIONS
+
+STATES = 3  # random ones, at which ranks are computed
+ROUNDING = 1e-12  # of numbers in a model, such as 0.1; what is smaller beside the terms of a bracket is zero
+NUMERIC: Mapping[int, Callable] = {
+    **FUNCTIONS,
+    ca.OP_SQRT: mpmath.sqrt,
+    ca.OP_SIN: mpmath.sin,
+    ca.OP_COS: mpmath.cos,
+    ca.OP_TAN: mpmath.tan,
+    ca.OP_EXP: mpmath.exp,
+    ca.OP_SINH: mpmath.sinh,
+    ca.OP_COSH: mpmath.cosh,
+    ca.OP_TANH: mpmath.tanh,
+    ca.OP_FABS: abs,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Actuation:
+    """Of `driven` of the `freedom` = n - m quasi-velocities by the inputs of a mechanism; generic, by ranks at random states."""
+
+    mechanism: Mechanism
+    driven: int
+    freedom: int
+
+    @property
+    def full(self) -> bool:
+        """Do the inputs drive every quasi-velocity, so that (13) is the robot?"""
+        return self.driven == self.freedom
+
+    @cached_property
+    def reached(self) -> int | None:
+        """Dimension of the strong accessibility distribution, at the default parameters; None where it cannot be computed.
+
+        The distribution is the smallest one that has all g_j and is invariant under brackets with f and g_j. Its dimension is
+        the largest of those at random states.
+        """
+        try:
+            return max(self._reached(seed) for seed in range(STATES))
+        except (ModelError, KeyError, ZeroDivisionError, RuntimeError, ValueError):
+            return None
+
+    def _reached(self, seed: int) -> int:
+        system = self._system
+        mechanism, draw = system.mechanism, random.Random(seed)
+        x = ca.vertcat(mechanism.q, system.nu)
+        with mpmath.workdps(DIGITS):
+            at = [
+                mpmath.mpf(value)
+                for value in (*[draw.uniform(-1.0, 1.0) for _ in range(x.numel())], *[p.default for p in mechanism.parameters])
+            ]
+
+        def field(tau: ca.SX) -> ca.SX:
+            return ca.densify(ca.vertcat(system.qdot, system.acceleration(tau)))
+
+        def value(vector: ca.SX) -> list[mpmath.mpf]:
+            known = ca.vertsplit(ca.vertcat(x, mechanism.p))
+            return fold(vector, known, lambda k: at[k], mpmath.mpf, lambda code, parts: NUMERIC[code](*parts))
+
+        inputs = len(mechanism.inputs)
+        drift = field(ca.SX.zeros(inputs))
+        driving = [field(ca.SX.eye(inputs)[:, j]) - drift for j in range(inputs)]
+        values: list[list[mpmath.mpf]] = []
+        with mpmath.workdps(DIGITS):
+            sizes = [_size(value(other)) for other in (drift, *driving)]
+            waiting = list(zip(driving, sizes[1:], strict=True))
+            while waiting and len(values) < x.numel():
+                candidate, usual = waiting.pop(0)
+                entries = value(candidate)
+                size = _size(entries)
+                if size <= ROUNDING * usual:
+                    continue
+                direction = [entry / size for entry in entries]
+                if rank([*values, direction], ROUNDING) > len(values):
+                    values.append(direction)
+                    brackets = [_bracket(other, candidate, x) for other in (drift, *driving)]
+                    waiting += [(bracket, size * other) for bracket, other in zip(brackets, sizes, strict=True)]
+        return len(values)
+
+    @cached_property
+    def _system(self) -> ReducedSystem:
+        S, names, known = null_space(self.mechanism)
+        return ReducedSystem(self.mechanism, names, S, known)
+
+
+def actuation(mechanism: Mechanism) -> Actuation | None:
+    """Of a mechanism with inputs; None without.
+
+    The rank of S'E is that of [A; E'] less m, since A has rank m and S spans its null space.
+    """
+    if not mechanism.inputs:
+        return None
+    A, E = mechanism.A, mechanism.E
+    both = Sampled(ca.vertcat(A, E.T), mechanism.q, mechanism.parameters, f"{mechanism.name}: A and E")
+    m, n = A.shape
+    return Actuation(mechanism, both.rank() - m, n - m)
+
+
+def _size(vector: list[mpmath.mpf]) -> mpmath.mpf:
+    return max(map(abs, vector))
+
+
+def _bracket(f: ca.SX, g: ca.SX, x: ca.SX) -> ca.SX:
+    return ca.densify(ca.jtimes(g, x, f) - ca.jtimes(f, x, g))

@@ -1,0 +1,164 @@
+"""The distribution Delta of a system: the span of the columns of S(q), its filtration, and the closure Delta*, paper 2.1."""
+
+import functools
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import sympy as sp
+from sympy.polys.rings import PolyElement
+
+from ...model.errors import ModelError
+from ...model.mechanism import Mechanism
+from ...model.reduction import ReducedSystem
+from ...model.rolling.kinematics import Kinematics, kinematics
+from ..exact.functions import Functions, TooLarge, Vector
+from ..exact.points import Point, refuse_dependent_roots
+from ..exact.real_points import RealPoint
+from ..exact.symbolic import symbol, symbolic
+from .brackets import Filtration, Span, VectorField, filtration
+
+
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """Delta exactly: `fields` are the columns of S, `forms` the rows of A (none when only S was given), up to factors."""
+
+    kinematics: Kinematics
+    functions: Functions
+    S: sp.Matrix
+    fields: tuple[VectorField, ...]
+    forms: tuple[VectorField, ...]
+
+    @cached_property
+    def filtration(self) -> Filtration:
+        """Delta_1 = Delta, Delta_(i+1) = Delta_i + [Delta, Delta_i]; its last is Delta*. Raises ModelError when too large."""
+        return self._filtration(derived=False)
+
+    @cached_property
+    def derived(self) -> Filtration:
+        """The derived flag Delta_(i+1) = Delta_i + [Delta_i, Delta_i]. Raises ModelError when too large."""
+        return self._filtration(derived=True)
+
+    @property
+    def growth(self) -> tuple[int, ...]:
+        """Generic dimensions of the filtration, the growth vector."""
+        return self.filtration.growth
+
+    @property
+    def holonomic(self) -> int:
+        """k: the constraints that integrate, n - dim Delta*."""
+        return self.functions.n - self.growth[-1]
+
+    @property
+    def m(self) -> int:
+        """Number of constraints."""
+        return self.functions.n - len(self.fields)
+
+    @cached_property
+    def annihilator(self) -> list[Vector]:
+        """k one-forms that vanish on Delta*: the differentials of the integrals, up to combinations with functions."""
+        with provable(self.kinematics.name):
+            return Span(self.functions, list(self.filtration.basis)).complement()
+
+    def near(self, point: Point | RealPoint) -> "Distribution":
+        """The same with fields that span Delta about the point: the columns of S, or others where these fail and A does not."""
+        columns = [column.whole(self.functions) for column in self.fields]
+        if point.rank(columns) == len(columns) or not self.forms:
+            return self
+        span = Span(self.functions, point=point)
+        for form in self.forms:
+            span.add(form)
+        return replace(self, fields=_unscaled(span.complement()))
+
+    def _filtration(self, derived: bool) -> Filtration:
+        with provable(self.kinematics.name):
+            return filtration(self.functions, self.fields, derived)
+
+
+@contextmanager
+def provable(name: str) -> Iterator[None]:
+    """Within this, TooLarge becomes a ModelError."""
+    try:
+        yield
+    except TooLarge:
+        raise ModelError(
+            f"{name}: the functions of q grow too large for an exact proof; write the system in simpler coordinates, "
+            "or give numbers for parameters"
+        ) from None
+
+
+def distribution(system: Kinematics | Mechanism | ReducedSystem) -> Distribution:
+    """The distribution of a system.
+
+    Raises ModelError when constraints depend on each other everywhere (it names one), when A S is not exactly zero, when
+    columns of S depend on each other, and for functions of q that cannot be treated exactly.
+    """
+    given = kinematics(system)
+    with provable(given.name):
+        return _distribution(given)
+
+
+def _distribution(given: Kinematics) -> Distribution:
+    quantities = (*given.coordinates, *given.parameters)
+    A = _exact(given.A, quantities, f"{given.name}: A")
+    S = _exact(given.S, quantities, f"{given.name}: S")
+    symbols = [symbol(c) for c in given.coordinates], [symbol(p) for p in given.parameters]
+    functions = Functions(given.name, *symbols, [*(A or ()), *(S or ())])
+    refuse_dependent_roots(functions)
+    forms = [_polynomial(functions, list(A.row(k)), f"row {k + 1}") for k in range(A.rows)] if A is not None else []
+    rows = _independent(functions, forms)
+    if len(rows) < len(forms):
+        name = next(
+            name for name, form in zip(given.constraint_names, forms, strict=True) if form.name not in {r.name for r in rows}
+        )
+        raise ModelError(
+            f"{given.name}: the constraints are not independent: {name!r} follows from the others everywhere; drop it"
+        )
+    fields: Sequence[VectorField]
+    if S is None:
+        vectors = Span(functions, rows).complement()
+        fields = _unscaled(vectors)
+        S = sp.Matrix([[functions.expression(v[k]) for v in vectors] for k in range(functions.n)])
+    else:
+        fields = [_polynomial(functions, list(S.col(k)), f"s{k + 1}") for k in range(S.cols)]
+    for name, form in zip(given.constraint_names, forms, strict=False):
+        for column in fields:
+            if functions.dot(form.vector, column.vector):
+                raise ModelError(f"{given.name}: A S is not zero: column {column.name} of S does not satisfy constraint {name!r}")
+    if len(_independent(functions, fields)) < len(fields):
+        raise ModelError(f"{given.name}: the columns of S depend on each other everywhere; choose other quasi-velocities")
+    return Distribution(given, functions, S, tuple(fields), tuple(forms))
+
+
+def _exact(matrix: ca.SX | None, quantities: Sequence, where: str) -> sp.Matrix | None:
+    if matrix is None:
+        return None
+    entries = symbolic(matrix, quantities, where)
+    return sp.Matrix(matrix.shape[1], matrix.shape[0], entries).T
+
+
+def _polynomial(functions: Functions, entries: list[sp.Expr], name: str) -> VectorField:
+    """Entries that are ratios as polynomials without a common factor; what they were multiplied and divided by is kept."""
+    ratios = [functions.ratio(entry) for entry in entries]
+    common = functools.reduce(PolyElement.lcm, [below for _, below in ratios])
+    vector: Vector = tuple(functions.normal(above * common.exquo(below)) for above, below in ratios)
+    if not any(vector):
+        return VectorField(name, 1, vector)
+    content, vector = functions.primitive(vector)
+    above, below = common.cancel(content)
+    return VectorField(name, 1, vector, (above,), (below,))
+
+
+def _unscaled(vectors: Sequence[Vector]) -> tuple[VectorField, ...]:
+    return tuple(VectorField(f"s{k + 1}", 1, vector) for k, vector in enumerate(vectors))
+
+
+def _independent(functions: Functions, vectors: Sequence[VectorField]) -> list[VectorField]:
+    """Those that do not follow from the ones before, in echelon form."""
+    span = Span(functions)
+    for vector in vectors:
+        if any(vector.vector):
+            span.add(vector)
+    return span.fields

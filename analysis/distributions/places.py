@@ -1,0 +1,292 @@
+"""Where ranks drop: places at which constraints depend on each other, S fails, or the growth vector is another."""
+
+import contextlib
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+from sympy import QQ
+from sympy.polys.rings import PolyElement
+
+from ...model.errors import ModelError
+from ..exact.functions import Functions, TooLarge, Vector
+from ..exact.half_angles import doubled, expression, factors, never_zero, no_common_zero, product
+from ..exact.points import MODULAR, NoPoint, Point, random_point
+from ..exact.readable import readable
+from ..exact.real_points import RealPoint, real_point
+from ..exact.symbolic import written
+from .brackets import Brackets, Span, VectorField
+from .distribution import Distribution
+
+REAL_POINTS = 2  # looked at on each place
+SEEDS = 3  # other points looked at where no real one is found
+MORE_STEPS = 3  # of brackets than generically needed, on a place
+AVOIDING = 4  # tries to keep off other places
+MINORS = 24  # points looked at to show that there is no other place
+TERMS = 400  # of the forms that are to vanish at a point
+
+
+@dataclass(frozen=True)
+class Place:
+    """The set where `condition` is zero, and what is different at its generic points.
+
+    `growth` are the dimensions there, as far as they were followed. `verified`: they are the ranks at real points of the set, to
+    many digits. Else no real point was found, and they are ranks at points with coordinates modulo a prime.
+    """
+
+    condition: sp.Expr
+    words: str
+    growth: tuple[int, ...]
+    whole: bool  # it reaches dim Delta*; else it may do so later
+    constraints_drop: bool  # the rows of A depend on each other there
+    velocities_fail: bool  # S has a pole or dependent columns there, though A is regular
+    verified: bool
+    at_defaults: bool  # of the parameters; else only for other values of them
+
+    def undecided(self, generic: tuple[int, ...]) -> bool:
+        """Nothing differs from the generic, but the growth was not followed to its end."""
+        return not self.constraints_drop and not self.velocities_fail and self.growth == generic[: len(self.growth)]
+
+    def text(self) -> str:
+        """One line."""
+        about = []
+        if self.constraints_drop:
+            about.append("the constraints depend on each other")
+        if self.velocities_fail:
+            about.append("the quasi-velocities fail (a pole of S, or dependent columns): choose others there")
+        if self.growth:
+            about.append(f"growth ({', '.join(map(str, self.growth))}{'' if self.whole else ', ...'})")
+        if not self.verified:
+            about.append("modular, not verified: no real point of it was found")
+        elif not self.at_defaults:
+            about.append("not for the default parameters")
+        return f"{self.words}: {'; '.join(about)}"
+
+
+@dataclass(frozen=True)
+class Places:
+    """All places of codimension one; smaller ones are not excluded where all minors of an entry of `doubts` vanish together."""
+
+    places: tuple[Place, ...]
+    doubts: tuple[tuple[str, ...], ...]
+
+    @property
+    def complete(self) -> bool:
+        """Is it proved that nothing changes anywhere else?"""
+        return not self.doubts
+
+    def text(self) -> list[str]:
+        """Lines."""
+        lines = [place.text() for place in self.places]
+        if lines:
+            lines.append("these are dimensions at generic points of each; on smaller sets within, they may be lower still")
+        lines += [f"smaller sets are not excluded where these vanish together: {', '.join(minors)}" for minors in self.doubts]
+        return lines or ["nowhere, proved"]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is different on a component, as in Place."""
+
+    growth: tuple[int, ...]
+    constraints_drop: bool
+    velocities_fail: bool
+    verified: bool
+    at_defaults: bool
+
+
+def places(found: Distribution) -> Places:
+    """Where the rank of A, of S, or a dimension in the filtration drops.
+
+    A drop on a hypersurface makes every minor vanish there, so its equation is a factor of the one minor looked at: the
+    product of the pivots. Each factor, by half angles, is then judged at points of its zeros, with the brackets themselves.
+    """
+    functions = found.functions
+    candidates = dict.fromkeys(_vanishing_factors(functions, [part for column in found.fields for part in column.above]))
+    near: dict[tuple[Vector, ...], Brackets] = {}
+    levels = range(0 if found.forms else 1, len(found.growth) + 1)
+    for level in levels:
+        candidates.update(dict.fromkeys(_minor_factors(functions, _level(found, level, near))))
+    judged: dict[PolyElement, Judgement] = {}
+    for form in sorted(candidates, key=len):
+        judgement = _judge(found, form, list(judged), near)
+        if judgement is not None:
+            judged[form] = judgement
+    found_places, doubts = [], list[tuple[str, ...]]()
+    for form, judgement in _joined(functions, judged).items():
+        place = _place(found, form, judgement)
+        if place.undecided(found.growth):
+            doubts.append((written(place.condition),))
+        else:
+            found_places.append(place)
+    decided = [form for form, judgement in judged.items() if not _place(found, form, judgement).undecided(found.growth)]
+    doubts += [_doubt(found, level, near, decided) for level in levels]
+    return Places(tuple(found_places), tuple(dict.fromkeys(doubt for doubt in doubts if doubt)))
+
+
+def _place(found: Distribution, form: PolyElement, judgement: Judgement) -> Place:
+    condition = expression(found.functions, form)
+    whole = judgement.growth[-1:] == found.growth[-1:]
+    return Place(condition, words(found.functions, form), whole=whole, **vars(judgement))
+
+
+def _joined(functions: Functions, judged: dict[PolyElement, Judgement]) -> dict[PolyElement, Judgement]:
+    """Components that differ in nothing put together in pairs, where both read better in one: 0 and 180 degrees of an angle."""
+    joined = dict(judged)
+    for a, b in itertools.combinations(judged, 2):
+        if a in joined and b in joined and judged[a] == judged[b] and doubled(functions, a) is None:
+            both = doubled(functions, a * b)
+            if both is not None and not words(functions, a * b).endswith("= 0"):
+                joined = {a * b if form == a else form: value for form, value in joined.items() if form != b}
+    return joined
+
+
+def _level(
+    found: Distribution, level: int, near: dict[tuple[Vector, ...], Brackets], point: Point | None = None
+) -> list[VectorField]:
+    """Echelon form of fields that span Delta_level generically, level 0 being the rows of A.
+
+    With a point, they are brackets independent there where there are as many, and pivots that do not vanish there are preferred.
+    Raises TooLarge, or ModelError for the same reason.
+    """
+    span = Span(found.functions, point=point)
+    if level == 0:
+        fields: Sequence[VectorField] = found.forms
+    else:
+        about = found if point is None else found.near(point)
+        fields = about.filtration.basis[: found.growth[level - 1]]
+        if point is not None and point.rank([each.whole(found.functions) for each in fields]) < len(fields):
+            chosen: list[Vector] = []
+            for vector in _brackets(found, near, point).up_to(level):
+                if point.rank([*chosen, vector]) > len(chosen):
+                    chosen.append(vector)
+            if len(chosen) == len(fields):
+                fields = [VectorField(f"b{k + 1}", level, vector) for k, vector in enumerate(chosen)]
+    for each in fields:
+        span.add(each)
+    return span.fields
+
+
+def _brackets(found: Distribution, near: dict[tuple[Vector, ...], Brackets], point: Point | RealPoint) -> Brackets:
+    """Of fields that span Delta about the point. `near` keeps those made so far."""
+    fields = tuple(field.whole(found.functions) for field in found.near(point).fields)
+    return near.setdefault(fields, Brackets(found.functions, fields))
+
+
+def words(functions: Functions, form: PolyElement) -> str:
+    """The condition form = 0, a form in half angles, in words."""
+    condition = expression(functions, form)
+    turned = sp.fu(condition) if len(form) <= 8 and condition.has(sp.sin) else condition
+    core = turned.as_coeff_Mul()[1]
+    if isinstance(core, sp.cos | sp.sin):
+        twice = sp.expand(2 * core.args[0])
+        if doubled(functions, form) is None:
+            return f"{twice} is {'an odd multiple of 180' if isinstance(core, sp.cos) else 'a multiple of 360'} degrees"
+        return f"{core.args[0]} is {'an odd multiple of 90' if isinstance(core, sp.cos) else 'a multiple of 180'} degrees"
+    return f"{written(turned)} = 0"
+
+
+def _vanishing_factors(
+    functions: Functions, above: Sequence[PolyElement], below: Sequence[PolyElement] = ()
+) -> list[PolyElement]:
+    """Components of a ratio of products that may vanish, each once, as forms in half angles with a positive leading term."""
+    powers: dict[PolyElement, int] = {}
+    for sign, parts in ((1, above), (-1, below)):
+        for part in dict.fromkeys(parts):
+            for form, power in factors(functions, part):
+                powers[form] = powers.get(form, 0) + sign * power * parts.count(part)
+    return [form for form, power in powers.items() if power > 0 and not never_zero(functions, form)]
+
+
+def _minor_factors(functions: Functions, fields: Sequence[VectorField]) -> list[PolyElement]:
+    """Those of the minor of the fields, as they are named, in the rows of their pivots."""
+    above = [part for field in fields for part in (field.vector[field.pivot], *field.below)]
+    return _vanishing_factors(functions, above, [part for field in fields for part in field.above])
+
+
+def _judge(
+    found: Distribution, form: PolyElement, known: list[PolyElement], near: dict[tuple[Vector, ...], Brackets]
+) -> Judgement | None:
+    """What is different where the form vanishes, and no known one does; None when nothing is."""
+    functions = found.functions
+    growths, drops, fails = [], [], []
+    points, verified = _points_on(found, form, known)
+    for point in points:
+        try:
+            followed = _brackets(found, near, point)
+        except TooLarge:
+            continue
+        drop = bool(found.forms) and point.rank([form.whole(functions) for form in found.forms]) < len(found.forms)
+        columns = [column.whole(functions) for column in found.fields]
+        dependent = bool(found.forms) and point.rank(columns) < len(columns)
+        pole = any(not point(part) for column in found.fields for part in column.above)
+        drops.append(drop)
+        fails.append(found.kinematics.S is not None and (pole or dependent and not drop))
+        growths.append(followed.growth_at(point, len(found.growth) + MORE_STEPS, found.growth[-1]))
+    # Ranks are lower than at generic points by chance only, so the largest are those of the component.
+    best = max(growths, default=())
+    if best == found.growth and not all(drops) and not all(fails):
+        return None
+    at_defaults = all(getattr(point, "at_defaults", True) for point in points)
+    return Judgement(best, bool(drops) and all(drops), bool(fails) and all(fails), verified, at_defaults)
+
+
+def _points_on(found: Distribution, form: PolyElement, known: list[PolyElement]) -> tuple[list[RealPoint | Point], bool]:
+    """Points where the form vanishes and the known ones do not: real ones (then True), or others where none is found."""
+    parameters, points = found.kinematics.parameters, list[RealPoint | Point]()
+    with contextlib.suppress(NoPoint):
+        for seed in range(REAL_POINTS):
+            points.append(real_point(found.functions, parameters, form, seed, known))
+    if points:
+        return points, True
+    return [point for point in (_point_on(found.functions, (form,), seed, known) for seed in range(SEEDS)) if point], False
+
+
+def _point_on(
+    functions: Functions, vanishing: Sequence[PolyElement], seed: int, avoiding: Sequence[PolyElement] = ()
+) -> Point | None:
+    """A point, rational or modulo a prime, where these forms vanish and those do not; None when none is found."""
+    if sum(map(len, vanishing)) > TERMS:
+        return None
+    for domain in (MODULAR,) if functions.roots else (QQ, MODULAR):
+        for again in range(AVOIDING):
+            try:
+                point = random_point(functions, seed + again * SEEDS, vanishing, domain)
+            except NoPoint:
+                break
+            if not any(map(point.on, avoiding)):
+                return point
+    return None
+
+
+def _doubt(
+    found: Distribution, level: int, near: dict[tuple[Vector, ...], Brackets], known: list[PolyElement]
+) -> tuple[str, ...]:
+    """Empty when the rank of a level is shown not to drop outside the known places: some minors have no other common zero.
+
+    Else those minors. They come from pivots chosen at points where the minors so far vanish.
+    """
+    functions = found.functions
+    minors: dict[PolyElement, list[PolyElement]] = {}  # with their factors
+    least: list[PolyElement] = []
+    waiting: list[tuple[PolyElement, ...]] = [()]
+    for seed in range(MINORS):
+        if not waiting:
+            break
+        vanishing = waiting.pop(0)
+        point = _point_on(functions, vanishing, seed, known) if vanishing else None
+        if vanishing and point is None:
+            continue
+        rest = next((factors for minor, factors in minors.items() if point is None or not point.on(minor)), None)
+        if rest is None:
+            try:
+                rest = [form for form in _minor_factors(functions, _level(found, level, near, point)) if form not in known]
+            except (TooLarge, ModelError):
+                continue
+            minors[product(functions, rest)] = rest
+            least = [a for a in minors if not any(b != a and not a.rem(b) for b in minors)]
+            if not rest or no_common_zero(functions, least):
+                return ()
+        waiting += [(*vanishing, form) for form in rest if form not in vanishing]
+    return tuple(sorted({written(readable(expression(functions, minor))) for minor in least}))

@@ -1,0 +1,255 @@
+"""Theorems 1 to 3 of the paper as checks: of the system qdot = S nu, nudot = u (13) on R^(2n-m), and on a leaf of Delta*.
+
+A leaf is a set on which the k integrals are constant: n - k dimensions of q, 2n - m - k of the state.
+"""
+
+from dataclasses import dataclass, replace
+
+from .actuation import Actuation
+from .distribution import Distribution
+
+SPACE, LEAF = "R^(2n-m)", "leaf"
+SUSSMANN = (
+    "H. J. Sussmann, A general theorem on local controllability, SIAM J. Control Optim. 25(1), 1987; A. M. Bloch, "
+    "M. Reyhanoglu, N. H. McClamroch, Control and stabilization of nonholonomic dynamic systems, IEEE TAC 37(11), 1992"
+)
+BROCKETT = "R. W. Brockett, Asymptotic stability and feedback stabilization, 1983"
+ISIDORI = "A. Isidori, Nonlinear Control Systems, 1989: the conditions for exact linearization by static feedback"
+TWO_INPUTS = "P. Martin, P. Rouchon, Feedback linearization and driftless systems, Math. Control Signals Systems 7, 1994"
+FIVE_STATES = (
+    "P. Martin, P. Rouchon, Any (controllable) driftless system with 3 inputs and 5 states is flat, Syst. Control Lett. 25, 1995"
+)
+ACCESSIBILITY = "H. J. Sussmann, V. Jurdjevic, Controllability of nonlinear systems, J. Differential Equations 12, 1972"
+PFAFF = "the normal form of Pfaff and Darboux of one one-form"
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What a theorem assumes; `holds` is None where it is for the user to see to."""
+
+    text: str
+    holds: bool | None
+
+
+@dataclass(frozen=True)
+class Check:
+    """A question, about R^(2n-m) or the leaf; `verdict` None means that the theorems used here do not decide it."""
+
+    name: str
+    question: str
+    where: str
+    verdict: bool | None
+    reason: str
+    hypotheses: tuple[Hypothesis, ...]
+    reference: str
+
+    def text(self) -> str:
+        """One line."""
+        answer = {True: "yes", False: "no", None: "not decided"}[self.verdict]
+        return (
+            f"{self.question} (on {'the leaf' if self.where == LEAF else self.where}): {answer}, {self.reason} [{self.reference}]"
+        )
+
+
+@dataclass(frozen=True)
+class Step:
+    """One of the distributions D_1, D_2, ... of (13), D_(i+1) = D_i + [f, D_i]."""
+
+    name: str
+    dimension: int
+    involutive: bool
+    reason: str
+
+
+def linearization_steps(found: Distribution) -> tuple[Step, ...]:
+    """D_1 = span{g}, D_2 = span{g, [f, g]} of (13), at generic states; all after D_2 equal it where that is involutive.
+
+    g_j = d/dnu_j is constant, and [f, g_j] = -s_j: D_2 is the quasi-velocities' directions and Delta.
+    """
+    inputs = len(found.fields)
+    involutive = len(found.growth) == 1
+    reason = "Delta is involutive" if involutive else f"Delta is not: [Delta, Delta] has dimension {found.growth[1]}"
+    return (
+        Step("D_1", inputs, True, "its fields are constant"),
+        Step("D_2", 2 * inputs, involutive, f"it contains Delta beside constant fields, and {reason}"),
+    )
+
+
+def checks(found: Distribution, inputs: Actuation | None = None) -> tuple[Check, ...]:
+    """All checks, each on R^(2n-m), and on the leaf where k > 0.
+
+    They are about the robot that its `inputs` drive; None: about (13), whose inputs drive every quasi-velocity.
+    """
+    where = (SPACE, LEAF) if found.holonomic else (SPACE,)
+    made = [(_accessible, where), (_controllable, where), (_lagrange, (SPACE,)), (_asymptotic, where), (_static, where)]
+    of_13 = tuple(check(found, place) for check, places in made for place in places) + (_dynamic(found),)
+    driven = Hypothesis(
+        "S'E has rank n - m: the inputs drive every quasi-velocity, generic, by numbers", None if inputs is None else inputs.full
+    )
+    of_13 = tuple(replace(check, hypotheses=(driven, *check.hypotheses)) for check in of_13)
+    return of_13 if inputs is None or inputs.full else tuple(_underactuated(found, check, inputs) for check in of_13)
+
+
+def _underactuated(found: Distribution, check: Check, inputs: Actuation) -> Check:
+    """The check where the inputs leave quasi-velocities alone: what (13) cannot do the robot cannot, the rest is not its."""
+    reached, states = inputs.reached, 2 * found.functions.n - found.m - found.holonomic
+    driven = check.hypotheses[:1]
+    reason = f"for this actuation: the inputs drive {inputs.driven} of {inputs.freedom} quasi-velocities"
+    if check.name == "accessible" and check.verdict:
+        verdict = None if reached is None else reached == states
+        if verdict is not None:
+            reason += f"; brackets with the drift span {reached} of {states} dimensions, by numbers, at the default parameters"
+        return replace(check, verdict=verdict, reason=reason, hypotheses=driven, reference=ACCESSIBILITY)
+    if check.verdict is False and check.name in ("accessible", "controllable", "asymptotically_stabilizable"):
+        return replace(check, hypotheses=check.hypotheses[1:])
+    if check.name in ("controllable", "input_state_linearizable") and reached is not None and reached < states:
+        return replace(check, verdict=False, reason="it is not even accessible", hypotheses=driven, reference=ACCESSIBILITY)
+    return replace(check, verdict=None, reason=reason, hypotheses=driven, reference="the theorems used here are about (13)")
+
+
+def _generic(found: Distribution) -> Hypothesis:
+    return Hypothesis(f"dim Delta* = {found.growth[-1]} about the configuration: at generic ones, proved exactly", True)
+
+
+def _accessible(found: Distribution, where: str) -> Check:
+    n, m, k = found.functions.n, found.m, found.holonomic
+    whole = where == LEAF or k == 0
+    reached = 2 * n - m - k
+    reason = (
+        f"Delta* and the directions of the quasi-velocities span all {reached} dimensions"
+        if whole
+        else f"{k} function{'s' if k > 1 else ''} of q cannot change: {reached} of {2 * n - m} dimensions are reached"
+    )
+    return Check("accessible", "strongly accessible", where, whole, reason, (_generic(found),), "Theorem 1")
+
+
+def _controllable(found: Distribution, where: str) -> Check:
+    whole = where == LEAF or found.holonomic == 0
+    reason = (
+        "qdot = S nu satisfies Chow's condition, and adding integrators to nu makes no bad bracket at nu = 0"
+        if whole
+        else "it is not even accessible"
+    )
+    hypotheses = (
+        _generic(found),
+        Hypothesis("S is analytic where it is defined", True),
+        Hypothesis("the state is at rest, nu = 0", None),
+        Hypothesis("u may take all values about 0", None),
+    )
+    return Check(
+        "controllable",
+        "small-time locally controllable at equilibria",
+        where,
+        whole,
+        reason,
+        hypotheses,
+        f"Theorem 1; {SUSSMANN}",
+    )
+
+
+def _lagrange(found: Distribution, where: str) -> Check:
+    bounded = _bounded(found)
+    reason = "u = -kappa nu, kappa > 0, makes nu decay, and q stays within |nu(0)| sup|S| / kappa of its start"
+    if not bounded:
+        reason += ", for starts slow enough to stay where S is regular"
+    hypotheses = (Hypothesis("S is bounded for all q: no coordinate but in sines and cosines, no pole", bounded),)
+    return Check("lagrange_stable", "can be made Lagrange stable", where, True, reason, hypotheses, "Theorem 2")
+
+
+def _asymptotic(found: Distribution, where: str) -> Check:
+    n, inputs = found.functions.n, len(found.fields)
+    dimension = n - found.holonomic if where == LEAF else n
+    possible = inputs == dimension
+    if possible:
+        double = f"{inputs} double integrator{'s' * (inputs > 1)}"
+        reason = f"there are as many quasi-velocities as dimensions of q there, {inputs}: it is {double}"
+    elif where == SPACE and found.holonomic:
+        reason = f"k = {found.holonomic} functions of q never change; and velocities have {inputs} of {n} directions (Brockett)"
+    else:
+        reason = f"about q the velocities have only {inputs} of {dimension} directions: Brockett's necessary condition fails"
+    hypotheses = (
+        Hypothesis(f"S is smooth and of rank {inputs} at the equilibrium: generic, proved exactly", True),
+        Hypothesis("the feedback is continuous, static and does not depend on time", None),
+    )
+    return Check(
+        "asymptotically_stabilizable",
+        "can be made asymptotically stable by smooth static state feedback",
+        where,
+        possible,
+        reason,
+        hypotheses,
+        f"Theorem 2; {BROCKETT}",
+    )
+
+
+def _static(found: Distribution, where: str) -> Check:
+    k, m = found.holonomic, found.m
+    involutive = linearization_steps(found)[1].involutive
+    accessible = where == LEAF or k == 0
+    if not involutive:
+        reason = "D_2 is not involutive, it contains Delta" + ("" if accessible else f"; nor is it accessible, k = {k}")
+    elif not accessible:
+        reason = f"D_1, D_2, ... are involutive, but never fill R^(2n-m): k = {k} functions of q cannot change"
+    else:
+        reason = "D_1 and D_2 are involutive, and D_2 is everything: double integrators"
+    hypotheses = (
+        Hypothesis("strongly accessible", accessible),
+        Hypothesis("D_1, D_2, ... are involutive", involutive),
+        Hypothesis(f"at least one constraint is nonholonomic: {m - k} of {m}", m > k),
+    )
+    return Check(
+        "input_state_linearizable",
+        "input-state linearizable by static feedback",
+        where,
+        involutive and accessible,
+        reason,
+        hypotheses,
+        f"Theorem 3; {ISIDORI}",
+    )
+
+
+def _dynamic(found: Distribution) -> Check:
+    """What dynamic feedback could still do, on the leaf where k > 0: only where a theorem says so."""
+    inputs, states = len(found.fields), found.functions.n - found.holonomic
+    where = LEAF if found.holonomic else SPACE
+    gap = states - inputs
+    hypotheses: tuple[Hypothesis, ...] = (Hypothesis("the motion keeps away from singular states, rest among them", None),)
+    if gap == 0:
+        verdict, reason, reference = True, "static feedback does it already", "Theorem 3"
+    elif inputs == 2:
+        flag = found.derived.growth
+        verdict = flag == tuple(range(2, states + 1))
+        listed = ", ".join(map(str, flag))
+        hypotheses = (Hypothesis(f"the derived flag grows one by one: ({listed})", verdict), *hypotheses)
+        says = (
+            "so it is flat: dynamic feedback linearizes it"
+            if verdict
+            else "so the whole robot is not flat: no endogenous dynamic feedback does; "
+            "that is not said of the robot without its cyclic coordinates"
+        )
+        reason, reference = f"two inputs and a derived flag of dimensions ({listed}), {says}", TWO_INPUTS
+    elif gap == 1:
+        verdict, reference = True, PFAFF
+        reason = "one nonholonomic constraint: it is flat, dynamic feedback linearizes it"
+    elif (inputs, states) == (3, 5):
+        verdict, reason, reference = True, "three inputs, five states and accessible: it is flat", FIVE_STATES
+    else:
+        verdict, reference = None, "no general test is known"
+        reason = f"{inputs} inputs and {states} states: none of the theorems used here applies"
+    return Check(
+        "dynamic_feedback_linearizable", "linearizable by dynamic feedback", where, verdict, reason, hypotheses, reference
+    )
+
+
+def _bounded(found: Distribution) -> bool:
+    """Surely bounded: S has no pole and no coordinate outside sines and cosines."""
+    functions = found.functions
+    sizes = {k for angle in functions.angles for k in (angle.cosine, angle.sine)}
+    allowed = sizes | set(range(functions.constants))
+    ratios = [functions.lowest(*functions.ratio(entry)) for entry in found.S]
+    return all(
+        functions.never_zero(below)
+        and functions.is_constant(below)
+        and all(k in allowed for powers in above for k, power in enumerate(powers) if power)
+        for above, below in ratios
+    )

@@ -1,0 +1,76 @@
+"""Formulas for people: factors kept, sums collected by sines and cosines or put under one of them, no needless minus signs."""
+
+import sympy as sp
+from sympy.simplify.fu import TR10i
+
+LONGEST = 8  # terms of a sum that is tried with the addition theorems
+
+
+def readable(expression: sp.Expr) -> sp.Expr:
+    """The same product with each of its sums collected by sines and cosines, and minus signs where fewest show."""
+    coefficient, rest = expression.as_coeff_Mul()
+    made = []
+    for part in sp.Mul.make_args(rest):
+        base, power = part.as_base_exp()
+        if base.is_Add and power.is_Integer:
+            base, odd = _collected(_added(base)), int(power % 2)
+            turned, negative = _turned(base), int(_is_negative(coefficient))
+            if _minuses(turned) + odd * (1 - negative) < _minuses(base) + odd * negative:
+                base, coefficient = turned, coefficient * (-1) ** odd
+        made.append(base**power)
+    return sp.Mul(coefficient, *made)
+
+
+def unsigned(expression: sp.Expr) -> sp.Expr:
+    """What vanishes where the expression does, without a number before it."""
+    bare = readable(expression).as_coeff_Mul()[1]
+    turned = readable(-bare)
+    return turned if _minuses(turned) < _minuses(bare) else bare
+
+
+def _added(base: sp.Add) -> sp.Expr:
+    """sin(a)*cos(b) + cos(a)*sin(b) as sin(a + b), where that is shorter."""
+    angles = {wave.args[0] for wave in base.atoms(sp.sin, sp.cos)}
+    if len(angles) < 2 or len(base.args) > LONGEST:
+        return base
+    return min((base, TR10i(base)), key=sp.count_ops)
+
+
+def _collected(base: sp.Expr) -> sp.Expr:
+    """By the sine and cosine of the angle to which most terms are linear, if any."""
+    if not base.is_Add:
+        return base
+    angles = {wave.args[0] for term in base.args for wave in sp.Mul.make_args(term) if isinstance(wave, sp.sin | sp.cos)}
+    ways = [_by_angle(base, angle) for angle in sorted(angles, key=sp.default_sort_key)]
+    return sp.Add(*min(ways, key=len)) if ways else base
+
+
+def _by_angle(base: sp.Add, angle: sp.Expr) -> list[sp.Expr]:
+    waves: dict[sp.Expr, list[sp.Expr]] = {sp.cos(angle): [], sp.sin(angle): []}
+    rest: list[sp.Expr] = []
+    for term in base.args:
+        parts = sp.Mul.make_args(term)
+        wave = [part for part in parts if part in waves]
+        if len(wave) == 1 and not sp.Mul(*(part for part in parts if part not in waves)).has(*waves):
+            waves[wave[0]].append(term / wave[0])
+        else:
+            rest.append(term)
+    for wave, coefficients in waves.items():
+        if coefficients:
+            total = sp.Add(*coefficients)
+            total = sp.factor_terms(total) if len(coefficients) > 1 else total
+            rest.append(-(_turned(total) * wave) if total.is_Add and 2 * _minuses(total) > len(total.args) else total * wave)
+    return rest
+
+
+def _turned(total: sp.Add) -> sp.Expr:
+    """With the other sign, term by term."""
+    return sp.Add(*[-term for term in total.args])
+
+
+def _is_negative(term: sp.Expr) -> bool:
+    return bool(term.as_coeff_Mul()[0] < 0)
+
+
+def _minuses(expression: sp.Expr) -> int:
+    return sum(map(_is_negative, sp.Add.make_args(expression)))

@@ -1,0 +1,285 @@
+"""Normal-form coordinates T(x) = (h, rates of h, h~), what moves that is not controlled, and whether it stays near.
+
+Under the feedback (20) the outputs obey z1' = z2, z2' = v (relative degree 2) or z1' = v (relative degree 1). What is left,
+z3 = h~(q), obeys z3' = J_h~ S Phi^-1 w, w being the rates z2 and the outputs of relative degree 1: it is driven by w alone.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations, islice
+
+import sympy as sp
+
+from ..exact.points import random_point
+from ..exact.readable import readable
+from ..exact.symbolic import written
+from .decoupling import Decoupling, Slope
+from .planar import Arm, Planar
+from .shape import Shape, shape_of
+
+CHOICES = 200  # of h~ looked at
+
+
+@dataclass(frozen=True)
+class Chart:
+    """h~ = the coordinates `kept`; T is regular where Phi is and `minor` is not zero: det J_T = +-minor det Phi."""
+
+    kept: tuple[sp.Symbol, ...]
+    minor: sp.Expr
+    everywhere: bool  # the minor is never zero
+
+
+@dataclass(frozen=True)
+class Moving:
+    """What is not controlled while the reference moves at the speed V: its equation, and where it settles if it is stable.
+
+    `stable_when` is empty when it never settles; it is of the heading and of all of `shape`, of the heading alone where nothing
+    is known of that. `rate`, 1/s, is that of the heading's linearization; the sign of `lever` (m) decides about the heading.
+    """
+
+    reference: str
+    equation: str
+    settles: str
+    stable_when: str = ""
+    rate: sp.Expr | None = None
+    lever: sp.Expr | None = None
+    shape: Shape = Shape((), ())
+
+    def __str__(self) -> str:
+        """A line."""
+        known = self.shape.decided
+        stable = f"{'' if known else 'the heading is '}stable if and only if {self.stable_when}, then {self.settles}"
+        settled = f"; {stable}" if self.stable_when else f": {self.settles}"
+        return f"{self.reference}: {self.equation}{settled}{'' if known else f'; {self.shape}'}"
+
+    @property
+    def symbols(self) -> list[str]:
+        """Those of SYMBOLS that are in it."""
+        said = f"{self.equation} {self.settles}"
+        return [name for name in SYMBOLS if re.search(rf"\b{name}\b", said)]
+
+
+SYMBOLS = {  # in the equations of Moving
+    "s": "n . (cos, sin)(heading), n the unit normal of the path at P_l; Phi is singular where |s| = 1",
+    "chi": "curvature of the path at P_l, positive where n points away from its centre",
+    "V": "speed of the reference, negative in reverse",
+    "psi": "direction in which P_l moves",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class NormalForm:
+    """`charts`: choices of h~; where Phi is regular, the rows of J_h are independent, so that one of them is regular.
+
+    `offset`: the outputs of relative degree 1 at nu = 0; None where one is not affine in nu with derivatives in q alone.
+    """
+
+    decoupling: Decoupling
+    charts: tuple[Chart, ...]
+    offset: dict[int, sp.Expr] | None
+
+    @property
+    def dimension(self) -> int:
+        """Of z3 and of the zero dynamics: n minus the number of outputs of relative degree 2."""
+        return len(self.charts[0].kept)
+
+    @property
+    def T(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+        """Names of z1, z2, z3."""
+        found = self.decoupling.linearization
+        names = [row.name for row in found.output.rows]
+        rates = tuple(f"{name}_dot" for name, degree in zip(names, found.relative_degree, strict=True) if degree == 2)
+        return tuple(names), rates, tuple(map(str, self.charts[0].kept))
+
+    @cached_property
+    def equations(self) -> dict[str, sp.Expr]:
+        """z3' in closed form, by coordinate, in z2 and the outputs of relative degree 1; empty without one."""
+        found = self.decoupling.linearization
+        names = zip(found.output.rows, found.relative_degree, strict=True)
+        return self._rates([sp.Symbol(f"{row.name}_dot" if degree == 2 else row.name) for row, degree in names])
+
+    @cached_property
+    def zero_dynamics(self) -> str:
+        """z3' where all outputs and their rates are zero, in a line."""
+        if self.offset is None:
+            return "an output is not affine in the quasi-velocities: no closed form"
+        if not any(self.offset.values()):
+            return "z3' = 0"
+        rates = self._rates([sp.Integer(0)] * self.decoupling.Phi.rows)
+        return ", ".join(f"{name}' = {written(rate)}" for name, rate in rates.items())
+
+    @property
+    def stability(self) -> str:
+        """Of the zero dynamics."""
+        stands = self.offset is not None and not any(self.offset.values())
+        return "Lagrange stable, not asymptotically stable" if stands else "not decided"
+
+    @cached_property
+    def shape(self) -> Shape:
+        """What follows a vehicle's motion beside its heading; nothing without an axle."""
+        made = self.decoupling
+        return shape_of(made) if made.planar and made.planar.ahead is not None else Shape((), ())
+
+    @cached_property
+    def moving(self) -> tuple[Moving, ...]:
+        """For a vehicle in the plane, under references that move steadily; empty where no rule is known."""
+        made, vehicle = self.decoupling, self.decoupling.planar
+        if vehicle is None or vehicle.ahead is None or self.offset is None:
+            return ()
+        known = made, vehicle, self.shape
+        return _along_a_path(*known) + _point_moving(*known) + _heading_held(*known)
+
+    def _rates(self, w: Sequence[sp.Expr]) -> dict[str, sp.Expr]:
+        """z3' = J_h~ S Phi^-1 (w - offset), by coordinate."""
+        if self.offset is None:
+            return {}
+        driving = [entry - self.offset.get(k, 0) for k, entry in enumerate(w)]
+        return {name: sp.Add(*[a * b for a, b in zip(row, driving, strict=True)]) for name, row in self._driven.items()}
+
+    @cached_property
+    def _driven(self) -> dict[str, list[sp.Expr]]:
+        """Rows of J_h~ S Phi^-1, by coordinate."""
+        made = self.decoupling
+        rows = made.S * made.Phi.adjugate()
+        kept = {str(name): made.q.index(name) for name in self.charts[0].kept}
+        return {name: [made.over_determinant(entry) for entry in rows.row(k)] for name, k in kept.items()}
+
+
+def normal_form(made: Decoupling) -> NormalForm:
+    """Choose h~ among the coordinates."""
+    degree = made.linearization.relative_degree
+    gradients = made.gradients.extract([k for k in range(len(degree)) if degree[k] == 2], list(range(len(made.q))))
+    nu = sp.Matrix(made.nu)
+    offset = {k: made.lowest(rate - (made.Phi.row(k) * nu)[0]) for k, rate in made.rates.items()}
+    moves = {symbol for expression in (*made.Phi, *offset.values()) for symbol in expression.free_symbols} & set(made.nu)
+    return NormalForm(made, _charts(made, gradients), None if moves else offset)
+
+
+def _charts(made: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
+    """The simplest choices first: those regular everywhere, then by the minor of the coordinates that are left out."""
+    n, count = len(made.q), gradients.rows
+    general = random_point(made.functions, 0)
+    found = []
+    for gone in islice(combinations(range(n), count), CHOICES):
+        minor = gradients.extract(list(range(count)), list(gone)).det(method="berkowitz")
+        above, _ = made.functions.ratio(minor)
+        if above and general(above):
+            kept = tuple(made.q[k] for k in range(n) if k not in gone)
+            everywhere = made.functions.never_zero(above)
+            chart = Chart(kept, made.lowest(minor), everywhere)
+            found.append((not everywhere, len(above), sum(map(sum, above)), chart))
+    return tuple(chart for *_, chart in sorted(found, key=lambda each: each[:3]))
+
+
+# -- references that move ---------------------------------------------------------------------------------------------
+#
+# A point P_l of the vehicle, (l, w) from the middle of the axle, moves at v e + omega (l e_left - w e), e being the heading;
+# v is the forward speed of the vehicle's point and omega the yaw rate. That an output obeys this is checked, exactly.
+
+
+def _along_a_path(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Moving, ...]:
+    """Distance from a path and forward speed, held at 0 and V.
+
+    With n the unit normal at P_l, e_n = n . e and chi the curvature of the path (positive where n points away from the
+    centre), h1' = 0 gives omega = -V e_n / (l n . e_left) for w = 0; n turns with P_l, and s = e_n obeys
+    l s' = -V (s - l chi).
+    """
+    if made.normal is None:
+        return ()
+    followed = _points(made, vehicle, [slope or (made.normal.x, made.normal.y) for slope in made.slopes])
+    speed = next((k for k in made.rates if _same(made, made.Phi.row(k), vehicle.forward)), None)
+    if not followed or speed is None or made.slopes[followed[0].row] is not None:
+        return ()
+    arm, V = followed[0].arm, sp.Symbol("V")
+    lever, rate, chi = _factor(arm.ahead), -V / arm.ahead, made.normal.chi
+    stable_when = _stable_when(shape, V, arm.ahead)
+    if arm.left:
+        reference, settles = "V along a straight path", "the heading is along it"
+        equation = f"small deviations of the heading change at the rate {written(rate)}"
+    else:
+        reference = "V along a path that bends little" if shape.followers and chi != 0 else "V along the path"
+        equation = f"{lever}*s' = -V*(s - {lever}*chi)"
+        if chi is None:
+            settles = f"s follows {lever}*chi, and |s| < 1 while |{lever}*chi| < 1"
+        elif not chi:
+            settles = "s -> 0 (chi = 0)"
+        else:
+            settles = f"s -> {written(arm.ahead * chi)} (chi = {written(chi)}), which must be below 1 in size"
+    if not stable_when:
+        settles = "never stable"
+    return (Moving(reference, equation, settles, stable_when, rate, arm.ahead, shape),)
+
+
+def _point_moving(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Moving, ...]:
+    """Both coordinates of P_l, moving at (V cos psi, V sin psi): its component across the vehicle is l omega."""
+    points = _points(made, vehicle, made.slopes)
+    if len(points) != 2 or points[0].arm != points[1].arm:
+        return ()
+    if not sp.Matrix([point.slope for point in points]).det():
+        return ()
+    ahead, heading, factor = points[0].arm.ahead, written(vehicle.heading), _factor(vehicle.heading)
+    equation = f"{_factor(ahead)}*{factor}' = V*sin(psi - {factor})"
+    forward, backward = map(_losing, map(shape.lost, (1, -1)))
+    settles = f"{heading} -> psi, driving forward{forward}; else {heading} -> psi + pi, driving backward{backward}"
+    stable_when = f"{written(ahead)} > 0"
+    if forward:
+        stable_when, settles = "", f"for {stable_when} {settles}"
+    rate = -sp.Symbol("V") / ahead
+    return (Moving("V > 0 in the direction psi", equation, settles, stable_when, rate, ahead, shape),)
+
+
+def _heading_held(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Moving, ...]:
+    """One coordinate of P_l and the heading: along the heading the other coordinate goes its own way."""
+    points = _points(made, vehicle, made.slopes)
+    turns = any(_same(made, made.Phi.row(k), vehicle.yaw) for k in range(made.Phi.rows) if k not in made.rates)
+    if not points or not turns:
+        return ()
+    (g_x, g_y), name = points[0].slope, made.linearization.output.rows[points[0].row].name
+    speed = sp.Symbol("V") / readable(g_x * vehicle.cosine + g_y * vehicle.sine)
+    equation = f"forward speed = {written(speed)}"
+    settles = "the other coordinate of P_l drifts, neither held nor bounded"
+    return (Moving(f"{name} at V, heading held", equation, settles, shape=shape),)
+
+
+def _stable_when(shape: Shape, V: sp.Symbol, lever: sp.Expr) -> str:
+    """All rates of straight driving are negative: -V/lever of the heading, and those of the shape. Empty: never."""
+    ways = {each.way for each in shape.followers}
+    if not ways:
+        return f"{written(V * lever)} > 0"
+    return "" if len(ways) > 1 else " and ".join(f"{written(e)} {'>' if ways == {1} else '<'} 0" for e in (V, lever))
+
+
+def _losing(names: Sequence[str]) -> str:
+    return f", where {', '.join(names)} {'turns' if len(names) == 1 else 'turn'} away" if names else ""
+
+
+def _factor(expression: sp.Expr) -> str:
+    """Text that can be multiplied."""
+    return f"({written(expression)})" if expression.is_Add else written(expression)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """An output that moves as a point of the vehicle does along its slope."""
+
+    row: int
+    arm: Arm
+    slope: Slope
+
+
+def _points(made: Decoupling, vehicle: Planar, slopes: Sequence[Slope | None]) -> list[_Point]:
+    """The outputs that move as a point of the vehicle does, each along the slope given for its row, exactly."""
+    found = []
+    for row, (arm, slope) in enumerate(zip(made.arms, slopes, strict=True)):
+        if arm and slope:
+            along = slope[0] * vehicle.cosine + slope[1] * vehicle.sine
+            left = slope[1] * vehicle.cosine - slope[0] * vehicle.sine
+            moves = vehicle.forward * along + vehicle.yaw * (arm.ahead * left - arm.left * along)
+            found += [_Point(row, arm, slope)] if _same(made, made.Phi.row(row), moves) else []
+    return found
+
+
+def _same(made: Decoupling, a: sp.Matrix, b: sp.Matrix) -> bool:
+    return all(made.is_zero(x - y) for x, y in zip(a, b, strict=True))

@@ -1,0 +1,96 @@
+"""A vehicle in the plane exactly: what its heading, its axle and its points are, found from the equations, not from names."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import sympy as sp
+
+from ...model.outputs import OutputRow, forward_speed
+from ...model.reduction import ReducedSystem
+from ..exact.functions import Functions
+
+
+@dataclass(frozen=True)
+class Planar:
+    """Heading, and forward speed and yaw rate as rows in nu, 1 x (n-m).
+
+    `ahead`: how far ahead of the axle the vehicle's point lies, m, in parameters only; None where it has no axle, a line
+    across the vehicle whose points do not move along it.
+    """
+
+    heading: sp.Expr
+    forward: sp.Matrix
+    yaw: sp.Matrix
+    ahead: sp.Expr | None
+
+    @property
+    def cosine(self) -> sp.Expr:
+        """Of the heading."""
+        return sp.cos(self.heading)
+
+    @property
+    def sine(self) -> sp.Expr:
+        """Of the heading."""
+        return sp.sin(self.heading)
+
+
+@dataclass(frozen=True)
+class Arm:
+    """From the middle of the axle to a point of the vehicle: `ahead` along the heading, `left` of it, m, in parameters only."""
+
+    ahead: sp.Expr
+    left: sp.Expr
+
+
+def planar_quantities(system: ReducedSystem) -> ca.SX:
+    """Heading, and the rows of forward speed, speed to the left and yaw rate, as one column; empty without a vehicle."""
+    vehicle = system.mechanism.vehicle
+    if vehicle is None:
+        return ca.SX(0, 1)
+    cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
+    x_dot, y_dot = system.along_motion(vehicle.x), system.along_motion(vehicle.y)
+    rates = ca.vertcat(forward_speed(system), cosine * y_dot - sine * x_dot, system.along_motion(vehicle.heading))
+    return ca.vertcat(vehicle.heading, ca.vec(ca.jacobian(rates, system.nu).T))
+
+
+def planar(entries: list[sp.Expr], functions: Functions) -> Planar | None:
+    """From `planar_quantities`, in exact symbols."""
+    if not entries:
+        return None
+    heading, rest = entries[0], [_lowest(functions, entry) for entry in entries[1:]]
+    p = len(rest) // 3
+    forward, sideways, yaw = (sp.Matrix(1, p, rest[k * p : (k + 1) * p]) for k in range(3))
+    return Planar(heading, forward, yaw, _axle(functions, sideways, yaw))
+
+
+def arm_quantities(system: ReducedSystem, row: OutputRow) -> ca.SX:
+    """How far ahead and to the left of the vehicle's point an output's point lies, as a column; empty where it has none."""
+    vehicle, through = system.mechanism.vehicle, row.through
+    if vehicle is None or through is None or through.inner.shape != (2, 1):
+        return ca.SX(0, 1)
+    dx, dy = through.inner[0] - vehicle.x, through.inner[1] - vehicle.y
+    cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
+    return ca.vertcat(cosine * dx + sine * dy, cosine * dy - sine * dx)
+
+
+def arm(entries: list[sp.Expr], vehicle: Planar | None, functions: Functions) -> Arm | None:
+    """From `arm_quantities`, in exact symbols; None without an axle, and where the point is not fixed to the vehicle."""
+    if not entries or vehicle is None or vehicle.ahead is None:
+        return None
+    ahead, left = (_lowest(functions, entry) for entry in (entries[0] + vehicle.ahead, entries[1]))
+    fixed = all(functions.is_constant(part) for each in (ahead, left) for part in functions.ratio(each))
+    return Arm(ahead, left) if fixed else None
+
+
+def _axle(functions: Functions, sideways: sp.Matrix, yaw: sp.Matrix) -> sp.Expr | None:
+    """The speed to the left is that of turning: sideways = ahead * yaw in every quasi-velocity."""
+    turning = [k for k, entry in enumerate(yaw) if entry]
+    if not turning:
+        return None
+    ahead = _lowest(functions, sideways[turning[0]] / yaw[turning[0]])
+    fixed = all(functions.is_constant(part) for part in functions.ratio(ahead))
+    return ahead if fixed and not any(functions.ratio(a - ahead * b)[0] for a, b in zip(sideways, yaw, strict=True)) else None
+
+
+def _lowest(functions: Functions, expression: sp.Expr) -> sp.Expr:
+    return functions.quotient(*functions.ratio(expression))

@@ -1,0 +1,129 @@
+"""What follows the motion of a vehicle beside its heading, joints, trailers, the body behind a steered wheel, and does it settle?
+
+The posture is all coordinates on which S depends; it moves at f(posture) v + g(posture) omega, v being the forward speed of the
+vehicle and omega its yaw rate. About straight driving, f = 0, the loop makes omega proportional to the error of the heading,
+which then obeys its own equation; what is left of the posture moves, to first order and with the heading held, at v df times
+its deviation. The vehicle may look in any direction: that turning the posture by the coefficients c changes nothing is proved.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import sympy as sp
+
+from ...model.reduction import ReducedSystem
+from ..exact.readable import readable
+from ..exact.symbolic import written
+from .decoupling import Decoupling
+
+SHORT = 20  # operations of an equation that is shown
+
+
+@dataclass(frozen=True)
+class Follower:
+    """A coordinate that follows straight driving at the speed v: its rate is v times `course`, 1/m, exactly.
+
+    v times `rate`, 1/m, is the rate of its small deviations. `way`: 1 where it settles driving forward and turns away in reverse,
+    -1 where it is the other way round.
+    """
+
+    name: str
+    course: sp.Expr
+    rate: sp.Expr
+    way: int
+
+    def __str__(self) -> str:
+        """A line."""
+        v, short = sp.Symbol("v"), sp.count_ops(self.course) <= SHORT
+        moves = f"' = {written(readable(v * self.course))}" if short else f" changes at the rate {written(v * self.rate)}"
+        settles, leaves = ("driving forward", "in reverse")[:: self.way]
+        return f"{self.name}{moves}: settles {settles}, turns away {leaves}"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """`names` of the posture's coordinates beside the heading's; its `followers` are all of them, or none: not decided."""
+
+    names: tuple[str, ...]
+    followers: tuple[Follower, ...]
+
+    @property
+    def decided(self) -> bool:
+        """Is all of it known? Also where there is nothing to know."""
+        return len(self.followers) == len(self.names)
+
+    def lost(self, way: int) -> list[str]:
+        """Those that turn away from straight driving, forward (1) or in reverse (-1)."""
+        return [each.name for each in self.followers if each.way != way]
+
+    def lines(self) -> list[str]:
+        """Of each how it follows straight driving, and whether it settles."""
+        return list(map(str, self.followers)) if self.decided else [str(self)]
+
+    def __str__(self) -> str:
+        """A line."""
+        if self.decided:
+            return ", ".join(map(str, self.followers))
+        return f"whether {', '.join(self.names)} {'settles' if len(self.names) == 1 else 'settle'} is not examined"
+
+
+def shape_names(system: ReducedSystem) -> tuple[str, ...]:
+    """Names of the coordinates beside the heading's on which the velocities of a vehicle depend; none without a vehicle."""
+    return tuple(system.mechanism.coordinates[k].name for k in _posture(system)[1:])
+
+
+def shape_of(made: Decoupling) -> Shape:
+    """Of a vehicle with an axle, exactly."""
+    names = shape_names(made.linearization.system)
+    return Shape(names, _followers(made) if names else ())
+
+
+def _posture(system: ReducedSystem) -> list[int]:
+    """Places of the coordinates on which S depends: first one of the heading, then the others."""
+    mechanism = system.mechanism
+    if mechanism.vehicle is None:
+        return []
+    symbols = [each.symbol for each in mechanism.coordinates]
+    turns = [k for k, each in enumerate(symbols) if ca.depends_on(mechanism.vehicle.heading, each)]
+    return turns + [k for k, each in enumerate(symbols) if k not in turns and ca.depends_on(system.S, each)]
+
+
+def _followers(made: Decoupling) -> tuple[Follower, ...]:
+    """Empty where straight driving is not at zeros of the posture, is no cascade, or signs of rates are not known."""
+    vehicle, places = made.planar, _posture(made.linearization.system)
+    if vehicle is None:
+        return ()
+    W = sp.Matrix.vstack(vehicle.forward, vehicle.yaw)
+    if W.shape != (2, 2) or made.is_zero(W.det()):
+        return ()
+    posture = [made.q[k] for k in places]
+    f, g = ([made.lowest(entry) for entry in made.S.extract(places, [0, 1]) * column] for column in _inverse(W))
+    gradient = sp.Matrix([vehicle.heading]).jacobian(posture)
+    straight = dict.fromkeys(posture, 0)
+    if gradient.free_symbols or any(e.subs(straight) != 0 for e in (vehicle.heading, *f)):
+        return ()
+    A = sp.Matrix(f).jacobian(posture).subs(straight).applyfunc(made.lowest)
+    others = A[1:, 1:] - A[1:, 0] * gradient[:, 1:] / gradient[0]
+    if any(len(block) > 1 for block in others.strongly_connected_components()):
+        return ()
+    rates = others.diagonal()
+    ways = [-_sign(made, rate) for rate in rates]
+    if 0 in ways:
+        return ()
+    c = others.LUsolve(-A[1:, 0] / gradient[0]).applyfunc(made.lowest)
+    c = [(1 - (gradient[:, 1:] * c)[0]) / gradient[0], *c]
+    if any(not made.is_zero(sp.Add(*[a * e.diff(q) for a, q in zip(c, posture, strict=True)])) for e in (*f, *g)):
+        return ()
+    return tuple(Follower(str(q), *known) for q, *known in zip(posture[1:], f[1:], rates, ways, strict=True))
+
+
+def _inverse(W: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix]:
+    """Columns of the inverse of a 2 x 2 matrix."""
+    inverse = W.adjugate() / W.det()
+    return inverse[:, 0], inverse[:, 1]
+
+
+def _sign(made: Decoupling, rate: sp.Expr) -> int:
+    """Of what is made of parameters; 0 where theirs do not tell."""
+    above, below = made.functions.ratio(rate)
+    return made.functions.sign(above) * made.functions.sign(below)

@@ -1,0 +1,95 @@
+"""The answer of `noslip analyse` as text for people."""
+
+import textwrap
+from collections.abc import Iterable
+
+from .answers import Answer, driven_straight, singular_when, uncontrolled
+from .exact.symbolic import written
+from .outputs.normal_form import SYMBOLS, NormalForm
+
+WIDTH = 120
+VERDICTS = {True: "yes", False: "no", None: "not decided"}
+SPACE = 18  # before what stands behind a label
+
+
+def as_text(answer: Answer) -> str:
+    """Constraints first, then each output, then the starts; lines of at most WIDTH characters where words allow it."""
+    lines = [f"{answer.name}: {answer.about}" if answer.about else answer.name, ""]
+    lines += constraints(answer)
+    lines += ["", *outputs(answer)]
+    if answer.starts:
+        lines += ["", "Starts", *[line for file, verdict in answer.starts.items() for line in labelled(file, [str(verdict)])]]
+    for file, table in answer.tables.items():
+        lines += ["", f"Largest offset proved to be safe on both sides of the path, {file}", *table.lines()]
+    return "\n".join(lines) + "\n"
+
+
+def constraints(answer: Answer) -> list[str]:
+    """What the constraints leave, and what follows from it."""
+    found = answer.constraints
+    levels = " | ".join(" ".join(level) for level in found.levels)
+    lines = [f"Constraints: {found.m} in {found.n} coordinates, {found.k} holonomic, {found.m - found.k} nonholonomic"]
+    lines += labelled("growth", [f"({', '.join(map(str, found.growth))}) of {found.n}: {levels}"])
+    for title, parts in found.notes.items():
+        lines += labelled(title, parts)
+    if found.checks:
+        lines += ["", f"Properties of {found.controlled}"]
+    for check in found.checks:
+        lines += labelled(VERDICTS[check.verdict], [f"{check.question}, on {check.where}: {check.reason}"])
+    return lines
+
+
+def outputs(answer: Answer) -> list[str]:
+    """A paragraph for each output, and what their symbols stand for."""
+    refused = [f"{', '.join(laws)}: {reason}" for reason, laws in answer.refused_by_reason.items()]
+    if not answer.outputs:
+        return labelled("Outputs: none", [answer.no_outputs, *(refused if len(refused) > 1 else [])], 0)
+    lines, legend = ["Outputs"], dict[str, str]()
+    for law, form in answer.outputs.items():
+        lines += _output(law, form)
+        legend |= _legend(form)
+    lines += labelled("driven straight", driven_straight(answer))
+    lines += labelled("not this robot's", refused)
+    return [*lines, *labelled("where", [f"{name} = {meaning}" for name, meaning in legend.items()])]
+
+
+def _output(law: str, form: NormalForm) -> list[str]:
+    made = form.decoupling
+    rows, degree = made.linearization.output.rows, made.linearization.relative_degree
+    names = ", ".join(f"{row.name} ({k})" for row, k in zip(rows, degree, strict=True))
+    lines = labelled(law, [f"outputs (relative degree) {names}"])
+    lines += labelled("  det Phi", [written(made.det_for_people)])
+    lines += labelled("  singular", singular_when(form) or ["nowhere"])
+    lines += labelled("  not defined", [f"where {written(pole)} = 0" for pole in made.poles])
+    lines += labelled("  uncontrolled", [uncontrolled(form)])
+    return lines + labelled("  at speed V", map(str, form.moving))
+
+
+def _legend(form: NormalForm) -> dict[str, str]:
+    """What is in the formulas of this paragraph."""
+    made = form.decoupling
+    shown = {str(s) for e in (made.det_for_people, *(c.formula for c in made.conditions)) for s in e.free_symbols}
+    found = {name: about for name, about in made.renamed.items() if name in shown}
+    if made.normal:
+        point = [str(name) for name in made.normal.point]
+        if shown & set(point):
+            places = ", ".join(map(written, made.normal.point.values()))
+            found[f"({', '.join(point)})"] = f"({places}), P_l"
+        if str(made.normal.x) in shown:
+            found[f"({made.normal.x}, {made.normal.y})"] = "gradient of the distance at P_l, of length 1 on the path"
+    if form.moving and made.planar and not made.planar.heading.is_Symbol:
+        found["heading"] = f"{written(made.planar.heading)}, of the part of the vehicle that P_l and its axle belong to"
+    said = {name for each in form.moving for name in each.symbols}
+    return found | {name: about for name, about in SYMBOLS.items() if name in said}
+
+
+def labelled(label: str, parts: Iterable[str], indent: int = 2) -> list[str]:
+    """Paragraphs behind a label."""
+    lines = []
+    for part in parts:
+        first = (" " * indent + label).ljust(SPACE - 1) + " "
+        lines += textwrap.wrap(
+            part, WIDTH, initial_indent=first, subsequent_indent=" " * SPACE, break_on_hyphens=False, break_long_words=False
+        )
+        label = ""
+    return lines

@@ -1,0 +1,102 @@
+"""What a command line asks for, carried out; errors become one line and an exit code."""
+
+import argparse
+import errno
+import importlib
+import os
+import sys
+import traceback
+import warnings
+from contextlib import suppress
+from typing import NoReturn
+
+from .. import __version__
+from ..readers.errors import BadInput
+from .codes import BAD_INPUT, COMMANDS, INTERNAL, READER_GONE
+
+ADVICE = {
+    errno.ENOENT: "check the path",
+    errno.ENOTDIR: "check the path",
+    errno.EISDIR: "give a file, not a folder",
+    errno.EACCES: "check its permissions",
+    errno.EPERM: "check its permissions",
+    errno.EROFS: "choose a place that can be written to",
+    errno.ENOSPC: "free some space or choose another place",
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """An ArgumentParser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Report a wrong command line and exit 2."""
+        self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}; see {self.prog} --help\n")
+
+
+def run(argv: list[str]) -> int:
+    """Run a command line and return its exit code; errors are one line on stderr."""
+    try:
+        with warnings.catch_warnings():
+            if not sys.warnoptions:
+                warnings.simplefilter("ignore")  # of libraries, about numbers that are refused or told in the answer
+            code = _run(argv)
+        sys.stdout.flush()
+        return code
+    except SystemExit as stop:  # argparse, after --help or a wrong command line
+        return int(stop.code or 0)
+    except BrokenPipeError:
+        _close_stdout()
+        return READER_GONE
+    except Exception as error:
+        return _report(error)
+
+
+def _run(argv: list[str]) -> int:
+    parser = Parser(
+        prog="noslip", description="From the Lagrangian of a robot that rolls without slipping to the C of its controller."
+    )
+    parser.add_argument("--version", action="version", version=f"noslip {__version__}")
+    subparsers = parser.add_subparsers(metavar="COMMAND", title="commands (noslip COMMAND --help tells more)")
+    # Only the command that runs is imported; help, and the message about an unknown command, need them all.
+    for name in [argv[0]] if argv and argv[0] in COMMANDS else COMMANDS:
+        importlib.import_module(f".{name.replace('-', '_')}", __package__).add_parser(subparsers)
+    args = parser.parse_args(argv)
+    if "run" not in args:
+        parser.print_help()
+        return 0
+    return args.run(args)
+
+
+def _report(error: Exception) -> int:
+    """One line about an error, and the exit code for it."""
+    from ..model.errors import ModelError
+
+    if isinstance(error, BadInput | ModelError):
+        return _fail(BAD_INPUT, str(error))
+    if isinstance(error, OSError) and error.errno is not None:
+        if error.filename is None:  # as when standard output is on a full disk
+            _close_stdout()
+        place = "cannot read or write" if error.filename is None else os.fsdecode(error.filename)
+        advice = ADVICE.get(error.errno)
+        return _fail(BAD_INPUT, f"{place}: {error.strerror}" + (f"; {advice}" if advice else ""))
+    if "NOSLIP_DEBUG" in os.environ:
+        traceback.print_exception(error)
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    what = f"{type(error).__name__}: {error} ({os.path.basename(last.filename)}:{last.lineno})"
+    return _fail(INTERNAL, f"internal error, please report it: {what}; NOSLIP_DEBUG=1 shows where it comes from")
+
+
+def _fail(code: int, message: str) -> int:
+    with suppress(OSError):
+        print(f"noslip: {_one_line(message)}", file=sys.stderr)
+    return code
+
+
+def _one_line(message: str) -> str:
+    return " ".join(line.strip() for line in message.splitlines())
+
+
+def _close_stdout() -> None:
+    """Send what is still buffered nowhere, so that the interpreter does not fail on it once more when it ends."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,42 @@
+"""`noslip evaluate`: the quantities of a control law at given states."""
+
+import argparse
+
+from ..controllers.controller import BACKENDS, ON_TARGET
+from ..readers.files import check_targets
+
+EXAMPLE = """example:
+  noslip evaluate tests/reference/labmate_paper.json --backend c -o out.json"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "evaluate",
+        help="evaluate a control law at given states",
+        description="Evaluate h, ydot, Phi, Phidot, u and tau at the states of a file of cases.\n"
+        "A case that cannot be evaluated has its status instead; that is no error.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("cases", metavar="CASES.json", help="cases: parameters, output, q, nu, reference, gains")
+    parser.add_argument(
+        "--backend",
+        choices=(*BACKENDS, *ON_TARGET),
+        default="c",
+        help="casadi; the generated C in double (c, the default) or float (cf); the same on an emulated Cortex-M4F or RV32",
+    )
+    parser.add_argument(
+        "-o", dest="out", metavar="OUT.json", default="-", help="where to write; - (the default) is standard output"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command. Answers 0: also when cases have a status other than ok."""
+    from ..verification.cases import read_cases, write_out  # slow to import
+    from ..verification.evaluate import evaluate_cases
+
+    check_targets([args.out], inputs=[args.cases])
+    write_out(args.out, evaluate_cases(read_cases(args.cases), args.backend))
+    return 0

@@ -1,0 +1,87 @@
+"""`noslip export`: a folder with everything a C project needs, which any C99 compiler builds as it is."""
+
+import argparse
+import os
+from pathlib import Path
+
+from ..controllers.build import runtime_files
+from ..readers.errors import BadInput
+from ..readers.files import work_folder, write_folder
+from .generate import DYNAMICS, add_selection, is_the_model, robot_name, selected_files, selected_laws
+
+EXAMPLE = """examples:
+  noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip
+  noslip export labmate --output type_iv_circle --firmware cortex-m4f -o my_firmware"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add the command."""
+    parser = subparsers.add_parser(
+        "export",
+        help="write a folder of C that builds as it is",
+        description="Write the C of a robot's laws with the runtime, a Makefile and an example into a new folder, "
+        "compared with the model first, as by `noslip generate`. With "
+        "--firmware: a project for a target, with CMake too, start-up code, a loop to fill in, and a self-test with golden "
+        "vectors (float, unless --scalar says double).",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
+    add_selection(parser)
+    parser.add_argument(
+        "--firmware",
+        choices=("cortex-m4f", "rv32", "generic"),
+        metavar="TARGET",
+        help="cortex-m4f, rv32 or generic (any machine with a C compiler)",
+    )
+    parser.add_argument("-o", dest="out", metavar="DIR", required=True, help="a folder that does not exist yet, or is empty")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command. Returns 1, with nothing written, when the C is not the model. Raises BadInput when the folder is not empty."""
+    from ..codegen.project.example import example
+
+    target = Path(os.path.realpath(args.out))
+    if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
+        raise BadInput(f"{args.out}: exists and is not an empty folder; choose another")
+    if args.firmware and args.scalar == "both":
+        args.scalar = "float"
+    generated = selected_files(args, dynamics=DYNAMICS in args.output)
+    laws = selected_laws(args)
+    if not is_the_model(args, generated):
+        return 1
+    library = {**_runtime(args.scalar), **generated}
+    if args.firmware:
+        from ..verification import project
+
+        files, board = project.project_files(args.firmware, library, laws, args.scalar)
+    else:
+        files = {**library, **example(generated, laws[0])}
+    parent = target.parent
+    parent.mkdir(parents=True, exist_ok=True)
+    with work_folder(parent) as work:
+        made = work / "export"
+        try:
+            write_folder(made, files)
+            if args.firmware:
+                page = project.readme(args.firmware, generated["manifest.json"], laws, args.scalar, board, made)
+                write_folder(made, {"README.md": page})
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, args.out) from error
+        if target.is_dir():
+            target.rmdir()
+        os.replace(made, target)
+    goal, does = (" test", "self-test") if args.firmware else ("", "example")
+    print(
+        f"{args.out}: {len(files)} files; `make -C {args.out}{goal}` builds the library and runs {robot_name(generated)}'s {does}"
+    )
+    return 0
+
+
+def _runtime(scalar: str) -> dict[str, str]:
+    """The hand-written C that a scalar needs: a source that has a float twin is left out where only one of them is wanted."""
+    files = runtime_files()
+    twins = {name: name.removesuffix(".c") + "_f.c" for name in files if name.removesuffix(".c") + "_f.c" in files}
+    unwanted = {"double": set(twins.values()), "float": set(twins), "both": set()}[scalar]
+    return {name: text for name, text in files.items() if name not in unwanted}

@@ -1,0 +1,201 @@
+"""`noslip outer-loop`: gains of a law designed, and what they are worth on a real processor with a wrong model."""
+
+import argparse
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..readers.errors import BadInput
+from ..readers.files import check_folder, write_folder
+from ..readers.quantities import in_range, quantity
+
+if TYPE_CHECKING:
+    from ..model.law import ControlLaw
+    from ..outer.design import Gains
+    from ..simulation.specification.spec import Spec
+
+EXAMPLE = """examples:
+  noslip outer-loop labmate --output type_iv_circle --period 0.01
+  noslip outer-loop labmate --output type_iv_line --settling 4 --damping 1.25 --period 0.02 --delay --figures build/outer
+  noslip outer-loop labmate --output type_iv_line --poles distance=-1,-4 --poles speed=-2 --json
+  noslip outer-loop labmate --spec specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5"""
+
+DESIGNS = ("poles", "discrete_poles", "settling", "lqr")
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add `noslip outer-loop`."""
+    parser = subparsers.add_parser(
+        "outer-loop",
+        help="design and judge the gains of a law",
+        description=(
+            "Gains of each channel of a law, given or designed; margins, sensitivities, the longest period; the whole loop about "
+            "its steady motion, and which error of the model hurts it most. VALUES are for all channels, or ROW=VALUES for one."
+        ),
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
+    parser.add_argument("--output", metavar="LAW", help="name of the law, for example type_iv_circle")
+    parser.add_argument("--spec", metavar="SPEC.toml", help="path, reference, gains, parameters and the true robot from a SPEC")
+    parser.add_argument("--L", type=quantity, metavar="M", help="m, P_l ahead of the vehicle's point (the SPEC's, else 0)")
+    parser.add_argument("--speed", type=quantity, metavar="V", help="m/s, of the steady motion (the SPEC's, else 1)")
+    design = parser.add_argument_group("design")
+    for name, metavar, text in (
+        ("poles", "[ROW=]P,P", "closed-loop poles, 1/s; one for relative degree 1, one more with --integral"),
+        ("discrete-poles", "[ROW=]Z,Z", "poles of the sampled channel; needs --period"),
+        ("settling", "[ROW=]S", "s until an error stays within 2 %%"),
+        ("damping", "[ROW=]Z", "damping ratio for --settling: 1 critically damped (default), above overdamped"),
+        ("lqr", "[ROW=]E,R,V", "linear-quadratic: largest error, rate (degree 2 only), integral (with --integral), v; SI"),
+    ):
+        design.add_argument(f"--{name}", metavar=metavar, action="append", default=[], help=text)
+    design.add_argument("--integral", action="store_true", help="integral action in the channels designed")
+    sampled = parser.add_argument_group("on a processor")
+    sampled.add_argument("--period", type=quantity, metavar="S", help="s between calls, torque held in between; none: continuous")
+    sampled.add_argument("--delay", action="store_true", help="the torque is applied one call after its state was sensed")
+    sampled.add_argument("--gain-margin", type=quantity, default=6.0, metavar="DB", help="to be kept by the longest period (6)")
+    sampled.add_argument("--phase-margin", type=quantity, default=45.0, metavar="DEG", help="the same (45)")
+    sampled.add_argument("--peak", type=quantity, default=2.0, metavar="MS", help="the same, of the sensitivity (2)")
+    parser.add_argument("--wrong", type=quantity, default=0.2, metavar="PART", help="how wrong things may be (0.2: by 20 %%)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--figures", metavar="DIR", help="draw Bode, Nyquist, steps, eigenvalues into a folder")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """The command. Raises BadInput for what cannot be: unknown names, unstable designs, a period of zero or beyond stability."""
+    from ..outer.channel import Required
+    from ..outer.design import positive
+    from ..outer.report import Report
+    from ..outer.robustness import Loops
+
+    law, spec = _law_and_spec(args)
+    if args.period is not None:
+        positive("period", args.period, "--period")
+    elif args.delay or args.discrete_poles:
+        raise BadInput(f"--{'delay' if args.delay else 'discrete-poles'} needs --period")
+    if not 0 < args.wrong < 1:
+        raise BadInput(f"--wrong {args.wrong:g} must lie between 0 and 1")
+    if args.gain_margin > 1000:
+        raise BadInput(f"--gain-margin {args.gain_margin:g} dB is out of range; give at most 1000")
+    required = Required(
+        gain=10 ** (positive("gain margin", args.gain_margin, "--gain-margin") / 20),
+        phase=math.radians(positive("phase margin", args.phase_margin, "--phase-margin")),
+        Ms=positive("peak", args.peak, "--peak"),
+    )
+    if args.figures:
+        check_folder(args.figures)
+    report = Report(law, spec, _gains(args, law, spec), Loops(args.period, args.delay), required, args.wrong)
+    pictures = {}
+    if args.figures:
+        from ..outer.pictures import pictures_of
+
+        pictures = pictures_of(report)
+    text = json.dumps(report.as_json(), indent=1, allow_nan=False) if args.json else report.text()
+    if pictures:
+        folder = Path(args.figures)
+        write_folder(folder, pictures)
+        text += "" if args.json else "\n\n" + "\n".join(str(folder / name) for name in pictures)
+    print(text)
+    return 0
+
+
+def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
+    from ..outer.setting import SPEED, default_spec, with_speed
+    from ..readers.robots import find_robot, law_of
+    from ..simulation.specification.spec import read_spec
+
+    if args.speed is not None and not (math.isfinite(args.speed) and args.speed):
+        raise BadInput(f"--speed {args.speed:g} must be finite and not zero: at rest there is nothing to follow")
+    if args.spec is None:
+        if args.output is None:
+            raise BadInput("outer-loop needs --output LAW or --spec SPEC.toml")
+        law = law_of(find_robot(args.robot), args.output)
+        return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
+    spec = read_spec(args.spec)
+    for option, given, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.output.law)):
+        if given is not None and given != own:
+            raise BadInput(f"{args.spec}: is about {own}, but {option} is {given}")
+    law = law_of(find_robot(spec.robot), spec.output.law)
+    return law, _placed(spec if args.speed is None else with_speed(spec, args.speed), args.L)
+
+
+def _placed(spec: "Spec", L: float | None) -> "Spec":
+    """The SPEC with another L (m)."""
+    if L is None:
+        return spec
+    if not math.isfinite(L):
+        raise BadInput(f"--L {L:g} is not finite")
+    return replace(spec, output=replace(spec.output, L=L))
+
+
+def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[str, "Gains"]:
+    """Of each row: designed where asked for, else the SPEC's or the law's defaults."""
+    from ..outer.design import Gains, from_discrete_poles, from_lqr, from_poles, from_settling
+    from ..verification.cases import gain_entries, integral_entries
+
+    given = gain_entries(law, spec.gains, "gains") | integral_entries(law, spec.gains)
+    values = {gain.name: gain.default for gain in law.gains} | given
+    rows = [row.name for row in law.output.rows]
+    asked = {name: _by_row(getattr(args, name), rows, f"--{name.replace('_', '-')}") for name in (*DESIGNS, "damping")}
+    made = {}
+    for row, degree in zip(rows, law.linearization.relative_degree, strict=True):
+        ways = [name for name in DESIGNS if row in asked[name]]
+        if len(ways) > 1:
+            raise BadInput(f"{row}: --{ways[0].replace('_', '-')} and --{ways[1].replace('_', '-')}; choose one")
+        if row in asked["damping"] and ways != ["settling"]:
+            raise BadInput(f"{row}: --damping is for --settling")
+        numbers = {name: asked[name][row] for name in asked if row in asked[name]}
+        if not ways:
+            error, rate = values[f"{'kp' if degree == 2 else 'kv'}_{row}"], values.get(f"kd_{row}", 0.0)
+            made[row] = Gains(degree, error, rate, values.get(f"ki_{row}", 0.0)).check(row)
+        elif ways == ["poles"]:
+            made[row] = from_poles(degree, numbers["poles"], args.integral, row)
+        elif ways == ["discrete_poles"]:
+            made[row] = from_discrete_poles(degree, numbers["discrete_poles"], args.period, args.integral, row)
+        elif ways == ["lqr"]:
+            made[row] = from_lqr(degree, _real(numbers["lqr"], row), args.integral, args.period, row)
+        else:
+            settling, damping = (_one(numbers.get(name, [1.0]), name, row) for name in ("settling", "damping"))
+            made[row] = from_settling(degree, settling, damping, args.integral, row)
+    if args.integral and not any(asked[name] for name in DESIGNS):
+        raise BadInput("--integral needs a design: --poles, --discrete-poles, --settling or --lqr")
+    return made
+
+
+def _by_row(texts: Sequence[str], rows: Sequence[str], option: str) -> dict[str, list[complex]]:
+    """VALUES for all rows, ROW=VALUES for one, which goes before."""
+    general: dict[str, list[complex]] = {}
+    special: dict[str, list[complex]] = {}
+    for text in texts:
+        row, equals, values = text.rpartition("=")
+        if equals and row not in rows:
+            raise BadInput(f"{option} {text}: unknown output {row!r}; known are {', '.join(rows)}")
+        try:
+            numbers = [complex(value) for value in values.split(",")]
+        except ValueError as error:
+            raise BadInput(
+                f"{option} {text}: {values!r} are not numbers separated by commas, such as -1,-4 or -1+2j,-1-2j"
+            ) from error
+        special.update({row: numbers} if equals else {})
+        for number in numbers:
+            if math.isfinite(abs(number)) and not in_range(abs(number)):
+                raise BadInput(f"{option} {text}: {abs(number):g} is out of range")
+        general.update({} if equals else {name: numbers for name in rows})
+    return general | special
+
+
+def _real(numbers: Sequence[complex], row: str) -> list[float]:
+    for number in numbers:
+        if number.imag:
+            raise BadInput(f"{row}: {number} must be real")
+    return [number.real for number in numbers]
+
+
+def _one(numbers: Sequence[complex], name: str, row: str) -> float:
+    if len(numbers) != 1:
+        raise BadInput(f"{row}: --{name} takes one number, not {len(numbers)}")
+    return _real(numbers, row)[0]

@@ -1,0 +1,162 @@
+"""`noslip plan`: a path of lines and arcs, from pose to pose or through waypoints, ready for a SPEC or for C."""
+
+import argparse
+import csv
+import io
+import itertools
+import math
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..readers.errors import BadInput
+from ..readers.files import check_targets, read_input, write_whole
+from ..readers.quantities import quantity
+
+if TYPE_CHECKING:
+    from ..model.segments import Segment
+
+EXAMPLE = """examples:
+  noslip plan dubins --from 0 0 0 --to 4 3 1.5708 --radius 1
+  noslip plan reeds-shepp --from 0 0 0 --to 0 2 180 --degrees --radius 1.5 --plot path.png
+  noslip plan waypoints points.csv --tolerance 0.05 --c --scalar float -o path.h"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add `noslip plan`."""
+    style: dict[str, Any] = {"epilog": EXAMPLE, "formatter_class": argparse.RawDescriptionHelpFormatter}
+    parser = subparsers.add_parser(
+        "plan",
+        help="plan a path of lines and arcs",
+        description="Plan a path of lines and arcs and print it as `path` of a SPEC's [output] (m, rad).",
+        **style,
+    )
+    ways = parser.add_subparsers(metavar="WAY", title="ways", required=True)
+    for name, about in (
+        ("dubins", "the shortest way forward from pose to pose"),
+        ("reeds-shepp", "the shortest way forward and backward from pose to pose"),
+    ):
+        way = ways.add_parser(name, help=about, description=f"Plan {about} (x, y in m, heading of the vehicle).", **style)
+        way._negative_number_matcher = re.compile(r"-\.?\d")  # argparse of Python < 3.13 takes -1e-3 for an option
+        way.add_argument("--from", dest="start", nargs=3, type=quantity, metavar=("X", "Y", "HEADING"), required=True)
+        way.add_argument("--to", dest="goal", nargs=3, type=quantity, metavar=("X", "Y", "HEADING"), required=True)
+        way.add_argument("--radius", type=quantity, metavar="R", required=True, help="turns no tighter than that, m")
+        _add_common(way)
+        way.set_defaults(way=name, plan=_between_poses)
+    way = ways.add_parser(
+        "waypoints",
+        help="through waypoints",
+        description="Plan through waypoints: a smooth curve through them, broken into few lines and arcs.",
+        **style,
+    )
+    way.add_argument("points", metavar="POINTS.csv", help="rows x, y (m) and, where wanted, heading; a header if you like")
+    way.add_argument("--tolerance", type=quantity, metavar="M", required=True, help="no farther from the curve than that, m")
+    way.add_argument("--closed", action="store_true", help="back to the first waypoint")
+    way.add_argument("--min-radius", type=quantity, metavar="R", help="refuse a curve that is tighter, m")
+    _add_common(way)
+    way.set_defaults(way="waypoints", plan=_through_waypoints)
+
+
+def _add_common(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--degrees", action="store_true", help="headings given are in degrees; what is printed is in rad")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--c", action="store_true", help="print a C array of noslip_segment")
+    form.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--scalar", choices=("double", "float"), help="of the C array; default: double")
+    parser.add_argument("-o", "--output", metavar="FILE", default="-", help="where the path goes; default: standard output")
+    parser.add_argument("--plot", metavar="FILE.png", help="draw it too")
+    parser.set_defaults(run=run, closed=False)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """`noslip plan`. Raises BadInput, ModelError, OSError."""
+    inputs = [arguments.points] if arguments.way == "waypoints" else []
+    check_targets([arguments.output], [arguments.plot] if arguments.plot else [], inputs)
+    if arguments.scalar and not arguments.c:
+        raise BadInput("--scalar is for --c; leave it out or add --c")
+    segments, waypoints = arguments.plan(arguments)
+    written = _written(segments, arguments)
+    about = _summary(segments, arguments.way)
+    if arguments.plot:
+        from ..planning.picture import picture  # slow to import
+
+        drawn = picture(segments, Path(arguments.plot).suffix[1:], about, waypoints)
+    write_whole(arguments.output, written)
+    if arguments.plot:
+        write_whole(arguments.plot, drawn)
+    print(about, file=sys.stderr if arguments.output == "-" else sys.stdout)
+    return 0
+
+
+def _between_poses(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
+    from ..planning import dubins, reeds_shepp  # slow to import
+
+    unit = math.pi / 180 if arguments.degrees else 1.0
+    plan = dubins if arguments.way == "dubins" else reeds_shepp
+    (x, y, heading), (to_x, to_y, to_heading) = arguments.start, arguments.goal
+    return plan((x, y, heading * unit), (to_x, to_y, to_heading * unit), arguments.radius), []
+
+
+def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
+    from ..planning import fit  # slow to import
+
+    points, headings = read_waypoints(arguments.points, arguments.degrees)
+    try:
+        return fit(points, arguments.tolerance, headings, arguments.closed, arguments.min_radius), points
+    except BadInput as error:
+        raise BadInput(f"{arguments.points}: {error}") from error
+
+
+def read_waypoints(file: str, degrees: bool = False) -> tuple[list[tuple[float, float]], list[float | None]]:
+    """Waypoints (x, y) in m and headings in rad, None where the file has none. Raises BadInput naming the line."""
+    points: list[tuple[float, float]] = []
+    headings: list[float | None] = []
+    try:
+        text = read_input(file).decode("utf-8-sig")  # spreadsheets begin UTF-8 with a byte order mark
+        rows = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
+        for row in rows:
+            cells = [cell.strip() for cell in row]
+            if not any(cells) or cells[0].startswith("#"):
+                continue
+            if not points and cells in (["x", "y"], ["x", "y", "heading"]):
+                continue
+            numbers = _numbers(cells, f"{file} line {rows.line_num}")
+            points.append(numbers[:2])
+            headings.append(math.radians(numbers[2]) if degrees and numbers[2] is not None else numbers[2])
+    except OSError as error:
+        raise BadInput(f"{file}: {error.strerror}; check the path") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise BadInput(f"{file}: no table of numbers: {error}") from error
+    return points, headings
+
+
+def _numbers(cells: list[str], where: str) -> tuple[float, float, float | None]:
+    if len(cells) not in (2, 3):
+        raise BadInput(f"{where} has {len(cells)} entries; give x, y or x, y, heading")
+    if not cells[-1]:
+        cells = cells[:-1]
+    try:
+        x, y, *heading = map(float, cells)
+    except ValueError as error:
+        raise BadInput(f"{where}: {', '.join(cells)} is not x, y or x, y, heading in numbers") from error
+    return x, y, heading[0] if heading else None
+
+
+def _written(segments: list["Segment"], arguments: argparse.Namespace) -> str:
+    from ..codegen.printing.scalar import SCALARS
+    from ..planning import tables
+
+    if arguments.c:
+        return tables.c_array(segments, SCALARS[arguments.scalar or "double"])
+    write = tables.as_json if arguments.json else tables.toml
+    return write(segments, arguments.closed)
+
+
+def _summary(segments: list["Segment"], way: str) -> str:
+    cusps = sum(before.backward != after.backward for before, after in itertools.pairwise(segments))
+    tightest = max(abs(segment.curvature) for segment in segments)
+    parts = [f"{len(segments)} segment{'s' if len(segments) > 1 else ''}", f"{sum(s.length for s in segments):.6g} m"]
+    parts += [f"{cusps} cusp{'s' if cusps > 1 else ''}"] if cusps else []
+    parts += [f"smallest radius {1 / tightest:.4g} m"] if tightest else []
+    return f"{way}: {', '.join(parts)}"

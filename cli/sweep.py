@@ -1,0 +1,132 @@
+"""`noslip sweep`: how likely a controller stays on its path when masses, geometry, sensors, delays and starts are off."""
+
+import argparse
+import json
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..readers.errors import BadInput
+from ..readers.files import check_folder, check_targets, write_folder
+
+if TYPE_CHECKING:
+    from ..sweeping.study import Study
+
+EXAMPLE = """examples:
+  noslip sweep specs/sweep.toml --samples 10000 -o sweep.parquet --figures build/sweep
+  noslip sweep specs/sweep.toml --samples 10000 -o sweep.parquet --indices 1024 --worst --json
+  noslip simulate sweep.parquet --sample 17 -o run.csv --plot run.png
+A sweep that was stopped goes on with the same command."""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add `noslip sweep`."""
+    parser = subparsers.add_parser(
+        "sweep",
+        help="run many closed loops with what is uncertain drawn at random",
+        description="Run the closed loop of SPEC.toml many times, numbers drawn as its [sweep] says: docs/sweep.md.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("spec", metavar="SPEC.toml", help="as for simulate, with [sweep] and [sweep.plant], [sweep.initial], ...")
+    parser.add_argument("--samples", metavar="N", type=int, required=True, help="how many")
+    parser.add_argument("-o", "--output", metavar="OUT.parquet", required=True, help="where they go, a row for each")
+    parser.add_argument("--jobs", metavar="J", type=int, help="threads (as many as there are cores)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, for example tcp://10.0.0.1:8786")
+    parser.add_argument("--indices", metavar="N", type=int, help="Sobol's indices too, of N points, a power of 2")
+    parser.add_argument("--worst", action="store_true", help="look for the worst combination too")
+    parser.add_argument("--verify", metavar="N", type=int, help="run N of the samples again by simulate, and compare")
+    parser.add_argument("--figures", metavar="DIR", help="draw errors over time, against each number, and singular starts")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """`noslip sweep`: 0, or 1 when --verify finds a difference. Raises BadInput, ModelError, OSError."""
+    from ..simulation.specification.spec import read_text
+    from ..sweeping.results.report import Report
+    from ..sweeping.results.statistics import check_indices, indices, summarize
+    from ..sweeping.results.verify import verify
+    from ..sweeping.results.worst import find_worst
+    from ..sweeping.store import is_finished
+    from ..sweeping.study import study_of
+
+    _check(args)
+    jobs, output = args.jobs or os.cpu_count() or 1, Path(args.output)
+    text = read_text(args.spec)
+    study = study_of(text, args.spec, args.samples)
+    if args.indices is not None:
+        check_indices(study, args.indices)
+    if args.worst and not study.plan.names:
+        raise BadInput("--worst: nothing varies but the noise")
+    if is_finished(output, study):
+        print(f"{output} is there already", file=sys.stderr)
+        _clear(study, output)
+    else:
+        _run_samples(study, output, jobs, args.scheduler)
+    summary = summarize(output, study)
+    found = indices(study, args.indices, jobs) if args.indices is not None else None
+    worst = find_worst(study, summary.worst, jobs) if args.worst else None
+    verified = verify(output, args.verify, jobs) if args.verify is not None else None
+    report = Report(args.spec, args.output, study, summary, found, worst, verified)
+    drawn = _draw(report, jobs, args.figures) if args.figures else []
+    if args.json:
+        print(json.dumps(report.as_json(), indent=1, allow_nan=False))
+    else:
+        print("\n".join([report.text(), "", f"  {', '.join([str(output), *drawn])}"]))
+    return 1 if verified and not verified.holds else 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Raise BadInput before a long run for what could only fail after it."""
+    for option in ("samples", "jobs", "indices", "verify"):
+        value = getattr(args, option)
+        if value is not None and value < 1:
+            raise BadInput(f"--{option} {value} must be 1 or more")
+    if args.output == "-":
+        raise BadInput("-o -: a sweep is resumed from its file; give the name of one")
+    check_targets([args.output], inputs=[args.spec])
+    if args.figures:
+        check_folder(args.figures)
+
+
+def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None) -> None:
+    from ..sweeping.runner import Engine, Progress, Threads, run_parts
+    from ..sweeping.store import Parts, merge
+
+    engine: Engine
+    if scheduler:
+        from ..sweeping.cluster import Cluster
+
+        engine = Cluster(scheduler, study)
+    else:
+        engine = Threads(study.batch, jobs)
+    parts, progress = Parts(output, study), Progress(study.samples)
+    try:
+        with parts.held():
+            run_parts(parts, engine, progress)
+            merge(parts)
+            parts.remove()
+    finally:
+        progress.clear()
+        engine.close()
+
+
+def _clear(study: "Study", output: Path) -> None:
+    """Remove what a run that was killed at its very end has left; a folder of anyone else is not touched."""
+    from ..sweeping.store import Parts
+
+    parts = Parts(output, study)
+    if parts.folder.is_dir():
+        with suppress(BadInput, OSError), parts.held():
+            parts.remove()
+
+
+def _draw(report, jobs: int, folder: str) -> list[str]:
+    from ..sweeping.results.figures import figures_of
+
+    made = figures_of(report, jobs)
+    write_folder(Path(folder), made)
+    return [str(Path(folder) / name) for name in made if name.endswith(".png")]

@@ -1,0 +1,1 @@
+"""The derivation that ships: the law in short steps, in the frame where it is cheapest."""

@@ -1,0 +1,1 @@
+"""From expression graphs to the text of C files."""

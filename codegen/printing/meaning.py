@@ -1,0 +1,330 @@
+"""What the constants and temporaries of generated C are, for comments: formulas in the model's names, and units."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property, lru_cache
+from math import gcd, lcm
+
+import numpy as np
+
+from ...model.linearization import SINGULAR, SINGULAR_SQUARED
+from ..dynamics import DynamicsProgram
+from ..evaluation import FUNCTIONS, evaluate
+from ..graph import ENTRY, MATRIX_INVERSE, Node, reachable
+from ..program import Program, fixed_nodes
+from .layout import WIDTH, aside
+
+LONGEST = 80  # characters of a formula; in place of a longer one the names it is made of
+STATES = 4  # random states at which a node is compared with the steps of the derivation
+SAME = 1e-9  # relative difference up to which two numbers count as the same
+PURE = (SINGULAR, SINGULAR_SQUARED)  # thresholds, which have no unit
+DERIVED = {"kg m^2/s^2": "N m", "kg m/s^2": "N"}
+
+Unit = dict[str, Fraction]  # base unit -> exponent
+
+
+@dataclass(frozen=True)
+class Product:
+    """coefficient * the product of factor^exponent; a factor is the text of a name, a function or a sum."""
+
+    coefficient: Fraction
+    powers: tuple[tuple[str, int], ...] = ()
+
+    def __mul__(self, other: "Product") -> "Product":
+        powers = dict(self.powers)
+        for factor, exponent in other.powers:
+            powers[factor] = powers.get(factor, 0) + exponent
+        return Product(self.coefficient * other.coefficient, tuple(sorted((f, e) for f, e in powers.items() if e)))
+
+    def inverse(self) -> "Product":
+        """1 / the product, which is not zero."""
+        return Product(1 / self.coefficient, tuple((factor, -exponent) for factor, exponent in self.powers))
+
+    def __str__(self) -> str:
+        if self.coefficient == 1 and len(self.powers) == 1 and self.powers[0][1] == 1:
+            return self.powers[0][0]
+        above = [_power(factor, e) for factor, e in self._ordered() if e > 0]
+        below = [_power(factor, -e) for factor, e in self._ordered() if e < 0]
+        number = abs(self.coefficient)
+        if max(number.numerator, number.denominator) < 10000:
+            above = [str(number.numerator)] * (number.numerator != 1 or not above) + above
+            below = [str(number.denominator)] * (number.denominator != 1) + below
+        else:
+            above.insert(0, repr(float(number)))
+        text = " ".join(above)
+        if below:
+            text += "/" + (below[0] if len(below) == 1 else f"({' '.join(below)})")
+        return ("-" if self.coefficient < 0 else "") + text
+
+    def _ordered(self) -> list[tuple[str, int]]:
+        return sorted(self.powers, key=lambda power: (_is_sum(power[0]), power[0].startswith(("sin(", "cos(")), power[0]))
+
+
+class Meanings:
+    """Comments for the nodes of one program: constants, and values of a step in the names of the derivation's steps."""
+
+    def __init__(self, program: Program | DynamicsProgram):
+        self._units = {(group, q.name): q.unit for group, members in program.groups.items() for q in members}
+        self._labels = program.labels
+        self._stands = {step.leaf: step.node for body in program.entries.values() for step in getattr(body, "steps", ())}
+        steps = [part for leaf, node in self._stands.items() for part in (*reachable([node]), leaf)]
+        roots = [root for body in program.entries.values() for root in body.roots]
+        self._nodes = list(dict.fromkeys([*steps, *reachable([*roots, *program.constants, *self._labels])]))
+        self._fixed = fixed_nodes(self._nodes)
+        self._products: dict[Node, Product | None] = {}
+        self._sums: dict[str, list[Product]] = {}  # the terms of a sum, by its text
+        self._known_units: dict[Node, Unit | None] = {}
+
+    def constant(self, node: Node) -> str:
+        """A function of the parameters as `unit: formula`; the unit alone of a parameter itself."""
+        unit = unit_text(self.unit(node))
+        if node.operation == "leaf":
+            return self._units[node.group, node.name]
+        return f"{unit}: {self.formula(node)}" if unit else self.formula(node)
+
+    def formula(self, node: Node) -> str:
+        """A function of the parameters in their names; what it is made of where that would be long."""
+        product = self.product(node)
+        text = str(product) if product is not None else ""
+        if text and len(text) <= LONGEST:
+            return text
+        return "of " + ", ".join(sorted({leaf.name for leaf in reachable([node]) if leaf.operation == "leaf"}))
+
+    def legend(self, constants: Mapping[Node, str], lines: Sequence[str]) -> list[str]:
+        """A comment for each numbered constant that these statements read."""
+        read = set(re.findall(r"self->(\w+)", " ".join(lines)))
+        told = []
+        for node, field in constants.items():
+            if field in read and node.operation != "leaf":
+                unit, formula = unit_text(self.unit(node)), self.formula(node)
+                told.append(f"{field}{f' ({unit})' if unit else ''} {formula if formula.startswith('of ') else f'= {formula}'}")
+        return ["\n".join(line for text in told for line in aside(text, WIDTH - 4))] if told else []
+
+    def temporary(self, node: Node, users: Sequence[str]) -> str:
+        """What a value of a step is: its formula where that is short, else what it is a part of: its users' names."""
+        product = self.product(node)
+        text = str(product) if product is not None else ""
+        if text and len(text) <= LONGEST:
+            return text
+        return f"part of {', '.join([*users[:4], *(['...'] if len(users) > 4 else [])])}"
+
+    # -- formulas -------------------------------------------------------------------------------------------------
+
+    def product(self, node: Node) -> Product | None:
+        """The node as a formula; None where that is too long."""
+        fixed = self._fixed.get(node, True)
+        for part in () if node in self._products else reachable([node]) if fixed else self._nodes:
+            if part not in self._products:
+                self._products[part] = self._known(part) or self._made(part)
+        return self._products[node]
+
+    def _known(self, node: Node) -> Product | None:
+        """A step of the derivation, or a multiple of one by a function of the parameters."""
+        if node.operation in ("leaf", "constant") or self._fixed.get(node, False):
+            return None
+        if node in self._labels:
+            return Product(Fraction(1), ((self._labels[node], 1),))
+        names, steps = self._steps
+        values = self._values.get(node)
+        if values is None or values.ndim != 1 or not _usable(values) or not names:  # a whole matrix is no step
+            return None
+        ratios = values / steps
+        for k in np.flatnonzero(np.all(np.abs(ratios - ratios[:, :1]) <= SAME * np.abs(ratios[:, :1]), axis=1)):
+            factor = self._factor(ratios[k, 0])
+            if factor is not None:
+                return factor * Product(Fraction(1), ((names[k], 1),))
+        return None
+
+    def _factor(self, ratio: float) -> Product | None:
+        """A function of the parameters with this value or its negative, as a formula; None where the program has none."""
+        numbers, nodes = self._fixed_values
+        for inverted, candidates in ((False, numbers), (True, 1 / numbers)):
+            for k in np.flatnonzero(np.abs(np.abs(candidates) - abs(ratio)) <= SAME * abs(ratio)):
+                product = self.product(nodes[k])
+                if product is None or not product.coefficient:
+                    continue
+                product = product.inverse() if inverted else product
+                if len(str(product)) <= LONGEST // 2:
+                    return Product(Fraction(1 if candidates[k] * ratio > 0 else -1)) * product
+        return None
+
+    def _made(self, node: Node) -> Product | None:
+        """The node from its arguments."""
+        arguments = node.arguments
+        if node.operation == "leaf":
+            return self._products[self._stands[node]] if node in self._stands else Product(Fraction(1), ((node.name, 1),))
+        if node.operation == "constant":
+            return Product(Fraction(repr(node.value)))
+        if node.operation == ENTRY or node.operation not in FUNCTIONS:
+            return None
+        products = [product for argument in arguments if (product := self._products[argument]) is not None]
+        if len(products) < len(arguments):
+            return None
+        if node.operation == "neg":
+            return Product(Fraction(-1)) * products[0]
+        if node.operation == "mul":
+            return products[0] * products[1]
+        if node.operation == "div":
+            return products[0] * products[1].inverse() if products[1].coefficient else None
+        if node.operation in ("add", "sub"):
+            sign = Product(Fraction(1 if node.operation == "add" else -1))
+            return self._sum([*self._terms(products[0]), *(sign * term for term in self._terms(products[1]))])
+        text = f"{node.operation}({', '.join(map(str, products))})"
+        return Product(Fraction(1), ((text, 1),)) if len(text) <= LONGEST else None
+
+    def _terms(self, product: Product) -> list[Product]:
+        """The terms of a sum times other factors, else the product itself."""
+        inner = [factor for factor, exponent in product.powers if exponent == 1 and factor in self._sums]
+        if len(inner) != 1 or sum(_is_sum(factor) for factor, _ in product.powers) > 1:
+            return [product]
+        others = Product(product.coefficient, tuple(power for power in product.powers if power[0] != inner[0]))
+        return [others * term for term in self._sums[inner[0]]]
+
+    def _sum(self, terms: Sequence[Product]) -> Product | None:
+        """A sum, its common factor outside."""
+        merged: dict[tuple[tuple[str, int], ...], Fraction] = {}
+        for term in terms:
+            merged[term.powers] = merged.get(term.powers, Fraction(0)) + term.coefficient
+        kept = [Product(coefficient, powers) for powers, coefficient in merged.items() if coefficient]
+        if len(kept) <= 1:
+            return kept[0] if kept else Product(Fraction(0))
+        factors = sorted({factor for term in kept for factor, _ in term.powers})
+        least = {f: min(dict(term.powers).get(f, 0) for term in kept) for f in factors}
+        numbers = [term.coefficient for term in kept]
+        size = Fraction(gcd(*(n.numerator for n in numbers)), lcm(*(n.denominator for n in numbers)))
+        size = -size if all(n < 0 for n in numbers) else size
+        common = Product(size, tuple(sorted((f, e) for f, e in least.items() if e)))
+        rest = [term * common.inverse() for term in kept]
+        rest.sort(key=lambda term: (term.coefficient < 0, str(Product(Fraction(1), term.powers))))
+        text = str(rest[0]) + "".join(f" {'-' if t.coefficient < 0 else '+'} {str(t).removeprefix('-')}" for t in rest[1:])
+        if len(text) > 2 * LONGEST:
+            return None
+        self._sums[text] = rest
+        return common * Product(Fraction(1), ((text, 1),))
+
+    # -- numbers at random states ---------------------------------------------------------------------------------
+
+    @cached_property
+    def _values(self) -> dict[Node, np.ndarray]:
+        return evaluate(self._nodes, STATES, self._stands)
+
+    @cached_property
+    def _steps(self) -> tuple[list[str], np.ndarray]:
+        """Names of the derivation's steps, and their values row by row."""
+        found = [(name, self._values[node]) for node, name in self._labels.items() if not self._fixed[node]]
+        found = [(name, values) for name, values in found if _usable(values)]
+        return [name for name, _ in found], np.array([values for _, values in found])
+
+    @cached_property
+    def _fixed_values(self) -> tuple[np.ndarray, list[Node]]:
+        """Values of functions of the parameters, the first made first."""
+        nodes = [node for node in self._nodes if self._fixed[node] and node.operation != MATRIX_INVERSE]
+        nodes = [node for node in nodes if _usable(self._values[node])]
+        return np.array([self._values[node][0] for node in nodes]), nodes
+
+    # -- units ----------------------------------------------------------------------------------------------------
+
+    def unit(self, node: Node) -> Unit | None:
+        """The node's unit; None where it does not follow from those of the leaves."""
+        for part in reachable([node]) if node not in self._known_units else ():
+            if part not in self._known_units:
+                self._known_units[part] = self._unit_of(part)
+        return self._known_units[node]
+
+    def _unit_of(self, node: Node) -> Unit | None:
+        if node.operation == "leaf":
+            return unit_of(self._units.get((node.group, node.name), "?"))
+        if node.operation == "constant":  # any other number may have one
+            return {} if node.value in PURE or Fraction(repr(node.value)).denominator in (1, 2, 4, 8, 16) else None
+        units = [unit for argument in node.arguments if (unit := self._known_units[argument]) is not None]
+        if len(units) < len(node.arguments):
+            return None
+        if node.operation in ("neg", "abs"):
+            return units[0]
+        if node.operation in ("mul", "div"):
+            return _combined(units[0], units[1], 1 if node.operation == "mul" else -1)
+        if node.operation == "sqrt":
+            return {base: exponent / 2 for base, exponent in units[0].items()}
+        if node.operation in ("add", "sub"):
+            return units[0] if units[0] == units[1] else None
+        return {} if not any(units) and node.operation in FUNCTIONS else None
+
+
+@lru_cache(maxsize=64)
+def meanings(program: Program | DynamicsProgram) -> Meanings:
+    """The comments of a program, the same for both scalars, made once per process."""
+    return Meanings(program)
+
+
+def users(roots: Sequence[tuple[Node, str]], named: Mapping[Node, str]) -> Callable[[Node], list[str]]:
+    """For a node, the names of what it goes into first: named nodes, and the places that roots are written to."""
+    above: dict[Node, list[Node]] = {}
+    for node in reachable(root for root, _ in roots):
+        for argument in node.arguments:
+            above.setdefault(argument, []).append(node)
+    places: dict[Node, list[str]] = {}
+    for root, place in roots:
+        places.setdefault(root, []).append(place)
+
+    def of(node: Node) -> list[str]:
+        found: dict[str, None] = dict.fromkeys(places.get(node, ()))
+        seen, stack = {node}, list(above.get(node, ()))
+        while stack:
+            user = stack.pop(0)
+            if user in seen:
+                continue
+            seen.add(user)
+            found.update(dict.fromkeys([named[user]] if user in named else places.get(user, ())))
+            if user not in named:
+                stack += above.get(user, ())
+        return list(found)
+
+    return of
+
+
+def unit_of(text: str) -> Unit | None:
+    """A unit as exponents of kg, m, s and what else it names; None where the text is not understood. An angle has none."""
+    unit: Unit = {}
+    above, slash, below = text.replace("(", " ").replace(")", " ").partition("/")
+    for part, sign in ((above, 1), (below, -1)):
+        for token in part.split():
+            match = re.fullmatch(r"([A-Za-z]+)(?:\^(-?\d+))?", token)
+            if match is None:
+                if token == "1":
+                    continue
+                return None
+            base, exponent = match[1], sign * int(match[2] or 1)
+            for one, times in {"N": (("kg", 1), ("m", 1), ("s", -2)), "rad": ()}.get(base, ((base, 1),)):
+                unit = _combined(unit, {one: Fraction(times * exponent)}, 1)
+    return unit
+
+
+def unit_text(unit: Unit | None) -> str:
+    """The unit as text, empty where there is none."""
+    if not unit or any(exponent.denominator != 1 for exponent in unit.values()):
+        return ""
+    ordered = sorted(unit.items())  # kg, m, s
+    above = " ".join(_power(base, int(e)) for base, e in ordered if e > 0) or "1"
+    below = [_power(base, int(-e)) for base, e in ordered if e < 0]
+    text = above + ("/" + (below[0] if len(below) == 1 else f"({' '.join(below)})") if below else "")
+    return DERIVED.get(text, text)
+
+
+def _combined(one: Unit, other: Unit, sign: int) -> Unit:
+    return {base: e for base in {**one, **other} if (e := one.get(base, Fraction(0)) + sign * other.get(base, Fraction(0)))}
+
+
+def _usable(values: np.ndarray) -> bool:
+    return bool(np.all(np.isfinite(values)) and np.all(values != 0))
+
+
+def _power(factor: str, exponent: int) -> str:
+    text = f"({factor})" if _is_sum(factor) else factor
+    return text if exponent == 1 else f"{text}^{exponent}"
+
+
+def _is_sum(factor: str) -> bool:
+    """Has the text a + or - outside parentheses?"""
+    return re.search(r" [+-] ", re.sub(r"\([^()]*\)", "", re.sub(r"\([^()]*\)", "", factor))) is not None

@@ -1,0 +1,178 @@
+"""From nodes to C statements: names, parentheses, order. What is written is what is computed, in this order."""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable
+from itertools import count
+from math import isqrt
+
+from ...model.names import in_c
+from ..graph import ENTRY, FUNCTIONS, Node, free_name
+from .layout import commented
+from .scalar import Scalar
+
+WIDEST = 100  # characters; a longer expression is broken into named steps
+PRECEDENCE = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}
+SIGN = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+NAMED_OTHERWISE = ("constant", "sin", "cos", ENTRY)  # what is never given to a variable of its own
+Printed = tuple[str, int]  # text and how tightly it binds
+
+
+class Statements:
+    """Writes the C that computes a set of nodes, each at most once; `given` names what needs no computing.
+
+    `guard(condition)` is the line that leaves the function where a division or an angle has no meaning; None for none.
+    `meaning(node)` is the comment of a temporary that has no name of its own.
+    """
+
+    def __init__(
+        self,
+        scalar: Scalar,
+        given: Callable[[Node], str | None],
+        labels: dict[Node, str],
+        guard: Callable[[str], str] | None,
+        taken: Iterable[str] = (),
+        meaning: Callable[[Node], str] | None = None,
+    ):
+        self.scalar = scalar
+        self.given = given
+        self.labels = labels
+        self.guard = guard
+        self.meaning = meaning
+        self.lines: list[str] = []
+        self.names: dict[Node, str] = {}
+        self.uses: Counter[Node] = Counter()
+        self.guarded: set[Node] = set()
+        self.taken = set(taken)  # names that mean something else in the function
+        self.temporaries = (f"t{number}" for number in count(1))
+
+    def plan(self, roots: Iterable[Node]) -> None:
+        """Count how often each node is used, so that what is used once need not have a name."""
+        stack = list(roots)
+        self.uses.update(stack)
+        seen: set[Node] = set()
+        while stack:
+            node = stack.pop()
+            if node in seen or self.given(node) is not None:
+                continue
+            seen.add(node)
+            self.uses.update(node.arguments)
+            stack.extend(node.arguments)
+
+    def value(self, node: Node) -> str:
+        """An operand that stands for the node: its name, or its text in parentheses where needed."""
+        return self._operand(node, 4)
+
+    def text(self, node: Node) -> str:
+        """The node as the right-hand side of an assignment."""
+        return self._print(node)[0]
+
+    def assign(self, place: str, node: Node) -> None:
+        """Write the node to a place that outlives the statements. What nothing else uses gets no name of its own."""
+        known = node in self.names or self.given(node) is not None or node.operation in NAMED_OTHERWISE
+        text = self._expression(node)[0] if not known and self.uses[node] <= 1 else self.text(node)
+        self.lines.append(f"{place} = {text};")
+
+    def named(self, node: Node) -> str:
+        """A name or literal for the node, made now if it has none."""
+        if node not in self.names and self.given(node) is None and node.operation not in NAMED_OTHERWISE:
+            self._assign(node, self._expression(node)[0])
+        return self._print(node)[0]
+
+    def not_singular(self, measure: Node, bound: Node) -> None:
+        """Leave the function unless the first is greater than the second; NaN leaves."""
+        if self.guard is None:
+            return
+        left, right = self._operand(measure, 1), self._operand(bound, 1)
+        self.lines.append(self.guard(f"!({left} > {right})"))
+        self.guarded.update(factors(measure))
+
+    def _operand(self, node: Node, binding: int) -> str:
+        text, precedence = self._print(node)
+        return text if precedence >= binding else f"({text})"
+
+    def _print(self, node: Node) -> Printed:
+        known = self.names.get(node) or self.given(node)
+        if known is not None:
+            return known, 4
+        if node.operation == "constant":
+            return self.scalar.literal(node.value), 3 if node.value < 0 else 4
+        if node.operation in ("sin", "cos"):
+            self._sincos(node.arguments[0])
+            return self.names[node], 4
+        if node.operation == ENTRY:
+            self._inverse(node.arguments[0])
+            return self.names[node], 4
+        printed = self._expression(node)
+        if node in self.labels or self.uses[node] > 1 or len(printed[0]) > WIDEST:
+            self._assign(node, printed[0])
+            return self.names[node], 4
+        return printed
+
+    def _expression(self, node: Node) -> Printed:
+        arguments = node.arguments
+        if node.operation in ("sqrt", "abs", *FUNCTIONS):
+            call = self.scalar.name(f"noslip_{node.operation}")
+            return f"{call}({', '.join(self.text(argument) for argument in arguments)})", 4
+        if node.operation == "neg":
+            return f"-{self._operand(arguments[0], 4)}", 3
+        binding = PRECEDENCE[node.operation]
+        first, second = arguments
+        if node.operation == "div":
+            self._guard_division(second)
+        if node.operation == "mul" and PRECEDENCE.get(second.operation) == 2 and PRECEDENCE.get(first.operation) != 2:
+            first, second = second, first  # a * (b * c) reads better, and is the same, as b * c * a
+        if node.operation == "add" and second.operation in ("add", "sub") and first.operation not in ("add", "sub"):
+            first, second = second, first
+        return f"{self._operand(first, binding)} {SIGN[node.operation]} {self._operand(second, binding + 1)}", binding
+
+    def _guard_division(self, denominator: Node) -> None:
+        if self.guard is None or denominator in self.guarded or denominator.operation == "constant":
+            return
+        self.guarded.update(factors(denominator))
+        name = self.named(denominator)
+        size = name if denominator.operation == "sqrt" else f"{self.scalar.name('noslip_abs')}({name})"
+        self.lines.append(self.guard(f"!({size} > 0)"))
+
+    def _sincos(self, angle: Node) -> None:
+        name = self.named(angle)
+        short = re.sub(r"\W", "_", name.split(">")[-1].lstrip("-"))
+        sine, cosine = free_name(f"sin_{short}", self.taken), free_name(f"cos_{short}", self.taken)
+        self.lines.append(f"{self.scalar.real} {sine}, {cosine};")
+        self.lines.append(f"{self.scalar.name('noslip_sincos')}({name}, &{sine}, &{cosine});")
+        for node, text in self._pair(angle, sine, cosine):
+            self.names[node] = text
+
+    def _pair(self, angle: Node, sine: str, cosine: str) -> list[tuple[Node, str]]:
+        return [
+            (node, sine if node.operation == "sin" else cosine)
+            for node in self.uses
+            if node.operation in ("sin", "cos") and node.arguments[0] is angle
+        ]
+
+    def _inverse(self, whole: Node) -> None:
+        """Invert a matrix in an array, and leave where it has no inverse."""
+        size = isqrt(len(whole.arguments))
+        texts = [self.text(entry) for entry in whole.arguments]
+        array, order, condition = (free_name(name, self.taken) for name in ("inverse", "order", "rcond"))
+        real, call = self.scalar.real, f"{self.scalar.name('noslip_invert')}({array}, {order}, {size})"
+        self.lines.append(f"{real} {array}[{len(texts)}];\nint {order}[{size}];")
+        self.lines += [f"{array}[{k}] = {text};" for k, text in enumerate(texts)]
+        self.lines.append(f"const {real} {condition} = {call};")
+        if self.guard is not None:
+            self.lines.append(self.guard(f"!({condition} > {self.scalar.literal(whole.value)})"))
+        for node in self.uses:
+            if node.operation == ENTRY and node.arguments[0] is whole:
+                self.names[node] = f"{array}[{int(node.value)}]"
+
+    def _assign(self, node: Node, text: str) -> None:
+        own = in_c(self.labels.get(node, "")) or next(name for name in self.temporaries if name not in self.taken)
+        self.names[node] = free_name(own, self.taken)
+        meaning = self.meaning(node) if self.meaning and node not in self.labels else ""
+        self.lines.append(commented(f"const {self.scalar.real} {self.names[node]} = {text};", meaning))
+
+
+def factors(node: Node) -> list[Node]:
+    """The node and, of a product or a root, its factors: none is zero where the node is not, though it may underflow."""
+    inside = node.arguments if node.operation in ("mul", "neg", "sqrt") else ()
+    return [node, *(factor for argument in inside for factor in factors(argument))]

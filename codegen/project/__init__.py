@@ -1,0 +1,1 @@
+"""The texts of an exported project: build files, control loop, self-test."""

@@ -1,0 +1,25 @@
+"""The short way round: a wanted angle, whole turns put aside so that it is near the actual one. In Python, and by the C."""
+
+import math
+
+from ..readers.errors import BadInput
+
+HEADER = "noslip_angle.h"
+
+
+def nearest_angle(wanted: float, actual: float) -> float:
+    """The angle (rad) that differs from `wanted` by whole turns and is nearest to `actual`."""
+    turns = round((wanted - actual) / (2 * math.pi))
+    return wanted - turns * 2 * math.pi
+
+
+def compiled_nearest_angle(wanted: float, actual: float, scalar: str = "double") -> float:
+    """The same by the C. Raises BadInput where it answers an error."""
+    from .runtime import runtime  # slow to import
+
+    made = runtime(HEADER)
+    answer = made.array(scalar, [0.0])
+    status = made.function("noslip_nearest_angle", scalar)(wanted, actual, answer)
+    if status < 0:
+        raise BadInput(f"nearest angle to {actual:g} of {wanted:g}: {made.status(status)}")
+    return answer[0]

@@ -1,0 +1,75 @@
+"""The controller behind one face: CasADi's evaluation of the model, or the compiled C, here or on an emulated processor."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..readers.errors import BadInput
+from .controller import BACKENDS, ON_TARGET, Controller, Limits, Numbers, ParameterRefused
+from .runtime import Runtime, runtime
+
+if TYPE_CHECKING:
+    from ..model.law import ControlLaw
+
+
+def make_controller(
+    backend: str,
+    law: ControlLaw,
+    params: Numbers,
+    config: Numbers,
+    gains: Numbers,
+    limits: Limits | None = None,
+) -> Controller:
+    """A controller of `law`; params, config and gains in the order of law.parameters, law.config and law.gains.
+
+    Raises BadInput for an unknown backend or `limits` the law cannot have, ParameterRefused for a number it cannot take:
+    alike in all backends.
+    """
+    if backend not in (*BACKENDS, *ON_TARGET):
+        raise BadInput(f"unknown backend {backend!r}; known are {', '.join((*BACKENDS, *ON_TARGET))}")
+    check_parameters(law, params, config, gains)
+    if limits is not None:
+        limits.check(law)
+    if backend == "casadi":
+        from .symbolic import CasadiController
+
+        return CasadiController(law, params, config, gains, limits)
+    from .compiled import CompiledController
+
+    if backend in ON_TARGET:
+        from .pil import target_library
+
+        return CompiledController(law, params, config, gains, limits=limits, made_by=target_library(law, backend))
+    return CompiledController(law, params, config, gains, "double" if backend == "c" else "float", limits)
+
+
+def check_parameters(law: ControlLaw, params: Numbers, config: Numbers, gains: Numbers) -> None:
+    """Raise ParameterRefused when a value is not finite, has the wrong sign, or the path they describe does not exist."""
+    from ..model.errors import ModelError
+    from .symbolic import condition_values
+
+    groups = (("parameter", law.parameters, params), ("output", law.config, config), ("gain", law.gains, gains))
+    try:
+        for kind, quantities, values in groups:
+            for quantity, value in zip(quantities, values, strict=True):
+                quantity.check(value, kind)
+    except ModelError as error:
+        raise ParameterRefused(str(error)) from error
+    for value, (_, meaning) in zip(condition_values(law, params, config), law.output.conditions, strict=True):
+        if not value > 0:
+            raise ParameterRefused(f"output {law.name}: {meaning}")
+
+
+def runtime_of(backend: str, header: str, law: ControlLaw | None = None) -> tuple[Runtime, str]:
+    """A header's C as a backend runs it, and its scalar: c in double, cf in float; m4f and rv32 in float on the processor that
+    runs `law` too.
+
+    Raises BadInput for another backend, and for one of these without a law.
+    """
+    if backend in ("c", "cf"):
+        return runtime(header), "double" if backend == "c" else "float"
+    if backend in ON_TARGET and law is not None:
+        from .pil import target_runtime
+
+        return target_runtime(header, law, backend), "float"
+    raise BadInput(f"unknown backend {backend!r}; known are {', '.join(BACKENDS)}, and with a law {', '.join(ON_TARGET)}")

@@ -1,0 +1,165 @@
+"""Integral action: what is added to a law's reference so that an error that would stay dies out. In Python, and by the C."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ..readers.errors import BadInput
+from .controller import Controller
+
+if TYPE_CHECKING:
+    from ..model.law import ControlLaw
+    from .runtime import Runtime
+
+HEADER = "noslip_integral.h"
+
+
+class Integrator(Protocol):
+    """Of one output. `z` is the integral of its error y_d - y, the output's unit times s."""
+
+    @property
+    def z(self) -> float: ...
+
+    def step(self, error: float, dt: float, status: str) -> float:
+        """ki z at a call that sees an error; the error before counts for the dt (s) since then, `status` being the answer then.
+
+        |z| does not grow where that was not ok, nor beyond the limit of ki |z|.
+        """
+
+
+class Integral:
+    """The reference."""
+
+    def __init__(self, ki: float, limit: float = 0.0):
+        """`limit`: largest ki |z|; 0: none."""
+        self.z, self._error = 0.0, 0.0
+        self._ki, self._limit = float(ki), float(limit) or math.inf
+
+    def step(self, error: float, dt: float, status: str) -> float:
+        """As an Integrator."""
+        grown = self.z + self._error * dt
+        if abs(grown) > abs(self.z) and not (status == "ok" and self._ki * abs(grown) <= self._limit):
+            grown = 0.0 if grown * self.z < 0 else self.z
+        self.z, self._error = grown, float(error)
+        return self._ki * self.z
+
+
+class CompiledIntegral:
+    """The same by the C, in double or float. Raises BadInput where the C answers an error."""
+
+    def __init__(self, ki: float, limit: float = 0.0, scalar: str = "double", c: Runtime | None = None):
+        from .runtime import runtime  # slow to import
+
+        self._runtime, self._scalar = c or runtime(HEADER), scalar
+        self._self, self._add = self._runtime.new("noslip_integral", scalar), self._runtime.array(scalar, [0.0])
+        self._call("init", float(ki), float(limit))
+
+    @property
+    def z(self) -> float:
+        """Integral of the error."""
+        return self._self.z
+
+    def step(self, error: float, dt: float, status: str) -> float:
+        """As an Integrator."""
+        number = getattr(self._runtime.lib, f"NOSLIP_{status.upper()}")
+        self._call("step", float(error), float(dt), number, self._add)
+        return self._add[0]
+
+    def _call(self, name: str, *arguments) -> None:
+        status = self._runtime.function(f"noslip_integral_{name}", self._scalar)(self._self, *arguments)
+        if status < 0:
+            raise BadInput(f"integral action: {name} answers {self._runtime.status(status)!r}")
+
+
+def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw | None = None) -> Integrator:
+    """Integral action as this backend does it: casadi in Python, the others by the C; see `runtime_of`.
+
+    Raises BadInput for an unknown backend.
+    """
+    if backend == "casadi":
+        return Integral(ki, limit)
+    from .backends import runtime_of  # slow to import
+
+    c, scalar = runtime_of(backend, HEADER, law)
+    return CompiledIntegral(ki, limit, scalar, c)
+
+
+class IntegralAction:
+    """Which outputs of a law have integral action, and how it gets into the reference.
+
+    `rows` (K): their names, `ki` (K): their gains, 1/s^3 for relative degree 2, 1/s^2 for 1. ki z is added to the wanted
+    derivative of highest order, which the law adds to v: the characteristic polynomial of the output becomes
+    s^3 + kd s^2 + kp s + ki, or s^2 + kv s + ki. `acting` (K): the rows' places among the outputs, `wanted` and `highest`: the
+    places in the reference of what is wanted of them and of its derivative of highest order; `limit` (K): of ki |z|, 0 is none.
+    """
+
+    def __init__(self, law: ControlLaw, gains: Sequence[float], ki: Mapping[str, float], limit: Sequence[float] = (0.0,)):
+        """`gains` in the order of law.gains; `ki` by name (ki_distance, ...), 0: none; `limit` of ki |z|, one, or one for each
+        row that has it.
+
+        Raises BadInput for gains that are negative, or make an output unstable; for limits that do not fit.
+        """
+        names, degree = [row.name for row in law.output.rows], law.linearization.relative_degree
+        by_row = [ki.get(f"ki_{name}", 0.0) for name in names]
+        self.acting = [k for k, value in enumerate(by_row) if value]
+        self.rows = tuple(names[k] for k in self.acting)
+        self.ki = np.array([by_row[k] for k in self.acting])
+        known = {gain.name: value for gain, value in zip(law.gains, gains, strict=True)}
+        for k in self.acting:
+            _check(names[k], degree[k], by_row[k], known)
+        self.limit, self._law = _limits(limit, self.rows), law
+        wanted = [q.name for q in law.reference]
+        self.wanted = [wanted.index(name) for name in self.rows]
+        self.highest = [entry + degree[k] for entry, k in zip(self.wanted, self.acting, strict=True)]
+        self._angles = [law.output.rows[k].unit == "rad" for k in self.acting]
+
+    def integrators(self, backend: str) -> list[Integrator]:
+        """One for each of the rows, at zero."""
+        return [make_integral(backend, ki, limit, self._law) for ki, limit in zip(self.ki, self.limit, strict=True)]
+
+    def error(self, controller: Controller, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """y_d - y (K), as the law finds y at a state; an angle the short way round.
+
+        Zeros where the law answers an error, as it then does for the inputs too.
+        """
+        found = controller.evaluate(state, reference)
+        if found.status != "ok":
+            return np.zeros(len(self.rows))
+        errors = reference[self.wanted] - found.values["h"][self.acting]
+        return np.array([math.remainder(e, 2 * math.pi) if a else e for e, a in zip(errors, self._angles, strict=True)])
+
+    def added(self, reference: np.ndarray, add: np.ndarray) -> np.ndarray:
+        """The reference that the controller takes, in the order of law.reference."""
+        if not self.rows:
+            return reference
+        made = reference.copy()
+        made[self.highest] += add
+        return made
+
+
+def _check(row: str, degree: int, ki: float, gains: Mapping[str, float]) -> None:
+    """Routh's conditions. Raises BadInput where they do not hold."""
+    if not (math.isfinite(ki) and ki > 0):
+        raise BadInput(f"gains: ki_{row} = {ki:g} must be nonnegative and finite")
+    if degree == 1:
+        if not gains[f"kv_{row}"] > 0:
+            raise BadInput(f"gains: ki_{row} needs kv_{row} > 0: s^2 + kv s + ki is not stable else")
+        return
+    bound = gains[f"kp_{row}"] * gains[f"kd_{row}"]
+    if not ki < bound:
+        raise BadInput(f"gains: ki_{row} = {ki:g} makes {row} unstable: s^3 + kd s^2 + kp s + ki needs ki < kp kd = {bound:g}")
+
+
+def _limits(given: Sequence[float], rows: Sequence[str]) -> list[float]:
+    if any(given) and not rows:
+        raise BadInput("[limits] integral needs integral action: give a gain ki")
+    if len(given) not in (1, len(rows)):
+        raise BadInput(f"[limits] integral has {len(given)} numbers, it must have 1 or {len(rows)}: {', '.join(rows)}")
+    for value in given:
+        if not value >= 0:
+            raise BadInput(f"[limits] integral = {value:g} must be nonnegative; 0 is no limit")
+    return [*given] * (len(rows) if len(given) == 1 else 1)

@@ -1,0 +1,184 @@
+"""Dead reckoning: where a vehicle is, from how far its wheels turned. In Python, and by the C of runtime_c."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ..model.algebra.trigonometry import sine, unit
+from ..readers.errors import BadInput
+from .controller import Numbers
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+    from ..model.law import ControlLaw
+    from ..model.reduction import ReducedSystem
+    from .runtime import Runtime
+
+MODES = {"reset": 0, "bumpless": 1}  # as in the C
+HEADER = "noslip_odometry.h"
+
+
+class Reckoning(Protocol):
+    """Poses are x, y (m) and heading (rad, not wrapped) of the vehicle's point."""
+
+    def move(self, angle: Numbers, dt: float) -> np.ndarray:
+        """The pose after each wheel turned evenly by an angle (rad) within dt (s)."""
+
+    def correct(self, truth: Numbers, mode: str) -> np.ndarray:
+        """The pose once the true one is known; see Odometry.correct."""
+
+
+class Odometry:
+    """The reference. forward (2,) m/rad and turn (2,) rad/rad per wheel angle, `ahead` (m) of the axle lies the point.
+
+    The reckoning is a complex place of the axle's middle and a heading; the pose differs from it by what a bumpless correction
+    has not let in yet, an offset that fades over `release` seconds.
+    """
+
+    def __init__(
+        self,
+        forward: Numbers,
+        turn: Numbers,
+        ahead: float,
+        release: float = 0.0,
+        start: Numbers = (0.0, 0.0, 0.0),
+    ):
+        self._wheels = np.array([forward, turn], float)
+        self._ahead, self._release = float(ahead), float(release)
+        self._offset, self._since = np.zeros(3), 0.0
+        self._set(start)
+
+    @property
+    def pose(self) -> np.ndarray:
+        """x, y, heading of the vehicle's point."""
+        point = self._axle + self._ahead * unit(self._heading)
+        fade = max(0.0, 1 - self._since / self._release) if self._release else 0.0
+        return np.array([point.real, point.imag, self._heading]) + fade * self._offset
+
+    def move(self, angle: Numbers, dt: float) -> np.ndarray:
+        """The velocity's integral over the arc: way exp(i heading) times the mean of exp(i s), s from 0 to the turn."""
+        way, turn = (float(one * angle[0] + other * angle[1]) for one, other in self._wheels)
+        half = sine(turn / 2)
+        mean = complex(sine(turn), 2 * half * half) / turn if turn else 1.0
+        self._axle += way * unit(self._heading) * mean
+        self._heading += turn
+        self._since += dt
+        return self.pose
+
+    def correct(self, truth: Numbers, mode: str) -> np.ndarray:
+        """reset: the pose is `truth` from now on. bumpless: what it differed by until now fades linearly over `release` s.
+
+        Bumpless, the heading goes the shorter way round.
+        """
+        before = self.pose
+        self._set(truth)
+        self._offset = np.zeros(3)
+        if _mode(mode) == MODES["bumpless"]:
+            self._heading += 2 * math.pi * round((before[2] - self._heading) / (2 * math.pi))
+            self._offset = before - np.array([truth[0], truth[1], self._heading])
+        self._since = 0.0
+        return self.pose
+
+    def _set(self, pose: Numbers) -> None:
+        self._heading = float(pose[2])
+        self._axle = complex(pose[0], pose[1]) - self._ahead * unit(self._heading)
+
+
+class CompiledOdometry:
+    """The same by the C, in double or float. Raises BadInput where the C answers an error."""
+
+    def __init__(
+        self,
+        forward: Numbers,
+        turn: Numbers,
+        ahead: float,
+        release: float = 0.0,
+        start: Numbers = (0.0, 0.0, 0.0),
+        scalar: str = "double",
+        c: Runtime | None = None,
+    ):
+        from .runtime import runtime  # slow to import
+
+        self._runtime, self._scalar = c or runtime(HEADER), scalar
+        self._self, self._pose = (self._runtime.new(kind, scalar) for kind in ("noslip_odometry", "noslip_pose"))
+        options = self._runtime.new("noslip_odometry_options", scalar, (tuple(forward), tuple(turn), ahead, release))
+        self._call("init", options, self._runtime.new("noslip_pose", scalar, tuple(start)))
+
+    @property
+    def pose(self) -> np.ndarray:
+        """x, y, heading of the vehicle's point."""
+        self._call("pose", self._pose)
+        return np.array([self._pose.x, self._pose.y, self._pose.heading])
+
+    def move(self, angle: Numbers, dt: float) -> np.ndarray:
+        """As Odometry.move."""
+        self._call("move", self._runtime.array(self._scalar, angle), dt, self._pose)
+        return self.pose
+
+    def correct(self, truth: Numbers, mode: str) -> np.ndarray:
+        """As Odometry.correct."""
+        self._call("correct", self._runtime.new("noslip_pose", self._scalar, tuple(truth)), _mode(mode))
+        return self.pose
+
+    def _call(self, name: str, *arguments) -> None:
+        status = self._runtime.function(f"noslip_odometry_{name}", self._scalar)(self._self, *arguments)
+        if status < 0:
+            raise BadInput(f"dead reckoning: {name} answers {self._runtime.status(status)!r}")
+
+
+def make_odometry(
+    backend: str,
+    forward: Numbers,
+    turn: Numbers,
+    ahead: float,
+    release: float = 0.0,
+    start: Numbers = (0.0, 0.0, 0.0),
+    law: ControlLaw | None = None,
+) -> Reckoning:
+    """Dead reckoning as this backend does it: casadi in Python, the others by the C; see `runtime_of`.
+
+    Raises BadInput for an unknown backend.
+    """
+    if backend == "casadi":
+        return Odometry(forward, turn, ahead, release, start)
+    from .backends import runtime_of  # slow to import
+
+    c, scalar = runtime_of(backend, HEADER, law)
+    return CompiledOdometry(forward, turn, ahead, release, start, scalar, c)
+
+
+def vehicle_wheels(system: ReducedSystem, parameters: Numbers) -> tuple[np.ndarray, np.ndarray, float]:
+    """(forward (2,), turn (2,), ahead): forward speed and yaw rate per quasi-velocity, and the point's place ahead of the axle.
+
+    `parameters` in the order of mechanism.parameters. Raises BadInput where forward speed and yaw rate are no fixed
+    combinations of two quasi-velocities.
+    """
+    W, ahead = (value.full() for value in wheels_function(system)(parameters))
+    return W[0], W[1], float(ahead[0, 0])
+
+
+@lru_cache(maxsize=16)
+def wheels_function(system: ReducedSystem) -> ca.Function:
+    """Of parameters: (forward; turn) per quasi-velocity (2, 2), and ahead; raises BadInput as `vehicle_wheels`."""
+    import casadi as ca
+
+    from ..model.algebra.portable import portable
+    from ..model.errors import ModelError
+    from ..model.vehicle import point_ahead, required_velocity_map  # slow to import
+
+    try:
+        W, ahead = required_velocity_map(system), point_ahead(system)
+    except ModelError as error:
+        raise BadInput(str(error)) from error
+    return portable(ca.Function("wheels", [system.mechanism.p], [ca.densify(W), ca.densify(ahead)]))
+
+
+def _mode(name: str) -> int:
+    if name not in MODES:
+        raise BadInput(f"unknown correction mode {name!r}; known are {', '.join(MODES)}")
+    return MODES[name]

@@ -1,0 +1,140 @@
+"""The reference backend: the model's own expressions, evaluated by CasADi in double."""
+
+from functools import cache, cached_property
+
+import casadi as ca
+import numpy as np
+
+from ..model.algebra.expression import fold, operate
+from ..model.algebra.portable import portable
+from ..model.law import ControlLaw, symbols
+from ..model.linearization import SINGULAR
+from .controller import Evaluation, Limits, Numbers, check_point
+from .direct import Direct
+
+ANGLE_MAX = 2.0**20  # rad; beyond it the C's sine and cosine in double refuse
+FLAT = 1e-5  # a slope below this part of the steepest counts as zero, as in the C runtime
+VECTORS = ("h", "ydot", "u", "tau", "V", "bias", "lam")  # the other quantities are matrices
+
+
+class CasadiController:
+    """A law with numbers for its parameters, config, gains and limits. Status as the C's, found in the same order."""
+
+    def __init__(
+        self,
+        law: ControlLaw,
+        params: Numbers,
+        config: Numbers,
+        gains: Numbers,
+        limits: Limits | None = None,
+    ):
+        self.law = law
+        self._fixed = tuple(np.array(group, dtype=float) for group in (params, config, gains))
+        self._step = Direct(step_function(law))
+        self._slows = limits is not None and limits.mode == "slow"
+        self._limits = np.array([limit or np.inf for limit in limits.torque] if limits else np.inf)
+
+    @cached_property
+    def _evaluation(self) -> Direct:
+        return Direct(evaluation_function(self.law))
+
+    def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
+        """All quantities, those of the model (M, V, A, S, Mbar, bias, lam) included."""
+        check_point(self.law, state, reference)
+        status, _ = self._unlimited(state, reference)
+        if status != "ok":
+            return Evaluation(status)
+        function = evaluation_function(self.law)
+        values = {}
+        for k, value in enumerate(self._evaluation(*self._fixed, state, reference)):
+            name = function.name_out(k)
+            values[name] = value if name in VECTORS else value.reshape(function.size_out(k), order="F")
+        return Evaluation(status, values)
+
+    def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
+        """Status and tau, N or N m, within the limits; zeros when the status is an error."""
+        check_point(self.law, state, reference)
+        status, tau = self._unlimited(state, reference)
+        if (np.abs(tau) <= self._limits).all():
+            return status, tau
+        if self._slows:
+            slope = slope_function(self.law)(*self._fixed, state, reference)
+            tau = slowed(tau, np.asarray(slope).ravel(), self._limits)
+        return "saturated", np.clip(tau, -self._limits, self._limits)
+
+    def _unlimited(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
+        zero = np.zeros(len(self.law.system.mechanism.inputs))
+        if not (np.isfinite(state).all() and np.isfinite(reference).all()):
+            return "nonfinite", zero
+        tau, measure, angles = self._step(*self._fixed, state, reference)
+        if not (np.abs(angles) <= ANGLE_MAX).all():
+            return "range", zero
+        if not measure[0] > SINGULAR * measure[1]:
+            return "singular", zero
+        if not np.isfinite(tau).all():
+            return "nonfinite", zero
+        return "ok", tau
+
+
+def slowed(tau: np.ndarray, slope: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """tau + c slope for the c nearest to 0 that keeps all |tau| <= limits; if none does, for a c that makes the largest
+    |tau| / limit least, divided by that."""
+    slope = np.where(np.abs(slope) > FLAT * np.abs(slope).max(), slope, 0.0)
+    a, b = (np.concatenate([values, -values]) for values in (tau / limits, slope / limits))
+    # max(a + b c) is convex: the c looked for is 0, or where a line a + b c is 1, or where two of them cross
+    with np.errstate(divide="ignore", invalid="ignore"):
+        candidates = np.concatenate([[0.0], (1 - a) / b, ((a[:, None] - a) / (b - b[:, None])).ravel()])
+    candidates = candidates[np.isfinite(candidates)]
+    overload = np.max(a + candidates[:, None] * b, axis=1)
+    least = max(1.0, overload.min())
+    good = overload <= least + 1e-13 * np.abs(a).max()
+    change = min(candidates[good], key=abs)
+    return (tau + change * slope) / least
+
+
+@cache
+def slope_function(law: ControlLaw) -> ca.Function:
+    """(params, config, gains, state, reference) to the derivative of tau by the demand on the speed."""
+    return portable(law.function({"slope": law.slope}))
+
+
+@cache
+def evaluation_function(law: ControlLaw) -> ca.Function:
+    """(params, config, gains, state, reference) to every quantity of an Evaluation."""
+    found, system, mechanism = law.linearization, law.system, law.system.mechanism
+    quantities = {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": law.u, "tau": law.tau}
+    quantities |= {"M": mechanism.M, "V": system.V, "A": mechanism.A, "S": system.S, "Mbar": system.Mbar, "bias": system.bias}
+    return portable(law.function(quantities | {"lam": system.constraint_forces(law.tau, law.u)}))
+
+
+@cache
+def step_function(law: ControlLaw) -> ca.Function:
+    """(params, config, gains, state, reference) to tau, the measure that tells whether Phi is singular, and all angles."""
+    found = law.linearization
+    used = ca.vertcat(found.h, found.rate, ca.vec(found.Phi), ca.vec(found.Phidot), law.tau)
+    return portable(law.function({"tau": law.tau, "measure": ca.vertcat(*found.measure), "angles": angles(law, used)}))
+
+
+def angles(law: ControlLaw, expression: ca.SX) -> ca.SX:
+    """The arguments of every sine and cosine in `expression`, each once, as a column."""
+    found: dict[int, ca.SX] = {}
+
+    def apply(code: int, arguments: tuple[ca.SX, ...]) -> ca.SX:
+        if code in (ca.OP_SIN, ca.OP_COS):
+            found[arguments[0].element_hash()] = arguments[0]
+        return operate(code, *arguments)
+
+    leaves = [quantity.symbol for group in law.groups.values() for quantity in group]
+    fold(expression, leaves, leaves.__getitem__, ca.SX, apply)
+    return ca.vertcat(ca.SX(0, 1), *found.values())
+
+
+def condition_values(law: ControlLaw, params: Numbers, config: Numbers) -> np.ndarray:
+    """The expressions of law.output.conditions, which must be positive."""
+    return np.asarray(_condition_function(law)(params, config)).ravel()
+
+
+@cache
+def _condition_function(law: ControlLaw) -> ca.Function:
+    values = ca.vertcat(ca.SX(0, 1), *[expression for expression, _ in law.output.conditions])
+    return portable(ca.Function("conditions", [symbols(law.parameters), symbols(law.config)], [values]))

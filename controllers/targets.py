@@ -1,0 +1,109 @@
+"""The targets of firmware/boards/targets.toml: how C becomes an image for each, and what runs it. The host is one of them.
+
+Every image is freestanding, but for the host's: start-up code and linker script are those of firmware/boards, nothing is linked
+but the compiler's own arithmetic.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..codegen.targets import BOARDS, TABLE, flags
+from ..readers.errors import BadInput
+
+QUIET = ("-display", "none", "-monitor", "none", "-serial", "none")
+SEMIHOSTING = ("-semihosting-config", "enable=on,target=native")
+CONSOLE = ("-chardev", "stdio,id=console", "-semihosting-config", "enable=on,target=native,chardev=console")
+
+PACKAGES = {  # tool -> where Debian has it
+    "gcc": "gcc",
+    "clang": "clang",
+    "arm-none-eabi-gcc": "gcc-arm-none-eabi",
+    "riscv64-unknown-elf-gcc": "gcc-riscv64-unknown-elf",
+    "wasm-ld": "lld",
+    "qemu-system-arm": "qemu-system-arm",
+    "qemu-system-riscv32": "qemu-system-misc",
+    "node": "nodejs",
+}
+
+
+@dataclass(frozen=True)
+class Target:
+    """What runs C, and how it gets there.
+
+    `compiler`: the one that links, and compiles where no other is asked for; empty: any. `clang`: clang's name of the target.
+    `start`: sources of firmware/boards that each image has. `machine`: the emulator and what it emulates; none on the host.
+    """
+
+    name: str
+    compiler: str = ""
+    clang: str = ""
+    flags: tuple[str, ...] = ()
+    start: tuple[str, ...] = ()
+    script: str = ""
+    machine: tuple[str, ...] = ()
+
+    @property
+    def bare(self) -> bool:
+        """Is there nothing under the program?"""
+        return bool(self.start)
+
+    def compile(self, compiler: str = "") -> list[str]:
+        """The compiler and its flags for this target, without those of optimization and standard."""
+        chosen = compiler or self.compiler
+        named = [f"--target={self.clang}"] if chosen == "clang" and self.clang else []
+        return [chosen, *named, *self.flags, *["-ffreestanding"] * self.bare]
+
+    def link(self) -> list[str]:
+        """Options that make an image of objects; the linker script in the folder it is called in."""
+        return ["-nostdlib", "-T", self.script, "-lgcc"] if self.script else []
+
+    def run(self, image: str, *options: str) -> list[str]:
+        """The command that runs an image, with options of the emulator."""
+        return [*self.machine, *QUIET, *options, "-kernel", image] if self.machine else [os.path.join(".", image)]
+
+    def files(self) -> dict[str, str]:
+        """What an image needs of firmware/boards: file name -> text."""
+        headers = [path.name for path in BOARDS.glob("*.h")] if self.bare else []
+        return {name: (BOARDS / name).read_text() for name in (*self.start, *headers, *[self.script] * bool(self.script))}
+
+    def missing(self, *tools: str) -> list[str]:
+        """Which tools are not there, of those that build and run an image, and of others."""
+        return missing(self.compiler, *self.machine[:1], *tools)
+
+
+def _target(name: str, row: Mapping[str, Any]) -> Target:
+    """A target of the table."""
+    toolchain = TABLE["toolchain"][row["toolchain"]]
+    words = {key: tuple(row.get(key, ())) for key in ("start", "machine")}
+    return Target(name, f"{toolchain['prefix']}gcc", toolchain["clang"], flags(name), script=row["script"], **words)
+
+
+HOST = Target("host")
+WASM = Target("wasm32", clang="wasm32", start=("string.c",))  # linked by lld, run by Node: see who does
+TARGETS: Mapping[str, Target] = {
+    "host": HOST,
+    **{name: _target(name, row) for name, row in TABLE["target"].items() if "processor" not in row},
+    "wasm32": WASM,
+}
+
+
+def missing(*tools: str) -> list[str]:
+    """Which of these tools are not there; empty names do not count."""
+    return [tool for tool in dict.fromkeys(tools) if tool and not shutil.which(tool)]
+
+
+def require(*tools: str) -> None:
+    """Raise BadInput when a tool is not there, with the package it comes in."""
+    for tool in missing(*tools):
+        package = PACKAGES.get(tool, tool)
+        raise BadInput(f"{tool} is not installed; Debian and Ubuntu have it in the package {package}")
+
+
+def required() -> bool:
+    """Shall a tool that is not there be a failure? $NOSLIP_REQUIRE_FIRMWARE = 1 says so."""
+    return os.environ.get("NOSLIP_REQUIRE_FIRMWARE") == "1"

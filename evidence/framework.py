@@ -1,0 +1,259 @@
+"""What a figure is: specs to run, how to draw the runs, what to claim of them by number."""
+
+import dataclasses
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import matplotlib.figure
+import numpy as np
+
+from ..codegen.files import law_program, law_text, shared_files
+from ..codegen.printing.scalar import SCALARS
+from ..controllers.build import runtime_files
+from ..model.law import ControlLaw
+from ..readers.errors import BadInput
+from ..simulation.closed_loop import simulate
+from ..simulation.contact import Grip, grip
+from ..simulation.run import Run
+from ..simulation.specification.spec import Contact, Spec
+from ..simulation.specification.vary import read_varied
+
+SPECS = Path(__file__).resolve().parents[1] / "specs" / "figures"
+ROLLS, AGREES = 1e-11, 1e-8  # bounds of the claims made for every run
+
+
+@dataclass(frozen=True)
+class Case:
+    """A run of a figure: a file of specs/figures and what differs from it, dotted key -> TOML value.
+
+    `singular`: the start is expected to be refused, and that is what the figure shows.
+    """
+
+    file: str
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    singular: bool = False
+
+    def spec(self) -> Spec:
+        """The SPEC to run. Raises BadInput."""
+        return read_varied(SPECS / self.file, self.changes)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement, what was measured, and whether it holds.
+
+    `paper`: the paper makes it; else this project does. `expected` is False for a sentence of the paper that was found not
+    to hold; `note` then says why.
+    """
+
+    text: str
+    measured: str
+    holds: bool
+    note: str = ""
+    paper: bool = False
+    expected: bool = True
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether it holds just where it should."""
+        return self.holds == self.expected
+
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        if not self.as_expected:
+            return "holds, which was not expected" if self.holds else "FAILS"
+        return "holds" if self.holds else "does not hold (as found here)"
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A run on the generated C as figures see it: every array of `Run` by its name (t, q, nu, tau, y, forces, seen, ...), SI,
+    with `energy` (J) and `power` (W) of inputs and friction.
+
+    `parameters` are the true robot's. `place` (N, 2) is P_l in the vehicle: ahead of the centre of mass and left of it, m.
+    `slip` is the worst ||A qdot|| (2), `integral` the worst change (rad) of phi - c (theta_r - theta_l) (28), None where the
+    robot is not the LABMATE, `agreement` the largest difference from the run on CasADi in any state, input or output; `grip`
+    what friction rolling needs.
+    A start that was refused has the reason in `refused`, no arrays and no contacts.
+    """
+
+    spec: Spec
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+    grip: Grip = Grip(np.zeros(0), (), Contact())
+    warnings: tuple[str, ...] = ()
+    slip: float = 0.0
+    integral: float | None = None
+    agreement: float = 0.0
+    sources: Mapping[str, str] = field(default_factory=dict)  # file of C that ran -> SHA-256
+    refused: str = ""
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        try:
+            return self.__dict__["arrays"][name]
+        except KeyError:
+            raise AttributeError(f"a run has no array {name!r}") from None
+
+    @property
+    def error(self) -> np.ndarray:
+        """y - y_d, (N, n-m)."""
+        return self.y - self.y_d
+
+    @property
+    def stopped(self) -> str | None:
+        """The status that ended the run before its time, None when nothing did."""
+        last = str(self.status[-1])
+        return None if last in ("ok", "saturated") else last
+
+    @property
+    def heading(self) -> np.ndarray:
+        """phi, rad, (N,)."""
+        return self.q[:, 2]
+
+    @property
+    def forward(self) -> np.ndarray:
+        """Unit vector along the heading, (N, 2)."""
+        return np.column_stack([np.cos(self.heading), np.sin(self.heading)])
+
+    @property
+    def leftward(self) -> np.ndarray:
+        """Unit vector to the left of the heading, (N, 2)."""
+        return self.forward[:, ::-1] * (-1.0, 1.0)
+
+    @property
+    def P_o(self) -> np.ndarray:
+        """Middle of the axle, m, (N, 2)."""
+        return self.q[:, :2] - self.parameters["d"] * self.forward
+
+    @property
+    def P_l(self) -> np.ndarray:
+        """Reference point, m, (N, 2)."""
+        ahead, left = self.place.T
+        return self.q[:, :2] + ahead[:, None] * self.forward + left[:, None] * self.leftward
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Forward speed of P_o, m/s, (N,)."""
+        return self.parameters["r"] * self.nu.sum(axis=1) / 2
+
+    @property
+    def yaw_rate(self) -> np.ndarray:
+        """Rate of the heading, rad/s, (N,)."""
+        return self.parameters["r"] * (self.nu[:, 0] - self.nu[:, 1]) / (2 * self.parameters["b"])
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity of P_l, m/s, (N, 2)."""
+        ahead, left = self.place.T
+        along = self.speed - left * self.yaw_rate
+        across = (self.parameters["d"] + ahead) * self.yaw_rate
+        return along[:, None] * self.forward + across[:, None] * self.leftward
+
+
+Runs = Mapping[str, Outcome]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the report.
+
+    `paper` says in our words what the paper shows or states, or why the figure is there; `assumed` what stands in for what
+    the scan lost. `cases` are the runs by label; `draw` and `claims` get their outcomes under the same labels.
+    """
+
+    name: str
+    title: str
+    paper: str
+    assumed: str
+    cases: Mapping[str, Case]
+    draw: Callable[[Runs], matplotlib.figure.Figure]
+    claims: Callable[[Runs], list[Claim]]
+
+    def all_claims(self, runs: Runs) -> list[Claim]:
+        """Its own, then those made for every run."""
+        return [*self.claims(runs), *claims_of_every_run(runs)]
+
+
+def carry_out(spec: Spec, singular: bool = False) -> Outcome:
+    """Run a SPEC on the generated C and on CasADi. Raises BadInput unless a `singular` start is refused by both."""
+    try:
+        run = simulate(spec, "c")
+    except BadInput as error:
+        if not (singular and "singular" in str(error)):
+            raise
+        return Outcome(spec, refused=_refusal(spec, "casadi") and str(error))
+    arrays = {f.name: getattr(run, f.name) for f in dataclasses.fields(run) if isinstance(getattr(run, f.name), np.ndarray)}
+    entries = [c.name for c in run.law.config]
+    none = np.zeros(len(run.t))
+    arrays["place"] = np.column_stack([run.config[:, entries.index(n)] if n in entries else none for n in ("L", "W")])
+    names = [p.name for p in run.law.parameters]
+    parameters = dict(zip(names, map(float, run.plant.parameters), strict=True))
+    arrays |= {"energy": run.plant.energy(run.x), "power": run.plant.power(run.x, run.tau)}
+    going = slice(None, -1) if run.stopped else slice(None)  # where it stopped, rates are without bound
+    return Outcome(
+        spec=spec,
+        parameters=parameters,
+        arrays=arrays,
+        grip=grip(run),
+        warnings=run.warnings,
+        slip=float(np.linalg.norm(run.plant.slip(run.x[going]), axis=1).max()),
+        integral=_integral(run, parameters),
+        agreement=_difference(run, simulate(spec, "casadi")),
+        sources=sources_of(run.law),
+    )
+
+
+def claims_of_every_run(runs: Runs) -> list[Claim]:
+    """The constraints hold, the holonomic one as its integral too, and the generated C does what the model says."""
+    done = [run for run in runs.values() if not run.refused]
+    slip, agreement = (max((getattr(run, name) for run in done), default=0.0) for name in ("slip", "agreement"))
+    integrals = [run.integral for run in done if run.integral is not None]
+    integral = max(integrals, default=0.0)
+    return [
+        Claim(f"rolling in every run: ‖A q̇‖ ≤ {ROLLS:g}", f"{slip:.1e}", slip <= ROLLS),
+        *[Claim(f"φ − c(θ_r − θ_l) constant in every run, to {ROLLS:g} rad", f"{integral:.1e} rad", integral <= ROLLS)]
+        * bool(integrals or not done),
+        Claim(
+            f"generated C and CasADi agree in every run, to {AGREES:g} in every state, torque and output (SI)",
+            f"{agreement:.1e}",
+            agreement <= AGREES,
+        ),
+    ]
+
+
+@lru_cache(maxsize=16)
+def sources_of(law: ControlLaw) -> dict[str, str]:
+    """SHA-256 of every file of the double-precision C that a run of this law is made of."""
+    double = SCALARS["double"]
+    files = {**runtime_files(), **shared_files(law.system, double), **law_text(law_program(law), double).files()}
+    return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
+
+
+def _integral(run: Run, parameters: Mapping[str, float]) -> float | None:
+    """The worst change of phi - c (theta_r - theta_l) of a LABMATE's run."""
+    if run.law.system.mechanism.name != "labmate":
+        return None
+    phi, theta_r, theta_l = (run.q[:, k] - run.q[0, k] for k in (2, 3, 4))
+    return float(np.abs(phi - parameters["r"] / (2 * parameters["b"]) * (theta_r - theta_l)).max())
+
+
+def _refusal(spec: Spec, backend: str) -> str:
+    """Why the backend refuses the start, empty when it runs."""
+    try:
+        simulate(spec, backend)
+    except BadInput as error:
+        return str(error)
+    return ""
+
+
+def _difference(run: Run, other: Run) -> float:
+    """Largest difference of two runs in any state, input or output; infinite when they ended differently."""
+    if run.stopped != other.stopped or len(run.t) != len(other.t):
+        return float("inf")
+    rows = slice(None, -1) if run.stopped else slice(None)  # where it stopped depends on the last bits
+    return float(max(np.abs(getattr(run, name)[rows] - getattr(other, name)[rows]).max() for name in ("q", "nu", "tau", "y")))

@@ -1,0 +1,93 @@
+"""Makes figures: runs in processes of their own, each SPEC once, while those that are complete are drawn here."""
+
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import IO
+
+from ..simulation.drawing import pictures
+from ..simulation.specification.spec import Spec
+from .framework import Claim, Figure, Outcome, Runs
+
+WORKER = (sys.executable, "-m", f"{__package__}.worker")
+
+
+@dataclass(frozen=True)
+class Made:
+    """A figure that is done: its runs by label, its claims, its picture as the bytes of a file, by kind (png, svg)."""
+
+    figure: Figure
+    runs: Runs
+    claims: Sequence[Claim]
+    pictures: Mapping[str, bytes]
+
+
+def produce(figures: Sequence[Figure], jobs: int, done: Callable[[Made], None]) -> list[Made]:
+    """Make the figures with `jobs` processes; `done` is told each. Raises BadInput when a SPEC is none or cannot be run."""
+    specs = {figure.name: {label: case.spec() for label, case in figure.cases.items()} for figure in figures}
+    singular = {repr(specs[f.name][label]): case.singular for f in figures for label, case in f.cases.items()}
+    to_run = {repr(spec): spec for runs in specs.values() for spec in runs.values()}
+    made = []
+    with _workers(min(jobs, len(to_run))) as carry_out, ThreadPoolExecutor(jobs) as pool:
+        futures = {key: pool.submit(carry_out, spec, singular[key]) for key, spec in to_run.items()}
+        try:
+            for figure in figures:
+                made.append(_draw(figure, {label: futures[repr(s)].result() for label, s in specs[figure.name].items()}))
+                done(made[-1])
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return made
+
+
+def _draw(figure: Figure, runs: Runs) -> Made:
+    drawn = pictures(lambda: figure.draw(runs), figure.title, figure.assumed)
+    return Made(figure, runs, figure.all_claims(runs), drawn)
+
+
+@contextmanager
+def _workers(count: int) -> Iterator[Callable[[Spec, bool], Outcome]]:
+    """`framework.carry_out`, but done by the first of `count` processes that is free; to be called from as many threads.
+
+    They are in a session of their own, so that Ctrl-C is this process's to answer; when it is gone they end.
+    """
+    pipe = subprocess.PIPE
+    workers = [subprocess.Popen(WORKER, stdin=pipe, stdout=pipe, start_new_session=True) for _ in range(count)]
+    free: SimpleQueue[subprocess.Popen] = SimpleQueue()
+    for worker in workers:
+        free.put(worker)
+
+    def carry_out(spec: Spec, singular: bool) -> Outcome:
+        worker = free.get()
+        asked, answers = _pipes(worker)
+        try:
+            pickle.dump((spec, singular), asked)
+            asked.flush()
+            answer = pickle.load(answers)
+        except (EOFError, BrokenPipeError) as error:
+            raise RuntimeError(f"a process that carries out runs ended with code {worker.wait()}") from error
+        finally:
+            free.put(worker)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    try:
+        yield carry_out
+    finally:
+        for worker in workers:
+            with suppress(BrokenPipeError):
+                _pipes(worker)[0].close()
+        for worker in workers:
+            worker.wait()
+            _pipes(worker)[1].close()
+
+
+def _pipes(worker: subprocess.Popen) -> tuple[IO[bytes], IO[bytes]]:
+    """Its standard input and its standard output."""
+    assert worker.stdin and worker.stdout, "made with pipes"
+    return worker.stdin, worker.stdout

@@ -1,0 +1,189 @@
+/*
+ * law.c - the law LAW of ROBOT for EVA, in the scalar REAL with SUFFIX: its init, a step, every other function. FOLLOWS is 1
+ * where it has a second step, follow.
+ *
+ * A step is shown to keep what init has made of limits and held inputs, so what holds of one step holds of all.
+ */
+#include "eva.h"
+#include HEADER
+
+#define OF_LAW(name) OF(GLUE(LAW, name))
+#define OF_ROBOT(name) OF(GLUE(ROBOT, name))
+#define INPUTS COUNT(((OF_LAW() *)0)->held)
+
+/* init with any bits in everything: an error and a law that is not ready, or limits that can be used and nothing held. */
+void check_init(int with_options)
+{
+    OF_ROBOT(_params) params;
+    OF_LAW(_config) config;
+    OF_LAW(_gains) gains;
+    OF_ROBOT(_options) options;
+    OF_LAW() law;
+    int status, k;
+    ANY(params);
+    ANY(config);
+    ANY(gains);
+    ANY(options);
+    ANY(law);
+    status = OF_LAW(_init)(&law, &params, &config, &gains, with_options ? &options : NULL);
+    if (status < 0) {
+        REACHED(init_refused);
+        /*@ assert law.ready == 0; */
+    } else {
+        REACHED(init_good);
+        /*@ assert status == NOSLIP_OK && law.ready == NOSLIP_READY; */
+        /*@ assert law.on_error == NOSLIP_ZERO || law.on_error == NOSLIP_HOLD; */
+        for (k = 0; k < INPUTS; k++) {
+            /*@ assert \is_finite(law.limit[k]) && law.limit[k] > 0; */
+            /*@ assert law.held[k] == 0; */
+        }
+    }
+}
+
+/*
+ * A step, or follow, with any bits in state, reference, foot, tau, and in the law but for its limits, what is held, and what
+ * to do on an error.
+ * Limits are numbers here, not any: intervals cannot tell that a torque is below a limit if neither is known.
+ */
+void check_step(int follow, int on_error, REAL odd, REAL even, REAL held_least, REAL held_most)
+{
+    OF_ROBOT(_state) state;
+    OF_LAW(_reference) reference;
+    OF(noslip_foot) foot;
+    OF_LAW() law;
+    REAL tau[INPUTS];
+    int status, k;
+    ANY(state);
+    ANY(reference);
+    ANY(foot);
+    ANY(law);
+    ANY(tau);
+    law.on_error = on_error;
+    for (k = 0; k < INPUTS; k++) {
+        law.limit[k] = k % 2 ? odd : even;
+        law.held[k] = BETWEEN(held_least, held_most);
+    }
+#if FOLLOWS
+    if (follow) {
+        status = OF_LAW(_follow)(&law, &foot, &state, &reference, tau);
+        if (status == NOSLIP_OK) {
+            REACHED(follow_good);
+        } else if (status == NOSLIP_SATURATED) {
+            REACHED(follow_saturated);
+        } else {
+            REACHED(follow_refused);
+        }
+    } else
+#endif
+    {
+        status = OF_LAW(_step)(&law, &state, &reference, tau);
+        if (status == NOSLIP_OK) {
+            REACHED(step_good);
+        } else if (status == NOSLIP_SATURATED) {
+            REACHED(step_saturated);
+        } else {
+            REACHED(step_refused);
+        }
+    }
+    /*@ assert status <= NOSLIP_SATURATED && status >= NOSLIP_NOT_READY && status != NOSLIP_BAD_PARAMETER; */
+    /*@ assert status >= 0 ==> law.ready == NOSLIP_READY; */
+    for (k = 0; k < INPUTS; k++) {
+        const REAL limit = k % 2 ? odd : even;
+        /*@ assert \is_finite(tau[k]) && -limit <= tau[k] <= limit; */
+        /*@ assert \is_finite(law.held[k]) && -limit <= law.held[k] <= limit; */
+        /*@ assert law.limit[k] == limit; */
+        if (status < 0) {
+            REACHED(held_on_an_error);
+            /*@ assert law.held[k] >= held_least && law.held[k] <= held_most; */
+            /*@ assert (on_error == NOSLIP_ZERO || status == NOSLIP_NOT_READY) ==> tau[k] == 0; */
+            /*@ assert on_error == NOSLIP_HOLD && status != NOSLIP_NOT_READY ==> held_least <= tau[k] <= held_most; */
+        }
+    }
+}
+
+/* Numbers that are finite, or zeros with an error. */
+void check_answer(const REAL *values, int count, int status)
+{
+    int k;
+    for (k = 0; k < count; k++) {
+        /*@ assert status >= 0 ==> \is_finite(values[k]); */
+        /*@ assert status < 0 ==> values[k] == 0; */
+    }
+}
+
+/* Every other function, with any bits in everything: finite numbers or an error and zeros. */
+void check_functions(void)
+{
+    OF_ROBOT(_state) state;
+    OF_LAW(_reference) reference;
+    OF_LAW() law;
+    OF_LAW(_evaluation) all;
+    REAL v[INPUTS];
+    int status, k;
+    ANY(state);
+    ANY(reference);
+    ANY(law);
+    ANY(all);
+    ANY(v);
+    status = OF_LAW(_output)(&law, &state, all.h);
+    if (status >= 0) {
+        REACHED(output_good);
+    } else {
+        REACHED(output_refused);
+    }
+    check_answer(all.h, COUNT(all.h), status);
+    status = OF_LAW(_rate)(&law, &state, all.ydot);
+    if (status >= 0) {
+        REACHED(rate_good);
+    } else {
+        REACHED(rate_refused);
+    }
+    check_answer(all.ydot, COUNT(all.ydot), status);
+    status = OF_LAW(_decoupling)(&law, &state, all.Phi);
+    if (status >= 0) {
+        REACHED(decoupling_good);
+    } else {
+        REACHED(decoupling_refused);
+    }
+    check_answer(all.Phi[0], INPUTS * INPUTS, status);
+    status = OF_LAW(_decoupling_rate)(&law, &state, all.Phidot);
+    if (status >= 0) {
+        REACHED(decoupling_rate_good);
+    } else {
+        REACHED(decoupling_rate_refused);
+    }
+    check_answer(all.Phidot[0], INPUTS * INPUTS, status);
+    status = OF_LAW(_feedback)(&law, &state, v, all.tau);
+    if (status >= 0) {
+        REACHED(feedback_good);
+    } else {
+        REACHED(feedback_refused);
+    }
+    check_answer(all.tau, INPUTS, status);
+    ANY(all);
+    status = OF_LAW(_evaluate)(&law, &state, &reference, &all);
+    if (status >= 0) {
+        REACHED(evaluate_good);
+    } else {
+        REACHED(evaluate_refused);
+    }
+    check_answer((const REAL *)&all, (int)(sizeof all / sizeof(REAL)), status);
+    status = OF_LAW(_reset)(&law);
+    /*@ assert status == NOSLIP_OK && law.held[0] == 0; */
+}
+
+int main(void)
+{
+    int follow;
+    check_init(0);
+    check_init(1);
+    for (follow = 0; follow <= FOLLOWS; follow++) {
+        check_step(follow, NOSLIP_ZERO, SMALLEST, LARGEST, -SMALLEST, SMALLEST);
+        check_step(follow, NOSLIP_ZERO, LARGEST, SMALLEST, -SMALLEST, SMALLEST);
+        check_step(follow, NOSLIP_HOLD, 20, 7, -7, 7);
+        check_step(follow, NOSLIP_HOLD, 20, 7, 3, 3);
+    }
+    check_functions();
+    REACHED(end);
+    return 0;
+}

@@ -1,1 +1,0 @@
-"""From models to evidence: builds and loads the C, checks it against the symbolic reference, simulates, draws."""

@@ -1,1 +1,0 @@
-"""Many closed loops at once: `batch` runs them in C."""

@@ -1,0 +1,1 @@
+"""Exact symbolic algebra: expression graphs, canonical form, rational functions, linear equations."""

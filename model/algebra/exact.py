@@ -1,0 +1,136 @@
+"""Exact simplification: rational functions in canonical form, modulo sin^2 + cos^2 = 1 and sqrt(a)^2 = a.
+
+Sines and cosines of sums are also tried with the addition theorems, without which sin(a + b) and sin(a) would be strangers.
+
+What cancels is gone, and what does not matter (the heading in S'MS) is found and proved at once. Entries of a matrix that
+are equal as rational functions of the same symbols, sines, cosines and roots come out as one expression, K and -K as one
+and its negative.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from .expression import fold, free_symbols, operate
+from .field import Element, Field
+from .ratios import NotRational
+
+LARGEST = 400  # operations; above this a canonical form costs more than it brings
+
+
+def canonical(expression: ca.SX) -> ca.SX:
+    """The same matrix, each entry simplified exactly; one that is too large, or would only become longer, stays as it is."""
+    expression = ca.SX(expression)
+    simplified = ca.SX(expression)
+    found: dict[int, Element] = {}
+    shortest: dict[object, ca.SX] = {}  # key of the element -> its magnitude
+    for k in range(expression.nnz()):
+        entry = expression.nz[k]
+        if entry.is_constant() or entry.is_symbolic() or ca.n_nodes(entry) > LARGEST:
+            continue
+        try:
+            found[k], magnitude = _simplify(entry)
+        except NotRational:
+            continue
+        known = shortest.setdefault(found[k].key, magnitude)
+        if ca.n_nodes(magnitude) < ca.n_nodes(known):
+            shortest[found[k].key] = magnitude
+    for k, element in found.items():
+        simplified.nz[k] = -shortest[element.key] if element.negative else shortest[element.key]
+    return ca.sparsify(simplified)
+
+
+def _simplify(entry: ca.SX) -> tuple[Element, ca.SX]:
+    """The entry's element, and its magnitude as an expression: the canonical one, or the entry's own if that is shorter.
+
+    The entry's own is not taken when it has a symbol that does not matter or a pole that cancels; it is when the canonical one
+    has a pole where the entry has none: 1 / (1 + sin) is (1 - sin) / cos^2, but not where the sine is 1.
+    """
+    found = [_tried(way) for way in (entry, by_addition_theorems(entry)) if way is not None]
+    as_written, *expanded = found
+    if as_written is None and expanded and expanded[0] and _cost(expanded[0][1]) > _cost(entry):
+        raise NotRational
+    done = [pair for pair in found if pair]
+    if not done:
+        raise NotRational
+    return min(done, key=lambda pair: _cost(pair[1]))
+
+
+def _tried(entry: ca.SX) -> tuple[Element, ca.SX] | None:
+    """As `_as_written`; None for an entry that is too large for that."""
+    if ca.n_nodes(entry) > LARGEST:
+        return None
+    try:
+        return _as_written(entry)
+    except NotRational:
+        return None
+
+
+def _as_written(entry: ca.SX) -> tuple[Element, ca.SX]:
+    """As `_simplify`, sines and cosines of different arguments taken for independent."""
+    field = Field(entry)
+    element = field.simplify()
+    magnitude = field.expression(element.magnitude)
+    own = -entry if element.negative else entry
+    clean = not element.cancelled and len(free_symbols(magnitude)) == len(field.symbols)
+    return element, own if element.pole or clean and ca.n_nodes(own) < ca.n_nodes(magnitude) else magnitude
+
+
+def _cost(expression: ca.SX) -> tuple[int, int]:
+    return len(free_symbols(expression)), ca.n_nodes(expression)
+
+
+def by_addition_theorems(entry: ca.SX) -> ca.SX | None:
+    """The entry with sines and cosines of sums and whole multiples of symbols by those of the symbols; None without such sums."""
+    symbols = free_symbols(entry)
+    found = False
+
+    def apply(code: int, parts: tuple[_Sum, ...]) -> _Sum:
+        nonlocal found
+        if code in (ca.OP_SIN, ca.OP_COS, ca.OP_TAN) and parts[0].terms is not None and parts[0].count > 1:
+            found = True
+            cosine, sine = _circle(symbols, parts[0].terms)
+            return _Sum({ca.OP_SIN: sine, ca.OP_COS: cosine}.get(code, sine / cosine))
+        terms = parts[0].combined(code, *parts[1:])
+        return _Sum(operate(code, *[part.expression for part in parts]), terms)
+
+    (made,) = fold(entry, symbols, lambda k: _Sum(symbols[k], {k: 1}), lambda value: _Sum(ca.SX(value)), apply)
+    return made.expression if found else None
+
+
+@dataclass(frozen=True)
+class _Sum:
+    """An expression; where it is a sum of whole multiples of symbols also these, by the symbol's place."""
+
+    expression: ca.SX
+    terms: Mapping[int, int] | None = None
+
+    @property
+    def count(self) -> int:
+        """Of terms, a multiple for as many as it is; 0 where it is no such sum."""
+        return sum(map(abs, (self.terms or {}).values()))
+
+    def combined(self, code: int, *others: "_Sum") -> Mapping[int, int] | None:
+        """The terms after an operation."""
+        known = [each.terms for each in (self, *others) if each.terms is not None]
+        if len(known) <= len(others):
+            return None
+        first, *rest = known
+        if code in (ca.OP_ADD, ca.OP_SUB):
+            sign, (other,) = 1 if code == ca.OP_ADD else -1, rest
+            places = dict.fromkeys([*first, *other])
+            return {k: first.get(k, 0) + sign * other.get(k, 0) for k in places}
+        if code in (ca.OP_NEG, ca.OP_TWICE):
+            return {k: (-1 if code == ca.OP_NEG else 2) * multiple for k, multiple in first.items()}
+        return None
+
+
+def _circle(symbols: Sequence[ca.SX], terms: Mapping[int, int]) -> tuple[ca.SX, ca.SX]:
+    """Cosine and sine of a sum."""
+    cosine, sine = ca.SX(1), ca.SX(0)
+    for k, multiple in terms.items():
+        c, s = ca.cos(symbols[k]), ca.sin(symbols[k]) * (1 if multiple > 0 else -1)
+        for _ in range(abs(multiple)):
+            cosine, sine = cosine * c - sine * s, sine * c + cosine * s
+    return cosine, sine

@@ -1,0 +1,119 @@
+"""Walking CasADi expressions: the flat list of scalar operations behind a set of SX outputs."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import casadi as ca
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One scalar operation `code` (a casadi.OP_* number) on earlier `values`; `result` is its place in the work vector."""
+
+    code: int
+    arguments: tuple[int, ...]
+    result: int
+    constant: float = 0.0
+
+
+def operations(function: ca.Function) -> Iterator[Operation]:
+    """The operations of an SX function in order of execution, places as CasADi assigns them (they are reused)."""
+    for k in range(function.n_instructions()):
+        code = function.instruction_id(k)
+        if code == ca.OP_CONST:
+            yield Operation(code, (), function.instruction_output(k)[0], function.instruction_constant(k))
+        elif code == ca.OP_OUTPUT:
+            yield Operation(code, tuple(function.instruction_input(k)), function.instruction_output(k)[1])
+        elif code == ca.OP_INPUT:
+            yield Operation(code, (function.instruction_input(k)[1],), function.instruction_output(k)[0])
+        else:
+            arguments = tuple(function.instruction_input(k))
+            yield Operation(code, arguments, function.instruction_output(k)[0])
+
+
+def fold(
+    outputs: ca.SX,
+    symbols: Sequence[ca.SX],
+    leaf: Callable[[int], Value],
+    constant: Callable[[float], Value],
+    apply: Callable[[int, tuple[Value, ...]], Value],
+) -> list[Value]:
+    """Rebuild the dense entries (column-major) of `outputs` in another algebra.
+
+    `leaf(k)` stands for symbols[k], `constant` for a number, `apply` for one operation.
+    """
+    dense = ca.densify(ca.vec(outputs))
+    function = ca.Function("walk", [ca.vertcat(*symbols)], [dense])
+    work: dict[int, Value] = {}
+    results: list[Value] = [constant(0.0)] * dense.numel()
+    for operation in operations(function):
+        if operation.code == ca.OP_CONST:
+            work[operation.result] = constant(operation.constant)
+        elif operation.code == ca.OP_INPUT:
+            work[operation.result] = leaf(operation.arguments[0])
+        elif operation.code == ca.OP_OUTPUT:
+            results[operation.result] = work[operation.arguments[0]]
+        else:
+            arguments = tuple(work[a] for a in operation.arguments)
+            work[operation.result] = apply(operation.code, arguments)
+    return results
+
+
+def operate(code: int, *arguments: ca.SX) -> ca.SX:
+    """One scalar operation, by its casadi.OP_* number."""
+    return ca.SX.unary(code, *arguments) if len(arguments) == 1 else ca.SX.binary(code, *arguments)
+
+
+def free_symbols(expression: ca.SX) -> list[ca.SX]:
+    """The symbols `expression` depends on, each once."""
+    return ca.symvar(expression)
+
+
+def degree(expression: ca.SX, variables: ca.SX) -> float:
+    """Degree of the expression (the largest of a matrix's entries) as a polynomial in `variables`, read from its structure.
+
+    Infinite where it is not written as a polynomial: as fabs(v), sqrt(v), fmax(v, 0) or 1/v. Derivatives cannot tell, for they
+    vanish almost everywhere for functions with corners or steps. The degree is an upper bound: terms may still cancel.
+    """
+    chosen = {variables.nz[k].element_hash() for k in range(variables.nnz())}
+    symbols = free_symbols(expression)
+    degrees = fold(
+        expression,
+        symbols,
+        lambda k: _Power(int(symbols[k].element_hash() in chosen)),
+        lambda value: _Power(0, value),
+        _power_of_result,
+    )
+    return max((each.degree for each in degrees), default=0)
+
+
+@dataclass(frozen=True)
+class _Power:
+    """The degree of an expression; `value` where it is a number."""
+
+    degree: float
+    value: float = math.nan
+
+
+def _power_of_result(code: int, arguments: tuple[_Power, ...]) -> _Power:
+    first, last = arguments[0].degree, arguments[-1].degree
+    if code in (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_ASSIGN):
+        return _Power(max(first, last))
+    if code == ca.OP_SQ:
+        return _Power(2 * first)
+    if code == ca.OP_MUL or (code == ca.OP_IF_ELSE_ZERO and not first):
+        return _Power(first + last)
+    if code == ca.OP_DIV and not last:
+        return _Power(first)
+    if code in (ca.OP_POW, ca.OP_CONSTPOW) and arguments[-1].value >= 0 and arguments[-1].value.is_integer():
+        return _Power(first * arguments[-1].value if first else 0)
+    return _Power(math.inf if any(each.degree for each in arguments) else 0)
+
+
+def time_derivative(expression: ca.SX, variables: ca.SX, rates: ca.SX) -> ca.SX:
+    """d/dt of `expression` (any shape) when `variables` move at `rates`: (d expression / d variables) * rates."""
+    return ca.reshape(ca.jtimes(ca.vec(expression), variables, rates), expression.shape)

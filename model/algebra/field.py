@@ -1,0 +1,298 @@
+"""The field of rational functions that one expression lives in, with its sines, cosines and roots."""
+
+import math
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from math import prod
+from typing import Any
+
+import casadi as ca
+from sympy import QQ
+from sympy.polys.rings import PolyElement, ring
+
+from .expression import fold, free_symbols, operate
+from .operations import LARGEST_POWER
+from .ratios import (
+    CONSTANT,
+    LARGEST_WHOLE,
+    POWER,
+    RATIONAL,
+    SYMBOL,
+    NotRational,
+    Radical,
+    Ratio,
+    exact,
+    factored,
+    generators_of,
+    normalized,
+    number,
+    size,
+    times,
+    without_squares,
+)
+
+Step = tuple[Any, ...]  # (operation, places of its arguments), (SYMBOL, k), (CONSTANT, value), (POWER, place, n)
+FACTORED = 15  # terms up to which a polynomial is factored; longer ones seldom have factors, and take long to show it
+
+
+@dataclass(frozen=True)
+class Element:
+    """A rational function in canonical form, sign and magnitude; elements of equal magnitude have equal keys."""
+
+    key: Hashable
+    negative: bool
+    magnitude: Ratio
+    cancelled: bool  # did a common factor go?
+    pole: bool  # did rationalizing bring a factor into the denominator that vanishes where the expression has a value?
+
+
+class Field:
+    """Rational functions over QQ of an expression's symbols and of its atoms, which are what is not rational in them.
+
+    Sines (with their cosines) and roots are atoms whose square is known; of any other function nothing is known.
+    """
+
+    def __init__(self, entry: ca.SX):
+        self.symbols = sorted(free_symbols(entry), key=str)  # one order everywhere, so that equal factors look equal
+        self.steps: list[Step] = []
+        self.places: dict[Step, int] = {}
+        self._expression_of: dict[int, ca.SX] = {}
+        (self.result,) = fold(
+            entry,
+            self.symbols,
+            lambda k: self._step(SYMBOL, k),
+            lambda value: self._step(CONSTANT, value),
+            self._operation,
+        )
+        atoms = sorted((step for step in self.steps if step[0] not in (SYMBOL, CONSTANT, POWER, *RATIONAL)), key=self._text)
+        self.generator_of = {atom: len(self.symbols) + k for k, atom in enumerate(atoms)}
+        self.expressions = [*self.symbols, *[self._rebuilt(self.places[atom]) for atom in atoms]]
+        self.ring, *self.generators = ring([f"g{k}" for k in range(len(self.expressions))], QQ)
+        self.radicals: list[Radical] = []
+        self.cosines: list[Radical] = []  # the sines among the radicals the other way round
+        self.floats: dict[QQ, float] = {}  # number -> the float that it was
+        self.known: dict[Step, int] = {}  # function and canonical arguments -> generator
+
+    def simplify(self) -> Element:
+        """The expression in canonical form.
+
+        No sine or root in the denominator, no common factor; from there, where that has fewer terms, a sine or root moved
+        to the denominator and squares of cosines written as squares of sines.
+        """
+        given = self._evaluate()
+        numerator, denominator = self._rationalize(*given)
+        ratio = numerator.cancel(denominator)
+        cancelled = ratio[1].leading_expv() != denominator.leading_expv()
+        numerator, denominator = (self._by_sines(part) for part in self._roots_below(*ratio))
+        negative = bool(numerator) and (numerator.LC < 0) != (denominator.LC < 0)
+        magnitude = tuple(-part if part and part.LC < 0 else part for part in (numerator, denominator))
+        names = (*[symbol.__hash__() for symbol in self.symbols], *self.known.items())
+        pole = denominator != 1 and any(powers[r.place] for r in self.radicals for powers in given[1])
+        return Element((names, magnitude), negative, magnitude, cancelled, pole and not self._divides(denominator, given[1]))
+
+    def expression(self, ratio: Ratio) -> ca.SX:
+        """A ratio as an expression, numerator and denominator factored."""
+        if not ratio[0]:
+            return ca.SX(0)
+        (upper, above), (lower, below) = map(self._product, ratio)
+        content = upper / lower
+        decimal = abs(content) in self.floats and int(content.denominator).bit_count() > 1
+        if not decimal and max(abs(content.numerator), content.denominator) <= LARGEST_WHOLE:
+            upper, lower = content.numerator, content.denominator
+        else:
+            upper, lower = content, 1
+        return self._multiple(upper, above) / self._multiple(lower, below)
+
+    # -- the expression as steps ----------------------------------------------------------------------------------
+
+    def _step(self, *step: Any) -> int:
+        """The place of a step; equal steps are made once."""
+        if step not in self.places:
+            self.places[step] = len(self.steps)
+            self.steps.append(step)
+        return self.places[step]
+
+    def _operation(self, code: int, arguments: tuple[int, ...]) -> int:
+        """A sine brings its cosine along; a tangent and a power become what they are made of."""
+        if code in (ca.OP_SIN, ca.OP_COS, ca.OP_TAN):
+            sine, cosine = self._step(ca.OP_SIN, *arguments), self._step(ca.OP_COS, *arguments)
+            return sine if code == ca.OP_SIN else cosine if code == ca.OP_COS else self._step(ca.OP_DIV, sine, cosine)
+        if code in (ca.OP_POW, ca.OP_CONSTPOW):
+            kind, exponent = self.steps[arguments[1]][:2]
+            if kind == CONSTANT and abs(exponent) <= LARGEST_POWER and (2 * exponent).is_integer():
+                whole = exponent.is_integer()
+                base = arguments[0] if whole else self._step(ca.OP_SQRT, arguments[0])
+                return self._step(POWER, base, int(exponent if whole else 2 * exponent))
+        return self._step(code, *arguments)
+
+    def _rebuilt(self, place: int) -> ca.SX:
+        """A step as an expression again."""
+        if place not in self._expression_of:
+            kind, *arguments = self.steps[place]
+            if kind == SYMBOL:
+                made = self.symbols[arguments[0]]
+            elif kind == CONSTANT:
+                made = ca.SX(arguments[0])
+            elif kind == POWER:
+                made = self._rebuilt(arguments[0]) ** arguments[1]
+            else:
+                made = operate(kind, *[self._rebuilt(argument) for argument in arguments])
+            self._expression_of[place] = made
+        return self._expression_of[place]
+
+    def _text(self, atom: Step) -> tuple[str, int]:
+        """By this atoms are sorted: their arguments, then sine before cosine."""
+        code, *arguments = atom
+        return " ".join(str(self._rebuilt(argument)) for argument in arguments), code
+
+    # -- arithmetic -----------------------------------------------------------------------------------------------
+
+    def _evaluate(self) -> Ratio:
+        values: list[Ratio] = []
+        for kind, *arguments in self.steps:
+            if kind == SYMBOL:
+                value = self.generators[arguments[0]], self.ring.one
+            elif kind == CONSTANT:
+                value = self.ring(self._number(arguments[0])), self.ring.one
+            elif kind == POWER:
+                value = self._power(values[arguments[0]], arguments[1])
+            elif kind in RATIONAL:
+                value = self._reduce(*RATIONAL[kind](*[values[place] for place in arguments]))
+            else:
+                value = self._atom((kind, *arguments), [values[place] for place in arguments])
+            values.append(value)
+        return values[self.result]
+
+    def _number(self, value: float) -> QQ:
+        """The exact number that is meant by a float, which is remembered: it comes back as that float, to the last bit."""
+        found = exact(value)
+        self.floats.setdefault(abs(found), abs(value))
+        return found
+
+    def _float(self, coefficient: QQ) -> float:
+        value = self.floats.get(abs(coefficient))
+        return number(coefficient) if value is None else math.copysign(value, coefficient)
+
+    def _power(self, base: Ratio, exponent: int) -> Ratio:
+        value = self.ring.one, self.ring.one
+        for _ in range(abs(exponent)):
+            value = self._reduce(*RATIONAL[ca.OP_MUL](value, base))
+        return value if exponent >= 0 else (value[1], value[0])
+
+    def _atom(self, step: Step, arguments: list[Ratio]) -> Ratio:
+        """The generator of this function at these arguments, one for all arguments that are equal."""
+        arguments = [self._lowest(ratio) for ratio in arguments]
+        place = self.known.setdefault((step[0], *arguments), self.generator_of[step])
+        if place == self.generator_of[step]:
+            if step[0] == ca.OP_SIN:
+                other = self.generator_of[ca.OP_COS, *step[1:]]
+                self.radicals.append(Radical(place, 1 - self.generators[other] ** 2, self.ring.one))
+                self.cosines.append(Radical(other, 1 - self.generators[place] ** 2, self.ring.one))
+            elif step[0] == ca.OP_SQRT:
+                self.radicals.append(Radical(place, *arguments[0]))
+        return self.generators[place], self.ring.one
+
+    def _lowest(self, ratio: Ratio) -> Ratio:
+        """The only way to write this ratio."""
+        numerator, denominator = self._rationalize(*ratio)
+        numerator, denominator = numerator.cancel(denominator)
+        return numerator.quo_ground(denominator.LC), denominator.monic()
+
+    def _reduce(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
+        """The same ratio without a square of a radical."""
+        for radical in reversed(self.radicals):
+            numerator, up = without_squares(numerator, radical)
+            denominator, down = without_squares(denominator, radical)
+            if up != down and radical.denominator != 1:
+                numerator, denominator = (
+                    times(numerator, radical.denominator ** max(down - up, 0)),
+                    times(denominator, radical.denominator ** max(up - down, 0)),
+                )
+        return numerator, denominator
+
+    def _rationalize(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
+        """The same ratio without radicals in the denominator."""
+        for radical in reversed(self.radicals):
+            if any(powers[radical.place] for powers in denominator):
+                conjugate = denominator.compose(self.generators[radical.place], -self.generators[radical.place])
+                numerator, denominator = self._reduce(times(numerator, conjugate), times(denominator, conjugate))
+        if not denominator:
+            raise NotRational
+        return numerator, denominator
+
+    def _divides(self, divisor: PolyElement, polynomial: PolyElement) -> bool:
+        """Does the divisor divide the polynomial's square, so that it vanishes only where the polynomial does?"""
+        try:
+            numerator, denominator = self._rationalize(*self._reduce(times(polynomial, polynomial), divisor))
+            return numerator.cancel(denominator)[1].is_ground
+        except NotRational:  # too large to tell
+            return False
+
+    # -- the shorter of two ways ----------------------------------------------------------------------------------
+
+    def _roots_below(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
+        """a/(b sqrt(c)) rather than a sqrt(c)/(b c), radical by radical."""
+        for radical in self.radicals:
+            if generators_of(denominator).isdisjoint(generators_of(radical.numerator)):
+                continue  # no common factor to come
+            generator = self.generators[radical.place]
+            upper, lower = self._reduce(times(numerator, generator), denominator)
+            upper, lower = upper.cancel(lower)
+            lower = times(lower, generator)
+            if size(upper, lower) < size(numerator, denominator):
+                numerator, denominator = upper, lower
+        return numerator, denominator
+
+    def _by_sines(self, polynomial: PolyElement) -> PolyElement:
+        """cos^2 as 1 - sin^2, angle by angle, where that has fewer terms."""
+        for cosine in self.cosines:
+            other, _ = without_squares(polynomial, cosine)
+            polynomial = other if len(other) < len(polynomial) else polynomial
+        return polynomial
+
+    # -- back to expressions --------------------------------------------------------------------------------------
+
+    def _product(self, polynomial: PolyElement) -> tuple[QQ, ca.SX]:
+        """A number and the polynomial without it as its factors, each a sum of products."""
+        if len(polynomial) == 1:
+            return polynomial.LC, self._sum(polynomial.monic())
+        content, factors = _factors(polynomial)
+        parts = []
+        for factor, power in factors:
+            scale, factor = normalized(factor)
+            content *= scale**power
+            parts.append(self._sum(factor) ** power)
+        return content, prod(parts[1:], start=parts[0])
+
+    def _multiple(self, factor: QQ, expression: ca.SX) -> ca.SX:
+        if factor in (1, -1):
+            return int(factor) * expression
+        value = ca.SX(self._float(factor))
+        return value if expression.is_one() else value * expression
+
+    def _sum(self, polynomial: PolyElement) -> ca.SX:
+        terms = []
+        for powers, coefficient in polynomial.terms():
+            factors = [self.expressions[k] ** power for k, power in enumerate(powers) if power]
+            factor = self._float(coefficient)
+            term = prod(factors[1:], start=factors[0]) if factors else ca.SX(1)
+            terms.append(term if factor == 1 else -term if factor == -1 else factor * term)
+        return sum(terms[1:], start=terms[0])
+
+
+def _factors(polynomial: PolyElement) -> tuple[QQ, Sequence[tuple[PolyElement, int]]]:
+    """Content and irreducible factors, as `factored`, which is slow where many symbols meet.
+
+    Without its common monomial, a polynomial that is linear in some generator, with one term there, is irreducible; one that is
+    long is taken for it.
+    """
+    common = tuple(map(min, zip(*polynomial, strict=True)))
+    rest = polynomial.quo_term((common, QQ(1)))
+    generators = range(len(common))
+    irreducible = any([powers[k] for powers in rest if powers[k]] == [1] for k in generators)
+    if not irreducible and len(polynomial) <= FACTORED:
+        return factored(polynomial)
+    content, primitive = rest.primitive()
+    if primitive.LC < 0:
+        content, primitive = -content, -primitive
+    return content, [(polynomial.ring.gens[k], common[k]) for k in generators if common[k]] + [(primitive, 1)]

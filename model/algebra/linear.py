@@ -1,0 +1,132 @@
+"""Linear equations in symbols: solved in closed form, block by block, or by elimination with exact pivots."""
+
+from collections.abc import Callable
+
+import casadi as ca
+
+from ..errors import ModelError
+from .exact import canonical
+from .poles import added_pole, quotient
+
+COFACTORS = 5  # rows of a matrix up to which its inverse is found by cofactors
+
+
+def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """matrix^-1 right, n x any, without a pivot that could vanish before the determinant does.
+
+    Through cofactors up to n = 3, above that block by block, blocks above 3 by orthogonalization.
+    """
+    n = matrix.shape[0]
+    if n > 3:
+        return solve_by_blocks(matrix, right, _solve_block)
+    determinant = canonical(ca.det(matrix))
+    return ca.adj(matrix) @ right / determinant if n > 1 else right / matrix
+
+
+def solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """matrix^-1 right for a symmetric positive definite matrix: as `solve` up to 3 x 3, by L D L' above."""
+    if matrix.shape[0] <= 3:
+        return solve(matrix, right)
+    D, U, order = ca.ldl(matrix)
+    return ca.ldl_solve(ca.densify(right), D, U, order)
+
+
+def solve_by_blocks(matrix: ca.SX, right: ca.SX, solve_block: Callable[[ca.SX, ca.SX], ca.SX]) -> ca.SX:
+    """matrix^-1 right, where rows and columns can be put in an order that makes the matrix block triangular.
+
+    `solve_block` solves for one block of the diagonal; what is zero in the matrix must be so by structure.
+    """
+    matrix = ca.sparsify(matrix)
+    count, rows, columns, starts, *_ = matrix.sparsity().btf()
+    found = ca.SX(*right.shape)
+    for first, last in zip(starts[:count], starts[1 : count + 1], strict=True):
+        i, j = rows[first:last], columns[first:last]
+        found[j, :] = solve_block(ca.densify(matrix[i, j]), right[i, :] - matrix[i, :] @ found)
+    return found
+
+
+def _solve_block(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    return solve(matrix, right) if matrix.shape[0] <= 3 else _orthogonally(matrix, right)
+
+
+def _orthogonally(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """matrix^-1 right by Gram and Schmidt's process on the columns of [matrix right], each kept orthogonal to all before.
+
+    No pivots, so no branches; as accurate as elimination with pivots, because `right` goes the same way as the columns.
+    """
+    n = matrix.shape[0]
+    columns = ca.horzsplit(ca.densify(ca.horzcat(matrix, right)))
+    table = ca.SX.zeros(n, len(columns))  # U with ones on its diagonal, and beside it what U x equals
+    for k in range(n):
+        square = ca.sumsqr(columns[k])
+        for j in range(k + 1, len(columns)):
+            table[k, j] = ca.dot(columns[k], columns[j]) / square
+            columns[j] -= table[k, j] * columns[k]
+    found = table[:, n:]
+    for k in reversed(range(n)):
+        found[k, :] -= table[k, k + 1 : n] @ found[k + 1 :, :]
+    return found
+
+
+def eliminate(matrix: ca.SX, right: ca.SX, moving: ca.SX, name: str) -> ca.SX:
+    """matrix^-1 right in canonical form, with poles only where the determinant vanishes.
+
+    By elimination with pivots that are as simple as possible; where one of them stays in the result as a pole, by cofactors,
+    block by block. `moving` are the symbols that may have any value, zero too; the others are positive. Raises ModelError, which
+    has the robot's name, where that leaves a pole too.
+    """
+    for solve_so in (_by_pivots, _by_cofactors):
+        found = solve_so(matrix, right)
+        pole = added_pole(found, (matrix, right), quotient, moving)
+        if pole is None:
+            return found
+    raise ModelError(
+        f"{name}: no expression for S was found without a division by {str(pole)[:60]}, which vanishes where the robot and its "
+        "quasi-velocities are regular; choose other quasi-velocities"
+    )
+
+
+def _by_cofactors(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """matrix^-1 right, blocks up to COFACTORS by cofactors and larger ones by elimination."""
+
+    def solve_block(block: ca.SX, side: ca.SX) -> ca.SX:
+        if block.shape[0] > COFACTORS:
+            return _by_pivots(block, side)
+        adjoint = canonical(ca.adj(block)) if block.shape[0] > 1 else ca.SX(1)
+        return canonical(canonical(adjoint @ side) / canonical(ca.det(block)))
+
+    return ca.sparsify(solve_by_blocks(canonical(matrix), ca.densify(right), solve_block))
+
+
+def _by_pivots(matrix: ca.SX, right: ca.SX) -> ca.SX:
+    """matrix^-1 right by elimination with exact simplification after every step.
+
+    A pivot that vanishes somewhere cancels from the result unless the determinant vanishes there too, or the simplification
+    does not find that.
+    """
+    n = matrix.shape[0]
+    table = canonical(ca.densify(ca.horzcat(matrix, right)))
+    remaining = list(range(n))
+    order = {}
+    for _ in range(n):
+        row, column = min(
+            ((i, j) for i in remaining for j in range(n) if j not in order and not table[i, j].is_zero()),
+            key=lambda place: _difficulty(table[place]),
+        )
+        pivot = table[row, :] / table[row, column]
+        pivot[column] = 1
+        pivot = canonical(pivot)
+        table = ca.densify(table)
+        table[row, :] = pivot
+        for i in range(n):
+            if i != row and not table[i, column].is_zero():
+                reduced = table[i, :] - table[i, column] * pivot
+                reduced[column] = 0
+                table[i, :] = canonical(reduced)
+        order[column] = row
+        remaining.remove(row)
+    return ca.sparsify(ca.vertcat(*[table[order[column], n:] for column in range(n)]))
+
+
+def _difficulty(pivot: ca.SX) -> tuple[bool, int]:
+    return not pivot.is_constant(), ca.n_nodes(pivot)

@@ -1,0 +1,160 @@
+"""Poles of an expression, looked for numerically: where a denominator that it still has vanishes."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+import casadi as ca
+import numpy as np
+
+from .exact import canonical
+from .expression import free_symbols
+
+LINES, STEPS, BISECTIONS = 6, 200, 60  # straight lines in the space of all symbols, on which zeros are bracketed and bisected
+BESIDE = 1e-9  # distance from a zero at which values are compared
+LARGEST_BLOCK = 5  # rows of a matrix whose determinant is written out
+REGULAR = 1e-3  # smallest singular value, rows scaled to length 1, above which a matrix counts as regular there
+DEVIATION = 1e-8  # relative; a removable pole of order 1 leaves about 1e-16 / BESIDE
+ROUNDING = 1e-12  # of the product of the largest values given: what rounding may make of their combination
+
+
+def denominators(expression: ca.SX) -> list[ca.SX]:
+    """The factors by which the expression divides somewhere and that are not constant, each once."""
+    found: dict[int, ca.SX] = {}
+    seen: set[int] = set()
+    stack = [expression.nz[k] for k in range(expression.nnz())]
+    while stack:
+        node = stack.pop()
+        if node.is_leaf() or node.element_hash() in seen:
+            continue
+        seen.add(node.element_hash())
+        parts = [node.dep(k) for k in range(node.n_dep())]
+        below = parts[1:] if node.op() == ca.OP_DIV else parts if node.op() == ca.OP_INV else []
+        found.update((factor.element_hash(), factor) for part in below for factor in _factors(part))
+        stack += parts
+    return list(found.values())
+
+
+def _factors(node: ca.SX) -> Iterator[ca.SX]:
+    """Of a product, power or root; a power of 2 has the zeros of its base, but changes no sign there."""
+    if node.is_constant():
+        return
+    if not node.is_leaf() and node.op() in (ca.OP_MUL, ca.OP_SQ, ca.OP_SQRT, ca.OP_NEG, ca.OP_TWICE, ca.OP_CONSTPOW, ca.OP_DIV):
+        for k in range(node.n_dep()):
+            yield from _factors(node.dep(k))
+    else:
+        yield node
+
+
+def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX) -> ca.SX | None:
+    """A denominator of `found`, and of none of `given`, where `found` is wrong and `given` is regular; None where there is none.
+
+    `found` is to equal `combined` of the values of `given`, which returns None where these are singular. Both are compared a
+    distance of BESIDE away from zeros of each denominator on random lines in the space of the `moving` symbols, and where some of
+    these are exactly 0, as joints often are. The other symbols are random positive numbers.
+    """
+    known = {each.element_hash() for expression in given for each in denominators(ca.SX(expression))}
+    below = [each for each in denominators(found) if each.element_hash() not in known]
+    if not below:
+        return None
+    symbols = free_symbols(ca.veccat(found, *given))
+    place = ca.vertcat(*symbols)
+    divisors = ca.Function("denominators", [place], [ca.vertcat(*below)])
+    values = ca.Function("values", [place], [ca.densify(each) for each in (found, *given)])
+    names = {symbol.element_hash() for symbol in ca.vertsplit(moving)}
+    moves = np.array([symbol.element_hash() in names for symbol in symbols])
+    random = np.random.default_rng(1997)
+
+    def is_wrong(at: np.ndarray) -> bool:
+        value, *others = (each.full() for each in values(at))
+        truth = combined(*others) if all(np.isfinite(each).all() for each in others) else None
+        if truth is None:
+            return False
+        size = np.prod([np.abs(each).max(initial=0.0) for each in others])
+        allowed = DEVIATION * np.abs(truth).max(initial=0.0) + ROUNDING * size
+        return not np.abs(value - truth).max(initial=0.0) <= allowed  # NaN is wrong, too
+
+    def start() -> np.ndarray:
+        return np.where(moves, random.uniform(-1.5, 1.5, len(moves)), random.uniform(0.5, 1.5, len(moves)))
+
+    for _ in range(LINES if moves.any() else 0):
+        origin, along = start(), random.normal(size=len(moves)) * moves
+        along /= np.linalg.norm(along)
+        t = np.linspace(-3.0, 3.0, STEPS + 1)
+        table = divisors(origin[:, None] + along[:, None] * t).full()
+        for k, row in enumerate(table):
+            for j in np.flatnonzero(row[:-1] * row[1:] < 0)[:3]:
+
+                def divisor(s: float, k: int = k, origin: np.ndarray = origin, along: np.ndarray = along) -> float:
+                    return float(divisors(origin + along * s)[k])
+
+                zero = _bisected(divisor, t[j], t[j + 1])
+                if is_wrong(origin + along * (zero + BESIDE)):
+                    return below[k]
+    some = random.random((len(moves), LINES)) < 0.5
+    zeroed = np.where(moves[:, None] & np.column_stack([np.eye(len(moves), dtype=bool), some, moves]), 0.0, start()[:, None])
+    for at, row in zip(zeroed.T, divisors(zeroed).full().T, strict=True):
+        vanishing = np.flatnonzero((row == 0) | ~np.isfinite(row))
+        if len(vanishing) and is_wrong(at):
+            return below[vanishing[0]]
+    return None
+
+
+def quotient(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
+    """matrix^-1 right; None where the matrix is singular, or nearly."""
+    return np.linalg.solve(matrix, right) if _is_regular(matrix) else None
+
+
+def determinant(matrix: np.ndarray) -> np.ndarray | None:
+    """Of a square matrix, 1 x 1; None where the matrix is singular, or nearly."""
+    return np.array([[np.linalg.det(matrix)]]) if _is_regular(matrix) else None
+
+
+def _is_regular(matrix: np.ndarray) -> bool:
+    length = np.linalg.norm(matrix, axis=1, keepdims=True)
+    return length.min() > 0.0 and np.linalg.svd(matrix / length, compute_uv=False)[-1] >= REGULAR
+
+
+def singular_sets(matrix: ca.SX, rows: int, states: ca.SX, parameters: ca.SX, values: Sequence[float]) -> list[tuple[str, bool]]:
+    """Sets on which a square matrix is singular: a text "f = 0" each, and whether its first `rows` rows lose rank there.
+
+    From the determinants of its diagonal blocks, up to LARGEST_BLOCK; a factor that changes no sign on random lines is not
+    reported, and neither is what larger blocks do.
+    """
+    count, i, j, first, _, *_ = (matrix := ca.sparsify(matrix)).sparsity().btf()
+    found: dict[str, bool] = {}
+    random = np.random.default_rng(1992)
+    for k in range(count):
+        block = ca.densify(matrix[i[first[k] : first[k + 1]], j[first[k] : first[k + 1]]])
+        if block.shape[0] > LARGEST_BLOCK:
+            continue
+        determinant = canonical(ca.det(block))
+        for factor in _factors(determinant) if not determinant.is_zero() else ():
+            if not ca.depends_on(factor, states):
+                continue
+            function = ca.Function("factor", [states, parameters], [factor, matrix[:rows, :]])
+            for _ in range(LINES):
+                start, along = random.uniform(-1.5, 1.5, states.numel()), random.normal(size=states.numel())
+                t = np.linspace(-3.0, 3.0, STEPS + 1)
+                at = [float(function(start + along * s, values)[0]) for s in t]
+                signs = [m for m in range(STEPS) if at[m] * at[m + 1] < 0]
+                if signs:
+
+                    def value(s: float, f: ca.Function = function, a: np.ndarray = start, b: np.ndarray = along) -> float:
+                        return float(f(a + b * s, values)[0])
+
+                    zero = _bisected(value, t[signs[0]], t[signs[0] + 1])
+                    A = function(start + along * zero, values)[1].full()
+                    scale = np.linalg.norm(function(start, values)[1].full(), axis=1).max()
+                    found[f"{factor} = 0"] = bool(np.linalg.svd(A, compute_uv=False)[-1] < 1e-6 * scale)
+                    break
+    return list(found.items())
+
+
+def _bisected(function: Callable[[float], float], low: float, high: float) -> float:
+    rising = function(high) > 0
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        if (function(middle) > 0) == rising:
+            high = middle
+        else:
+            low = middle
+    return (low + high) / 2

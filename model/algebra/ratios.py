@@ -1,0 +1,169 @@
+"""Ratios of polynomials with exact coefficients: the rational operations, within bounds that keep them quick."""
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+
+import casadi as ca
+from sympy import QQ
+from sympy.polys.polyconfig import using
+from sympy.polys.rings import PolyElement
+
+TERMS, DEGREE = 100, 64  # of a polynomial; more take too long to divide and to factor
+SIMPLE = 10**5  # denominator up to which a number is taken for a fraction
+DIGITS = 12  # of a number that is taken as it is written
+ULPS = 4  # rounding that a number may carry
+NOISE = QQ(1, 10**14)  # a sum of decimals that is less of its largest term is the rounding of these
+LARGEST_WHOLE = 1000  # as a coefficient
+PLACES = 12  # random ones at which a polynomial is factored first
+Ratio = tuple[PolyElement, PolyElement]
+
+
+class NotRational(Exception):
+    """Not an element of a field of rational functions, or one too large to be worth the trouble."""
+
+
+@dataclass(frozen=True)
+class Radical:
+    """A generator whose square is known: numerator / denominator, in generators found before it."""
+
+    place: int
+    numerator: PolyElement
+    denominator: PolyElement
+
+
+def exact(value: float) -> QQ:
+    """The rational number that a float stands for.
+
+    It is a simple fraction such as 1/3 or a decimal of at most DIGITS digits, where there is one within the rounding of a few
+    operations (0.2 is 1/5, and so is 0.1 * 2; 0.1 + 0.2 is 3/10), else the shortest decimal that rounds to the float. Raises
+    NotRational for a value that is not finite.
+    """
+    if not math.isfinite(value):
+        raise NotRational
+    written = Fraction(repr(float(value)))
+    near = Fraction(f"{value:.{DIGITS - 1}e}"), Fraction(value).limit_denominator(SIMPLE)
+    fraction = next((each for each in near if abs(each - written) <= ULPS * Fraction(math.ulp(value))), written)
+    return QQ(fraction.numerator, fraction.denominator)
+
+
+def number(coefficient: QQ) -> float:
+    """The nearest float. Raises NotRational when the exact number is too large or too small for one."""
+    try:
+        value = float(Fraction(int(coefficient.numerator), int(coefficient.denominator)))
+    except OverflowError as error:
+        raise NotRational from error
+    if abs(value) < sys.float_info.min:
+        raise NotRational
+    return value
+
+
+def normalized(polynomial: PolyElement) -> tuple[QQ, PolyElement]:
+    """A factor, and the polynomial divided by it, so that its coefficients are short and of a size with 1.
+
+    Whole coefficients stay as they are up to LARGEST_WHOLE; else the polynomial is divided by one of them.
+    """
+    coefficients = list(polynomial.values())
+    if all(c.denominator == 1 and abs(c) <= LARGEST_WHOLE for c in coefficients):
+        return QQ(1), polynomial
+    scale = min(coefficients, key=lambda c: sum(len(repr(number(other / c))) for other in coefficients))
+    return scale, polynomial.quo_ground(scale)
+
+
+def plus(a: PolyElement, b: PolyElement) -> PolyElement:
+    """The sum, without what is left of decimals that cancel but for their rounding."""
+    total = a + b
+    if _is_simple(total):
+        return total
+    return _without_noise(total, lambda powers: abs(a.get(powers, 0)))
+
+
+def times(a: PolyElement, b: PolyElement) -> PolyElement:
+    """The product, as `plus`. Raises NotRational when it is too large."""
+    if len(a) * len(b) > TERMS * TERMS:
+        raise NotRational
+    product = a * b
+    if len(a) > 1 and len(b) > 1 and not _is_simple(product):
+        sizes = _sizes(a) * _sizes(b)
+        product = _without_noise(product, sizes.__getitem__)
+    if len(product) > TERMS or max(map(sum, product), default=0) > DEGREE:
+        raise NotRational
+    return product
+
+
+def _is_simple(polynomial: PolyElement) -> bool:
+    return all(coefficient.denominator <= SIMPLE for coefficient in polynomial.values())
+
+
+def _sizes(polynomial: PolyElement) -> PolyElement:
+    return polynomial.ring.from_dict({powers: abs(coefficient) for powers, coefficient in polynomial.items()})
+
+
+def _without_noise(total: PolyElement, size: Callable[[tuple[int, ...]], QQ]) -> PolyElement:
+    """The polynomial without coefficients that are negligible beside the size of what they are sums of."""
+    return total.ring.from_dict({powers: c for powers, c in total.items() if abs(c) >= NOISE * size(powers)})
+
+
+def size(numerator: PolyElement, denominator: PolyElement) -> tuple[int, int]:
+    """Terms, then degrees."""
+    return len(numerator) + len(denominator), sum(map(sum, numerator)) + sum(map(sum, denominator))
+
+
+@lru_cache(maxsize=4096)
+def factored(polynomial: PolyElement) -> tuple[QQ, tuple[tuple[PolyElement, int], ...]]:
+    """Content and irreducible factors with their powers.
+
+    Factors are built up from those at a random place. Where it has more there, that takes a minute and is in vain: with the
+    three places that SymPy looks at, once in some hundred polynomials of 40 terms; with PLACES not in many thousand.
+    """
+    with using(EEZ_NUMBER_OF_CONFIGS=PLACES):
+        content, factors = polynomial.factor_list()
+    return content, tuple(factors)
+
+
+def generators_of(polynomial: PolyElement) -> set[int]:
+    """Places of the generators that the polynomial has."""
+    return {k for powers in polynomial for k, power in enumerate(powers) if power}
+
+
+def without_squares(polynomial: PolyElement, radical: Radical) -> tuple[PolyElement, int]:
+    """A polynomial with at most the first power of the radical, and the power of radical.denominator to divide it by."""
+    most = max((powers[radical.place] for powers in polynomial), default=0) // 2
+    if not most:
+        return polynomial, 0
+    reduced = polynomial.ring.zero
+    for half in range(most + 1):
+        terms = {
+            (*powers[: radical.place], powers[radical.place] % 2, *powers[radical.place + 1 :]): coefficient
+            for powers, coefficient in polynomial.items()
+            if powers[radical.place] // 2 == half
+        }
+        if terms:
+            square = radical.numerator**half * radical.denominator ** (most - half)
+            reduced = plus(reduced, times(polynomial.ring.from_dict(terms), square))
+    return reduced, most
+
+
+def _add(a: Ratio, b: Ratio) -> Ratio:
+    if a[1] == b[1]:
+        return plus(a[0], b[0]), a[1]
+    return plus(times(a[0], b[1]), times(b[0], a[1])), times(a[1], b[1])
+
+
+# Steps that are no operation of CasADi's.
+SYMBOL, CONSTANT, POWER = "symbol", "constant", "power"
+
+RATIONAL: dict[int, Callable[..., Ratio]] = {
+    ca.OP_ASSIGN: lambda a: a,
+    ca.OP_ADD: _add,
+    ca.OP_SUB: lambda a, b: _add(a, (-b[0], b[1])),
+    ca.OP_MUL: lambda a, b: (times(a[0], b[0]), times(a[1], b[1])),
+    ca.OP_DIV: lambda a, b: (times(a[0], b[1]), times(a[1], b[0])),
+    ca.OP_NEG: lambda a: (-a[0], a[1]),
+    ca.OP_SQ: lambda a: (times(a[0], a[0]), times(a[1], a[1])),
+    ca.OP_TWICE: lambda a: (2 * a[0], a[1]),
+    ca.OP_INV: lambda a: (a[1], a[0]),
+}

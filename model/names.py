@@ -1,0 +1,106 @@
+"""Names that can stand in C, C++ and Python: what is taken already, and what the names made from two outputs have in common."""
+
+import errno
+import keyword
+import re
+from collections.abc import Iterable, Iterator
+
+from .errors import ModelError
+
+TYPE = "type_"  # begins the names of Types I to IV
+FLOAT = "_f"  # ends the name of everything in float
+
+KEYWORDS = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if inline int long register "
+    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while "
+    "alignas alignof and and_eq asm bitand bitor bool catch char8_t char16_t char32_t class co_await co_return co_yield compl "
+    "concept const_cast consteval constexpr constinit decltype delete dynamic_cast explicit export false friend mutable "
+    "namespace new noexcept not not_eq nullptr operator or or_eq private protected public reinterpret_cast requires "
+    "static_assert static_cast template this thread_local throw true try typeid typename typeof typeof_unqual using virtual "
+    "wchar_t xor xor_eq size_t ptrdiff_t".split()
+)
+# Macros without arguments of the standard headers (and of POSIX in them), and of compilers with their extensions on.
+MACROS = frozenset(name for name in vars(errno) if name.isupper()) | frozenset(
+    "NULL NAN INFINITY HUGE HUGE_VAL HUGE_VALF HUGE_VALL MAXFLOAT DOMAIN SING OVERFLOW UNDERFLOW PLOSS TLOSS DECIMAL_DIG "
+    "BUFSIZ EOF WEOF L_tmpnam L_ctermid P_tmpdir ONCE_FLAG_INIT BIG_ENDIAN LITTLE_ENDIAN PDP_ENDIAN BYTE_ORDER NSIG NGREG "
+    "NFDBITS FD_SETSIZE PIPE_BUF MINSIGSTKSZ TSS_DTOR_ITERATIONS NZERO WNOHANG WUNTRACED WSTOPPED WEXITED WCONTINUED WNOWAIT "
+    "EFTYPE EHWPOISON "
+    "SNAN SNANF SNANL L_cuserid L_INCR L_SET L_XTND F_OK R_OK W_OK X_OK F_LOCK F_TEST F_TLOCK F_ULOCK WORD_BIT CLK_TCK "
+    "STDIN_FILENO STDOUT_FILENO STDERR_FILENO HAVE_INITFINI_ARRAY fd_set physadr quad signgam strtodf tzname "
+    "complex imaginary errno math_errhandling noreturn stdin stdout stderr linux unix i386 atomic_init "
+    "sa_handler sa_sigaction sigev_notify_function sigev_notify_attributes "
+    "si_addr si_addr_lsb si_arch si_band si_call_addr si_fd si_int si_lower si_overrun si_pid si_pkey si_ptr si_status "
+    "si_stime si_syscall si_timerid si_uid si_upper si_utime si_value".split()
+)
+FAMILIES = re.compile(
+    r"u?int(_fast|_least)?(8|16|32|64|max|ptr)_t"
+    r"|(U?INT(_FAST|_LEAST)?(8|16|32|64|MAX|PTR)|S?CHAR|UCHAR|U?SHRT|U?INT|U?LONG|U?LLONG|U?LONG_LONG|BOOL)_(MIN|MAX|BIT|WIDTH)"
+    r"|(S?SIZE|PTRDIFF|WCHAR|WINT|SIG_ATOMIC|RAND|TMP|FOPEN|FILENAME|PATH|NAME|LINE|ARG|LINK|OPEN|STREAM|SYMLOOP|IOV"
+    r"|TZNAME|CHILD|[A-Z]+_NAME|COLL_WEIGHTS|DELAYTIMER|EXPR_NEST|NGROUPS|RE_DUP|RTSIG|SEM_VALUE|MQ_PRIO|BC_[A-Z]+"
+    r"|MB_[A-Z]+|XATTR_[A-Z]+|AIO_[A-Z_]+|TIMER|SEM_NSEMS|SYMLINK)_(MIN|MAX|WIDTH)"
+    r"|MAX_(CANON|INPUT)"
+    r"|(FLT|DBL|LDBL|DEC32|DEC64|DEC128)_[A-Z][A-Z0-9_]+"
+    r"|(FE|FP|FPE|SA|SI|SS|LC|BUS|CLD|ILL|SEGV|TRAP|POLL|SEEK|TIME|TIMER|CLOCKS?|ATOMIC|MATH|EXIT|PTHREAD|SCHED"
+    r"|ADJ|MOD|STA|REG|NL|CLOSE_RANGE|RENAME)_[A-Z][A-Z0-9_]+"
+    r"|SIG_?[A-Z][A-Z0-9_]*"
+    r"|(PRI|SCN)[a-zX](FAST|LEAST)?(8|16|32|64|MAX|PTR)"
+    r"|M_(E|(3|TWO)?PI|1_PI|2_|SQRT|LN|LOG|IVLN|INVLN)[A-Z0-9_]*(f(\d+x?)?|l)?"
+    r"|(HUGE_VAL_|SNAN)F\d+X?"
+    r"|atomic_\w+_explicit"
+    r"|(?i:noslip)(_\w*)?"
+)
+IN_C = {"I": "I_"}  # names that people want though a macro has them: their names in C
+HEADERS = frozenset(
+    "assert complex ctype errno fenv inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic stdbool stddef "
+    "stdint stdio stdlib stdnoreturn string strings tgmath threads time uchar unistd wchar wctype console stopwatch "
+    "selftest".split()
+)
+# what may follow a robot's name, and that of a law after it, in names of types, functions and files
+OF_ROBOT = ("params", "state", "options", "default_params", "check_params", "check_state", "dynamics")
+OF_LAW = (
+    *("", "config", "gains", "reference", "evaluation", "init", "reset", "admit", "admit_both", "admit_foot"),
+    *(
+        name + after
+        for name in ("output", "rate", "decoupling", "decoupling_rate", "feedback", "evaluate", "step", "slope", "follow")
+        for after in ("", "_law")
+    ),
+    *("follow_slope", "follow_slope_law", "step_with_care", "follow_with_care"),
+    *("acceleration", "acceleration_law", "reduced", "reduced_law"),  # of the dynamics, which are named as a law is
+)
+
+
+def is_reserved(name: str) -> bool:
+    """Does the name mean something in C, C++, their standard headers, the C runtime or Python already?"""
+    taken = keyword.iskeyword(name) or name in KEYWORDS or name in MACROS or name in IN_C.values()
+    return taken or FAMILIES.fullmatch(name) is not None
+
+
+def in_c(name: str) -> str:
+    """The name in C, where some other name must stand for it."""
+    return IN_C.get(name, name)
+
+
+def refuse_robot(name: str) -> None:
+    """Raise ModelError for a robot whose header would have the name of one of the standard library's or a project's."""
+    if name.removesuffix(FLOAT) in HEADERS:
+        raise ModelError(f"{name}: the name cannot be that of a robot: {name}.h is the name of another header; choose another")
+
+
+def refuse_output(name: str, others: Iterable[str], where: str) -> None:
+    """Raise ModelError for an output whose C would have a name in common with that of another output or of the robot."""
+    if name.startswith(TYPE):
+        raise ModelError(f"{where}: the name has a meaning already: {TYPE} begins the names of Types I to IV; choose another")
+    made = set(_law_names(name))
+    robots = {FLOAT, *(f"_{own}{after}" for own in OF_ROBOT for after in ("", FLOAT)), *_law_names("dynamics")}
+    taken = {"the robot itself": robots} | {f"output {other!r}": set(_law_names(other)) for other in others}
+    for other, names in taken.items():
+        if made & names:
+            common = min(made & names, key=lambda each: (len(each), each))
+            raise ModelError(f"{where}: the name has a meaning already: {other} has a ...{common} in C too; choose another")
+
+
+def _law_names(law: str) -> Iterator[str]:
+    """The names in C of a law, from after the robot's; in lower case, as the guards of headers have only one."""
+    for part in OF_LAW:
+        for after in ("", FLOAT):
+            yield f"_{law}_{part}".rstrip("_").lower() + after

@@ -1,0 +1,202 @@
+"""One linear channel of the outer loop: its poles, loop, response, and the longest period it bears."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import control
+import numpy as np
+from numpy.polynomial import Polynomial
+from scipy.optimize import brentq
+
+from ..readers.errors import BadInput
+from .design import Gains, by_speed, chain, positive, sampled_chain, show
+from .margins import Margins, margins
+
+SCAN = 30  # periods tried before the search for the one at which a margin is lost is refined
+SHORTEST = 1e-4  # of the stability limit: at shorter periods the margins are those of the continuous channel
+
+
+@dataclass(frozen=True)
+class Required:
+    """What a loop must keep: factors on the gain, phase (rad), peak of |S|."""
+
+    gain: float = 2.0
+    phase: float = math.radians(45)
+    Ms: float = 2.0
+
+    def slack(self, found: Margins) -> float:
+        """Positive where all is kept, zero where the first is lost."""
+        return min(math.log(found.gain / self.gain), found.phase - self.phase, math.log(self.Ms / found.Ms))
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A row of the output and its gains. `period` (s) between calls, v held in between; None: continuous.
+
+    `delay`: v is applied one period after the state it was computed from was sensed.
+    """
+
+    name: str
+    unit: str
+    gains: Gains
+    period: float | None = None
+    delay: bool = False
+
+    def __post_init__(self):
+        self.gains.check(self.name)
+        if self.period is not None:
+            positive("period", self.period, self.name)
+        elif self.delay:
+            raise BadInput(f"{self.name}: a delay of one sample needs a period")
+
+    @property
+    def poles(self) -> np.ndarray:
+        """Of the closed loop: s (1/s), or z where it is sampled."""
+        A, B, K = self._matrices()
+        return by_speed(np.linalg.eigvals(A - B @ K))
+
+    @property
+    def dt(self) -> float:
+        """As python-control has it: the period, 0 for continuous time."""
+        return self.period or 0.0
+
+    def plant(self) -> control.StateSpace:
+        """The chain of integrators from v to y and, for degree 2, ydot; its signals have names."""
+        A, B = chain(self.gains.degree) if self.period is None else sampled_chain(self.gains.degree, self.period)
+        names = [self.name, f"{self.name}_rate"][: self.gains.degree]
+        signals = {"states": names, "inputs": [f"v_{self.name}"], "outputs": names}
+        return control.ss(A, B, np.eye(len(A)), 0, self.dt, name=f"{self.name}_plant", **signals)
+
+    def loop(self) -> control.StateSpace:
+        """L, broken at v, negative feedback."""
+        A, B, K = self._matrices()
+        v = f"v_{self.name}"
+        return control.ss(A, B, K, 0, self.dt, inputs=[v], outputs=[f"{v}_returned"], name=f"{self.name}_loop")
+
+    def margins(self) -> Margins:
+        """At v. Raises BadInput where the sampled channel is not stable."""
+        self.check_stable()
+        return margins(self.loop())
+
+    def check_stable(self) -> None:
+        """Raise BadInput for a period beyond stability."""
+        fastest = max(self.poles, key=abs)
+        if self.period is not None and not abs(fastest) < 1:
+            limit = longest_period(self.gains, self.delay)
+            late = ", with a sample's delay," if self.delay else ""
+            raise BadInput(
+                f"{self.name}: period {self.period:g} s{late} is beyond stability, z = {show(fastest)}; "
+                f"the channel is stable below {limit:.6g} s"
+            )
+
+    def closed(self) -> control.StateSpace:
+        """From the wanted y alone, its derivatives taken as zero, to y, ydot and v, as when a step is asked for."""
+        A, B, K = self._matrices()
+        size, degree = len(A), self.gains.degree
+        first = size - degree - self.delay  # where y is
+        reference = self.gains.error * B
+        if self.gains.integral:  # z counts y - y_d
+            reference[0, 0] -= self.period or 1.0
+        C = np.vstack([np.eye(size)[first : first + degree], -K])
+        D = np.zeros((degree + 1, 1))
+        D[-1, 0] = self.gains.error
+        names = [self.name, f"{self.name}_rate"][:degree] + [f"v_{self.name}"]
+        signals = {"inputs": [f"{self.name}_d"], "outputs": names}
+        return control.ss(A - B @ K, reference, C, D, self.dt, name=f"{self.name}_closed", **signals)
+
+    def _matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A, B of the chain [z,] y [, ydot] [, the v of the call before], and K with v = -K state."""
+        K, integral = self.gains.vector[None, :], bool(self.gains.integral)
+        if self.period is None:
+            return *chain(K.shape[1]), K
+        A, B = sampled_chain(self.gains.degree, self.period, integral)
+        if not self.delay:
+            return A, B, K
+        return *delayed(A, B), np.hstack([K, [[0.0]]])
+
+
+def delayed(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A, B with the inputs applied one call later; those computed at the call before are states, the last ones."""
+    n, r = B.shape
+    return np.block([[A, B], [np.zeros((r, n + r))]]), np.vstack([np.zeros((n, r)), np.eye(r)])
+
+
+def longest_period(gains: Gains, delay: bool = False) -> float:
+    """The period (s) at which the sampled channel loses stability; it is stable at all shorter ones.
+
+    Exact: with w = (z - 1) / (z + 1) stability ends where the first or last coefficient of the characteristic polynomial, or
+    Hurwitz's last determinant but one, vanishes; all three are polynomials in the period.
+    """
+    unit = 1 / max(abs(gains.poles))  # the period is counted in this, for polynomials of good scale
+    coefficients = _characteristic(gains, unit, delay)
+    ends = [coefficients[0], coefficients[-1], _determinant(_hurwitz_matrix(coefficients))]
+    positive_roots = [root for polynomial in ends for root in _positive_roots(polynomial)]
+    return min(positive_roots, default=math.inf) * unit
+
+
+def longest_period_with(channel: Channel, required: Required) -> float:
+    """The longest period (s) up to which the sampled channel keeps what is required at all shorter ones; 0 if at none.
+
+    Found to rounding between two of SCAN periods that tell kept from lost.
+    """
+    return last_kept(
+        lambda period: required.slack(replace(channel, period=period).margins()), longest_period(channel.gains, channel.delay)
+    )
+
+
+def last_kept(slack: Callable[[float], float], limit: float) -> float:
+    """The first zero below `limit` of a function of the period that is positive at short ones; 0 if it is not."""
+    before = 0.0
+    for period in np.geomspace(SHORTEST * limit, (1 - 1e-6) * limit, SCAN):
+        if slack(period) <= 0:
+            return float(brentq(slack, before, period, rtol=1e-12)) if before else 0.0
+        before = period
+    return limit
+
+
+def _characteristic(gains: Gains, unit: float, delay: bool) -> list[Polynomial]:
+    """Coefficients, lowest power of w first, of the characteristic polynomial, each a polynomial in the period over `unit`.
+
+    It is z^delay (z - 1)^N and for each gain, in powers of z - 1 = 2w / (1 - w): rate, error and integral see the held v
+    through T / (z - 1), T^2 (z + 1) / 2 (z - 1)^2 and T / (z - 1) times what the error sees.
+    """
+    order, w = len(gains.vector), Polynomial([0.0, 1.0])
+    terms = [(0, (1 + w) ** delay * (2 * w) ** order)]
+    for k, gain in enumerate([gains.rate, gains.error][-gains.degree :], start=1):
+        terms.append((k, gain * unit**k * (2 * w) ** (order - k) * (1 - w) ** (delay + 1)))
+    if gains.integral:
+        terms.append((order, gains.integral * unit**order * (1 - w) ** (delay + 2)))
+    made = np.zeros((order + delay + 1, order + 1))
+    for power, polynomial in terms:
+        made[: len(polynomial.coef), power] += np.asarray(polynomial.coef, float)
+    return [Polynomial(row) for row in made]
+
+
+def _hurwitz_matrix(coefficients: list[Polynomial]) -> list[list[Polynomial]]:
+    """Hurwitz's matrix of order n - 1."""
+    n, zero = len(coefficients) - 1, Polynomial([0.0])
+    falling = coefficients[::-1]
+
+    def entry(row: int, column: int) -> Polynomial:
+        k = 2 * column - row + 1
+        return falling[k] if 0 <= k <= n else zero
+
+    return [[entry(row, column) for column in range(n - 1)] for row in range(n - 1)]
+
+
+def _determinant(matrix: list[list[Polynomial]]) -> Polynomial:
+    if not matrix:
+        return Polynomial([1.0])
+    total = Polynomial([0.0])
+    for column, value in enumerate(matrix[0]):
+        rest = [row[:column] + row[column + 1 :] for row in matrix[1:]]
+        total = total + (-1) ** column * value * _determinant(rest)
+    return total
+
+
+def _positive_roots(polynomial: Polynomial) -> list[float]:
+    coefficients = polynomial.coef.copy()
+    coefficients[np.abs(coefficients) < 1e-12 * np.abs(coefficients).max()] = 0.0
+    roots: np.ndarray = Polynomial(np.trim_zeros(coefficients)).roots()
+    return [float(root.real) for root in roots if root.real > 0 and abs(root.imag) < 1e-7 * abs(root)]

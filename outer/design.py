@@ -1,0 +1,234 @@
+"""Gains of one channel of the outer loop: from poles, from settling time and damping, LQR; continuous or sampled.
+
+After the second feedback (20) each output is a chain of as many integrators as its relative degree, driven by v. The law is
+
+    relative degree 2:  v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y) + ki z      s^3 + kd s^2 + kp s + ki
+    relative degree 1:  v = ydot_d + kv (y_d - y) + ki z                            s^2 + kv s + ki
+
+with z the integral of y_d - y; without integral action ki = 0 and the characteristic polynomial has one root less.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_continuous_are, solve_discrete_are
+from scipy.optimize import brentq
+
+from ..readers.errors import BadInput
+from .exponential import exponential
+
+SETTLED = 0.02  # an error has settled when it stays within this part of what it was
+DEGREES = (1, 2)
+FIRST_NAME = {1: "kv", 2: "kp"}  # of the gain on the error itself
+SAMPLES = 4000  # instants at which an error is looked at to find when it has settled
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gains of a channel: on the error (kp, or kv for relative degree 1), on its rate (kd), on its integral (ki); SI."""
+
+    degree: int
+    error: float
+    rate: float = 0.0
+    integral: float = 0.0
+
+    @property
+    def vector(self) -> np.ndarray:
+        """Feedback from the chain of integrators [z,] y [, ydot]: v = -vector @ state."""
+        chain = [self.error, self.rate][: self.degree]
+        return np.array([self.integral, *chain] if self.integral else chain)
+
+    @property
+    def poles(self) -> np.ndarray:
+        """Closed-loop poles, 1/s, slowest first."""
+        return by_speed(np.roots([1.0, *self.vector[::-1]]))
+
+    def named(self, row: str) -> dict[str, float]:
+        """By the names of the law's gains: kp_distance, ... ; ki_distance only with integral action."""
+        made = {f"{FIRST_NAME[self.degree]}_{row}": self.error}
+        made |= {f"kd_{row}": self.rate} if self.degree == 2 else {}
+        return made | ({f"ki_{row}": self.integral} if self.integral else {})
+
+    def check(self, where: str = "gains") -> "Gains":
+        """Itself. Raises BadInput, with the reason, when a gain is not finite or negative, or the channel is not stable."""
+        for name, value in self.named(where).items():
+            if not math.isfinite(value):
+                raise BadInput(f"{name} = {value} is not finite")
+            if value < 0:
+                raise BadInput(f"{name} = {value:.6g} is negative, which the law does not take; choose other poles")
+        worst = max(self.poles, key=lambda pole: pole.real)
+        if not worst.real < -1e-12 * max(np.abs(self.poles)):
+            raise BadInput(f"{where}: unstable, it has a pole at {show(worst)} 1/s; all must have a negative real part")
+        return self
+
+
+def from_poles(degree: int, poles: Sequence[complex], integral: bool = False, where: str = "channel") -> Gains:
+    """Gains that put the poles (1/s) where they are wanted: degree of them, one more with integral action.
+
+    Raises BadInput for a wrong number of poles, ones without their conjugates, unstable ones.
+    """
+    wanted = _polynomial(degree, poles, integral, where)
+    _refuse([p for p in poles if not complex(p).real < 0], "1/s is unstable; give a negative real part", where)
+    return _gains(degree, wanted[:0:-1], integral).check(where)
+
+
+def from_settling(degree: int, settling: float, damping: float = 1.0, integral: bool = False, where: str = "channel") -> Gains:
+    """Gains with which an error that starts at rest stays within 2 % of itself after `settling` s.
+
+    Degree 2: a pair of poles of the damping ratio given, 1 critically damped, above overdamped (no overshoot beside a wall);
+    with integral action, a third pole of their natural frequency. Degree 1: one pole; the pair with integral action.
+    Raises BadInput for numbers that are not positive.
+    """
+    positive("settling time", settling, where)
+    positive("damping ratio", damping, where)
+    split = np.emath.sqrt(damping**2 - 1)
+    pair = [-damping - split, -damping + split]
+    shape = {1: [-1.0], 2: pair, 3: [*pair, -1.0]}[_degree(degree, where) + integral]
+    unit = from_poles(degree, shape, integral, where)
+    return from_poles(degree, [pole * (settling_time(unit) / settling) for pole in shape], integral, where)
+
+
+def settling_time(gains: Gains) -> float:
+    """Seconds after which an error of 1 that starts at rest, its integral 0, stays within 2 %. Exact but for rounding."""
+    poles = gains.poles
+    closed, start = chain(len(poles))[0], np.zeros(len(poles))
+    closed[-1] -= gains.vector
+    start[len(poles) - gains.degree] = 1.0
+    error = start  # the row that reads y is the one that starts at 1
+
+    def beyond(t: float) -> float:
+        return abs(error @ exponential(closed * t) @ start) - SETTLED
+
+    times = np.linspace(0.0, 40 / min(-poles.real), SAMPLES)
+    step, state, outside = exponential(closed * times[1]), start, 0
+    for k in range(SAMPLES):
+        outside = k if abs(error @ state) > SETTLED else outside
+        state = step @ state
+    if outside + 1 == SAMPLES:  # the poles' product is lost in rounding
+        raise BadInput(f"poles {', '.join(f'{pole:.3g}' for pole in poles)} 1/s: no settling time can be found; make them faster")
+    return float(brentq(beyond, times[outside], times[outside + 1], xtol=1e-14))
+
+
+def from_lqr(
+    degree: int,
+    largest: Sequence[float],
+    integral: bool = False,
+    period: float | None = None,
+    where: str = "channel",
+) -> Gains:
+    """Linear-quadratic regulator with Bryson's weights: 1 / largest^2 of the error, its rate (degree 2), its integral, and v.
+
+    `largest` are the largest values to be accepted of these, SI, in this order. With a period (s) the sampled channel is the
+    one regulated. Raises BadInput for a wrong count or values that are not positive.
+    """
+    size = _degree(degree, where) + integral
+    names = ["error", "rate"][:degree] + ["integral"] * integral + ["v"]
+    if len(largest) != size + 1:
+        raise BadInput(f"{where}: LQR takes {size + 1} largest values ({', '.join(names)}), not {len(largest)}")
+    for name, value in zip(names, largest, strict=True):
+        positive(f"largest {name}", value, where)
+    of_chain = [*largest[degree : degree + integral], *largest[:degree]]
+    Q, R = np.diag(1 / np.square(of_chain, dtype=float)), np.array([[1 / float(largest[-1]) ** 2]])
+    if period is None:
+        A, B = chain(size)
+        X = solve_continuous_are(A, B, Q, R)
+        vector = np.linalg.solve(R, B.T @ X)[0]
+    else:
+        A, B = sampled_chain(degree, positive("period", period, where), integral)
+        X = solve_discrete_are(A, B, Q, R)
+        vector = np.linalg.solve(R + B.T @ X @ B, B.T @ X @ A)[0]
+    return _gains(degree, vector, integral).check(where)
+
+
+def from_discrete_poles(
+    degree: int, poles: Sequence[complex], period: float, integral: bool = False, where: str = "channel"
+) -> Gains:
+    """Gains that give the sampled channel, v held over each period (s), these poles z. Raises BadInput as `from_poles`."""
+    positive("period", period, where)
+    wanted = _polynomial(degree, poles, integral, where)
+    _refuse([p for p in poles if not abs(complex(p)) < 1], "is unstable; give |z| < 1", where)
+    A, B = sampled_chain(degree, period, integral)
+    size = len(A)
+    free = np.poly(A)  # the characteristic polynomial is affine in the gains: one column each
+    columns = [np.poly(A - B @ unit[None, :]) - free for unit in np.eye(size)]
+    vector = np.linalg.solve(np.array(columns).T[1:], (wanted - free)[1:])
+    return _gains(degree, vector, integral).check(where)
+
+
+def chain(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """A, B of a chain of integrators, the last of which is driven by v."""
+    return np.eye(size, k=1), np.eye(size)[:, -1:]
+
+
+def sampled_chain(degree: int, period: float, integral: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """The same from call to call, v held in between: exact for y and ydot; z grows by period (y_d - y) at each call."""
+    A = np.array([[1.0, period], [0.0, 1.0]])[:degree, :degree]
+    B = np.array([[period**2 / 2], [period]])[2 - degree :]
+    if not integral:
+        return A, B
+    above = np.eye(degree + 1)[:1] + period * np.eye(degree + 1)[1:2]
+    return np.vstack([above, np.hstack([np.zeros((degree, 1)), A])]), np.vstack([[[0.0]], B])
+
+
+def positive(name: str, value: float, where: str) -> float:
+    """The value. Raises BadInput when it is no positive finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        raise BadInput(f"{where}: {name} = {value!r} is not a number")
+    if not (math.isfinite(value) and value > 0):
+        raise BadInput(f"{where}: {name} = {value:g} must be positive and finite")
+    return float(value)
+
+
+def by_speed(poles: np.ndarray) -> np.ndarray:
+    """Poles sorted by magnitude, the upper one of a pair first."""
+    return np.array(sorted(poles, key=lambda p: (round(abs(p), 12), -p.imag)), complex)
+
+
+def show(pole: complex) -> str:
+    """A pole in a few digits, the imaginary part only where it is more than the rounding of a triple one."""
+    pole = complex(pole)
+    if abs(pole.imag) <= 3e-5 * abs(pole):
+        return f"{pole.real:.4g}"
+    return f"{pole.real:.4g}{pole.imag:+.4g}j"
+
+
+def _gains(degree: int, vector: np.ndarray, integral: bool) -> Gains:
+    """From feedback of the chain [z,] y [, ydot]."""
+    z, y = (float(vector[0]), vector[1:]) if integral else (0.0, vector)
+    return Gains(degree, float(y[0]), float(y[1]) if degree == 2 else 0.0, z)
+
+
+def _polynomial(degree: int, poles: Sequence[complex], integral: bool, where: str) -> np.ndarray:
+    """Monic polynomial with these roots. Raises BadInput where they are not ones a channel can have."""
+    wanted = _degree(degree, where) + integral
+    try:
+        roots = np.array([complex(pole) for pole in poles])
+    except (TypeError, ValueError) as error:
+        raise BadInput(f"{where}: poles {poles!r} are not numbers") from error
+    if len(roots) > wanted:
+        better = ", or ask for integral action" if len(roots) == wanted + 1 and not integral else ""
+        raise BadInput(
+            f"{where}: {len(roots)} poles make the controller improper, it would need a derivative more than is measured; "
+            f"give {wanted}{better}"
+        )
+    if len(roots) < wanted:
+        raise BadInput(f"{where}: {len(roots)} poles for a channel that has {wanted}")
+    if not np.all(np.isfinite(roots)):
+        raise BadInput(f"{where}: a pole is not finite")
+    polynomial = np.poly(roots)
+    if np.abs(np.imag(polynomial)).max() > 1e-9 * np.abs(polynomial).max():
+        raise BadInput(f"{where}: complex poles come in pairs, give the conjugate of each too")
+    return np.real(polynomial)
+
+
+def _refuse(poles: Sequence[complex], why: str, where: str) -> None:
+    for pole in poles:
+        raise BadInput(f"{where}: a pole at {show(pole)} {why}")
+
+
+def _degree(degree: int, where: str) -> int:
+    if degree not in DEGREES:
+        raise BadInput(f"{where}: relative degree {degree}; there are gains for 1 and 2")
+    return degree

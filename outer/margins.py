@@ -1,0 +1,164 @@
+"""How much a loop bears: classical margins, disk margins, peaks of the sensitivities; continuous and sampled loops alike.
+
+L is the loop's transfer function where it is broken, negative feedback: S = (1 + L)^-1, T = L (1 + L)^-1. Everything is
+found on a grid of frequencies and refined between its points, which needs no slycot and bears delays (poles at z = 0).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import control
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+POINTS = 600  # frequencies
+BELOW, ABOVE = 1e-3, 1e2  # the grid reaches so far below the slowest closed-loop pole and above the fastest
+SURE = 2  # inputs up to which the disk margin for all at once is exact, not a lower bound
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Of a stable loop, broken at one place or at several at once; factors and rad, inf where nothing limits.
+
+    At one place: the gain may go up by the factor `gain` and down by `gain_down` (0: to nothing), the phase by `phase` at the
+    crossover frequency (rad/s), where a further dead time of `delay` (s) uses it up. At several these are nan.
+    `Ms`, `Mt`: peaks of the largest singular values of S, T. Any factors, one at each place, that lie in the disk through
+    1 / disk_gain and disk_gain, which holds phases up to `disk_phase`, leave it stable; `disk` is the disk margin alpha,
+    for more than SURE places a lower bound of it.
+    """
+
+    gain: float
+    gain_down: float
+    phase: float
+    crossover: float
+    delay: float
+    Ms: float
+    Mt: float
+    disk: float
+    disk_gain: float
+    disk_phase: float
+
+
+def margins(loop: control.StateSpace) -> Margins:
+    """Margins of a square loop that is stable when closed."""
+    omega, response = frequencies(loop), Response(loop)
+    values = response(omega)
+    Ms, Mt, balanced = (_peak(response, omega, values, measure) for measure in (_of_S, _of_T, _of_balanced))
+    disk = 1 / balanced
+    one = _classical(response, omega, values[:, 0, 0]) if loop.ninputs == 1 else (math.nan,) * 5
+    return Margins(*one, Ms, Mt, disk, *disk_interval(disk))
+
+
+def disk_interval(disk: float) -> tuple[float, float]:
+    """Largest factor, and largest phase (rad), in the disk of the balanced disk margin alpha."""
+    bounded = disk < 2 - 1e-9  # at 2 any factor that does not turn the sign is in the disk
+    return (1 + disk / 2) / (1 - disk / 2) if bounded else math.inf, 2 * math.atan(min(disk, 2.0) / 2)
+
+
+class Response:
+    """L at frequencies omega (rad/s), (N, r, r); inf is allowed in continuous time."""
+
+    def __init__(self, loop: control.StateSpace):
+        self._A, self._B, self._C, self._dt = loop.A, loop.B[None], loop.C, loop.dt
+        self._D, self._one = loop.D.astype(complex)[None], np.eye(len(loop.A))
+
+    def __call__(self, omega: np.ndarray) -> np.ndarray:
+        """Solves (s - A) X = B at each frequency."""
+        omega = np.atleast_1d(np.asarray(omega, float))
+        finite = np.isfinite(omega)
+        at = np.exp(1j * omega[finite] * self._dt) if self._dt else 1j * omega[finite]
+        made = self._D.repeat(len(omega), axis=0)
+        made[finite] += self._C @ np.linalg.solve(at[:, None, None] * self._one - self._A, self._B)
+        return made
+
+
+def frequencies(loop: control.StateSpace) -> np.ndarray:
+    """Where to look, rad/s: around the closed loop's poles, up to half the sampling rate, or inf in continuous time."""
+    poles = np.linalg.eigvals(loop.A - loop.B @ np.linalg.solve(np.eye(len(loop.D)) + loop.D, loop.C)).astype(complex)
+    rates = np.abs(np.log(poles[poles != 0]) / loop.dt if loop.dt else poles)
+    rates = rates[rates > 1e-9 * max(rates, default=1.0)]
+    slowest, fastest = min(rates, default=1.0), max(rates, default=1.0)
+    end = np.pi / loop.dt if loop.dt else ABOVE * fastest
+    grid = np.geomspace(min(BELOW * slowest, end / 10), end, POINTS)
+    return grid if loop.dt else np.append(grid, np.inf)
+
+
+def _of_S(L: np.ndarray) -> np.ndarray:
+    return _largest(_sensitivity(L))
+
+
+def _of_T(L: np.ndarray) -> np.ndarray:
+    return _largest(np.eye(L.shape[-1]) - _sensitivity(L))
+
+
+def _of_balanced(L: np.ndarray) -> np.ndarray:
+    """Of (S - T) / 2."""
+    return structured(_sensitivity(L) - np.eye(L.shape[-1]) / 2)
+
+
+def _sensitivity(L: np.ndarray) -> np.ndarray:
+    return np.linalg.inv(np.eye(L.shape[-1]) + L)
+
+
+def _largest(matrices: np.ndarray) -> np.ndarray:
+    """Largest singular value of (N, r, r), in closed form up to 2 x 2."""
+    if matrices.shape[-1] == 1:
+        return np.abs(matrices[:, 0, 0])
+    if matrices.shape[-1] == 2:
+        return _greater(matrices, (np.abs(matrices) ** 2).sum(axis=(1, 2)))
+    return np.linalg.norm(matrices, 2, axis=(1, 2))
+
+
+def _greater(matrices: np.ndarray, squares: np.ndarray) -> np.ndarray:
+    """The greater of two singular values, the sum of whose squares is given, and whose product is |det|."""
+    rest = np.maximum(squares**2 - 4 * np.abs(np.linalg.det(matrices)) ** 2, 0.0)
+    return np.sqrt((squares + np.sqrt(rest)) / 2)
+
+
+def structured(matrices: np.ndarray) -> np.ndarray:
+    """Structured singular value of (N, r, r) for complex factors, one on each place; from three places on an upper bound.
+
+    For two it is the largest singular value of D M D^-1 with the diagonal D that makes it least: the determinant and the
+    diagonal do not change, so that it is least where both entries off the diagonal have the same size.
+    """
+    if matrices.shape[-1] != 2:
+        return _largest(matrices)
+    diagonal = np.abs(matrices[:, 0, 0]) ** 2 + np.abs(matrices[:, 1, 1]) ** 2
+    return _greater(matrices, diagonal + 2 * np.abs(matrices[:, 0, 1] * matrices[:, 1, 0]))
+
+
+def _peak(response: Response, omega: np.ndarray, values: np.ndarray, measure: Callable[[np.ndarray], np.ndarray]) -> float:
+    """Largest of a measure of L over all frequencies."""
+    sizes = measure(values)
+    k = int(np.argmax(sizes))
+    low, high = omega[max(k - 1, 0)], omega[min(k + 1, len(omega) - 1)]
+    if not np.isfinite(high):
+        return float(sizes[k])
+    options = {"xatol": 1e-9 * high}
+    found = minimize_scalar(lambda w: -measure(response(w))[0], bounds=(low, high), method="bounded", options=options)
+    return float(max(-found.fun, sizes[k]))
+
+
+def _classical(response: Response, omega: np.ndarray, L: np.ndarray) -> tuple[float, float, float, float, float]:
+    finite = np.isfinite(omega)
+    omega, L = omega[finite], L[finite]
+
+    def value(w: float) -> complex:
+        return complex(response(np.array([w]))[0, 0, 0])
+
+    def crossings(of: Callable[[complex], float], sizes: np.ndarray) -> list[float]:
+        where = np.flatnonzero(np.sign(sizes[:-1]) * np.sign(sizes[1:]) < 0)
+        return [brentq(lambda w: of(value(w)), omega[k], omega[k + 1], rtol=1e-13) for k in where]
+
+    real = [value(w).real for w in crossings(lambda z: z.imag, L.imag)]
+    if response(omega[-1:])[0, 0, 0].real < 0 and abs(L[-1].imag) <= 1e-9 * abs(L[-1]):
+        real.append(L[-1].real)  # half the sampling rate, where L is real
+    factors = [-1 / x for x in real if x < 0]
+    up, down = min((f for f in factors if f > 1), default=math.inf), max((f for f in factors if f < 1), default=0.0)
+    at_gain = crossings(lambda z: abs(z) - 1, np.abs(L) - 1)
+    phases = [abs(np.angle(-value(w))) for w in at_gain]
+    if not phases:
+        return up, down, math.inf, math.nan, math.inf
+    delay = min(np.mod(np.angle(-value(w)), 2 * np.pi) / w for w in at_gain)
+    return up, down, float(min(phases)), float(at_gain[int(np.argmin(phases))]), float(delay)

@@ -1,0 +1,308 @@
+"""The whole closed loop about a steady motion: true robot, law with what it believes, torque continuous or held.
+
+Following a line or an arc, or a reference that moves evenly, nothing changes but where along it the robot is. Coordinates rho
+leave this out: what the outputs of relative degree 2 are off, the heading (from the path's direction where there is a path),
+other coordinates that the robot's equations depend on (a steering angle), the quasi-velocities nu. They make the motion an
+equilibrium of
+
+    d rho/dt = r(rho, tau),    tau = kappa(rho, z),    dz/dt = y_d - y    (z only with integral action)
+
+Because tau is constant in the motion, a sampled loop linearized about it is exactly the held one of the linearized robot:
+rho+ = exp(A T) rho + int_0^T exp(A s) ds B tau.
+"""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import casadi as ca
+import control
+import numpy as np
+from scipy.optimize import brentq
+
+from ..model.algebra.samples import Sampled
+from ..model.law import ControlLaw, symbols
+from ..model.mechanism import Quantity
+from ..model.outputs import OutputRow
+from ..readers.errors import BadInput
+from .channel import delayed
+from .exponential import exponential
+
+STEPS = 50  # of Newton's method
+CLOSE, SOLVED = 1e-12, 1e-9  # relative: its last step, and the residual that may be left
+SYMMETRIC = 1e-7  # what the rates may depend on where along the motion the robot is, relative to what they depend on
+FIRST, GROWTH, LONGEST = 0.02, 1.1, 1e3  # periods tried: the first and the last of 1 / fastest pole, and by what they grow
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """All numbers of a closed loop, in the order of the law's groups; SI.
+
+    `true` and `believed` are parameters of the robot and of the law; `config` is the law's, `wanted` what errors are measured
+    by (None: the same). `bias` is added to the state that the law sees, `integral` has a gain ki for each output.
+    """
+
+    law: ControlLaw
+    true: np.ndarray
+    believed: np.ndarray
+    config: np.ndarray
+    gains: np.ndarray
+    reference: np.ndarray
+    start: np.ndarray
+    integral: tuple[float, ...] = ()
+    bias: np.ndarray | None = None
+    wanted: np.ndarray | None = None
+
+    @property
+    def acting(self) -> tuple[int, ...]:
+        """Rows with integral action."""
+        return tuple(k for k, ki in enumerate(self.integral) if ki)
+
+    def arguments(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
+        """Of `functions`."""
+        integral = np.array(self.integral or np.zeros(len(self.law.output.rows)))
+        bias = np.zeros(len(x)) if self.bias is None else self.bias
+        wanted = self.config if self.wanted is None else self.wanted
+        return [x, z, self.true, self.believed, self.config, self.gains, integral, self.reference, bias, wanted]
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyMotion:
+    """An equilibrium and the loop linearized about it: d rho/dt = A rho + B tau, tau = K rho + H z, dz/dt = E rho.
+
+    `state` is one state [q; nu] of the motion, `torque` its constant inputs, `rho` the coordinates there by `names`, `z` what
+    the integrals hold, in the order of the rows that have one.
+    """
+
+    setting: Setting = field(repr=False)
+    state: np.ndarray
+    torque: np.ndarray
+    names: tuple[str, ...]
+    rho: np.ndarray
+    z: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    K: np.ndarray
+    H: np.ndarray
+    E: np.ndarray
+
+    def closed(self, period: float | None = None, delay: bool = False) -> np.ndarray:
+        """Matrix of the closed loop: of d/dt of [rho, z], or of the map over a period of [rho, z(, tau of the call before)]."""
+        A, B, K = self._matrices(period, delay)
+        return A + B @ K
+
+    def eigenvalues(self, period: float | None = None, delay: bool = False) -> np.ndarray:
+        """s in 1/s, or z when sampled, slowest first."""
+        found = np.linalg.eigvals(self.closed(period, delay)).astype(complex)
+        return found[np.argsort(-(np.abs(found) if period else found.real), kind="stable")]
+
+    def decay(self, period: float | None = None, delay: bool = False) -> float:
+        """Rate, 1/s, at which the slowest part of a deviation dies out; negative where it grows."""
+        slowest = self.eigenvalues(period, delay)[0]
+        return float(-np.log(abs(slowest)) / period if period else -slowest.real)
+
+    def loop(self, period: float | None = None, delay: bool = False) -> control.StateSpace:
+        """L, broken at the robot's inputs, negative feedback; square."""
+        A, B, K = self._matrices(period, delay)
+        inputs = [q.name for q in self.setting.law.system.mechanism.inputs]
+        returned = [f"{name}_returned" for name in inputs]
+        return control.ss(A, B, -K, 0, period or 0.0, inputs=inputs, outputs=returned, name="loop")
+
+    def loop_at(self, k: int, period: float | None = None, delay: bool = False) -> control.StateSpace:
+        """L, broken at input k alone, the others closed."""
+        A, B, K = self._matrices(period, delay)
+        others = [j for j in range(B.shape[1]) if j != k]
+        return control.ss(A + B[:, others] @ K[others], B[:, [k]], -K[[k]], 0, period or 0.0)
+
+    def longest_period(self, delay: bool = False) -> float:
+        """The period (s) at which the loop, stable at all shorter ones tried, has an eigenvalue on the unit circle.
+
+        Periods tried grow by a tenth; the zero between two of them is found to rounding. 0 where the shortest is not stable, inf
+        where all are.
+        """
+
+        def excess(period: float) -> float:
+            return float(np.abs(np.linalg.eigvals(self.closed(period, delay))).max() - 1)
+
+        unit = 1 / np.abs(np.linalg.eigvals(self.closed())).max()
+        before, period = 0.0, FIRST * unit
+        while period < LONGEST * unit:
+            if excess(period) >= 0:
+                return float(brentq(excess, before, period, rtol=1e-13)) if before else 0.0
+            before, period = period, GROWTH * period
+        return np.inf
+
+    def _matrices(self, period: float | None, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of [rho, z(, tau)] with tau = K state."""
+        n, held, r = len(self.rho), len(self.z), self.B.shape[1]
+        A = np.block([[self.A, np.zeros((n, held))], [self.E, np.zeros((held, held))]])
+        B, K = np.vstack([self.B, np.zeros((held, r))]), np.hstack([self.K, self.H])
+        if period is None:
+            return A, B, K
+        moved = exponential(period * np.block([[self.A, self.B], [np.zeros((r, n + r))]]))
+        A[:n, :n], B[:n], A[n:, :n] = moved[:n, :n], moved[:n, n:], period * self.E
+        A[n:, n:] = np.eye(held)
+        return (*delayed(A, B), np.hstack([K, np.zeros((r, r))])) if delay else (A, B, K)
+
+
+def steady_motion(setting: Setting) -> SteadyMotion:
+    """Find the steady motion near setting.start, and linearize there.
+
+    Raises BadInput where there is none (a path whose curvature changes, a reference that does not move evenly), or where the loop
+    depends on where along it the robot is.
+    """
+    look, held = functions(setting.law, setting.acting), len(setting.acting)
+    x, z = np.array(setting.start, float), np.zeros(held)
+    for _ in range(STEPS):
+        found = look(setting, x, z)
+        P = np.linalg.pinv(found["P"])
+        residual = np.concatenate([found["r"], found["e"]])
+        matrix = found["r_x"] + found["r_tau"] @ found["kappa_x"]
+        slope = np.block([[matrix @ P, found["r_tau"] @ found["kappa_z"]], [found["e_x"] @ P, np.zeros((held, held))]])
+        if not np.all(np.isfinite(slope)):
+            break
+        step = np.linalg.lstsq(slope, -residual)[0]
+        x, z = x + P @ step[: len(P.T)], z + step[len(P.T) :]
+        scale = max(1.0, np.abs(x).max())
+        if np.abs(step).max() <= CLOSE * scale:
+            if np.abs(residual).max() > SOLVED * scale:
+                break
+            return _linearized(setting, look(setting, x, z), x, z)
+    raise BadInput(f"{setting.law.name}: no steady motion near the start: path or reference change, or it is singular there")
+
+
+def _linearized(setting: Setting, found: dict[str, np.ndarray], x: np.ndarray, z: np.ndarray) -> SteadyMotion:
+    right = np.linalg.pinv(found["P"])
+    reduced = {name: found[name] @ right for name in ("r_x", "kappa_x", "e_x")}
+    _check_steady(setting.law, found, reduced)
+    return SteadyMotion(
+        setting=setting,
+        state=x,
+        torque=found["kappa"],
+        names=coordinates(setting.law),
+        rho=found["rho"],
+        z=z,
+        A=reduced["r_x"],
+        B=found["r_tau"],
+        K=reduced["kappa_x"],
+        H=found["kappa_z"],
+        E=reduced["e_x"],
+    )
+
+
+def _check_steady(law: ControlLaw, found: dict[str, np.ndarray], reduced: dict[str, np.ndarray]) -> None:
+    """Raise BadInput where rho does not say all, or the loop changes as a moving reference takes the outputs along."""
+    taken = {"r_x": 0.0, "kappa_x": found["kappa_t"]}
+    for name, matrix in reduced.items():
+        left = [found[name] - matrix @ found["P"], *([matrix @ found["moves"] + taken[name]] if name in taken else [])]
+        largest = max(np.abs(part).max(initial=0.0) for part in left)
+        if largest > SYMMETRIC * max(1.0, np.abs(found[name]).max(initial=0.0)):
+            raise BadInput(f"{law.name}: no steady motion, the closed loop depends on where along it the robot is")
+
+
+def coordinates(law: ControlLaw) -> tuple[str, ...]:
+    """Names of rho."""
+    rows = [row.name for row in _position_rows(law)]
+    heading = "heading_from_path" if law.output.path else "heading"
+    shape = [c.name for c in _shape(law)]
+    return (*rows, *([heading] if _angles(law) else []), *shape, *[v.name for v in law.system.quasi_velocities])
+
+
+class Functions:
+    """Residuals and their derivatives by name, for a law and the rows that have integral action."""
+
+    def __init__(self, law: ControlLaw, acting: tuple[int, ...]):
+        system, rows = law.system, _position_rows(law)
+        x, p = symbols(law.state), symbols(law.parameters)
+        z, tau = ca.SX.sym("z", len(acting)), ca.SX.sym("tau", len(system.mechanism.inputs))
+        believed, config, wanted = (ca.SX.sym(n, k) for n, k in _sizes(law))
+        ki, bias = ca.SX.sym("ki", len(law.output.rows)), ca.SX.sym("bias", x.numel())
+        gains, reference = symbols(law.gains), symbols(law.reference)
+        by_name = {q.name: q.symbol for q in law.reference}
+
+        # What the law answers at what it sees.
+        demand = law.v + ca.vertcat(*[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))])
+        kappa = ca.substitute(law.tau_of_demand, symbols(law.demand), demand)
+        seen = [ca.vertcat(x, p, symbols(law.config)), ca.vertcat(x + bias, believed, config)]
+        kappa = ca.substitute(kappa, *seen)
+        errors = [by_name[law.output.rows[k].name] - law.linearization.h[k] for k in acting]
+        e = ca.substitute(ca.vertcat(ca.SX(0, 1), *errors), *seen)
+
+        # How the true robot moves, its outputs measured by what is wanted.
+        place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
+        rho = ca.vertcat(ca.substitute(place, symbols(law.config), wanted), system.nu)
+        full = ca.vertcat(system.qdot, system.acceleration(tau))
+        P = ca.jacobian(rho, x)
+        rest = ca.SX(rho.numel() - len(rows), 1)
+        y_d = ca.vertcat(*[by_name[row.name] for row in rows])
+        moves = ca.vertcat(*[by_name[f"{row.name}_rate"] for row in rows], rest)
+        r = P @ full - moves
+        rho = rho - ca.vertcat(y_d, rest)
+
+        answers = {"rho": rho, "P": P, "kappa": kappa, "e": e}
+        answers |= {"moves": moves, "kappa_t": ca.jacobian(kappa, y_d) @ moves[: len(rows)]}
+        answers |= {"kappa_x": ca.jacobian(kappa, x), "kappa_z": ca.jacobian(kappa, z), "e_x": ca.jacobian(e, x)}
+        moving = {"r": r, "r_x": ca.jacobian(r, x), "r_tau": ca.jacobian(r, tau)}
+        given = [x, z, p, believed, config, gains, ki, reference, bias, wanted]
+        self._law = ca.Function("law", given, [ca.densify(v) for v in answers.values()])
+        self._robot = ca.Function("robot", [*given, tau], [ca.densify(v) for v in moving.values()])
+        self._names = (tuple(answers), tuple(moving))
+
+    def __call__(self, setting: Setting, x: np.ndarray, z: np.ndarray, tau: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """All of them, vectors as such; `tau` instead of what the law answers."""
+        given = setting.arguments(x, z)
+        found = dict(zip(self._names[0], self._law(*given), strict=True))
+        found |= zip(self._names[1], self._robot(*given, found["kappa"] if tau is None else tau), strict=True)
+        made = {name: value.full() for name, value in found.items()}
+        return made | {name: made[name].ravel() for name in ("rho", "kappa", "e", "moves", "kappa_t", "r")}
+
+
+@lru_cache(maxsize=16)
+def functions(law: ControlLaw, acting: tuple[int, ...]) -> Functions:
+    return Functions(law, acting)
+
+
+def _sizes(law: ControlLaw) -> tuple[tuple[str, int], ...]:
+    return ("believed", len(law.parameters)), ("config", len(law.config)), ("wanted", len(law.config))
+
+
+def _position_rows(law: ControlLaw) -> list[OutputRow]:
+    """Rows of relative degree 2."""
+    return [row for row, degree in zip(law.output.rows, law.linearization.relative_degree, strict=True) if degree == 2]
+
+
+def _angles(law: ControlLaw) -> list[ca.SX]:
+    """The vehicle's heading, from the path's line where there is a path; none where it is an output itself or no vehicle is."""
+    vehicle = law.system.mechanism.vehicle
+    if vehicle is None:
+        return []
+    if law.output.path is None:
+        return [] if any(ca.is_equal(row.expression, vehicle.heading, 9) for row in _position_rows(law)) else [vehicle.heading]
+    across, along = path_frame(law)
+    return [ca.atan(across / along)]  # the way of travel does not matter; at a right angle the law is singular
+
+
+@lru_cache(maxsize=16)
+def _shape(law: ControlLaw) -> tuple[Quantity, ...]:
+    """Coordinates that the robot's equations depend on and that outputs and heading do not tell, such as a steering angle."""
+    system, q = law.system, law.system.mechanism.q
+    equations = ca.vertcat(ca.vec(system.Mbar), system.bias, ca.vec(system.input_map))
+    place = ca.vertcat(*[row.expression for row in _position_rows(law)], *_angles(law))
+    found: list[Quantity] = []
+
+    def rank(known: list[Quantity]) -> int:
+        jacobian = ca.jacobian(ca.vertcat(place, *[c.symbol for c in known]), q)
+        return Sampled(jacobian, q, (*law.parameters, *law.config), f"{law.name}: coordinates").rank()
+
+    for coordinate in system.mechanism.coordinates:
+        if ca.depends_on(equations, coordinate.symbol) and rank([*found, coordinate]) > rank(found):
+            found.append(coordinate)
+    return tuple(found)
+
+
+def path_frame(law: ControlLaw) -> tuple[ca.SX, ca.SX]:
+    """Parts of the vehicle's forward unit vector across the path, along its normal, and along it, the normal turned clockwise."""
+    through = next(row.through for row in law.output.rows if row.through and row.name == "distance")
+    n = ca.substitute(ca.gradient(through.outer, through.symbols), through.symbols, through.inner)
+    heading = law.system.mechanism.required_vehicle.heading
+    cosine, sine = ca.cos(heading), ca.sin(heading)
+    return n[0] * cosine + n[1] * sine, n[1] * cosine - n[0] * sine

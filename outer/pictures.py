@@ -1,0 +1,215 @@
+"""Pictures of an outer loop: Bode and Nyquist with their margins, steps, eigenvalues over the period and for a wrong model."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import control
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..simulation.drawing import COLOURS, FAINT, STOP, STYLE, encoded, say
+from .channel import Channel, longest_period
+from .design import settling_time
+from .margins import Margins, Response, frequencies
+from .report import Report
+from .robustness import Loops, one_by_one
+
+CONTINUOUS, SAMPLED = COLOURS[0], COLOURS[1]
+AMOUNTS = 21  # sizes of each error that are drawn
+PERIODS = 160
+SHOWN = 3.2  # of the Nyquist plot, around 0
+
+
+def pictures_of(report: Report) -> dict[str, bytes]:
+    """Files by name, png."""
+    drawn = {"loops.png": draw_loops, "steps.png": draw_steps}
+    if not report.why_not:
+        drawn |= {"period.png": draw_period, "wrong.png": draw_wrong}
+    with matplotlib.rc_context(STYLE):
+        return {name: encoded(draw(report), "png") for name, draw in drawn.items()}
+
+
+def draw_loops(report: Report) -> Figure:
+    """Bode plots and Nyquist plot of each channel, broken at v."""
+    figure, rows = _grid(report, len(report.channels), 3, "the loop of each channel, broken at v")
+    for (magnitude, phase, nyquist), channel in zip(rows, report.channels.values(), strict=True):
+        for each, colour, label in _versions(channel):
+            loop, found = each.loop(), each.margins()
+            omega = frequencies(loop)
+            omega = omega[np.isfinite(omega)]
+            L = Response(loop)(omega)[:, 0, 0]
+            magnitude.semilogx(omega, 20 * np.log10(np.abs(L)), color=colour, label=label)
+            phase.semilogx(omega, np.degrees(_phase(L)), color=colour, label=label)
+            nyquist.plot(L.real, L.imag, color=colour, label=label)
+            nyquist.plot(L.real, -L.imag, color=colour, linewidth=0.8, alpha=0.6)
+            _annotate(magnitude, phase, found, colour, low=each is channel and channel.period is not None)
+            for axes in (magnitude, phase):
+                axes.set_xlim(0.1 * min(abs(channel.gains.poles)), 40 * max(abs(channel.gains.poles)))
+        _finish_bode(magnitude, phase, channel)
+        _finish_nyquist(nyquist, channel)
+    return figure
+
+
+def draw_steps(report: Report) -> Figure:
+    """What each output does when its reference steps by 1, and the v that takes."""
+    figure, rows = _grid(report, len(report.channels), 2, "a step of each reference by 1, its derivatives left at zero")
+    for (output, effort), channel in zip(rows, report.channels.values(), strict=True):
+        end = 1.6 * settling_time(channel.gains)
+        for each, colour, label in _versions(channel):
+            period = each.period
+            times = np.linspace(0, end, 600) if period is None else period * np.arange(int(end / period) + 2)
+            found = control.step_response(each.closed(), times, squeeze=False)
+            y, v = found.outputs[0, 0], found.outputs[-1, 0]
+            output.plot(times, y, "-" if period is None else ".-", color=colour, label=label, markersize=3, linewidth=1.2)
+            effort.plot(
+                times, v, color=colour, label=label, linewidth=1.2, drawstyle="default" if period is None else "steps-post"
+            )
+        for edge in (0.98, 1.02):
+            output.axhline(edge, color=FAINT, linewidth=0.8, linestyle=":")
+        say(output, "dotted: within 2 %", (0.98, 0.08), ha="right")
+        output.set(title=channel.name, xlabel="time t (s)", ylabel=f"{channel.name} ({channel.unit})")
+        unit = f"{channel.unit}/s$^2$" if channel.gains.degree == 2 else f"{channel.unit}/s"
+        effort.set(title=f"v of {channel.name}", xlabel="time t (s)", ylabel=f"v ({unit.replace('m/s/s', 'm/s$^2$')})")
+        output.legend(loc="center right")
+        effort.legend(loc="upper right")
+    return figure
+
+
+def draw_period(report: Report) -> Figure:
+    """Eigenvalues of the whole loop from call to call as the period grows, and the largest of them."""
+    figure, ((plane, size),) = _grid(report, 1, 2, "the whole loop, torque held between calls", height=5.2)
+    motion, limits = report.motion, report.longest
+    end = 1.25 * limits["stable"] if math.isfinite(limits["stable"]) and limits["stable"] else 10 / motion.decay()
+    periods = np.linspace(1e-3, 1, PERIODS) * end
+    values = np.array([motion.eigenvalues(period) for period in periods])
+    circle = np.exp(1j * np.linspace(0, 2 * np.pi, 400))
+    plane.plot(circle.real, circle.imag, color=STOP, linewidth=1, label="limit of stability |z| = 1")
+    dots = plane.scatter(
+        values.real.ravel(), values.imag.ravel(), c=np.repeat(1e3 * periods, values.shape[1]), s=7, cmap="viridis", zorder=3
+    )
+    figure.colorbar(dots, ax=plane, label="period T (ms)", shrink=0.8)
+    plane.set(xlabel="Re z", ylabel="Im z", title="eigenvalues of the map over a period")
+    plane.set_aspect("equal", adjustable="datalim")
+    plane.legend(loc="lower left")
+    late = np.array([np.abs(motion.eigenvalues(period, True)[0]) for period in periods])
+    size.plot(1e3 * periods, np.abs(values[:, 0]), color=CONTINUOUS, label="whole loop")
+    size.plot(1e3 * periods, late, color=SAMPLED, label="with a sample's delay")
+    size.axhline(1, color=STOP, linewidth=1)
+    for limit, colour in ((limits["stable"], CONTINUOUS), (limits["stable_with_delay"], SAMPLED)):
+        if 0 < limit < end:
+            size.plot(1e3 * limit, 1, "o", color=colour)
+            size.annotate(
+                f"{1e3 * limit:.4g} ms", (1e3 * limit, 1), (0, 10), textcoords="offset points", ha="right", color=colour
+            )
+    for k, channel in enumerate(report.channels.values()):
+        limit = longest_period(channel.gains)
+        where = f"{1e3 * limit:.4g} ms" + (", beyond the right edge" if limit > end else "")
+        say(size, f"channel {channel.name} alone, exact model: {where}", (0.03, 0.1 - 0.06 * k))
+        size.axvline(1e3 * limit, color=FAINT, linewidth=0.8, linestyle=":") if limit <= end else None
+    size.set(xlabel="period T (ms)", ylabel="largest |z|", title="stable while below 1", xlim=(0, 1e3 * end), ylim=(0.5, 1.6))
+    size.legend(loc="lower right")
+    return figure
+
+
+def draw_wrong(report: Report) -> Figure:
+    """Eigenvalues when the model is wrong, each thing by itself and all at once, and how much each one costs."""
+    title = f"a model wrong by up to {report.spread:.0%} (L: of its distance from the axle; heading: rad)"
+    figure, ((plane, bars),) = _grid(report, 1, 2, title, height=6.2, widths=(1.5, 1))
+    loops, ranked = report.loops, [harm.name for harm in report.ranking]
+    together = np.concatenate([_rates(case.eigenvalues, loops) for case in report.corners])
+    plane.scatter(together.real, together.imag, s=5, color="#c4c4c4", label="all wrong at once", zorder=1)
+    amounts = report.spread * np.linspace(-1, 1, AMOUNTS)
+    for name, colour in zip(ranked[: len(COLOURS)], COLOURS, strict=False):
+        found = np.concatenate([_rates(case.eigenvalues, loops) for case in one_by_one(report.motion, amounts, loops, [name])])
+        plane.scatter(found.real, found.imag, s=9, color=colour, label=name, zorder=3)
+    exact = _rates(report.motion.eigenvalues(loops.period, loops.delay), loops)
+    plane.plot(exact.real, exact.imag, "+", color="black", markersize=13, markeredgewidth=2, label="exact model", zorder=4)
+    _draw_limit(plane, loops)
+    outside = "right of" if loops.period is None else "outside"
+    say(plane, f"unstable {outside} the red line", (0.98, 0.02), STOP, ha="right")
+    of = "s" if loops.period is None else "(z - 1)/T"
+    plane.set(xlabel=f"Re {of} (1/s)", ylabel=f"Im {of} (rad/s)", title="eigenvalues of the whole loop; the first eight things")
+    plane.legend(loc="upper left", ncols=2)
+    harms = report.ranking[::-1]
+    bars.barh([harm.name for harm in harms], [100 * harm.loss for harm in harms], color=COLOURS[0])
+    for k, harm in enumerate(harms):
+        row = report.law.output.rows[0]
+        stays = f"{row.name} stays {harm.offset:.3g} {row.unit} off" if abs(harm.offset) > 1e-9 else ""
+        bars.text(100 * harm.loss + 0.6, k, f"{100 * harm.loss:.3g} %  {stays}", va="center", fontsize=8)
+    bars.set(xlabel="largest loss of decay rate, disk margin or longest period (%)", title="what hurts most")
+    bars.set_xlim(0, 1.75 * max(1e-3, *[100 * harm.loss for harm in harms]))
+    return figure
+
+
+def _grid(
+    report: Report, rows: int, columns: int, about: str, height: float = 0.0, widths: Sequence[float] = ()
+) -> tuple[Figure, np.ndarray]:
+    figure = Figure(figsize=(13.0, height or 3.9 * rows + 0.6), layout="constrained")
+    loops = report.loops
+    run = "continuous" if loops.period is None else f"called every {1e3 * loops.period:g} ms" + ", a sample late" * loops.delay
+    gains = ", ".join(f"{name} {value:.4g}" for name, value in report.entries().items())
+    figure.suptitle(f"{report.spec.robot}, {report.law.name}: {about}\n{gains}; {run}", fontsize=11, x=0.01, ha="left")
+    return figure, figure.subplots(rows, columns, squeeze=False, width_ratios=tuple(widths) or None)
+
+
+def _versions(channel: Channel) -> list[tuple[Channel, str, str]]:
+    """The channel in continuous time and, where it is sampled, as it is run."""
+    made = [(replace(channel, period=None, delay=False), CONTINUOUS, "continuous")]
+    if channel.period is None:
+        return made
+    return [*made, (channel, SAMPLED, f"every {1e3 * channel.period:g} ms" + ", a sample late" * channel.delay)]
+
+
+def _phase(L: np.ndarray) -> np.ndarray:
+    """Without jumps, near -180 degrees at the lowest frequency or less."""
+    phase = np.unwrap(np.angle(L))
+    return phase - 2 * np.pi * math.ceil(phase[0] / (2 * np.pi))
+
+
+def _annotate(magnitude: Axes, phase: Axes, found: Margins, colour: str, low: bool) -> None:
+    place = 0.04 if low else 0.14
+    if math.isfinite(found.phase):
+        phase.axvline(found.crossover, color=colour, linewidth=0.8, linestyle=":")
+        text = f"phase margin {math.degrees(found.phase):.1f} deg at {found.crossover:.3g} rad/s"
+        say(phase, text, (0.03, place), colour)
+        magnitude.plot(found.crossover, 0, "o", color=colour, markersize=5)
+        phase.plot(found.crossover, math.degrees(found.phase) - 180, "o", color=colour, markersize=5)
+    gain = "unlimited" if found.gain == math.inf else f"{20 * math.log10(found.gain):.1f} dB"
+    say(magnitude, f"gain margin {gain}, Ms {found.Ms:.3f}, Mt {found.Mt:.3f}", (0.03, place), colour)
+
+
+def _finish_bode(magnitude: Axes, phase: Axes, channel: Channel) -> None:
+    magnitude.axhline(0, color=FAINT, linewidth=0.8)
+    phase.axhline(-180, color=STOP, linewidth=0.8)
+    magnitude.set(title=f"{channel.name}: gain", xlabel="frequency (rad/s)", ylabel="|L| (dB)", ylim=(-50, 50))
+    phase.set(title=f"{channel.name}: phase", xlabel="frequency (rad/s)", ylabel="angle of L (deg)", ylim=(-285, -60))
+    magnitude.legend(loc="upper right")
+    phase.legend(loc="upper right")
+
+
+def _finish_nyquist(axes: Axes, channel: Channel) -> None:
+    """The point -1, and the circle around it that L must not enter to keep |S| below 2."""
+    around = np.exp(1j * np.linspace(0, 2 * np.pi, 200)) / 2 - 1
+    axes.fill(around.real, around.imag, color=STOP, alpha=0.12, label="|S| > 2")
+    axes.plot(-1, 0, "+", color=STOP, markersize=11, markeredgewidth=2, label="-1")
+    axes.set(title=f"{channel.name}: Nyquist", xlabel="Re L", ylabel="Im L", xlim=(-SHOWN, 1), ylim=(-SHOWN / 1.6, SHOWN / 1.6))
+    axes.legend(loc="lower left")
+
+
+def _rates(values: np.ndarray, loops: Loops) -> np.ndarray:
+    """Eigenvalues s, or (z - 1) / T, which is s for short periods T; 1/s."""
+    return values if loops.period is None else (values - 1) / loops.period
+
+
+def _draw_limit(axes: Axes, loops: Loops) -> None:
+    """The edge of stability among `_rates`: the imaginary axis, or a circle that touches it; the view stays as it is."""
+    view = axes.get_xlim(), axes.get_ylim()
+    if loops.period is None:
+        axes.axvline(0, color=STOP, linewidth=1.5)
+    else:
+        edge = (np.exp(1j * np.linspace(-np.pi, np.pi, 2000)) - 1) / loops.period
+        axes.plot(edge.real, edge.imag, color=STOP, linewidth=1.5)
+    axes.set(xlim=view[0], ylim=view[1])

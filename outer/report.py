@@ -1,0 +1,309 @@
+"""What `noslip outer-loop` has to say about a law: gains, channels, the whole loop, what a wrong model does to it."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..model.law import ControlLaw
+from ..readers.errors import BadInput
+from ..simulation.specification.spec import Spec
+from .channel import Channel, Required, last_kept, longest_period, longest_period_with
+from .design import Gains, by_speed, settling_time, show
+from .margins import Margins, margins
+from .motion import SteadyMotion, steady_motion
+from .robustness import LARGE_OFFSET, Harm, Loops, Wrong, corners, ranking
+from .setting import setting_of
+
+NEUTRAL = 1e-9  # 1/s: what does not die out does not grow either, as the heading of a robot at rest
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A law with its channels by row, as the SPEC has it and the gains say; `loops`: period and delay; `spread`: how wrong.
+
+    Everything is found when asked for. Raises BadInput for a period beyond stability.
+    """
+
+    law: ControlLaw
+    spec: Spec
+    gains: Mapping[str, Gains]
+    loops: Loops
+    required: Required
+    spread: float
+
+    def __post_init__(self):
+        for channel in self.channels.values():
+            channel.check_stable()
+        if self.why_not:
+            return
+        motion, period, delay = self.motion, self.loops.period, self.loops.delay
+        if motion.decay() < -NEUTRAL:
+            raise BadInput(
+                f"the whole loop is unstable about its motion, with s = {show(motion.eigenvalues()[0])} 1/s: "
+                "where speed and L + d have opposite signs the heading diverges"
+            )
+        if period is not None and motion.decay(period, delay) < -NEUTRAL:
+            late = ", with a sample's delay," if delay else ""
+            limit = motion.longest_period(delay)
+            raise BadInput(f"period {period:g} s{late} is beyond stability: the whole loop is stable below {limit:.6g} s")
+
+    @cached_property
+    def channels(self) -> dict[str, Channel]:
+        """The linear channel of each output."""
+        units = {row.name: row.unit for row in self.law.output.rows}
+        return {
+            name: Channel(name, units[name], gains, self.loops.period, self.loops.delay) for name, gains in self.gains.items()
+        }
+
+    @cached_property
+    def _motion(self) -> SteadyMotion | str:
+        try:
+            return steady_motion(setting_of(replace(self.spec, gains=self.entries())))
+        except BadInput as error:
+            return str(error)
+
+    @property
+    def motion(self) -> SteadyMotion:
+        """The steady motion. Raises BadInput where there is none; `why_not` then says why."""
+        if isinstance(self._motion, str):
+            raise BadInput(self._motion)
+        return self._motion
+
+    @property
+    def why_not(self) -> str:
+        """Why there is no steady motion; empty where there is one."""
+        return self._motion if isinstance(self._motion, str) else ""
+
+    @cached_property
+    def ranking(self) -> list[Harm]:
+        """What each error does alone, the worst first."""
+        return ranking(self.motion, self.spread, self.loops)
+
+    @cached_property
+    def corners(self) -> list[Wrong]:
+        """All errors at once."""
+        return list(corners(self.motion, self.spread, self.loops))
+
+    @cached_property
+    def at_once(self) -> Margins:
+        """Of the whole loop, broken at all inputs."""
+        return margins(self.motion.loop(self.loops.period, self.loops.delay))
+
+    @cached_property
+    def at_each(self) -> dict[str, Margins]:
+        """Of the whole loop, broken at one input."""
+        inputs = self.law.system.mechanism.inputs
+        return {q.name: margins(self.motion.loop_at(k, self.loops.period, self.loops.delay)) for k, q in enumerate(inputs)}
+
+    @cached_property
+    def longest(self) -> dict[str, float]:
+        """The whole loop's longest periods, s: stable, stable with a sample's delay, keeping what is required as run."""
+        motion, delay = self.motion, self.loops.delay
+
+        def slack(period: float) -> float:
+            return min(self.required.slack(margins(motion.loop_at(k, period, delay))) for k in range(motion.B.shape[1]))
+
+        limit = motion.longest_period(delay)
+        kept = last_kept(slack, limit) if 0 < limit < math.inf else limit
+        return {"stable": motion.longest_period(), "stable_with_delay": motion.longest_period(True), "with_margins": kept}
+
+    def entries(self) -> dict[str, float]:
+        """Gains by name, as the law's struct has them and, with integral action, ki."""
+        return {name: value for row, gains in self.gains.items() for name, value in gains.named(row).items()}
+
+    def integral(self) -> dict[str, float]:
+        """Those of integral action, which in C is around the law and no part of it."""
+        return {name: value for name, value in self.entries().items() if name.startswith("ki_")}
+
+    def spec_text(self) -> str:
+        """The line for a SPEC."""
+        return f"gains = {{ {', '.join(f'{name} = {value!r}' for name, value in self.entries().items())} }}"
+
+    def c_text(self) -> str:
+        """The C initializer of the law's gains."""
+        prefix, integral = f"{self.law.system.mechanism.name}_{self.law.name}", self.integral()
+        own = ", ".join(f".{name} = {value!r}" for name, value in self.entries().items() if name not in integral)
+        return f"const {prefix}_gains gains = {{{own}}};"
+
+    def as_json(self) -> dict[str, Any]:
+        """Everything, SI; complex numbers as [re, im]; null where nothing limits or nothing is known."""
+        made = {
+            "robot": self.spec.robot,
+            "output": self.law.name,
+            "period": self.loops.period,
+            "delay": self.loops.delay,
+            "required": asdict(self.required),
+            "gains": self.entries(),
+            "spec": self.spec_text(),
+            "c": self.c_text(),
+            "channels": {name: _channel_json(channel, self.required) for name, channel in self.channels.items()},
+            "whole": {"refused": self.why_not} if self.why_not else self._whole_json(),
+            "robust": {"refused": self.why_not} if self.why_not else self._robust_json(),
+        }
+        return _plain(made)
+
+    def _whole_json(self) -> dict[str, Any]:
+        motion, (period, delay) = self.motion, (self.loops.period, self.loops.delay)
+        inputs = [q.name for q in self.law.system.mechanism.inputs]
+        return {
+            "motion": dict(zip(motion.names, motion.rho, strict=True)),
+            "inputs": dict(zip(inputs, motion.torque, strict=True)),
+            "eigenvalues": motion.eigenvalues(),
+            "discrete_eigenvalues": motion.eigenvalues(period, delay) if period else None,
+            "decay": motion.decay(period, delay),
+            "margins_at_once": _margins_json(self.at_once),
+            "margins": {name: _margins_json(found) for name, found in self.at_each.items()},
+            "longest_period": self.longest,
+        }
+
+    def _robust_json(self) -> dict[str, Any]:
+        worst = min(self.corners, key=lambda case: case.decay)
+        return {
+            "spread": self.spread,
+            "worst": self.ranking[0].name,
+            "worst_offset": max(self.ranking, key=lambda harm: abs(harm.offset)).name,
+            "ranking": [asdict(harm) for harm in self.ranking],
+            "together": {
+                "tried": len(self.corners),
+                "combinations": 2 ** len(worst.amounts),
+                "unstable": sum(not case.stable for case in self.corners),
+                "slowest_decay": worst.decay,
+                "amounts": worst.amounts,
+            },
+        }
+
+    def text(self) -> str:
+        """For a reader."""
+        blocks = [self._head(), self._channels_text(), self._whole_text()]
+        return "\n\n".join(blocks if self.why_not else [*blocks, self._robust_text()])
+
+    def _head(self) -> str:
+        period = "continuous" if self.loops.period is None else f"called every {self.loops.period:g} s"
+        late = ", a sample's delay" if self.loops.delay else ""
+        lines = [
+            f"{self.spec.robot}, {self.law.name}: {self.law.output.about}; {period}{late}",
+            f"  {self.spec_text()}",
+            f"  {self.c_text()}",
+        ]
+        for name, value in self.integral().items():
+            row = name.removeprefix("ki_")
+            highest = f"{row}_acceleration" if self.gains[row].degree == 2 else f"{row}_rate"
+            lines.append(f"  {name} = {value!r}: in C by noslip_integral.h, what it answers added to the reference's {highest}")
+        return "\n".join(lines)
+
+    def _channels_text(self) -> str:
+        rows = []
+        for name, channel in self.channels.items():
+            gains = ", ".join(f"{short[:2]} {value:.4g}" for short, value in channel.gains.named(name).items())
+            settles = settling_time(channel.gains)
+            rows.append(
+                f"{name} ({channel.unit}): {gains}; poles {_show(channel.gains.poles)} 1/s; settles to 2 % in {settles:.4g} s"
+            )
+            rows.append(_margins_text("continuous", replace(channel, period=None, delay=False).margins()))
+            if channel.period:
+                rows.append(_margins_text(f"every {channel.period:g} s", channel.margins()))
+                rows.append(f"  z {_show(channel.poles)}")
+            periods = _periods(channel, self.required)
+            rows.append(f"  longest period {_periods_text(periods, self.loops.delay)}")
+        return "\n".join(["Channels, exact model", *[f"  {row}" for row in rows]])
+
+    def _whole_text(self) -> str:
+        if self.why_not:
+            return f"Whole loop: {self.why_not}"
+        motion, period, delay = self.motion, self.loops.period, self.loops.delay
+        place = ", ".join(f"{name} {round(value, 9) + 0.0:.4g}" for name, value in zip(motion.names, motion.rho, strict=True))
+        lines = [f"Whole loop about its steady motion ({place})", f"  s {_show(motion.eigenvalues())} 1/s"]
+        lines += [f"  z {_show(motion.eigenvalues(period, delay))}"] if period else []
+        lines += [f"  {_margins_text(name, found)}" for name, found in self.at_each.items()]
+        lines.append(f"  {_margins_text('both at once' if len(self.at_each) == 2 else 'all at once', self.at_once)}")
+        lines.append(f"    longest period {_periods_text(self.longest, delay)}")
+        return "\n".join(lines)
+
+    def _robust_text(self) -> str:
+        row = self.law.output.rows[0]
+        how = f"(L: of its distance from the axle; heading: {self.spread:g} rad)"
+        lines = [
+            f"One thing wrong by {self.spread:.0%} {how}, either way, worst first:",
+            "by the largest relative loss of decay, margin or longest period, "
+            f"or by {row.name} in parts of {LARGE_OFFSET:g} {row.unit}",
+        ]
+        lines += [f"  {'':12}{'slowest 1/s':>12}{'disk margin':>13}{'longest s':>12}{f'{row.name} {row.unit}':>14}"]
+        for harm in self.ranking:
+            offset = f"{harm.offset:.4f}" if abs(harm.offset) > 1e-9 else "0"
+            lines.append(f"  {harm.name:12}{harm.decay:12.4g}{harm.disk:13.4g}{harm.longest_period:12.4g}{offset:>14}")
+        together = self._robust_json()["together"]
+        sample = together["tried"] < together["combinations"]
+        tried = f"a random sample of {together['tried']} of" if sample else "all"
+        lines.append(
+            f"  all at once, {tried} {together['combinations']} combinations of either way: {together['unstable']} unstable, "
+            f"slowest decay {together['slowest_decay']:.4g} 1/s{' in the sample' if sample else ''}"
+        )
+        return "\n".join(lines)
+
+
+def _periods(channel: Channel, required: Required) -> dict[str, float]:
+    stable, late = (longest_period(channel.gains, delay) for delay in (False, True))
+    return {"stable": stable, "stable_with_delay": late, "with_margins": longest_period_with(channel, required)}
+
+
+def _periods_text(periods: Mapping[str, float], delay: bool) -> str:
+    kept = "with the margins required" + (" (and the delay)" if delay else "")
+    stable, late, with_margins = (f"{periods[name]:.6g} s" for name in ("stable", "stable_with_delay", "with_margins"))
+    return f"{stable} stable, {late} with a sample's delay, {with_margins} {kept}"
+
+
+def _channel_json(channel: Channel, required: Required) -> dict[str, Any]:
+    continuous = replace(channel, period=None, delay=False)
+    return {
+        "relative_degree": channel.gains.degree,
+        "unit": channel.unit,
+        "gains": channel.gains.named(channel.name),
+        "poles": channel.gains.poles,
+        "discrete_poles": channel.poles if channel.period else None,
+        "settling_time": settling_time(channel.gains),
+        "continuous": _margins_json(continuous.margins()),
+        "sampled": _margins_json(channel.margins()) if channel.period else None,
+        "longest_period": _periods(channel, required),
+    }
+
+
+def _margins_json(found: Margins) -> dict[str, float]:
+    return asdict(found)
+
+
+def _margins_text(name: str, found: Margins) -> str:
+    parts = [f"Ms {found.Ms:.4g}", f"Mt {found.Mt:.4g}"]
+    parts.append(f"disk {found.disk:.4g} ({_decibel(found.disk_gain)}, {math.degrees(found.disk_phase):.3g} deg)")
+    if not math.isnan(found.gain):
+        parts = [
+            f"gain {_decibel(found.gain)}",
+            f"phase {math.degrees(found.phase):.3g} deg",
+            f"dead time {found.delay:.3g} s",
+            *parts,
+        ]
+    return f"  {name:14}" + ", ".join(parts)
+
+
+def _decibel(factor: float) -> str:
+    return f"{20 * math.log10(factor):.3g} dB" if 0 < factor < math.inf else "unlimited"
+
+
+def _show(poles: np.ndarray) -> str:
+    return ", ".join(show(pole) for pole in by_speed(poles))
+
+
+def _plain(value: Any) -> Any:
+    """For JSON: arrays as lists, complex numbers as pairs, None for what is not finite."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, complex | np.complexfloating):
+        return [float(value.real), float(value.imag)]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

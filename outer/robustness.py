@@ -1,0 +1,181 @@
+"""What a wrong model does: the closed loop about its steady motion when robot and law differ, and which error hurts most."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+
+from ..controllers.odometry import vehicle_wheels
+from ..readers.errors import BadInput
+from .margins import margins
+from .motion import Setting, SteadyMotion, steady_motion
+
+SPREAD = 0.2  # how wrong things are taken to be where nothing is said
+MOST_CORNERS = 256  # combinations of all errors that are looked at; of more, so many are drawn at random
+LARGE_OFFSET = 0.1  # SI unit of the first output: an offset that hurts as much as the loss of all decay or margin does
+
+
+@dataclass(frozen=True, eq=False)
+class Wrong:
+    """One closed loop with errors, `amounts` by name. `motion` is None where it has no steady motion (any more).
+
+    `decay` (1/s): how fast the slowest part of a deviation dies out, negative where it grows; `offset`: how far the first output
+    stays from what is wanted, in its unit.
+    """
+
+    amounts: Mapping[str, float]
+    motion: SteadyMotion | None = field(repr=False)
+    eigenvalues: np.ndarray
+    decay: float
+    offset: float
+
+    @property
+    def stable(self) -> bool:
+        """Does every deviation die out?"""
+        return self.decay > 0
+
+
+@dataclass(frozen=True)
+class Harm:
+    """What the worse of two errors of the same size, up and down, does: to decay, disk margin at all inputs at once, longest
+    period, offset. `loss` is the largest relative loss of the first three: 1 where stability itself is lost. `hurt`, by which
+    errors are ranked, is the largest of `loss` and |offset| / LARGE_OFFSET; infinite where stability is lost.
+    """
+
+    name: str
+    decay: float
+    disk: float
+    longest_period: float
+    offset: float
+    loss: float
+    hurt: float
+
+
+@dataclass(frozen=True)
+class Loops:
+    """How the loops that are compared are run: period (s; None: continuous), a sample's delay."""
+
+    period: float | None = None
+    delay: bool = False
+
+
+CONTINUOUS = Loops()
+
+
+def errors_of(setting: Setting) -> tuple[str, ...]:
+    """What can be wrong: the robot's parameters, where P_l is (L), the heading seen (heading), how fast it goes (speed)."""
+    names = [p.name for p, value in zip(setting.law.parameters, setting.true, strict=True) if value]
+    names += ["L"] if _lever(setting) else []
+    names += ["heading"] if _heading_entry(setting) is not None else []
+    return (*names, *(["speed"] if _speeds(setting) else []))
+
+
+def wrong(setting: Setting, name: str, amount: float) -> Setting:
+    """With one thing wrong by `amount`: a relative change of the true parameter, or of the speed; of the law's L, relative to the
+    distance of P_l from the axle; of the heading seen, rad. Raises BadInput for an unknown name.
+    """
+    law = setting.law
+    parameters = [p.name for p in law.parameters]
+    if name in parameters:
+        true = setting.true.copy()
+        true[parameters.index(name)] *= 1 + amount
+        return replace(setting, true=true)
+    if name == "L" and _lever(setting):
+        config = setting.config.copy()
+        config[[c.name for c in law.config].index("L")] += amount * _lever(setting)
+        return replace(setting, config=config, wanted=setting.config if setting.wanted is None else setting.wanted)
+    if name == "heading" and _heading_entry(setting) is not None:
+        bias = np.zeros(len(setting.start)) if setting.bias is None else setting.bias.copy()
+        bias[_heading_entry(setting)] += amount
+        return replace(setting, bias=bias)
+    if name == "speed" and _speeds(setting):
+        reference, start = setting.reference.copy(), setting.start.copy()
+        reference[_speeds(setting)] *= 1 + amount
+        start[-law.system.freedom :] *= 1 + amount
+        return replace(setting, reference=reference, start=start)
+    raise BadInput(f"nothing named {name!r} can be wrong; known are {', '.join(errors_of(setting))}")
+
+
+def with_errors(nominal: SteadyMotion, amounts: Mapping[str, float], loops: Loops = CONTINUOUS) -> Wrong:
+    """The closed loop with these errors, near the motion without."""
+    setting = replace(nominal.setting, start=nominal.state)
+    for name, amount in amounts.items():
+        setting = wrong(setting, name, amount)
+    try:
+        motion = steady_motion(setting)
+    except BadInput:
+        return Wrong(amounts, None, np.zeros(0), -np.inf, np.nan)
+    eigenvalues = motion.eigenvalues(loops.period, loops.delay)
+    return Wrong(amounts, motion, eigenvalues, motion.decay(loops.period, loops.delay), float(motion.rho[0]))
+
+
+def one_by_one(
+    nominal: SteadyMotion,
+    amounts: Iterable[float],
+    loops: Loops = CONTINUOUS,
+    names: Sequence[str] = (),
+) -> Iterator[Wrong]:
+    """Each thing wrong by each amount, the others right."""
+    for name in names or errors_of(nominal.setting):
+        for amount in amounts:
+            yield with_errors(nominal, {name: amount}, loops)
+
+
+def corners(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS, names: Sequence[str] = ()) -> Iterator[Wrong]:
+    """All things wrong at once, by -spread or +spread each, in every combination; MOST_CORNERS of them, seeded, where these are
+    more."""
+    names = tuple(names or errors_of(nominal.setting))
+    signs = list(product((-1.0, 1.0), repeat=len(names)))
+    if len(signs) > MOST_CORNERS:
+        chosen = np.random.default_rng(0).choice(len(signs), MOST_CORNERS, replace=False)
+        signs = [signs[k] for k in chosen]
+    for each in signs:
+        yield with_errors(nominal, dict(zip(names, (spread * sign for sign in each), strict=True)), loops)
+
+
+def ranking(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS) -> list[Harm]:
+    """What each error of +-spread does alone, the one that hurts most first (`Harm.hurt`)."""
+    right = _harm("", [with_errors(nominal, {}, loops)], loops, None)
+    found = [
+        _harm(name, list(one_by_one(nominal, (-spread, spread), loops, [name])), loops, right)
+        for name in errors_of(nominal.setting)
+    ]
+    return sorted(found, key=lambda harm: -harm.hurt)
+
+
+def _harm(name: str, cases: Sequence[Wrong], loops: Loops, right: Harm | None) -> Harm:
+    decay, offset = min(case.decay for case in cases), max((case.offset for case in cases), key=abs)
+    stable = [case.motion for case in cases if case.motion and case.stable]
+    if len(stable) < len(cases):
+        return Harm(name, decay, 0.0, 0.0, offset, 1.0, np.inf)
+    disk = min(margins(motion.loop(loops.period, loops.delay)).disk for motion in stable)
+    longest = min(motion.longest_period(loops.delay) for motion in stable)
+    kept = [1.0] if right is None else [decay / right.decay, disk / right.disk, longest / right.longest_period]
+    loss = float(1 - min(kept))
+    return Harm(name, decay, disk, longest, offset, loss, max(loss, abs(offset) / LARGE_OFFSET))
+
+
+def _lever(setting: Setting) -> float:
+    """Distance of P_l ahead of the axle, as the law has it, m; 0 where there is none."""
+    names = [c.name for c in setting.law.config]
+    if "L" not in names:
+        return 0.0
+    try:
+        return float(setting.config[names.index("L")] + vehicle_wheels(setting.law.system, setting.believed)[2])
+    except BadInput:
+        return 0.0
+
+
+def _heading_entry(setting: Setting) -> int | None:
+    """Where in the state the heading is; None where it is no coordinate."""
+    vehicle = setting.law.system.mechanism.vehicle
+    names = [q.name for q in setting.law.state]
+    return names.index(str(vehicle.heading)) if vehicle and str(vehicle.heading) in names else None
+
+
+def _speeds(setting: Setting) -> list[int]:
+    """Entries of the reference that say how fast: the wanted speed, or rates of positions, where they are not zero."""
+    names = [q.name for q in setting.law.reference]
+    units = [q.unit for q in setting.law.reference]
+    return [k for k, (name, unit) in enumerate(zip(names, units, strict=True)) if unit == "m/s" and setting.reference[k]]

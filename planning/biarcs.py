@@ -1,0 +1,162 @@
+"""Curves broken into few lines and arcs that stay within a tolerance of them.
+
+A biarc is two arcs that meet in one direction. Of the one-parameter family that leads from one place and direction to
+another, the one with equal chords is taken (E. Bertolazzi, M. Frego, arXiv:1601.07392).
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..model.algebra.trigonometry import cosine, phase, product, sine, size, unit
+from ..model.segments import Segment
+from ..readers.errors import BadInput
+from .chain import joined, prove
+from .curves import Points, Samples, bends, of_function, sampled, through
+
+Arc = tuple[float, float]  # curvature (1/m, positive turns left) and length (m)
+
+QUARTER = math.pi / 2  # rad: an arc of a biarc turns no farther, so that the foot of a point on it is clear
+STRETCH = 2  # feet run so many times as fast as the curve at most: it stays off the centre of an arc by half its radius
+MOST_PIECES = 2000  # of a path: some 10 s of work, and 112 KB in double
+STRAIGHT = 1e-11  # rad: a curve that turns less between samples is a line there
+ROUNDING = 64 * np.finfo(float).eps  # of the coordinates: lines and arcs that differ less are the same
+
+
+def fit(
+    points: Sequence[Sequence[float]] | Callable[[float], Sequence[float]],
+    tolerance: float,
+    headings: Sequence[float | None] | None = None,
+    closed: bool = False,
+    min_radius: float | None = None,
+    domain: tuple[float, float] | None = None,
+) -> list[Segment]:
+    """Lines and arcs, without a jump in heading, that stay within `tolerance` (m) of a curve, and the curve of them.
+
+    `points`: waypoints (x, y) in m, between which the curve is the cubic Hermite curve of `curves.through` (chord-length
+    parameter, directions from parabolas through neighbours; `headings` in rad, None where free, fixes some; `closed`
+    leads from the last back to the first); or a function t -> (x, y) on `domain`: 0 to 1, for a spline of SciPy its knots.
+    The first segment starts where and as the curve starts, the last ends so. Each takes in as much of the curve as it can.
+
+    Raises BadInput for waypoints that are no path, a curve with a corner, and where it is tighter than `min_radius` (m).
+    """
+    if not (math.isfinite(tolerance) and tolerance > 0):
+        raise BadInput(f"tolerance = {tolerance:g} m is not positive and finite")
+    if min_radius is not None and not (math.isfinite(min_radius) and min_radius > 0):
+        raise BadInput(f"min_radius = {min_radius:g} m is not positive and finite")
+    curve = of_function(points, domain) if callable(points) else through(points, headings, closed)
+    samples = sampled(curve, tolerance)
+    rounding = ROUNDING * float(np.abs(samples.places).max())
+    arcs: list[Arc] = []
+    k = 0
+    for stop in _stops(samples):
+        while k < stop:
+            k, pair = _longest(samples, k, stop, tolerance, min_radius)
+            for arc in pair:
+                _append(arcs, arc, rounding)
+            if len(arcs) > MOST_PIECES:
+                raise BadInput(f"the path needs more than {MOST_PIECES} lines and arcs; make the tolerance larger or split it")
+    start, goal = (
+        (float(place.real), float(place.imag), phase(direction))
+        for place, direction in zip(samples.places[[0, -1]], samples.directions[[0, -1]], strict=True)
+    )
+    made = joined(start, arcs)
+    prove(made, start, goal)
+    return made
+
+
+def _stops(samples: Samples) -> list[int]:
+    """Where straight stretches begin and end, that they become lines, and the last sample."""
+    straight = np.abs(phase(samples.directions[1:] / samples.directions[:-1])) < STRAIGHT
+    return [*(np.flatnonzero(np.diff(straight)) + 1), len(straight)]
+
+
+def _longest(samples: Samples, k: int, stop: int, tolerance: float, min_radius: float | None) -> tuple[int, list[Arc]]:
+    """The last sample up to `stop` that a biarc from sample k can reach, and the biarc: the stretch is doubled, then halved."""
+    good, bad, step = k, stop + 1, 1
+    best: list[Arc] = []
+    while bad - good > 1:
+        tried = min(good + step, bad - 1) if bad > stop else (good + bad) // 2
+        pair = _biarc(samples, k, tried)
+        if _within(samples, k, tried, pair, tolerance) and not _tight(pair, min_radius):
+            good, best, step = tried, pair, 2 * step
+        else:
+            bad = tried
+    if good == k:
+        pair = _biarc(samples, k, k + 1)
+        if _tight(pair, min_radius):
+            radius = 1 / max(abs(curvature) for curvature, _ in pair)
+            raise BadInput(
+                f"the curve has radius {radius:.4g} m {samples.near(k)}, tighter than min_radius = {min_radius:g} m; "
+                "straighten it there or allow a smaller radius"
+            )
+        raise BadInput(f"no arcs stay within {tolerance:g} m of the curve {samples.near(k)}; make the tolerance larger")
+    return good, best
+
+
+def _biarc(samples: Samples, k: int, m: int) -> list[Arc]:
+    """The biarc of equal chords from sample k to sample m."""
+    across = complex(samples.places[m] - samples.places[k])
+    leaving, arriving = (phase(samples.directions[n] / across) for n in (k, m))
+    joint = -(leaving + arriving) / 2  # direction where the arcs meet, seen from the line from start to end
+    chord = abs(across) / (2 * cosine((arriving - leaving) / 4))
+    return [_arc(chord, turn) for turn in (joint - leaving, arriving - joint)]
+
+
+def _arc(chord: float, turn: float) -> Arc:
+    curvature = 2 * sine(turn / 2) / chord
+    return curvature, turn / curvature if curvature else chord
+
+
+def _tight(pair: list[Arc], min_radius: float | None) -> bool:
+    return min_radius is not None and any(abs(curvature) * min_radius > 1 + 1e-9 for curvature, _ in pair)
+
+
+def _within(samples: Samples, k: int, m: int, pair: list[Arc], tolerance: float) -> bool:
+    """Whether samples k to m are near the biarc, and the biarc near them.
+
+    The latter follows from where the feet of the samples lie: they run along the biarc from end to end, neither back nor in
+    leaps, so that every point of it is the foot of one of the curve. Between samples, curve and biarc leave their chords.
+    """
+    if any(abs(curvature) * length > QUARTER for curvature, length in pair):
+        return False
+    place, direction = samples.places[k], samples.directions[k]
+    (curvature, length), second = pair
+    turn = curvature * length
+    middle = place + length * direction * unit(turn / 2) * (2 * sine(turn / 2) / turn if turn else 1.0)
+    points = samples.places[k : m + 1]
+    along, left = _feet(points, place, direction, curvature)
+    farther, beside = _feet(points, middle, direction * unit(turn), second[0])
+    beyond = along > length
+    along, left = np.where(beyond, length + farther, along), np.where(beyond, beside, left)
+    slack = ROUNDING * max(1.0, np.abs(points).max())
+    steps, whole = np.diff(along), length + second[1]
+    if np.any(steps < -slack) or np.any(steps > STRETCH * size(np.diff(points)) + slack):
+        return False
+    if along[0] > slack or abs(along[-1] - whole) > slack or np.any(farther[beyond] < -slack):
+        return False
+    bent = bends(np.diff(points), (samples.directions[k:m], samples.directions[k + 1 : m + 1]))
+    bent += np.where(beyond[1:], np.maximum(abs(curvature), abs(second[0])), abs(curvature)) * steps**2 / 8
+    return bool(np.all(np.maximum(np.abs(left[:-1]), np.abs(left[1:])) + bent <= tolerance))
+
+
+def _feet(points: Points, place: complex, direction: complex, curvature: float) -> tuple[np.ndarray, np.ndarray]:
+    """How far along a line or arc the feet of points lie, m from its start, and how far to its left the points are, m."""
+    seen = product(points - place, np.conj(direction))
+    spoke = (1 - curvature * seen.imag) + 1j * (curvature * seen.real)  # from the centre, in radii, along 1 at the start
+    along = phase(spoke) / curvature if curvature else seen.real
+    return along, (2 * seen.imag - curvature * (seen.real**2 + seen.imag**2)) / (1 + size(spoke))
+
+
+def _append(arcs: list[Arc], arc: Arc, rounding: float) -> None:
+    """Append an arc, as a line if it is one but for rounding; one that goes on as the last did makes that one longer."""
+    curvature, length = arc
+    if abs(curvature) * length**2 <= rounding:
+        curvature = 0.0
+    if arcs:
+        before, gone = arcs[-1]
+        if abs(curvature - before) * max(length, gone) ** 2 <= rounding:
+            curvature, length = (curvature * length + before * gone) / (length + gone), length + gone
+            arcs.pop()
+    arcs.append((curvature, length))

@@ -1,0 +1,210 @@
+"""Smooth curves to be broken into arcs, through waypoints or given as functions, and samples that miss nothing of them."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import SupportsIndex
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from ..model.algebra.trigonometry import phase, product, size, unit
+from ..readers.errors import BadInput
+
+Points = np.ndarray  # complex: x + i y, m
+
+SAME = 1e-9  # m: points nearer than that are one
+FAR = 1e100  # m: so far out, cubes of lengths would overflow
+BACK = 1e-6  # rad: so near to half a turn, a turn has no side
+STEP = 1e-6  # of the domain: for the derivative of a function that brings none
+
+TURN = 0.1  # rad between neighbouring samples, at most
+SHARE = 1 / 16  # of the tolerance: how far the curve bends away from the chord of neighbouring samples, at most
+PARTS = 4  # samples to a piece of a spline, at least
+MANY = 64  # pieces that a function counts as
+SHORTEST = 1e-6  # of the shortest piece: where samples would have to be closer, there is a corner
+MOST = 200_000  # samples
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Places (m) and velocities, complex, at times, (N,) -> (N,); the times where pieces of it meet; what a time is called."""
+
+    place: Callable[[np.ndarray], Points]
+    velocity: Callable[[np.ndarray], Points]
+    knots: np.ndarray
+    called: Callable[[float], str]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Places (m) and directions of travel (unit complex) along a curve, (N,)."""
+
+    curve: Curve
+    times: np.ndarray
+    places: Points
+    directions: Points
+
+    def near(self, k: SupportsIndex) -> str:
+        """Where sample k is, in words."""
+        place = self.places[k]
+        return f"near ({place.real:.6g}, {place.imag:.6g}), {self.curve.called(self.times[k])}"
+
+
+def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] | None, closed: bool) -> Curve:
+    """The cubic Hermite curve through waypoints (x, y) in m; its time is the length of the chords so far.
+
+    Its velocity at a waypoint is that of the parabola through the waypoint and its neighbours, at an end that of the
+    parabola's end: where waypoints are collinear it is straight, and no waypoint matters more than two waypoints away.
+    Where a heading (rad) is given, the velocity is the unit vector in its direction. A first point that is repeated at the
+    end of a closed curve counts once. Raises BadInput.
+    """
+    places = _places(points)
+    if closed and len(places) > 1 and abs(places[-1] - places[0]) < SAME:
+        places = places[:-1]
+        headings = None if headings is None else headings[: len(places)]
+    least = 3 if closed else 2
+    if len(places) < least:
+        raise BadInput(f"waypoints: {len(places)} given, a {'closed path' if closed else 'path'} needs {least} or more")
+    given = _headings(headings, len(places))
+    ring = np.concatenate([places[-1:], places, places[:2]]) if closed else places
+    number = np.arange(len(ring)) - closed  # of the waypoint, from 0
+    chords = np.diff(ring)
+    lengths = size(chords)
+    for k in np.flatnonzero(lengths < SAME):
+        a, b = number[k] % len(places) + 1, number[k + 1] % len(places) + 1
+        raise BadInput(f"waypoints {a} and {b} are the same point {_shown(ring[k])}; remove one")
+    units = chords / lengths
+    for k in np.flatnonzero(math.pi - np.abs(phase(units[1:] / units[:-1])) < BACK) + 1:
+        if given[number[k] % len(places)] is None:
+            where = f"waypoint {number[k] % len(places) + 1} {_shown(ring[k])}"
+            raise BadInput(f"the path turns back at {where}; give a heading there, move it, or split the path in two")
+    velocities = np.concatenate([units[:1], units])
+    velocities[1:-1] = (lengths[1:] * units[:-1] + lengths[:-1] * units[1:]) / (lengths[1:] + lengths[:-1])
+    for at, m in enumerate(number):
+        if (heading := given[m % len(places)]) is not None:
+            velocities[at] = unit(heading)
+    if closed:
+        ring, velocities, lengths = ring[1:-1], velocities[1:-1], lengths[1:-1]
+    else:
+        for end, neighbour in ((0, 1), (-1, -2)):
+            if given[end] is None:
+                velocities[end] = 2 * units[end] - velocities[neighbour]
+    knots = np.concatenate([[0.0], np.cumsum(lengths)])
+    spline = CubicHermiteSpline(knots, ring, velocities)
+
+    def called(time: float) -> str:
+        k = min(int(np.searchsorted(knots, time, "right")), len(knots) - 1)
+        return f"between waypoints {k} and {k % len(places) + 1}"
+
+    return Curve(spline, spline.derivative(), knots, called)
+
+
+def of_function(function: Callable[[float], Sequence[float]], domain: tuple[float, float] | None) -> Curve:
+    """The curve t -> (x, y) in m: a spline of SciPy on the whole of its knots, another function on `domain` (0 to 1)."""
+    knots = getattr(function, "x", None)  # PPoly
+    if knots is None and hasattr(function, "t") and hasattr(function, "k"):  # BSpline
+        knots = function.t[function.k : len(function.t) - function.k]
+    if knots is None or domain is not None:
+        start, end = (0.0, 1.0) if domain is None else domain
+        if not (math.isfinite(start) and math.isfinite(end) and start < end):
+            raise BadInput(f"domain = ({start:g}, {end:g}) is no interval of t; give (start, end)")
+        knots = np.linspace(start, end, MANY + 1)
+    knots = np.unique(knots)
+
+    def place(times: np.ndarray, function: Callable[[float], Sequence[float]] = function) -> Points:
+        try:
+            values = np.array([function(t) for t in times], float)
+        except (TypeError, ValueError) as error:
+            raise BadInput(f"the curve is no t -> (x, y) between t = {times[0]:g} and {times[-1]:g}: {error}") from error
+        if values.shape != (len(times), 2):
+            raise BadInput(f"the curve has values of shape {values.shape[1:]} instead of x, y")
+        for k in np.flatnonzero(~np.isfinite(values).all(axis=1)):
+            raise BadInput(f"the curve is {values[k]} at t = {times[k]:g}; it must be finite there")
+        return values @ [1, 1j]
+
+    def differences(times: np.ndarray) -> Points:
+        """The derivative of the parabola through three points that lie in the domain."""
+        step = STEP * (knots[-1] - knots[0])
+        middle = np.clip(times, knots[0] + step, knots[-1] - step)
+        before, at, after = (place(middle + k * step) for k in (-1, 0, 1))
+        return (after - before) / (2 * step) + (times - middle) * (after - 2 * at + before) / step**2
+
+    velocity = differences
+    if hasattr(function, "derivative"):
+        derivative = function.derivative()
+
+        def velocity(times: np.ndarray) -> Points:
+            return place(times, derivative)
+
+    return Curve(place, velocity, knots, lambda time: f"t = {time:g}")
+
+
+def sampled(curve: Curve, tolerance: float) -> Samples:
+    """Samples so dense that between two neighbours there is nothing but their chord, to a share of the tolerance (m).
+
+    Raises BadInput where the curve stands still or has a corner, and when there would be too many samples.
+    """
+    shares = np.arange(PARTS) / PARTS
+    times = np.append((curve.knots[:-1, None] + np.diff(curve.knots)[:, None] * shares).ravel(), curve.knots[-1])
+    made = _at(curve, times)
+    rough = np.ones(len(times) - 1, bool)  # intervals not known to be fine
+    while rough.any():
+        left = np.flatnonzero(rough)
+        if len(made.times) + len(left) > MOST:
+            raise BadInput(f"tolerance = {tolerance:g} m asks for more than {MOST} samples of the curve; make it larger")
+        new = _at(curve, (made.times[left] + made.times[left + 1]) / 2)
+        chords = made.places[left + 1] - made.places[left]
+        bent = bends(chords, (made.directions[left], new.directions, made.directions[left + 1]))
+        fine = bent < np.minimum(SHARE * tolerance, TURN / 8 * size(chords))
+        made = Samples(
+            curve,
+            *(np.insert(getattr(made, name), left + 1, getattr(new, name)) for name in ("times", "places", "directions")),
+        )
+        rough = np.insert(rough, left, ~fine)
+        rough[left + np.arange(1, len(left) + 1)] = ~fine
+        close = rough & (np.diff(made.times) < SHORTEST * np.diff(curve.knots).min())
+        for k in np.flatnonzero(close):
+            raise BadInput(f"the curve has a corner {made.near(k)}; round it, or split the path there")
+    return made
+
+
+def bends(chords: Points, directions: Sequence[Points]) -> np.ndarray:
+    """How far a curve that goes in the directions leaves its chords, m: for an arc exactly that, for an S less."""
+    return size(chords) * np.max([np.abs(phase(product(d, chords.conj()))) for d in directions], axis=0) / 4
+
+
+def _at(curve: Curve, times: np.ndarray) -> Samples:
+    velocities = curve.velocity(times)
+    speeds = size(velocities)
+    samples = Samples(curve, times, curve.place(times), velocities / np.where(speeds > 0, speeds, 1.0))
+    for k in np.flatnonzero(speeds == 0):
+        raise BadInput(f"the curve stands still {samples.near(k)}; it has no direction there")
+    return samples
+
+
+def _places(points: Sequence[Sequence[float]]) -> Points:
+    places = []
+    for k, point in enumerate(points, 1):
+        numbers = tuple(map(float, point))
+        if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
+            raise BadInput(f"waypoint {k} = {numbers} must be two finite numbers x, y")
+        if max(map(abs, numbers)) > FAR:
+            raise BadInput(f"waypoint {k} = {numbers} is too far out; choose an origin nearer to the path")
+        places.append(complex(*numbers))
+    return np.array(places)
+
+
+def _headings(headings: Sequence[float | None] | None, count: int) -> list[float | None]:
+    if headings is None:
+        return [None] * count
+    if len(headings) != count:
+        raise BadInput(f"{len(headings)} headings for {count} waypoints; give one for each, None where it is free")
+    for k, heading in enumerate(headings, 1):
+        if heading is not None and not math.isfinite(heading):
+            raise BadInput(f"the heading at waypoint {k} is {heading:g}; give a finite one, or None where it is free")
+    return list(headings)
+
+
+def _shown(place: complex) -> str:
+    return f"({place.real:g}, {place.imag:g})"

@@ -1,0 +1,71 @@
+"""Figures of planned paths."""
+
+import io
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..model.segments import Segment
+
+LINE, LEFT, RIGHT, CUSP, GIVEN, VEHICLE = "#444444", "#0b61a4", "#c2570c", "#c00000", "#2e8b57", "#333333"
+BEND = 0.05  # rad between drawn points of an arc
+SIZE = 0.07  # length of a drawn vehicle, of the picture's
+
+
+def picture(segments: Sequence[Segment], kind: str, title: str, waypoints: Sequence[Sequence[float]] = ()) -> bytes:
+    """A drawn path as the bytes of a file; `kind` is png, pdf or svg; `waypoints` (x, y) in m are marked."""
+    figure = Figure(figsize=(9, 7.5), layout="constrained")
+    axes = figure.add_subplot()
+    for segment in segments:
+        colour, name = _look(segment)
+        angle = abs(segment.curvature * segment.length)
+        places = np.linspace(0.0, segment.length, 2 + math.ceil(angle / BEND))
+        x, y, _ = zip(*(segment.pose(s) for s in places), strict=True)
+        axes.plot(x, y, color=colour, linestyle="--" if segment.backward else "-", linewidth=2.2, label=name)
+    joins = np.array([segment.end[:2] for segment in segments[:-1]]).reshape(-1, 2)
+    axes.plot(*joins.T, "o", color="black", markersize=4, linestyle="", label="join", zorder=3)
+    cusps = [after for before, after in itertools.pairwise(segments) if before.backward != after.backward]
+    if cusps:
+        places = np.array([(segment.x, segment.y) for segment in cusps])
+        axes.plot(*places.T, "X", color=CUSP, markersize=10, linestyle="", label="cusp", zorder=4)
+    if len(waypoints):
+        axes.plot(*np.transpose(waypoints), "o", color=GIVEN, markersize=5, fillstyle="none", linestyle="", label="waypoint")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.1)
+    first, last = segments[0], segments[-1]
+    size = SIZE * max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    begin, end = (first.x, first.y, first.heading), last.end
+    comes_home = math.dist(begin[:2], end[:2]) < size
+    _draw_vehicle(axes, begin, first.backward, size, "start, goal" if comes_home else "start", 0.5)
+    _draw_vehicle(axes, end, last.backward, size, "" if comes_home else "goal", 0.15)
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.set_title(title, fontsize=11)
+    axes.grid(alpha=0.3)
+    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # each kind once
+    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+    made = io.BytesIO()
+    figure.savefig(made, format=kind, dpi=130)
+    return made.getvalue()
+
+
+def _look(segment: Segment) -> tuple[str, str]:
+    """Colour and name of a segment's kind."""
+    way = ", backward" if segment.backward else ""
+    if not segment.curvature:
+        return LINE, f"line{way}"
+    return (LEFT, f"turning left{way}") if segment.curvature > 0 else (RIGHT, f"turning right{way}")
+
+
+def _draw_vehicle(axes: Axes, travel: tuple[float, float, float], backward: bool, size: float, name: str, alpha: float) -> None:
+    """A pointed box about a pose, its nose where the vehicle heads."""
+    x, y, heading = travel
+    ahead = np.exp(1j * (heading + math.pi * backward))
+    outline = np.array([-0.5 - 0.3j, 0.2 - 0.3j, 0.5, 0.2 + 0.3j, -0.5 + 0.3j]) * size * ahead + complex(x, y)
+    axes.fill(outline.real, outline.imag, facecolor=VEHICLE, alpha=alpha, edgecolor="none", zorder=3)
+    axes.fill(outline.real, outline.imag, facecolor="none", edgecolor=VEHICLE, linewidth=1.2, zorder=3)
+    axes.text(x, y + 0.6 * size, name, ha="center", fontsize=10, zorder=5)

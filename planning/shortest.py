@@ -1,0 +1,148 @@
+"""Shortest paths from pose to pose for a vehicle that turns no tighter than a given radius: Dubins, and Reeds-Shepp.
+
+Lengths are in turning radii here, points are complex numbers, and the start is the origin, heading along x. A path begins
+on one of the two circles at the start and ends on one of the two at the goal. What it does between them takes the centre of
+the first circle to the centre of the last by K e^{i theta}: theta is the heading where it leaves the first circle, K depends
+on nothing but what is done between. So |K|, the distance of the centres, fixes the one free length of the middle, and the
+direction from centre to centre then fixes theta and with it the arcs at both ends.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from ..model.algebra.trigonometry import arcsine, phase, unit
+from ..model.segments import Segment
+from ..readers.errors import BadInput
+from .chain import Pose, joined, pose, prove
+
+Piece = tuple[int, float]  # steering (1 left, 0 straight, -1 right) and signed length (negative: backward)
+Middles = Callable[[int, int, float], Iterator[list[Piece]]]
+
+SNAP = 1e-10  # m and rad: a piece that is shorter, or that little short of a full turn, is rounding
+FAR = 1e100  # turning radii: beyond, squares of distances overflow
+TIE = 1e-12  # paths whose lengths differ by less of their length are equally short: fewer cusps win, fewer pieces, forward first
+SIDES = (1, -1)
+
+
+def dubins(start: Sequence[float], goal: Sequence[float], radius: float) -> list[Segment]:
+    """The shortest way forward from pose to pose (x m, y m, heading rad) turning no tighter than `radius` (m).
+
+    L. E. Dubins, American Journal of Mathematics 79 (1957): arc, line, arc; or three arcs. Ends at the goal to 1e-9 (m and
+    rad). Raises BadInput for what is no pose or no radius, for equal poses, and where they are so far apart or the radius so
+    large that rounding forbids that precision.
+    """
+    return _plan(_dubins_middles, False, pose(start, "start"), pose(goal, "goal"), radius)
+
+
+def reeds_shepp(start: Sequence[float], goal: Sequence[float], radius: float) -> list[Segment]:
+    """The shortest way, forward and backward, between poses of the vehicle turning no tighter than `radius` (m).
+
+    J. A. Reeds and L. A. Shepp, Pacific Journal of Mathematics 145 (1990): at most five pieces. A Segment's heading and
+    curvature are those of the direction of travel. Units, precision and errors as of `dubins`.
+    """
+    return _plan(_reeds_shepp_middles, True, pose(start, "start"), pose(goal, "goal"), radius)
+
+
+def _plan(middles: Middles, reversing: bool, start: Pose, goal: Pose, radius: float) -> list[Segment]:
+    """The shortest path with one of the middles, on SI units."""
+    if not (math.isfinite(radius) and radius > 0):
+        raise BadInput(f"radius = {radius:g} m is not positive and finite")
+    target = complex(goal[0] - start[0], goal[1] - start[1]) / radius * unit(-start[2])
+    if not abs(target) < FAR:
+        raise BadInput(f"start and goal are too far apart for a radius of {radius:g} m; move them together or widen it")
+    turn = math.remainder(goal[2] - start[2], 2 * math.pi)
+    slack = SNAP / max(1.0, radius * (1 + abs(target)))  # rad, or radii: moves the end by less than SNAP
+    if abs(target) < slack and abs(turn) < slack:
+        raise BadInput("start and goal are the same pose; there is no path to plan")
+    paths = [_tidy(pieces, reversing, slack) for pieces in _paths(middles, target, turn, slack)]
+    paths = [pieces for pieces in paths if reversing or all(length > 0 for _, length in pieces)]
+    shortest = min(map(_length, paths))
+    best = min((pieces for pieces in paths if _length(pieces) <= shortest * (1 + TIE)), key=_effort)
+    made = joined(start, [(steer / radius, length * radius) for steer, length in best])
+    prove(made, start, goal)
+    return made
+
+
+def _paths(middles: Middles, target: complex, turn: float, slack: float) -> Iterator[list[Piece]]:
+    """Every path to the target, heading there turned by `turn`, that has one of the middles."""
+    for first in SIDES:
+        for last in SIDES:
+            apart = _centres(first, last, target, turn)
+            for middle in middles(first, last, abs(apart)):
+                across = _centres(first, last, *_end(middle))
+                theta = phase(apart / across) if min(abs(apart), abs(across)) > slack else 0.0
+                turned = sum(steer * length for steer, length in middle)
+                yield [(first, first * theta), *middle, (last, last * (turn - theta - turned))]
+
+
+def _centres(first: int, last: int, end: complex, turned: float) -> complex:
+    """From the centre of a first circle, begun at the origin, to that of a last one through `end`."""
+    return end + 1j * last * unit(turned) - 1j * first
+
+
+def _end(pieces: Iterable[Piece]) -> tuple[complex, float]:
+    """Place and heading after the pieces."""
+    place, heading = 0j, 0.0
+    for steer, length in pieces:
+        ahead = unit(heading)
+        heading += steer * length
+        place += 1j * steer * (ahead - unit(heading)) if steer else length * ahead
+    return place, heading
+
+
+def _straight(first: int, last: int, apart: float, before: list[Piece], after: list[Piece]) -> Iterator[list[Piece]]:
+    """Middles of a line between given pieces: the two lengths of the line that bring the centres `apart`."""
+    fixed = _centres(first, last, *_end([*before, *after]))
+    along = (fixed * unit(-sum(steer * length for steer, length in before))).real
+    square = along**2 + apart**2 - abs(fixed) ** 2
+    if square >= -1e-14 * (1 + apart**2):  # where the line just vanishes, but for rounding
+        for root in SIDES:
+            yield [*before, (0, root * math.sqrt(max(0.0, square)) - along), *after]
+
+
+def _dubins_middles(first: int, last: int, apart: float) -> Iterator[list[Piece]]:
+    """A line; or between circles of the same side one arc of the other side."""
+    yield from _straight(first, last, apart, [], [])
+    if first == last and apart <= 4:
+        for side in SIDES:
+            yield [(-first, side * 2 * arcsine(apart / 4))]
+
+
+def _reeds_shepp_middles(first: int, last: int, apart: float) -> Iterator[list[Piece]]:
+    """Those of Dubins; a line with quarter turns from or to a cusp; two arcs of equal length."""
+    yield from _dubins_middles(first, last, apart)
+    quarters = [side * math.pi / 2 for side in SIDES]
+    for before in [[], *([(-first, quarter)] for quarter in quarters)]:
+        for after in [[], *([(-last, quarter)] for quarter in quarters)]:
+            if before or after:
+                yield from _straight(first, last, apart, before, after)
+    if first != last:
+        for side in SIDES:
+            for cosine, second in (((2 + apart) / 4, -1), ((2 - apart) / 4, -1), ((20 - apart**2) / 16, 1)):
+                if abs(cosine) <= 1:
+                    arc = side * (math.pi / 2 - arcsine(cosine))
+                    yield [(-first, arc), (first, second * arc)]
+
+
+def _tidy(pieces: Iterable[Piece], reversing: bool, slack: float) -> list[Piece]:
+    """Pieces of the same steering merged, arcs gone the shorter way (forward, unless reversing), nothing of no length."""
+    made: list[Piece] = []
+    for steer, length in pieces:
+        if made and made[-1][0] == steer:
+            length += made.pop()[1]
+        if steer:
+            length = math.remainder(length, 2 * math.pi)
+        if steer and not reversing and length < -slack:
+            length += 2 * math.pi
+        if abs(length) > slack:
+            made.append((steer, length))
+    return made
+
+
+def _length(pieces: Iterable[Piece]) -> float:
+    return sum(abs(length) for _, length in pieces)
+
+
+def _effort(pieces: Sequence[Piece]) -> tuple[int, int, bool]:
+    cusps = sum(a[1] * b[1] < 0 for a, b in zip(pieces, pieces[1:], strict=False))
+    return cusps, len(pieces), any(length < 0 for _, length in pieces[:1])

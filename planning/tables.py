@@ -1,0 +1,116 @@
+"""Composite paths as they stand in a file: a table for each line or arc, read and written."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..codegen.printing.scalar import Scalar
+from ..model.algebra.trigonometry import angle_of
+from ..model.segments import Segment
+from ..readers.errors import BadInput
+from ..readers.reading import check_keys, flag, number, one_of, point
+
+READERS = {
+    "line": {"from": point, "to": point, "length": number("positive")},
+    "arc": {"from": point, "heading": number(), "radius": number("positive"), "angle": number()},
+}
+SURE = 1e-9  # rad: a line whose heading its ends, being rounded, leave less sure than that is written by its length
+
+
+def segments_from_tables(tables: Any, where: str) -> list[Segment]:
+    """Segments from tables { kind = "line", from, to } and { kind = "arc", from, heading, radius, angle }, m and rad.
+
+    `angle` is positive to the left; `heading` is the direction of travel; `backward = true` where the vehicle travels in
+    reverse. After the first, a segment without `from`, or an arc without `heading`, goes on from the one before (where
+    `backward` changes, in the opposite direction); a line that does may have a `length` instead of `to`. Whether
+    the others join is not looked at. Raises BadInput, counting segments from 1, for anything else.
+    """
+    if not isinstance(tables, list) or not tables:
+        raise BadInput(f"{where} = {tables!r} is not a list of lines and arcs")
+    made: list[Segment] = []
+    for k, table in enumerate(tables, 1):
+        made.append(_read(table, made[-1] if made else None, f"{where} {k}"))
+    return made
+
+
+def _read(table: Any, before: Segment | None, where: str) -> Segment:
+    if not isinstance(table, dict):
+        raise BadInput(f"{where} = {table!r} is not a table")
+    kind = one_of(*READERS)(table.get("kind"), f"{where} kind")
+    check_keys(table, ["kind", "backward", *READERS[kind]], f"{where} ({kind})")
+    given = {key: read(table[key], f"{where} {key}") for key, read in READERS[kind].items() if key in table}
+    backward = flag(table.get("backward", False), f"{where} backward")
+    if before is None:
+        _need(given, ["from"] if kind == "line" else ["from", "heading"], f"{where}, the first,")
+    x, y, heading = before.end if before else (0.0, 0.0, 0.0)
+    if before and before.backward != backward:
+        heading += math.pi
+    x, y = given.get("from", (x, y))
+    if kind == "arc":
+        _need(given, ["radius", "angle"], where)
+        heading, length = given.get("heading", heading), given["radius"] * abs(given["angle"])
+        curvature = math.copysign(1 / given["radius"], given["angle"])
+    else:
+        curvature = 0.0
+        if "length" in given:
+            if "from" in given or "to" in given:
+                raise BadInput(f"{where} length is for a line that goes on from the one before, without from and to")
+            length = given["length"]
+        else:
+            _need(given, ["to"], where)
+            dx, dy = given["to"][0] - x, given["to"][1] - y
+            heading, length = angle_of(dy, dx), math.hypot(dx, dy)
+    if not (0 < length < math.inf):
+        raise BadInput(f"{where} has length {length:g} m; leave it out" if length == 0 else f"{where} is too long")
+    return Segment(x, y, math.remainder(heading, 2 * math.pi), curvature, length, backward)
+
+
+def _need(given: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
+    for key in keys:
+        if key not in given:
+            raise BadInput(f"{where} needs {key}")
+
+
+def tables(segments: Sequence[Segment]) -> list[dict[str, Any]]:
+    """Tables that segments_from_tables reads back as the same segments, but for rounding."""
+    return [_table(segment, first=k == 0) for k, segment in enumerate(segments)]
+
+
+def _table(segment: Segment, first: bool) -> dict[str, Any]:
+    begin, end = [segment.x, segment.y], list(segment.end[:2])
+    backward = {"backward": segment.backward}
+    if segment.curvature:
+        angle = segment.curvature * segment.length
+        arc = {"from": begin, "heading": segment.heading, "radius": 1 / abs(segment.curvature), "angle": angle}
+        return {"kind": "arc", **arc, **backward}
+    ulp = math.ulp(max(map(abs, (*begin, *end))))
+    if not first and ulp > SURE * segment.length:
+        return {"kind": "line", "length": segment.length, **backward}
+    return {"kind": "line", "from": begin, "to": end, **backward}
+
+
+def toml(segments: Sequence[Segment], closed: bool = False) -> str:
+    """The path as an entry of a SPEC's [output], one segment a line."""
+    rows = []
+    for table in tables(segments):
+        entries = ", ".join(f"{key} = {json.dumps(value)}" for key, value in table.items())
+        rows.append(f"  {{ {entries} }},\n")
+    return f'path = {{ kind = "composite", {"closed = true, " if closed else ""}segments = [\n{"".join(rows)}] }}\n'
+
+
+def as_json(segments: Sequence[Segment], closed: bool = False) -> str:
+    """The same path as JSON."""
+    path = {"kind": "composite", **({"closed": True} if closed else {}), "segments": tables(segments)}
+    return json.dumps(path, indent=2) + "\n"
+
+
+def c_array(segments: Sequence[Segment], scalar: Scalar) -> str:
+    """The path as a C array of noslip_segment, or of its float twin."""
+    rows = []
+    for segment in segments:
+        numbers = {name: getattr(segment, name) for name in ("x", "y", "heading", "curvature", "length")}
+        fields = [f".{name} = {scalar.literal(value)}" for name, value in numbers.items()]
+        rows.append(f"    {{{', '.join(fields)}, .backward = {int(segment.backward)}}},\n")
+    about = "m; heading of travel in rad; curvature in 1/m, positive turns left"
+    return f"/* {about} */\nstatic const {scalar.name('noslip_segment')} path[{len(rows)}] = {{\n{''.join(rows)}}};\n"

@@ -1,0 +1,233 @@
+"""Robots and laws by name, as on the command line and in files."""
+
+import ast
+import difflib
+import inspect
+import re
+import sys
+import traceback
+import types
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from ..model.errors import ModelError
+from ..model.law import ControlLaw, control_law
+from ..model.mechanism import Mechanism
+from ..model.outputs import OFFSET, OUTPUTS, output_map, output_names
+from ..model.reduction import ReducedSystem, reduce
+from ..model.robots import ROBOTS
+from .errors import BadInput
+from .files import read_input
+
+
+@dataclass(frozen=True)
+class Source:
+    """The user's code that made a robot: her file, its text, and the first and last line of what defines the robot's name."""
+
+    path: Path
+    text: bytes
+    line: int
+    last: int
+
+    def line_of(self, message: str) -> int:
+        """The line of the call that a message is about: one with a name quoted there, or of a method named there.
+
+        Of several the first, those of the robot's own function before others.
+        """
+        calls = [node for node in ast.walk(ast.parse(self.text)) if isinstance(node, ast.Call)]
+        calls.sort(key=lambda call: (not self.line <= call.lineno <= self.last, call.lineno))
+        for name in re.findall(r"'([^']+)'", message):
+            for call in calls:
+                if any(isinstance(given, ast.Constant) and given.value == name for given in call.args):
+                    return call.lineno
+        said = message.replace("-", " ")
+        for call in calls:
+            if isinstance(call.func, ast.Attribute) and call.func.attr.replace("_", " ") in said:
+                return call.lineno
+        return self.line
+
+
+_sources: WeakKeyDictionary[Mechanism, Source] = WeakKeyDictionary()
+
+
+@cache
+def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
+    """A shipped name, or "path/to/file.py:name" where name is a Mechanism, or another of `kinds`, or a function answering one.
+
+    Whole numbers after it, each with a colon before, are the function's arguments: "tractor_trailer:4". Who asks for the same
+    name gets the same object, which takes nothing but outputs once it has been reduced. Raises BadInput:
+    unknown name, no such file, numbers that the function does not take, or, with file and line, an error that the user's
+    own code raised.
+    """
+    whole, text = text, re.sub(r"(:-?\d{1,15})*\Z", "", text, count=1)
+    numbers = [int(number) for number in whole[len(text) :].split(":")[1:]]
+    if text in ROBOTS:
+        _check_numbers(whole, ROBOTS[text], numbers)
+        try:
+            return ROBOTS[text](*numbers)
+        except ModelError as error:
+            raise BadInput(f"robot {whole!r}: {error}") from error
+    if "\0" in text:
+        raise BadInput(f"robot {text!r} is no name of a file")
+    file, colon, name = text.rpartition(":")
+    if not colon and not text.endswith(".py"):
+        raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, ROBOTS)}")
+    if file in ROBOTS:
+        raise BadInput(f"robot {whole!r}: what follows a shipped name must be whole numbers")
+    if not colon:
+        file, name = text, ""
+    return _robot_of_file(Path(file), name, kinds, numbers)
+
+
+def find_laws(system: ReducedSystem) -> tuple[str, ...]:
+    """Names of the laws that this robot can have, Types I to IV before its own; empty when none fits."""
+    return tuple(name for name in output_names(system.mechanism) if _fits(system, name))
+
+
+@cache
+def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
+    """The control law, built once per process. Raises BadInput for an unknown name, ModelError as `control_law` does."""
+    mechanism = robot if isinstance(robot, Mechanism) else robot.mechanism
+    check_law(mechanism, law_name)
+    system = system_of(robot) if isinstance(robot, Mechanism) else robot
+    with placed(mechanism, f"{law_name!r}"):
+        return control_law(system, output_map(system, law_name))
+
+
+def check_law(robot: Mechanism, law_name: str) -> None:
+    """Raise BadInput for a name that is neither of Types I to IV nor of the robot's own outputs."""
+    known = output_names(robot)
+    if law_name not in known and law_name.removesuffix(OFFSET) not in OUTPUTS:
+        raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, known)}")
+
+
+@cache
+def system_of(robot: Mechanism) -> ReducedSystem:
+    """The reduced system, built once per process. Raises ModelError as `reduce` does."""
+    with placed(robot):
+        return reduce(robot)
+
+
+@contextmanager
+def placed(robot: object, about: str = "") -> Iterator[None]:
+    """A ModelError about a robot of a user's file gets file and line of the call that it, or `about`, names."""
+    try:
+        yield
+    except ModelError as error:
+        source = _sources.get(robot) if isinstance(robot, Mechanism) else None
+        if source is None:
+            raise
+        raise ModelError(f"{source.path}:{source.line_of(f'{about} {error}')}: {error}") from error
+
+
+def check_trust(robot: str, file: Path | str, trusted: bool) -> None:
+    """Raise BadInput where a `file` from elsewhere names a robot's file, which is code, and the user has not said --trust."""
+    if not trusted and robot.split(":")[0] not in ROBOTS and (":" in robot or robot.endswith(".py")):
+        raise BadInput(f"{file} names the robot {robot!r}, a file whose code would run; read it, then add --trust")
+
+
+def beside(robot: str, file: Path | str) -> str:
+    """A robot named in a file: "path/to/file.py:name" is looked for from that file's folder first, then from the current one."""
+    stem, py, name = robot.partition(".py")
+    near = Path(file).parent / (stem + py)
+    return f"{near}{name}" if py and "\0" not in robot and near.is_file() else robot
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """The end of a message about an unknown name: the nearest one, or all."""
+    known = list(known)
+    near = difflib.get_close_matches(name, known, 1)
+    return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known) or 'none'}"
+
+
+def _fits(system: ReducedSystem, law_name: str) -> bool:
+    try:
+        law_of(system, law_name)
+    except ModelError:
+        return False
+    return True
+
+
+def _check_numbers(text: str, robot: Any, numbers: list[int]) -> None:
+    """Raise BadInput where the robot is a function that does not take these numbers, or none and there are some."""
+    try:
+        taken = inspect.signature(robot)
+    except (TypeError, ValueError):  # no function, or one that does not say
+        taken = None
+    try:
+        if taken:
+            taken.bind(*numbers)
+        if taken or not numbers:
+            return
+    except TypeError:
+        pass
+    names = ", ".join(taken.parameters) if taken else ""
+    raise BadInput(f"robot {text!r}: it takes {f'the numbers {names}' if names else 'no numbers'}, given are {len(numbers)}")
+
+
+def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list[int]) -> Any:
+    text = read_input(path)
+    module = _run(path, text)
+    made = [key for key, value in vars(module).items() if isinstance(value, kinds)]
+    made += [
+        key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__ and callable(value)
+    ]
+    if name not in vars(module):
+        wanted = f"no robot {name!r} in it" if name else "say which robot"
+        raise BadInput(f"{path}: {wanted}; give {path}:name{suggestion(name, made)}")
+    given = robot = getattr(module, name)
+    if callable(given) or numbers:
+        _check_numbers(":".join([f"{path}:{name}", *map(str, numbers)]), given, numbers)
+        robot = _guarded(path, lambda: given(*numbers))
+    source = Source(path, text, *_lines(text, name))
+    if not isinstance(robot, kinds):
+        what = f"it is {type(robot).__name__}"
+        if callable(given):
+            what = f"it answers {type(robot).__name__}" + ("; is `return` missing?" if robot is None else "")
+        wanted = "no Mechanism nor a function without arguments that answers one"
+        raise BadInput(f"{path}:{source.line}: {name} is {wanted}: {what}")
+    if isinstance(robot, Mechanism):
+        _sources[robot] = source
+    return robot
+
+
+def _lines(text: bytes, name: str) -> tuple[int, int]:
+    """First and last line of the statement of a module that binds a name; its first line where none does."""
+    for node in ast.parse(text).body:
+        names = [getattr(node, "name", None), *(getattr(target, "id", None) for target in getattr(node, "targets", ()))]
+        if name in names:
+            return node.lineno, node.end_lineno or node.lineno
+    return 1, 1
+
+
+def _run(path: Path, source: bytes) -> types.ModuleType:
+    """The user's file as a module; her own modules beside it can be imported."""
+    module = types.ModuleType(path.stem)
+    module.__file__ = str(path)
+    folder = str(path.resolve().parent)
+    sys.path.insert(0, folder)
+    try:
+        _guarded(path, lambda: exec(compile(source, str(path), "exec"), vars(module)))
+    finally:
+        sys.path.remove(folder)
+    return module
+
+
+def _guarded(path: Path, call):
+    """Answer call(); whatever the user's code raises becomes BadInput with the last line of her file that took part."""
+    try:
+        return call()
+    except (Exception, SystemExit) as error:
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+        if isinstance(error, SyntaxError) and error.filename == str(path):
+            lines.append(error.lineno)
+        kind = "" if isinstance(error, ModelError) else f"{type(error).__name__}: "
+        near = ""
+        if isinstance(error, AttributeError) and error.name and error.obj is not None:
+            near = suggestion(error.name, [known for known in dir(error.obj) if not known.startswith("_")])
+        raise BadInput(f"{path}:{lines[-1] if lines else 1}: {kind}{error}{near if 'did you mean' in near else ''}") from error

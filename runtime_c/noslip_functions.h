@@ -1,0 +1,385 @@
+/*
+ * noslip_functions.h - the functions of friction laws, bearings and limits: exponential and hyperbolic functions, logarithm,
+ * powers, inverse trigonometric functions, sign, minimum, maximum and choices, with the same bits on every target.
+ *
+ * Only + - * / and square roots, conversions between numbers and integers, comparisons, and the bits of one number. A float
+ * function uses no double. Error in units of the last place (ulp) of the result, where that is a normal number:
+ *
+ *                       float           double
+ *   exp, log            below 1 (0.92)  below 1 (0.90)
+ *   tanh, sinh, cosh    below 3 (2.6)   below 3 (2.6)
+ *   atan                below 2.5 (2.0) below 2.5 (1.8)
+ *   asin, acos          below 3.5 (3.3) below 3.5 (2.9)
+ *   pow                 below 2.5 (2.0) times (1 + |y log x|), both
+ *
+ * In parentheses what tests/c/trig_sweep.c found, for every float but those of pow and for samples of doubles. Exact:
+ * exp(0) = 1, log(1) = 0, f(-x) = -f(x) for tanh, sinh, atan and asin, cosh(-x) = cosh(x); |tanh| is never above 1.
+ *
+ * Outside its domain a function returns NaN (log and pow below 0, asin and acos beyond 1), beyond the largest number infinity
+ * (exp, sinh, cosh), and log(0) is minus infinity. Every function here returns NaN for a NaN, and so do minimum, maximum,
+ * comparison and choice, unlike the library's: an argument without meaning shows in the result, and a law then returns
+ * NOSLIP_NONFINITE.
+ *
+ * Constants come from tests/trig/fit_coefficients.py (minimax fits of our own).
+ */
+#ifndef NOSLIP_FUNCTIONS_H
+#define NOSLIP_FUNCTIONS_H
+
+#include "noslip_real.h"
+#include "noslip_trig.h"
+
+/* -- sign, minimum, maximum, choices ---------------------------------------------------------------------------------- */
+
+/* -1, 0 or 1. */
+static inline float noslip_sign_f(float x)
+{
+    return x > 0 ? 1.0f : x < 0 ? -1.0f : x;
+}
+
+static inline double noslip_sign(double x)
+{
+    return x > 0 ? 1.0 : x < 0 ? -1.0 : x;
+}
+
+/* The smaller of the two; unlike the library's fmin, NaN where either is NaN. */
+static inline float noslip_min_f(float x, float y)
+{
+    return x <= y ? x : x > y ? y : x + y;
+}
+
+static inline double noslip_min(double x, double y)
+{
+    return x <= y ? x : x > y ? y : x + y;
+}
+
+/* The larger of the two; unlike the library's fmax, NaN where either is NaN. */
+static inline float noslip_max_f(float x, float y)
+{
+    return x >= y ? x : x < y ? y : x + y;
+}
+
+static inline double noslip_max(double x, double y)
+{
+    return x >= y ? x : x < y ? y : x + y;
+}
+
+/* 1 where x < y, else 0; NaN where either is NaN. */
+static inline float noslip_less_f(float x, float y)
+{
+    return x < y ? 1.0f : x >= y ? 0.0f : x + y;
+}
+
+static inline double noslip_less(double x, double y)
+{
+    return x < y ? 1.0 : x >= y ? 0.0 : x + y;
+}
+
+/* 1 where the condition is 0, else 0; NaN where it is NaN. */
+static inline float noslip_not_f(float condition)
+{
+    return condition > 0 || condition < 0 ? 0.0f : condition + 1.0f;
+}
+
+static inline double noslip_not(double condition)
+{
+    return condition > 0 || condition < 0 ? 0.0 : condition + 1.0;
+}
+
+/* x where the condition is not 0, else 0, whatever x is; NaN where the condition is NaN. */
+static inline float noslip_if_f(float condition, float x)
+{
+    return condition > 0 || condition < 0 ? x : condition;
+}
+
+static inline double noslip_if(double condition, double x)
+{
+    return condition > 0 || condition < 0 ? x : condition;
+}
+
+/* -- exponential and hyperbolic functions ------------------------------------------------------------------------------ */
+
+/* 2^n for n in the range of normal numbers. */
+static inline float noslip_power_of_two_f(int32_t n)
+{
+    noslip_bits_f power;
+    power.bits = (uint32_t)(n + 127) << 23;
+    return power.value;
+}
+
+static inline double noslip_power_of_two(int32_t n)
+{
+    noslip_bits power;
+    power.bits = (uint64_t)(n + 1023) << 52;
+    return power.value;
+}
+
+/*
+ * e^x = 2^n e^r with |r| <= ln(2)/2 or so: returns n, and e^r - 1 in two parts, high + low, with high - low = r. x is in the
+ * range in which e^x is neither infinite nor zero.
+ */
+static inline int32_t noslip_reduced_exp_f(float x, float *high, float *low)
+{
+    const float shifter = 12582912.0f; /* 1.5 * 2^23 */
+    const float n = (x * 1.442695f + shifter) - shifter;
+    const float tail = n * 1.4286068e-6f;
+    float r, z, c;
+    *high = x - n * 0.69314575f; /* exact */
+    r = *high - tail;
+    z = r * r;
+    c = r - z * (0.16666625f + z * -0.0027667128f);
+    *low = r * c / (2.0f - c) - tail;
+    return (int32_t)n;
+}
+
+static inline int32_t noslip_reduced_exp(double x, double *high, double *low)
+{
+    const double shifter = 6755399441055744.0; /* 1.5 * 2^52 */
+    const double n = (x * 1.4426950408889634 + shifter) - shifter;
+    const double tail = n * 5.497923018708371e-14;
+    double r, z, c;
+    *high = x - n * 0.6931471805598903; /* exact */
+    r = *high - tail;
+    z = r * r;
+    c = r - z * (0.16666666666666602 + z * (-0.0027777777777013672 + z * (6.613756320949095e-5 +
+        z * (-1.6533901687113898e-6 + z * 4.138117503533108e-8))));
+    *low = r * c / (2.0 - c) - tail;
+    return (int32_t)n;
+}
+
+static inline float noslip_exp_f(float x)
+{
+    float high, low;
+    int32_t n, half;
+    if (!(x <= 88.8f)) {
+        return x * FLT_MAX; /* infinite, or NaN */
+    }
+    if (x < -104.0f) {
+        return 0;
+    }
+    n = noslip_reduced_exp_f(x, &high, &low);
+    half = n / 2; /* in two steps: 2^n alone can be too large or too small */
+    return (1.0f + (high + low)) * noslip_power_of_two_f(half) * noslip_power_of_two_f(n - half);
+}
+
+static inline double noslip_exp(double x)
+{
+    double high, low;
+    int32_t n, half;
+    if (!(x <= 709.8)) {
+        return x * DBL_MAX; /* infinite, or NaN */
+    }
+    if (x < -745.2) {
+        return 0;
+    }
+    n = noslip_reduced_exp(x, &high, &low);
+    half = n / 2; /* in two steps: 2^n alone can be too large or too small */
+    return (1.0 + (high + low)) * noslip_power_of_two(half) * noslip_power_of_two(n - half);
+}
+
+/* e^x - 1 for x in [0, 44] (float: [0, 20]), without cancellation. */
+static inline float noslip_growth_f(float x)
+{
+    float high, low, power;
+    power = noslip_power_of_two_f(noslip_reduced_exp_f(x, &high, &low));
+    return (power - 1.0f) + power * (high + low);
+}
+
+static inline double noslip_growth(double x)
+{
+    double high, low, power;
+    power = noslip_power_of_two(noslip_reduced_exp(x, &high, &low));
+    return (power - 1.0) + power * (high + low);
+}
+
+static inline float noslip_tanh_f(float x)
+{
+    const float size = noslip_abs_f(x);
+    float t;
+    if (!(size < 9.1f)) {
+        return noslip_sign_f(x);
+    }
+    t = noslip_growth_f(2.0f * size);
+    t = t / (t + 2.0f);
+    return x < 0 ? -t : t;
+}
+
+static inline double noslip_tanh(double x)
+{
+    const double size = noslip_abs(x);
+    double t;
+    if (!(size < 19.1)) {
+        return noslip_sign(x);
+    }
+    t = noslip_growth(2.0 * size);
+    t = t / (t + 2.0);
+    return x < 0 ? -t : t;
+}
+
+/* e^x / 2 for x so large that it is sinh and cosh, which may be finite where e^x is not. */
+static inline float noslip_half_exp_f(float x)
+{
+    const float root = noslip_exp_f(0.5f * x);
+    return 0.5f * root * root;
+}
+
+static inline double noslip_half_exp(double x)
+{
+    const double root = noslip_exp(0.5 * x);
+    return 0.5 * root * root;
+}
+
+static inline float noslip_sinh_f(float x)
+{
+    const float size = noslip_abs_f(x);
+    float t;
+    if (!(size < 9.1f)) {
+        t = noslip_half_exp_f(size);
+    } else {
+        t = noslip_growth_f(size);
+        t = 0.5f * (t + t / (t + 1.0f));
+    }
+    return x < 0 ? -t : t;
+}
+
+static inline double noslip_sinh(double x)
+{
+    const double size = noslip_abs(x);
+    double t;
+    if (!(size < 19.1)) {
+        t = noslip_half_exp(size);
+    } else {
+        t = noslip_growth(size);
+        t = 0.5 * (t + t / (t + 1.0));
+    }
+    return x < 0 ? -t : t;
+}
+
+static inline float noslip_cosh_f(float x)
+{
+    const float size = noslip_abs_f(x);
+    float t;
+    if (!(size < 9.1f)) {
+        return noslip_half_exp_f(size);
+    }
+    t = noslip_exp_f(size);
+    return 0.5f * (t + 1.0f / t);
+}
+
+static inline double noslip_cosh(double x)
+{
+    const double size = noslip_abs(x);
+    double t;
+    if (!(size < 19.1)) {
+        return noslip_half_exp(size);
+    }
+    t = noslip_exp(size);
+    return 0.5 * (t + 1.0 / t);
+}
+
+/* -- logarithm -------------------------------------------------------------------------------------------------------- */
+
+/*
+ * The natural logarithm; minus infinity for 0, NaN below.
+ *
+ * How: x = 2^n (1 + f) with 1 + f in [sqrt(1/2), sqrt(2)], s = f / (2 + f), h = f^2 / 2,
+ * log(1 + f) = 2 s + s^3 P(s^2) = f - (h - s (h + s^2 P(s^2))).
+ */
+static inline float noslip_log_f(float x)
+{
+    noslip_bits_f v;
+    int32_t n = -127;
+    float f, s, z, p, half, k;
+    if (!(x > 0 && x <= FLT_MAX)) {
+        v.bits = x < 0 ? 0x7fc00000u : 0xff800000u;
+        return x <= 0 ? v.value : x;
+    }
+    v.value = x;
+    if (x < FLT_MIN) {
+        v.value = x * 16777216.0f;
+        n -= 24;
+    }
+    v.bits += 0x3f800000u - 0x3f3504f3u; /* the exponent goes up at sqrt(2) and not at 2 */
+    n += (int32_t)(v.bits >> 23);
+    v.bits = (v.bits & 0x7fffffu) + 0x3f3504f3u;
+    k = (float)n;
+    f = v.value - 1.0f;
+    s = f / (2.0f + f);
+    z = s * s;
+    half = 0.5f * f * f;
+    p = z * (0.66666776f + z * (0.39977583f + z * 0.29870796f));
+    return k * 0.69314575f - ((half - (s * (half + p) + k * 1.4286068e-6f)) - f);
+}
+
+static inline double noslip_log(double x)
+{
+    noslip_bits v;
+    int32_t n = -1023;
+    double f, s, z, p, half, k;
+    if (!(x > 0 && x <= DBL_MAX)) {
+        v.bits = x < 0 ? 0x7ff8000000000000u : 0xfff0000000000000u;
+        return x <= 0 ? v.value : x;
+    }
+    v.value = x;
+    if (x < DBL_MIN) {
+        v.value = x * 18014398509481984.0;
+        n -= 54;
+    }
+    v.bits += 0x3ff0000000000000u - 0x3fe6a09e667f3bcdu; /* the exponent goes up at sqrt(2) and not at 2 */
+    n += (int32_t)(v.bits >> 52);
+    v.bits = (v.bits & 0xfffffffffffffu) + 0x3fe6a09e667f3bcdu;
+    k = (double)n;
+    f = v.value - 1.0;
+    s = f / (2.0 + f);
+    z = s * s;
+    half = 0.5 * f * f;
+    p = z * (0.6666666666666734 + z * (0.3999999999941664 + z * (0.28571428742028104 + z * (0.2222219860507319 +
+        z * (0.18183562849625315 + z * (0.15314084904360514 + z * 0.14795632497300854))))));
+    return k * 0.6931471805598903 - ((half - (s * (half + p) + k * 5.497923018708371e-14)) - f);
+}
+
+/* x^y = e^(y log x): for x >= 0; NaN below, as a power that is no whole number is there. */
+static inline float noslip_pow_f(float x, float y)
+{
+    return noslip_exp_f(y * noslip_log_f(x));
+}
+
+static inline double noslip_pow(double x, double y)
+{
+    return noslip_exp(y * noslip_log(x));
+}
+
+/* -- inverse trigonometric functions ------------------------------------------------------------------------------------ */
+
+static inline float noslip_atan_f(float x)
+{
+    return noslip_atan2_f(x, 1.0f);
+}
+
+static inline double noslip_atan(double x)
+{
+    return noslip_atan2(x, 1.0);
+}
+
+/* In [-pi/2, pi/2]; NaN beyond -1 and 1. */
+static inline float noslip_asin_f(float x)
+{
+    return noslip_atan2_f(x, noslip_sqrt_f((1.0f - x) * (1.0f + x)));
+}
+
+static inline double noslip_asin(double x)
+{
+    return noslip_atan2(x, noslip_sqrt((1.0 - x) * (1.0 + x)));
+}
+
+/* In [0, pi]; NaN beyond -1 and 1. */
+static inline float noslip_acos_f(float x)
+{
+    return noslip_atan2_f(noslip_sqrt_f((1.0f - x) * (1.0f + x)), x);
+}
+
+static inline double noslip_acos(double x)
+{
+    return noslip_atan2(noslip_sqrt((1.0 - x) * (1.0 + x)), x);
+}
+
+#endif

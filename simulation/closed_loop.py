@@ -1,0 +1,77 @@
+"""Closed loop of a controller and a plant, continuous or sampled."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..controllers.controller import ON_TARGET
+from .contact import grip
+from .guidance import outputs
+from .integrate import continuous, sampled
+from .loop import make_loop
+from .run import Run
+from .specification.spec import Simulation, Spec
+
+SINGLE, SINGLE_TOLERANCE = ("cf", *ON_TARGET), 1e-6  # rounding in float is noise: step-size control gets nowhere below it
+
+
+def simulate(spec: Spec, backend: str | None = None, progress: Callable[[float], None] | None = None) -> Run:
+    """Run the closed loop of a SPEC; `backend` instead of the SPEC's own; `progress` is told the time reached.
+
+    Raises BadInput or ModelError when the SPEC cannot be run: unknown names, refused parameters, a singular start.
+    """
+    spec = replace(spec, simulation=_as_run(spec.simulation, backend))
+    loop = make_loop(spec)
+    march = sampled if spec.simulation.period else continuous
+    rows = []
+    for row in march(loop, spec.simulation):
+        rows.append(row)
+        if progress:
+            progress(row.t)
+    law, n = loop.law, len(loop.law.system.mechanism.coordinates)
+    t, x, tau = (np.array([getattr(row, name) for row in rows]) for name in ("t", "x", "tau"))
+    config, reference = (np.array([getattr(row, name) for row in rows]) for name in ("config", "reference"))
+    wanted = [[r.name for r in law.reference].index(row.name) for row in law.output.rows]
+    return Run(
+        spec=spec,
+        law=law,
+        plant=loop.plant,
+        t=t,
+        q=x[:, :n],
+        nu=x[:, n:],
+        tau=tau,
+        y=outputs(law)(x.T, loop.plant.parameters, config.T).full().T,
+        y_d=reference[:, wanted],
+        status=np.array([row.status for row in rows]),
+        forces=loop.plant.constraint_forces(x, tau),
+        seen=np.array([row.seen for row in rows]),
+        piece=np.array([row.piece for row in rows]),
+        config=config,
+        integral=np.array([row.integral for row in rows]),
+        integral_rows=loop.integral.rows,
+        warnings=loop.warnings,
+    )
+
+
+def _as_run(simulation: Simulation, backend: str | None) -> Simulation:
+    """With the backend asked for, and a tolerance that this one can meet."""
+    backend = backend or simulation.backend
+    least = SINGLE_TOLERANCE if backend in SINGLE and not simulation.period else 0.0
+    return replace(simulation, backend=backend, tolerance=max(simulation.tolerance, least))
+
+
+def summary(run: Run) -> str:
+    """A few lines for a reader: how long, how far from what was wanted, how hard, how true to the constraints."""
+    simulation = run.spec.simulation
+    held = f"called every {simulation.period:g} s" if simulation.period else "continuous"
+    held += f", acting {simulation.delay:g} s later" if simulation.delay else ""
+    how = f"backend {simulation.backend}, {held}, tolerance {simulation.tolerance:g}"
+    lines = [f"{run.spec.robot}, {run.law.name}, {how}: {run.t[-1]:.9g} s, {len(run.t)} rows"]
+    for row, error in zip(run.law.output.rows, run.error.T, strict=True):
+        lines.append(f"  error of {row.name}: final {error[-1]:.2e} {row.unit}, peak {np.abs(error).max():.3g} {row.unit}")
+    inputs = run.law.system.mechanism.inputs
+    peaks = ", ".join(f"{i.name} {peak:.3g} {i.unit}" for i, peak in zip(inputs, np.abs(run.tau).max(axis=0), strict=True))
+    slip = np.linalg.norm(run.plant.slip(run.x), axis=1).max()
+    lines.append(f"  peak {peaks}; worst ||A qdot|| {slip:.1e}")
+    return "\n".join([*lines, *[f"  {line}" for line in grip(run).summary().splitlines()]])

@@ -1,0 +1,253 @@
+"""Does it still roll? The ground's force at each contact of a run, against what friction can give.
+
+The constraint forces lambda (8) are what the ground must give for the robot to roll without slip. Where several
+contacts share one of them the equations do not say how (two wheels of an axle, sideways); here they share in proportion
+to their loads, as wheels do that are about to slip together. Loads are those of a level ground at rest, moved to the
+outer wheel of each axle by the height of the centre of mass, at once and all of it; they do not move forward or back.
+"""
+
+from __future__ import annotations
+
+import itertools
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..model.contacts import axles
+from ..model.mechanism import Mechanism
+from ..readers.errors import BadInput
+from .plant import Plant
+from .specification.spec import Contact
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .run import Run
+
+    Coloured = Sequence[tuple["ContactForce", str]]
+
+GRAVITY = 9.81  # m/s^2
+LEAST = 1e-6  # of the largest load: the part that a wheel without load still takes of a force it shares
+NEGLIGIBLE = 1e-9  # relative; below it a singular value is rounding
+LARGE = 1e3  # a friction coefficient that needs no decimals
+HIGHEST = 4.0  # friction use up to which the figure goes
+WIDE = 140  # characters of a line of its title
+
+
+@dataclass(frozen=True, eq=False)
+class ContactForce:
+    """Force of the ground on the robot at one contact, N, (N,) each: forward, to the left, and the load on it, upward."""
+
+    name: str
+    longitudinal: np.ndarray
+    lateral: np.ndarray
+    load: np.ndarray
+    mu: float
+
+    @property
+    def needs(self) -> np.ndarray:
+        """The friction coefficient that is needed, |F| / load; infinite where there is no load, or no number."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.hypot(self.longitudinal, self.lateral) / self.load
+        return np.where((self.load > 0) & np.isfinite(ratio), ratio, np.inf)
+
+    @property
+    def use(self) -> np.ndarray:
+        """|F| / (mu load): above 1 it would slip."""
+        return self.needs / self.mu
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """The contacts of a run at the times t (N,) of its rows, and what they are judged by.
+
+    Only rows are looked at: what happens between them, before the torque changes, say, is not seen.
+    """
+
+    t: np.ndarray
+    contacts: tuple[ContactForce, ...]
+    options: Contact
+
+    @property
+    def rolls(self) -> bool:
+        """Does every contact keep its load and stay within friction, at every row?"""
+        return all(np.all(contact.use <= 1) for contact in self.contacts)
+
+    def verdict(self) -> str:
+        """A line for each finding: lifts, would slip, or rolls."""
+        if not self.contacts:
+            return "not known whether it rolls: the robot names no contacts"
+        lifts = [f"{c.name}, first at t = {self._first(c.load <= 0)}" for c in self.contacts if np.any(c.load <= 0)]
+        slips = [self._slip(c) for c in self.contacts if np.any((c.use > 1) & ~(c.load <= 0))]
+        lines = [f"{kind}: {'; '.join(found)}" for kind, found in (("wheel lifts", lifts), ("would slip", slips)) if found]
+        return "\n".join(lines) or f"rolls: friction use at most {', '.join(map(self._worst, self.contacts))}"
+
+    def summary(self) -> str:
+        """The verdict and, in a last line, what it assumes."""
+        return f"{self.verdict()}\n{self.assumed()}" if self.contacts else self.verdict()
+
+    def assumed(self) -> str:
+        """What the verdict rests on."""
+        o = self.options
+        return (
+            f"assumed: mu {o.mu:g}, {o.share:.0%} of the weight on these contacts, centre of mass {o.height:g} m high, "
+            f"g {GRAVITY:g} m/s^2, castors ignored, wheels of an axle share its side force by load"
+        )
+
+    def _worst(self, contact: ContactForce) -> str:
+        k = int(np.argmax(contact.use))
+        return f"{contact.use[k]:.2g} ({contact.name}, t = {self.t[k]:.4g} s)"
+
+    def _slip(self, contact: ContactForce) -> str:
+        needs = np.where(contact.load <= 0, 0.0, contact.needs)
+        first, worst = self._first(contact.use > 1), self._first(needs == needs.max())
+        return f"{contact.name}, first at t = {first}, needs mu >= {_up(needs.max())} at t = {worst}"
+
+    def _first(self, where: np.ndarray) -> str:
+        return f"{self.t[np.argmax(where)]:.4g} s"
+
+
+def grip(run: Run) -> Grip:
+    """The contacts of a run. A row that only tells where it stopped is left out: its torque is none that acted.
+
+    Raises BadInput as `contact_forces` does.
+    """
+    going = slice(None, -1) if run.stopped else slice(None)
+    options = run.spec.contact
+    return Grip(run.t[going], contact_forces(run.plant, run.x[going], run.tau[going], options), options)
+
+
+def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contact) -> tuple[ContactForce, ...]:
+    """Forces at each contact of the plant in states x, (N, 2n-m), with inputs tau, (N, r); empty when it names none.
+
+    Raises BadInput when a height of the centre of mass is given and an axle has no width.
+    """
+    mechanism = plant.system.mechanism
+    if not mechanism.contacts:
+        return ()
+    combination, mass, left = plant.contacts(x)
+    lam = plant.constraint_forces(x, tau)
+    load = options.share * GRAVITY * mass
+    if options.height:
+        # An axle's side force does not depend on how its wheels share it, so the loads at rest will do to find it.
+        sideways = _shared(combination, lam, load)[:, 1::2]
+        load = load + _transfer(mechanism, sideways, load, left, options.height)
+    force = _shared(combination, lam, load)
+    return tuple(
+        ContactForce(contact.name, force[:, 2 * k], force[:, 2 * k + 1], load[:, k], options.mu)
+        for k, contact in enumerate(mechanism.contacts)
+    )
+
+
+def _shared(combination: np.ndarray, lam: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """Forces F, (N, 2 c), with C' F = -lambda and the least sum of F^2 / load: shared in proportion to the load."""
+    floor = LEAST * np.abs(load).max(axis=1, keepdims=True)
+    root = np.sqrt(np.repeat(np.maximum(load, floor), 2, axis=1))[:, :, None]
+    finite = np.isfinite(lam).all(axis=1) & np.isfinite(root).all(axis=(1, 2))
+    force = np.full(root.shape[:2], np.nan)
+    inverse = np.linalg.pinv((combination * root)[finite].swapaxes(1, 2), rcond=NEGLIGIBLE)
+    force[finite] = -(root[finite] * (inverse @ lam[finite, :, None]))[:, :, 0]
+    return force
+
+
+def _transfer(mechanism: Mechanism, sideways: np.ndarray, load: np.ndarray, left: np.ndarray, height: float) -> np.ndarray:
+    """What the side force of each axle adds to the loads, (N, c): its moment height * force, borne by the axle's wheels."""
+    change = np.zeros_like(load)
+    for axle in axles(mechanism):
+        weight, place = load[:, axle], left[:, axle]
+        arm = place - (weight * place).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+        width = (weight * arm**2).sum(axis=1, keepdims=True)
+        if not np.all(width > 0):
+            names = ", ".join(mechanism.contacts[k].name for k in axle)
+            raise BadInput(f"[contact] height = {height:g}: {names} of {mechanism.name} has no width to bear it; leave it out")
+        change[:, axle] = -height * sideways[:, axle].sum(axis=1, keepdims=True) * weight * arm / width
+    return change
+
+
+def _up(value: float) -> str:
+    """Two decimals, rounded up; of a large number three digits."""
+    return f"{np.ceil(value * 100 - 1e-9) / 100:.2f}" if value < LARGE else f"{value * 1.005:.3g}"
+
+
+def draw_contact(run: Run) -> Figure:
+    """Friction use of each contact over time, and its force against the friction circle of radius mu load. SI units.
+
+    Raises BadInput when the robot names no contacts, and as `contact_forces` does.
+    """
+    from matplotlib.figure import Figure  # slow to import
+
+    from .plot import AXLE, POINT, SECOND, STOP, VEHICLE
+
+    found = grip(run)
+    if not found.contacts:
+        raise BadInput(f"{run.law.system.mechanism.name} names no contacts; add them with contact(name, mass, along, across)")
+    coloured = list(zip(found.contacts, itertools.cycle((POINT, VEHICLE, AXLE, SECOND)), strict=False))
+    figure = Figure(figsize=(13, 6.5), layout="constrained")
+    figure.suptitle(_title(run, found), fontsize=11)
+    use, circle = figure.subplots(1, 2, width_ratios=(1.2, 1))
+    _draw_use(use, found.t, coloured, STOP)
+    if run.stopped:
+        use.axvline(run.t[-1], color=STOP, linestyle=":", linewidth=1.5, label=f"stopped at {run.t[-1]:.4g} s: {run.stopped}")
+    _draw_circle(circle, coloured, STOP)
+    for axes in (use, circle):
+        axes.grid(alpha=0.3)
+    use.legend(loc="best", fontsize=9)
+    figure.legend(*circle.get_legend_handles_labels(), loc="outside lower right", ncols=3, fontsize=9, frameon=False)
+    return figure
+
+
+def _title(run: Run, found: Grip) -> str:
+    """Robot and law; the verdict; what is assumed."""
+    lines = (line for text in (found.verdict(), found.assumed()) for line in text.splitlines())
+    shown = [wrapped for line in lines for wrapped in textwrap.wrap(line, WIDE)]
+    return "\n".join([f"{run.law.system.mechanism.name}, {run.law.name}: does it still roll?", *shown])
+
+
+def _draw_use(axes: Axes, t: np.ndarray, coloured: Coloured, beyond: str) -> None:
+    """Friction use over time; above 1 it would slip."""
+    for contact, colour in coloured:
+        k = int(np.argmax(contact.use))
+        axes.plot(t, contact.use, color=colour, label=f"{contact.name}, at most {contact.use[k]:.2g} at t = {t[k]:.4g} s")
+        axes.plot(t[k], contact.use[k], "o", color=colour, markersize=8)
+    top = _reach(max(contact.use.max() for contact, _ in coloured))
+    axes.axhspan(1.0, top, color=beyond, alpha=0.1, linewidth=0, label="would slip")
+    axes.axhline(1.0, color=beyond, linewidth=1.5)
+    axes.set(xlabel="time t (s)", ylabel=r"friction use  |F| / ($\mu$ load)", ylim=(0.0, top))
+    axes.margins(x=0.01)
+
+
+def _draw_circle(axes: Axes, coloured: Coloured, beyond: str) -> None:
+    """The force of each contact as the driver sees it, forward up and left to the left, and where friction ends.
+
+    Where loads change each contact has the circle of the row of its worst use, which is marked.
+    """
+    constant = np.ptp([contact.load for contact, _ in coloured]) <= NEGLIGIBLE * np.max([c.load for c, _ in coloured])
+    radii = []
+    for contact, colour in coloured:
+        axes.plot(contact.lateral, contact.longitudinal, color=colour, label=contact.name)
+        k = int(np.argmax(contact.use))
+        worst = f"{contact.name} at its worst"
+        axes.plot(contact.lateral[k], contact.longitudinal[k], "o", color=colour, markersize=8, label=worst)
+        radii.append(contact.mu * max(contact.load[k], 0.0))
+        if not constant:
+            _draw_limit(axes, radii[-1], colour, f"friction circle then, $\\mu$ load = {radii[-1]:.3g} N")
+    if constant:
+        _draw_limit(axes, radii[0], beyond, f"friction circle $\\mu$ load = {radii[0]:.3g} N")
+    limit = coloured[0][0].mu * max(contact.load.max() for contact, _ in coloured)
+    half = limit * _reach(max(np.abs(f).max() for c, _ in coloured for f in (c.lateral, c.longitudinal)) / limit)
+    axes.set(xlim=(half, -half), ylim=(-half, half), aspect="equal")
+    axes.set(xlabel="side force on the robot, left positive (N)", ylabel="force forward (N)")
+
+
+def _draw_limit(axes: Axes, radius: float, colour: str, label: str) -> None:
+    angle = np.linspace(0.0, 2 * np.pi, 361)
+    axes.plot(radius * np.cos(angle), radius * np.sin(angle), "--", color=colour, linewidth=1.5, label=label)
+
+
+def _reach(worst: float) -> float:
+    """How far an axis goes in units of its limit: past both the limit and the worst, unless that is without bound."""
+    return float(np.clip(1.15 * worst, 1.3, HIGHEST)) if np.isfinite(worst) else HIGHEST

@@ -1,0 +1,114 @@
+"""How the figures look: planes with metres of one length, time axes, colours, what is assumed below."""
+
+import io
+import textwrap
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..readers.files import MARK
+
+WANTED, STOP, FAINT = "#9a9a9a", "#c00000", "#666666"
+COLOURS = ("#0b61a4", "#c2570c", "#2e8b57", "#8a4fa3", "#b8860b", "#16808c", "#a63a50", "#4d4d4d")
+WIDEST = 190  # characters of what is assumed in a line
+METADATA = {"png": {"Software": MARK}, "svg": {"Date": None, "Creator": MARK}}  # the same bytes at every run
+STYLE = matplotlib.RcParams(
+    {
+        "svg.hashsalt": "noslip",
+        "figure.autolayout": False,
+        "figure.constrained_layout.use": False,
+        "font.size": 9.5,
+        "axes.titlesize": 10.5,
+        "axes.grid": True,
+        "grid.alpha": 0.3,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "legend.frameon": False,
+        "legend.fontsize": 9,
+        "lines.linewidth": 1.6,
+    }
+)
+
+
+def panels(*titles: str, height: float = 4.6, widths: Iterable[float] = ()) -> tuple[Figure, np.ndarray]:
+    """A figure with a panel for each title in one row."""
+    figure = Figure(figsize=(12.0, height), layout="constrained")
+    axes = figure.subplots(1, len(titles), squeeze=False, width_ratios=tuple(widths) or None)[0]
+    for panel, title in zip(axes, titles, strict=True):
+        panel.set_title(title, loc="left")
+    return figure, axes
+
+
+def plane(axes: Axes, *points: np.ndarray, room: float = 0.06) -> None:
+    """Axes of the plane in m, of one scale, with `points` (N, 2) in view; the panel keeps its size and shows more. Comes last."""
+    low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
+    more = room * (high - low).max()
+    axes.set_xlim(low[0] - more, high[0] + more, auto=True)  # auto: matplotlib may widen one of them
+    axes.set_ylim(low[1] - more, high[1] + more, auto=True)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="x (m)", ylabel="y (m)")
+
+
+def over_time(axes: Axes, quantity: str) -> None:
+    """Axes of a quantity over time."""
+    axes.set(xlabel="time t (s)", ylabel=quantity)
+    axes.margins(x=0.01)
+
+
+def start(axes: Axes, place: np.ndarray, label: str | None = "start") -> None:
+    """A ring where runs start."""
+    ring: dict[str, Any] = {"markersize": 8, "markerfacecolor": "white", "markeredgecolor": "black", "markeredgewidth": 1.5}
+    axes.plot(*place, "o", color="none", label=label, zorder=5, **ring)
+
+
+def to_follow(axes: Axes, x: np.ndarray, y: np.ndarray, label: str | None = "path to follow") -> None:
+    """What was wanted, broad and grey behind the runs."""
+    axes.plot(x, y, color=WANTED, linewidth=5, alpha=0.45, solid_capstyle="round", label=label, zorder=0)
+
+
+def zoom(axes: Axes, place: tuple[float, float, float, float], around: np.ndarray, half: float) -> Axes:
+    """A magnified view, `place` (x, y, width, height) in parts of the panel, of 2 `half` m about a point; to be drawn into."""
+    inset = axes.inset_axes(place)
+    inset.set(
+        xlim=(around[0] - half, around[0] + half), ylim=(around[1] - half, around[1] + half), aspect="equal", autoscale_on=False
+    )
+    inset.tick_params(labelsize=7)
+    inset.spines[:].set(visible=True, color=FAINT)
+    axes.indicate_inset_zoom(inset, edgecolor=FAINT, alpha=0.8)
+    return inset
+
+
+def say(axes: Axes, text: str, place: tuple[float, float], colour: str = FAINT, **options) -> None:
+    """A remark inside a panel, `place` in parts of it."""
+    axes.text(*place, text, transform=axes.transAxes, color=colour, fontsize=9, **options)
+
+
+def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, bytes]:
+    """What `draw` draws as the bytes of a png and of an svg file, with a title above and what is assumed below."""
+    with matplotlib.rc_context(STYLE):
+        figure = draw()
+        figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
+        if assumed:
+            text = textwrap.fill(f"Assumed, lost in the scan: {assumed}", WIDEST)
+            figure.supxlabel(text, fontsize=8, color=FAINT, x=0.01, ha="left")
+        _freeze(figure)
+        return {kind: encoded(figure, kind) for kind in METADATA}
+
+
+def _freeze(figure: Figure) -> None:
+    """Lay out once and round the result: the solver's last bits differ from run to run, and SVG names clip paths by them."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine(None)  # not "none": with that each file would be drawn twice
+    for axes in figure.axes:
+        axes.set_position(np.round(axes.get_position(original=True).bounds, 6))
+
+
+def encoded(figure: Figure, kind: str) -> bytes:
+    """A figure as the bytes of a png or svg file."""
+    made = io.BytesIO()
+    figure.savefig(made, format=kind, dpi=130, metadata=METADATA[kind])
+    return made.getvalue()

@@ -1,0 +1,201 @@
+"""What is followed, and by which controller: one path under a moving reference, or a composite path piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Protocol
+
+import casadi as ca
+import numpy as np
+
+from ..controllers.angles import nearest_angle
+from ..controllers.controller import Controller
+from ..controllers.direct import Direct
+from ..model.algebra.portable import portable
+from ..model.algebra.trigonometry import cosine
+from ..model.law import ControlLaw, symbols
+from ..model.outputs import forward_speed
+from ..model.reduction import ReducedSystem
+from ..readers.errors import BadInput
+
+if TYPE_CHECKING:
+    from ..controllers.tracking import Guide, Tracker, TrackerOptions
+
+
+class Side:
+    """Which side of the singular set a state is on: det Phi, its sign taken positive at the start.
+
+    A step over the set is no way around it: behind it the sign has changed.
+    """
+
+    def __init__(self, law: ControlLaw, parameters: np.ndarray, config: np.ndarray, start: np.ndarray):
+        self._function = Direct(_determinant(law))
+        self._fixed = (parameters, config)
+        self._sign = np.sign(self._function(start, *self._fixed)[0][0])
+
+    def __call__(self, x: np.ndarray) -> float:
+        return self._sign * self._function(x, *self._fixed)[0][0]
+
+    def relative(self, x: np.ndarray) -> float:
+        """|det Phi| over the product of Phi's row norms, between 0 and 1."""
+        determinant, scale = (value[0] for value in self._function(x, *self._fixed))
+        if not (np.isfinite(determinant) and np.isfinite(scale)):
+            return float("nan")
+        return float(abs(determinant) / scale) if scale else 0.0
+
+
+@lru_cache(maxsize=16)
+def _determinant(law: ControlLaw) -> ca.Function:
+    groups = [symbols(law.state), symbols(law.parameters), symbols(law.config)]
+    determinant = ca.densify(law.linearization.determinant)
+    return portable(ca.Function("side", groups, [determinant, ca.densify(ca.sqrt(law.linearization.scale_squared))]))
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """A controller made for one path: followed until the next switch. `config` in the order of law.config."""
+
+    config: np.ndarray
+    controller: Controller
+    side: Side
+
+
+LegMaker = Callable[[np.ndarray, np.ndarray], Leg]  # from config, and the state in which the leg begins
+
+
+class Guidance(Protocol):
+    """Tells the controller what to follow. States are those the controller sees."""
+
+    leg: Leg
+    piece: int  # which piece of the path is followed, from 0
+    arrived: bool
+
+    def reference(self, t: float, x: np.ndarray) -> np.ndarray:
+        """What the outputs shall do, in the order of law.reference; pure."""
+
+    def left(self, t: float, x: np.ndarray) -> float:
+        """Positive until the piece followed ends; pure, smooth in x."""
+
+    def update(self, t: float, x: np.ndarray) -> None:
+        """Go on to the next piece where this one has ended."""
+
+
+class ShortWay:
+    """Prepares references of a law: those of outputs in rad are taken the short way round from where the output is."""
+
+    def __init__(self, law: ControlLaw, parameters: np.ndarray, config: np.ndarray):
+        names = [q.name for q in law.reference]
+        rows = [(k, names.index(row.name)) for k, row in enumerate(law.output.rows) if row.unit == "rad"]
+        self._rows, self._fixed = rows, (parameters, config)
+        self._outputs = Direct(outputs(law))
+
+    def __call__(self, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        """The reference to give to the controller, in the order of law.reference."""
+        if not self._rows:
+            return reference
+        prepared, y = np.array(reference, float), self._outputs(state, *self._fixed)[0]
+        for row, entry in self._rows:
+            prepared[entry] = nearest_angle(prepared[entry], y[row])
+        return prepared
+
+
+class OnePath:
+    """One path for all time, or none; the reference moves at a constant rate, offset + slope t, headings the short way."""
+
+    piece, arrived = 0, False
+
+    def __init__(self, leg: Leg, offset: np.ndarray, slope: np.ndarray, prepare: ShortWay):
+        self.leg, self._offset, self._slope, self._prepare = leg, offset, slope, prepare
+
+    def reference(self, t: float, x: np.ndarray) -> np.ndarray:
+        """As wanted at t."""
+        return self._prepare(x, self._offset + self._slope * t)
+
+    def left(self, t: float, x: np.ndarray) -> float:
+        """It does not end."""
+        return np.inf
+
+    def update(self, t: float, x: np.ndarray) -> None:
+        """There is no other."""
+
+
+LOST = {  # status of a tracker -> why it cannot tell where on the path the robot is
+    "singular": "P_l is in the centre of the path's first arc; move it",
+    "range": "the heading is too large for sine and cosine; cut whole turns off",
+    "nonfinite": "P_l is too far from the path; move it nearer",
+}
+
+
+class Route:
+    """A composite path: the tracker says which piece, the law of a line or arc follows it."""
+
+    def __init__(self, law: ControlLaw, parameters: np.ndarray, tracker: Tracker, make_leg: LegMaker, start: np.ndarray):
+        """`parameters`: what the controller believes. Takes up the first piece. Raises BadInput where it cannot be seen."""
+        self._law, self._tracker, self._make_leg = law, tracker, make_leg
+        self._motion, self._parameters = Direct(vehicle_motion(law.system)), parameters
+        self._speed = [q.name for q in law.reference].index("speed")
+        self._zeros = np.zeros(len(law.reference))
+        self.piece, self.arrived = 0, False
+        if (reason := LOST.get(tracker.look(*self._seen(start)).status)) is not None:
+            raise BadInput(f"[initial]: {reason}")
+        self.update(0.0, start)
+
+    @property
+    def options(self) -> TrackerOptions:
+        """How the path is followed."""
+        return self._tracker.options
+
+    def reference(self, t: float, x: np.ndarray) -> np.ndarray:
+        """On the path, at the tracker's speed."""
+        guide = self._tracker.look(*self._seen(x))
+        wanted = self._zeros.copy()
+        wanted[self._speed : self._speed + 2] = guide.speed, guide.speed_rate
+        return wanted
+
+    def left(self, t: float, x: np.ndarray) -> float:
+        """m, or m/s while it waits for a standstill."""
+        return np.inf if self.arrived else self._tracker.look(*self._seen(x)).left
+
+    def update(self, t: float, x: np.ndarray) -> None:
+        """Go on, and make the controller for the piece that is followed now."""
+        guide = self._tracker.update(*self._seen(x))
+        self.arrived = bool(guide.arrived)
+        if guide.changed:
+            self.piece = guide.segment
+            self.leg = self._make_leg(self._config(guide), x)
+
+    def faces(self, x: np.ndarray) -> float:
+        """Cosine of the angle between the vehicle's heading and the one in which it shall drive there."""
+        guide, heading = self._tracker.look(*self._seen(x)), self._seen(x)[2]
+        return cosine(float(heading - guide.heading - guide.curvature * guide.progress - np.pi * guide.backward))
+
+    def _config(self, guide: Guide) -> np.ndarray:
+        given = {
+            "L": guide.L,
+            "W": self._tracker.options.W,
+            "x_s": guide.x,
+            "y_s": guide.y,
+            "direction": guide.heading,
+            "curvature": guide.curvature,
+        }
+        return np.array([given[c.name] for c in self._law.config])
+
+    def _seen(self, x: np.ndarray) -> np.ndarray:
+        return self._motion(x, self._parameters)[0][:4]
+
+
+@lru_cache(maxsize=16)
+def vehicle_motion(system: ReducedSystem) -> ca.Function:
+    """From state and parameters: x, y (m), heading (rad), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
+    vehicle = system.mechanism.required_vehicle
+    motion = ca.vertcat(vehicle.x, vehicle.y, vehicle.heading, forward_speed(system), system.along_motion(vehicle.heading))
+    return portable(ca.Function("motion", [symbols(system.state), system.mechanism.p], [ca.densify(motion)]))
+
+
+@lru_cache(maxsize=16)
+def outputs(law: ControlLaw) -> ca.Function:
+    """Outputs y = h (14) of state, parameters and config."""
+    groups = [symbols(law.state), symbols(law.parameters), symbols(law.config)]
+    return portable(ca.Function("outputs", groups, [ca.densify(law.linearization.h)]))

@@ -1,0 +1,190 @@
+"""The closed loop marched through time, the controller continuous or called at a period."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ..readers.errors import BadInput
+from .loop import RUNNING, Loop
+from .runge_kutta import SHRINK, Integrator, Step, resize
+from .specification.spec import MOST_ROWS, Simulation
+
+SHORTEST = 1e-9  # s: a step that meets an error is shortened down to this, then the run stops
+PACE = 4000  # steps from which on the time they covered decides whether the run goes on
+MOST_STEPS = 100_000  # while the inputs are held
+BEYOND = 1e-9  # m: a piece of a path is left so little beyond its end, where rounding cannot call it back
+
+
+@dataclass(frozen=True)
+class Row:
+    """One instant: true state, state the controller saw, inputs, status, what was followed and how (config, reference).
+
+    `integral`: of the error, for each output with integral action.
+    """
+
+    t: float
+    x: np.ndarray
+    seen: np.ndarray
+    tau: np.ndarray
+    status: str
+    piece: int
+    config: np.ndarray
+    reference: np.ndarray
+    integral: np.ndarray
+
+
+def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
+    """The controller is part of the right-hand side. Steps end on the rows, so that rows are as good as steps. The integrals z
+    of the errors of outputs with integral action are further states: [x; z].
+
+    Where a trial step meets an error, a shorter one is tried; the run stops when none of at least SHORTEST is left. Where a
+    step passes the end of a piece of the path, it is taken again up to that end.
+    """
+    n, ki = len(loop.start), loop.integral.ki
+
+    def command(t: float, state: np.ndarray) -> tuple[str, np.ndarray]:
+        return loop.command(t, state[:n], ki * state[n:])
+
+    def rate(t: float, state: np.ndarray) -> np.ndarray:
+        status, tau = command(t, state)
+        if status not in RUNNING:
+            raise _Refused(status, t, state[:n])
+        return np.concatenate([loop.plant.rate(state[:n], tau), loop.error(t, state[:n])])
+
+    begin, steps = 0.0, 0  # of the current piece of the path
+    solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki))]), simulation.tolerance)
+    for t in _row_times(simulation):
+        while solver.t < t:
+            try:
+                step = solver.step(t)
+                end = _end_of_piece(loop, step)
+            except _Refused as refused:
+                if solver.h <= SHORTEST:
+                    yield _row(loop, solver.t, solver.x[:n], _none(loop), refused.status, solver.x[n:])
+                    return
+                solver.h *= SHRINK
+                continue
+            steps += 1
+            if steps > PACE and steps * (simulation.duration - begin) > MOST_ROWS * (step.end - begin):
+                raise _too_stiff(step.end, step.end - step.begin)
+            if end is None:
+                solver.take(step)
+            else:
+                solver.restart(*end)
+                begin, steps = end[0], 0
+        status, tau = command(t, solver.x)
+        yield _row(loop, t, solver.x[:n], tau, status, solver.x[n:])
+        if status not in RUNNING:
+            return
+
+
+def sampled(loop: Loop, simulation: Simulation) -> Iterator[Row]:
+    """The controller is called every `period`, its torque held until the next one acts, as a firmware loop does."""
+    period, tolerance = simulation.period, simulation.tolerance
+    slack = 1e-9 * min(period, simulation.output_step)  # a row this near to a call belongs to the call
+    rows = iter(_row_times(simulation))
+    row = next(rows)
+    x, t, held, status = loop.start, 0.0, _none(loop), "ok"
+    integrators = loop.integral.integrators(simulation.backend)
+    for k in itertools.count():
+        loop.sense(t, x)
+        loop.guidance.update(t, loop.seen(x))
+        add = np.array([one.step(e, period, status) for one, e in zip(integrators, loop.error(t, x), strict=True)])
+        z = np.array([one.z for one in integrators])
+        status, tau = loop.command(t, x, add)
+        if status not in RUNNING:
+            yield _row(loop, t, x, _none(loop), status, z)
+            return
+        end = (k + 1) * period
+        for acting, last in ((held, min(t + simulation.delay, end)), (tau, end)):
+            while t < last:
+                due = row < last - slack
+                until = row if due else last
+                try:
+                    x = _hold(loop, t, x, acting, until - t, tolerance)
+                except _Refused as refused:
+                    yield _row(loop, refused.t, refused.x, _none(loop), refused.status, z)
+                    return
+                t = max(t, until)
+                if due:
+                    yield _row(loop, row, x, acting, status, z)
+                    row = next(rows, np.inf)
+                    if row == np.inf:
+                        return
+        held = tau
+
+
+class _Refused(Exception):
+    """A state at which the run cannot go on."""
+
+    def __init__(self, status: str, t: float, x: np.ndarray):
+        super().__init__(status)
+        self.status, self.t, self.x = status, t, x
+
+
+def _too_stiff(t: float, h: float) -> BadInput:
+    """The error of a run that would not end in a time worth waiting for."""
+    return BadInput(f"the loop is too fast to simulate: at t = {t:.4g} s steps of {h:.1e} s are needed; make gains smaller")
+
+
+def _end_of_piece(loop: Loop, step: Step) -> tuple[float, np.ndarray] | None:
+    """Time and [x; z] where a step leaves the piece of path, the guidance having gone on; None where it does not."""
+    guidance, n = loop.guidance, len(loop.start)
+    end, state = step.end, step.after
+    left = guidance.left(end, state[:n])
+    if left <= -BEYOND:
+
+        def beyond(seconds: float) -> float:
+            return guidance.left(step.begin + seconds, step.within(seconds)[:n]) + BEYOND
+
+        seconds = brentq(beyond, 0.0, end - step.begin, xtol=1e-15) if beyond(0.0) > 0 else 0.0
+        end, state = step.begin + seconds, step.within(seconds)
+    guidance.update(end, state[:n])
+    return None if left > 0 else (end, state)
+
+
+def _hold(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, duration: float, tolerance: float) -> np.ndarray:
+    """State after `duration` seconds of constant tau. Raises _Refused where it meets the singular set or overflows."""
+    left = h = duration
+    for _ in range(MOST_STEPS):
+        if left <= 0:
+            return x
+        h = min(h, left)
+        after, error = loop.plant.step(x, tau, h, tolerance)
+        if not error <= 1:  # also when it is NaN
+            if h <= SHORTEST and not np.isfinite(error):
+                raise _Refused("nonfinite", t + duration - left, x)
+            h *= resize(error)
+            continue
+        if loop.beyond(after):
+            raise _crossing(loop, t + duration - left, x, tau, h, tolerance)
+        x, left = after, left - h
+    raise _too_stiff(t + duration - left, h)
+
+
+def _crossing(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float) -> _Refused:
+    """Where a step of h seconds from x at t goes through the singular set."""
+
+    def after(s: float) -> np.ndarray:
+        return loop.plant.step(x, tau, s, tolerance)[0]
+
+    s = brentq(lambda s: loop.guidance.leg.side(after(s)), 0.0, h, xtol=SHORTEST)
+    return _Refused("singular", t + s, after(s))
+
+
+def _row(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, status: str, z: np.ndarray) -> Row:
+    seen, guidance = loop.seen(x), loop.guidance
+    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg.config, guidance.reference(t, seen), z)
+
+
+def _none(loop: Loop) -> np.ndarray:
+    return np.zeros(len(loop.law.system.mechanism.inputs))
+
+
+def _row_times(simulation: Simulation) -> list[float]:
+    """Multiples of output_step, and the end."""
+    step, end = simulation.output_step, simulation.duration
+    return [*(k * step for k in range(int(np.ceil(end / step - 1e-9)))), end]

@@ -1,0 +1,286 @@
+"""A controller wired to a robot, from a SPEC."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..controllers.backends import make_controller
+from ..controllers.controller import Limits
+from ..controllers.integral import IntegralAction
+from ..controllers.odometry import vehicle_wheels
+from ..controllers.tracking import Tracker, TrackerOptions, make_tracker
+from ..model.algebra.trigonometry import sine_cosine
+from ..model.law import ControlLaw
+from ..model.linearization import SINGULAR
+from ..model.mechanism import Mechanism, values_of
+from ..readers.errors import BadInput
+from ..readers.reading import check_keys
+from ..readers.robots import find_robot, law_of
+from ..verification.cases import gain_entries, integral_entries
+from .guidance import Guidance, Leg, OnePath, Route, ShortWay, Side
+from .plant import Plant
+from .sensing import Sensing
+from .specification.spec import TYPES, Initial, Path, Spec
+from .starts import starts
+
+RUNNING = ("ok", "saturated")  # the statuses with which a run goes on
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Everything a run needs but the clock. `start` is the true state [q; nu] at t = 0; `warnings` are for the user.
+
+    `believed`, `gains` and `limits` are the controller's. Without sensing the controller sees the true state.
+    """
+
+    law: ControlLaw
+    plant: Plant
+    believed: np.ndarray
+    gains: np.ndarray
+    limits: Limits | None
+    guidance: Guidance
+    start: np.ndarray
+    integral: IntegralAction
+    sensing: Sensing | None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def composite(self) -> bool:
+        """Is a path followed piece by piece?"""
+        return isinstance(self.guidance, Route)
+
+    def seen(self, x: np.ndarray) -> np.ndarray:
+        """The state the controller works with when the true one is x."""
+        return self.sensing.state if self.sensing else x
+
+    def sense(self, t: float, x: np.ndarray) -> None:
+        """Look anew."""
+        if self.sensing:
+            self.sensing.sense(t, x)
+
+    def error(self, t: float, x: np.ndarray) -> np.ndarray:
+        """y_d - y of the outputs with integral action, as the controller sees it."""
+        if not self.integral.rows:
+            return np.zeros(0)
+        seen = self.seen(x)
+        return self.integral.error(self.guidance.leg.controller, seen, self.guidance.reference(t, seen))
+
+    def command(self, t: float, x: np.ndarray, add: np.ndarray) -> tuple[str, np.ndarray]:
+        """Status and inputs (N, N m) that the controller answers at time t in state x; zeros with an error.
+
+        `add`: what integral action adds for each output that has it.
+        """
+        seen, leg = self.seen(x), self.guidance.leg
+        status, tau = leg.controller.step(seen, self.integral.added(self.guidance.reference(t, seen), add))
+        if status in RUNNING and leg.side(seen) <= 0:
+            return "singular", np.zeros_like(tau)
+        return status, tau
+
+    def beyond(self, x: np.ndarray) -> bool:
+        """Has the robot gone through the singular set? Only a controller that sees where it is must not."""
+        return not self.sensing and self.guidance.leg.side(x) <= 0
+
+
+def make_loop(spec: Spec) -> Loop:
+    """Build controller, plant, guidance and start of a SPEC.
+
+    Raises BadInput or ModelError when it cannot be run: unknown names, refused parameters, a path that cannot be followed,
+    a singular start.
+    """
+    mechanism = find_robot(spec.robot)
+    law = _law(mechanism, spec)
+    names = [p.name for p in law.parameters]
+    for where in ("parameters", "plant"):
+        check_keys(getattr(spec, where), names, where)
+    believed = np.array(mechanism.parameter_values(spec.parameters))
+    plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"))
+    gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
+    limits, integral = _limits(spec, len(mechanism.inputs)), _integral(spec, law, gains)
+
+    def make_leg(config: np.ndarray, x: np.ndarray) -> Leg:
+        controller = make_controller(spec.simulation.backend, law, believed, config, gains, limits)
+        return Leg(config, controller, Side(law, believed, config, x))
+
+    warnings: tuple[str, ...] = ()
+    guidance: Guidance
+    if (path := spec.output.path) and path.segments:
+        tracker = _tracker(law, spec, path, believed)
+        L = tracker.options.L[path.segments[0].backward]
+        start = _start(initial_of(spec, tracker.options), plant, L, spec.output.W)
+        guidance = route = Route(law, believed, tracker, make_leg, start)
+        if route.faces(start) < 0:
+            warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
+    else:
+        spec, warnings = _facing(spec, law, believed)
+        assert spec.initial is not None, "only a composite path says itself where it starts"
+        start = _start(spec.initial, plant, spec.output.L, spec.output.W)
+        leg = make_leg(_config(law, spec), start)
+        guidance = OnePath(leg, *_reference(law, spec), ShortWay(law, believed, leg.config))
+    sensing = None
+    if spec.sensors:
+        seen = (plant.parameters, believed, start, spec.simulation.backend)
+        sensing = Sensing(spec.sensors, spec.correction, law, *seen)
+    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, warnings)
+    _check_start(loop)
+    return loop
+
+
+def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
+    """The law asked for. Raises BadInput where the type is neither one of the paper's nor the name of an output of the robot."""
+    own = [output.name for output in mechanism.outputs]
+    if spec.output.own and spec.output.type not in own:
+        known = ", ".join([*TYPES, *own])
+        raise BadInput(f"[output] type = {spec.output.type!r} is not one of {known}")
+    return law_of(mechanism, spec.output.law)
+
+
+def _limits(spec: Spec, inputs: int) -> Limits | None:
+    """As given, one limit for all inputs where there is but one."""
+    if spec.limits is None:
+        return None
+    torque = spec.limits.torque
+    return Limits(torque * inputs if len(torque) == 1 else torque, spec.limits.mode)
+
+
+def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction:
+    ki = integral_entries(law, spec.gains)
+    if spec.limits is None:
+        return IntegralAction(law, gains, ki)
+    if any(ki.values()) and not spec.simulation.period:
+        raise BadInput(
+            "[limits] with a gain ki needs [simulation] period > 0: "
+            "at each call it is decided by the status of the last one whether the integral may grow"
+        )
+    return IntegralAction(law, gains, ki, spec.limits.integral)
+
+
+def _tracker(law: ControlLaw, spec: Spec, path: Path, believed: np.ndarray) -> Tracker:
+    """The tracker of a composite path. Raises BadInput for a path that cannot be followed."""
+    reference, output = spec.reference, spec.output
+    ahead = vehicle_wheels(law.system, believed)[2]
+    mirrored = -output.L - 2 * ahead
+    options = TrackerOptions(
+        speed=reference.speed or 0.0,
+        deceleration=reference.deceleration or 0.0,
+        creep=reference.creep or 0.0,
+        L=(output.L, mirrored if output.L_backward is None else output.L_backward),
+        W=output.W,
+        ahead=ahead,
+        reversing="switch" if output.reversing == "switch" else "refuse",
+        stop=path.stop,
+        closed=path.closed,
+    )
+    return make_tracker(spec.simulation.backend, path.segments, options, law)
+
+
+def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tuple[str, ...]]:
+    """The SPEC with P_l on the side that its speed asks for, if so configured; else a warning where it is on the other."""
+    output, speed = spec.output, spec.reference.speed
+    if output.type != "IV" or not speed:
+        return spec, ()
+    try:
+        ahead = vehicle_wheels(law.system, believed)[2]
+    except BadInput:  # a robot of another kind: nothing is known about it
+        return spec, ()
+    if speed * (output.L + ahead) >= 0:
+        return spec, ()
+    what = f"speed {speed:g} m/s and L + d = {output.L + ahead:g} m have opposite signs: the heading diverges from the path"
+    advice = '[output] L on the other side of the axle or reversing = "switch"'
+    if output.reversing == "refuse":
+        raise BadInput(f"[output] {what}; set {advice}")
+    if output.reversing == "allow":
+        return spec, (f"{what}; {advice} avoids that",)
+    L = -output.L - 2 * ahead if output.L_backward is None else output.L_backward
+    if speed * (L + ahead) <= 0:
+        raise BadInput(f"[output] L_backward = {L:g} is on the same side of the axle as L; set it to less than {-ahead:g}")
+    return replace(spec, output=replace(output, L=L)), ()
+
+
+def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
+    if spec.output.own:
+        return np.array(values_of(list(law.config), spec.output.parameters, "[output] parameters"))
+    given = {"L": spec.output.L, **({"W": spec.output.W} if spec.output.W else {})}
+    if path := spec.output.path:
+        names = [c.name for c in law.config if c.name not in ("L", "W")]
+        check_keys(path.parameters, names, "[output] path")
+        missing = [name for name in names if name not in path.parameters]
+        if missing:
+            raise BadInput(f"[output] path {missing[0]} is missing; a {path.kind} has {', '.join(names)}")
+        given |= path.parameters
+    return np.array(values_of(list(law.config), given, "[output]"))
+
+
+def _reference(law: ControlLaw, spec: Spec) -> tuple[np.ndarray, np.ndarray]:
+    """Offset and slope of the reference, in the order of law.reference."""
+    rows = len(law.output.rows)
+    position, velocity = spec.reference.position or (), spec.reference.velocity
+    if spec.output.type == "IV":
+        position = (0.0, spec.reference.speed or 0.0)
+    if velocity is None:
+        velocity = (0.0,) * rows
+    for name, given in (("position", position), ("velocity", velocity)):
+        if len(given) != rows:
+            wanted = ", ".join(row.name for row in law.output.rows)
+            raise BadInput(f"[reference] {name} has {len(given)} numbers, it must have {rows}: {wanted}")
+    offset, slope = [], []
+    for degree, start, rate in zip(law.linearization.relative_degree, position, velocity, strict=True):
+        offset += [start, rate, 0.0][: degree + 1]
+        slope += [rate, 0.0, 0.0][: degree + 1]
+    return np.array(offset), np.array(slope)
+
+
+def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
+    """As given; else at rest at the start of the composite path, with what is to stop there at its end."""
+    if spec.initial is not None:
+        return spec.initial
+    first = spec.output.segments[0]
+    heading = first.heading + (np.pi if first.backward else 0.0)
+    lever = options.L[first.backward] + options.ahead if options.stop == "axle" else 0.0
+    s, c = sine_cosine(heading)
+    ahead, left = np.array([c, s]), np.array([-s, c])
+    place = np.array([first.x, first.y]) + lever * ahead + (options.W * left if lever else 0.0)
+    return Initial(point=tuple(place), heading=float(heading), speed=0.0)
+
+
+def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
+    """[q; nu] at t = 0: as given, or found from P_l, heading and forward speed."""
+    system = plant.system
+    n, freedom = len(system.mechanism.coordinates), system.freedom
+    if initial.q is not None:
+        nu = (0.0,) * freedom if initial.nu is None else initial.nu
+        for name, given, wanted in (("q", initial.q, n), ("nu", nu, freedom)):
+            if len(given) != wanted:
+                raise BadInput(f"[initial] {name} has {len(given)} numbers, {system.mechanism.name} has {wanted}")
+        return np.array([*initial.q, *nu])
+    if system.mechanism.vehicle is None:
+        raise BadInput(f"[initial] point: {system.mechanism.name} is no vehicle (moves_in_plane); give q and nu instead")
+    pose, speed = np.array([[*(initial.point or ()), initial.heading or 0.0]]), np.array([initial.speed or 0.0])
+    (found,) = starts(system, plant.parameters[None], (np.array([L]), np.array([W])), pose, speed)
+    for part, where in ((found[:n], "point and heading"), (found[n:], "speed")):
+        if np.isnan(part).any():
+            raise BadInput(f"[initial] {where}: the robot cannot be there; give q and nu instead")
+    return found
+
+
+def _check_start(loop: Loop) -> None:
+    """Raise BadInput when the controller refuses the start, with the reason."""
+    status, _ = loop.command(0.0, loop.start, np.zeros(len(loop.integral.rows)))
+    if status in RUNNING:
+        return
+    if status != "singular":
+        raise BadInput(f"[initial]: the controller answers {status!r} at the start")
+    size = loop.guidance.leg.side.relative(loop.start)
+    raise BadInput(f"[initial]: Phi is singular at the start: |det Phi| = {size:.1e} of its row norms; {_why_singular(loop)}")
+
+
+def _why_singular(loop: Loop) -> str:
+    """What to change: singular at other states too is the output's fault, else the start's."""
+    if np.isnan(loop.guidance.leg.side.relative(loop.start)):
+        return "an output has no derivative there (the centre of a circle, say), or a number is too large: change either"
+    random = np.random.default_rng(1992)
+    others = loop.start + random.uniform(-1.0, 1.0, (8, len(loop.start)))
+    if max(loop.guidance.leg.side.relative(x) for x in others) <= SINGULAR:
+        return "so it is at every state, P_l lies on the axle (L = -d): change [output] L"
+    if loop.law.output.path:
+        return "the heading is normal to the path: turn it or move the point"
+    return "here the inputs do not reach the outputs independently: change the heading"

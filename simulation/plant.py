@@ -1,0 +1,85 @@
+"""The true robot: dynamics (10), (11) of a mechanism with parameters of its own."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from ..controllers.direct import Direct
+from ..model.algebra.portable import portable
+from ..model.contacts import combination
+from ..model.reduction import ReducedSystem
+from . import runge_kutta
+
+
+class Plant:
+    """A robot with its true parameters (SI, in the order of mechanism.parameters). State x = [q; nu] (11)."""
+
+    def __init__(self, system: ReducedSystem, parameters: Sequence[float]):
+        self.system = system
+        self.parameters = np.array(parameters, float)
+        self._functions = _functions(system)
+        self._rate, self._step = Direct(self._functions["rate"]), Direct(self._functions["step"])
+
+    def rate(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """xdot = [S nu; (S'MS)^-1 (S'E tau - S'(M Sdot nu + V))] (11)."""
+        return self._rate(x, tau, self.parameters)[0]
+
+    def step(self, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float) -> tuple[np.ndarray, float]:
+        """State after h seconds of constant tau by one DOP853 step, and its error norm: 1 is just within tolerance."""
+        after, error = self._step(x, tau, self.parameters, h, tolerance)
+        return after, float(error[0])
+
+    def energy(self, x: np.ndarray) -> np.ndarray:
+        """Total energy T + U, J, of each row of x."""
+        return self._rows("energy", x)[:, 0]
+
+    def power(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """What inputs and forces (friction, not weight) do, W, of each row of x and tau: the rate of the energy."""
+        return self._rows("power", x, tau)[:, 0]
+
+    def slip(self, x: np.ndarray) -> np.ndarray:
+        """A qdot, what the constraints (2) leave, of each row of x."""
+        return self._rows("slip", x)
+
+    def constraint_forces(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """lambda of (8), in the paper's sign, of each row of x and tau."""
+        return self._rows("forces", x, tau)
+
+    def contacts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of each row of x: C, (N, 2 c, m), as `combination` has it; mass (kg) on each contact and its place left (m), (N, c)."""
+        m, count = len(self.system.mechanism.constraint_names), len(self.system.mechanism.contacts)
+        rows = np.split(self._rows("contacts", x), [2 * count * m, 2 * count * m + count], axis=1)
+        return rows[0].reshape(-1, m, 2 * count).swapaxes(1, 2), rows[1], rows[2]
+
+    def _rows(self, name: str, *rows: np.ndarray) -> np.ndarray:
+        return self._functions[name](*[np.atleast_2d(r).T for r in rows], self.parameters).full().T
+
+
+@lru_cache(maxsize=16)
+def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
+    mechanism = system.mechanism
+    x, p = ca.vertcat(mechanism.q, system.nu), mechanism.p
+    tau, h, tolerance = ca.SX.sym("tau", len(mechanism.inputs)), ca.SX.sym("h"), ca.SX.sym("tolerance")
+    acceleration = system.acceleration(tau)
+    rate = portable(ca.Function("rate", [x, tau, p], [ca.densify(ca.vertcat(system.qdot, acceleration))]))
+    step = runge_kutta.step(lambda _, x: rate(x, tau, p), ca.SX(0), x, rate(x, tau, p), h, tolerance)
+    energy = ca.substitute(mechanism.energy(), mechanism.qdot, system.qdot)
+    power = ca.dot(tau, mechanism.E.T @ mechanism.qdot) + sum(
+        (force * velocity for force, velocity in mechanism.forces), ca.SX(0)
+    )
+    places = ca.vertcat(*[c.mass for c in mechanism.contacts], *[c.left for c in mechanism.contacts])
+    contacts = ca.vertcat(ca.vec(combination(mechanism)), places)
+    others = {
+        "energy": ca.Function("energy", [x, p], [ca.densify(energy)]),
+        "power": ca.Function("power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot))]),
+        "slip": ca.Function("slip", [x, p], [ca.densify(mechanism.A @ system.qdot)]),
+        "contacts": ca.Function("contacts", [x, p], [ca.densify(contacts)]),
+        "forces": ca.Function("forces", [x, tau, p], [ca.densify(system.constraint_forces(tau, acceleration))]),
+    }
+    return {
+        "rate": rate,
+        "step": ca.Function("step", [x, tau, p, h, tolerance], [ca.densify(s) for s in step]),
+        **{name: portable(function) for name, function in others.items()},
+    }

@@ -1,0 +1,304 @@
+"""Figures of runs: where the robot went, how far it was from what was wanted, how fast, with what torque."""
+
+import io
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..model.law import symbols
+from ..model.paths import Path
+from ..model.segments import Segment
+from ..verification.cases import gain_entries, integral_entries
+from .guidance import vehicle_motion
+from .run import Run
+
+FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"
+SENSED = "#d08a00"
+SECOND = "#8a4fa3"  # beside POINT where two like things are drawn
+COLOURS = (POINT, SECOND, AXLE, VEHICLE)
+WIDE = 170  # characters of a line of the title
+OUTLINES, APART = 6, 2.5  # the vehicle is drawn at most so often, so many m apart
+
+
+def draw(run: Run) -> Figure:
+    """One figure: the path in the plane on the left; errors, forward speed and inputs over time on the right. SI units.
+
+    Of a robot that is no vehicle: its outputs on the left, and on the right its quasi-velocities instead of the speed.
+    """
+    figure = Figure(figsize=(13, 7.5), layout="constrained")
+    grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1))
+    figure.suptitle(_title(run), fontsize=11)
+    plane = figure.add_subplot(grid[:, 0])
+    errors = figure.add_subplot(grid[0, 1])
+    speed = figure.add_subplot(grid[1, 1], sharex=errors)
+    inputs = figure.add_subplot(grid[2, 1], sharex=errors)
+    vehicle = run.law.system.mechanism.vehicle
+    (_draw_plane if vehicle else _draw_outputs)(plane, run)
+    figure.legend(*plane.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=9, frameon=False)
+    _draw_errors(errors, run)
+    (_draw_speed if vehicle else _draw_rates)(speed, run)
+    _draw_inputs(inputs, run)
+    inputs.set_xlabel("time t (s)")
+    for axes in (errors, speed):
+        axes.tick_params(labelbottom=False)
+    for axes in (errors, speed, inputs):
+        axes.grid(alpha=0.3)
+        axes.margins(x=0.01)
+        if run.stopped:
+            _clip(axes)
+            axes.axvline(run.t[-1], color=STOP, linestyle=":", linewidth=1.5)
+    return figure
+
+
+def picture(figure: Figure, kind: str) -> bytes:
+    """A figure as the bytes of a file; `kind` is png, pdf or svg."""
+    made = io.BytesIO()
+    figure.savefig(made, format=kind, dpi=130)
+    return made.getvalue()
+
+
+def _clip(axes: Axes) -> None:
+    """Show the run, not the last instants before it stopped, where values grow without bound."""
+    values = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.get_lines() if np.size(line.get_xdata()) > 2])
+    low, high = np.nanpercentile(values, [2, 98])
+    room = max(0.3 * (high - low), 0.1 * max(abs(low), abs(high)), 1e-3)
+    axes.set_ylim(low - room, high + room)
+
+
+def _title(run: Run) -> str:
+    """Robot, law, backend; then the numbers it rests on."""
+    simulation = run.spec.simulation
+    held = f"controller called every {simulation.period:g} s" if simulation.period else "continuous"
+    held += f", acting {simulation.delay:g} s later" if simulation.delay else ""
+    first = f"{run.law.system.mechanism.name}: {run.law.output.about}  ({run.law.name}, backend {simulation.backend}, {held})"
+    names = [p.name for p in run.law.parameters]
+    place = [] if run.spec.output.own else [f"L = {run.spec.output.L:g} m"]
+    shown = [*place, *[f"{name} = {value:g}" for name, value in _gains(run).items()]]
+    assumed = [p for p in run.law.parameters if "assumed" in p.about or p.name in run.spec.parameters]
+    for parameter in assumed:
+        value = run.spec.parameters.get(parameter.name, parameter.default)
+        mark = " (assumed)" if "assumed" in parameter.about else ""
+        shown.append(f"{parameter.name} = {_measured(value, parameter.unit)}{mark}")
+    truth = [f"{name} = {_measured(value, run.law.parameters[names.index(name)].unit)}" for name, value in run.spec.plant.items()]
+    if truth:
+        shown.append("true robot: " + ", ".join(truth))
+    # a number keeps its unit: no break at single blanks
+    lines = textwrap.wrap(",  ".join(text.replace(" ", "\xa0") for text in shown), WIDE)
+    return "\n".join([first, *lines]).replace("\xa0", " ")
+
+
+def _measured(value: float, unit: str) -> str:
+    """With its unit, unless that is 1."""
+    return f"{value:g}" if unit == "1" else f"{value:g} {unit}"
+
+
+def _gains(run: Run) -> dict[str, float]:
+    """Gains in use, kp, kd, kv for short where all of a kind are equal."""
+    given = gain_entries(run.law, run.spec.gains, "gains")
+    used = {gain.name: given.get(gain.name, gain.default) for gain in run.law.gains}
+    used |= {name: ki for name, ki in integral_entries(run.law, run.spec.gains).items() if ki}
+    alike = {name[:2]: {value for other, value in used.items() if other[:2] == name[:2]} for name in used}
+    return {name[:2] if len(alike[name[:2]]) == 1 else name: value for name, value in used.items()}
+
+
+def _draw_plane(axes: Axes, run: Run) -> None:
+    """The followed curve, the loci of P_l, of the vehicle's point and of the axle, and the vehicle now and then."""
+    pose = _motion(run)
+    p_l, vehicle, heading = pose[:, :2], pose[:, 2:4], pose[:, 4]
+    values = dict(zip([p.name for p in run.law.parameters], run.plant.parameters, strict=True))
+    point = "the vehicle's point" if run.spec.output.own else "$P_l$"
+    axes.plot(*p_l.T, color=POINT, linewidth=1.8, label=f"locus of {point}", zorder=2.5)
+    if run.spec.sensors:
+        believed = _vehicle_motion(run, run.seen)[:, :2]
+        axes.plot(*believed.T, color=SENSED, linewidth=1.0, label="where it believes to be", zorder=2.4)
+    if np.any(p_l != vehicle):
+        axes.plot(*vehicle.T, ":", color=VEHICLE, linewidth=1.5, label="locus of the vehicle's point", zorder=2.6)
+    if {"b", "d"} <= values.keys():  # a platform with an axle, d behind its point
+        axle = vehicle - values["d"] * np.column_stack([np.cos(heading), np.sin(heading)])
+        axes.plot(*axle.T, "--", color=AXLE, linewidth=1.5, label="locus of the axle's middle $P_o$", zorder=2.6)
+    _draw_vehicles(axes, run, vehicle, heading, values)
+    ring: dict[str, Any] = {"markersize": 9, "markerfacecolor": "white", "markeredgewidth": 2}
+    axes.plot(*p_l[0], "o", color=POINT, **ring, label=f"start of {point}", zorder=5)
+    if run.stopped:
+        label = f"stopped at {run.t[-1]:.4g} s: {run.stopped}"
+        axes.plot(*p_l[-1], "X", color=STOP, markersize=11, label=label, zorder=6)
+    if run.spec.output.own and _are_places(run):
+        _draw_places(axes, run, SECOND)
+    if run.spec.output.type == "I":
+        axes.plot(*run.y_d.T, color=FOLLOWED, linewidth=4, alpha=0.6, label="wanted $P_l$", zorder=0)
+    if run.composite:
+        _draw_pieces(axes, run.spec.output.segments)
+    elif run.law.output.path:
+        _draw_followed(axes, run, run.law.output.path, p_l)
+    else:
+        _make_square(axes)
+    axes.set(xlabel="x (m)", ylabel="y (m)")
+    axes.grid(alpha=0.3)
+
+
+def _draw_outputs(axes: Axes, run: Run) -> None:
+    """The first two outputs against each other where both are lengths, else all of them over time; and what is wanted."""
+    rows = run.law.output.rows
+    if _are_places(run):
+        _draw_places(axes, run, POINT)
+        axes.set(xlabel=f"{rows[0].about} (m)", ylabel=f"{rows[1].about} (m)")
+        _make_square(axes)
+    else:
+        for row, y, y_d, colour in zip(rows, run.y.T, run.y_d.T, COLOURS, strict=False):
+            axes.plot(run.t, y_d, color=FOLLOWED, linewidth=4, alpha=0.6, label="wanted" if row is rows[0] else None, zorder=0)
+            axes.plot(run.t, y, color=colour, label=f"{row.about} ({row.unit})")
+        axes.set(xlabel="time t (s)", ylabel="outputs")
+    axes.grid(alpha=0.3)
+
+
+def _are_places(run: Run) -> bool:
+    """Are the first two outputs lengths, as the coordinates of a point are?"""
+    return [row.unit for row in run.law.output.rows[:2]] == ["m", "m"]
+
+
+def _draw_places(axes: Axes, run: Run, colour: str) -> None:
+    """The first two outputs against each other, and what is wanted of them."""
+    first, second, *_ = run.law.output.rows
+    axes.plot(*run.y_d[:, :2].T, color=FOLLOWED, linewidth=4, alpha=0.6, label="wanted", zorder=0)
+    axes.plot(*run.y[:, :2].T, color=colour, label=f"{first.name}, {second.name}", zorder=2.7)
+    square: dict[str, Any] = {"markersize": 7, "markerfacecolor": "white", "markeredgewidth": 2}
+    axes.plot(*run.y[0, :2], "s", color=colour, **square, label=f"start of {first.name}, {second.name}")
+
+
+def _make_square(axes: Axes) -> None:
+    """Metres of the same length both ways, on a square that holds everything drawn."""
+    box = axes.dataLim
+    half = 0.54 * max(box.width, box.height)
+    x, y = (box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2
+    axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal")
+
+
+def _draw_followed(axes: Axes, run: Run, path: Path, p_l: np.ndarray) -> None:
+    """The curve, where the signed distance is zero; its points next to the start and the end shall be in view."""
+    point = ca.SX.sym("point", 2)
+    distance = path.distance(point[0], point[1])
+    foot = point - distance * ca.gradient(distance, point)
+    function = ca.Function("distance", [point, symbols(run.law.config)], [distance, foot])
+    config = run.config[0]
+    axes.update_datalim(function(p_l[[0, -1]].T, config)[1].full().T)
+    _make_square(axes)
+    x, y = np.meshgrid(np.linspace(*axes.get_xlim(), 400), np.linspace(*axes.get_ylim(), 400))
+    values = function(np.vstack([x.ravel(), y.ravel()]), config)[0].full().reshape(x.shape)
+    axes.contour(x, y, values, [0.0], colors=FOLLOWED, linewidths=4, alpha=0.6, zorder=0)
+    axes.plot([], [], color=FOLLOWED, linewidth=4, alpha=0.6, label=f"path to follow: {path.kind}")
+
+
+def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:
+    """Lines and arcs of a composite path, a mark at each join; those driven backward dashed."""
+    for piece in segments:
+        points = np.array([piece.pose(s)[:2] for s in np.linspace(0.0, piece.length, 100)])
+        style: Any = (0, (2, 1)) if piece.backward else "-"
+        axes.plot(*points.T, color=FOLLOWED, linestyle=style, linewidth=4, alpha=0.6, zorder=0)
+    joins = np.array([piece.end[:2] for piece in segments])
+    axes.plot(*joins.T, "|", color="#555555", markersize=9, zorder=1, label="join")
+    backward = any(piece.backward for piece in segments)
+    label = "path to follow" + (" (dashed: driven backward)" if backward else "")
+    axes.plot([], [], color=FOLLOWED, linewidth=4, alpha=0.6, label=label)
+    _make_square(axes)
+
+
+def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray, values: dict[str, float]) -> None:
+    """Outlines to scale at instants evenly spread over the way gone, the nose marked."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
+    count = int(np.clip(1 + way[-1] / APART, 2, OUTLINES))
+    instants = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], count)).clip(max=len(way) - 1))
+    body, wheels = _outline(values)
+    for k in instants:
+        turn = np.array([[np.cos(heading[k]), np.sin(heading[k])], [-np.sin(heading[k]), np.cos(heading[k])]])
+        axes.fill(*(body @ turn + place[k]).T, facecolor="#00000010", edgecolor="#333333", linewidth=1.0, zorder=3)
+        for wheel in wheels:
+            axes.plot(*(wheel @ turn + place[k]).T, color="#333333", linewidth=3, solid_capstyle="butt", zorder=3)
+        nose = np.array([[0.0, 0.0], [body[:, 0].max(), 0.0]]) @ turn + place[k]
+        axes.annotate("", nose[1], nose[0], arrowprops={"arrowstyle": "-|>", "color": "#333333"}, zorder=4)
+
+
+def _outline(values: Mapping[str, float]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Body and wheels, m, about the vehicle's point with the heading along x: to scale where the robot's parameters say so.
+
+    The paper's platform is 2 m long; that is no parameter of the dynamics. An unknown robot is a small box.
+    """
+    if {"b", "d", "r"} <= values.keys():
+        b, d, r, half = values["b"], values["d"], values["r"], 1.0
+        wheels = [np.array([[-d - r, side * b], [-d + r, side * b]]) for side in (-1, 1)]
+    else:
+        b, half, wheels = 0.25, 0.5, []
+    return np.array([[-half, -b], [half, -b], [half, b], [-half, b]]), wheels
+
+
+def _draw_errors(axes: Axes, run: Run) -> None:
+    """What the outputs of relative degree 2 are off, each with its unit."""
+    second = [k for k, degree in enumerate(run.law.linearization.relative_degree) if degree == 2]
+    rows = [run.law.output.rows[k] for k in second]
+    for k, row, colour in zip(second, rows, COLOURS, strict=False):
+        label = f"{row.name} - wanted, {run.error[-1, k]:.2g} {row.unit} at the end"
+        axes.plot(run.t, run.error[:, k], color=colour, label=label)
+    axes.axhline(0.0, color="black", linewidth=0.8)
+    units = " or ".join(dict.fromkeys(row.unit for row in rows))
+    axes.set_ylabel(f"{'path error' if run.law.output.path else 'error'} ({units})")
+    axes.legend(loc="best", fontsize=9)
+
+
+def _draw_speed(axes: Axes, run: Run) -> None:
+    """Forward speed of the vehicle, and the wanted one where there is one."""
+    speed = _motion(run)[:, 5]
+    axes.plot(run.t, speed, color=VEHICLE, label="forward speed")
+    for row, wanted in zip(run.law.output.rows, run.y_d.T, strict=True):
+        if row.name == "speed":
+            axes.plot(run.t, wanted, color=FOLLOWED, linewidth=3, alpha=0.6, label="wanted", zorder=0)
+    low, high = axes.get_ylim()
+    spread = 0.05 * np.abs(speed).max()  # a constant speed shall look constant
+    axes.set_ylim(min(low, speed.min() - spread), max(high, speed.max() + spread))
+    axes.ticklabel_format(axis="y", useOffset=False)
+    axes.set_ylabel("forward speed (m/s)")
+    axes.legend(loc="best", fontsize=9)
+
+
+def _draw_rates(axes: Axes, run: Run) -> None:
+    """The quasi-velocities."""
+    for velocity, values, colour in zip(run.law.system.quasi_velocities, run.nu.T, COLOURS, strict=False):
+        axes.plot(run.t, values, color=colour, label=f"{velocity.name} ({velocity.unit})")
+    axes.set_ylabel("quasi-velocities")
+    axes.legend(loc="best", fontsize=9)
+
+
+def _draw_inputs(axes: Axes, run: Run) -> None:
+    """The inputs, as held between calls of the controller where the rows show that."""
+    inputs = run.law.system.mechanism.inputs
+    going = slice(None, -1) if run.stopped else slice(None)  # where it stopped there is none
+    held = run.spec.simulation.period >= run.spec.simulation.output_step
+    style = "steps-post" if held else "default"
+    for given, values, colour in zip(inputs, run.tau[going].T, COLOURS, strict=False):
+        axes.plot(run.t[going], values, color=colour, drawstyle=style, label=f"{given.name} ({given.unit})")
+    axes.axhline(0.0, color="black", linewidth=0.8)
+    units = {i.unit for i in inputs}
+    axes.set_ylabel("inputs" if len(units) > 1 else f"{'torque' if units == {'N m'} else 'input'} ({inputs[0].unit})")
+    axes.legend(loc="best", fontsize=9)
+
+
+def _motion(run: Run) -> np.ndarray:
+    """P_l (m), the vehicle's point (m), heading (rad) and forward speed (m/s) of every row, (N, 6)."""
+    motion = _vehicle_motion(run, run.x)
+    return np.hstack([_reference_points(run, motion), motion[:, :4]])
+
+
+def _vehicle_motion(run: Run, x: np.ndarray) -> np.ndarray:
+    """x, y, heading, forward speed, yaw rate of the vehicle for each row of states."""
+    return vehicle_motion(run.law.system)(x.T, run.plant.parameters).full().T
+
+
+def _reference_points(run: Run, motion: np.ndarray) -> np.ndarray:
+    """P_l of every row, wherever it was on the vehicle at that time."""
+    names = [c.name for c in run.law.config]
+    ahead, left = (run.config[:, names.index(name)] if name in names else 0.0 for name in ("L", "W"))
+    cosine, sine = np.cos(motion[:, 2]), np.sin(motion[:, 2])
+    return motion[:, :2] + np.column_stack([ahead * cosine - left * sine, ahead * sine + left * cosine])

@@ -1,0 +1,91 @@
+"""The result of a simulation: a row for each output time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.law import ControlLaw
+from ..model.mechanism import Mechanism
+from .loop import RUNNING
+from .plant import Plant
+from .specification.spec import Spec
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What happened, a row for each output time: t (N), q (N, n), nu (N, n-m), tau (N, r), y and y_d (N, n-m), status (N).
+
+    SI units, columns named by `law`; `spec` says how it was run (backend, tolerance). y are the true outputs, with the
+    plant's parameters; y_d is what was wanted. `forces` (N, m) are the constraint forces lambda (8) in the paper's sign, N;
+    `seen` (N, 2n-m) is the state the controller worked with, `piece` (N) which piece of a composite path it followed, `integral`
+    (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action, `integral_rows`.
+    When a run stopped, its last row tells where, with the status that stopped it and no torque.
+    """
+
+    spec: Spec
+    law: ControlLaw
+    plant: Plant
+    t: np.ndarray
+    q: np.ndarray
+    nu: np.ndarray
+    tau: np.ndarray
+    y: np.ndarray
+    y_d: np.ndarray
+    status: np.ndarray
+    forces: np.ndarray
+    seen: np.ndarray
+    piece: np.ndarray
+    config: np.ndarray
+    integral: np.ndarray
+    integral_rows: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the CSV's columns."""
+        mechanism = self.law.system.mechanism
+        names = ["t", *[q.name for q in (*self.law.state, *mechanism.inputs)]]
+        names += [*[f"y{k + 1}" for k in range(self.y.shape[1])], "status"]
+        names += lambda_columns(mechanism)
+        names += [f"seen_{q.name}" for q in self.law.state] if self.spec.sensors else []
+        names += [f"integral_{row}" for row in self.integral_rows]
+        return [*names, "piece"] if self.composite else names
+
+    @property
+    def composite(self) -> bool:
+        """Is the path followed piece by piece?"""
+        return bool(self.spec.output.segments)
+
+    @property
+    def x(self) -> np.ndarray:
+        """States [q; nu], (N, 2n-m)."""
+        return np.hstack([self.q, self.nu])
+
+    @property
+    def error(self) -> np.ndarray:
+        """y - y_d, (N, n-m)."""
+        return self.y - self.y_d
+
+    @property
+    def stopped(self) -> str | None:
+        """The status that ended the run before its time, None when nothing did."""
+        last = str(self.status[-1])
+        return None if last in RUNNING else last
+
+    def csv(self) -> str:
+        """The run as CSV, 17 significant digits."""
+        numbers = np.column_stack([self.t, self.x, self.tau, self.y]).tolist()
+        more = np.column_stack([self.forces, *([self.seen] if self.spec.sensors else []), self.integral]).tolist()
+        pieces = [[str(piece)] if self.composite else [] for piece in self.piece]
+        lines = [
+            ",".join([*(f"{v:.17g}" for v in row), status, *(f"{v:.17g}" for v in rest), *piece])
+            for row, status, rest, piece in zip(numbers, self.status, more, pieces, strict=True)
+        ]
+        return "\n".join([",".join(self.columns), *lines]) + "\n"
+
+
+def lambda_columns(mechanism: Mechanism) -> list[str]:
+    """Names for the columns of Plant.constraint_forces, in the order of the constraints (N where a constraint is in m/s)."""
+    return [f"lambda_{k + 1}" for k in range(len(mechanism.constraint_names))]

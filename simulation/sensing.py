@@ -1,0 +1,118 @@
+"""What the controller sees where it does not see the truth: noisy wheel rates, a dead-reckoned pose, corrections."""
+
+import math
+
+import casadi as ca
+import numpy as np
+
+from ..controllers.direct import Direct
+from ..controllers.odometry import make_odometry, vehicle_wheels
+from ..model.algebra.exact import canonical
+from ..model.law import ControlLaw
+from ..model.reduction import ReducedSystem
+from ..readers.errors import BadInput
+from .guidance import vehicle_motion
+from .noise import Noise
+from .specification.spec import Correction, Sensors
+
+
+class Sensing:
+    """Sensors and dead reckoning of one run. `state` is what the controller sees: [q; nu], SI.
+
+    The noise of a sample counts until the next: the dead-reckoned pose feels it for as long as the controller does.
+    """
+
+    def __init__(
+        self,
+        sensors: Sensors,
+        correction: Correction | None,
+        law: ControlLaw,
+        parameters: np.ndarray,
+        believed: np.ndarray,
+        start: np.ndarray,
+        backend: str,
+    ):
+        """Starts from the true pose. `parameters` are the truth, `believed` what the controller reckons with."""
+        system = law.system
+        n, freedom = len(system.mechanism.coordinates), system.freedom
+        self._sensors, self._correction, self._parameters = sensors, correction, parameters
+        self._motion = Direct(vehicle_motion(system))
+        self._pose, self._angles = pose_coordinates(system), angle_coordinates(system)
+        self._mean, self._sd = (_each(values, freedom) for values in (sensors.noise.mean, sensors.noise.sd))
+        self._random = Noise(sensors.seed, freedom) if self._sd.any() else None  # without, no C is needed
+        wheels = vehicle_wheels(system, believed)
+        release = correction.release or 1 / correction.rate if correction else 0.0
+        self._odometry = make_odometry(backend, *wheels, release=release, start=self._true_pose(start), law=law)
+        self.state = start.copy()
+        self._rates = slice(n, n + freedom)
+        self._t, self._true_angle = 0.0, start[self._angles].copy()
+        self._turned = self._true_angle.copy()  # with the noise so far; what an encoder counts
+        self._noise, self._drawn, self._corrected = self._draw(), 0.0, 0.0
+        self.state[self._rates] += self._noise
+
+    def sense(self, t: float, x: np.ndarray) -> None:
+        """Look at the true state x at time t, in order of time."""
+        dt, self._t = t - self._t, t
+        if not dt:
+            return
+        angle = x[self._angles]
+        before = self._counted()
+        self._turned += angle - self._true_angle + self._noise * dt
+        self._true_angle = angle.copy()
+        moved = self._counted() - before
+        pose = self._odometry.move(moved, dt)
+        if self._correction and (due := _count(t, 1 / self._correction.rate)) > self._corrected:
+            self._corrected = due
+            pose = self._odometry.correct(self._true_pose(x), self._correction.mode)
+        if (sample := _count(t, self._sensors.period)) > self._drawn:
+            self._noise, self._drawn = self._draw(), sample
+        self.state = x.copy()
+        self.state[self._pose] = pose
+        self.state[self._angles] = self._counted()
+        self.state[self._rates] = moved / dt if self._sensors.counts else x[self._rates] + self._noise
+
+    def _draw(self) -> np.ndarray:
+        return self._mean + self._sd * self._random.draw() if self._random else self._mean
+
+    def _counted(self) -> np.ndarray:
+        """The wheels' angles as the encoders tell them."""
+        if not self._sensors.counts:
+            return self._turned.copy()
+        step = 2 * math.pi / self._sensors.counts
+        return np.floor(self._turned / step) * step
+
+    def _true_pose(self, x: np.ndarray) -> np.ndarray:
+        return self._motion(x, self._parameters)[0][:3]
+
+
+def _count(t: float, period: float) -> float:
+    """How many periods have gone by; with none, every instant counts."""
+    return math.floor(t / period + 1e-9) if period else t
+
+
+def _each(values: tuple[float, ...], count: int) -> np.ndarray:
+    if len(values) not in (1, count):
+        raise BadInput(f"[sensors] noise has {len(values)} numbers, it must have 1 or {count}")
+    return np.array(values * count if len(values) == 1 else values)
+
+
+def pose_coordinates(system: ReducedSystem) -> list[int]:
+    """Which coordinates are the vehicle's x, y and heading."""
+    vehicle = system.mechanism.vehicle
+    names = [c.name for c in system.mechanism.coordinates]
+    found = [str(place) for place in (vehicle.x, vehicle.y, vehicle.heading)] if vehicle else [""]
+    if not set(found) <= set(names):
+        raise BadInput(f"[sensors]: dead reckoning needs a robot whose pose is three of its coordinates; {', '.join(names)}")
+    return [names.index(name) for name in found]
+
+
+def angle_coordinates(system: ReducedSystem) -> list[int]:
+    """For each quasi-velocity the coordinate whose rate it is."""
+    found = []
+    for k, velocity in enumerate(system.quasi_velocities):
+        unit = ca.SX.eye(system.freedom)[k, :]
+        rows = [i for i in range(system.S.shape[0]) if canonical(system.S[i, :] - unit).is_zero()]
+        if not rows:
+            raise BadInput(f"[sensors]: dead reckoning needs {velocity.name} to be the rate of a coordinate, a wheel's angle")
+        found.append(rows[0])
+    return found

@@ -1,0 +1,1 @@
+"""SPEC.toml: what a run is made of, read and checked."""

@@ -1,0 +1,175 @@
+"""[sweep] of a SPEC: which numbers vary from sample to sample, and how."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from ...readers.errors import BadInput
+from ...readers.reading import check_keys, entry, flag, number, numbers, one_of, text, whole
+
+SEEDS = 2**21  # of a sweep: a sample's seed is the sweep's times 2^32 plus the sample's number, below 2^53
+PERIOD = 0.01  # s between calls of a SPEC that says 0, continuous: a sweep runs the loop as compiled, which is sampled
+BAND = 0.05  # m, rad, m/s: an error has settled within
+DESIGNS = ("random", "sobol", "latin")
+KINDS = {"normal": "[mean, sd]", "uniform": "[a, b]", "log_uniform": "[a, b]"}
+EXAMPLE = "for example { normal = [30.0, 6.0] } or { uniform = [-1.0, 1.0] }"
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The distribution of one number: normal with mean a and standard deviation b, within bounds; uniform between a and b, or
+    its logarithm is. `kind` "fixed": it is a.
+    """
+
+    kind: str
+    a: float
+    b: float = 0.0
+    within: tuple[float, float] | None = None
+
+    def quantile(self, u: np.ndarray) -> np.ndarray:
+        """The value below which a part u, 0 < u < 1, of all lies."""
+        if self.kind == "normal":
+            if self.within:
+                low, high = (ndtr((bound - self.a) / self.b) for bound in self.within)
+                return np.clip(self.a + self.b * ndtri(low + u * (high - low)), *self.within)
+            return self.a + self.b * ndtri(u)
+        if self.kind == "uniform":
+            return self.a + (self.b - self.a) * u
+        if self.kind == "log_uniform":
+            return np.clip(np.exp(np.log(self.a) + (np.log(self.b) - np.log(self.a)) * u), self.a, self.b)
+        return np.full_like(u, self.a)
+
+
+def margins(value: Any, where: str) -> dict[str, Margin]:
+    """Reads a table of distributions, of tables and of lists of them: dotted name -> distribution."""
+    found: dict[str, Margin] = {}
+    _collect(value, "", where, found)
+    return found
+
+
+def _collect(value: Any, name: str, where: str, found: dict[str, Margin]) -> None:
+    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+        for k, item in enumerate(value):
+            place = f"{where}[{k}]"
+            if isinstance(item, dict):
+                _collect(item, f"{name}[{k}]", place, found)
+            else:
+                found[f"{name}[{k}]"] = Margin("fixed", number()(item, place))
+    elif isinstance(value, dict) and not _is_margin(value) and (value or not name):
+        for key, item in value.items():
+            _collect(item, f"{name}.{key}" if name else key, f"{where} {key}", found)
+    elif name and isinstance(value, dict):
+        found[name] = _margin(value, where)
+    else:
+        raise BadInput(f"{where} = {value!r} is no distribution, {EXAMPLE}")
+
+
+def _is_margin(table: Mapping[str, Any]) -> bool:
+    """Is it a distribution, if perhaps of an unknown kind? Then there are numbers in it, not tables or lists of them."""
+    parts = (item if isinstance(item, list) else [item] for item in table.values())
+    return any(not any(isinstance(part, dict) for part in items) for items in parts)
+
+
+def _margin(table: Mapping[str, Any], where: str) -> Margin:
+    check_keys(table, [*KINDS, "within"], where)
+    kinds = [kind for kind in KINDS if kind in table]
+    if len(kinds) != 1:
+        raise BadInput(f"{where} must be one of {', '.join(KINDS)}, {EXAMPLE}")
+    kind = kinds[0]
+    a, b = _two(table[kind], f"{where} {kind}", KINDS[kind])
+    if kind == "normal" and b <= 0:
+        raise BadInput(f"{where} normal: sd = {b:g} must be positive")
+    if kind != "normal" and not a < b:
+        raise BadInput(f"{where} {kind}: {a:g} must be below {b:g}")
+    if kind == "log_uniform" and a <= 0:
+        raise BadInput(f"{where} log_uniform: {a:g} must be positive")
+    if "within" not in table:
+        return Margin(kind, a, b)
+    if kind != "normal":
+        raise BadInput(f"{where} within belongs to normal; {kind} has bounds already")
+    low, high = _two(table["within"], f"{where} within", "[a, b]")
+    if not low < high:
+        raise BadInput(f"{where} within: {low:g} must be below {high:g}")
+    if not ndtr((high - a) / b) - ndtr((low - a) / b) > 1e-9:
+        raise BadInput(f"{where} within: next to nothing of the normal distribution lies between {low:g} and {high:g}")
+    return Margin(kind, a, b, (low, high))
+
+
+def _two(value: Any, where: str, wanted: str) -> tuple[float, float]:
+    made = numbers(value, where)
+    if len(made) != 2:
+        raise BadInput(f"{where} has {len(made)} numbers, it must be {wanted}")
+    return made
+
+
+def _correlations(value: Any, where: str) -> tuple[tuple[str, str, float], ...]:
+    """Reads a list of [name, name, correlation]."""
+    if not isinstance(value, list):
+        raise BadInput(f'{where} = {value!r} is not a list, for example [["plant.m_c", "plant.I_c", 0.8]]')
+    made = []
+    for k, item in enumerate(value):
+        place = f"{where}[{k}]"
+        if not isinstance(item, list) or len(item) != 3:
+            raise BadInput(f'{place} = {item!r} is not [name, name, correlation], for example ["plant.m_c", "plant.I_c", 0.8]')
+        rho = number()(item[2], place)
+        if not -1 < rho < 1:
+            raise BadInput(f"{place}: correlation {rho:g} must lie between -1 and 1")
+        made.append((text(item[0], place), text(item[1], place), rho))
+    return tuple(made)
+
+
+def _criterion(value: Any, where: str) -> dict[str, float | bool]:
+    """Reads what counts as failure: status = true, and outcomes with their limits."""
+    if not isinstance(value, dict):
+        raise BadInput(f"{where} = {value!r} is not a table, for example {{ status = true, final = 0.05 }}")
+    made: dict[str, float | bool] = {}
+    for key, item in value.items():
+        if key == "status":
+            made[key] = flag(item, f"{where} status")
+        elif isinstance(item, dict):  # final.distance = 0.05
+            made |= {f"{key}.{name}": limit for name, limit in _criterion(item, f"{where} {key}").items()}
+        else:
+            made[key] = number("positive")(item, f"{where} {key}")
+    return made
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """What varies, and what is asked of each sample.
+
+    `fails`: a sample fails when it stops before its time (`status`), or an outcome is beyond a limit. `period` (s) between the
+    controller's calls where the SPEC itself is continuous. `correlation` is that of the normal variables behind two numbers.
+    """
+
+    seed: int = entry(whole(0), 0)
+    design: str = entry(one_of(*DESIGNS), "random")
+    band: float = entry(number("positive"), BAND)
+    period: float | None = entry(number("positive"), None)
+    fails: Mapping[str, float | bool] | None = entry(_criterion, None)
+    correlation: tuple[tuple[str, str, float], ...] = entry(_correlations, ())
+    parameters: Mapping[str, Margin] = entry(margins, {})
+    plant: Mapping[str, Margin] = entry(margins, {})
+    gains: Mapping[str, Margin] = entry(margins, {})
+    output: Mapping[str, Margin] = entry(margins, {})
+    reference: Mapping[str, Margin] = entry(margins, {})
+    initial: Mapping[str, Margin] = entry(margins, {})
+    limits: Mapping[str, Margin] = entry(margins, {})
+    sensors: Mapping[str, Margin] = entry(margins, {})
+    correction: Mapping[str, Margin] = entry(margins, {})
+    simulation: Mapping[str, Margin] = entry(margins, {})
+
+    def __post_init__(self):
+        if self.seed >= SEEDS:
+            raise BadInput(f"[sweep] seed = {self.seed} must be below {SEEDS}")
+
+    @property
+    def margins(self) -> dict[str, Margin]:
+        """All that varies: dotted name -> distribution."""
+        sections = (
+            *("parameters", "plant", "gains", "output", "reference", "initial"),
+            *("limits", "sensors", "correction", "simulation"),
+        )
+        return {f"{where}.{name}": margin for where in sections for name, margin in getattr(self, where).items()}

@@ -1,0 +1,108 @@
+"""Where robots start, many at once: from a point, a heading and a speed to coordinates and quasi-velocities."""
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from ..model.algebra.portable import portable
+from ..model.outputs import body_point, forward_speed, reference_point
+from ..model.reduction import ReducedSystem
+
+TRIES = 50
+ENOUGH = 1e-12  # of what is wanted
+DEPENDENT = 1e-13  # of a row: what is left of it by the others is rounding
+
+
+def starts(
+    system: ReducedSystem,
+    parameters: np.ndarray,
+    place: tuple[np.ndarray, np.ndarray],
+    pose: np.ndarray,
+    speed: np.ndarray,
+) -> np.ndarray:
+    """[q; nu] at t = 0, (N, 2n-m), of N robots with `parameters` (N, P), of which the point P_l, L ahead and W to the left as in
+    `place` (N, N), is to be at `pose` (N, 3): x, y (m) and heading (rad), with a forward `speed` (N) m/s and no turning.
+
+    What these leave open is least; first without the coordinates that the reduced mass matrix depends on: a vehicle starts
+    with its wheels straight. NaN where the robot cannot be there.
+    """
+    where, motion, shape = _functions(system)
+    known = [*place, *parameters.T]
+    q = _solved(where, pose, known, ~shape)
+    lost = np.isnan(q).any(axis=1)
+    if lost.any() and shape.any():
+        q[lost] = _solved(where, pose[lost], [k[lost] for k in known], np.ones_like(shape))
+    wanted = np.column_stack([speed, np.zeros(len(speed))])
+    nu = _solved(motion, wanted, [*q.T, *parameters.T], np.ones(system.freedom, bool))
+    return np.hstack([q, nu])
+
+
+@lru_cache(maxsize=16)
+def _functions(system: ReducedSystem) -> tuple[ca.Function, ca.Function, np.ndarray]:
+    """Of q, then [L; W; parameters]: pose; of nu, then [q; parameters]: forward speed and yaw rate; which q shape the mass."""
+    mechanism = system.mechanism
+    point = body_point(offset=True)
+    heading = mechanism.required_vehicle.heading
+    place, pose = ca.vertcat(*[q.symbol for q in point]), ca.vertcat(*reference_point(system, point), heading)
+    motion = ca.vertcat(forward_speed(system), system.along_motion(heading))
+
+    def function(expression: ca.SX, unknown: ca.SX, known: ca.SX) -> ca.Function:
+        slope = ca.densify(ca.jacobian(expression, unknown))
+        return portable(ca.Function("start", [unknown, known], [ca.densify(expression), ca.vec(slope)]))
+
+    shape = np.array([ca.depends_on(system.Mbar, c.symbol) for c in mechanism.coordinates])  # such as a steering angle
+    return (
+        function(pose, mechanism.q, ca.vertcat(place, mechanism.p)),
+        function(motion, system.nu, ca.vertcat(mechanism.q, mechanism.p)),
+        shape,
+    )
+
+
+def _solved(function: Callable, wanted: np.ndarray, given: list[np.ndarray], moves: np.ndarray) -> np.ndarray:
+    """Newton's method, least-norm steps from zero to function(unknown, given) = wanted, (N, .); NaN where it gets nowhere."""
+    known = np.array(given)
+    found = np.zeros((len(wanted), len(moves)))
+    enough = ENOUGH * np.maximum(1.0, np.abs(wanted).max(axis=1, initial=0.0))
+    left = np.flatnonzero(np.isfinite(wanted).all(axis=1) & np.isfinite(known).all(axis=0))
+    solved = np.zeros(len(wanted), bool)
+    for _ in range(TRIES):
+        if not len(left):
+            break
+        value, slope = (v.full().T for v in function(found[left].T, known[:, left]))
+        residual = value - wanted[left]
+        good = np.abs(residual).max(axis=1) <= enough[left]
+        solved[left[good]] = True
+        usable = ~good & np.isfinite(residual).all(axis=1) & np.isfinite(slope).all(axis=1)
+        left, residual, slope = left[usable], residual[usable], slope[usable]
+        if len(left):
+            jacobian = slope.reshape(len(left), len(moves), -1).swapaxes(1, 2) * moves
+            free = (jacobian != 0).any(axis=1)  # the others stay exactly zero
+            found[left] -= _least(jacobian, residual) * free
+    found[~solved] = np.nan
+    return found
+
+
+def _least(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Least-norm x with A x = b, (N, k) from (N, m, k) and (N, m). A row that depends on those before it is left out.
+
+    Gram and Schmidt's method twice over, in sums of a fixed order: those of LAPACK depend on the processor.
+    """
+    directions: list[np.ndarray] = []
+    x = np.zeros((len(A), A.shape[2]))
+    for k in range(A.shape[1]):
+        row, size = A[:, k], _norm(A[:, k])
+        for direction in directions * 2:
+            row = row - (row * direction).sum(axis=1)[:, None] * direction
+        left = _norm(row)
+        counts = left > DEPENDENT * size
+        direction = np.where(counts, row / np.where(counts, left, 1.0), 0.0)
+        missing = b[:, k, None] - (A[:, k] * x).sum(axis=1)[:, None]
+        x = x + missing / np.where(counts, left, 1.0) * direction
+        directions.append(direction)
+    return x
+
+
+def _norm(rows: np.ndarray) -> np.ndarray:
+    return np.sqrt((rows * rows).sum(axis=1))[:, None]

@@ -1,0 +1,236 @@
+"""Many closed loops of one SPEC, each with numbers of its own, run by the C of batch.c."""
+
+from threading import Lock
+
+import casadi as ca
+import numpy as np
+
+from ..controllers.controller import ON_LIMIT
+from ..controllers.odometry import MODES, wheels_function
+from ..controllers.tracking import REVERSING, STOP
+from ..readers.errors import BadInput
+from ..simulation.guidance import Route
+from ..simulation.loop import make_loop
+from ..simulation.specification.spec import MOST_ROWS, Spec
+from ..simulation.starts import starts
+from .inputs import SEED, SEEDS, inputs_of
+from .program import program
+
+SCALAR = {"c": "double", "cf": "float"}  # backend -> what the controller computes in
+LONGEST = 0.01  # s
+ACCURACY = 1e-9
+BAND = 0.01
+CHUNK = 4096  # samples made ready at a time: memory stays constant
+_one = Lock()  # CasADi's functions are evaluated by one thread at a time
+
+
+class Batch:
+    """Closed loops of a SPEC with a sampled controller, run in C: order and meaning are those of `noslip simulate`.
+
+    `inputs`: names of the numbers that a sample has, dotted as in the SPEC ("plant.m_c", "initial.x_c", "limits.torque[0]"), and
+    "seed"; `nominal`: what they are in the SPEC. `outcomes`: names of what comes of it, SI:
+
+    status      a number that `status` names: ok, saturated, arrived, or why the run ended before its time (t_end, s)
+    final.ROW, peak.ROW, settling.ROW  of each output: y - y_d at the last output time, its largest absolute value, and the last
+                output time (s) at which it was beyond the band
+    saturated   s, with an input at its limit; effort.INPUT: the largest absolute value of each input
+    end.STATE   the true state at the end
+    integration_error  estimate of how far the integrator is off, the largest component of the state
+    steps       of the integrator between two calls
+    error.ROW[K]  y - y_d at the first output time not before the instant K, NaN where the run did not get there
+
+    What was not run, because a number of the sample is refused, has NaN in all but status and t_end.
+    """
+
+    def __init__(
+        self,
+        spec: Spec,
+        accuracy: float = ACCURACY,
+        band: float | tuple[float, ...] = BAND,
+        instants: tuple[float, ...] = (),
+        longest: float = LONGEST,
+    ):
+        """`accuracy`: a run whose integration error is larger is repeated with half the step, five times at most; `longest`: the
+        longest step, s. `band`: one for all outputs or one for each, in their units. `instants`: s, ascending.
+
+        Raises BadInput and ModelError as `simulate` does, for a SPEC that is not sampled and for a backend other than c and cf.
+        """
+        if not spec.simulation.period:
+            raise BadInput("[simulation] period = 0: a sweep runs sampled controllers; give the time between two calls in s")
+        if spec.simulation.backend not in SCALAR:
+            raise BadInput(f"[simulation] backend = {spec.simulation.backend!r}: a sweep runs the C, {' or '.join(SCALAR)}")
+        self.loop = make_loop(spec)
+        self.law = law = self.loop.law
+        self._route = self.loop.guidance if isinstance(self.loop.guidance, Route) else None
+        self._wheels: ca.Function | None
+        try:
+            self._wheels = wheels_function(law.system)
+        except BadInput:  # a robot of another kind: make_loop found that none are needed
+            self._wheels = None
+        self._inputs = inputs_of(spec, self.loop)
+        self.spec = self._inputs.spec
+        self.inputs, self.nominal = self._inputs.names, self._inputs.nominal
+        self.table, self.spec_of = self._inputs.table, self._inputs.spec_of
+        scalar = SCALAR[spec.simulation.backend]
+        followed = spec.sensors is not None, self._route is not None, self.loop.integral.rows
+        self._program = program(law, scalar, *followed)
+        self._sample, self._row = (self._program.type(name) for name in ("batch_sample", "batch_row"))
+        self._outcome = self._program.type("batch_outcome")
+        self._settings = self._make_settings(accuracy, band, instants, longest)
+        self.outcomes = self._outcome_names(len(instants))
+
+    def run(self, table: np.ndarray) -> np.ndarray:
+        """Outcomes (N, outcomes) of samples (N, inputs). A row depends on its sample alone. Other threads run meanwhile."""
+        made = np.empty((len(table), len(self.outcomes)))
+        cast, lib = self._program.ffi.cast, self._program.lib
+        for start in range(0, len(table), CHUNK):
+            samples = self._samples(np.asarray(table[start : start + CHUNK], float))
+            part = made[start : start + CHUNK]
+            given = cast("batch_sample *", samples.ctypes.data), len(samples), cast("double *", part.ctypes.data)
+            lib.batch_run(self._settings, *given, made.shape[1])
+        return made
+
+    def status(self, number: float) -> str:
+        """Name of a status."""
+        return self._program.ffi.string(self._program.lib.noslip_status_name(int(number))).decode()
+
+    def trace(self, row: np.ndarray) -> np.ndarray:
+        """All output times of one sample, a row of a table: records of t, x, tau, error, status, piece."""
+        simulation, cast = self.spec.simulation, self._program.ffi.cast
+        duration = row[self.inputs.index("simulation.duration")]
+        rows = np.zeros(int(duration / simulation.output_step) + 3, self._row)
+        samples = self._samples(np.atleast_2d(np.asarray(row, float)))
+        sample, place = cast("batch_sample *", samples.ctypes.data), cast("batch_row *", rows.ctypes.data)
+        return rows[: self._program.lib.batch_trace(self._settings, sample, place, len(rows))]
+
+    # -- what all samples share ------------------------------------------------------------------------------------------
+
+    def _make_settings(self, accuracy: float, band: float | tuple[float, ...], instants: tuple[float, ...], longest: float):
+        spec, ffi = self.spec, self._program.ffi
+        self._instants = ffi.new("double[]", [*instants, 0.0])  # the settings point to these two
+        self._path = ffi.NULL
+        settings = ffi.new("batch_settings *")
+        settings.longest, settings.accuracy = longest, accuracy
+        settings.output_step = spec.simulation.output_step
+        settings.band = list(band) if isinstance(band, tuple) else [band] * len(settings.band)
+        settings.instants, settings.instant = len(instants), self._instants
+        if spec.correction:
+            settings.corrected, settings.correction_mode = 1, MODES[spec.correction.mode]
+        if spec.limits:
+            settings.on_limit = ON_LIMIT.index(spec.limits.mode)
+        if self._route:
+            segments, options = spec.output.segments, self._route.options
+            kind = ffi.typeof(settings.path).item.cname
+            self._path = ffi.new(f"{kind}[]", [vars(segment) for segment in segments])
+            settings.path, settings.segments, settings.closed = self._path, len(segments), options.closed
+            settings.reversing, settings.stop = REVERSING.index(options.reversing), STOP.index(options.stop)
+        return settings
+
+    def _outcome_names(self, instants: int) -> list[str]:
+        rows = [row.name for row in self.law.output.rows]
+        members = {"final": rows, "peak": rows, "settling": rows, "end": self._inputs.state}
+        members["effort"] = [q.name for q in self.law.system.mechanism.inputs]
+        fields = self._outcome.names or ()
+        names = [f"{field}.{member}" if member else field for field in fields for member in members.get(field, [""])]
+        return [*names, *[f"error.{row}[{k}]" for row in rows for k in range(instants)]]
+
+    # -- samples ---------------------------------------------------------------------------------------------------------
+
+    def _samples(self, table: np.ndarray) -> np.ndarray:
+        """Rows of a table as the C has them."""
+        with _one:
+            return self._filled(table)
+
+    def _filled(self, table: np.ndarray) -> np.ndarray:
+        law, mechanism = self.law, self.law.system.mechanism
+        given = dict(zip(self.inputs, table.T, strict=True))
+        made = np.zeros(len(table), self._sample)
+        for group in ("plant", "believed"):
+            where = "parameters" if group == "believed" else group
+            made[group] = np.column_stack([given[f"{where}.{p.name}"] for p in mechanism.parameters])
+        for k, gain in enumerate(law.gains):
+            made["gains"][:, k] = given[f"gains.{gain.name}"]
+        for k, row in enumerate(self.loop.integral.rows):
+            made["ki"][:, k] = given[f"gains.ki_{row}"]
+        for name, where in (("limit", "limits.torque"), ("integral_limit", "limits.integral"), ("mean", "sensors.noise.mean"),
+                            ("sd", "sensors.noise.sd")):  # fmt: skip
+            for k in range(made[name].shape[1]):
+                made[name][:, k] = given.get(f"{where}[{k}]", 0.0)
+        made["seed"] = given.get(SEED, 0.0)
+        for name in ("period", "delay", "duration"):
+            made[name] = given[f"simulation.{name}"]
+        if self.spec.sensors:
+            made["sensor_period"], made["counts"] = given["sensors.period"], given["sensors.counts"]
+        if self.spec.correction:
+            made["correction_rate"] = given["correction.rate"]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                made["release"] = given.get("correction.release", 1 / given["correction.rate"])
+        if self._wheels:
+            W, ahead = (value.full() for value in self._wheels(made["believed"].T))
+            made["forward"], made["turn"], made["ahead"] = W[0].reshape(-1, 2), W[1].reshape(-1, 2), ahead[0]
+        L = self._point(made, given)
+        made["start"] = self._starts(made, given, L)
+        made["refused"] = np.where(made["refused"] == 0, self._refused(made, table), made["refused"])
+        return made
+
+    def _point(self, made: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
+        """Fills in what is followed and where P_l is. Answers its L, m."""
+        output, law = self.spec.output, self.law
+        zeros = np.zeros(len(made))
+        L, made["W"] = given.get("output.L", zeros), given.get("output.W", zeros)
+        mirrored = given.get("output.L_backward", -L - 2 * made["ahead"])
+        if self._route:
+            made["L"] = np.column_stack([L, mirrored])
+            for name in ("speed", "deceleration", "creep"):
+                made[name] = given.get(f"reference.{name}", 0.0)
+            return made["L"][:, int(output.segments[0].backward)]
+        if output.type == "IV" and self._wheels:
+            speed = given["reference.speed"]
+            backwards = speed * (L + made["ahead"]) < 0
+            if output.reversing == "switch":
+                L = np.where(backwards, mirrored, L)
+            if output.reversing != "allow":
+                made["refused"][(speed * (L + made["ahead"]) < 0)] = self._program.lib.NOSLIP_UNSTABLE
+        for k, c in enumerate(law.config):
+            if output.own:
+                made["config"][:, k] = given[f"output.parameters.{c.name}"]
+            else:
+                made["config"][:, k] = L if c.name == "L" else given.get(f"output.{c.name}", given.get(f"output.path.{c.name}"))
+        entry = 0
+        for k, degree in enumerate(law.linearization.relative_degree):
+            if output.type == "IV":
+                position, velocity = (given["reference.speed"] if k else zeros), zeros
+            else:
+                position, velocity = given[f"reference.position[{k}]"], given[f"reference.velocity[{k}]"]
+            for name, values in (("offset", (position, velocity)), ("slope", (velocity, zeros))):
+                made[name][:, entry], made[name][:, entry + 1] = values
+            entry += degree + 1
+        return L
+
+    def _starts(self, made: np.ndarray, given: dict[str, np.ndarray], L: np.ndarray) -> np.ndarray:
+        if self.spec.initial and self.spec.initial.q is not None:
+            return np.column_stack([given[f"initial.{name}"] for name in self._inputs.state])
+        pose = np.column_stack([given[f"initial.{name}"] for name in ("point[0]", "point[1]", "heading")])
+        return starts(self.law.system, made["plant"], (L, made["W"]), pose, given["initial.speed"])
+
+    def _refused(self, made: np.ndarray, table: np.ndarray) -> np.ndarray:
+        """0, or the status with which a SPEC that has these numbers is refused; what the C looks at itself is left to it."""
+        period, delay, duration = (made[name] for name in ("period", "delay", "duration"))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            good = np.isfinite(table).all(axis=1) & np.isfinite(made["start"]).all(axis=1)
+            good &= (period > 0) & (delay >= 0) & (delay <= period) & (duration > 0)
+            good &= (duration / period <= MOST_ROWS) & (duration / self.spec.simulation.output_step <= MOST_ROWS)
+            good &= (made["sd"] >= 0).all(axis=1) & (made["sensor_period"] >= 0) & (made["counts"] >= 0)
+            good &= (made["seed"] >= 0) & (made["seed"] < SEEDS) & (made["limit"] >= 0).all(axis=1)
+            if self.spec.correction:
+                good &= (made["correction_rate"] > 0) & (made["release"] > 0)
+            for k, row in enumerate(self.loop.integral.rows):
+                good &= self._stable(row, made["ki"][:, k], made)
+        return np.where(good, 0, self._program.lib.NOSLIP_BAD_PARAMETER)
+
+    def _stable(self, row: str, ki: np.ndarray, made: np.ndarray) -> np.ndarray:
+        """Routh's conditions for an output with integral action."""
+        gains = {gain.name: made["gains"][:, k] for k, gain in enumerate(self.law.gains)}
+        if f"kv_{row}" in gains:
+            return (ki >= 0) & ((ki == 0) | (gains[f"kv_{row}"] > 0))
+        return (ki >= 0) & ((ki == 0) | (ki < gains[f"kp_{row}"] * gains[f"kd_{row}"]))

@@ -1,0 +1,173 @@
+"""What may differ from sample to sample: numbers of a SPEC by their dotted names, and the SPEC with others in their place."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from ..model.law import ControlLaw
+from ..model.mechanism import values_of
+from ..readers.errors import BadInput
+from ..readers.robots import suggestion
+from ..simulation.guidance import Route
+from ..simulation.loop import Loop, initial_of
+from ..simulation.specification.spec import Initial, Noise, Output, Spec
+from ..verification.cases import gain_entries, integral_entries
+
+Place = tuple[str | int, ...]  # where in a Spec a number is: names of entries and numbers of items
+SEED = "seed"
+SEEDS = 2**53  # seeds are below: whole numbers that a double holds
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Columns of a table of samples: `nominal` by name, in order; `spec` says all of them in full.
+
+    `follows`: inputs that are what another one is unless they are given themselves, as a plant's parameters are those that the
+    controller believes where the SPEC gives no others. `state`: names of [q; nu].
+    """
+
+    spec: Spec
+    nominal: dict[str, float]
+    follows: dict[str, str]
+    state: list[str]
+
+    @property
+    def names(self) -> list[str]:
+        """In the order of the table's columns."""
+        return list(self.nominal)
+
+    def table(self, columns: Mapping[str, np.ndarray | float], count: int) -> np.ndarray:
+        """(count, inputs): the columns given, by name; the others follow or are nominal. Raises BadInput for unknown names."""
+        for name in columns:
+            if name not in self.nominal:
+                raise BadInput(f"{name!r} is not a number of this SPEC that a sample can have{suggestion(name, self.names)}")
+        made = np.empty((count, len(self.nominal)))
+        for k, (name, value) in enumerate(self.nominal.items()):
+            source = name if name in columns else self.follows.get(name, name)
+            made[:, k] = columns.get(source, value)
+        return made
+
+    def spec_of(self, row: Sequence[float]) -> Spec:
+        """The SPEC of one sample, a row of a table, for `noslip simulate`. Raises BadInput for one that cannot be run."""
+        values = dict(zip(self.nominal, row, strict=True))
+        return _changed(self.spec, {self._place(name): float(value) for name, value in values.items()})
+
+    def _place(self, name: str) -> Place:
+        """Where an input is in a Spec."""
+        if name == SEED:
+            return ("sensors", "seed")
+        tokens: Place = tuple(int(t) if t.isdigit() else t for t in re.findall(r"\w+", name))
+        if tokens[:2] == ("output", "path"):
+            return (*tokens[:2], "parameters", *tokens[2:])
+        initial = self.spec.initial
+        if tokens[0] == "initial" and initial and initial.q is not None:
+            k, n = self.state.index(name.removeprefix("initial.")), len(initial.q)
+            return ("initial", "q", k) if k < n else ("initial", "nu", k - n)
+        return tokens
+
+
+def inputs_of(spec: Spec, loop: Loop) -> Inputs:
+    """The numbers of a SPEC, which `loop` was made of, that may differ from sample to sample."""
+    law = loop.law
+    full = _in_full(spec, loop)
+    nominal: dict[str, float] = {}
+    for where in ("parameters", "plant", "gains"):
+        nominal |= {f"{where}.{name}": value for name, value in getattr(full, where).items()}
+    output, reference, simulation = full.output, full.reference, full.simulation
+    nominal |= {f"output.{name}": getattr(output, name) for name in _point(output, law)}
+    nominal |= {f"output.path.{name}": value for name, value in (output.path.parameters if output.path else {}).items()}
+    nominal |= {f"output.parameters.{name}": value for name, value in output.parameters.items()}
+    nominal |= _numbers(reference, "reference")
+    initial, state = full.initial, [q.name for q in law.state]
+    if initial and initial.q is not None:
+        nominal |= {f"initial.{q}": v for q, v in zip(state, (*initial.q, *(initial.nu or ())), strict=True)}
+    else:
+        nominal |= _numbers(initial, "initial")
+    if full.limits:
+        nominal |= _numbers(full.limits, "limits")
+    if full.sensors:
+        nominal |= _numbers(full.sensors.noise, "sensors.noise")
+        nominal |= {f"sensors.{name}": getattr(full.sensors, name) for name in ("period", "counts")}
+        nominal |= _numbers(full.correction, "correction") if full.correction else {}
+        nominal[SEED] = full.sensors.seed
+    nominal |= {f"simulation.{name}": getattr(simulation, name) for name in ("period", "delay", "duration")}
+    follows = {f"plant.{name}": f"parameters.{name}" for name in full.plant if name not in spec.plant}
+    return Inputs(full, {name: float(value) for name, value in nominal.items()}, follows, state)
+
+
+def _in_full(spec: Spec, loop: Loop) -> Spec:
+    """The SPEC with all that it leaves to defaults in its place."""
+    law = loop.law
+    mechanism = law.system.mechanism
+    names = [p.name for p in law.parameters]
+    gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
+    ki = {name: value for name, value in integral_entries(law, spec.gains).items() if value}
+    parameters = mechanism.parameter_values(spec.parameters)
+    changed: dict[str, Any] = {
+        "parameters": dict(zip(names, parameters, strict=True)),
+        "plant": dict(zip(names, loop.plant.parameters.tolist(), strict=True)),
+        "gains": dict(zip([gain.name for gain in law.gains], gains, strict=True)) | ki,
+    }
+    if spec.output.own:
+        given = values_of(list(law.config), spec.output.parameters, "[output] parameters")
+        changed["output"] = replace(spec.output, parameters=dict(zip([c.name for c in law.config], given, strict=True)))
+    if spec.output.type != "IV":
+        rows = len(law.output.rows)
+        changed["reference"] = replace(spec.reference, velocity=spec.reference.velocity or (0.0,) * rows)
+    if isinstance(loop.guidance, Route):
+        guide = loop.guidance.options
+        changed["reference"] = replace(spec.reference, deceleration=guide.deceleration)
+        changed["initial"] = initial_of(spec, guide)
+    if initial := spec.initial:
+        if initial.q is not None:
+            changed["initial"] = replace(initial, nu=initial.nu or (0.0,) * law.system.freedom)
+        else:
+            changed["initial"] = Initial(point=initial.point, heading=initial.heading or 0.0, speed=initial.speed or 0.0)
+    if spec.limits:
+        count, integrals = len(mechanism.inputs), len(ki)
+        changed["limits"] = replace(
+            spec.limits, torque=_spread(spec.limits.torque, count), integral=_spread(spec.limits.integral, integrals)
+        )
+    if spec.sensors:
+        noise = Noise(**{name: _spread(getattr(spec.sensors.noise, name), law.system.freedom) for name in ("mean", "sd")})
+        changed["sensors"] = replace(spec.sensors, noise=noise)
+    return replace(spec, **changed)
+
+
+def _point(output: Output, law: ControlLaw) -> list[str]:
+    """Which of L, W, L_backward there are."""
+    config = [c.name for c in law.config]
+    found: list[str] = [name for name in ("L", "W") if name in config and not output.own]
+    return [*found, "L_backward"] if output.L_backward is not None else found
+
+
+def _spread(values: tuple[float, ...], count: int) -> tuple[float, ...]:
+    return values * count if len(values) == 1 else values
+
+
+def _numbers(section: Any, where: str) -> dict[str, float]:
+    """The numbers of a section by their names, those in lists with their place."""
+    found: dict[str, float] = {}
+    for name, value in ((f.name, getattr(section, f.name)) for f in fields(section)):
+        if isinstance(value, tuple):
+            found |= {f"{where}.{name}[{k}]": item for k, item in enumerate(value)}
+        elif isinstance(value, float | int) and not isinstance(value, bool):
+            found[f"{where}.{name}"] = value
+    return found
+
+
+def _changed(value: Any, changes: Mapping[Place, float]) -> Any:
+    """A Spec, or a part of one, with other numbers in their places."""
+    if () in changes:
+        return int(changes[()]) if isinstance(value, int) else changes[()]
+    parts: dict[str | int, dict[Place, float]] = {}
+    for (head, *rest), number in changes.items():
+        parts.setdefault(head, {})[tuple(rest)] = number
+    if isinstance(value, Mapping):
+        return {**value, **{head: _changed(value[head], rest) for head, rest in parts.items()}}
+    if isinstance(value, tuple):
+        return tuple(_changed(item, parts[k]) if k in parts else item for k, item in enumerate(value))
+    return replace(value, **{str(head): _changed(getattr(value, str(head)), rest) for head, rest in parts.items()})

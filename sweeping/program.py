@@ -1,0 +1,109 @@
+"""The C of the batch simulator for one law: batch.c with what it has to know of the law, compiled, and its types in numpy."""
+
+import re
+from functools import lru_cache
+from importlib.resources import files
+
+import cffi
+import numpy as np
+
+from ..codegen.dynamics import compile_dynamics
+from ..codegen.files import dynamics_text, law_program, law_text, shared_files
+from ..codegen.printing.scalar import DOUBLE, SCALARS
+from ..controllers.runtime import declarations, load
+from ..controllers.tracking import HEADER as PATH
+from ..model.law import ControlLaw
+from ..simulation import noise
+from ..simulation.sensing import angle_coordinates, pose_coordinates
+
+SOURCES = ("batch.c", "batch.h")
+
+
+class Program:
+    """The simulator of a law in a scalar of the controller's. `ffi` knows its types, `lib` its functions."""
+
+    def __init__(self, law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]):
+        """`integrals`: the outputs with integral action, by name. Raises BadInput as `pose_coordinates` does."""
+        law_h, own = _header(law, scalar, sensed, route, integrals), files(__package__)
+        texts = {name: (own / name).read_text() for name in SOURCES} | noise.source()
+        self.ffi = cffi.FFI()
+        self.ffi.cdef(declarations(PATH))
+        self.ffi.cdef(_declared(texts["batch.h"], law_h))
+        plant = dynamics_text(compile_dynamics(law.system), DOUBLE).files()
+        made = [{**shared_files(law.system, s), **law_text(law_program(law), s).files()} for s in (DOUBLE, SCALARS[scalar])]
+        self.lib = load(self.ffi, {**texts, "batch_law.h": law_h, **plant, **made[0], **made[1]}, optimized=True)
+
+    def type(self, name: str) -> np.dtype:
+        """A struct of doubles as numpy has it."""
+        return np.dtype(
+            [(field, float, (part.type.length,)) if part.type.kind == "array" else (field, float)
+             for field, part in self.ffi.typeof(name).fields]
+        )  # fmt: skip
+
+
+@lru_cache(maxsize=16)
+def program(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]) -> Program:
+    """The simulator, compiled once per process."""
+    return Program(law, scalar, sensed, route, integrals)
+
+
+def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]) -> str:
+    """batch_law.h: names of the generated C, and how many there are of what."""
+    mechanism, own = law.system.mechanism, SCALARS[scalar]
+    degree, rows = law.linearization.relative_degree, law.output.rows
+    names = [q.name for q in law.reference]
+    wanted = [names.index(row.name) for row in rows]
+    acting = [k for k, row in enumerate(rows) if row.name in integrals]
+    angles = [k for k, row in enumerate(rows) if row.unit == "rad" and not route]
+    suffix = f"##{own.suffix}" if own.suffix else ""
+    known = {
+        "REAL": own.real,
+        "SEGMENT": own.name("noslip_segment"),
+        "RUNTIME(name)": f"name{suffix}",
+        "ROBOT(name)": f"{mechanism.name}##name{suffix}",
+        "LAW(name)": f"{mechanism.name}_{law.name}##name{suffix}",
+        "JUDGE_ROBOT(name)": f"{mechanism.name}##name",
+        "JUDGE(name)": f"{mechanism.name}_{law.name}##name",
+        "PLANT(name)": f"{mechanism.name}_dynamics##name",
+        "COORDINATES": len(mechanism.coordinates),
+        "FREEDOM": law.system.freedom,
+        "STATE": len(law.state),
+        "PARAMETERS": len(law.parameters),
+        "CONFIG": len(law.config),
+        "GAINS": len(law.gains),
+        "INPUTS": len(mechanism.inputs),
+        "ROWS": len(rows),
+        "REFERENCE": len(law.reference),
+        "WANTED": _list(wanted),
+        "ANGLES": len(angles),
+        "ANGLE_ROWS": _list(angles),
+        "INTEGRALS": len(acting),
+        "INTEGRAL_ROWS": _list(acting),
+        "HIGHEST": _list([wanted[k] + degree[k] for k in acting]),
+        "SINGLE": int(bool(own.suffix)),
+        "SENSED": int(sensed),
+        "ROUTE": int(route),
+    }
+    if sensed or route:
+        known["POSE"] = _list(pose_coordinates(law.system))
+    if sensed:
+        known["WHEELS"] = _list(angle_coordinates(law.system))
+    if route:
+        known["SPEED"] = names.index("speed")
+        known["OFFSET(where, offset)"] = "((where).W = (offset))" if "W" in [c.name for c in law.config] else "((void)(offset))"
+    includes = [own.name(f"{mechanism.name}_{law.name}"), f"{mechanism.name}_{law.name}", f"{mechanism.name}_dynamics"]
+    lines = [f'#include "{name}.h"' for name in dict.fromkeys(includes)]
+    return "\n".join(
+        ["#ifndef BATCH_LAW_H", "#define BATCH_LAW_H", *lines, *(f"#define BATCH_{k} {v}" for k, v in known.items()), "#endif\n"]
+    )
+
+
+def _list(numbers: list[int]) -> str:
+    return "{" + ", ".join(map(str, numbers)) + "}"
+
+
+def _declared(header: str, law_h: str) -> str:
+    """batch.h for cffi, the law's numbers in the place of their names."""
+    known = dict(re.findall(r"#define (BATCH_\w+) (\w+)$", law_h, re.MULTILINE))
+    text = "\n".join(line for line in header.splitlines() if not line.startswith("#"))
+    return re.sub(r"\bBATCH_[A-Z_]+\b", lambda name: known[name[0]], text)

@@ -1,0 +1,1 @@
+"""What a sweep found: statistics, worst cases, reports and figures."""

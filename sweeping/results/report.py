@@ -1,0 +1,161 @@
+"""What `noslip sweep` prints."""
+
+import math
+import shlex
+from dataclasses import dataclass
+from typing import Any
+
+from ..study import STOPPED, Study
+from .statistics import CONFIDENCE, LEVELS, Indices, Summary
+from .verify import TIME, Verified
+from .worst import Worst
+
+SAYS = 0.1  # rank correlations and indices from here on are worth reading
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A finished sweep and what else was asked for."""
+
+    spec: str  # file names
+    output: str
+    study: Study
+    summary: Summary
+    indices: Indices | None = None
+    worst: Worst | None = None
+    verified: Verified | None = None
+
+    def text(self) -> str:
+        """For a reader."""
+        blocks = [self._head(), self._sizes(), self._ranks()]
+        blocks += [self._indices(self.indices)] if self.indices else []
+        blocks += [self._worst_samples()] if self.summary.failed else []
+        blocks += [self._worst(self.worst)] if self.worst else []
+        blocks += [self._verified(self.verified)] if self.verified else []
+        return "\n\n".join(block for block in blocks if block)
+
+    def as_json(self) -> dict[str, Any]:
+        """For a program; what is not finite is null."""
+        summary, study = self.summary, self.study
+        low, high = summary.interval
+        made: dict[str, Any] = {
+            "samples": summary.samples,
+            "design": study.plan.sweep.design,
+            "seed": study.plan.sweep.seed,
+            "period": study.spec.simulation.period,
+            "fails_when": str(study.criterion),
+            "statuses": dict(summary.statuses),
+            "failed": summary.failed,
+            "failure_probability": summary.failed / summary.samples,
+            "confidence": CONFIDENCE,
+            "confidence_interval": [low, high],
+            "quantiles": {
+                name: dict(zip([*(f"{level:g}" for level in LEVELS), "max"], values, strict=True))
+                for name, values in summary.sizes.items()
+            },
+            "rank_correlations": summary.ranks,
+            "integration_error": summary.integration_error,
+            "worst_samples": list(summary.worst),
+        }
+        if self.indices:
+            keys = ("first", "total", "first_half_width", "total_half_width")
+            made["sobol_indices"] = {
+                outcome: {name: dict(zip(keys, four, strict=True)) for name, four in rows.items()}
+                for outcome, rows in self.indices.values.items()
+            }
+        if self.worst:
+            made["worst"] = {
+                "severity": self.worst.severity,
+                "status": self.worst.status,
+                "set": study.changes(self.worst.row),
+                "outcomes": self.worst.outcomes,
+                "runs": self.worst.runs,
+            }
+        if self.verified:
+            made["verified"] = {**vars(self.verified), "holds": self.verified.holds}
+        return _finite(made)
+
+    def _head(self) -> str:
+        study, summary = self.study, self.summary
+        simulation, sweep = study.spec.simulation, study.plan.sweep
+        held = f"called every {simulation.period:g} s" + (" ([sweep] period; the SPEC is continuous)" if study.continuous else "")
+        low, high = summary.interval
+        statuses = ", ".join(f"{count} {name}" for name, count in sorted(summary.statuses.items(), key=lambda item: -item[1]))
+        design = {"random": "random", "sobol": "Sobol", "latin": "Latin hypercube"}[sweep.design]
+        lines = [
+            f"{study.spec.robot}, {study.batch.law.name}, backend {simulation.backend}, {held}, {simulation.duration:g} s",
+            f"{summary.samples} samples, {design}, seed {sweep.seed}, varying {len(study.plan.names)}: {statuses}",
+            f"  fails when {study.criterion}: {summary.failed} of {summary.samples}, {_part(summary.failed / summary.samples)}; "
+            f"{CONFIDENCE:.0%} interval {_part(low)} to {_part(high)} (Clopper-Pearson{self._caution()})",
+            f"  largest integration error of runs to the end {summary.integration_error:.1e}",
+        ]
+        return "\n".join(lines)
+
+    def _caution(self) -> str:
+        return "" if self.study.plan.sweep.design == "random" else ", as if the samples were independent"
+
+    def _sizes(self) -> str:
+        ended = sum(self.summary.statuses.get(name, 0) for name in ("ok", "saturated", "arrived"))
+        heads = [*(f"{level:.0%}" for level in LEVELS), "largest"]
+        rows = [[name, *(f"{value:.3g}" for value in values)] for name, values in self.summary.sizes.items()]
+        return _table([f"size, of {ended} runs to the end (SI)", *heads], rows)
+
+    def _ranks(self) -> str:
+        """What each outcome goes with, the strongest first."""
+        lines = []
+        for outcome, ranks in self.summary.ranks.items():
+            told = sorted(((name, rho) for name, rho in ranks.items() if abs(rho) >= SAYS), key=lambda item: -abs(item[1]))
+            if told:
+                lines.append(f"  {outcome}: " + ", ".join(f"{name} {rho:+.2f}" for name, rho in told))
+        return "\n".join([f"rank correlations of sizes, where at least {SAYS:g}", *lines]) if lines else ""
+
+    def _indices(self, indices: Indices) -> str:
+        blocks = [f"Sobol's indices, {indices.runs} runs; ± half the {CONFIDENCE:.0%} interval; the rest of 1 is noise"]
+        for outcome, values in indices.values.items():
+            ranked = sorted(values.items(), key=lambda item: -item[1][1])
+            rows = [[name, f"{first:.2f} ± {a:.2f}", f"{total:.2f} ± {b:.2f}"] for name, (first, total, a, b) in ranked]
+            blocks.append(_table([outcome, "first order", "total"], rows))
+        return "\n".join(blocks)
+
+    def _worst_samples(self) -> str:
+        lines = [
+            f"  noslip simulate {shlex.quote(self.output)} --sample {k} -o run.csv --plot run.png" for k in self.summary.worst
+        ]
+        return "\n".join(["the worst samples", *lines])
+
+    def _worst(self, worst: Worst) -> str:
+        shown = ", ".join(f"{name} {worst.outcomes[name]:.4g}" for name in self.study.shown)
+        how = f"stops, {worst.status}, at {worst.outcomes['t_end']:.4g} s" if worst.severity >= STOPPED else shown
+        fails = "fails" if worst.severity > 1 else f"does not fail: at {worst.severity:.2g} of its limit"
+        changes = " ".join(f"--set {shlex.quote(change)}" for change in self.study.changes(worst.row))
+        head = f"the worst that differential evolution found in {worst.runs} runs, 0.1 % of each end left out, {fails}: {how}"
+        return f"{head}\n  noslip simulate {shlex.quote(self.spec)} {changes} -o worst.csv --plot worst.png"
+
+    def _verified(self, found: Verified) -> str:
+        line = (
+            f"{found.samples} samples again by noslip simulate: differences at the end up to {found.largest:.1e} "
+            f"(sample {found.of}), stated {found.stated:.0e}; stops at the same time to {TIME:.0e} s: "
+            f"{'holds' if found.holds else 'does not hold'}"
+        )
+        if found.otherwise:
+            line += f"\n  {len(found.otherwise)} ended otherwise: samples {', '.join(map(str, found.otherwise[:10]))}"
+        return line
+
+
+def _table(heads: list[str], rows: list[list[str]]) -> str:
+    widths = [max(len(row[k]) for row in [heads, *rows]) for k in range(len(heads))]
+    lines = [[row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))] for row in
+             [heads, *rows]]  # fmt: skip
+    return "\n".join("  ".join(line) for line in lines)
+
+
+def _part(value: float) -> str:
+    return f"{100 * value:.3g} %"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,138 @@
+"""A sweep made ready: its SPEC as it is run, the simulator, the plan of the samples, and what counts as failure."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .. import __version__
+from ..codegen.files import fingerprint
+from ..readers.errors import BadInput
+from ..readers.robots import suggestion
+from ..simulation.loop import make_loop
+from ..simulation.specification.distributions import Sweep
+from ..simulation.specification.spec import Spec, spec_of
+from .batch import Batch
+from .inputs import inputs_of
+from .plan import Plan, as_sampled, sweep_of
+
+SHORT = ("final", "peak", "settling")  # of each output that is a place or an angle, not a speed
+STOPPED = 1e6  # severity of a run that stops before its time: beyond any other, and the more the sooner it stops
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """When a sample fails: it stopped before its time (`status`), or the size of an outcome is beyond its limit."""
+
+    status: bool
+    limits: Mapping[str, float]
+    outcomes: Sequence[str]
+
+    def severity(self, outcomes: np.ndarray, duration: np.ndarray | float) -> np.ndarray:
+        """How bad rows of outcomes are (N): above 1 they fail. `duration`: s, what they were to take."""
+        status, t_end = (outcomes[:, self.outcomes.index(name)] for name in ("status", "t_end"))
+        worst = np.zeros(len(outcomes))
+        for name, limit in self.limits.items():
+            size = np.abs(outcomes[:, self.outcomes.index(name)]) / limit
+            worst = np.fmax(worst, np.where(np.isnan(size), STOPPED, size))
+        if self.status:
+            worst = np.where(status < 0, STOPPED * (2 - t_end / duration), np.minimum(worst, STOPPED))
+        return worst
+
+    def __str__(self):
+        parts = ["it stops before its time"] if self.status else []
+        return " or ".join([*parts, *(f"|{name}| > {limit:g}" for name, limit in self.limits.items())])
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """Everything that the text of a SPEC and a number of samples say. `spec` is as run: with a control period."""
+
+    text: str
+    spec: Spec
+    batch: Batch
+    plan: Plan
+    criterion: Criterion
+
+    @property
+    def samples(self) -> int:
+        """How many."""
+        return self.plan.samples
+
+    @cached_property
+    def identity(self) -> dict[str, str | int | float]:
+        """What the results depend on: two sweeps that agree in it are one."""
+        sweep, law = self.plan.sweep, self.batch.law
+        return {
+            "samples": self.samples,
+            "seed": sweep.seed,
+            "design": sweep.design,
+            "period": self.spec.simulation.period,
+            "noslip": __version__,
+            "model_sha256": fingerprint(law.system, law),
+            "spec_sha256": hashlib.sha256(self.text.encode()).hexdigest(),
+        }
+
+    @property
+    def continuous(self) -> bool:
+        """Does the SPEC say no period of its own?"""
+        return not spec_of(self.text, "").simulation.period
+
+    @property
+    def shown(self) -> list[str]:
+        """Outcomes that are worth a line: how far off it is, what is limited, and what the inputs do."""
+        names = [long for name in SHORT for long in _in_full(name, self.batch)]
+        limited = ["saturated"] if self.spec.limits else []
+        return list(dict.fromkeys([*names, *self.criterion.limits, *limited]))
+
+    def changes(self, row: dict[str, float]) -> list[str]:
+        """What makes the SPEC that of a row, as `KEY=VALUE` of `noslip simulate SPEC --set`."""
+        period = [f"simulation.period={self.spec.simulation.period!r}"] if self.continuous else []
+        return period + self.plan.changes(row)
+
+    def severity(self, table: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
+        """Of samples and what came of them, (N)."""
+        return self.criterion.severity(outcomes, table[:, self.batch.inputs.index("simulation.duration")])
+
+
+def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = ()) -> Study:
+    """A sweep of the SPEC `text`; with `instants` (s) the outcomes tell the errors then. Raises BadInput, with `name`."""
+    try:
+        spec = as_sampled(spec_of(text, name))
+        sweep = sweep_of(spec)
+        batch = Batch(spec, band=sweep.band, instants=instants)
+        return Study(text, spec, batch, Plan(spec, inputs_of(spec, batch.loop), samples), _criterion(sweep, batch))
+    except BadInput as error:
+        raise BadInput(str(error) if str(error).startswith(f"{name}: ") else f"{name}: {error}") from error
+
+
+def sample_spec(text: str, row: Mapping[str, float]) -> Spec:
+    """The SPEC of one sample of a sweep of the SPEC `text`: its columns by name. Raises BadInput for one that cannot be run."""
+    spec = as_sampled(spec_of(text, "[sweep]"))
+    plan = Plan(spec, inputs_of(spec, make_loop(spec)), 1)
+    varied = list(plan.columns(plan.table(0, 1)))
+    if list(row) != varied or not all(isinstance(value, int | float) for value in row.values()):
+        raise BadInput(f"a sample of this sweep has the numbers {', '.join(varied)}, not {', '.join(row)}")
+    return plan.spec_of(dict(row))
+
+
+def _criterion(sweep: Sweep, batch: Batch) -> Criterion:
+    """As given; else a run fails that stops, or that ends beyond the band."""
+    given = dict({"final": sweep.band} if sweep.fails is None else sweep.fails)
+    status = bool(given.pop("status", True))
+    limits = {long: limit for name, limit in given.items() for long in _in_full(name, batch)}
+    for name in limits:
+        if name not in batch.outcomes or name in ("status", "steps"):
+            raise BadInput(f"[sweep] fails: {name!r} is no outcome{suggestion(name, batch.outcomes)}")
+    return Criterion(status, limits, batch.outcomes)
+
+
+def _in_full(name: str, batch: Batch) -> list[str]:
+    """Outcomes that a name means: a SHORT one that of each output of relative degree 2, or of all where there is none."""
+    if name not in SHORT:
+        return [name]
+    rows = batch.law.output.rows
+    places = [row.name for row, degree in zip(rows, batch.law.linearization.relative_degree, strict=True) if degree == 2]
+    return [f"{name}.{row}" for row in places or [row.name for row in rows]]

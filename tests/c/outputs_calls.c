@@ -1,0 +1,122 @@
+/*
+ * outputs_calls.c - calls every entry point that has outputs, at seeded arguments, wrong ones among them, and prints for each how
+ * many calls wrote a number of its output more than once, and how many calls were good.
+ */
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+
+#include "labmate_dynamics_f.h"
+#include "labmate_type_iv_segment_f.h"
+#include "noslip_angle.h"
+#include "noslip_integral.h"
+#include "noslip_odometry.h"
+#include "noslip_path.h"
+#include "outputs.h"
+
+#define CALLS 2000
+#define LAW(name) labmate_type_iv_segment_##name##_f
+#define PLANT(name) labmate_dynamics_##name##_f
+
+static uint32_t seed = 1992;
+
+/* Of ordinary size; one in 50 is not finite or overflows. */
+static float number(void)
+{
+    seed = seed * 1664525u + 1013904223u;
+    if (seed >> 8 & 0xff ? 0 : 1) {
+        return seed >> 31 ? NAN : 3e38f;
+    }
+    return (float)(int32_t)seed / 1e9f;
+}
+
+static void fill(void *values, size_t size)
+{
+    size_t i;
+    for (i = 0; i < size / sizeof(float); i++) {
+        ((float *)values)[i] = number();
+    }
+}
+
+#define COUNT(name, output, call) \
+    do { \
+        int status_; \
+        watch(&(output), sizeof(output)); \
+        status_ = (call); \
+        twice[name] += unwatch() > 0; \
+        good[name] += status_ >= 0; \
+    } while (0)
+
+enum { STEP, FOLLOW, OUTPUT, RATE, DECOUPLING, DECOUPLING_RATE, FEEDBACK, EVALUATE, REDUCED, ACCELERATION, ALL_DYNAMICS, MOVE, READ,
+       LOOK, UPDATE, INTEGRAL, ANGLE, DIFFERENTIAL, INIT_PATH, NAMES };
+static const char *names[NAMES] = {"step", "follow", "output", "rate", "decoupling", "decoupling_rate", "feedback", "evaluate",
+                                   "reduced", "acceleration", "dynamics", "move", "read", "look", "update", "integral", "angle",
+                                   "differential", "path_init"};
+static int twice[NAMES], good[NAMES];
+
+int main(void)
+{
+    static const noslip_segment_f segments[] = {{0, 0, 0, 0, 2, 0}, {2, 0, 0, 0.5f, 3, 0}};
+    const labmate_type_iv_segment_config_f config = {0.25f, 0, 0, 0, 0.25f};
+    const labmate_type_iv_segment_gains_f gains = {4, 4, 2};
+    const noslip_path_options_f along = {.speed = 1, .deceleration = 0.5f, .L = {0.3f, -0.3f}};
+    const labmate_options_f options = {{7, 7}, NOSLIP_ZERO, NOSLIP_SLOW};
+    labmate_params_f params;
+    labmate_type_iv_segment_f law;
+    labmate_dynamics_f plant;
+    noslip_odometry_f odometry;
+    noslip_odometry_options_f wheels;
+    noslip_path_f path, other;
+    noslip_integral_f integral;
+    noslip_encoder_f encoder;
+    int k, status = labmate_default_params_f(&params);
+    status += LAW(init)(&law, &params, &config, &gains, &options) + labmate_dynamics_init_f(&plant, &params);
+    status += noslip_odometry_differential_f(&wheels, 0.1f, 0.25f, 0.05f) + noslip_odometry_init_f(&odometry, &wheels, NULL);
+    status += noslip_path_init_f(&path, segments, 2, &along, NULL) + noslip_integral_init_f(&integral, 1, 0.5f);
+    status += noslip_encoder_init_f(&encoder, 4096, 16);
+    for (k = 0; k < CALLS && status == 0; k++) {
+        labmate_state_f state;
+        LAW(reference) reference;
+        LAW(evaluation) all;
+        labmate_dynamics_evaluation_f everything;
+        noslip_foot_f foot;
+        noslip_pose_f pose;
+        noslip_guide_f guide;
+        struct {
+            float Mbar[2][2], bias[2];
+        } reduced;
+        struct {
+            float qdot[5], nudot[2];
+        } rates;
+        float tau[2], h[2], ydot[1], Phi[2][2], v[2], one;
+        noslip_path_fault_f fault;
+        fill(&state, sizeof state);
+        fill(&reference, sizeof reference);
+        fill(&foot, sizeof foot);
+        fill(v, sizeof v);
+        COUNT(STEP, tau, LAW(step)(&law, &state, &reference, tau));
+        COUNT(FOLLOW, tau, LAW(follow)(&law, &foot, &state, &reference, tau));
+        COUNT(OUTPUT, h, LAW(output)(&law, &state, h));
+        COUNT(RATE, ydot, LAW(rate)(&law, &state, ydot));
+        COUNT(DECOUPLING, Phi, LAW(decoupling)(&law, &state, Phi));
+        COUNT(DECOUPLING_RATE, Phi, LAW(decoupling_rate)(&law, &state, Phi));
+        COUNT(FEEDBACK, tau, LAW(feedback)(&law, &state, v, tau));
+        COUNT(EVALUATE, all, LAW(evaluate)(&law, &state, &reference, &all));
+        COUNT(REDUCED, reduced, PLANT(reduced)(&plant, &state, reduced.Mbar, reduced.bias));
+        COUNT(ACCELERATION, rates, PLANT(acceleration)(&plant, &state, v, rates.qdot, rates.nudot));
+        COUNT(ALL_DYNAMICS, everything, PLANT(evaluate)(&plant, &state, &everything));
+        COUNT(MOVE, pose, noslip_odometry_move_f(&odometry, v, number(), &pose));
+        COUNT(READ, one, noslip_encoder_read_f(&encoder, seed, &one));
+        COUNT(LOOK, guide, noslip_path_look_f(&path, number(), number(), number(), number(), &guide));
+        COUNT(UPDATE, guide, noslip_path_update_f(&path, number(), number(), number(), number(), &guide));
+        COUNT(INTEGRAL, one, noslip_integral_step_f(&integral, number(), number(), NOSLIP_OK, &one));
+        COUNT(ANGLE, one, noslip_nearest_angle_f(number(), number(), &one));
+        COUNT(DIFFERENTIAL, wheels, noslip_odometry_differential_f(&wheels, number(), number(), number()));
+        COUNT(INIT_PATH, fault, noslip_path_init_f(&other, segments, (int)(seed >> 31), &along, &fault));
+        status = k % 20 == 0 ? noslip_path_init_f(&path, segments, 2, &along, NULL) : 0; /* for the next calls */
+    }
+    for (k = 0; k < NAMES; k++) {
+        printf("%s %d %d\n", names[k], twice[k], good[k]);
+    }
+    return status;
+}

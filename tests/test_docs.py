@@ -1,0 +1,78 @@
+"""The pages that name functions and files name what is there."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import noslip
+import pytest
+
+ROOT = Path(noslip.__file__).parent
+FOLDERS = ("", "model", "codegen/derivation")  # where the pages' bare file names are
+NAME = re.compile(r"`([A-Za-z_]\w*(?:\.\w+)?)`")
+FILE = re.compile(r"(?<![\w/.])[a-z_][\w/]*\.(?:py|h|c|inc|toml)\b")
+
+
+def file_of(name: str) -> Path:
+    """The file a page names, from the root or in one of FOLDERS."""
+    return next(path for folder in FOLDERS if (path := ROOT / folder / name).is_file())
+
+
+@cache
+def defined(path: Path) -> frozenset[str]:
+    """Functions and classes of a Python file, methods and fields as Class.name; the words of any other file."""
+    if path.suffix != ".py":
+        return frozenset(re.findall(r"\w+", path.read_text()))
+    found = set()
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        for item in node.body if isinstance(node, ast.ClassDef) else ():
+            name = getattr(item, "name", getattr(getattr(item, "target", None), "id", None))
+            found.add(f"{node.name}.{name}")
+    return frozenset(found)
+
+
+def rows(page: str) -> list[list[str]]:
+    """The cells of the tables of a page, but for their heads."""
+    lines = (ROOT / page).read_text().splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if re.match(r"\|[^-]", line)]
+
+
+def missing(cell: str) -> list[str]:
+    """Names of a cell that none of the files in the cell defines."""
+    files = [file_of(name) for name in FILE.findall(cell)]
+    names = set().union(*(defined(path) for path in files))
+    return [name for name in NAME.findall(cell) if name not in names]
+
+
+def test_the_table_of_equations():
+    table = [row for row in rows("docs/method.md") if len(row) == 4 and ".py" in row[2]]
+    assert len(table) == 14
+    for row in table:
+        reference, shipped = row[2], row[3]
+        assert not missing(reference), row
+        assert not FILE.search(shipped) or not missing(shipped), row
+
+
+def test_quantities_are_followed_through_the_code():
+    table = [row for row in rows("docs/method.md") if len(row) == 2 and ".py" in row[0]]
+    assert len(table) >= 20
+    for row in table:
+        assert not missing(row[0]), row
+
+
+def test_ideas_of_the_derivation():
+    stages, taylor = file_of("stages.py"), file_of("taylor.py")
+    for row in rows("codegen/derivation/README.md")[1:]:
+        names = NAME.findall(row[1])
+        assert names or "foot.py" in row[1]
+        assert set(names) <= defined(stages) | defined(taylor), row
+
+
+@pytest.mark.parametrize("page", [path.relative_to(ROOT) for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"))], ids=str)
+def test_links(page):
+    """Relative links lead somewhere."""
+    for target in re.findall(r"\]\(([\w./-]+)\)", (ROOT / page).read_text()):
+        assert (ROOT / page).parent.joinpath(target).exists(), target

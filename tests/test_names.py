@@ -1,0 +1,179 @@
+"""Names: what is refused where it is given, and that the C of every other name compiles beside all standard headers."""
+
+import re
+import subprocess
+from shutil import which
+
+import casadi as ca
+import pytest
+from noslip.codegen.files import robot_files
+from noslip.codegen.program import ENTRIES
+from noslip.controllers.build import runtime_files
+from noslip.model import Mechanism, config, control_law
+from noslip.model.errors import ModelError
+from noslip.model.mechanism import quantity
+from noslip.model.names import IN_C, OF_LAW, OF_ROBOT, is_reserved
+from noslip.model.outputs import output_map
+from noslip.model.reduction import reduce
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot
+
+HEADERS = (
+    "assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic stdbool "
+    "stddef stdint stdio stdlib stdnoreturn string tgmath threads time uchar wchar wctype"
+).split()
+COMPILERS = {
+    **{"gcc": ("gcc", "-std=c99"), "gcc gnu": ("gcc", "-std=gnu17"), "clang": ("clang", "-std=c99")},
+    **{"arm": ("arm-none-eabi-gcc", "-std=gnu11"), "g++": ("g++", "-x", "c++", "-std=c++17")},
+    **{"clang++": ("clang++", "-x", "c++", "-std=c++17")},
+}
+STRICT = "-Wall -Wextra -Werror -Wconversion -Wshadow -Wundef -ffp-contract=off -fno-math-errno".split()
+ODD = ("state", "self", "tau", "params", "status", "reference", "gains", "limit", "held", "ready", "y1", "exp", "gamma", "index")
+
+
+def every_header(cplusplus: bool = False) -> str:
+    """Includes all that there are; C++ has neither complex.h of C nor atomics and threads of C."""
+    names = [name for name in HEADERS if not (cplusplus and name in ("complex", "stdatomic", "tgmath", "threads", "stdnoreturn"))]
+    names = [name for name in names if name != "threads"]  # of newlib it does not compile
+    return "".join(f"#if __has_include(<{name}.h>)\n#include <{name}.h>\n#endif\n" for name in names)
+
+
+def robot(name: str = "odd", parameters=(), outputs=(("own", ("a", "b")),), settings=()) -> Mechanism:
+    """A unicycle with parameters and outputs of these names."""
+    made = Mechanism(name, "a unicycle")
+    x, y, heading = made.coordinate("x", "m"), made.coordinate("y", "m"), made.coordinate("heading", "rad")
+    m, J = made.parameter("m_own", 12.0, "kg"), made.parameter("J_own", 0.8, "kg m^2")
+    total = sum((made.parameter(each, 1.0, "N") for each in parameters), start=ca.SX(0))
+    forward = ca.cos(heading) * made.rate(x) + ca.sin(heading) * made.rate(y)
+    made.kinetic_energy(m * (made.rate(x) ** 2 + made.rate(y) ** 2) / 2 + J * made.rate(heading) ** 2 / 2)
+    made.force(-total * forward, on=forward)
+    made.rolls("no side slip", ca.cos(heading) * made.rate(y) - ca.sin(heading) * made.rate(x))
+    made.input("push", "N", on=forward)
+    made.input("turn", "N m", on=made.rate(heading))
+    made.quasi_velocity("v", "m/s", forward)
+    made.quasi_velocity("omega", "rad/s", made.rate(heading))
+    ahead = [config(each, 0.3, "m", "") for each in settings]
+    L = sum((each.symbol for each in ahead), start=ca.SX(0.3))
+    for output, (first, second) in outputs:
+        rows = [(first, "m", x + L * ca.cos(heading)), (second, "m", y + L * ca.sin(heading))]
+        made.output(output, "", rows, ahead)
+    return made
+
+
+def refused(line: str, tmp_path) -> str:
+    """What is said of a line in a robot's file, after its place."""
+    head = (
+        "from noslip.model import Mechanism, config\n\ndef robot():\n    r = Mechanism('made')\n    x = r.coordinate('x', 'm')\n"
+    )
+    file = tmp_path / "robots.py"
+    file.write_text(f"{head}    r.output('tip', '', [])\n    {line}\n    return r\n")
+    with pytest.raises(BadInput) as error:
+        find_robot(f"{file}:robot")
+    text = str(error.value)
+    assert text.startswith(f"{file}:7: ") and "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize(
+    "name", ["INT32_MAX", "FLT_MAX", "M_PI", "EOF", "errno", "while", "class", "NAN", "noslip_x", "NOSLIP_OK", "linux"]
+)
+@pytest.mark.parametrize(
+    "line",
+    [
+        "r.parameter({!r}, 1.0, 'kg')",
+        "r.coordinate({!r}, 'm')",
+        "r.input({!r}, 'N', on=r.rate(x))",
+        "r.quasi_velocity({!r}, 'm/s', r.rate(x))",
+        "r.output({!r}, '', [])",
+        "r.output('o', '', [({!r}, 'm', x)])",
+        "config({!r}, 1.0, 'm', '')",
+        "Mechanism({!r})",
+    ],
+)
+def test_reserved_names_are_refused(name, line, tmp_path):
+    assert f"name {name!r} cannot be used in C" in refused(line.format(name), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        *[(name, "the robot itself") for name in (*OF_ROBOT, "f", "dynamics_f", "params_f", "dynamics_evaluation", "Dynamics")],
+        *[(f"tip_{part}", "output 'tip'") for part in OF_LAW if part],
+        *[(name, "output 'tip'") for name in ("tip_f", "TIP", "tip_step_f", "Tip_F")],
+        ("tip", "used twice"),
+        ("type_v", "Types I to IV"),
+    ],
+)
+def test_outputs_that_would_share_a_name_in_c(name, says, tmp_path):
+    assert says in refused(f"r.output({name!r}, '', [])", tmp_path)
+
+
+def test_either_order_is_refused():
+    with pytest.raises(ModelError, match="output 'o_f' has a ..._o_f in C too"):
+        robot(outputs=(("o_f", "ab"), ("o", "ab")))
+    robot(outputs=(("tip", "ab"), ("tip_speed", "ab"), ("tip2", "ab")))
+
+
+@pytest.mark.parametrize("name", ["math", "stdio", "string", "errno", "time_f"])
+def test_a_robot_is_no_header(name):
+    with pytest.raises(ModelError, match="cannot be"):
+        Mechanism(name)
+
+
+def test_all_names_of_the_c_are_known():
+    """OF_ROBOT and OF_LAW have every name after a robot's and a law's that the C defines."""
+    made = robot(outputs=(("own", ("a", "b")),))
+    made.moves_in_plane(*ca.vertsplit(made.q))
+    system = reduce(made)
+    laws = [control_law(system, output_map(system, name)) for name in ("own", "type_iv_segment")]
+    text = "\n".join(robot_files(system, laws, ("double",)).values())
+    found = set(re.findall(r"\bodd_(?:own|type_iv_segment)_?(\w*)", text)) | set(re.findall(r"\bodd_dynamics_?(\w*)", text))
+    assert {name.removesuffix("_H").lower() for name in found} - {"h", "c"} <= set(OF_LAW)
+    assert {entry.name for entry in ENTRIES} <= set(OF_LAW)
+    others = set(re.findall(r"\bodd_(?!own|type_iv|dynamics)(\w+)", text))
+    assert others <= set(OF_ROBOT)
+
+
+@pytest.mark.parametrize("which_one", COMPILERS)
+def test_macros_are_refused(which_one, tmp_path):
+    """Every macro without arguments that a compiler has after all standard headers; one is renamed in C."""
+    command = COMPILERS[which_one]
+    if not which(command[0]):
+        pytest.skip(f"{command[0]} not installed")
+    file = tmp_path / "all.h"
+    file.write_text(every_header("c++" in command))
+    run = [*command, "-dM", "-E", *(() if "c++" in command else ("-x", "c")), str(file)]
+    text = subprocess.run(run, capture_output=True, text=True, check=True).stdout
+    names = set(re.findall(r"^#define ([A-Za-z]\w*)(?:\s|$)", text, re.M))
+    assert len(names) > 100
+    assert sorted(name for name in names if not is_reserved(name) and name not in IN_C) == []
+
+
+def test_what_people_call_things_is_free():
+    for name in ("I", "J", "M_1", "M_w", "TAU_MAX", "V_MAX", "E", "E_k", "sin", "x", "SS", "R", "EI", "SI_1", "mass_f", "step"):
+        assert quantity(name, "").name == name
+    with pytest.raises(ModelError):
+        quantity("I_", "")
+
+
+@pytest.mark.parametrize("which_one", ["gcc", "clang", "g++", "clang++"])
+def test_c_of_odd_names_compiles_after_all_headers(which_one, tmp_path):
+    """Names of members that are those of arguments, locals, functions, and a macro of complex.h."""
+    command = COMPILERS[which_one]
+    if not which(command[0]):
+        pytest.skip(f"{command[0]} not installed")
+    made = robot(
+        parameters=(*ODD[:7], "I", "limit"), outputs=(("own", ("I", "self")), ("sin", ("exp", "status"))), settings=ODD[2:9]
+    )
+    system = reduce(made)
+    files = robot_files(system, [control_law(system, output_map(system, name)) for name in ("own", "sin")])
+    for name, text in {**runtime_files(), **files}.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "all.h").write_text(every_header("c++" in command))
+    headers = "".join(f'#include "{name}"\n' for name in files if name.endswith(".h"))
+    cpp = "c++" in command
+    (tmp_path / "use.c").write_text(headers + "int use(odd_params *p);\nint use(odd_params *p)\n{\n    return p->I_ > 0;\n}\n")
+    sources = ["use.c"] if cpp else ["use.c", *[name for name in files if name.endswith(".c")]]
+    run = [*command, *STRICT, "-include", "all.h", "-c", *sources]
+    result = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr[:2000]

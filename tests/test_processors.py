@@ -1,0 +1,102 @@
+"""Results do not depend on the processor: neither on OpenBLAS's kernels, nor on NumPy's, nor on the C library's."""
+
+import math
+import os
+import subprocess
+import sys
+
+import casadi as ca
+import numpy as np
+import pytest
+from mpmath import mp
+from noslip.model.algebra.portable import portable
+from noslip.model.algebra.trigonometry import angle_of, arcsine, product, sine_cosine, size, unit
+from noslip.simulation.starts import _least
+from noslip.tests.processors import SPECS, choices, digest_with
+
+OLDEST = "all of the oldest"
+FEW = [spec for spec in SPECS if spec.stem in ("circle", "cusp")]  # a start that is searched; a wait
+
+
+def test_sines_and_cosines():
+    """Against 120 bits; near multiples of pi/2 too; of floats, arrays and expressions alike."""
+    random = np.random.default_rng(1)
+    x = [random.uniform(-10, 10, 2000), random.uniform(-(2.0**20), 2.0**20, 2000), np.arange(-300, 300) * (math.pi / 4)]
+    x = np.concatenate([*x, 10.0 ** -np.arange(20)])
+    found = np.array(sine_cosine(x))
+    with mp.workprec(120):
+        truth = [[f(mp.mpf(value)) for value in x.tolist()] for f in (mp.sin, mp.cos)]
+        rows = zip(truth, found.tolist(), strict=True)
+        errors = [abs(one - mp.mpf(value)) for right, row in rows for one, value in zip(right, row, strict=True)]
+    assert max(errors) < 3e-16
+    assert np.array_equal(found, np.array([sine_cosine(value) for value in x.tolist()]).T)
+    s = ca.SX.sym("s")
+    function = portable(ca.Function("both", [s], [ca.vertcat(ca.sin(s), ca.cos(s))]))
+    assert np.array_equal(found, function(x[None, :]).full())
+    assert all(math.isnan(value) for x in (math.inf, math.nan) for value in sine_cosine(x))
+
+
+def test_angles():
+    """In every direction, and where the series changes; complex numbers as Python has them."""
+    random = np.random.default_rng(2)
+    y, x = np.concatenate([random.normal(size=(2, 2000)), [np.arange(9.0), np.full(9, 8.0)], [[3.0, -3.0], [0.0, 0.0]]], axis=1)
+    found = angle_of(y, x)
+    with mp.workprec(120):
+        points = zip(y.tolist(), x.tolist(), found.tolist(), strict=True)
+        errors = [abs(mp.atan2(mp.mpf(a), mp.mpf(b)) - mp.mpf(c)) for a, b, c in points]
+    assert max(errors) < 1e-15
+    assert (angle_of(0.0, 0.0), angle_of(0.0, -1.0)) == (0.0, math.pi)
+    assert arcsine(0.5) == pytest.approx(math.pi / 6, abs=1e-15) and arcsine(-1.0) == -math.pi / 2
+    z, w = x + 1j * y, y - 2j * x
+    assert np.abs(product(z, w) - z * w).max() < 1e-14 and np.abs(size(z) - abs(z)).max() < 1e-14
+    assert abs(unit(2.0) - np.exp(2j)) < 1e-15
+
+
+def test_functions_without_libm():
+    """The same values, and nothing left that the C library computes; names and shapes stay."""
+    a, b = ca.SX.sym("a", 2), ca.SX.sym("b")
+    made = [ca.sin(a) * ca.cos(a[0] * b), ca.vertcat(ca.tan(b), ca.sqrt(b * b + ca.sin(ca.cos(b)))).T]
+    function = ca.Function("some", [a, b], made, ["a", "b"], ["first", "second"])
+    found = portable(function)
+    codes = {found.instruction_id(k) for k in range(found.n_instructions())}
+    assert not codes & {ca.OP_SIN, ca.OP_COS, ca.OP_TAN}
+    assert found.name_out() == ["first", "second"] and found.size_out(1) == (1, 2)
+    random = np.random.default_rng(3)
+    for _ in range(100):
+        point = random.normal(size=2), random.normal()
+        for one, other in zip(found(*point), function(*point), strict=True):
+            assert np.abs((one - other).full()).max() < 1e-13 * max(1.0, np.abs(other.full()).max())
+
+
+@pytest.mark.parametrize(("rows", "columns", "rank"), [(3, 7, 3), (3, 3, 3), (3, 6, 2), (2, 3, 1), (2, 4, 0)])
+def test_least_norm(rows, columns, rank):
+    """Against the pseudoinverse, of matrices of any rank."""
+    random = np.random.default_rng(rows * columns)
+    left, right = (np.linalg.qr(random.normal(size=(50, n, n)))[0] for n in (rows, columns))
+    A = left[:, :, :rank] * random.uniform(0.1, 2.0, (50, 1, rank)) @ right[:, :rank]
+    b = (A @ random.normal(size=(50, columns, 1)))[:, :, 0]
+    wanted = (np.linalg.pinv(A, rcond=1e-12) @ b[:, :, None])[:, :, 0]
+    assert np.abs(_least(A, b) - wanted).max() < 1e-11
+
+
+def test_one_digest():
+    """The CSVs of some SPECs, as on this processor and as on an old one. All SPECs, processors and backends: nightly."""
+    assert digest_with("this processor", FEW, ["casadi"]) == digest_with(OLDEST, FEW, ["casadi"])
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("choice", [choice for choice in choices() if choice != "this processor"])
+def test_one_digest_of_all(choice):
+    """The CSVs of all SPECs with all backends of the host."""
+    assert digest_with(choice, SPECS) == digest_with("this processor", SPECS)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("choice", [choice for choice in choices() if choice != "this processor"])
+def test_no_test_is_at_the_edge(choice):
+    """What integrates, linearizes and plans, under other kernels."""
+    tests = os.path.dirname(__file__)
+    names = ("guidance", "simulate", "outer_loop", "outer_design", "planning", "integral", "analyse", "shape", "redundancy")
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", *(os.path.join(tests, f"test_{name}.py") for name in names)]
+    done = subprocess.run(command, env={**os.environ, **choices()[choice]}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-3000:]

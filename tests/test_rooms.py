@@ -1,0 +1,100 @@
+"""The structure of the package: imports go one way between rooms, no module imports itself by way of others."""
+
+import ast
+import os
+from collections import Counter, defaultdict
+from pathlib import Path
+
+import noslip
+import pytest
+
+ROOT = Path(noslip.__file__).parent
+# Each room imports from those before it only. Imports inside functions count as well.
+ROOMS = (
+    *("model", "codegen", "readers", "controllers", "verification", "planning", "simulation"),
+    *("outer", "analysis", "sweeping", "evidence", "cli", "guarantees"),
+)
+MOST_FILES = 16  # in one folder
+LARGEST_SHARE = 0.25  # of all lines, in one room
+
+
+def modules(root: Path = ROOT) -> dict[tuple[str, ...], Path]:
+    """The modules of all rooms, by their names below the package."""
+    files = [Path(folder, name) for room in ROOMS for folder, _, names in os.walk(root / room) for name in names]
+    python = [file for file in files if file.suffix == ".py" and "__pycache__" not in file.parts]
+    return {file.relative_to(root).with_suffix("").parts: file for file in python}
+
+
+def imported(name: tuple[str, ...], source: str, known: dict[tuple[str, ...], Path]) -> set[tuple[str, ...]]:
+    """The modules of `known` that a module imports, at its top or inside a function."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.ImportFrom):
+            continue
+        if node.level:
+            base = name[: len(name) - node.level]
+        elif (node.module or "").split(".")[0] == "noslip":
+            base = ()
+        else:
+            continue
+        own = (node.module or "").split(".") if node.module else []
+        base = (*base, *(own if node.level else own[1:]))
+        for alias in node.names:
+            candidates = ((*base, alias.name), base, (*base, "__init__"))
+            found.update(next(([c] for c in candidates if c in known), []))
+    return found - {name}
+
+
+def arrows(known: dict[tuple[str, ...], Path]) -> dict[tuple[str, ...], set[tuple[str, ...]]]:
+    """Module -> modules that it imports."""
+    return {name: imported(name, file.read_text(), known) for name, file in known.items()}
+
+
+def circle(graph: dict[tuple[str, ...], set[tuple[str, ...]]]) -> list[str]:
+    """Modules that import each other in turn; empty where there are none."""
+    left = {name: set(targets) for name, targets in graph.items()}
+    while leaves := [name for name, targets in left.items() if not targets & left.keys()]:
+        for name in leaves:
+            del left[name]
+    return sorted("/".join(name) for name in left)
+
+
+def upward(graph: dict[tuple[str, ...], set[tuple[str, ...]]]) -> list[str]:
+    """Imports from a room that comes later."""
+    return [
+        f"{'/'.join(name)} imports {'/'.join(target)}"
+        for name, targets in graph.items()
+        for target in targets
+        if ROOMS.index(target[0]) > ROOMS.index(name[0])
+    ]
+
+
+def test_imports_go_one_way():
+    graph = arrows(modules())
+    assert circle(graph) == []
+    assert upward(graph) == []
+
+
+@pytest.mark.parametrize(
+    "name, line", [(("model", "law"), "from ..cli.main import main"), (("controllers", "direct"), "from .backends import x")]
+)
+def test_a_planted_import_is_found(name, line):
+    """Upward, or in a circle, and inside a function."""
+    known = modules()
+    graph = arrows(known)
+    graph[name] = imported(name, f"{known[name].read_text()}\ndef planted():\n    {line}\n", known)
+    assert circle(graph) + upward(graph)
+
+
+def test_every_room_is_named_and_of_a_size_to_walk_through():
+    known = modules()
+    folders = Counter(file.parent.relative_to(ROOT) for file in known.values() if file.name != "__init__.py")
+    assert max(folders.values()) <= MOST_FILES, folders.most_common(3)
+    lines = defaultdict(int)
+    for name, file in known.items():
+        lines[name[0]] += len(file.read_text().splitlines())
+    assert max(lines.values()) <= LARGEST_SHARE * sum(lines.values()), lines
+    for folder in folders:
+        text = ROOT.joinpath(folder, "__init__.py")
+        described = text.is_file() and ast.get_docstring(ast.parse(text.read_text()))
+        assert described or ROOT.joinpath(folder, "README.md").is_file(), f"{folder} says nowhere what it holds"

@@ -1,0 +1,208 @@
+"""Verdicts on starts against simulations: sampled and continuous, limited, delayed, and of robots that differ a little."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from noslip.analysis.certification.enclosed_loop import kink
+from noslip.analysis.certification.enclosure import Enclosure
+from noslip.analysis.certification.safe_offsets import safe_offsets
+from noslip.analysis.certification.safety import NOT_PROVED, SAFE, SINGULAR, Verdict, certify
+from noslip.readers.errors import BadInput
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.loop import make_loop
+from noslip.simulation.specification.spec import Spec, read_spec, spec_of_table
+
+ERROR = 0.01  # of every parameter of the robot
+KINDS = ("line", "circle", "ellipse", "segment")
+
+
+def spec_of(**sections) -> Spec:
+    """A SPEC of the LABMATE from its tables."""
+    return spec_of_table({"robot": "labmate", **sections}, "test.toml")
+
+
+def random_start(random: np.random.Generator) -> dict:
+    """Tables of a SPEC: path, gains, speeds, limits, period and start at random.
+
+    Of two starts one is moderate, P_l at most 1.5 m beside the path; about four in ten of the others become singular.
+    """
+    kind = KINDS[random.integers(len(KINDS))]
+    wild = random.random() < 0.5
+    offset, turned = (4.0, 1.45) if wild else (1.5, 1.2)
+    offset, turned, along = random.uniform(-offset, offset), random.uniform(-turned, turned), random.uniform(-math.pi, math.pi)
+    radius, direction = random.uniform(3.0, 15.0), random.uniform(-math.pi, math.pi)
+    left = np.array([-math.sin(direction), math.cos(direction)])
+    if kind == "line":
+        path, point = {"A": left[0], "B": left[1], "C": 0.0}, offset * left + 3.0 * np.array([left[1], -left[0]])
+    elif kind == "segment":
+        curvature = random.uniform(-0.3, 0.3)
+        offset = _outside(offset, curvature)
+        path, point = {"x_s": 0.0, "y_s": 0.0, "direction": direction, "curvature": curvature}, offset * left
+    elif kind == "circle":  # its normal points outwards, so that it is followed clockwise
+        path, direction, offset = {"x_f": 1.0, "y_f": -2.0, "R": radius}, along - math.pi / 2, _outside(offset, -1 / radius)
+        point = np.array([1.0, -2.0]) + (radius + offset) * np.array([math.cos(along), math.sin(along)])
+    else:
+        a, b = radius, radius * random.uniform(0.5, 1.0)
+        offset = _outside(offset, -a / b**2)
+        normal = np.array([math.cos(along) / a, math.sin(along) / b])
+        normal /= np.linalg.norm(normal)
+        path, direction = {"a": a, "b": b}, math.atan2(normal[1], normal[0]) - math.pi / 2
+        point = np.array([a * math.cos(along), b * math.sin(along)]) + offset * normal
+    speed, kp = random.uniform(0.4, 4.0 if wild else 2.5), random.uniform(0.5, 6.0)
+    period = 0.0 if random.random() < 0.4 else float(random.choice([0.005, 0.01, 0.02, 0.05]))
+    made = {
+        "gains": {"kp": kp, "kd": 2 * math.sqrt(kp) * random.uniform(0.8, 1.5), "kv": random.uniform(0.5, 3.0)},
+        "output": {"type": "IV", "L": random.uniform(0.0, 0.6), "path": {"kind": kind, **path}},
+        "reference": {"speed": speed},
+        "initial": {"point": list(map(float, point)), "heading": direction + turned, "speed": speed * random.uniform(0.0, 1.2)},
+        "simulation": {"duration": 5.0, "period": period, "backend": "casadi", "output_step": 0.05, "tolerance": 1e-9},
+    }
+    if period and random.random() < 0.5:
+        made["simulation"]["delay"] = period * random.uniform(0.0, 1.0)
+    if random.random() < 0.3:
+        made["limits"] = {"torque": random.uniform(30.0, 300.0), "mode": str(random.choice(["cut", "slow"]))}
+    return made
+
+
+def _outside(offset: float, curvature: float) -> float:
+    """An offset to the left, moved away from the centres of curvature."""
+    return offset if offset * curvature < 0.8 else 0.8 / curvature
+
+
+def judged(seed: int) -> tuple[Verdict, str] | None:
+    """The verdict on a random start, and how a run with a robot within ERROR ends; None for a start that is none."""
+    random = np.random.default_rng([1992, seed])
+    tables = random_start(random)
+    spec = spec_of(**tables)
+    loop = make_loop(spec)
+    names = [q.name for q in loop.law.parameters]
+    verdict = certify(loop, spec, dict.fromkeys(names, ERROR))
+    signs = random.choice([-1.0, 1.0], len(names)) if seed % 2 else random.uniform(-1.0, 1.0, len(names))
+    plant = {name: value * (1 + ERROR * sign) for name, value, sign in zip(names, loop.plant.parameters, signs, strict=True)}
+    return verdict, simulate(spec_of(**tables, plant=plant)).stopped or "ok"
+
+
+def compare(seeds: range) -> dict[str, int]:
+    """How many starts got each verdict. Fails where a run contradicts one."""
+    counts = dict.fromkeys((SAFE, SINGULAR, NOT_PROVED), 0)
+    for seed in seeds:
+        verdict, end = judged(seed)
+        counts[verdict.kind] += 1
+        assert verdict.kind != SAFE or end == "ok", (seed, str(verdict), end)
+        assert verdict.kind != SINGULAR or end == "singular", (seed, str(verdict), end)
+    return counts
+
+
+FAST = {
+    "gains": {"kp": 100.0, "kd": 5.0, "kv": 1.0},
+    "output": {"type": "IV", "L": 0.2, "path": {"kind": "line", "A": 0.0, "B": 1.0, "C": 0.0}},
+    "reference": {"speed": 4.0},
+    "initial": {"point": [0.0, 0.5], "heading": -1.0822, "speed": 4.0},
+    "simulation": {"duration": 2.0, "tolerance": 1e-11, "backend": "casadi"},
+}
+
+
+def test_a_brief_touch_of_the_singular_set_is_seen():
+    """1 - |s| is negative only between 0.1107 s and a little later."""
+    spec = spec_of(**FAST)
+    verdict, run = certify(make_loop(spec), spec), simulate(spec)
+    assert verdict.kind == SINGULAR and run.stopped == "singular" and abs(verdict.t - run.t[-1]) < 1e-6
+
+
+def test_uncertain_parameters_are_named():
+    spec = spec_of(**FAST)
+    for wrong in ({"m": 0.1}, {"m_c": -0.1}, {"m_c": 1.0}):
+        with pytest.raises(BadInput, match="uncertainty"):
+            certify(make_loop(spec), spec, wrong)
+
+
+def test_bounds_hold_and_are_of_second_order():
+    """At random points of random boxes; a tenth of the box has a hundredth of the rest."""
+    x, random = ca.SX.sym("x", 3), np.random.default_rng(3)
+    f = ca.vertcat(ca.sin(x[0]) * ca.cos(x[1]) / (2 + x[2] ** 2), ca.sqrt(3 + x[0] * x[1]) - ca.tan(x[2] / 4), 1 / (3 - x[0]))
+    enclosure, plain = Enclosure(f, x), ca.Function("f", [x], [f, ca.jacobian(f, x)])
+    for _ in range(50):
+        at, moved, radius = random.uniform(-1, 1, 3), random.uniform(0, 0.05, 3), random.uniform(0.01, 0.1, 3)
+        found, small = enclosure.bounds(at, moved, radius), enclosure.bounds(at, 0 * moved, radius / 10)
+        assert found.finite and (small.rest <= found.rest / 99).all()
+        for _ in range(20):
+            centre = at + moved * random.uniform(-1, 1, 3)
+            e = radius * random.uniform(-1, 1, 3)
+            (value, slope), (after, _), (before, _) = ([v.full() for v in plain(p)] for p in (centre, centre + e, at))
+            assert (np.abs(value - before)[:, 0] <= found.moved + 1e-14).all()
+            assert (np.abs(after - value)[:, 0] <= found.radius + 1e-14).all()
+            assert (np.abs((after - value)[:, 0] - slope @ e) <= found.rest + 1e-14).all()
+
+
+def test_largest_offset_is_safe_and_ends_somewhere():
+    tables = {**FAST, "gains": {"kp": 4.0, "kd": 5.0, "kv": 1.0}, "reference": {"speed": 1.0}}
+    tables["initial"] = {"point": [0.0, 0.1], "heading": 0.0, "speed": 1.0}
+    found = safe_offsets(spec_of(**tables), {}, speeds=[1.0], headings=[0.0])
+    ((offset,),) = found.offsets
+    assert 0 < offset < 8 and "m" in found.lines()[1]
+    spec = spec_of(**{**tables, "initial": {"point": [5.0, -offset], "heading": 0.0, "speed": 1.0}})
+    assert simulate(spec).stopped is None
+
+
+ELLIPSE = {
+    "output": {"type": "IV", "L": 0.4, "path": {"kind": "ellipse", "a": 5.25, "b": 4.47}},
+    "reference": {"speed": 0.94},
+    "initial": {"point": [3.84, -1.77], "heading": -2.39, "speed": 0.22},
+    "simulation": {"duration": 5.0, "tolerance": 1e-9, "backend": "casadi"},
+}
+SLOPE = read_spec(Path(__file__).parents[1] / "specs" / "robots" / "slope_platform.toml")
+
+
+@pytest.mark.parametrize("spec", [spec_of(**ELLIPSE), SLOPE], ids=["ellipse", "slope"])
+def test_a_course_is_that_of_the_run(spec):
+    """On a path that bends differently everywhere, and where the forces depend on the heading in the world."""
+    spec = replace(spec, simulation=replace(spec.simulation, duration=3.0, output_step=0.05, backend="casadi"))
+    verdict, run = certify(make_loop(spec), spec), simulate(spec)
+    x, y, heading = run.q[:, :3].T
+    path = dict(zip([c.name for c in run.law.config], make_loop(spec).guidance.leg.config, strict=True))
+    if "a" in path:
+        L, a, b = path["L"], path["a"], path["b"]
+        point = ca.SX.sym("x", 2)
+        f = (point[0] / a) ** 2 + (point[1] / b) ** 2 - 1
+        gradient = ca.Function("g", [point], [ca.gradient(f / ca.norm_2(ca.gradient(f, point)), point)])
+        normal = gradient(np.array([x + L * np.cos(heading), y + L * np.sin(heading)])).full()
+        normal /= np.linalg.norm(normal, axis=0)
+    else:
+        normal = np.array([path["A"], path["B"]]) / math.hypot(path["A"], path["B"])
+    s = normal[0] * np.cos(heading) + normal[1] * np.sin(heading)
+    _, one, other = np.intersect1d(np.round(1e6 * verdict.course[0]), np.round(1e6 * run.t), return_indices=True)
+    assert len(one) > 50 and np.abs(verdict.course[1][one] - s[other]).max() < 1e-6
+
+
+def test_an_ellipse_is_proved_with_uncertain_parameters():
+    spec = spec_of(**ELLIPSE)
+    loop = make_loop(spec)
+    verdict = certify(loop, spec, {q.name: ERROR for q in loop.law.parameters})
+    assert verdict.kind == SAFE
+
+
+def test_a_limit_that_is_perhaps_met_is_followed_by_one_line():
+    """The change of max(0, x) is that of the line but for `off`, at random places."""
+    random = np.random.default_rng(5)
+    for _ in range(2000):
+        over, moved, radius = random.uniform(-1, 1), random.uniform(0, 0.5), random.uniform(0, 1)
+        slope, off, off_moved = kink(np.array(over), np.array(moved), np.array(radius))
+        centre, e = over + moved * random.uniform(-1, 1), radius * random.uniform(-1, 1)
+        assert abs(max(0, centre + e) - max(0, centre) - slope * e) <= off + 1e-15
+        assert abs(max(0, centre) - max(0, over) - slope * (centre - over)) <= off_moved + 1e-15
+
+
+def test_no_verdict_is_wrong():
+    counts = compare(range(6))
+    assert counts[SAFE] >= 3
+
+
+@pytest.mark.nightly
+def test_no_verdict_is_wrong_of_many():
+    counts = compare(range(1000))
+    assert counts[SAFE] > 500 and counts[SINGULAR] >= 50, counts
+    assert counts[NOT_PROVED] <= 100, counts

@@ -1,0 +1,220 @@
+"""Files of CASES in, OUT out: the JSON of `noslip evaluate`."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..controllers.controller import MODEL_QUANTITIES, QUANTITIES, Evaluation
+from ..model.errors import ModelError
+from ..model.law import ControlLaw
+from ..model.mechanism import Mechanism, Quantity
+from ..model.paths import PATHS
+from ..readers.errors import BadInput
+from ..readers.files import read_input, write_whole
+from ..readers.robots import beside, find_robot, law_of, suggestion
+
+DEFAULT_ROBOT = "labmate"
+MOST = 256  # MB of cases
+FILE_KEYS = ("cases", "robot", "about", "seed")
+CASE_KEYS = ("params", "output", "q", "nu", "reference", "gains", "expect", "about")
+EXPECTED = (*QUANTITIES, *MODEL_QUANTITIES, "Sdot", "v")  # the last two are steps on the way that no backend answers
+SHORT_GAINS = ("kp", "kd", "kv")
+INTEGRAL = "ki"
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One evaluation: numbers in the order of the law's groups, SI. `where` names it in messages."""
+
+    where: str
+    law: ControlLaw
+    params: tuple[float, ...]
+    config: tuple[float, ...]
+    gains: tuple[float, ...]
+    state: np.ndarray
+    reference: np.ndarray
+    expect: dict[str, np.ndarray]
+
+
+def read_cases(path: str) -> list[Case]:
+    """Read a file of cases. Raises BadInput naming file and case for anything malformed, OSError when it cannot be read."""
+    content = _read_json(path)
+    _check_keys(content, FILE_KEYS, ("cases",), path)
+    cases = content["cases"]
+    if not isinstance(cases, list) or not cases:
+        raise BadInput(f"{path}: `cases` must be a list of at least one case")
+    name = content.get("robot", DEFAULT_ROBOT)
+    if not isinstance(name, str):
+        raise BadInput(f"{path}: `robot` must be a name, it is {name!r}")
+    robot = find_robot(beside(name, path))
+    return [_case(robot, case, f"{path}: case {k}") for k, case in enumerate(cases)]
+
+
+def write_out(path: str, evaluations: Sequence[Evaluation]) -> None:
+    """Write OUT, a case a line, every number so that it reads back to the same bits (17 digits where they are needed)."""
+    lines = []
+    for evaluation in evaluations:
+        values = {name: value.tolist() for name, value in evaluation.values.items()}
+        lines.append(json.dumps({"status": evaluation.status, **values}, allow_nan=False))
+    write_whole(path, '{"cases": [\n' + ",\n".join(lines) + "\n]}\n")
+
+
+def read_output(output: Mapping[str, Any], where: str) -> tuple[str, dict[str, Any]]:
+    """An `output` table as the law's name and the entries for law.config, those of the path included.
+
+    `type` is I to IV, IV with the kind of its path; or the law's own name. Raises BadInput when it is none of these.
+    """
+    kind, path = output.get("type"), output.get("path", {})
+    if not isinstance(kind, str):
+        raise BadInput(f"{where}: needs a `type`: I, II, III, IV or the name of a law")
+    if not isinstance(path, Mapping):
+        raise BadInput(f"{where}: `path` must be a table")
+    if kind == "IV" and not isinstance(path.get("kind"), str):
+        raise BadInput(f"{where}: type IV needs a `path` with a `kind`: {', '.join(PATHS)}")
+    own = {key: value for key, value in output.items() if key not in ("type", "path")}
+    of_path = {key: value for key, value in path.items() if key != "kind"}
+    for key in own:
+        if key in of_path:
+            raise BadInput(f"{where}: {key!r} is given twice, once in `path`")
+    name = f"type_iv_{path['kind']}" if kind == "IV" else f"type_{kind.lower()}" if kind in ("I", "II", "III") else kind
+    if kind != "IV" and "kind" in path and not name.endswith(f"_{path['kind']}"):
+        raise BadInput(f"{where}: type {kind!r} takes no path of kind {path['kind']!r}; types are I, II, III, IV or a law's name")
+    return name, own | of_path
+
+
+def gain_entries(law: ControlLaw, given: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Gains by the names of law.gains: kp, kd, kv stand for all gains of that kind, a gain named in full goes first.
+
+    Those of integral action are left to `integral_entries`. Raises BadInput for a name that is none of these.
+    """
+    names = [gain.name for gain in law.gains]
+    known = (*SHORT_GAINS, INTEGRAL, *names, *[f"{INTEGRAL}_{row.name}" for row in law.output.rows])
+    for name in given:
+        if name not in known:
+            raise BadInput(f"{where}: unknown gain {name!r}{suggestion(name, known)}")
+    return _in_full(names, given)
+
+
+def integral_entries(law: ControlLaw, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Gains ki_distance, ... of integral action, which is around a law and no part of it; ki stands for all of them."""
+    return _in_full([f"{INTEGRAL}_{row.name}" for row in law.output.rows], given)
+
+
+def _in_full(names: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
+    short = {name: given[name[:2]] for name in names if name[:2] in given}
+    return short | {name: given[name] for name in names if name in given}
+
+
+def _read_json(path: str) -> Any:
+    try:
+        # The format knows no integers; as floats, ones of any length can be read.
+        return json.loads(read_input(path, MOST).decode(), parse_int=float)
+    except json.JSONDecodeError as error:
+        raise BadInput(f"{path}:{error.lineno}:{error.colno}: no JSON, or cut short: {error.msg}") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{path}: no JSON: not UTF-8 text (byte {error.start})") from error
+    except RecursionError as error:
+        raise BadInput(f"{path}: nested too deep to be a file of cases") from error
+
+
+def _case(robot: Mechanism, case: Any, where: str) -> Case:
+    _check_keys(case, CASE_KEYS, CASE_KEYS[:6], where)
+    output = _table(case["output"], f"{where}: output")
+    name, config = read_output(output, f"{where}: output")
+    try:
+        law = law_of(robot, name)
+    except (BadInput, ModelError) as error:
+        raise BadInput(f"{where}: {error}") from error
+    params = _table(case["params"], f"{where}: params")
+    gains = gain_entries(law, _table(case["gains"], f"{where}: gains"), f"{where}: gains")
+    for name in case["gains"]:
+        if name[:2] == INTEGRAL:
+            why = "a law has no memory, integral action is for `noslip simulate`"
+            raise BadInput(f"{where}: gains: unknown gain {name!r}: {why}")
+    q = _numbers(case["q"], len(law.system.mechanism.coordinates), f"{where}: q")
+    nu = _numbers(case["nu"], law.system.freedom, f"{where}: nu")
+    return Case(
+        where,
+        law,
+        _values(law.parameters, params, f"{where}: params"),
+        _values(law.config, config, f"{where}: output"),
+        _values(law.gains, gains, f"{where}: gains"),
+        np.array(q + nu),
+        _reference(law, case["reference"], f"{where}: reference"),
+        _expect(case.get("expect", {}), f"{where}: expect"),
+    )
+
+
+def _reference(law: ControlLaw, given: Any, where: str) -> np.ndarray:
+    """y, yd, ydd by row of the output: all three for relative degree 2; y and ydd, the wanted rate, for 1."""
+    rows = len(law.output.rows)
+    _check_keys(given, ("y", "yd", "ydd"), ("y", "yd", "ydd"), where)
+    y, yd, ydd = (_numbers(given[key], rows, f"{where}.{key}") for key in ("y", "yd", "ydd"))
+    values: list[float] = []
+    for row, degree in enumerate(law.linearization.relative_degree):
+        values += [y[row], yd[row], ydd[row]] if degree == 2 else [y[row], ydd[row]]
+    if not np.all(np.isfinite([y, yd, ydd])):  # also where the law does not look
+        return np.full(len(values), np.nan)
+    return np.array(values)
+
+
+def _expect(given: Any, where: str) -> dict[str, np.ndarray]:
+    _check_keys(given, EXPECTED, (), where)
+    return {name: np.array(_array(value, f"{where}.{name}"), dtype=float) for name, value in given.items()}
+
+
+def _array(value: Any, where: str) -> list:
+    """A vector or matrix of finite numbers."""
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return [_numbers(row, len(value[0]), where, finite=True) for row in value]
+    return _numbers(value, None, where, finite=True)
+
+
+def _values(quantities: Sequence[Quantity], given: Mapping[str, Any], where: str) -> tuple[float, ...]:
+    names = [quantity.name for quantity in quantities]
+    _check_keys(given, names, names, where)
+    return tuple(_number(given[name], f"{where}.{name}") for name in names)
+
+
+def _check_keys(given: Any, known: Sequence[str], needed: Sequence[str], where: str) -> None:
+    for key in _table(given, where):
+        if key not in known:
+            raise BadInput(f"{where}: unknown key {key!r}{suggestion(key, known)}")
+    missing = [key for key in needed if key not in given]
+    if missing:
+        raise BadInput(f"{where}: {', '.join(missing)} missing")
+
+
+def _table(given: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(given, dict):
+        raise BadInput(f"{where}: must be an object {{...}}, it is {_brief(given)}")
+    return given
+
+
+def _numbers(given: Any, length: int | None, where: str, finite: bool = False) -> list[float]:
+    if not isinstance(given, list) or length is not None and len(given) != length:
+        wanted = "a list of numbers" if length is None else f"a list of {length} numbers"
+        raise BadInput(f"{where}: must be {wanted}, it is {_brief(given)}")
+    numbers = [_number(value, where) for value in given]
+    if finite and not np.all(np.isfinite(numbers)):
+        raise BadInput(f"{where}: has a number that is not finite")
+    return numbers
+
+
+def _number(given: Any, where: str) -> float:
+    if isinstance(given, float):
+        return given
+    try:
+        if isinstance(given, str) and "_" not in given:
+            return float(given)
+    except ValueError:
+        pass
+    raise BadInput(f"{where}: {_brief(given)} is no number")
+
+
+def _brief(given: Any) -> str:
+    text = json.dumps(given)
+    return text if len(text) <= 60 else f"{text[:57]}..."

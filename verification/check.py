@@ -1,0 +1,244 @@
+"""The generated C against the symbolic reference, and both against expected values."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..controllers.backends import make_controller
+from ..controllers.controller import MODEL_QUANTITIES, QUANTITIES, Evaluation
+from ..readers.errors import BadInput
+from .evaluate import evaluate_cases
+
+if TYPE_CHECKING:
+    from ..model.law import ControlLaw
+    from .cases import Case
+
+SMALLEST = 1e-3  # errors are relative to the largest entry of the quantity, but to no less than this (SI)
+MOST_STATES = 10_000_000
+TYPICAL = 0.1  # at random states to no less than this part of the quantity's median size either: some cancel to nothing there
+FEW = 16  # the median of fewer errors says little: it is shown, not judged
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Largest error allowed, in the worst case and in the median one."""
+
+    worst: float
+    median: float = float("inf")
+
+    def __str__(self) -> str:
+        return f"{self.worst:g}" + (f", median {self.median:g}" if np.isfinite(self.median) else "")
+
+
+EXPECT_LIMITS = {"casadi": Limits(1e-12), "c": Limits(1e-11), "cf": Limits(1e-4, 2e-6)}
+RANDOM_LIMITS = {"c": Limits(1e-11), "cf": Limits(1e-4, 1e-6)}  # c against casadi, cf against c
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The errors of one quantity over many cases; `where` is the worst one."""
+
+    worst: float
+    median: float
+    where: str
+    count: int
+
+    def within(self, limits: Limits) -> bool:
+        """Are both at or below the limits? Of the median only when it is one of at least FEW errors."""
+        return self.worst <= limits.worst and (self.median <= limits.median or self.count < FEW)
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Largest difference of a quantity's entries from those wanted, the largest entry wanted, and where."""
+
+    difference: float
+    size: float
+    where: str
+
+
+Deviations = dict[str, list[Deviation]]  # by quantity
+
+
+def check_files(paths: Sequence[str], backends: Sequence[str], as_json: bool) -> int:
+    from ..verification.cases import read_cases
+
+    files = [(path, read_cases(path)) for path in paths]
+    failures, answers = [], []
+    for path, cases in files:
+        if not any(case.expect for case in cases):
+            raise BadInput(f"{path}: nothing to compare: no case has `expect`")
+        table = {backend: summarized(_against_expected(cases, backend), typical=0.0) for backend in backends}
+        answers.append({"file": path, "cases": len(cases), "backends": _plain(table)})
+        failures += [line for backend, rows in table.items() for line in _exceeded(backend, rows, EXPECT_LIMITS[backend])]
+        if not as_json:
+            print(f"{path}: {len(cases)} cases, error relative to each quantity's largest entry: worst (median)\n")
+            print(_file_table(cases, table))
+    return _conclude({"files": answers}, failures, as_json)
+
+
+def _against_expected(cases: Sequence[Case], backend: str) -> Deviations:
+    """Of the quantities that a backend answers; infinite where a case that has expected values cannot be evaluated."""
+    deviations: Deviations = {}
+    offered = (*QUANTITIES, *MODEL_QUANTITIES) if backend == "casadi" else QUANTITIES
+    for case, evaluation in zip(cases, evaluate_cases(cases, backend), strict=True):
+        for name, wanted in case.expect.items():
+            if name not in offered:
+                continue
+            found = deviations.setdefault(name, [])
+            if evaluation.status != "ok":
+                found.append(Deviation(float("inf"), 0.0, f"{case.where} (status {evaluation.status})"))
+                continue
+            value = evaluation.values[name]
+            if wanted.shape != value.shape:
+                raise BadInput(f"{case.where}: expect.{name} has shape {list(wanted.shape)}, it must be {list(value.shape)}")
+            found.append(deviation_of(value, wanted, case.where))
+    return deviations
+
+
+def _file_table(cases: Sequence[Case], table: dict[str, dict[str, Summary]]) -> str:
+    rows = [["", *table]]
+    expected = {name for case in cases for name in case.expect}
+    for name in (*QUANTITIES, *MODEL_QUANTITIES):
+        if name in expected:
+            cells = [summaries.get(name) for summaries in table.values()]
+            rows.append([name, *(f"{s.worst:.1e} ({s.median:.1e})" if s else "-" for s in cells)])
+    rows.append(["limit", *(_limit_cell(EXPECT_LIMITS[backend]) for backend in table)])
+    return _columns(rows)
+
+
+def _limit_cell(limits: Limits) -> str:
+    median = f"({limits.median:.1e})" if np.isfinite(limits.median) else " " * len("(1.0e-00)")
+    return f"{limits.worst:.1e} {median}"
+
+
+def check_random(robot: str, only: str | None, states: int, seed: int, backends: Sequence[str], as_json: bool) -> int:
+    from ..readers.robots import find_laws, find_robot, law_of, system_of
+
+    system = system_of(find_robot(robot))
+    names = [only] if only else find_laws(system)
+    if not names:
+        raise BadInput(f"{robot}: no law fits this robot; ask for one with --output LAW to see why")
+    laws = [law_of(system, name) for name in names]
+    if not as_json:
+        print(f"{robot}: {states} random states a law, seed {seed}; h, ydot, Phi, Phidot, u, tau compared\n")
+    tables = {law.name: _compare(law, states, seed, backends) for law in laws}
+    failures = []
+    for name, table in tables.items():
+        for backend, summaries in table.items():
+            failures += _exceeded(f"{name}, {backend}", summaries, RANDOM_LIMITS[backend])
+    if not as_json:
+        print(_random_table(tables, backends))
+    laws_answer = {name: _plain(table) for name, table in tables.items()}
+    return _conclude({"robot": robot, "states": states, "seed": seed, "laws": laws_answer}, failures, as_json)
+
+
+def _compare(law: ControlLaw, states: int, seed: int, backends: Sequence[str]) -> dict[str, dict[str, Summary]]:
+    """c against casadi; cf against c, both given what a float can hold."""
+    from ..verification.sampling import as_held, random_plants
+
+    deviations: dict[str, Deviations] = {backend: {} for backend in backends}
+    for plant in random_plants(law, states, seed):
+        numbers = (plant.params, plant.config, plant.gains)
+        if "c" in backends:
+            double = make_controller("c", law, *numbers)
+            for point in plant.points:
+                evaluation = double.evaluate(point.state, point.reference)
+                _add(deviations["c"], evaluation, point.truth, f"state {point.number}")
+        if "cf" in backends:
+            rounded = [as_held(group, "float").tolist() for group in numbers]
+            single, double = make_controller("cf", law, *rounded), make_controller("c", law, *rounded)
+            for point in plant.points:
+                inputs = as_held(point.state, "float"), as_held(point.reference, "float")
+                _add(deviations["cf"], single.evaluate(*inputs), double.evaluate(*inputs), f"state {point.number}")
+    return {backend: summarized(found, TYPICAL) for backend, found in deviations.items()}
+
+
+def _add(deviations: Deviations, evaluation: Evaluation, truth: Evaluation, where: str) -> None:
+    for name in QUANTITIES:
+        if evaluation.status == truth.status == "ok":
+            found = deviation_of(evaluation.values[name], truth.values[name], where)
+        else:
+            found = Deviation(
+                float("inf"), 0.0, f"{where} (status {evaluation.status}, of what it is compared with {truth.status})"
+            )
+        deviations.setdefault(name, []).append(found)
+
+
+def _random_table(tables: dict[str, dict[str, dict[str, Summary]]], backends: Sequence[str]) -> str:
+    titles = {"c": "C double to CasADi", "cf": "C float to double"}
+    rows = [["", *(cell for backend in backends for cell in (titles[backend], "median"))]]
+    for name, table in tables.items():
+        rows.append([name])
+        for summaries in table.values():
+            worst = max(summaries, key=lambda quantity: summaries[quantity].worst)
+            rows[-1] += [f"{summaries[worst].worst:.1e} {worst:6}", f"{max(s.median for s in summaries.values()):.1e}"]
+    rows.append(["limit"])
+    for backend in backends:
+        limits = RANDOM_LIMITS[backend]
+        rows[-1] += [f"{limits.worst:.1e} {'':6}", f"{limits.median:.1e}" if np.isfinite(limits.median) else ""]
+    return _columns(rows)
+
+
+def deviation_of(value: np.ndarray, wanted: np.ndarray, where: str) -> Deviation:
+    difference = float(np.max(np.abs(value - wanted), initial=0.0))
+    return Deviation(difference if np.isfinite(difference) else float("inf"), float(np.max(np.abs(wanted), initial=0.0)), where)
+
+
+def relative(found: Sequence[Deviation], typical: float) -> list[float]:
+    """Errors relative to the largest entry wanted, but to no less than SMALLEST and `typical` times the median of those."""
+    least = max(SMALLEST, typical * float(np.median([deviation.size for deviation in found])))
+    return [deviation.difference / max(deviation.size, least) for deviation in found]
+
+
+def summarized(deviations: Deviations, typical: float) -> dict[str, Summary]:
+    """The errors of each quantity, `relative` to its size."""
+    summaries = {}
+    for name, found in deviations.items():
+        errors = relative(found, typical)
+        worst = int(np.argmax(errors))
+        summaries[name] = Summary(errors[worst], float(np.median(errors)), found[worst].where, len(found))
+    return summaries
+
+
+def _exceeded(title: str, summaries: dict[str, Summary], limits: Limits) -> list[str]:
+    """A line for every quantity that is not within the limits."""
+    return [
+        f"{title}: {name} off by {s.worst:.1e} in {s.where}; median {s.median:.1e} (limits {limits})"
+        for name, s in summaries.items()
+        if not s.within(limits)
+    ]
+
+
+def _plain(table: dict[str, dict[str, Summary]]) -> dict:
+    """As JSON can hold it: an infinite error is null."""
+
+    def plain(summary: Summary) -> dict:
+        return {key: None if value == float("inf") else value for key, value in asdict(summary).items()}
+
+    return {backend: {name: plain(summary) for name, summary in summaries.items()} for backend, summaries in table.items()}
+
+
+def _conclude(answer: dict, failures: Sequence[str], as_json: bool) -> int:
+    """Print the verdict and answer the exit code."""
+    if as_json:
+        print(json.dumps({"ok": not failures, **answer, "failures": list(failures)}, indent=1, allow_nan=False))
+    elif failures:
+        print("too far off:", *failures, sep="\n  ")
+    else:
+        print("all within the limits")
+    return 1 if failures else 0
+
+
+def _columns(rows: Sequence[Sequence[str]]) -> str:
+    """A table: first column to the left, the others to the right."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = [
+        [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))] for row in rows
+    ]
+    return "".join(f"  {'  '.join(line).rstrip()}\n" for line in lines)

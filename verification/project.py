@@ -1,0 +1,194 @@
+"""A firmware project of a robot's laws: what goes into the folder, golden vectors included, and what it costs there."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import casadi as ca
+import cffi
+import numpy as np
+
+from ..codegen.printing.scalar import SCALARS
+from ..codegen.project import project
+from ..codegen.project.selftest import Golden, Step, digest, digests, selftest, slows
+from ..codegen.targets import BOARDS
+from ..controllers.compiled import CompiledController, library
+from ..controllers.controller import STATUS, Limits
+from ..controllers.runtime import load
+from ..controllers.symbolic import slowed
+from ..controllers.targets import CONSOLE, HOST, TARGETS, Target
+from ..model.law import ControlLaw
+from ..readers.errors import BadInput
+from .check import SMALLEST, TYPICAL
+from .extended import evaluate
+from .sampling import as_held, random_plants
+from .verify import LIMIT
+
+FIRMWARE = {"cortex-m4f": TARGETS["cortex-m4f"], "rv32": TARGETS["rv32imafc"], "generic": HOST}  # --firmware
+STEPS, SEED = 12, 1992  # golden states of each law, and what they are drawn with
+COUNTING = {  # options with which QEMU's time is the number of instructions; what one tick of the stopwatch stands for
+    "cortex-m4f": (("-icount", "shift=0"), ("-DSTOPWATCH_INSTRUCTIONS=40u",)),  # 1 ns each, SysTick at 25 MHz
+    "rv32": (("-icount", "shift=0"), ()),
+}
+TIMEOUT = 120  # s, of any one tool
+
+
+def project_files(
+    name: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str
+) -> tuple[dict[str, str], project.Board]:
+    """File name -> text of everything but README.md, for a target of FIRMWARE; `sources` are the laws' C and the runtime's."""
+    target, robot = FIRMWARE[name], laws[0].system.mechanism.name
+    board = _board(name, target)
+    made = {f"noslip/{file}": text for file, text in sources.items()}
+    made |= {f"board/{file}": text for file, text in target.files().items()}
+    made |= {f"selftest/{path.name}": path.read_text() for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
+    golden = [_golden(law, scalar) for law in laws]
+    made["selftest/selftest.c"] = selftest(golden, SCALARS[scalar], _digests(golden, sources, scalar))
+    made["loop.c"] = project.loop(laws[0], SCALARS[scalar])
+    made = _needed(made)
+    made["Makefile"] = project.makefile(robot, board)
+    made["CMakeLists.txt"] = project.cmake(robot, board)
+    return made, board
+
+
+def readme(name: str, manifest: str, laws: Sequence[ControlLaw], scalar: str, board: project.Board, folder: Path) -> str:
+    """README.md of the project in a folder, with what was measured there if the tools are here."""
+    given = json.loads(manifest)
+    rows = [_operations(law, scalar, given["laws"][law.name]["operations"]["feedback"]) for law in laws]
+    head = f"| law, {scalar} | bytes of its struct | + − | × | ÷ | √ | sine and cosine |\n|---|---|---|---|---|---|---|"
+    table = "\n".join([head, *rows])
+    costs = f"A step, apart from its checks, and the memory of one law (on a target with int of 4 bytes):\n\n{table}\n\n"
+    return project.readme(
+        given["robot"], [law.name for law in laws], board, given["tools"], costs + _measured(name, folder) + "\n"
+    )
+
+
+def _board(name: str, target: Target) -> project.Board:
+    if not target.bare:
+        return project.Board("any machine")
+    options, define = COUNTING[name]
+    link = ("-nostdlib", "-T", f"board/{target.script}", "-Wl,--gc-sections", "-lgcc")
+    run = target.run("", *options, *CONSOLE)[:-1]  # the image comes last
+    prefix = target.compiler.removesuffix("gcc")
+    return project.Board(name, prefix, target.flags, target.start, link, run, define)
+
+
+def _needed(files: dict[str, str]) -> dict[str, str]:
+    """Without the board's headers that no file includes."""
+
+    def needed(name: str) -> bool:
+        return not (name.startswith("board/") and name.endswith(".h")) or any(
+            f'"{Path(name).name}"' in text for text in files.values()
+        )
+
+    return {name: text for name, text in files.items() if needed(name)}
+
+
+def _golden(law: ControlLaw, scalar: str) -> Golden:
+    """Random regular steps of a law made of random parameters, then one that is not finite.
+
+    What is right is the model's, in extended precision; the digest is of what the C returns on this machine. Raises BadInput as
+    `random_plants` does.
+    """
+    plant = next(p for p in random_plants(law, 20 * STEPS, SEED) if len(p.points) >= STEPS)
+    params, config, gains = (as_held(group, scalar) for group in (plant.params, plant.config, plant.gains))
+    points = [(as_held(p.state, scalar), as_held(p.reference, scalar)) for p in plant.points[:STEPS]]
+    slope = law.slope if slows(law) else None
+    taus, slopes = (
+        [_exact(expression, law, params, config, gains, *point) if expression is not None else np.zeros(0) for point in points]
+        for expression in (law.tau, slope)
+    )
+    sizes = [np.abs(tau).max() for tau in taus]
+    within = [LIMIT[scalar] * max(size, TYPICAL * np.median(sizes), SMALLEST) for size in sizes]
+    limits = _limits(np.abs(taus), max(within))
+    right = [_limited(*each, limits) for each in zip(taus, slopes, within, strict=True)] + [
+        ("nonfinite", np.zeros(len(taus[0])), 0.0)
+    ]
+    broken = np.array(points[0][0])
+    broken[-1] = np.nan
+    points.append((broken, points[0][1]))
+    controller = CompiledController(law, params, config, gains, scalar, Limits(tuple(limits), "slow" if slows(law) else "cut"))
+    if controller.refused:
+        raise BadInput(f"{law.name}: the C refuses random parameters: {controller.refused}")
+    codes = {library(law, scalar).status(n): n for n in range(-len(STATUS), len(STATUS))}
+    steps = [Step(*point, codes[status], tau, off) for point, (status, tau, off) in zip(points, right, strict=True)]
+    answers = [controller.step(*point) for point in points]
+    here = digest([(codes[status], tau) for status, tau in answers], SCALARS[scalar])
+    return Golden(law, params, config, gains, steps, limits, here)
+
+
+def _exact(expression: ca.SX, law: ControlLaw, *numbers: np.ndarray) -> np.ndarray:
+    """The model's plain expression, rounded once; `numbers` are params, config, gains, state and reference."""
+    groups = [law.groups[name] for name in ("params", "config", "gains", "state", "reference")]
+    places = [quantity.symbol for group in groups for quantity in group]
+    return np.array(evaluate(expression, places, np.concatenate([np.ravel(group) for group in numbers])), float)
+
+
+def _limits(sizes: np.ndarray, off: float) -> np.ndarray:
+    """Limits (r,) that about half of the inputs of these sizes (N, r) exceed, no size being within `off` of its limit."""
+    limits = np.median(sizes, axis=0)
+    while np.any(np.abs(sizes - limits) <= off):
+        limits = 0.97 * limits
+    return np.float32(limits).astype(float)
+
+
+def _limited(tau: np.ndarray, slope: np.ndarray, off: float, limits: np.ndarray) -> tuple[str, np.ndarray, float]:
+    """Status, inputs within the limits, and how far off these may be when tau and its slope are off by `off`."""
+    if np.all(np.abs(tau) <= limits):
+        return "ok", tau, off
+    if not len(slope):
+        return "saturated", np.clip(tau, -limits, limits), off
+    exact = slowed(tau, slope, limits)
+    steps = off * np.vstack([np.eye(len(tau)), -np.eye(len(tau))])
+    moved = [slowed(tau + step, slope, limits) for step in steps] + [slowed(tau, slope + step, limits) for step in steps]
+    return "saturated", exact, off + sum(np.abs(other - exact).max() for other in moved)
+
+
+def _digests(golden: Sequence[Golden], sources: dict[str, str], scalar: str) -> dict[str, int]:
+    """The digests that the self-test has on this machine, by name."""
+    ffi = cffi.FFI()
+    names = digests(golden, SCALARS[scalar])
+    ffi.cdef("".join(f"uint32_t {name}(void);\n" for name in names))
+    text = selftest(golden, SCALARS[scalar]).replace("static uint32_t", "uint32_t")
+    own = {path.name: path.read_text() for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
+    own["route.h"] = own["route.h"].replace("static uint32_t", "uint32_t")
+    laws = {name: text for name, text in sources.items() if not name.startswith("noslip_")}
+    found = load(ffi, {**laws, **own, "selftest.c": text})
+    return {name: getattr(found, name)() for name in names}
+
+
+def _operations(law: ControlLaw, scalar: str, count: dict[str, int]) -> str:
+    made = library(law, scalar)
+    size = made.ffi.sizeof(made.name(""))
+    numbers = (size, count["add"] + count["sub"], count["mul"], count["div"], count["sqrt"], count["sincos"])
+    return f"| `{law.name}` | {' | '.join(map(str, numbers))} |"
+
+
+def _measured(name: str, folder: Path) -> str:
+    """What `make test` and `make budget` say there, and then all is as it was; or why they were not asked.
+
+    Raises BadInput when the self-test fails.
+    """
+    absent = FIRMWARE[name].missing("make")
+    if absent:
+        return (
+            f"Bytes and instructions were not measured where this was written ({absent[0]} was not there): see `make budget`.\n"
+        )
+    said = []
+    for goal in ("test", "budget"):
+        command = ["make", "-s", "-C", str(folder), goal]
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT)
+        if done.returncode:
+            lines = (done.stderr + done.stdout).strip().splitlines()
+            worst = next((line for line in lines if "rror:" in line or "FAIL" in line), lines[-1] if lines else "it says nothing")
+            raise BadInput(f"the exported project does not pass `make {goal}`: {worst}")
+        said.append(done.stdout.strip())
+    subprocess.run(["make", "-s", "-C", str(folder), "clean"], capture_output=True, timeout=TIMEOUT)
+    compiler = FIRMWARE[name].compiler or "cc"
+    version = subprocess.run([compiler, "-dumpfullversion"], capture_output=True, text=True).stdout.strip()
+    text = "\n".join(said).replace(str(folder), ".")
+    counted = "; instructions of a step with all its checks, as executed in QEMU" if FIRMWARE[name].bare else ""
+    return f"Measured with {compiler} {version} -O2{counted}:\n\n```\n{text}\n```\n"

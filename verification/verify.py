@@ -1,0 +1,394 @@
+"""Generated C against the model it is made from, before it is put in place.
+
+Every entry point, in double and in float, is compared with the plain expressions of the model (`ControlLaw`, `ReducedSystem`) at
+random states, and its status where Phi is singular. The expressions of codegen/derivation and codegen/dynamics.py take no part
+in what is right. An error counts unless the model itself, in extended precision, changes as much when its inputs are rounded.
+"""
+
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import casadi as ca
+import cffi
+import numpy as np
+
+from ..codegen.dynamics import ENTRIES as DYNAMICS_ENTRIES
+from ..codegen.printing.dynamics_c import NAME as DYNAMICS_NAME
+from ..codegen.printing.scalar import SCALARS
+from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, keep, kept, runtime_files
+from ..controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary, Library
+from ..controllers.controller import Limits
+from ..controllers.direct import Direct
+from ..controllers.runtime import load
+from ..controllers.symbolic import slowed
+from ..model.law import ControlLaw, symbols
+from ..model.linearization import SINGULAR
+from ..model.outputs import body_offsets
+from ..model.reduction import ReducedSystem
+from ..readers.errors import BadInput
+from .check import RANDOM_LIMITS, TYPICAL, deviation_of, relative
+from .extended import evaluate
+from .sampling import REGULAR, Plant, as_held, random_motions, random_plants
+
+STATES, SEED = 200, 1992
+MARK = ".compared"  # suffix of what remembers a comparison
+LIMIT = {"double": RANDOM_LIMITS["c"].worst, "float": RANDOM_LIMITS["cf"].worst}  # as `noslip check`
+ROUNDING = {"double": 2.0**-53, "float": 2.0**-24}
+RESPONSE = 30.0  # times what the model changes by when its inputs are rounded, an error is no sign of a mistake
+SINGULAR_STATES = 8  # of each law, at most
+HALVINGS = 60  # to find one
+SAYS_SINGULAR = "singular"  # a status
+SURELY = 0.1  # of the threshold: there Phi is singular in float as well
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What an entry point returned at a state, and the model's value there. `given` are the inputs by group, SI."""
+
+    what: str
+    status: str
+    value: np.ndarray | None
+    wanted: np.ndarray
+    quantity: str
+    given: Mapping[str, np.ndarray]
+
+
+def differences(system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str]) -> list[str]:
+    """Lines that say where the C of `files` (name -> text) differs from the model; none where it nowhere does.
+
+    What has been compared once is remembered in the cache. Where there is no C compiler for this machine, nothing is compared and
+    a warning on standard error says so. Raises BadInput when the robot is regular at hardly any random state.
+    """
+    try:
+        parts = list(_not_compared_before(system, laws, files))
+        if parts:
+            load(cffi.FFI(), {})  # the runtime's status: does the compiler build for this machine?
+    except (BadInput, OSError) as reason:
+        print(f"noslip: warning: the C is not compared with the model: {reason}", file=sys.stderr)
+        return []
+    return [line for part, own, key in parts for line in _compared(part, own, key)]
+
+
+def _not_compared_before(
+    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str]
+) -> Iterator[tuple["_InC", dict[str, str], tuple]]:
+    """Each law and the dynamics in each scalar of `files`, their files, and the key that remembers the comparison."""
+    settings = (STATES, SEED, sorted(LIMIT.items()))
+    for scalar in SCALARS:
+        for part in (*(_LawInC(law, scalar) for law in laws), _DynamicsInC(system, scalar)):
+            if part.names <= files.keys():
+                own = {name: files[name] for name in sorted(part.names)}
+                key = ((*compiler(), *FLAGS, *QUICK), settings, sorted({**runtime_files(), **own}.items()))
+                if not kept(key, MARK):
+                    yield part, own, key
+
+
+def _compared(part: "_InC", files: Mapping[str, str], key: tuple) -> list[str]:
+    """A line about what differs, if anything does; if not, that is remembered by `key`."""
+    samples: dict[str, list[Sample]] = {}
+    try:
+        for sample in part.samples(files):
+            samples.setdefault(sample.what, []).append(sample)
+    except DoesNotCompile as error:
+        return [f"{part.title}: {error}"]
+    wrong = [worst for each in samples.values() if (worst := part.first_wrong(each))]
+    if not wrong:
+        keep(key, MARK, b"")
+        return []
+    also = f"; so do {', '.join(sample.what for sample in wrong[1:])}" if wrong[1:] else ""
+    return [f"{part.title}: {part.about(wrong[0])}{also}"]
+
+
+class _InC(ABC):
+    """The C of something in one scalar, and the model's expressions that it is compared with, by quantity."""
+
+    def __init__(self, robot: str, own: str, scalar: str):
+        name = SCALARS[scalar].name
+        self.scalar = scalar
+        self.names = {f"{name(stem)}.{kind}" for stem in (robot, f"{robot}_{own}") for kind in "ch"}
+        self.title = f"{robot}, {own}, {scalar}"
+
+    @property
+    @abstractmethod
+    def groups(self) -> dict[str, ca.SX]:
+        """Inputs of the model's function."""
+
+    @property
+    @abstractmethod
+    def expressions(self) -> dict[str, ca.SX]:
+        """The model's quantities."""
+
+    @abstractmethod
+    def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
+        """What the C of the files returns, beside the model's values."""
+
+    @cached_property
+    def model(self) -> Direct:
+        """The inputs by group to the expressions."""
+        dense = [ca.densify(expression) for expression in self.expressions.values()]
+        return Direct(ca.Function("model", list(self.groups.values()), dense))
+
+    def right(self, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The model's values, matrices of two dimensions."""
+        values = self.model(*[given[group] for group in self.groups])
+        shapes = [expression.shape for expression in self.expressions.values()]
+        each = zip(self.expressions, values, shapes, strict=True)
+        return {name: value.reshape(shape, order="F") for name, value, shape in each}
+
+    def held(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
+        """The nearest that the scalar has."""
+        return as_held(values, self.scalar)
+
+    def first_wrong(self, samples: Sequence[Sample]) -> Sample | None:
+        """The sample that is off most, of those beyond the limit for which rounding is no excuse; None if there is none."""
+        failed = next((s for s in samples if s.value is None or not np.isfinite(s.value).all()), None)
+        if failed:
+            return failed
+        valued = [(s, s.value) for s in samples if s.value is not None]
+        errors = relative([deviation_of(value, s.wanted, "") for s, value in valued], TYPICAL)
+        for k in np.argsort(errors)[::-1]:
+            if errors[k] <= LIMIT[self.scalar]:
+                return None
+            if not self._excused(*valued[k]):
+                return valued[k][0]
+        return None
+
+    def _excused(self, sample: Sample, value: np.ndarray) -> bool:
+        """Is the value as near to the model's, in extended precision, as the model's at rounded inputs are to each other?"""
+        if sample.quantity not in self.expressions:
+            return False
+        places = [symbol for group in self.groups.values() for symbol in ca.vertsplit(group)]
+        values = np.concatenate([np.ravel(sample.given[group]) for group in self.groups])
+
+        def exact(inputs: np.ndarray) -> np.ndarray:
+            return np.array(evaluate(self.expressions[sample.quantity], places, inputs), float)
+
+        wanted, response = exact(values), 0.0
+        for seed in range(4):
+            rounded = values * (1 + ROUNDING[self.scalar] * np.random.default_rng(seed).choice((-1, 1), len(values)))
+            response = max(response, np.abs(exact(rounded) - wanted).max(initial=0.0))
+        off = np.abs(value.ravel(order="F") - sample.wanted.ravel(order="F")).max(initial=0.0)
+        plain = self.right(sample.given)[sample.quantity].ravel(order="F")
+        return bool(off <= RESPONSE * response + 2 * np.abs(plain - wanted).max(initial=0.0))  # what the model in double is off
+
+    def about(self, sample: Sample) -> str:
+        """What is said about a difference: both values, and the inputs that it depends on."""
+        said = f"status {sample.status}" if sample.value is None else _listed(sample.value)
+        wanted = _listed(sample.wanted) if sample.quantity else f"status {SAYS_SINGULAR}"
+        model = self.expressions.get(sample.quantity, ca.vertcat(*self.groups.values()))
+        used = [(name, group) for name, group in self.groups.items() if group.numel() and ca.depends_on(model, group)]
+        given = "; ".join(f"{name} {_named(name, group, sample.given[name])}" for name, group in used)
+        return f"{sample.what} differs: the C gives {said}; the model gives {wanted} (at {given})"
+
+
+def _named(name: str, group: ca.SX, values: Iterable[float]) -> str:
+    each = zip(ca.vertsplit(group), values, strict=True)
+    return ", ".join(f"{str(symbol).removeprefix(f'{name}.')} = {value:.9g}" for symbol, value in each)
+
+
+def _listed(values: np.ndarray) -> str:
+    return "[" + ", ".join(f"{value:.9g}" for value in np.ravel(values)) + "]"
+
+
+class _LawInC(_InC):
+    """A law."""
+
+    def __init__(self, law: ControlLaw, scalar: str):
+        super().__init__(law.system.mechanism.name, law.name, scalar)
+        self.law = law
+
+    @cached_property
+    def groups(self) -> dict[str, ca.SX]:
+        """All that a law depends on."""
+        return {name: symbols(members) for name, members in self.law.groups.items()}
+
+    @cached_property
+    def expressions(self) -> dict[str, ca.SX]:
+        """The model's quantities, and the measure that tells whether Phi is singular."""
+        law, found = self.law, self.law.linearization
+        quantities = {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": law.u, "tau": law.tau}
+        more = {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": ca.vertcat(*found.measure)}
+        return quantities | more
+
+    def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
+        """Every entry point at random regular states, and the step at singular ones."""
+        library = Library(self.law, self.scalar, files)
+        random, singular = np.random.default_rng(SEED), 0
+        for plant in _plants(self.law):
+            params, config, gains = (self.held(values) for values in (plant.params, plant.config, plant.gains))
+            numbers = {"params": params, "config": config, "gains": gains}
+            controller = CompiledController(self.law, params, config, gains, made_by=library)
+            for point in plant.points:
+                given = numbers | {"state": self.held(point.state), "reference": self.held(point.reference)}
+                given["demand"] = self.held(random.uniform(-2, 2, len(self.law.demand)))
+                yield from self._at(controller, library, given)
+                yield from self._at_foot(controller, library, given, random)
+            if singular < SINGULAR_STATES:
+                for state in self._singular_states(plant, numbers):
+                    singular += 1
+                    yield from self._refused(controller, given | {"state": state})
+
+    def _at(self, controller: CompiledController, library: Library, given: Mapping) -> Iterator[Sample]:
+        """What each entry point returns that is given the state."""
+        right = self.right(given)
+        state, reference = given["state"], given["reference"]
+        evaluation, (status, tau) = controller.evaluate(state, reference), controller.step(state, reference)
+        for name, value in (evaluation.values or dict.fromkeys(self.expressions, None)).items():
+            if name in right:
+                shaped = None if value is None else np.reshape(value, right[name].shape)
+                yield Sample(f"{name} by evaluate", evaluation.status, shaped, right[name], name, given)
+        yield Sample("tau by step", status, tau[:, None] if status == "ok" else None, right["tau"], "tau", given)
+        for entry, body in library.text.program.entries.items():
+            if entry.public and not entry.at_foot and entry.name not in ("evaluate", "step"):
+                (name,) = body.quantities
+                found = controller.entry(entry, state, more=given[entry.takes] if entry.takes else ())
+                yield Sample(f"{name} by {entry.name}", found.status, found.values.get(name), right[name], name, given)
+        yield from self._slowed(library, given, right, "step")
+
+    def _slowed(
+        self, library: Library, given: Mapping, right: Mapping, entry: str, foot: Sequence[float] = ()
+    ) -> Iterator[Sample]:
+        """The step where it gives up speed: the input that this changes most may be nine tenths of what it should."""
+        tau, slope = right["tau"].ravel(), right["slope"].ravel()
+        if not len(slope) or not np.abs(slope).max() or self.law.speed_row is None:
+            return
+        most = int(np.argmax(np.abs(slope)))
+        if np.abs(tau[most]) < 0.1 * np.abs(tau).max():
+            return
+        torque = np.zeros(len(tau))
+        torque[most] = self.held([0.9 * abs(tau[most])])[0]
+        limits = np.where(torque > 0, torque, np.inf)
+        params, config, gains = given["made of"] if foot else (given[group] for group in ("params", "config", "gains"))
+        controller = CompiledController(self.law, params, config, gains, limits=Limits(tuple(torque), "slow"), made_by=library)
+        which = next(e for e in library.text.program.entries if e.name == entry)
+        found = controller.entry(which, given["state"], foot, given["reference"])
+        value = next(iter(found.values.values()), None)
+        yield Sample(f"tau by {entry}, slowed", found.status, value, slowed(tau, slope, limits)[:, None], "tau", given)
+
+    def _at_foot(
+        self, controller: CompiledController, library: Library, given: Mapping, random: np.random.Generator
+    ) -> Iterator[Sample]:
+        """The step that is given the foot of P_l, at a random one: the model with the path and the vehicle where that is."""
+        follow = next((entry for entry in library.text.program.entries if entry.name == "follow"), None)
+        if follow is None:
+            return
+        distance, heading, curvature = self.held(random.uniform(-1, 1, 3) * (1, np.pi, 0.5))
+        foot = (distance, np.cos(heading), np.sin(heading), curvature)
+        place = self._place(given["config"], distance, heading, curvature)
+        moved = dict(given) | {"state": np.array(given["state"]), "config": np.array(given["config"])}
+        names, config = ([q.name for q in self.law.groups[group]] for group in ("state", "config"))
+        vehicle = self.law.system.mechanism.required_vehicle
+        for symbol, value in zip((vehicle.x, vehicle.y, vehicle.heading), (*place[:2], heading), strict=True):
+            moved["state"][names.index(str(symbol))] = value
+        for quantity, value in zip(self.law.output.required_path.parameters, place[2:], strict=True):
+            moved["config"][config.index(quantity.name)] = value
+        right = self.right(moved)
+        if not right["measure"][0] > REGULAR * right["measure"][1]:
+            return
+        found = controller.entry(follow, moved["state"], foot, given["reference"])
+        value = next(iter(found.values.values()), None)
+        yield Sample("tau by follow", found.status, value, right["tau"], "tau", moved)
+        moved["made of"] = [given[group] for group in ("params", "config", "gains")]
+        yield from self._slowed(library, moved, right, "follow", foot)
+
+    def _place(self, config: Sequence[float], distance: float, heading: float, curvature: float) -> np.ndarray:
+        """The vehicle's x and y (m) and the path's parameters, in the frame of P_l's foot."""
+        return _place_function(self.law)(config, distance, heading, curvature).full().ravel()
+
+    def _singular_states(self, plant: Plant, numbers: Mapping) -> Iterator[np.ndarray]:
+        """States between two random ones between which det Phi changes its sign."""
+        Phi = _Phi_function(self.law)
+        fixed = numbers["params"], numbers["config"]
+
+        def sign(state: np.ndarray) -> float:
+            return np.sign(np.linalg.det(Phi(*fixed, state)[0].full()))
+
+        for one, other in zip(plant.points, plant.points[1:], strict=False):
+            a, b = np.array(one.state), np.array(other.state)
+            if sign(a) * sign(b) >= 0:
+                continue
+            for _ in range(HALVINGS):
+                middle = (a + b) / 2
+                a, b = (middle, b) if sign(middle) == sign(a) else (a, middle)
+            state = self.held(a)
+            first, second = Phi(*fixed, state)[1].full().ravel()
+            if first <= SURELY * SINGULAR * second:  # no pole
+                yield state
+                return
+
+    def _refused(self, controller: CompiledController, given: Mapping) -> Iterator[Sample]:
+        """The status at a state where Phi is singular, where there is no value."""
+        for entry, status in (
+            ("step", controller.step(given["state"], given["reference"])[0]),
+            ("evaluate", controller.evaluate(given["state"], given["reference"]).status),
+        ):
+            none = np.zeros((0, 1))
+            yield Sample(f"status of {entry}", status, none if status == SAYS_SINGULAR else None, none, "", given)
+
+
+@cache
+def _plants(law: ControlLaw) -> list[Plant]:
+    """Drawn once for both scalars."""
+    return [plant for plant in random_plants(law, STATES, SEED) if plant.points]
+
+
+@cache
+def _Phi_function(law: ControlLaw) -> ca.Function:
+    """(params, config, state) to Phi and its measure."""
+    groups = [symbols(law.groups[name]) for name in ("params", "config", "state")]
+    return ca.Function("Phi", groups, [ca.densify(law.linearization.Phi), ca.vertcat(*law.linearization.measure)])
+
+
+@cache
+def _place_function(law: ControlLaw) -> ca.Function:
+    """(config, distance, heading, curvature) to the vehicle's x and y, and the path's parameters, in the frame of P_l's foot."""
+    distance, heading, curvature = ca.SX.sym("distance"), ca.SX.sym("heading"), ca.SX.sym("curvature")
+    ahead, left = body_offsets(law.config)
+    x = -ahead * ca.cos(heading) + left * ca.sin(heading)
+    y = distance - ahead * ca.sin(heading) - left * ca.cos(heading)
+    there = ca.vertcat(x, y, *law.output.required_path.from_foot(distance, curvature))
+    return ca.Function("place", [symbols(law.config), distance, heading, curvature], [there])
+
+
+class _DynamicsInC(_InC):
+    """A robot's dynamics."""
+
+    def __init__(self, system: ReducedSystem, scalar: str):
+        super().__init__(system.mechanism.name, DYNAMICS_NAME, scalar)
+        self.system = system
+
+    @cached_property
+    def groups(self) -> dict[str, ca.SX]:
+        """All that the dynamics depend on."""
+        mechanism = self.system.mechanism
+        return {"params": mechanism.p, "state": symbols(self.system.state), "input": symbols(mechanism.inputs)}
+
+    @cached_property
+    def expressions(self) -> dict[str, ca.SX]:
+        """The model's quantities (9) to (11)."""
+        system = self.system
+        found = {"qdot": system.qdot, "Mbar": system.Mbar, "bias": system.bias, "input_map": system.input_map}
+        return found | {"nudot": system.acceleration(self.groups["input"])}
+
+    def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
+        """Every entry point at random states."""
+        library = DynamicsLibrary(self.system, self.scalar, files)
+        for motion in _motions(self.system):
+            values = (motion.params, motion.state, motion.tau)
+            given = dict(zip(self.groups, map(self.held, values), strict=True))
+            made, right = CompiledDynamics(library, given["params"]), self.right(given)
+            for entry in DYNAMICS_ENTRIES:
+                found = made.entry(entry, given["state"], given["input"])
+                for name in entry.answers:
+                    value = found.values.get(name)
+                    shaped = None if value is None else value.reshape(right[name].shape)
+                    yield Sample(f"{name} by {entry.name}", found.status, shaped, right[name], name, given)
+
+
+@cache
+def _motions(system: ReducedSystem) -> list:
+    """Drawn once for both scalars."""
+    return list(random_motions(system, STATES, SEED))
