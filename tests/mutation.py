@@ -27,6 +27,8 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
+from noslip.guarantees.headers import header
+
 ROOT = Path(__file__).resolve().parent.parent
 EQUIVALENT = "tests/mutation_equivalent.toml"
 LEAST, SEED, SAMPLE = 0.97, 1992, 15
@@ -172,6 +174,19 @@ def _closing(code: str, start: int) -> int:
     raise ValueError("a parenthesis is not closed")
 
 
+def _header(root: Path, path: str) -> Path | None:
+    """The header that is made from a source, if one is."""
+    made = (root / path).with_suffix(".h")
+    return made if path.endswith(".inc") and made.is_file() else None
+
+
+def _write(root: Path, path: str, text: str) -> None:
+    """Writes a source, and what is made from it."""
+    (root / path).write_text(text)
+    if made := _header(root, path):
+        made.write_text(header(root / path))
+
+
 def _units(path: str) -> list[str]:
     """What compiles a source in C: texts of translation units."""
     name = Path(path).name
@@ -203,6 +218,8 @@ def _is_c(root: Path, path: str) -> bool:
 
 def _active(root: Path, path: str) -> set[int]:
     """Numbers of the lines that the compiler sees on this host."""
+    if _header(root, path):
+        return set(range(1, (root / path).read_text().count("\n") + 2))
     seen, here, number = set(), False, 0
     for line in (_compiled(root, path, "-E") or "").splitlines():
         if marker := re.match(r'# (\d+) "(.*?)"', line):
@@ -377,14 +394,14 @@ class Copy:
             before, after = mutant.lines(text)
             if (before, after) in listed:
                 continue
-            file.write_text(mutant.of(text))
+            _write(self.tree, path, mutant.of(text))
             if python or _is_c(self.tree, path):
                 killed = not self.passes(source.tests)
                 if killed or python or _optimized(self.tree, path) != plain:
                     found.append(Outcome(path, text.count("\n", 0, mutant.start) + 1, before, after, killed))
                     if not killed:
                         print(f"survived: {found[-1]}", flush=True)
-            file.write_text(text)
+            _write(self.tree, path, text)
             for new in self.kept() - compiled:
                 new.unlink()
         return found
