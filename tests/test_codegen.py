@@ -1,6 +1,7 @@
 """From expressions to C text: graph, passes, steps, printing, files. Values are compared with evaluations of the graph."""
 
 import json
+import math
 import os
 import random
 import re
@@ -20,7 +21,7 @@ from noslip.cli.main import main
 from noslip.codegen import program as program_module
 from noslip.codegen.derivation.stages import inner_velocities
 from noslip.codegen.derivation.taylor import Taylor
-from noslip.codegen.files import law_program, law_text, robot_files, standard_laws
+from noslip.codegen.files import fingerprint, law_program, law_text, robot_files, standard_laws
 from noslip.codegen.graph import Graph, count, from_casadi, reachable
 from noslip.codegen.optimize import Optimizer
 from noslip.codegen.printing.meaning import meanings
@@ -778,3 +779,14 @@ def test_temporaries_are_said_in_the_derivation_s_names():
     lines = text.splitlines()
     bare = [k for k, line in enumerate(lines) if re.match(r" +const double t\d+ = ", line) and line.endswith(";")]
     assert all(lines[k - 1].endswith("*/") for k in bare)
+
+
+def test_a_fingerprint_sees_the_last_bit_of_a_constant():
+    """CasADi prints constants with six digits."""
+
+    def of(mass: float) -> str:  # kg, added to the first coordinate
+        robot = unicycle()
+        robot.kinetic_energy(mass * robot.rate(robot.coordinates[0].symbol) ** 2 / 2)
+        return fingerprint(reduce(robot))
+
+    assert of(0.2) == of(0.2) != of(math.nextafter(0.2, 1.0))
