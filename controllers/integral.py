@@ -20,7 +20,10 @@ HEADER = "noslip_integral.h"
 
 
 class Integrator(Protocol):
-    """Of one output. `z` is the integral of its error y_d - y, the output's unit times s. Threads may share it; they take turns."""
+    """Of one output. `z` is the integral of its error y_d - y, the output's unit times s.
+
+    Threads may share it; they take turns.
+    """
 
     @property
     def z(self) -> float: ...

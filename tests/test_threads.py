@@ -40,7 +40,8 @@ def test_a_controller(backend):
 
     def answer(k: int) -> list:
         point = plant.points[k % len(plant.points)]
-        return [k, *controller.step(point.state, point.reference)[1], *controller.evaluate(point.state, point.reference).values["Phi"].flat]
+        seen = point.state, point.reference
+        return [k, *controller.step(*seen)[1], *controller.evaluate(*seen).values["Phi"].flat]
 
     assert sorted(in_threads(answer)) == [answer(k) for k in range(THREADS * CALLS)]
 

@@ -342,6 +342,19 @@ SWITCH = TrackerOptions(speed=1, deceleration=0.5, creep=0.02, L=(0.2, -0.9), ah
 
 
 @each_backend
+def test_who_passes_the_end_has_arrived(backend):
+    """Where P_l is to stop at the end itself, it is there when the arc says so, however the line beyond is rounded."""
+    random, arrived = np.random.default_rng(222), []
+    for _ in range(200):
+        (arc,) = chain(tuple(random.uniform(-3, 3, 3)), [(random.choice([-1, 1]) / random.uniform(1, 4), random.uniform(0.5, 3))])
+        tracker = make_tracker(backend, [arc], TrackerOptions(speed=1, L=(0.2, 0)))
+        guide = tracker.update(*vehicle_at(beside(arc, arc.length, random.uniform(-0.5, 0.5)), 0.2, 0, False), 0.5)
+        assert guide.arrived == (guide.curvature == 0)
+        arrived.append(guide.arrived)
+    assert 20 < sum(arrived) < 180
+
+
+@each_backend
 @pytest.mark.parametrize(("stop", "run_on"), [("point", 0.0), ("axle", 0.5)])
 def test_hand_over_at_a_cusp(backend, stop, run_on):
     """Drives to the stop, is told to stand, and only then to reverse with the other P_l; at the end of that the same."""
