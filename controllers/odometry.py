@@ -11,6 +11,7 @@ import numpy as np
 
 from ..model.algebra.trigonometry import sine, unit
 from ..readers.errors import BadInput
+from .angles import nearest_angle
 from .controller import Numbers
 
 if TYPE_CHECKING:
@@ -32,6 +33,9 @@ class Reckoning(Protocol):
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
         """The pose once the true one is known; see Odometry.correct."""
+
+    def unwind(self) -> np.ndarray:
+        """The pose, whole turns taken off its heading: then this is within half a turn of 0, but for what is pending."""
 
 
 class Odometry:
@@ -90,6 +94,12 @@ class Odometry:
             self._since = 0.0
             return self.pose
 
+    def unwind(self) -> np.ndarray:
+        """As Reckoning's; the axle's middle stays where it is."""
+        with self._lock:
+            self._heading = nearest_angle(self._heading, 0.0)
+            return self.pose
+
     def _set(self, pose: Numbers) -> None:
         self._heading = float(pose[2])
         self._axle = complex(pose[0], pose[1]) - self._ahead * unit(self._heading)
@@ -127,6 +137,10 @@ class CompiledOdometry:
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
         """As Odometry.correct."""
         return self._pose_after("correct", self._runtime.new("noslip_pose", self._scalar, tuple(truth)), _mode(mode))
+
+    def unwind(self) -> np.ndarray:
+        """As Reckoning's."""
+        return self._pose_after("unwind")
 
     def _pose_after(self, *call) -> np.ndarray:
         """The pose, once a function has been called with these arguments."""

@@ -272,7 +272,7 @@ class TargetLibrary(Library):
 class TargetRuntime(Runtime):
     """The C of a header on the target that runs a law, in float; Runtime's face."""
 
-    inputs = {"look": 4, "update": 4, "pose": 0, "move": 2, "correct": 2, "step": 3}
+    inputs = {"look": 4, "update": 4, "pose": 0, "move": 2, "correct": 2, "unwind": 0, "step": 3}
 
     def __init__(self, header: str, law: ControlLaw, backend: str):
         here = runtime(header)

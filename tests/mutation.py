@@ -63,8 +63,8 @@ _SHIPPED = "tests/test_codegen.py::test_shipped_files_are_current"
 _CODEGEN = {  # by what else than the shipped C
     "derivation/foot": ("test_codegen test_follow", "what_the_foot labmate who_has no_follow any_shape"),
     "derivation/stages": ("test_codegen", "steps_are singular_is masses"),
-    "derivation/taylor": ("test_codegen", "derivatives"),
-    "graph": ("test_codegen", "equal_expressions simplifying random_graphs random_c powers tangent functions_without"),
+    "derivation/taylor": ("test_codegen test_functions", "derivatives in_a_path"),
+    "graph": ("test_codegen", "equal_expressions simplifying random_graphs random_c powers tangent functions_without any_name"),
     "optimize": ("test_codegen", "random_graphs value_of_laws fewer"),
     "program": ("test_codegen", "steps_are names_stand sincos"),
     "printing/law_c": ("test_codegen", "any_name laws_in_c counts_are comments temporaries"),

@@ -490,6 +490,15 @@ def test_centre_of_an_arc(backend):
 
 
 @each_backend
+def test_error_on_the_next_segment_after_a_cusp(backend):
+    """The vehicle waits, and having come to stand P_l is in the centre of the arc in reverse: it goes on waiting, rolled back too."""
+    tracker = make_tracker(backend, CUSP, replace(SWITCH, stop="axle"))
+    assert tracker.update(*vehicle_at(CUSP[0].pose(3.6), 0.2, 0, False), 0.5).waiting
+    assert tracker.update(*vehicle_at((3.0, -5.0, math.pi), -0.9, 0, True), 0.0) == Guide("singular")
+    assert tracker.update(*vehicle_at(CUSP[0].pose(3.2), 0.2, 0, False), 0.5).waiting
+
+
+@each_backend
 def test_error_on_the_next_segment(backend):
     """P_l past the end of an arc and in the centre of the next: both are as before, the first one's turns too."""
     arc = Segment(0, 0, 0, 0.5, 9.0)
