@@ -491,11 +491,13 @@ def test_centre_of_an_arc(backend):
 
 @each_backend
 def test_error_on_the_next_segment_after_a_cusp(backend):
-    """The vehicle waits, and having come to stand P_l is in the centre of the arc in reverse: it goes on waiting, rolled back too."""
-    tracker = make_tracker(backend, CUSP, replace(SWITCH, stop="axle"))
-    assert tracker.update(*vehicle_at(CUSP[0].pose(3.6), 0.2, 0, False), 0.5).waiting
+    """Once the vehicle that waits has come to stand, P_l is in the centre of the arc in reverse. It goes on waiting."""
+    tracker, undisturbed = (make_tracker(backend, CUSP, replace(SWITCH, stop="axle")) for _ in range(2))
+    beyond, rolled_back = ((*vehicle_at(CUSP[0].pose(s), 0.2, 0, False), 0.5) for s in (3.6, 3.2))
+    assert tracker.update(*beyond) == undisturbed.update(*beyond)
     assert tracker.update(*vehicle_at((3.0, -5.0, math.pi), -0.9, 0, True), 0.0) == Guide("singular")
-    assert tracker.update(*vehicle_at(CUSP[0].pose(3.2), 0.2, 0, False), 0.5).waiting
+    guide = tracker.update(*rolled_back)
+    assert guide == undisturbed.update(*rolled_back) and guide.waiting and guide.speed == 0
 
 
 @each_backend
