@@ -518,7 +518,7 @@ static NOSLIP_COLD int labmate_type_i_step_with_care(labmate_type_i *self, const
         const int admitted = labmate_type_i_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
-    return noslip_answer(status, self->on_error, self->limit, self->held, made, tau, 2);
+    return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
 }
 
 int labmate_type_i_step(labmate_type_i *self, const labmate_state *state, const labmate_type_i_reference *reference,

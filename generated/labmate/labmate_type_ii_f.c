@@ -512,7 +512,7 @@ static NOSLIP_COLD int labmate_type_ii_step_f_with_care(labmate_type_ii_f *self,
         const int admitted = labmate_type_ii_admit_both_f(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
-    return noslip_answer_f(status, self->on_error, self->limit, self->held, made, tau, 2);
+    return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, made, tau, 2);
 }
 
 int labmate_type_ii_step_f(labmate_type_ii_f *self, const labmate_state_f *state,

@@ -505,7 +505,7 @@ static NOSLIP_COLD int labmate_type_iii_step_with_care(labmate_type_iii *self, c
         const int admitted = labmate_type_iii_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
-    return noslip_answer(status, self->on_error, self->limit, self->held, made, tau, 2);
+    return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
 }
 
 int labmate_type_iii_step(labmate_type_iii *self, const labmate_state *state,

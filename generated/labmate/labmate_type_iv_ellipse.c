@@ -795,7 +795,7 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_with_care(labmate_type_iv_el
             status = noslip_slow(made, slope, self->limit, 2);
         }
     }
-    return noslip_answer(status, self->on_error, self->limit, self->held, made, tau, 2);
+    return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
 }
 
 int labmate_type_iv_ellipse_step(labmate_type_iv_ellipse *self, const labmate_state *state,

@@ -596,7 +596,7 @@ static NOSLIP_COLD int labmate_type_iv_line_step_with_care(labmate_type_iv_line 
             status = noslip_slow(made, slope, self->limit, 2);
         }
     }
-    return noslip_answer(status, self->on_error, self->limit, self->held, made, tau, 2);
+    return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
 }
 
 int labmate_type_iv_line_step(labmate_type_iv_line *self, const labmate_state *state,

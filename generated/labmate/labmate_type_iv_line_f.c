@@ -599,7 +599,7 @@ static NOSLIP_COLD int labmate_type_iv_line_step_f_with_care(labmate_type_iv_lin
             status = noslip_slow_f(made, slope, self->limit, 2);
         }
     }
-    return noslip_answer_f(status, self->on_error, self->limit, self->held, made, tau, 2);
+    return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, made, tau, 2);
 }
 
 int labmate_type_iv_line_step_f(labmate_type_iv_line_f *self, const labmate_state_f *state,

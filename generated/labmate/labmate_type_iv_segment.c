@@ -802,7 +802,7 @@ static NOSLIP_COLD int labmate_type_iv_segment_step_with_care(labmate_type_iv_se
             status = noslip_slow(made, slope, self->limit, 2);
         }
     }
-    return noslip_answer(status, self->on_error, self->limit, self->held, made, tau, 2);
+    return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
 }
 
 int labmate_type_iv_segment_step(labmate_type_iv_segment *self, const labmate_state *state,
@@ -888,7 +888,7 @@ static NOSLIP_COLD int labmate_type_iv_segment_follow_with_care(labmate_type_iv_
             status = noslip_slow(made, slope, self->limit, 2);
         }
     }
-    return noslip_answer(status, self->on_error, self->limit, self->held, made, tau, 2);
+    return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
 }
 
 int labmate_type_iv_segment_follow(labmate_type_iv_segment *self, const noslip_foot *foot, const labmate_state *state,
