@@ -43,6 +43,6 @@ int robot_settings(vehicle_settings *settings)
     }
     *settings = robot;
     (void)labmate_default_params_f(&settings->params);
-    settings->way.ahead = settings->params.d;
+    settings->path_options.ahead = settings->params.d;
     return NOSLIP_OK;
 }
