@@ -389,7 +389,7 @@ def contact(robot: Mechanism, name="wheel", mass=1.0, **more) -> Mechanism:
 REFUSED = {
     "name": (lambda r: contact(r, "", along=0), "name"),
     "twice": (lambda r: contact(r, "blade", along=0), "'blade' is used twice"),
-    "no velocity": (lambda r: contact(r), "needs a velocity"),
+    "no velocity": (lambda r: contact(r), "requires a velocity"),
     "no expression": (lambda r: contact(r, along="fast"), "no expression"),
     "matrix": (lambda r: contact(r, along=r.qdot), "scalar"),
     "mass that moves": (lambda r: contact(r, mass=r.qdot[0], along=0), "uses rates"),

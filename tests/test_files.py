@@ -164,7 +164,7 @@ def test_a_manifest_of_another_program_is_not_overwritten(files, tmp_path, bad_i
     (tmp_path / "labmate/manifest.json").write_text(f'{{"files": {files}}}')
     (tmp_path / "labmate/labmate.h").write_text("mine")
     before = contents(tmp_path)
-    assert "not made by noslip; move it" in bad_input(["generate", "labmate", "-o", str(tmp_path), "--output", "type_i"])
+    assert "not written by noslip; move it" in bad_input(["generate", "labmate", "-o", str(tmp_path), "--output", "type_i"])
     assert contents(tmp_path) == before
 
 
@@ -234,7 +234,7 @@ def test_a_loop_of_links_is_refused(tmp_path, bad_input):
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
     (tmp_path / "s.toml").write_text(SPEC)
-    assert "leads back to itself" in bad_input(["simulate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "a")])
+    assert "is a link to itself" in bad_input(["simulate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "a")])
     bad_input(["simulate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "a" / "r.csv")])
     with pytest.raises(OSError):
         write_whole(tmp_path / "a", "x")
