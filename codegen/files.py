@@ -10,8 +10,7 @@ import casadi as ca
 import sympy
 
 from .. import __version__
-from ..model.law import ControlLaw, control_law
-from ..model.outputs import OUTPUTS, output_map
+from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from .dynamics import DynamicsProgram, compile_dynamics
 from .printing.dynamics_c import DynamicsC
@@ -21,11 +20,6 @@ from .printing.scalar import SCALARS, Scalar
 from .program import Program, compile_law
 
 TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy.__version__}"
-
-
-def standard_laws(system: ReducedSystem, names: Sequence[str] = ()) -> list[ControlLaw]:
-    """The laws of Types I to IV, all or those named."""
-    return [control_law(system, output_map(system, name)) for name in names or OUTPUTS]
 
 
 @lru_cache(maxsize=64)

@@ -3,13 +3,17 @@
 import io
 import textwrap
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import Any
 
+import casadi as ca
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..model.drawing import box
+from ..model.mechanism import Mechanism
 from ..readers.files import MARK
 
 WANTED, STOP, FAINT = "#9a9a9a", "#c00000", "#666666"
@@ -97,6 +101,34 @@ def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, 
             figure.supxlabel(text, fontsize=8, color=FAINT, x=0.01, ha="left")
         _freeze(figure)
         return {kind: encoded(figure, kind) for kind in METADATA}
+
+
+def outlines(robot: Mechanism, q: np.ndarray, parameters: np.ndarray) -> list[np.ndarray]:
+    """The lines that show a robot from above at coordinates q (N, n): each (N, points, 2), m. See `Mechanism.draws`.
+
+    A vehicle that draws none is shown as a small box.
+    """
+    return [line.full().T.reshape(len(q), -1, 2) for line in _lines(robot).call([q.T, parameters])]
+
+
+@lru_cache(maxsize=16)
+def _lines(robot: Mechanism) -> ca.Function:
+    lines, vehicle = list(robot.lines), robot.vehicle
+    if not lines and vehicle:
+        small = box((vehicle.x, vehicle.y), vehicle.heading, 0.5, 0.5, 0.25)
+        lines = [ca.horzcat(*[ca.vertcat(*point) for point in small])]
+    return ca.Function("lines", [robot.q, robot.p], [ca.densify(ca.vec(line)) for line in lines])
+
+
+def is_outline(line: np.ndarray) -> bool:
+    """Does the line (points, 2) enclose a body?"""
+    return len(line) > 2 and bool(np.allclose(line[0], line[-1]))
+
+
+def evenly_spread(points: np.ndarray, count: int) -> np.ndarray:
+    """Rows of points (N, 2) that are about equally far apart along the way through them."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    return np.searchsorted(way, np.linspace(0.0, way[-1], count)).clip(max=len(way) - 1)
 
 
 def _freeze(figure: Figure) -> None:

@@ -201,7 +201,7 @@ def claims_11(runs: Runs) -> list[Claim]:
     sampled = max(np.abs(runs[label].y[:, 0]).max() for label in SAMPLED)
     run = runs[CONTINUOUS]
     jumps = [torque_jump(run, k) for k in _joins(run)]
-    lever = run.parameters["d"]  # L = 0
+    lever = run.ahead  # L = 0
     before = [lever * segment.curvature for segment in _segments(runs)[:2]]
     wanted = [expected_jump(run.parameters, SPEED, *at) for at in zip(_steps(runs), before, strict=True)]
     off = max(abs(jump / closed - 1) for jump, closed in zip(jumps, wanted, strict=True))
