@@ -50,7 +50,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
             "ranks there are those of real points to 60 digits; whatever is neither is marked."
         ),
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
     parser.add_argument(

@@ -8,7 +8,7 @@ import sys
 import traceback
 import warnings
 from contextlib import suppress
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from .. import __version__
 from ..readers.errors import BadInput
@@ -26,7 +26,10 @@ ADVICE = {
 
 
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser whose errors are one line."""
+    """An ArgumentParser whose errors are one line, for commands that say how their help is broken into lines."""
+
+    def __init__(self, *args: Any, formatter_class: Any = argparse.RawDescriptionHelpFormatter, **kwargs: Any):
+        super().__init__(*args, formatter_class=formatter_class, **kwargs)
 
     def error(self, message: str) -> NoReturn:
         """Report a wrong command line and exit 2."""
@@ -53,7 +56,8 @@ def run(argv: list[str]) -> int:
 
 def _run(argv: list[str]) -> int:
     parser = Parser(
-        prog="noslip", description="From the Lagrangian of a robot that rolls without slipping to the C of its controller."
+        prog="noslip", description="From the Lagrangian of a robot that rolls without slipping to the C of its controller.",
+        formatter_class=argparse.HelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"noslip {__version__}")
     subparsers = parser.add_subparsers(metavar="COMMAND", title="commands (noslip COMMAND --help tells more)")

@@ -17,7 +17,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         description="Evaluate h, ydot, Phi, Phidot, u and tau at the states of a file of cases.\n"
         "A case that cannot be evaluated has its status instead; that is no error.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("cases", metavar="CASES.json", help="cases: parameters, output, q, nu, reference, gains")
     parser.add_argument(

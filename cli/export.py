@@ -24,7 +24,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "--firmware: a project for a target, with CMake too, start-up code, a loop to fill in, and a self-test with golden "
         "vectors (float, unless --scalar says double).",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
     add_selection(parser)

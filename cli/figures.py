@@ -23,7 +23,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "Writes DIR/report.html, which needs no other file, and each figure as PNG and SVG. Exit 1 when a claim that should "
         "hold does not.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("-o", dest="out", metavar="DIR", default="figures", help="where they go (default: figures)")
     parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="some of them: 1, 6, 8a, sampled, ...")

@@ -30,7 +30,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "compile it and compare it with the model at random states: where they differ, write nothing and exit 1. Without a C "
         "compiler, a warning says that nothing was compared.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
     parser.add_argument("-o", dest="out", metavar="DIR", default="generated", help="where to write (default: generated)")

@@ -36,7 +36,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
             "its steady motion, and which error of the model hurts it most. VALUES are for all channels, or ROW=VALUES for one."
         ),
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
     parser.add_argument("--output", metavar="LAW", help="name of the law, for example type_iv_circle")

@@ -42,7 +42,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help="run a closed loop of controller and robot",
         description="Run the closed loop that SPEC.toml describes: a row of RUN.csv for each output time.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC.toml", help="robot, gains, output, reference, initial state, simulation")
     parser.add_argument("-o", "--output", metavar="RUN.csv", required=True, help="where the run goes")
@@ -136,7 +135,8 @@ def _pictures(done: "Run", arguments: argparse.Namespace) -> dict[str, bytes]:
     if not (arguments.plot or arguments.contact):
         return {}
     from ..simulation.contact import draw_contact
-    from ..simulation.plot import draw, picture  # slow to import
+    from ..simulation.drawing import encoded
+    from ..simulation.plot import draw  # slow to import
 
     wanted = ((draw, arguments.plot), (draw_contact, arguments.contact))
-    return {file: picture(made(done), Path(file).suffix[1:]) for made, file in wanted if file}
+    return {file: encoded(made(done), Path(file).suffix[1:]) for made, file in wanted if file}

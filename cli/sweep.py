@@ -28,7 +28,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help="run many closed loops with what is uncertain drawn at random",
         description="Run the closed loop of SPEC.toml many times, numbers drawn as its [sweep] says: docs/sweep.md.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC.toml", help="as for simulate, with [sweep] and [sweep.plant], [sweep.initial], ...")
     parser.add_argument("--samples", metavar="N", type=int, required=True, help="how many")

@@ -1,6 +1,5 @@
 """Figures of planned paths."""
 
-import io
 import itertools
 import math
 from collections.abc import Sequence
@@ -16,8 +15,8 @@ BEND = 0.05  # rad between drawn points of an arc
 SIZE = 0.07  # length of a drawn vehicle, of the picture's
 
 
-def picture(segments: Sequence[Segment], kind: str, title: str, waypoints: Sequence[Sequence[float]] = ()) -> bytes:
-    """A drawn path as the bytes of a file; `kind` is png, pdf or svg; `waypoints` (x, y) in m are marked."""
+def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[float]] = ()) -> Figure:
+    """A drawn path; `waypoints` (x, y) in m are marked."""
     figure = Figure(figsize=(9, 7.5), layout="constrained")
     axes = figure.add_subplot()
     for segment in segments:
@@ -48,9 +47,7 @@ def picture(segments: Sequence[Segment], kind: str, title: str, waypoints: Seque
     axes.grid(alpha=0.3)
     named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # each kind once
     figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
-    made = io.BytesIO()
-    figure.savefig(made, format=kind, dpi=130)
-    return made.getvalue()
+    return figure
 
 
 def _look(segment: Segment) -> tuple[str, str]:

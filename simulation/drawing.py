@@ -2,7 +2,7 @@
 
 import io
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -13,7 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..model.drawing import box
+from ..model.law import symbols
 from ..model.mechanism import Mechanism
+from ..model.outputs import OutputMap
 from ..readers.files import MARK
 
 WANTED, STOP, FAINT = "#9a9a9a", "#c00000", "#666666"
@@ -120,6 +122,24 @@ def _lines(robot: Mechanism) -> ca.Function:
     return ca.Function("lines", [robot.q, robot.p], [ca.densify(ca.vec(line)) for line in lines])
 
 
+def implicit_path(output: OutputMap) -> ca.Function:
+    """Of points (x, y) and the output's parameters: the signed distance from the path, m, and the path's nearest point."""
+    point = ca.SX.sym("point", 2)
+    distance = output.required_path.distance(point[0], point[1])
+    foot = point - distance * ca.gradient(distance, point)
+    return ca.Function("path", [point, symbols(output.parameters)], [distance, foot])
+
+
+def draw_implicit(
+    axes: Axes, function: ca.Function, config: np.ndarray, x: Sequence[float], y: Sequence[float], label: str, **style: Any
+) -> None:
+    """The curve at which the distance of an `implicit_path` is zero, looked for at places x and y, m."""
+    places = np.meshgrid(x, y)
+    values = function(np.vstack([place.ravel() for place in places]), config)[0].full().reshape(places[0].shape)
+    axes.contour(*places, values, [0.0], colors=style["color"], linewidths=style["linewidth"], alpha=style["alpha"], zorder=0)
+    axes.plot([], [], label=label, **style)
+
+
 def is_outline(line: np.ndarray) -> bool:
     """Does the line (points, 2) enclose a body?"""
     return len(line) > 2 and bool(np.allclose(line[0], line[-1]))
@@ -140,7 +160,7 @@ def _freeze(figure: Figure) -> None:
 
 
 def encoded(figure: Figure, kind: str) -> bytes:
-    """A figure as the bytes of a png or svg file."""
+    """A figure as the bytes of a file; `kind` is png, svg or pdf."""
     made = io.BytesIO()
-    figure.savefig(made, format=kind, dpi=130, metadata=METADATA[kind])
+    figure.savefig(made, format=kind, dpi=130, metadata=METADATA.get(kind))
     return made.getvalue()

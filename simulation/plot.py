@@ -1,22 +1,19 @@
 """Figures of runs: where the robot went, how far it was from what was wanted, how fast, with what torque."""
 
-import io
 import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..controllers.odometry import vehicle_wheels
-from ..model.law import symbols
 from ..model.paths import Path
 from ..model.segments import Segment
 from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries
-from .drawing import evenly_spread, is_outline, outlines
+from .drawing import draw_implicit, evenly_spread, implicit_path, is_outline, outlines
 from .guidance import vehicle_motion
 from .run import Run
 
@@ -56,13 +53,6 @@ def draw(run: Run) -> Figure:
             _clip(axes)
             axes.axvline(run.t[-1], color=STOP, linestyle=":", linewidth=1.5)
     return figure
-
-
-def picture(figure: Figure, kind: str) -> bytes:
-    """A figure as the bytes of a file; `kind` is png, pdf or svg."""
-    made = io.BytesIO()
-    figure.savefig(made, format=kind, dpi=130)
-    return made.getvalue()
 
 
 def _clip(axes: Axes) -> None:
@@ -183,17 +173,12 @@ def _make_square(axes: Axes) -> None:
 
 def _draw_followed(axes: Axes, run: Run, path: Path, p_l: np.ndarray) -> None:
     """The curve, where the signed distance is zero; its points next to the start and the end shall be in view."""
-    point = ca.SX.sym("point", 2)
-    distance = path.distance(point[0], point[1])
-    foot = point - distance * ca.gradient(distance, point)
-    function = ca.Function("distance", [point, symbols(run.law.config)], [distance, foot])
-    config = run.config[0]
+    function, config = implicit_path(run.law.output), run.config[0]
     axes.update_datalim(function(p_l[[0, -1]].T, config)[1].full().T)
     _make_square(axes)
-    x, y = np.meshgrid(np.linspace(*axes.get_xlim(), 400), np.linspace(*axes.get_ylim(), 400))
-    values = function(np.vstack([x.ravel(), y.ravel()]), config)[0].full().reshape(x.shape)
-    axes.contour(x, y, values, [0.0], colors=FOLLOWED, linewidths=4, alpha=0.6, zorder=0)
-    axes.plot([], [], color=FOLLOWED, linewidth=4, alpha=0.6, label=f"path to follow: {path.kind}")
+    x, y = np.linspace(*axes.get_xlim(), 400), np.linspace(*axes.get_ylim(), 400)
+    style = {"color": FOLLOWED, "linewidth": 4, "alpha": 0.6}
+    draw_implicit(axes, function, config, x, y, f"path to follow: {path.kind}", **style)
 
 
 def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:

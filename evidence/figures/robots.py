@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy.interpolate import CubicSpline
 
-from ...model.law import symbols
-from ...model.outputs import OutputMap, output_map
+from ...model.outputs import output_map
 from ...readers.robots import system_of
 from ...simulation import drawing
 from ...simulation.drawing import COLOURS, FAINT, STOP, WANTED, over_time, panels, plane, start, to_follow
@@ -64,9 +63,8 @@ def draw(runs: Runs) -> matplotlib.figure.Figure:
 def _draw_way(axes: Axes, run: Outcome) -> None:
     """What was wanted, where the vehicle's point or the controlled place went, and the robot at instants spread over its way."""
     robot = run.robot
-    path = run.spec.output.path
     output = output_map(system_of(robot), run.spec.output.law)
-    if path:
+    if output.path:
         point, label = run.P_l, "$P_l$"
     else:
         point, label = run.y[:, :2], ", ".join(row.name for row in output.rows[:2])
@@ -79,38 +77,22 @@ def _draw_way(axes: Axes, run: Outcome) -> None:
         for k, part in zip(instants, line, strict=True):
             axes.plot(*part.T, color="#333333", linewidth=1.1, alpha=0.4 + 0.6 * (k / (len(point) - 1)), zorder=3)
         everything += [*line]
-    if path:
-        everything.append(_foot(run, output, point[[0, -1]]))
-        _draw_path(axes, output, run, everything)
+    if output.path:
+        path = drawing.implicit_path(output)
+        everything.append(path(point[[0, -1]].T, run.config[0])[1].full().T)
+        _draw_path(axes, path, run.config[0], everything)
     plane(axes, *everything)
     vertical = [row.about.split()[0] for row in output.rows[:2]] == ["x", "height"]
     axes.set(ylabel="height z (m)" if vertical else "y (m)")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=3)
 
 
-def _distance(output) -> tuple[ca.SX, ca.SX]:
-    """A point, and its signed distance from the path."""
-    point = ca.SX.sym("point", 2)
-    return point, output.path.distance(point[0], point[1])
-
-
-def _foot(run: Outcome, output: OutputMap, points: np.ndarray) -> np.ndarray:
-    """The points of the path next to some points."""
-    point, distance = _distance(output)
-    foot = point - distance * ca.gradient(distance, point)
-    return ca.Function("foot", [point, symbols(output.parameters)], [foot])(points.T, run.config[0]).full().T
-
-
-def _draw_path(axes: Axes, output: OutputMap, run: Outcome, shown: Sequence[np.ndarray]) -> None:
-    """The curve that is followed, where the distance is zero, also some way beyond what is shown."""
+def _draw_path(axes: Axes, path: ca.Function, config: np.ndarray, shown: Sequence[np.ndarray]) -> None:
+    """The curve that is followed, also some way beyond what is shown."""
     low, high = np.min([part.min(axis=0) for part in shown], axis=0), np.max([part.max(axis=0) for part in shown], axis=0)
-    (x_0, y_0), half = (low + high) / 2, 1.5 * (high - low).max()
-    x, y = np.meshgrid(np.linspace(x_0 - half, x_0 + half, FINE), np.linspace(y_0 - half, y_0 + half, FINE))
-    point, distance = _distance(output)
-    function = ca.Function("distance", [point, symbols(output.parameters)], [distance])
-    values = function(np.vstack([x.ravel(), y.ravel()]), run.config[0]).full().reshape(x.shape)
-    axes.contour(x, y, values, [0.0], colors=WANTED, linewidths=5, alpha=0.45, zorder=0)
-    axes.plot([], [], color=WANTED, linewidth=5, alpha=0.45, label="path to follow")
+    (x, y), half = (low + high) / 2, 1.5 * (high - low).max()
+    places = np.linspace(x - half, x + half, FINE), np.linspace(y - half, y + half, FINE)
+    drawing.draw_implicit(axes, path, config, *places, "path to follow", color=WANTED, linewidth=5, alpha=0.45)
 
 
 def work(run: Outcome) -> np.ndarray:
