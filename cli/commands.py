@@ -28,8 +28,8 @@ ADVICE = {
 class Parser(argparse.ArgumentParser):
     """An ArgumentParser whose errors are one line, for commands that say how their help is broken into lines."""
 
-    def __init__(self, *args: Any, formatter_class: Any = argparse.RawDescriptionHelpFormatter, **kwargs: Any):
-        super().__init__(*args, formatter_class=formatter_class, **kwargs)
+    def __init__(self, **settings: Any):
+        super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
 
     def error(self, message: str) -> NoReturn:
         """Report a wrong command line and exit 2."""
@@ -56,7 +56,8 @@ def run(argv: list[str]) -> int:
 
 def _run(argv: list[str]) -> int:
     parser = Parser(
-        prog="noslip", description="From the Lagrangian of a robot that rolls without slipping to the C of its controller.",
+        prog="noslip",
+        description="From the Lagrangian of a robot that rolls without slipping to the C of its controller.",
         formatter_class=argparse.HelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"noslip {__version__}")

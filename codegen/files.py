@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -59,9 +59,14 @@ def robot_files(
             of_plant = dynamics_text(plant, scalar)
             files.update(of_plant.files())
             manifest["dynamics"] = {"operations": {entry.name: of_plant.operations(entry) for entry in plant.entries}}
-    manifest["files"] = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
+    manifest["files"] = digests(files)
     files["manifest.json"] = json.dumps(manifest, indent=1) + "\n"
     return dict(sorted(files.items()))
+
+
+def digests(files: Mapping[str, str]) -> dict[str, str]:
+    """SHA-256 of each text by its file's name, sorted."""
+    return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
 
 
 def shared_files(system: ReducedSystem, scalar: Scalar) -> dict[str, str]:

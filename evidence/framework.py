@@ -1,7 +1,6 @@
 """What a figure is: specs to run, how to draw the runs, what to claim of them by number."""
 
 import dataclasses
-import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -12,7 +11,7 @@ import casadi as ca
 import matplotlib.figure
 import numpy as np
 
-from ..codegen.files import law_program, law_text, shared_files
+from ..codegen.files import digests, law_program, law_text, shared_files
 from ..codegen.printing.scalar import SCALARS
 from ..controllers.build import runtime_files
 from ..controllers.odometry import vehicle_wheels
@@ -250,8 +249,7 @@ def claims_of_every_run(runs: Runs) -> list[Claim]:
 def sources_of(law: ControlLaw) -> dict[str, str]:
     """SHA-256 of every file of the double-precision C that a run of this law is made of."""
     double = SCALARS["double"]
-    files = {**runtime_files(), **shared_files(law.system, double), **law_text(law_program(law), double).files()}
-    return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
+    return digests({**runtime_files(), **shared_files(law.system, double), **law_text(law_program(law), double).files()})
 
 
 def _integral(run: Run) -> float | None:

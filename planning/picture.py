@@ -22,9 +22,8 @@ def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[f
     for segment in segments:
         colour, name = _look(segment)
         angle = abs(segment.curvature * segment.length)
-        places = np.linspace(0.0, segment.length, 2 + math.ceil(angle / BEND))
-        x, y, _ = zip(*(segment.pose(s) for s in places), strict=True)
-        axes.plot(x, y, color=colour, linestyle="--" if segment.backward else "-", linewidth=2.2, label=name)
+        places = np.transpose(segment.places(2 + math.ceil(angle / BEND)))
+        axes.plot(*places, color=colour, linestyle="--" if segment.backward else "-", linewidth=2.2, label=name)
     joins = np.array([segment.end[:2] for segment in segments[:-1]]).reshape(-1, 2)
     axes.plot(*joins.T, "o", color="black", markersize=4, linestyle="", label="join", zorder=3)
     cusps = [after for before, after in itertools.pairwise(segments) if before.backward != after.backward]

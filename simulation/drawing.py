@@ -2,7 +2,7 @@
 
 import io
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -131,7 +131,7 @@ def implicit_path(output: OutputMap) -> ca.Function:
 
 
 def draw_implicit(
-    axes: Axes, function: ca.Function, config: np.ndarray, x: Sequence[float], y: Sequence[float], label: str, **style: Any
+    axes: Axes, function: ca.Function, config: np.ndarray, x: np.ndarray, y: np.ndarray, label: str, **style: Any
 ) -> None:
     """The curve at which the distance of an `implicit_path` is zero, looked for at places x and y, m."""
     places = np.meshgrid(x, y)

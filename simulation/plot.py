@@ -184,9 +184,8 @@ def _draw_followed(axes: Axes, run: Run, path: Path, p_l: np.ndarray) -> None:
 def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:
     """Lines and arcs of a composite path, a mark at each join; those driven backward dashed."""
     for piece in segments:
-        points = np.array([piece.pose(s)[:2] for s in np.linspace(0.0, piece.length, 100)])
         style: Any = (0, (2, 1)) if piece.backward else "-"
-        axes.plot(*points.T, color=FOLLOWED, linestyle=style, linewidth=4, alpha=0.6, zorder=0)
+        axes.plot(*np.transpose(piece.places(100)), color=FOLLOWED, linestyle=style, linewidth=4, alpha=0.6, zorder=0)
     joins = np.array([piece.end[:2] for piece in segments])
     axes.plot(*joins.T, "|", color="#555555", markersize=9, zorder=1, label="join")
     backward = any(piece.backward for piece in segments)

@@ -21,6 +21,7 @@ from sympy.polys.rings import PolyElement, PolyRing, ring
 
 from ...model.algebra.ratios import Ratio, by_squares, conjugate, factored, generators_of
 from ...model.errors import ModelError
+from .symbolic import NOT_EXACT
 
 LARGEST_POWER = 32  # of a function in an expression
 LARGEST_PRODUCT = 100_000  # terms before they are collected; more take too long
@@ -162,7 +163,7 @@ class Functions:
             return self._lift(sine if isinstance(e, sp.sin) else cosine)
         if isinstance(e, sp.exp):
             return self._exponential(*self._in_exponents[e.args[0]])
-        raise ModelError(f"{self.name}: {e} cannot be treated exactly; use +, -, *, /, powers, sqrt, sin, cos, tan, exp")
+        raise ModelError(f"{self.name}: {e} {NOT_EXACT}")
 
     def _lift(self, ratio: Ratio) -> Ratio:
         return ratio[0].set_ring(self.ring), ratio[1].set_ring(self.ring)

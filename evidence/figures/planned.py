@@ -48,7 +48,7 @@ def normal_sine(run: Outcome) -> np.ndarray:
 
 def _draw_segments(axes: Axes, segments: tuple[Segment, ...], label: str) -> None:
     for k, segment in enumerate(segments):
-        x, y = np.array([segment.pose(s)[:2] for s in np.linspace(0.0, segment.length, 100)]).T
+        x, y = np.transpose(segment.places(100))
         to_follow(axes, x, y, label if k == 0 else None)
 
 

@@ -145,7 +145,9 @@ def without_squares(polynomial: PolyElement, radical: Radical) -> tuple[PolyElem
 
 def by_squares(polynomial: PolyElement, place: int) -> list[PolyElement]:
     """Polynomials with at most the first power of a generator: the given one is their sum, the k-th times generator^(2 k)."""
-    parts: list[dict] = [{} for _ in range(max((powers[place] for powers in polynomial), default=0) // 2 + 1)]
+    parts: list[dict[tuple[int, ...], QQ]] = [
+        {} for _ in range(max((powers[place] for powers in polynomial), default=0) // 2 + 1)
+    ]
     for powers, coefficient in polynomial.items():
         half, rest = divmod(powers[place], 2)
         parts[half][(*powers[:place], rest, *powers[place + 1 :])] = coefficient
