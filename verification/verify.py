@@ -209,10 +209,8 @@ class _LawInC(_InC):
     @cached_property
     def expressions(self) -> dict[str, ca.SX]:
         """The model's quantities, and the measure that tells whether Phi is singular."""
-        law, found = self.law, self.law.linearization
-        quantities = {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": law.u, "tau": law.tau}
-        more = {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": ca.vertcat(*found.measure)}
-        return quantities | more
+        law, measure = self.law, ca.vertcat(*self.law.linearization.measure)
+        return law.quantities | {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": measure}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Every entry point at random regular states, and the step at singular ones."""
