@@ -46,6 +46,8 @@ class Odometry:
     has not let in yet, an offset that fades over `release` seconds.
     """
 
+    _heading: float
+
     def __init__(self, forward: Numbers, turn: Numbers, ahead: float, release: float = 0.0, start: Numbers = ORIGIN):
         self._wheels = np.array([forward, turn], float)
         self._ahead, self._release = float(ahead), float(release)
@@ -95,7 +97,7 @@ class Odometry:
             return self.pose
 
     def _set(self, pose: Numbers) -> None:
-        self._heading: float = float(pose[2])
+        self._heading = float(pose[2])
         self._axle = complex(pose[0], pose[1]) - self._ahead * unit(self._heading)
 
 
