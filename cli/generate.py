@@ -52,17 +52,12 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip generate`. Return 1 if --check finds a difference, or if C and model differ; nothing is written then."""
-    from ..model.reduction import warnings
-    from ..readers.robots import find_robot, system_of
-
     if args.explain:
         from ..codegen.explain import explain
 
         print("\n\n".join(explain(law) for law in selected_laws(args)))
         return 0
     files = selected_files(args, dynamics=not args.output or DYNAMICS in args.output)
-    for line in warnings(system_of(find_robot(args.robot))):
-        print(f"warning: {line}", file=sys.stderr)
     folder = Path(args.out) / robot_name(files)
     if args.check:
         return _compare(files, folder)
@@ -74,15 +69,19 @@ def run(args: argparse.Namespace) -> int:
 
 
 def selected_files(args: argparse.Namespace, dynamics: bool) -> dict[str, str]:
-    """Return the selected C files by name, with or without the dynamics."""
+    """Return the selected C files by name, with or without the dynamics. Print to stderr where the constraints lose rank."""
     from ..codegen.files import robot_files
+    from ..model.reduction import warnings
     from ..readers.robots import find_robot, placed, system_of
 
     scalars = ("double", "float") if args.scalar == "both" else (args.scalar,)
     robot = find_robot(args.robot)
     system, laws = system_of(robot), _laws_of_files(args)
     with placed(robot):
-        return robot_files(system, laws, scalars, dynamics)
+        files = robot_files(system, laws, scalars, dynamics)
+    for line in warnings(system):
+        print(f"warning: {line}", file=sys.stderr)
+    return files
 
 
 def is_the_model(args: argparse.Namespace, files: Mapping[str, str]) -> bool:

@@ -115,7 +115,8 @@ def run(args: argparse.Namespace) -> int:
 def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
     from ..outer.setting import SPEED, default_spec, with_speed
     from ..readers.robots import find_robot, law_of
-    from ..simulation.specification.spec import read_spec
+    from ..simulation.loop import make_loop
+    from ..simulation.specification.vary import read_varied
 
     if args.speed is not None and not (math.isfinite(args.speed) and args.speed):
         raise BadInput(f"--speed {args.speed:g} must be finite and not zero: the steady motion is along the path")
@@ -124,11 +125,15 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
             raise BadInput("outer-loop needs --output LAW or --spec SPEC.toml")
         law = law_of(find_robot(args.robot), args.output)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
-    spec = read_spec(args.spec)
+    spec = read_varied(args.spec, {"simulation.backend": "casadi"})
     for option, given, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.output.law)):
         if given is not None and given != own:
             raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {given}")
     law = law_of(find_robot(spec.robot), spec.output.law)
+    try:
+        make_loop(spec)  # refuses what `noslip simulate` refuses
+    except BadInput as error:
+        raise BadInput(f"{args.spec}: {error}") from error
     return law, _placed(spec if args.speed is None else with_speed(spec, args.speed), args.L)
 
 

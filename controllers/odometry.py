@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from threading import Lock, RLock
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ..model.algebra.trigonometry import sine, unit
 from ..readers.errors import BadInput
+from .angles import nearest_angle
 from .controller import Numbers
 
 if TYPE_CHECKING:
@@ -24,13 +26,16 @@ HEADER = "noslip_odometry.h"
 
 
 class Reckoning(Protocol):
-    """Poses are x, y (m) and heading (rad, not wrapped) of the vehicle's point."""
+    """Poses are x, y (m) and heading (rad, not wrapped) of the vehicle's point. Objects are thread-safe."""
 
     def move(self, angle: Numbers, dt: float) -> np.ndarray:
         """Return the pose after each wheel turned at a constant rate by an angle (rad) within dt (s)."""
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
         """Return the pose after a correction; see Odometry.correct."""
+
+    def unwind(self) -> np.ndarray:
+        """Subtract whole turns from the heading, which is then between -pi and pi except for a pending correction; return the pose."""
 
 
 class Odometry:
@@ -52,24 +57,27 @@ class Odometry:
         self._wheels = np.array([forward, turn], float)
         self._ahead, self._release = float(ahead), float(release)
         self._offset, self._since = np.zeros(3), 0.0
+        self._lock = RLock()
         self._set(start)
 
     @property
     def pose(self) -> np.ndarray:
         """x, y, heading of the vehicle's point."""
-        point = self._axle + self._ahead * unit(self._heading)
-        fade = max(0.0, 1 - self._since / self._release) if self._release else 0.0
-        return np.array([point.real, point.imag, self._heading]) + fade * self._offset
+        with self._lock:
+            point = self._axle + self._ahead * unit(self._heading)
+            fade = max(0.0, 1 - self._since / self._release) if self._release else 0.0
+            return np.array([point.real, point.imag, self._heading]) + fade * self._offset
 
     def move(self, angle: Numbers, dt: float) -> np.ndarray:
         """Integrate the velocity along the arc: distance exp(i heading) times the mean of exp(i s), s from 0 to the turn."""
         way, turn = (float(one * angle[0] + other * angle[1]) for one, other in self._wheels)
         half = sine(turn / 2)
         mean = complex(sine(turn), 2 * half * half) / turn if turn else 1.0
-        self._axle += way * unit(self._heading) * mean
-        self._heading += turn
-        self._since += dt
-        return self.pose
+        with self._lock:
+            self._axle += way * unit(self._heading) * mean
+            self._heading += turn
+            self._since += dt
+            return self.pose
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
         """reset: the pose is `truth` from now on. bumpless: the difference to the previous pose decreases linearly over
@@ -77,14 +85,22 @@ class Odometry:
 
         In the bumpless mode the difference of the headings is at most half a turn.
         """
-        before = self.pose
-        self._set(truth)
-        self._offset = np.zeros(3)
-        if _mode(mode) == MODES["bumpless"]:
-            self._heading += 2 * math.pi * round((before[2] - self._heading) / (2 * math.pi))
-            self._offset = before - np.array([truth[0], truth[1], self._heading])
-        self._since = 0.0
-        return self.pose
+        bumpless = _mode(mode) == MODES["bumpless"]
+        with self._lock:
+            before = self.pose
+            self._set(truth)
+            self._offset = np.zeros(3)
+            if bumpless:
+                self._heading += 2 * math.pi * round((before[2] - self._heading) / (2 * math.pi))
+                self._offset = before - np.array([truth[0], truth[1], self._heading])
+            self._since = 0.0
+            return self.pose
+
+    def unwind(self) -> np.ndarray:
+        """See Reckoning.unwind; the position of the axle does not change."""
+        with self._lock:
+            self._heading = nearest_angle(self._heading, 0.0)
+            return self.pose
 
     def _set(self, pose: Numbers) -> None:
         self._heading = float(pose[2])
@@ -106,7 +122,7 @@ class CompiledOdometry:
     ):
         from .runtime import runtime  # slow to import
 
-        self._runtime, self._scalar = c or runtime(HEADER), scalar
+        self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
         self._self, self._pose = (self._runtime.new(kind, scalar) for kind in ("noslip_odometry", "noslip_pose"))
         options = self._runtime.new("noslip_odometry_options", scalar, (tuple(forward), tuple(turn), ahead, release))
         self._call("init", options, self._runtime.new("noslip_pose", scalar, tuple(start)))
@@ -114,18 +130,27 @@ class CompiledOdometry:
     @property
     def pose(self) -> np.ndarray:
         """x, y, heading of the vehicle's point."""
-        self._call("pose", self._pose)
-        return np.array([self._pose.x, self._pose.y, self._pose.heading])
+        return self._pose_after()
 
     def move(self, angle: Numbers, dt: float) -> np.ndarray:
         """See Odometry.move."""
-        self._call("move", self._runtime.array(self._scalar, angle), dt, self._pose)
-        return self.pose
+        return self._pose_after("move", self._runtime.array(self._scalar, angle), dt, self._pose)
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
         """See Odometry.correct."""
-        self._call("correct", self._runtime.new("noslip_pose", self._scalar, tuple(truth)), _mode(mode))
-        return self.pose
+        return self._pose_after("correct", self._runtime.new("noslip_pose", self._scalar, tuple(truth)), _mode(mode))
+
+    def unwind(self) -> np.ndarray:
+        """See Reckoning.unwind."""
+        return self._pose_after("unwind")
+
+    def _pose_after(self, *call) -> np.ndarray:
+        """Return the pose after calling a function with these arguments."""
+        with self._lock:
+            if call:
+                self._call(*call)
+            self._call("pose", self._pose)
+            return np.array([self._pose.x, self._pose.y, self._pose.heading])
 
     def _call(self, name: str, *arguments) -> None:
         status = self._runtime.function(f"noslip_odometry_{name}", self._scalar)(self._self, *arguments)

@@ -20,9 +20,11 @@ from noslip.simulation.contact import GRAVITY, ContactForce, Grip, contact_force
 from noslip.simulation.plant import Plant
 from noslip.simulation.run import Run, lambda_columns
 from noslip.simulation.specification.spec import Contact, Initial, read_spec
+from noslip.simulation.specification.vary import read_varied
 
 SPECS = File(__file__).parents[1] / "specs"
-LINE, CIRCLE = read_spec(SPECS / "line.toml"), read_spec(SPECS / "circle.toml")
+BESIDE_THE_LINE = {"initial": {"point": [0.0, 2.0], "heading": math.pi / 2, "speed": 0.0}}  # which asks much of the ground
+LINE, CIRCLE = read_varied(SPECS / "line.toml", BESIDE_THE_LINE), read_spec(SPECS / "circle.toml")
 STATES = 200
 RANGES = {
     **{"b": (0.3, 1.2), "d": (-0.5, 0.5), "r": (0.05, 0.3), "m_c": (5, 60), "m_w": (0.2, 3)},

@@ -3,8 +3,6 @@
 import copy
 import json
 import math
-import sys
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
@@ -123,32 +121,6 @@ def test_robot_of_a_file(case, write, tmp_path):
 
 def test_every_law_fits_the_labmate():
     assert find_laws(system_of(find_robot("labmate"))) == tuple(OUTPUTS)
-
-
-@each_backend
-def test_threads_may_share_a_controller(backend):
-    """Six of them, each at states of its own: every answer is the one that a single thread gets."""
-    law = law_of(find_robot("labmate"), "type_i")
-    (plant,) = random_plants(law, 20, seed=16)
-    controller = make_controller(backend, law, plant.params, plant.config, plant.gains)
-    asked = [(point.state, point.reference) for point in plant.points]
-    alone = [(controller.step(*point)[1], controller.evaluate(*point).values["Phi"]) for point in asked]
-
-    def wrong(k: int) -> int:
-        count = 0
-        for turn in range(1000):
-            j = (k + turn) % len(asked)
-            found = controller.step(*asked[j])[1], controller.evaluate(*asked[j]).values["Phi"]
-            count += not all(map(np.array_equal, found, alone[j]))
-        return count
-
-    interval = sys.getswitchinterval()
-    try:
-        sys.setswitchinterval(1e-6)
-        with ThreadPoolExecutor(6) as pool:
-            assert sum(pool.map(wrong, range(6))) == 0
-    finally:
-        sys.setswitchinterval(interval)
 
 
 @each_backend

@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from noslip.cli.main import main
 from noslip.controllers import build
+from noslip.readers import kept
 from noslip.readers.errors import BadInput
 from noslip.readers.files import MARK, replacing, write_folder, write_whole
 from noslip.sweeping.store import Parts
@@ -289,6 +290,34 @@ def test_a_cache_of_another_user_is_refused(what, cache, monkeypatch):
         monkeypatch.setattr(os, "geteuid", lambda: 65534)
     with pytest.raises(BadInput, match="belongs to another user"):
         build.shared_library(SOURCE)
+
+
+class Holder:
+    """A result that refers to something that was given."""
+
+    def __init__(self, given: object):
+        self.given, self.numbers = given, [1, 2, 3]
+
+
+def test_results_are_remembered_until_they_are_damaged(cache, monkeypatch):
+    given, made = object(), []
+
+    def ask(key: str) -> Holder:
+        return kept.remembered((key,), lambda: made.append(key) or Holder(given), given)
+
+    first, second = ask("a"), ask("a")
+    assert made == ["a"] and second is not first and second.given is given and second.numbers == [1, 2, 3]
+    ask("b")
+    assert made == ["a", "b"]
+    for file in cache.iterdir():
+        file.write_bytes(file.read_bytes()[:-1])
+    assert ask("a").given is given and made == ["a", "b", "a"]
+    monkeypatch.setattr(kept, "_digest_of_code", lambda: "of other code")
+    ask("a")
+    assert made == ["a", "b", "a", "a"]
+    cache.chmod(0o777)
+    ask("a")  # others can write there: what they wrote is not loaded
+    assert made == ["a", "b", "a", "a", "a"]
 
 
 def test_without_a_home_there_is_one_line(tmp_path):

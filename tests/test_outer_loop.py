@@ -591,6 +591,36 @@ def test_command_refuses(argv, reason, bad_input):
     assert reason in bad_input(["outer-loop", "labmate", *argv])
 
 
+VECTORS = {  # section and entry of a SPEC of Type I -> how many numbers the law or the robot takes
+    ("reference", "position"): (2,),
+    ("reference", "velocity"): (2,),
+    ("initial", "point"): (2,),
+    ("initial", "q"): (5,),
+    ("initial", "nu"): (2,),
+    ("limits", "torque"): (1, 2),
+    ("limits", "integral"): (1, 2),
+    ("sensors", "noise.mean"): (1, 2),
+    ("sensors", "noise.sd"): (1, 2),
+}
+
+
+@pytest.mark.parametrize("entry", VECTORS, ids=".".join)
+def test_vectors_of_a_wrong_length_are_refused(entry, tmp_path, bad_input):
+    """By each command that makes a loop of a SPEC, with the entry's name."""
+    section, name = entry
+    for length in {0, 1, 2, 3, 5, 7} - {*VECTORS[entry]}:
+        tables = {"output": {"type": '"I"', "L": 1.0}, "reference": {"position": [0.0, 0.0]}, "gains": {"kp": 1.0, "ki": 0.1}}
+        tables["initial"] = {"q": [0.0] * 5} if name in ("q", "nu") else {"point": [0.0, 0.0]}
+        tables |= {"limits": {"torque": 5.0, "mode": '"cut"'}, "simulation": {"duration": 0.1, "period": 0.01}}
+        tables.setdefault(section, {})[name] = [0.1] * length
+        lines = [line for key, table in tables.items() for line in (f"[{key}]", *(f"{k} = {v}" for k, v in table.items()))]
+        spec = tmp_path / "spec.toml"
+        spec.write_text("\n".join(['robot = "labmate"', *lines]))
+        for command in (["simulate", str(spec), "-o", str(tmp_path / "o.csv")], ["outer-loop", "labmate", "--spec", str(spec)]):
+            said = bad_input(command)
+            assert str(spec) in said and section in said and name.partition(".")[0] in said and str(length) in said
+
+
 def test_command_refuses_unknown_robot(bad_input):
     assert "unknown robot" in bad_input(["outer-loop", "labmat", "--output", "type_i"])
 

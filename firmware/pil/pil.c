@@ -96,6 +96,11 @@ static int odometry_correct(pil *self)
                                      self->input.correction.mode);
 }
 
+static int odometry_unwind(pil *self)
+{
+    return noslip_odometry_unwind_f(&self->odometries[self->request.object]);
+}
+
 static int integral_init(pil *self)
 {
     return noslip_integral_init_f(&self->integrals[self->request.object], self->input.integral.ki,
@@ -136,6 +141,7 @@ static const operation operations[PIL_OPERATIONS] = {
     [PIL_OP_ODOMETRY_CORRECT] = {odometry_correct, TAKES(correction), 0, PIL_ODOMETRIES},
     [PIL_OP_INTEGRAL_INIT] = {integral_init, TAKES(integral), 0, PIL_INTEGRALS},
     [PIL_OP_INTEGRAL_STEP] = {integral_step, TAKES(sample), GIVES(integral), PIL_INTEGRALS},
+    [PIL_OP_ODOMETRY_UNWIND] = {odometry_unwind, 0, 0, PIL_ODOMETRIES},
 };
 
 static uint32_t fault_of(const pil_request *request)

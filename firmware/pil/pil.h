@@ -42,6 +42,7 @@ enum {
     PIL_OP_ODOMETRY_CORRECT, /* truth, mode -> */
     PIL_OP_INTEGRAL_INIT,    /* ki, limit -> */
     PIL_OP_INTEGRAL_STEP,    /* error, dt, status -> ki z, z */
+    PIL_OP_ODOMETRY_UNWIND,  /* -> */
     PIL_OPERATIONS
 };
 

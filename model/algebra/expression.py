@@ -73,6 +73,14 @@ def free_symbols(expression: ca.SX) -> list[ca.SX]:
     return ca.symvar(expression)
 
 
+def as_text(expression: ca.SX) -> str:
+    """Shape, symbols and operations of an expression, constants to their last bit; CasADi's own text has six digits of them."""
+    symbols, dense = free_symbols(expression), ca.densify(expression)
+    function = ca.Function("walk", [ca.vertcat(*symbols)], [ca.vec(dense)])
+    steps = [f"{o.code} {o.arguments} {o.result} {o.constant!r}" for o in operations(function)]
+    return "\n".join([f"{dense.shape} {symbols}", *steps])
+
+
 def degree(expression: ca.SX, variables: ca.SX) -> float:
     """Return the degree of an expression (the largest of a matrix's entries) as a polynomial in `variables`, from its structure.
 
