@@ -97,7 +97,7 @@ SOURCES: Mapping[str, Source] = {
         f"codegen/{name}.py": Source(_CODEGEN, 8)
         for name in (
             *("derivation/foot", "derivation/stages", "derivation/taylor", "graph", "optimize", "program"),
-            *("printing/law_c", "printing/robot_c", "printing/scalar", "printing/statements"),
+            *("printing/law_c", "printing/program_c", "printing/robot_c", "printing/scalar", "printing/statements"),
         )
     },
 }
