@@ -231,7 +231,8 @@ def singular_place(Phi, leaf):
         at = moved(name)
         places = [size * (mpmath.mpf(k) / 8 - mpmath.mpf("0.97")) for k in range(17)]
         signs = [determinant(at(place)) > 0 for place in places]
-        if not any(isinstance(node, Leaf) and node.name == name for row in Phi for node in reachable(row)) or len(set(signs)) == 1:
+        varies = any(isinstance(node, Leaf) and node.name == name for row in Phi for node in reachable(row))
+        if not varies or len(set(signs)) == 1:
             continue
         change = next(k for k in range(16) if signs[k] != signs[k + 1])
         low, high = places[change], places[change + 1]
