@@ -25,7 +25,7 @@ examples:
   noslip analyse labmate --output type_iv_line --start specs/line.toml --table"""
 
 
-class Progress:
+class TableProgress:
     """A line on stderr for the entries of a table that are done, at most one in 2 s."""
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_targets([arguments.out, *([arguments.report] if arguments.report else [])], inputs=inputs)
     system = find_system(arguments.robot)
     uncertainty = read_uncertainty(arguments.uncertainty, system)
-    answer = analyse(system, arguments.output, arguments.start, uncertainty, arguments.table, Progress())
+    answer = analyse(system, arguments.output, arguments.start, uncertainty, arguments.table, TableProgress())
     if arguments.json:
         written = json.dumps(as_json(answer), indent=2, ensure_ascii=False) + "\n"
     else:

@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     """The command. Raises BadInput for what cannot be: unknown names, unstable designs, a period of zero or beyond stability."""
     from ..outer.channel import Required
     from ..outer.design import positive
-    from ..outer.report import Report
+    from ..outer.report import OuterLoopReport
     from ..outer.robustness import Loops
 
     law, spec = _law_and_spec(args)
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     )
     if args.figures:
         check_folder(args.figures)
-    report = Report(law, spec, _gains(args, law, spec), Loops(args.period, args.delay), required, args.wrong)
+    report = OuterLoopReport(law, spec, _gains(args, law, spec), Loops(args.period, args.delay), required, args.wrong)
     pictures = {}
     if args.figures:
         from ..outer.pictures import pictures_of

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 HEADER = "noslip_integral.h"
 
 
-class Integrator(Protocol):
+class OutputIntegral(Protocol):
     """Of one output. `z` is the integral of its error y_d - y, the output's unit times s."""
 
     @property
@@ -40,7 +40,7 @@ class Integral:
         self._ki, self._limit = float(ki), float(limit) or math.inf
 
     def step(self, error: float, dt: float, status: str) -> float:
-        """As an Integrator."""
+        """As an OutputIntegral."""
         grown = self.z + self._error * dt
         if abs(grown) > abs(self.z) and not (status == "ok" and self._ki * abs(grown) <= self._limit):
             grown = 0.0 if grown * self.z < 0 else self.z
@@ -64,7 +64,7 @@ class CompiledIntegral:
         return self._self.z
 
     def step(self, error: float, dt: float, status: str) -> float:
-        """As an Integrator."""
+        """As an OutputIntegral."""
         number = getattr(self._runtime.lib, f"NOSLIP_{status.upper()}")
         self._call("step", float(error), float(dt), number, self._add)
         return self._add[0]
@@ -75,7 +75,7 @@ class CompiledIntegral:
             raise BadInput(f"integral action: {name} answers {self._runtime.status(status)!r}")
 
 
-def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw | None = None) -> Integrator:
+def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw | None = None) -> OutputIntegral:
     """Integral action as this backend does it: casadi in Python, the others by the C; see `runtime_of`.
 
     Raises BadInput for an unknown backend.
@@ -117,7 +117,7 @@ class IntegralAction:
         self.highest = [entry + degree[k] for entry, k in zip(self.wanted, self.acting, strict=True)]
         self._angles = [law.output.rows[k].unit == "rad" for k in self.acting]
 
-    def integrators(self, backend: str) -> list[Integrator]:
+    def integrators(self, backend: str) -> list[OutputIntegral]:
         """One for each of the rows, at zero."""
         return [make_integral(backend, ki, limit, self._law) for ki, limit in zip(self.ki, self.limit, strict=True)]
 

@@ -27,7 +27,7 @@ MOST = 200_000  # samples
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlaneCurve:
     """Places (m) and velocities, complex, at times, (N,) -> (N,); the times where pieces of it meet; what a time is called."""
 
     place: Callable[[np.ndarray], Points]
@@ -40,7 +40,7 @@ class Curve:
 class Samples:
     """Places (m) and directions of travel (unit complex) along a curve, (N,)."""
 
-    curve: Curve
+    curve: PlaneCurve
     times: np.ndarray
     places: Points
     directions: Points
@@ -51,7 +51,7 @@ class Samples:
         return f"near ({place.real:.6g}, {place.imag:.6g}), {self.curve.called(self.times[k])}"
 
 
-def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] | None, closed: bool) -> Curve:
+def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] | None, closed: bool) -> PlaneCurve:
     """The cubic Hermite curve through waypoints (x, y) in m; its time is the length of the chords so far.
 
     Its velocity at a waypoint is that of the parabola through the waypoint and its neighbours, at an end that of the
@@ -97,10 +97,10 @@ def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] 
         k = min(int(np.searchsorted(knots, time, "right")), len(knots) - 1)
         return f"between waypoints {k} and {k % len(places) + 1}"
 
-    return Curve(spline, spline.derivative(), knots, called)
+    return PlaneCurve(spline, spline.derivative(), knots, called)
 
 
-def of_function(function: Callable[[float], Sequence[float]], domain: tuple[float, float] | None) -> Curve:
+def of_function(function: Callable[[float], Sequence[float]], domain: tuple[float, float] | None) -> PlaneCurve:
     """The curve t -> (x, y) in m: a spline of SciPy on the whole of its knots, another function on `domain` (0 to 1)."""
     knots = getattr(function, "x", None)  # PPoly
     if knots is None and hasattr(function, "t") and hasattr(function, "k"):  # BSpline
@@ -137,10 +137,10 @@ def of_function(function: Callable[[float], Sequence[float]], domain: tuple[floa
         def velocity(times: np.ndarray) -> Points:
             return place(times, derivative)
 
-    return Curve(place, velocity, knots, lambda time: f"t = {time:g}")
+    return PlaneCurve(place, velocity, knots, lambda time: f"t = {time:g}")
 
 
-def sampled(curve: Curve, tolerance: float) -> Samples:
+def sampled(curve: PlaneCurve, tolerance: float) -> Samples:
     """Samples so dense that between two neighbours there is nothing but their chord, to a share of the tolerance (m).
 
     Raises BadInput where the curve stands still or has a corner, and when there would be too many samples.
@@ -174,7 +174,7 @@ def bends(chords: Points, directions: Sequence[Points]) -> np.ndarray:
     return size(chords) * np.max([np.abs(phase(product(d, chords.conj()))) for d in directions], axis=0) / 4
 
 
-def _at(curve: Curve, times: np.ndarray) -> Samples:
+def _at(curve: PlaneCurve, times: np.ndarray) -> Samples:
     velocities = curve.velocity(times)
     speeds = size(velocities)
     samples = Samples(curve, times, curve.place(times), velocities / np.where(speeds > 0, speeds, 1.0))
