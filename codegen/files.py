@@ -10,8 +10,10 @@ import casadi as ca
 import sympy
 
 from .. import __version__
+from ..model.algebra.expression import as_text
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
+from ..readers.kept import remembered
 from .dynamics import DynamicsProgram, compile_dynamics
 from .printing.dynamics_c import DynamicsC
 from .printing.law_c import LawC
@@ -24,14 +26,14 @@ TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy._
 
 @lru_cache(maxsize=64)
 def law_program(law: ControlLaw) -> Program:
-    """The law as a program, the same for both scalars, made once per process."""
-    return compile_law(law)
+    """The law as a program, the same for both scalars; derived once, and kept between runs."""
+    return remembered(("law", TOOLS, fingerprint(law.system, law)), lambda: compile_law(law), law, law.system)
 
 
 @lru_cache(maxsize=16)
 def dynamics_program(system: ReducedSystem) -> DynamicsProgram:
-    """The robot's dynamics as a program, the same for both scalars, made once per process."""
-    return compile_dynamics(system)
+    """The robot's dynamics as a program, the same for both scalars; derived once, and kept between runs."""
+    return remembered(("dynamics", TOOLS, fingerprint(system)), lambda: compile_dynamics(system), system)
 
 
 def robot_files(
@@ -100,5 +102,5 @@ def fingerprint(system: ReducedSystem, law: ControlLaw | None = None) -> str:
         expressions += [law.linearization.h, law.linearization.Phi, law.linearization.Phidot, law.tau]
     lines = [mechanism.name, mechanism.about, *mechanism.constraint_names]
     lines += [f"{q.name} {q.unit} {q.about} {q.default!r} {q.sign}" for q in groups]
-    lines += [str(ca.SX(expression)) for expression in expressions]
+    lines += [as_text(ca.SX(expression)) for expression in expressions]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()

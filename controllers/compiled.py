@@ -170,7 +170,8 @@ class CompiledController:
             given.append(library.array(more))
         answer = library.array(np.zeros(len(matrix) * len(matrix[0])))
         place = library.ffi.cast(library.ffi.typeof(library.function(entry.name)).args[-1], answer)
-        status = self._status(library.function(entry.name)(self._self, *given, place))
+        with self._lock:
+            status = self._status(library.function(entry.name)(self._self, *given, place))
         values = library.numbers(answer).reshape(len(matrix), -1).astype(float)
         return Evaluation(status, {quantity: values} if status in ("ok", "saturated") else {})
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from threading import Lock
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -19,7 +20,10 @@ HEADER = "noslip_integral.h"
 
 
 class OutputIntegral(Protocol):
-    """Of one output. `z` is the integral of its error y_d - y, the output's unit times s."""
+    """Of one output. `z` is the integral of its error y_d - y, the output's unit times s.
+
+    Threads may share it; they take turns.
+    """
 
     @property
     def z(self) -> float: ...
@@ -38,14 +42,16 @@ class Integral:
         """`limit`: largest ki |z|; 0: none."""
         self.z, self._error = 0.0, 0.0
         self._ki, self._limit = float(ki), float(limit) or math.inf
+        self._lock = Lock()
 
     def step(self, error: float, dt: float, status: str) -> float:
-        """As an OutputIntegral."""
-        grown = self.z + self._error * dt
-        if abs(grown) > abs(self.z) and not (status == "ok" and self._ki * abs(grown) <= self._limit):
-            grown = 0.0 if grown * self.z < 0 else self.z
-        self.z, self._error = grown, float(error)
-        return self._ki * self.z
+        """As an Integrator."""
+        with self._lock:
+            grown = self.z + self._error * dt
+            if abs(grown) > abs(self.z) and not (status == "ok" and self._ki * abs(grown) <= self._limit):
+                grown = 0.0 if grown * self.z < 0 else self.z
+            self.z, self._error = grown, float(error)
+            return self._ki * self.z
 
 
 class CompiledIntegral:
@@ -54,7 +60,7 @@ class CompiledIntegral:
     def __init__(self, ki: float, limit: float = 0.0, scalar: str = "double", c: Runtime | None = None):
         from .runtime import runtime  # slow to import
 
-        self._runtime, self._scalar = c or runtime(HEADER), scalar
+        self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
         self._self, self._add = self._runtime.new("noslip_integral", scalar), self._runtime.array(scalar, [0.0])
         self._call("init", float(ki), float(limit))
 
@@ -66,8 +72,9 @@ class CompiledIntegral:
     def step(self, error: float, dt: float, status: str) -> float:
         """As an OutputIntegral."""
         number = getattr(self._runtime.lib, f"NOSLIP_{status.upper()}")
-        self._call("step", float(error), float(dt), number, self._add)
-        return self._add[0]
+        with self._lock:
+            self._call("step", float(error), float(dt), number, self._add)
+            return self._add[0]
 
     def _call(self, name: str, *arguments) -> None:
         status = self._runtime.function(f"noslip_integral_{name}", self._scalar)(self._self, *arguments)

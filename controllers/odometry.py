@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from threading import Lock, RLock
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ..model.algebra.trigonometry import sine, unit
 from ..readers.errors import BadInput
+from .angles import nearest_angle
 from .controller import Numbers
 
 if TYPE_CHECKING:
@@ -25,13 +27,16 @@ ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Reckoning(Protocol):
-    """Poses are x, y (m) and heading (rad, not wrapped) of the vehicle's point."""
+    """Poses are x, y (m) and heading (rad, not wrapped) of the vehicle's point. Threads may share it; they take turns."""
 
     def move(self, angle: Numbers, dt: float) -> np.ndarray:
         """The pose after each wheel turned evenly by an angle (rad) within dt (s)."""
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
         """The pose once the true one is known; see Odometry.correct."""
+
+    def unwind(self) -> np.ndarray:
+        """The pose, whole turns taken off its heading: then this is within half a turn of 0, but for what is pending."""
 
 
 class Odometry:
@@ -45,38 +50,49 @@ class Odometry:
         self._wheels = np.array([forward, turn], float)
         self._ahead, self._release = float(ahead), float(release)
         self._offset, self._since = np.zeros(3), 0.0
+        self._lock = RLock()
         self._set(start)
 
     @property
     def pose(self) -> np.ndarray:
         """x, y, heading of the vehicle's point."""
-        point = self._axle + self._ahead * unit(self._heading)
-        fade = max(0.0, 1 - self._since / self._release) if self._release else 0.0
-        return np.array([point.real, point.imag, self._heading]) + fade * self._offset
+        with self._lock:
+            point = self._axle + self._ahead * unit(self._heading)
+            fade = max(0.0, 1 - self._since / self._release) if self._release else 0.0
+            return np.array([point.real, point.imag, self._heading]) + fade * self._offset
 
     def move(self, angle: Numbers, dt: float) -> np.ndarray:
         """The velocity's integral over the arc: way exp(i heading) times the mean of exp(i s), s from 0 to the turn."""
         way, turn = (float(one * angle[0] + other * angle[1]) for one, other in self._wheels)
         half = sine(turn / 2)
         mean = complex(sine(turn), 2 * half * half) / turn if turn else 1.0
-        self._axle += way * unit(self._heading) * mean
-        self._heading += turn
-        self._since += dt
-        return self.pose
+        with self._lock:
+            self._axle += way * unit(self._heading) * mean
+            self._heading += turn
+            self._since += dt
+            return self.pose
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
         """reset: the pose is `truth` from now on. bumpless: what it differed by until now fades linearly over `release` s.
 
         Bumpless, the heading goes the shorter way round.
         """
-        before = self.pose
-        self._set(truth)
-        self._offset = np.zeros(3)
-        if _mode(mode) == MODES["bumpless"]:
-            self._heading += 2 * math.pi * round((before[2] - self._heading) / (2 * math.pi))
-            self._offset = before - np.array([truth[0], truth[1], self._heading])
-        self._since = 0.0
-        return self.pose
+        bumpless = _mode(mode) == MODES["bumpless"]
+        with self._lock:
+            before = self.pose
+            self._set(truth)
+            self._offset = np.zeros(3)
+            if bumpless:
+                self._heading += 2 * math.pi * round((before[2] - self._heading) / (2 * math.pi))
+                self._offset = before - np.array([truth[0], truth[1], self._heading])
+            self._since = 0.0
+            return self.pose
+
+    def unwind(self) -> np.ndarray:
+        """As Reckoning's; the axle's middle stays where it is."""
+        with self._lock:
+            self._heading: float = nearest_angle(self._heading, 0.0)
+            return self.pose
 
     def _set(self, pose: Numbers) -> None:
         self._heading = float(pose[2])
@@ -92,7 +108,7 @@ class CompiledOdometry:
     ):  # fmt: skip
         from .runtime import runtime  # slow to import
 
-        self._runtime, self._scalar = c or runtime(HEADER), scalar
+        self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
         self._self, self._pose = (self._runtime.new(kind, scalar) for kind in ("noslip_odometry", "noslip_pose"))
         options = self._runtime.new("noslip_odometry_options", scalar, (tuple(forward), tuple(turn), ahead, release))
         self._call("init", options, self._runtime.new("noslip_pose", scalar, tuple(start)))
@@ -100,18 +116,27 @@ class CompiledOdometry:
     @property
     def pose(self) -> np.ndarray:
         """x, y, heading of the vehicle's point."""
-        self._call("pose", self._pose)
-        return np.array([self._pose.x, self._pose.y, self._pose.heading])
+        return self._pose_after()
 
     def move(self, angle: Numbers, dt: float) -> np.ndarray:
         """As Odometry.move."""
-        self._call("move", self._runtime.array(self._scalar, angle), dt, self._pose)
-        return self.pose
+        return self._pose_after("move", self._runtime.array(self._scalar, angle), dt, self._pose)
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
         """As Odometry.correct."""
-        self._call("correct", self._runtime.new("noslip_pose", self._scalar, tuple(truth)), _mode(mode))
-        return self.pose
+        return self._pose_after("correct", self._runtime.new("noslip_pose", self._scalar, tuple(truth)), _mode(mode))
+
+    def unwind(self) -> np.ndarray:
+        """As Reckoning's."""
+        return self._pose_after("unwind")
+
+    def _pose_after(self, *call) -> np.ndarray:
+        """The pose, once a function has been called with these arguments."""
+        with self._lock:
+            if call:
+                self._call(*call)
+            self._call("pose", self._pose)
+            return np.array([self._pose.x, self._pose.y, self._pose.heading])
 
     def _call(self, name: str, *arguments) -> None:
         status = self._runtime.function(f"noslip_odometry_{name}", self._scalar)(self._self, *arguments)

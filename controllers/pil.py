@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 from typing import IO
 
 import cffi
@@ -89,6 +90,7 @@ class Session:
         )
         children.add(self._process)
         self._input, self._output, self._error = _pipes(self._process)
+        self._lock = Lock()
         self.close = weakref.finalize(self, _end, self._process)  # at the latest when Python ends
         told = self.call("hello", 0, b"")[1]
         if len(told) != 4 * len(SIZES):
@@ -103,7 +105,11 @@ class Session:
         return self.close.alive
 
     def call(self, operation: str, number: int, given: bytes) -> tuple[int, bytes]:
-        """Status and words that an operation answers for the object of that number."""
+        """Status and words that an operation answers for the object of that number. Threads take turns."""
+        with self._lock:
+            return self._call(operation, number, given)
+
+    def _call(self, operation: str, number: int, given: bytes) -> tuple[int, bytes]:
         if not self.alive:
             raise TargetFault(f"{self.target.name}: the program has ended")
         self._write(REQUEST.pack(MAGIC, VERSION, OPERATIONS.index(operation.upper()), number, len(given)) + given)
@@ -266,7 +272,7 @@ class TargetLibrary(Library):
 class TargetRuntime(Runtime):
     """The C of a header on the target that runs a law, in float; Runtime's face."""
 
-    inputs = {"look": 4, "update": 4, "pose": 0, "move": 2, "correct": 2, "step": 3}
+    inputs = {"look": 4, "update": 4, "pose": 0, "move": 2, "correct": 2, "unwind": 0, "step": 3}
 
     def __init__(self, header: str, law: ControlLaw, backend: str):
         here = runtime(header)

@@ -9,6 +9,7 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -98,6 +99,7 @@ class Tracker(Protocol):
     """Follows a composite path; x, y (m) and heading (rad) are those of the vehicle's point, speed (m/s) goes forward.
 
     The status of a guide is "ok", "arrived", or an error: "nonfinite", "range", "singular" (P_l in the centre of an arc).
+    Threads may share a tracker; they take turns.
     """
 
     options: TrackerOptions
@@ -288,17 +290,22 @@ class PathTracker:
         self._creep = options.creep or CREEP
         self._pieces = _pieces(segments, options)
         self._limit = len(segments) + 1  # of hand-overs in an update
-        self._state = _State()
+        self._state, self._lock = _State(), Lock()
 
     def look(self, x: float, y: float, heading: float, speed: float) -> Guide:
         """As Tracker's."""
+        state = self._state
         try:
-            return self._guide(self._state, *self._find(self._state, x, y, heading, speed), heading, speed)
+            return self._guide(state, *self._find(state, x, y, heading, speed), heading, speed)
         except _Error as error:
             return Guide(error.status)
 
     def update(self, x: float, y: float, heading: float, speed: float) -> Guide:
         """As Tracker's."""
+        with self._lock:
+            return self._update(x, y, heading, speed)
+
+    def _update(self, x: float, y: float, heading: float, speed: float) -> Guide:
         state, changed = self._state, not self._state.begun
         try:
             progress, distance = self._find(state, x, y, heading, speed)
@@ -426,7 +433,7 @@ class CompiledTracker:
 
     def __init__(self, segments: Sequence[Segment], options: TrackerOptions, scalar: str = "double", c: Runtime | None = None):
         self.options = options
-        self._c, self._scalar = c or runtime(HEADER), scalar
+        self._c, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
         kind = f"{SCALARS[scalar].name('noslip_segment')}[]"
         self._segments = self._c.ffi.new(kind, [vars(segment) for segment in segments])
         self._self, fault = self._new("noslip_path"), self._new("noslip_path_fault")
@@ -453,11 +460,11 @@ class CompiledTracker:
         return self._answer("noslip_path_update", x, y, heading, speed)
 
     def _answer(self, name: str, *seen: float) -> Guide:
-        status = self._call(name, *seen, self._guide)
-        found = {field: getattr(self._guide, field) for field in self._fields}
+        with self._lock:
+            status, foot = self._call(name, *seen, self._guide), self._guide.foot
+            found = {field: getattr(self._guide, field) for field in self._fields}
+            at_foot = {"distance": foot.distance, "cosine": foot.cosine, "sine": foot.sine, "foot_curvature": foot.curvature}
         flags = {field: bool(found[field]) for field in ("backward", "changed", "waiting", "arrived")}
-        foot = self._guide.foot
-        at_foot = {"distance": foot.distance, "cosine": foot.cosine, "sine": foot.sine, "foot_curvature": foot.curvature}
         endless = {field: math.inf for field in ("left", "remaining") if found[field] >= self._largest}
         return Guide(status, **(found | flags | at_foot | endless))
 

@@ -11,7 +11,7 @@ from ..model.names import TYPE
 from ..model.outputs import OFFSET
 from ..readers.errors import BadInput
 from ..readers.robots import find_robot
-from ..simulation.loop import Loop, make_loop
+from ..simulation.loop import make_loop
 from ..simulation.specification.spec import Initial, OutputSection, PathSection, Reference, Simulation, Spec
 from ..verification.cases import gain_entries, integral_entries
 from .motion import Setting, path_frame
@@ -50,17 +50,20 @@ def setting_of(spec: Spec) -> Setting:
     if spec.sensors or spec.limits:
         spec = replace(spec, sensors=None, correction=None, limits=None)
     spec = replace(spec, simulation=replace(spec.simulation, backend="casadi"))
+    given = _setting(spec)
     if spec.output.own:  # the steady motion is looked for near the start
-        return _setting(spec, make_loop(spec))
+        return given
     initial = _on_the_way(spec.output, spec.reference, spec.initial)
-    given, moved = (_setting(s, make_loop(s)) for s in (spec, replace(spec, initial=initial)))
+    moved = _setting(replace(spec, initial=initial))
     if path is None or _along(given) == _along(moved):
         return moved
     opposite = replace(spec, initial=replace(initial, heading=(initial.heading or 0.0) + math.pi))
-    return _setting(opposite, make_loop(opposite))
+    return _setting(opposite)
 
 
-def _setting(spec: Spec, loop: Loop) -> Setting:
+def _setting(spec: Spec) -> Setting:
+    """The numbers of the SPEC's loop as it is. Raises BadInput as `make_loop` does."""
+    loop = make_loop(spec)
     law, ki = loop.law, integral_entries(loop.law, spec.gains)
     return Setting(
         law=law,

@@ -342,6 +342,19 @@ SWITCH = TrackerOptions(speed=1, deceleration=0.5, creep=0.02, L=(0.2, -0.9), ah
 
 
 @each_backend
+def test_who_passes_the_end_has_arrived(backend):
+    """Where P_l is to stop at the end itself, it is there when the arc says so, however the line beyond is rounded."""
+    random, arrived = np.random.default_rng(222), []
+    for _ in range(200):
+        (arc,) = chain(tuple(random.uniform(-3, 3, 3)), [(random.choice([-1, 1]) / random.uniform(1, 4), random.uniform(0.5, 3))])
+        tracker = make_tracker(backend, [arc], TrackerOptions(speed=1, L=(0.2, 0)))
+        guide = tracker.update(*vehicle_at(beside(arc, arc.length, random.uniform(-0.5, 0.5)), 0.2, 0, False), 0.5)
+        assert guide.arrived == (guide.curvature == 0)
+        arrived.append(guide.arrived)
+    assert 20 < sum(arrived) < 180
+
+
+@each_backend
 @pytest.mark.parametrize(("stop", "run_on"), [("point", 0.0), ("axle", 0.5)])
 def test_hand_over_at_a_cusp(backend, stop, run_on):
     """Drives to the stop, is told to stand, and only then to reverse with the other P_l; at the end of that the same."""
@@ -474,6 +487,17 @@ def test_centre_of_an_arc(backend):
     assert tracker.update(-0.5, 2.0, 0.0, 1) == Guide("singular") == tracker.look(-0.5, 2.0, 0.0, 1)
     again = tracker.update(*vehicle_at(beside(arc, 8.5, 1.99), 0.5, 0, False), 1)
     assert abs(again.progress - before.progress) < (1e-3 if backend == "cf" else 1e-11)
+
+
+@each_backend
+def test_error_on_the_next_segment_after_a_cusp(backend):
+    """Once the vehicle that waits has come to stand, P_l is in the centre of the arc in reverse. It goes on waiting."""
+    tracker, undisturbed = (make_tracker(backend, CUSP, replace(SWITCH, stop="axle")) for _ in range(2))
+    beyond, rolled_back = ((*vehicle_at(CUSP[0].pose(s), 0.2, 0, False), 0.5) for s in (3.6, 3.2))
+    assert tracker.update(*beyond) == undisturbed.update(*beyond)
+    assert tracker.update(*vehicle_at((3.0, -5.0, math.pi), -0.9, 0, True), 0.0) == Guide("singular")
+    guide = tracker.update(*rolled_back)
+    assert guide == undisturbed.update(*rolled_back) and guide.waiting and guide.speed == 0
 
 
 @each_backend
