@@ -26,7 +26,7 @@ ADVICE = {
 
 
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser that reports errors in one line and keeps the lines of descriptions as they are."""
+    """An ArgumentParser that reports errors in one line; the help of a command keeps its own line breaks."""
 
     def __init__(self, **settings: Any):
         super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
