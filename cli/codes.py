@@ -1,6 +1,6 @@
 """Exit codes and the names of the commands."""
 
-BAD_INPUT, INTERNAL, READER_GONE = 2, 70, 141
+DIFFERS, BAD_INPUT, INTERNAL, READER_GONE = 1, 2, 70, 141
 COMMANDS = (
     "generate",
     "check",
