@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 from .. import __version__
 from ..readers.errors import BadInput, Mismatch, suggestion
-from .codes import BAD_INPUT, COMMANDS, DIFFERS, INTERNAL, READER_GONE
+from . import BAD_INPUT, COMMANDS, DIFFERS, INTERNAL, READER_GONE
 
 ADVICE = {
     errno.ENOENT: "check the path",
