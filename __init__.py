@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from .model.outputs import output_map as output_map
     from .model.reduction import reduce as reduce
     from .readers.errors import BadInput as BadInput
+    from .readers.errors import Mismatch as Mismatch
     from .readers.robots import find_robot as find_robot
     from .simulation.closed_loop import simulate as simulate
     from .simulation.specification.spec import read_spec as read_spec
-    from .verification.generate import Mismatch as Mismatch
     from .verification.generate import generate as generate
 
 __version__ = "0.5.0"
@@ -32,7 +32,7 @@ _MODULES = {  # the module that defines each public name
     "BadInput": "readers.errors",
     "Limits": "controllers.controller",
     "Mechanism": "model.mechanism",
-    "Mismatch": "verification.generate",
+    "Mismatch": "readers.errors",
     "ModelError": "model.errors",
     "analyse": "analysis.answers",
     "control_law": "model.law",

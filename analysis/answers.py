@@ -26,7 +26,7 @@ from .distributions.properties import Check
 from .exact.readable import unsigned
 from .exact.symbolic import symbolic, written
 from .outputs.decoupling import decouple
-from .outputs.normal_form import Moving, NormalForm, normal_form
+from .outputs.normal_form import NormalForm, StraightMotion, normal_form
 
 Contact = RollingContact | PlanarContact
 System = Mechanism | Kinematics | Contact
@@ -295,7 +295,7 @@ def _driven_straight(form: NormalForm) -> list[str]:
     return form.shape.lines() if form.moving and form.shape.decided else []
 
 
-def _moving_json(form: NormalForm, moving: Moving) -> dict[str, Any]:
+def _moving_json(form: NormalForm, moving: StraightMotion) -> dict[str, Any]:
     return {
         "reference": moving.reference,
         "equation": moving.equation,

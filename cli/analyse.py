@@ -25,7 +25,7 @@ examples:
   noslip analyse labmate --output type_iv_line --start specs/line.toml --table"""
 
 
-class Progress:
+class TableProgress:
     """Prints progress of the table of safe offsets to stderr, at most every 2 s."""
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_targets([arguments.out, *([arguments.report] if arguments.report else [])], inputs=inputs)
     system = find_system(arguments.robot)
     uncertainty = read_uncertainty(arguments.uncertainty, system)
-    answer = analyse(system, arguments.output, arguments.start, uncertainty, arguments.table, Progress())
+    answer = analyse(system, arguments.output, arguments.start, uncertainty, arguments.table, TableProgress())
     if arguments.json:
         written = json.dumps(as_json(answer), indent=2, ensure_ascii=False) + "\n"
     else:

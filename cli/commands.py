@@ -12,8 +12,8 @@ from contextlib import suppress
 from typing import Any, NoReturn
 
 from .. import __version__
-from ..readers.errors import BadInput, suggestion
-from .codes import BAD_INPUT, COMMANDS, INTERNAL, READER_GONE
+from ..readers.errors import BadInput, Mismatch, suggestion
+from . import BAD_INPUT, COMMANDS, DIFFERS, INTERNAL, READER_GONE
 
 ADVICE = {
     errno.ENOENT: "check the path",
@@ -106,6 +106,10 @@ def _report(error: Exception) -> int:
 
     if isinstance(error, BadInput | ModelError):
         return _fail(BAD_INPUT, str(error))
+    if isinstance(error, Mismatch):
+        for line in (*str(error).splitlines(), "nothing is written: the generated C differs from the model; please report this"):
+            _fail(DIFFERS, line)
+        return DIFFERS
     if isinstance(error, OSError) and error.errno is not None:
         if error.filename is None:  # as when standard output is on a full disk
             _close_stdout()

@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip completion`. Return 0."""
     import shtab
 
-    from .codes import COMMANDS
+    from . import COMMANDS
     from .commands import parser_of
 
     parser, _ = parser_of(COMMANDS)

@@ -7,7 +7,7 @@ from pathlib import Path
 from ..controllers.build import runtime_files
 from ..readers.errors import BadInput
 from ..readers.files import work_folder, write_folder
-from .generate import DYNAMICS, add_selection, is_the_model, robot_name, selected_files, selected_laws
+from .generate import DYNAMICS, add_selection, robot_name, selected_files, selected_laws
 
 EXAMPLE = """examples:
   noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip
@@ -48,8 +48,6 @@ def run(args: argparse.Namespace) -> int:
         args.scalar = "float"
     generated = selected_files(args, dynamics=DYNAMICS in args.output)
     laws = selected_laws(args)
-    if not is_the_model(args, generated):
-        return 1
     library = {**_runtime(args.scalar), **generated}
     if args.firmware:
         from ..verification import project

@@ -6,7 +6,7 @@ Exit codes: 0 success, 1 a check failed, 2 bad input, 70 internal error, 130 Ctr
 import os  # already loaded by the interpreter, as is sys; everything else is imported after the signal handlers are installed
 import sys
 
-INTERRUPTED, TERMINATED = 130, 143  # for the other exit codes see codes.py
+INTERRUPTED, TERMINATED = 130, 143  # for the other exit codes see __init__.py
 FILES = f"{__package__.rpartition('.')[0]}.readers.files"
 
 

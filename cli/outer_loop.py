@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip outer-loop`. Raises BadInput for unknown names, unstable designs, and periods that are zero or too long."""
     from ..outer.channel import Required
     from ..outer.design import positive
-    from ..outer.report import Report
+    from ..outer.report import OuterLoopReport
     from ..outer.robustness import Loops
 
     law, spec = _law_and_spec(args)
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     )
     if args.figures:
         check_folder(args.figures)
-    report = Report(law, spec, _gains(args, law, spec), Loops(args.period, args.delay), required, args.wrong)
+    report = OuterLoopReport(law, spec, _gains(args, law, spec), Loops(args.period, args.delay), required, args.wrong)
     pictures = {}
     if args.figures:
         from ..outer.pictures import pictures_of

@@ -17,7 +17,7 @@ EXAMPLE = """example:
   noslip simulate specs/line.toml -o run.csv --plot run.png"""
 
 
-class Progress:
+class RunProgress:
     """Prints the simulated time on one line of a terminal; prints nothing if stderr is not a terminal."""
 
     def __init__(self, duration: float):
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_targets(list(outputs), list(pictures), inputs=[arguments.spec])
     changes = dict(map(change, arguments.set))
     spec = read_varied(arguments.spec, changes) if arguments.sample is None else _sample(arguments, changes)
-    progress = Progress(spec.simulation.duration)
+    progress = RunProgress(spec.simulation.duration)
     try:
         done, record = _recorded(spec, progress) if arguments.record else (simulate(spec, progress=progress), "")
         drawn = _pictures(done, arguments)
@@ -117,7 +117,7 @@ def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":
     return sample_spec(text, row)
 
 
-def _recorded(spec: "Spec", progress: Progress) -> tuple["Run", str]:
+def _recorded(spec: "Spec", progress: RunProgress) -> tuple["Run", str]:
     """Return the run and the record of the calls of its target. Raises BadInput for a backend without a target."""
     from ..controllers.controller import ON_TARGET
     from ..controllers.pil import recorded

@@ -46,7 +46,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run `noslip sweep`. Return 0, or 1 if --verify finds a difference. Raises BadInput, ModelError, OSError."""
     from ..simulation.specification.spec import read_text
-    from ..sweeping.results.report import Report
+    from ..sweeping.results.report import SweepReport
     from ..sweeping.results.statistics import check_indices, indices, summarize
     from ..sweeping.results.verify import verify
     from ..sweeping.results.worst import find_worst
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     found = indices(study, args.indices, jobs) if args.indices is not None else None
     worst = find_worst(study, summary.worst, jobs) if args.worst else None
     verified = verify(output, args.verify, jobs) if args.verify is not None else None
-    report = Report(args.spec, args.output, study, summary, found, worst, verified)
+    report = SweepReport(args.spec, args.output, study, summary, found, worst, verified)
     drawn = _draw(report, jobs, args.figures) if args.figures else []
     if args.json:
         print(json.dumps(report.as_json(), indent=1, allow_nan=False))
@@ -93,7 +93,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None) -> None:
-    from ..sweeping.runner import Engine, Progress, Threads, run_parts
+    from ..sweeping.runner import Engine, SweepProgress, Threads, run_parts
     from ..sweeping.store import Parts, merge
 
     engine: Engine
@@ -103,7 +103,7 @@ def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None)
         engine = Cluster(scheduler, study)
     else:
         engine = Threads(study.batch, jobs)
-    parts, progress = Parts(output, study), Progress(study.samples)
+    parts, progress = Parts(output, study), SweepProgress(study.samples)
     try:
         with parts.held():
             run_parts(parts, engine, progress)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 HEADER = "noslip_integral.h"
 
 
-class Integrator(Protocol):
+class OutputIntegral(Protocol):
     """Integral action of one output. `z` is the integral of its error y_d - y, in the unit of the output times s.
 
     It is thread-safe.
@@ -46,7 +46,7 @@ class Integral:
         self._lock = Lock()
 
     def step(self, error: float, dt: float, status: str) -> float:
-        """See Integrator.step."""
+        """See OutputIntegral.step."""
         with self._lock:
             grown = self.z + self._error * dt
             if abs(grown) > abs(self.z) and not (status == "ok" and self._ki * abs(grown) <= self._limit):
@@ -71,7 +71,7 @@ class CompiledIntegral:
         return self._self.z
 
     def step(self, error: float, dt: float, status: str) -> float:
-        """See Integrator.step."""
+        """See OutputIntegral.step."""
         number = getattr(self._runtime.lib, f"NOSLIP_{status.upper()}")
         with self._lock:
             self._call("step", float(error), float(dt), number, self._add)
@@ -83,7 +83,7 @@ class CompiledIntegral:
             raise BadInput(f"integral action: {name} returns {self._runtime.status(status)!r}")
 
 
-def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw | None = None) -> Integrator:
+def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw | None = None) -> OutputIntegral:
     """Return integral action for a backend: casadi in Python, the others by the C; see `runtime_of`.
 
     Raises BadInput for an unknown backend.
@@ -126,7 +126,7 @@ class IntegralAction:
         self.highest = [entry + degree[k] for entry, k in zip(self.wanted, self.acting, strict=True)]
         self._angles = [law.output.rows[k].unit == "rad" for k in self.acting]
 
-    def integrators(self, backend: str) -> list[Integrator]:
+    def integrators(self, backend: str) -> list[OutputIntegral]:
         """Return one integrator for each of the rows, at zero."""
         return [make_integral(backend, ki, limit, self._law) for ki, limit in zip(self.ki, self.limit, strict=True)]
 

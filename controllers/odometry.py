@@ -95,7 +95,7 @@ class Odometry:
     def unwind(self) -> np.ndarray:
         """See Reckoning.unwind; the position of the axle does not change."""
         with self._lock:
-            self._heading = nearest_angle(self._heading, 0.0)
+            self._heading: float = nearest_angle(self._heading, 0.0)
             return self.pose
 
     def _set(self, pose: Numbers) -> None:

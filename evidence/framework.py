@@ -24,7 +24,7 @@ from ..simulation.closed_loop import simulate
 from ..simulation.contact import Grip, grip
 from ..simulation.guidance import vehicle_motion
 from ..simulation.run import Outputs, Run
-from ..simulation.specification.spec import Contact, Spec
+from ..simulation.specification.spec import ContactSection, Spec
 from ..simulation.specification.vary import read_varied
 
 SPECS = Path(__file__).resolve().parents[1] / "specs" / "figures"
@@ -90,7 +90,7 @@ class Outcome(Outputs):
     spec: Spec
     parameters: Mapping[str, float] = field(default_factory=dict)
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
-    grip: Grip = Grip(np.zeros(0), (), Contact())
+    grip: Grip = Grip(np.zeros(0), (), ContactSection())
     warnings: tuple[str, ...] = ()
     slip: float = 0.0
     integral: float | None = None

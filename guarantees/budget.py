@@ -2,13 +2,13 @@
 
 import json
 
-from .tools import HERE, Failed, Target, Task
+from .tools import HERE, Failed, Machine, Task
 
 FILE = HERE / "budget.json"
 Numbers = dict[str, dict[str, int]]  # module -> quantity -> how much
 
 
-def compare(task: Task, target: Target, measured: Numbers) -> str:
+def compare(task: Task, target: Machine, measured: Numbers) -> str:
     """What has changed against the budget, in a few words; with task.update it becomes the budget.
 
     Failed: something is above it, or not in it. With another compiler version than the budget's nothing fails.

@@ -42,7 +42,7 @@ MOST_IN_PATH |= {"noslip_path_advance": 2000, "noslip_path_step": 20000, "check_
 
 
 @dataclass(frozen=True)
-class Program:
+class AnalysedProgram:
     """A program of c/eva/ and what it analyses, in one scalar."""
 
     source: str
@@ -89,12 +89,12 @@ class Program:
         return macros | law | {"FOLLOWS": str(int(task.follows(self.law)))}
 
 
-def programs(task: Task) -> list[Program]:
+def programs(task: Task) -> list[AnalysedProgram]:
     """What is analysed: of the short version the last law, which has follow too, and the odometry, in float."""
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
     named = [("law", law) for law in laws] + [("runtime", ""), ("path", "")][: 1 if task.short else 2]
-    return [Program(source, scalar, law) for source, law in named for scalar in scalars]
+    return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
 
 
 def eva(task: Task) -> str:
@@ -124,7 +124,7 @@ def same_bits(task: Task) -> str:
     return f"one digest of {states} states"
 
 
-def analyse(task: Task, program: Program) -> tuple[int, list[str]]:
+def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
     """How many assertions were shown, and what was not, or is not reached so that nothing is shown of it."""
     code, text = attempt(command(task, program))
     if code or (shown := re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid", text)) is None:
@@ -146,7 +146,7 @@ def analyse(task: Task, program: Program) -> tuple[int, list[str]]:
     return int(shown[1]), wrong
 
 
-def command(task: Task, program: Program) -> list[str]:
+def command(task: Task, program: AnalysedProgram) -> list[str]:
     """The whole command line."""
     places = [*task.include, f"-I{PROGRAMS}", *(f"-D{name}={value}" for name, value in program.defined(task).items())]
     preprocess = " ".join(place.replace('"', '\\"') for place in places)

@@ -18,7 +18,7 @@ from ..controllers.controller import Limits
 from ..readers.robots import find_laws, find_robot, law_of, system_of
 from ..verification.sampling import random_plants
 from .tools import Failed, Task, need
-from .vehicle import STOP, Firmware, Loop, Refused
+from .vehicle import STOP, Firmware, FirmwareLoop, Refused
 
 PAGE = "docs/faults.md"
 SEED, STATES, BITS = 1992, 20, 32
@@ -165,7 +165,7 @@ def faults() -> list[Fault]:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FaultOutcome:
     """How a run with a fault went: statuses other than good ones, how the watchdog ended and after how many ticks of the fault,
     way rolled from the first fault to the command of zero (m; None if it went on), error at the end (m; None unless arrived)."""
 
@@ -176,12 +176,12 @@ class Outcome:
     error: float | None = None
 
 
-def outcome(c: Firmware, fault: Fault) -> Outcome:
+def outcome(c: Firmware, fault: Fault) -> FaultOutcome:
     """Runs the vehicle with a fault. Failed: a command that is not finite, beyond its limit, or not zero after a stop."""
     try:
-        loop = Loop(c, **dict(fault.settings))
+        loop = FirmwareLoop(c, **dict(fault.settings))
     except Refused as refused:
-        return Outcome((refused.status,), "refused before anything moves")
+        return FaultOutcome((refused.status,), "refused before anything moves")
     random = np.random.default_rng(SEED)
     statuses: dict[str, None] = {}
     stopped, way, standing = None, 0.0, 0
@@ -206,7 +206,7 @@ def outcome(c: Firmware, fault: Fault) -> Outcome:
             break
     guide = loop.vehicle.path.guide
     arrived = standing > 300
-    return Outcome(
+    return FaultOutcome(
         tuple(statuses),
         REASONS[loop.vehicle.watchdog.reason] if stopped is not None else "arrives" if arrived else "runs, not there yet",
         None if stopped is None else stopped - begin + 1,
@@ -215,7 +215,7 @@ def outcome(c: Firmware, fault: Fault) -> Outcome:
     )
 
 
-def _check(c: Firmware, fault: Fault, loop: Loop) -> None:
+def _check(c: Firmware, fault: Fault, loop: FirmwareLoop) -> None:
     for k in range(2):
         limit = loop.settings.motors[k].supply
         if not abs(loop.command[k]) <= limit:
@@ -227,7 +227,7 @@ def _check(c: Firmware, fault: Fault, loop: Loop) -> None:
 # -- the page --------------------------------------------------------------------------------------------------------------
 
 
-def page(laws: dict[str, dict[str, int]], runs: dict[str, Outcome], states: int) -> str:
+def page(laws: dict[str, dict[str, int]], runs: dict[str, FaultOutcome], states: int) -> str:
     """Markdown of both tables."""
     rows = [
         f"| `{law}` | {' | '.join(_share(n, sum(counts.values())) for n in counts.values())} |" for law, counts in laws.items()

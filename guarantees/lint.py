@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from .tools import HERE, HOST, STANDARD, Failed, Target, Task, attempt, each, hold, need
+from .tools import HERE, HOST, STANDARD, Failed, Machine, Task, attempt, each, hold, need
 
 STRICT = (
     "-pedantic -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Wfloat-conversion -Wfloat-equal -Wshadow "
@@ -16,7 +16,7 @@ AS_M4F = [f"-D{name}" for name in ("__GNUC__=12", "__STDC_VERSION__=199901L", "_
 ]
 
 
-def warnings(task: Task, target: Target = HOST) -> str:
+def warnings(task: Task, target: Machine = HOST) -> str:
     """No warning from gcc, its analyzer, or clang; on the bare target from its gcc. Every source, and headers by themselves."""
     sources = _sources(task)
     commands = [[target.compiler, *target.flags, "-fanalyzer"]]

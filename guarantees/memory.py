@@ -6,7 +6,7 @@ from pathlib import Path
 from noslip.bench.callgraph import Graph, call_graph, deepest, reached
 
 from . import budget
-from .tools import HOST, M4F, Target, Task, hold, run
+from .tools import HOST, M4F, Machine, Task, hold, run
 
 BY_COMPILERS = {"memcpy", "memmove", "memset"}  # calls that compilers make by themselves
 MOST_STACK = 256  # bytes
@@ -14,7 +14,7 @@ EMIT_ALL = "-fkeep-inline-functions"  # so that what only headers have is in the
 IN_HEADERS = ("noslip_odometry", "noslip_encoder", "noslip_integral", "noslip_nearest_angle", "noslip_reversing")
 
 
-def symbols(task: Task, target: Target = HOST) -> str:
+def symbols(task: Task, target: Machine = HOST) -> str:
     """Nothing undefined but what compilers call by themselves, nothing that is written to; links without any library.
 
     On the bare target float only, for its double needs the compiler's library, and nothing undefined at all.
@@ -41,7 +41,7 @@ def symbols(task: Task, target: Target = HOST) -> str:
     return f"{len(objects)} objects need {', '.join(sorted(needed)) or 'nothing'}, have no data and no bss, link with -nostdlib"
 
 
-def stack(task: Task, target: Target = M4F) -> str:
+def stack(task: Task, target: Machine = M4F) -> str:
     """The dearest chain of calls from each entry point; no recursion, no frame that grows, no call of something unknown.
 
     Unknown is also the compiler's library, so that no function of the float side uses double.
@@ -62,7 +62,7 @@ def stack(task: Task, target: Target = M4F) -> str:
     return f"{len(used)} entry points, worst {worst} {used[worst]} bytes; {budget.compare(task, target, measured)}"
 
 
-def sizes(task: Task, target: Target = HOST) -> str:
+def sizes(task: Task, target: Machine = HOST) -> str:
     """Bytes of code and data of each object, and of the struct that its caller owns."""
     objects = target.compile(task, task.sources if target is HOST else task.float_sources)
     measured = {made.stem: dict(zip(("text", "data", "bss"), _size(target, made), strict=True)) for made in objects}
@@ -73,24 +73,24 @@ def sizes(task: Task, target: Target = HOST) -> str:
     return f"{len(objects)} objects, {total} bytes of code; {budget.compare(task, target, measured)}"
 
 
-def _size(target: Target, made: Path) -> tuple[int, int, int]:
+def _size(target: Machine, made: Path) -> tuple[int, int, int]:
     text, data, bss = run([target.tool("size"), made]).splitlines()[-1].split()[:3]
     return int(text), int(data), int(bss)
 
 
-def _link(task: Task, target: Target, objects: list[Path]) -> None:
+def _link(task: Task, target: Machine, objects: list[Path]) -> None:
     """Everything into one program, bare: a symbol that nobody has is an error."""
     by_compilers = target.compile(task, [task.root / "firmware/boards/string.c"], "-ffreestanding")
     options = [*target.flags, "-nostdlib", "-Wl,-z,defs,-e,labmate_check_params_f"]
     run([target.compiler, *options, *objects, *by_compilers, "-o", task.folder / target.name / "all"])
 
 
-def _graph(task: Task, target: Target) -> Graph:
+def _graph(task: Task, target: Machine) -> Graph:
     objects = [*target.compile(task, task.float_sources), *target.compile(task, [task.headers()], EMIT_ALL)]
     return call_graph(made.with_suffix(".ci") for made in objects)
 
 
-def _structs(task: Task, target: Target) -> dict[str, int]:
+def _structs(task: Task, target: Machine) -> dict[str, int]:
     """Module -> bytes of the struct that its caller owns."""
     laws = [law + suffix for law in task.laws for suffix in ("", "_f")]
     lines = [f'#include "{header}.h"' for header in (*laws, "noslip_path")]

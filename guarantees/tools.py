@@ -94,7 +94,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Target:
+class Machine:
     """A machine, the compiler for it, and the package that has the compiler."""
 
     name: str
@@ -124,9 +124,9 @@ class Target:
         return each(lambda source: _compiled(command, source, folder / f"{source.stem}.o"), sources)
 
 
-HOST = Target(platform.machine(), "", (), "gcc")
+HOST = Machine(platform.machine(), "", (), "gcc")
 ARM = TABLE["toolchain"]["arm"]
-M4F = Target("cortex-m4f", ARM["prefix"], flags("cortex-m4f"), ARM["package"])
+M4F = Machine("cortex-m4f", ARM["prefix"], flags("cortex-m4f"), ARM["package"])
 TARGETS = {target.name: target for target in (HOST, M4F)}
 
 

@@ -140,7 +140,7 @@ def change(settings, place: tuple, value) -> None:
         setattr(settings, last, value)
 
 
-class Loop:
+class FirmwareLoop:
     """The vehicle and the simulated board, tick by tick."""
 
     def __init__(self, c: Firmware, **changes):

@@ -207,7 +207,7 @@ def coordinates(law: ControlLaw) -> tuple[str, ...]:
     return (*rows, *([heading] if _angles(law) else []), *shape, *[v.name for v in law.system.quasi_velocities])
 
 
-class Functions:
+class MotionFunctions:
     """Residuals and their derivatives by name, for a law and the rows that have integral action."""
 
     def __init__(self, law: ControlLaw, acting: tuple[int, ...]):
@@ -257,8 +257,8 @@ class Functions:
 
 
 @lru_cache(maxsize=16)
-def functions(law: ControlLaw, acting: tuple[int, ...]) -> Functions:
-    return Functions(law, acting)
+def functions(law: ControlLaw, acting: tuple[int, ...]) -> MotionFunctions:
+    return MotionFunctions(law, acting)
 
 
 def _sizes(law: ControlLaw) -> tuple[tuple[str, int], ...]:

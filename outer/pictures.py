@@ -14,7 +14,7 @@ from ..simulation.drawing import COLOURS, FAINT, STOP, STYLE, encoded, say
 from .channel import Channel, longest_period
 from .design import settling_time
 from .margins import Margins, Response, frequencies
-from .report import Report
+from .report import OuterLoopReport
 from .robustness import Loops, one_by_one
 
 CONTINUOUS, SAMPLED = COLOURS[0], COLOURS[1]
@@ -23,7 +23,7 @@ PERIODS = 160
 SHOWN = 3.2  # of the Nyquist plot, around 0
 
 
-def pictures_of(report: Report) -> dict[str, bytes]:
+def pictures_of(report: OuterLoopReport) -> dict[str, bytes]:
     """Files by name, png."""
     drawn = {"loops.png": draw_loops, "steps.png": draw_steps}
     if not report.why_not:
@@ -32,7 +32,7 @@ def pictures_of(report: Report) -> dict[str, bytes]:
         return {name: encoded(draw(report), "png") for name, draw in drawn.items()}
 
 
-def draw_loops(report: Report) -> Figure:
+def draw_loops(report: OuterLoopReport) -> Figure:
     """Bode plots and Nyquist plot of each channel, broken at v."""
     figure, rows = _grid(report, len(report.channels), 3, "the loop of each channel, broken at v")
     for (magnitude, phase, nyquist), channel in zip(rows, report.channels.values(), strict=True):
@@ -53,7 +53,7 @@ def draw_loops(report: Report) -> Figure:
     return figure
 
 
-def draw_steps(report: Report) -> Figure:
+def draw_steps(report: OuterLoopReport) -> Figure:
     """What each output does when its reference steps by 1, and the v that takes."""
     figure, rows = _grid(report, len(report.channels), 2, "a step of each reference by 1, its derivatives left at zero")
     for (output, effort), channel in zip(rows, report.channels.values(), strict=True):
@@ -78,7 +78,7 @@ def draw_steps(report: Report) -> Figure:
     return figure
 
 
-def draw_period(report: Report) -> Figure:
+def draw_period(report: OuterLoopReport) -> Figure:
     """Eigenvalues of the whole loop from call to call as the period grows, and the largest of them."""
     figure, ((plane, size),) = _grid(report, 1, 2, "the whole loop, torque held between calls", height=5.2)
     motion, limits = report.motion, report.longest
@@ -114,7 +114,7 @@ def draw_period(report: Report) -> Figure:
     return figure
 
 
-def draw_wrong(report: Report) -> Figure:
+def draw_wrong(report: OuterLoopReport) -> Figure:
     """Eigenvalues when the model is wrong, each thing by itself and all at once, and how much each one costs."""
     title = f"a model wrong by up to {report.spread:.0%} (L: of its distance from the axle; heading: rad)"
     figure, ((plane, bars),) = _grid(report, 1, 2, title, height=6.2, widths=(1.5, 1))
@@ -145,7 +145,7 @@ def draw_wrong(report: Report) -> Figure:
 
 
 def _grid(
-    report: Report, rows: int, columns: int, about: str, height: float = 0.0, widths: Sequence[float] = ()
+    report: OuterLoopReport, rows: int, columns: int, about: str, height: float = 0.0, widths: Sequence[float] = ()
 ) -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=(13.0, height or 3.9 * rows + 0.6), layout="constrained")
     loops = report.loops

@@ -23,7 +23,7 @@ NEUTRAL = 1e-9  # 1/s: what does not die out does not grow either, as the headin
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class OuterLoopReport:
     """A law with its channels by row, as the SPEC has it and the gains say; `loops`: period and delay; `spread`: how wrong.
 
     Everything is found when asked for. Raises BadInput for a period beyond stability.

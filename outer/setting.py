@@ -12,7 +12,7 @@ from ..model.outputs import OFFSET
 from ..readers.errors import BadInput
 from ..readers.robots import find_robot
 from ..simulation.loop import make_loop
-from ..simulation.specification.spec import Initial, Output, Path, Reference, Simulation, Spec
+from ..simulation.specification.spec import Initial, OutputSection, PathSection, Reference, Simulation, Spec
 from ..verification.cases import gain_entries, integral_entries
 from .motion import Setting, path_frame
 
@@ -30,10 +30,10 @@ def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
     config = {c.name: c.default for c in law.config}
     L, W = config.pop("L"), config.pop("W", 0.0)
     if law.output.path:
-        output = Output(type="IV", L=L, W=W, path=Path(kind=law.output.path.kind, parameters=config))
+        output = OutputSection(type="IV", L=L, W=W, path=PathSection(kind=law.output.path.kind, parameters=config))
         reference = Reference(speed=speed)
     else:
-        output = Output(type=law.name.removesuffix(OFFSET).removeprefix("type_").upper(), L=L, W=W)
+        output = OutputSection(type=law.name.removesuffix(OFFSET).removeprefix("type_").upper(), L=L, W=W)
         position = (0.0, math.pi / 2 if output.type == "III" else 0.0)
         reference = Reference(position=position, velocity=(speed, 0.0))
     initial, simulation = _on_the_way(output, reference), Simulation(duration=10.0, backend="casadi")
@@ -83,7 +83,7 @@ def _along(setting: Setting) -> bool:
     return float(direction(setting.start, setting.believed, setting.config)) > 0
 
 
-def _on_the_way(output: Output, reference: Reference, initial: Initial | None = None) -> Initial:
+def _on_the_way(output: OutputSection, reference: Reference, initial: Initial | None = None) -> Initial:
     """A start on the path or the reference, heading along it, at the wanted speed; at rest with the heading of `initial`."""
     if output.path is None:
         return _with_the_reference(output.type, reference, initial)

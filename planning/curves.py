@@ -27,7 +27,7 @@ MOST = 200_000  # samples
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlaneCurve:
     """Positions (m) and velocities, complex, as functions of the parameter, (N,) -> (N,); breakpoints; name of a parameter
     value.
     """
@@ -42,7 +42,7 @@ class Curve:
 class Samples:
     """Positions (m) and directions of travel (unit complex) along a curve, (N,)."""
 
-    curve: Curve
+    curve: PlaneCurve
     times: np.ndarray
     places: Points
     directions: Points
@@ -53,7 +53,7 @@ class Samples:
         return f"near ({place.real:.6g}, {place.imag:.6g}), {self.curve.called(self.times[k])}"
 
 
-def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] | None, closed: bool) -> Curve:
+def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] | None, closed: bool) -> PlaneCurve:
     """Return the cubic Hermite curve through waypoints (x, y) in m, with the accumulated chord length as parameter.
 
     The velocity at a waypoint is that of the parabola through the waypoint and its neighbours, at an end that of the
@@ -99,10 +99,10 @@ def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] 
         k = min(int(np.searchsorted(knots, time, "right")), len(knots) - 1)
         return f"between waypoints {k} and {k % len(places) + 1}"
 
-    return Curve(spline, spline.derivative(), knots, called)
+    return PlaneCurve(spline, spline.derivative(), knots, called)
 
 
-def of_function(function: Callable[[float], Sequence[float]], domain: tuple[float, float] | None) -> Curve:
+def of_function(function: Callable[[float], Sequence[float]], domain: tuple[float, float] | None) -> PlaneCurve:
     """Return the curve t -> (x, y) in m: a spline of SciPy on all its knots, another function on `domain` (0 to 1)."""
     knots = getattr(function, "x", None)  # PPoly
     if knots is None and hasattr(function, "t") and hasattr(function, "k"):  # BSpline
@@ -141,10 +141,10 @@ def of_function(function: Callable[[float], Sequence[float]], domain: tuple[floa
         def velocity(times: np.ndarray) -> Points:
             return place(times, derivative)
 
-    return Curve(place, velocity, knots, lambda time: f"t = {time:g}")
+    return PlaneCurve(place, velocity, knots, lambda time: f"t = {time:g}")
 
 
-def sampled(curve: Curve, tolerance: float) -> Samples:
+def sampled(curve: PlaneCurve, tolerance: float) -> Samples:
     """Return samples so dense that between two neighbours the curve differs from their chord by a part of the tolerance (m) only.
 
     Raises BadInput if the velocity vanishes or the curve has a corner, and if there would be too many samples.
@@ -180,7 +180,7 @@ def bends(chords: Points, directions: Sequence[Points]) -> np.ndarray:
     return size(chords) * np.max([np.abs(phase(product(d, chords.conj()))) for d in directions], axis=0) / 4
 
 
-def _at(curve: Curve, times: np.ndarray) -> Samples:
+def _at(curve: PlaneCurve, times: np.ndarray) -> Samples:
     velocities = curve.velocity(times)
     speeds = size(velocities)
     samples = Samples(curve, times, curve.place(times), velocities / np.where(speeds > 0, speeds, 1.0))

@@ -1,4 +1,4 @@
-"""The exception for bad input; the command line exits with code 2."""
+"""The exceptions that the command line reports: it exits with code 2 for bad input, 1 for C that differs from the model."""
 
 import difflib
 from collections.abc import Iterable
@@ -6,6 +6,10 @@ from collections.abc import Iterable
 
 class BadInput(Exception):
     """User input that cannot be used. The message is one line: what is wrong, where, and what to do."""
+
+
+class Mismatch(Exception):
+    """The generated C differs from the model: a line for each law that differs. This is a defect of noslip."""
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

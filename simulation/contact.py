@@ -20,7 +20,7 @@ from ..model.contacts import axles
 from ..model.mechanism import Mechanism
 from ..readers.errors import BadInput
 from .plant import Plant
-from .specification.spec import Contact
+from .specification.spec import ContactSection
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,7 +70,7 @@ class Grip:
 
     t: np.ndarray
     contacts: tuple[ContactForce, ...]
-    options: Contact
+    options: ContactSection
 
     @property
     def rolls(self) -> bool:
@@ -121,7 +121,7 @@ def grip(run: Run) -> Grip:
     return Grip(run.t[going], contact_forces(run.plant, run.x[going], run.tau[going], options), options)
 
 
-def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contact) -> tuple[ContactForce, ...]:
+def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: ContactSection) -> tuple[ContactForce, ...]:
     """Forces at each contact of the plant in states x, (N, 2n-m), with inputs tau, (N, r); empty when it names none.
 
     Raises BadInput when a height of the centre of mass is given and an axle has no width.

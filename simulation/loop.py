@@ -20,7 +20,7 @@ from ..verification.cases import gain_entries, integral_entries
 from .guidance import Guidance, Leg, OnePath, Route, ShortWay, Side
 from .plant import Plant
 from .sensing import Sensing
-from .specification.spec import TYPES, Initial, Path, Spec
+from .specification.spec import TYPES, Initial, PathSection, Spec
 from .starts import starts
 
 RUNNING = ("ok", "saturated")  # the statuses with which a run goes on
@@ -154,7 +154,7 @@ def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction
     return IntegralAction(law, gains, ki, spec.limits.integral)
 
 
-def _tracker(law: ControlLaw, spec: Spec, path: Path, believed: np.ndarray) -> Tracker:
+def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarray) -> Tracker:
     """The tracker of a composite path. Raises BadInput for a path that cannot be followed."""
     reference, output = spec.reference, spec.output
     ahead = vehicle_wheels(law.system, believed)[2]

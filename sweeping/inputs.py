@@ -13,7 +13,7 @@ from ..readers.errors import BadInput
 from ..readers.robots import suggestion
 from ..simulation.guidance import Route
 from ..simulation.loop import Loop, initial_of
-from ..simulation.specification.spec import Initial, Noise, Output, Spec
+from ..simulation.specification.spec import Initial, NoiseSection, OutputSection, Spec
 from ..verification.cases import gain_entries, integral_entries
 
 Place = tuple[str | int, ...]  # where in a Spec a number is: names of entries and numbers of items
@@ -22,7 +22,7 @@ SEEDS = 2**53  # seeds are below: whole numbers that a double holds
 
 
 @dataclass(frozen=True)
-class Inputs:
+class SampleInputs:
     """Columns of a table of samples: `nominal` by name, in order; `spec` says all of them in full.
 
     `follows`: inputs that are what another one is unless they are given themselves, as a plant's parameters are those that the
@@ -69,7 +69,7 @@ class Inputs:
         return tokens
 
 
-def inputs_of(spec: Spec, loop: Loop) -> Inputs:
+def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
     """The numbers of a SPEC, which `loop` was made of, that may differ from sample to sample."""
     law = loop.law
     full = _in_full(spec, loop)
@@ -95,7 +95,7 @@ def inputs_of(spec: Spec, loop: Loop) -> Inputs:
         nominal[SEED] = full.sensors.seed
     nominal |= {f"simulation.{name}": getattr(simulation, name) for name in ("period", "delay", "duration")}
     follows = {f"plant.{name}": f"parameters.{name}" for name in full.plant if name not in spec.plant}
-    return Inputs(full, {name: float(value) for name, value in nominal.items()}, follows, state)
+    return SampleInputs(full, {name: float(value) for name, value in nominal.items()}, follows, state)
 
 
 def _in_full(spec: Spec, loop: Loop) -> Spec:
@@ -132,12 +132,12 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
             spec.limits, torque=_spread(spec.limits.torque, count), integral=_spread(spec.limits.integral, integrals)
         )
     if spec.sensors:
-        noise = Noise(**{name: _spread(getattr(spec.sensors.noise, name), law.system.freedom) for name in ("mean", "sd")})
+        noise = NoiseSection(**{name: _spread(getattr(spec.sensors.noise, name), law.system.freedom) for name in ("mean", "sd")})
         changed["sensors"] = replace(spec.sensors, noise=noise)
     return replace(spec, **changed)
 
 
-def _point(output: Output, law: ControlLaw) -> list[str]:
+def _point(output: OutputSection, law: ControlLaw) -> list[str]:
     """Which of L, W, L_backward there are."""
     config = [c.name for c in law.config]
     found: list[str] = [name for name in ("L", "W") if name in config and not output.own]

@@ -15,7 +15,7 @@ from ..readers.robots import suggestion
 from ..simulation.specification.distributions import PERIOD, Margin, Sweep
 from ..simulation.specification.spec import Spec
 from .designs import SOBOL_BITS, points
-from .inputs import SEED, Inputs
+from .inputs import SEED, SampleInputs
 
 MOST = {"random": 2**32, "latin": 2**32, "sobol": 2**SOBOL_BITS}
 
@@ -43,7 +43,7 @@ class Plan:
     """
 
     spec: Spec
-    inputs: Inputs
+    inputs: SampleInputs
     samples: int
 
     def __post_init__(self):

@@ -19,7 +19,7 @@ from ..simulation.sensing import angle_coordinates, pose_coordinates
 SOURCES = ("batch.c", "batch.h")
 
 
-class Program:
+class Simulator:
     """The simulator of a law in a scalar of the controller's. `ffi` knows its types, `lib` its functions."""
 
     def __init__(self, law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]):
@@ -42,9 +42,9 @@ class Program:
 
 
 @lru_cache(maxsize=16)
-def program(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]) -> Program:
+def program(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]) -> Simulator:
     """The simulator, compiled once per process."""
-    return Program(law, scalar, sensed, route, integrals)
+    return Simulator(law, scalar, sensed, route, integrals)
 
 
 def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]) -> str:

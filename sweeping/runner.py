@@ -66,7 +66,7 @@ def first_finished(futures: Iterable[Future]) -> Iterable[Future]:
     return wait(futures, return_when=FIRST_COMPLETED).done
 
 
-def run_parts(parts: Parts, engine: Engine, progress: "Progress") -> None:
+def run_parts(parts: Parts, engine: Engine, progress: "SweepProgress") -> None:
     """Runs what is missing; what is finished is kept at once."""
     plan = parts.study.plan
     missing = parts.missing()
@@ -83,7 +83,7 @@ def run_table(batch: Batch, table: np.ndarray, jobs: int) -> np.ndarray:
         return np.concatenate(list(pool.map(batch.run, pieces)))
 
 
-class Progress:
+class SweepProgress:
     """How far it is, how fast and how long yet, on stderr: one line that changes on a terminal, else one now and then."""
 
     def __init__(self, samples: int):

@@ -26,7 +26,7 @@ from noslip.model.rolling.surfaces import plane, sphere
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.loop import make_loop
-from noslip.simulation.specification.spec import Initial, Path
+from noslip.simulation.specification.spec import Initial, PathSection
 from noslip.tests import kinematic_systems
 from noslip.tests.codegen_tools import unicycle
 from noslip.tests.test_simulate import CIRCLE, SPECS, beside_line, changed
@@ -569,7 +569,7 @@ def test_an_arc_is_judged_as_its_circle_and_as_it_runs(heading):
     """The arc's normal points to the left, the circle's outwards; h1 and s only change their signs."""
     simulation = {"duration": 6.0, "output_step": 0.05, "backend": "casadi"}
     round_ = changed(CIRCLE, initial={"heading": float(heading)}, simulation=simulation)
-    arc = changed(round_, output={"path": Path(kind="segment", parameters=ARC)})
+    arc = changed(round_, output={"path": PathSection(kind="segment", parameters=ARC)})
     verdicts = [certify(make_loop(spec), spec) for spec in (round_, arc)]
     assert verdicts[0].kind == verdicts[1].kind
     assert np.abs(np.add(*same_times(verdicts[0].course, verdicts[1].course))).max() < 1e-6

@@ -15,8 +15,17 @@ from noslip.simulation.closed_loop import simulate
 from noslip.simulation.guidance import vehicle_motion
 from noslip.simulation.noise import Noise as Draws
 from noslip.simulation.noise import library
-from noslip.simulation.specification.spec import Correction, Initial, Limits, Noise, Output, Reference, Sensors, read_spec
-from noslip.simulation.specification.spec import Path as Curve
+from noslip.simulation.specification.spec import (
+    Correction,
+    Initial,
+    LimitsSection,
+    NoiseSection,
+    OutputSection,
+    Reference,
+    Sensors,
+    read_spec,
+)
+from noslip.simulation.specification.spec import PathSection as Curve
 from noslip.simulation.starts import starts
 from noslip.sweeping import batch as module
 from noslip.sweeping.batch import Batch
@@ -41,22 +50,22 @@ def spec(name="circle", **simulation):
 
 def sensed(encoders=0, **simulation):
     """With noise, dead reckoning, corrections, limits, and what is asked for in its time."""
-    sensors = Sensors(noise=Noise(mean=(0.01, -0.02), sd=(0.05,)), seed=5, period=0.03, counts=encoders)
+    sensors = Sensors(noise=NoiseSection(mean=(0.01, -0.02), sd=(0.05,)), seed=5, period=0.03, counts=encoders)
     correction = Correction(rate=2.0) if encoders else Correction(rate=2.0, mode="bumpless", release=0.2)
-    limits = Limits(torque=(20.0,), mode="cut" if encoders else "slow")
+    limits = LimitsSection(torque=(20.0,), mode="cut" if encoders else "slow")
     return replace(spec(delay=0.004, output_step=0.015, **simulation), sensors=sensors, correction=correction, limits=limits)
 
 
 def route():
     """Along a composite path with a cusp."""
-    output = Output(type="IV", L=0.3, path=Curve(kind="composite", segments=WAY, stop="axle"), reversing="switch")
+    output = OutputSection(type="IV", L=0.3, path=Curve(kind="composite", segments=WAY, stop="axle"), reversing="switch")
     reference, gains = Reference(speed=1.5, deceleration=1.0), {"kp": 4.0, "kd": 5.0, "kv": 3.0}
     return replace(spec(duration=12.0), output=output, reference=reference, gains=gains, initial=None)
 
 
 def headed():
     """Type II, whose heading is to be half a dozen turns away, with integral action."""
-    output, reference = Output(type="II", L=0.4), Reference(position=(2.0, 13.0), velocity=(0.3, 0.1))
+    output, reference = OutputSection(type="II", L=0.4), Reference(position=(2.0, 13.0), velocity=(0.3, 0.1))
     start = Initial(q=(0.0, 0.0, 0.4, 0.0, 0.0))
     return replace(spec(), output=output, reference=reference, initial=start, gains={"kp": 1.0, "kd": 2.0, "ki": 0.5})
 

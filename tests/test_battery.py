@@ -34,7 +34,7 @@ from noslip.simulation.plant import Plant
 from noslip.tests.test_runtime import FLAGS, STRICT, need
 from noslip.verification import project
 from noslip.verification.project import FIRMWARE
-from noslip.verification.sampling import Plant as Sample
+from noslip.verification.sampling import RandomPlant as Sample
 from noslip.verification.sampling import random_plants
 from scipy.integrate import solve_ivp
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from noslip import __version__
-from noslip.cli.codes import COMMANDS, INTERNAL, READER_GONE
+from noslip.cli import COMMANDS, INTERNAL, READER_GONE
 from noslip.cli.main import main
 from noslip.model.errors import ModelError
 from noslip.readers.errors import BadInput

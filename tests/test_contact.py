@@ -19,7 +19,7 @@ from noslip.simulation.closed_loop import simulate
 from noslip.simulation.contact import GRAVITY, ContactForce, Grip, contact_forces, draw_contact, grip
 from noslip.simulation.plant import Plant
 from noslip.simulation.run import Run, lambda_columns
-from noslip.simulation.specification.spec import Contact, Initial, read_spec
+from noslip.simulation.specification.spec import ContactSection, Initial, read_spec
 from noslip.simulation.specification.vary import read_varied
 
 SPECS = File(__file__).parents[1] / "specs"
@@ -74,7 +74,7 @@ def test_forces_accelerate_the_platform():
         speed, turn = p["r"] * (x[5] + x[6]) / 2, p["r"] * (x[5] - x[6]) / (2 * p["b"])
         spin = plant.rate(x, tau)[5:]
         speed_rate, turn_rate = p["r"] * spin.sum() / 2, p["r"] * (spin[0] - spin[1]) / (2 * p["b"])
-        (right, left), side, load = first(contact_forces(plant, x, tau, Contact()))
+        (right, left), side, load = first(contact_forces(plant, x, tau, ContactSection()))
         assert abs(right + left - mass * (speed_rate - ahead * turn**2)) < 1e-10
         assert abs(side.sum() - mass * (speed * turn + ahead * turn_rate)) < 1e-10
         assert abs(p["b"] * (right - left) - ahead * side.sum() - about * turn_rate) < 1e-10
@@ -99,7 +99,7 @@ def test_forces_are_those_of_newton_and_euler():
             ]
         )
         *_, right, left, side = np.linalg.solve(balances, [mass * ahead * turn**2, -mass * speed * turn, 0, *tau])
-        longitudinal, lateral, _ = first(contact_forces(plant, x, tau, Contact()))
+        longitudinal, lateral, _ = first(contact_forces(plant, x, tau, ContactSection()))
         assert np.abs(longitudinal - [right, left]).max() < 1e-10
         assert np.abs(lateral - side / 2).max() < 1e-10
 
@@ -111,7 +111,7 @@ def test_height_shifts_load_to_the_outer_wheel():
         speed, turn_rate = p["r"] * (x[5] + x[6]) / 2, p["r"] * (spin[0] - spin[1]) / (2 * p["b"])
         pull = mass * (speed * turn + ahead * turn_rate)  # to the left
         height = 0.5 * 0.8 * mass * 9.81 * p["b"] / abs(pull)  # half of what lifts a wheel
-        _, side, (right, left) = first(contact_forces(plant, x, tau, Contact(share=0.8, height=height)))
+        _, side, (right, left) = first(contact_forces(plant, x, tau, ContactSection(share=0.8, height=height)))
         assert abs(right + left - 0.8 * mass * 9.81) < 1e-9
         assert abs(p["b"] * (right - left) - height * pull) < 1e-9  # no moment is left that rolls the body over
         assert abs(side.sum() - pull) < 1e-10
@@ -151,7 +151,7 @@ def test_friction_beyond_measure_is_told_briefly():
 
 
 def with_contact(run, **options):
-    return dataclasses.replace(run, spec=dataclasses.replace(run.spec, contact=Contact(**options)))
+    return dataclasses.replace(run, spec=dataclasses.replace(run.spec, contact=ContactSection(**options)))
 
 
 def test_a_wheel_without_load_lifts():
@@ -166,13 +166,13 @@ def test_a_wheel_without_load_lifts():
 def test_no_number_is_no_grip():
     nothing, zero, one = np.array([np.nan]), np.zeros(1), np.ones(1)
     for force, load in ((nothing, one), (zero, nothing)):
-        found = Grip(zero, (ContactForce("wheel", force, zero, load, 0.7),), Contact())
+        found = Grip(zero, (ContactForce("wheel", force, zero, load, 0.7),), ContactSection())
         assert not found.rolls and found.verdict().startswith("would slip: wheel")
     plant = Plant(labmate_system(), [p.default for p in labmate_system().mechanism.parameters])
     states = np.zeros((2, 7))
     states[1] = np.nan
     for height in (0.0, 0.5):
-        right, _ = contact_forces(plant, states, np.ones((2, 2)), Contact(height=height))
+        right, _ = contact_forces(plant, states, np.ones((2, 2)), ContactSection(height=height))
         assert np.isfinite(right.use[0]) and np.isinf(right.use[1])
 
 
@@ -191,7 +191,7 @@ def test_held_torque_is_judged_by_what_was_held():
     run = simulate(dataclasses.replace(LINE, simulation=simulation))
     found = grip(run)
     assert len(found.t) == 101
-    alone = contact_forces(run.plant, run.x[42], run.tau[42], Contact())
+    alone = contact_forces(run.plant, run.x[42], run.tau[42], ContactSection())
     assert [c.longitudinal[42] for c in found.contacts] == [c.longitudinal[0] for c in alone]
 
 
@@ -305,7 +305,7 @@ def ball() -> Mechanism:
 OTHERS = {"disk": disk, "edge": edge, "tractor_trailer": tractor_trailer, "ball": ball}
 
 
-def states_of(name: str, options: Contact):
+def states_of(name: str, options: ContactSection):
     """The plant's defaults, random states and inputs, and what `contact_forces` finds."""
     system = reduce(OTHERS[name]())
     mechanism = system.mechanism
@@ -320,7 +320,7 @@ def states_of(name: str, options: Contact):
 @pytest.mark.parametrize("name", OTHERS)
 def test_ground_and_inputs_do_what_the_equations_of_motion_ask(name):
     """M qddot + V - E tau is what the ground does at the contacts, J' F, and what a rod does that touches no ground."""
-    system, plant, x, tau, contacts = states_of(name, Contact())
+    system, plant, x, tau, contacts = states_of(name, ContactSection())
     mechanism, n = system.mechanism, len(system.mechanism.coordinates)
     nudot = ca.SX.sym("nudot", system.freedom)
     forces = ca.SX.sym("F", 2 * len(contacts))
@@ -342,13 +342,13 @@ def test_ground_and_inputs_do_what_the_equations_of_motion_ask(name):
 
 
 def test_wheels_of_an_axle_share_by_load():
-    *_, contacts = states_of("tractor_trailer", Contact())
+    *_, contacts = states_of("tractor_trailer", ContactSection())
     for right, left in (contacts[:2], contacts[2:]):
         assert np.abs(left.lateral - 3 * right.lateral).max() < 1e-10
         assert not np.any(right.longitudinal) and not np.any(left.longitudinal)
     assert axles(tractor_trailer()) == [[0, 1], [2, 3]]
     # With a height each axle bears the moment of its own side force.
-    *_, raised = states_of("tractor_trailer", Contact(height=0.2))
+    *_, raised = states_of("tractor_trailer", ContactSection(height=0.2))
     for right, left in (raised[:2], raised[2:]):
         side = right.lateral + left.lateral
         shift = 0.2 * side / 0.8
@@ -359,8 +359,8 @@ def test_wheels_of_an_axle_share_by_load():
 
 def test_a_robot_without_contacts():
     system = reduce(no_contacts())
-    assert contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), Contact()) == ()
-    found = Grip(np.zeros(3), (), Contact())
+    assert contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), ContactSection()) == ()
+    found = Grip(np.zeros(3), (), ContactSection())
     assert found.summary() == found.verdict() == "not known whether it rolls: the robot names no contacts"
 
 
@@ -373,7 +373,7 @@ def no_contacts() -> Mechanism:
 def test_height_needs_a_width():
     system = reduce(edge())
     with pytest.raises(BadInput, match=r"\[contact\] height = 0.4: blade of edge has no width"):
-        contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), Contact(height=0.4))
+        contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), ContactSection(height=0.4))
 
 
 def forward_of(robot: Mechanism):

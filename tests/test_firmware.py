@@ -14,10 +14,11 @@ import pytest
 from noslip.codegen.targets import makefile
 from noslip.controllers.build import RUNTIME
 from noslip.controllers.targets import QUIET, TARGETS, missing, required
-from noslip.guarantees.vehicle import FIRMWARE, GENERATED, HOLD, PERIOD, ROOT, RUN, STOP, Firmware, Loop, change
+from noslip.guarantees.vehicle import HOLD, PERIOD, ROOT, RUN, STOP, Firmware, FirmwareLoop, change
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.plant import Plant
 
+FIRMWARE, GENERATED = ROOT / "firmware", ROOT / "generated/labmate"
 TURN = 2 * math.pi
 NAN, INF = math.nan, math.inf
 TORQUE, CURRENT, VOLTAGE = range(3)  # modes of a motor
@@ -309,7 +310,7 @@ def test_width_of_the_counters_does_not_matter(c):
     """The whole run, bit for bit."""
     runs = []
     for bits in (14, 16, 32):
-        loop = Loop(c, counter_bits=bits)
+        loop = FirmwareLoop(c, counter_bits=bits)
         c.lib.robot.counter_bits = bits
         rows = []
         while not rows or rows[-1][0] != c.lib.NOSLIP_ARRIVED:
@@ -321,7 +322,7 @@ def test_width_of_the_counters_does_not_matter(c):
 
 def test_it_stands_where_the_path_ends(c):
     """By the pose reckoned and by the simulated vehicle's own; the counters start anywhere."""
-    loop = Loop(c)
+    loop = FirmwareLoop(c)
     first = [12345, 65000]
 
     def shifted(counts):
@@ -366,7 +367,7 @@ def test_the_simulated_vehicle_is_the_model(c):
 
 def test_the_speed_loop_is_the_linear_recursion(c):
     """On a straight line from rest: hold, mean rate of a tick, filter and gain; nothing else is between speed and torque."""
-    loop = Loop(c, smoothing=0.05, limits__on_limit=c.lib.NOSLIP_CUT)
+    loop = FirmwareLoop(c, smoothing=0.05, limits__on_limit=c.lib.NOSLIP_CUT)
     loop.settings.limits.limit = [0.0, 0.0]
     for motor in (*loop.settings.motors, *c.lib.robot.motors):
         motor.mode = TORQUE
@@ -390,7 +391,7 @@ def test_back_emf_made_up_for_late_feels_like_inertia(c):
     """
     felt = []
     for mode in (TORQUE, VOLTAGE):
-        loop = Loop(c, limits__on_limit=c.lib.NOSLIP_CUT, gains__kv_speed=0.2)
+        loop = FirmwareLoop(c, limits__on_limit=c.lib.NOSLIP_CUT, gains__kv_speed=0.2)
         loop.settings.limits.limit = [0.0, 0.0]
         for motor in (*loop.settings.motors, *c.lib.robot.motors):
             motor.mode, motor.current, motor.supply, motor.friction = mode, 1e3, 1e3, 0.0
@@ -409,9 +410,9 @@ def test_back_emf_made_up_for_late_feels_like_inertia(c):
 # -- what goes wrong -------------------------------------------------------------------------------------------------------
 
 
-def started(c, **changes) -> Loop:
+def started(c, **changes) -> FirmwareLoop:
     """A vehicle under way, at 3 s."""
-    loop = Loop(c, **changes)
+    loop = FirmwareLoop(c, **changes)
     for _ in range(300):
         assert loop.tick() >= 0
     return loop
@@ -513,7 +514,7 @@ def test_whatever_it_sees_the_command_is_finite_and_within_the_supply(c):
         if loop.state == STOP:
             assert status < 0 and list(loop.command) == [0, 0]
             stopped += 1
-            loop = Loop(c)
+            loop = FirmwareLoop(c)
             for _ in range(3):
                 loop.tick()
     assert stopped > 100
@@ -612,7 +613,7 @@ def test_an_image_arrives(built, target, compiler):
 
 def test_images_say_what_the_host_computes(c, built):
     """To the last digit that they print, ticks included."""
-    loop, ticks, standing = Loop(c), 0, 0
+    loop, ticks, standing = FirmwareLoop(c), 0, 0
     while standing < 300:  # as in main.c
         standing += loop.tick() == c.lib.NOSLIP_ARRIVED
         ticks += 1

@@ -19,7 +19,7 @@ from noslip.model.outputs import FOOT, OUTPUTS
 from noslip.model.reduction import reduce
 from noslip.readers.robots import find_laws, find_robot, law_of, system_of
 from noslip.simulation.plant import Plant as Motion
-from noslip.verification.sampling import Plant, random_plants
+from noslip.verification.sampling import RandomPlant, random_plants
 
 CASES = [("labmate", ""), ("labmate", "_offset"), ("knife_edge", ""), ("rolling_disk", ""), ("four_wheel", "")]
 ERROR = {"double": 1e-11, "float": 1e-4}  # of the largest torque at a state
@@ -218,7 +218,7 @@ def test_a_path_of_any_shape():
     law = law_of(find_robot("labmate"), "type_iv_segment")
     names = [q.name for q in law.state]
     kp, kd, h = 4.0, 5.0, 1e-3
-    plant = Plant(tuple(q.default for q in law.parameters), (0.3, 0.0, 0.0, 0.0, 0.0), (kp, kd, 2.0), ())
+    plant = RandomPlant(tuple(q.default for q in law.parameters), (0.3, 0.0, 0.0, 0.0, 0.0), (kp, kd, 2.0), ())
     one, motion = Follower(law, plant, "double"), Motion(law.system, plant.params)
     x = np.zeros(len(names))
     x[names.index("x_c")], x[names.index("y_c")], x[names.index("phi")] = 4.3, -0.3, math.pi / 2

@@ -7,7 +7,7 @@ import pytest
 from noslip.guarantees import budget, eva, fuzz, memory, tools
 from noslip.guarantees.__main__ import CHECKS, checked
 from noslip.guarantees.headers import headers
-from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Missing, Target, Task
+from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Machine, Missing, Task
 
 # test_runtime.py has the others already, test_faults.py the faults
 SHORT = [name for name in CHECKS if name not in ("symbols", "sizes", "warnings", "warnings-m4f", "faults")]
@@ -169,7 +169,7 @@ def test_eva_finds(wrong, tmp_path):
     (file, was, now), told = EVA_FINDS[wrong]
     if shutil.which("frama-c") is None:
         pytest.skip("install frama-c-base")
-    _, found = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.Program("runtime", "float"))
+    _, found = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("runtime", "float"))
     assert any(told in line for line in found), found
 
 
@@ -208,7 +208,7 @@ def test_eva_does_not_hold_vacuously(wrong, tmp_path, monkeypatch):
     (tmp_path / "eva" / file).write_text(text.replace(was, now))
     monkeypatch.setattr(eva, "PROGRAMS", tmp_path / "eva")
     law = "labmate_type_i" if source == "law" else ""
-    _, found = eva.analyse(Task(tmp_path, short=True), eva.Program(source, "float", law))
+    _, found = eva.analyse(Task(tmp_path, short=True), eva.AnalysedProgram(source, "float", law))
     assert any(line.endswith(f"{place} is not reached") for line in found), found
 
 
@@ -316,7 +316,7 @@ def compare(monkeypatch, tmp_path):
     """Compares numbers of one module with a budget that a first call has made."""
     monkeypatch.setattr(budget, "FILE", tmp_path / "budget.json")
 
-    def compare(numbers: dict[str, int], target: Target = HOST, update: bool = False) -> str:
+    def compare(numbers: dict[str, int], target: Machine = HOST, update: bool = False) -> str:
         return budget.compare(Task(tmp_path, update=update), target, {"law": numbers})
 
     shutil.which(HOST.prefix + "gcc") or pytest.skip("gcc is not installed")
@@ -336,7 +336,7 @@ def test_budget(compare):
 
 
 def test_budget_of_another_compiler_is_not_compared(compare, monkeypatch):
-    monkeypatch.setattr(Target, "version", "gcc 99.0")
+    monkeypatch.setattr(Machine, "version", "gcc 99.0")
     assert compare({"text": 1000, "stack": 20}).startswith("not compared: gcc 99.0, the budget is of gcc")
 
 

@@ -14,7 +14,7 @@ from noslip.readers.robots import find_laws, find_robot, law_of, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.guidance import ShortWay
 from noslip.simulation.loop import make_loop
-from noslip.simulation.specification.spec import Correction, Limits, Noise, Path, Reference, Sensors, Spec
+from noslip.simulation.specification.spec import Correction, LimitsSection, NoiseSection, PathSection, Reference, Sensors, Spec
 from noslip.tests.test_simulate import CIRCLE, LINE, SPECS, beside_line, changed
 from noslip.verification.sampling import random_plants
 
@@ -36,7 +36,7 @@ ARC_LINE_ARC = chain((1 / 5, 5 * math.pi / 2), (0.0, 6.0), (-1 / 3, 3 * math.pi 
 
 def composite(segments, duration: float = 12.0, **output) -> Spec:
     """Along a composite path at 1.414 m/s from its start."""
-    path = Path(kind="composite", segments=tuple(segments))
+    path = PathSection(kind="composite", segments=tuple(segments))
     first = segments[0]
     initial = dataclasses.replace(LINE.initial, point=(first.x, first.y), heading=first.heading, speed=SPEED)
     return changed(LINE, output={"path": path, **output}, initial=initial, simulation={"duration": duration, "output_step": 0.05})
@@ -176,7 +176,7 @@ def test_a_start_against_the_direction_of_travel_is_said():
     assert not make_loop(composite(ARC_LINE_ARC)).warnings
 
 
-NOISE = Sensors(noise=Noise(mean=(5.0, 0.5), sd=(3.0, 3.0)), seed=7)
+NOISE = Sensors(noise=NoiseSection(mean=(5.0, 0.5), sd=(3.0, 3.0)), seed=7)
 
 
 def noisy(sensors: Sensors = NOISE, correction: Correction | None = None, duration: float = 4.0) -> Spec:
@@ -196,7 +196,7 @@ def test_noise_is_the_same_for_the_same_seed_in_c_and_in_python():
 
 def test_noise_has_no_negative_spread():
     with pytest.raises(BadInput, match="sd = -1"):
-        Noise(sd=(-1.0,))
+        NoiseSection(sd=(-1.0,))
 
 
 def test_noise_has_the_stated_mean_and_spread():
@@ -245,7 +245,7 @@ def test_limits_slow_down_and_keep_the_path():
     path = chain((1 / 4, 4 * math.pi / 2))
     errors = {}
     for mode in ("cut", "slow"):
-        spec = dataclasses.replace(composite(path, duration=4.0), limits=Limits(torque=(6.0,), mode=mode))
+        spec = dataclasses.replace(composite(path, duration=4.0), limits=LimitsSection(torque=(6.0,), mode=mode))
         spec = changed(spec, reference={"speed": 2.0}, initial={"speed": 0.0})
         run = simulate(spec)
         assert np.abs(run.tau).max() <= 6.0 and "saturated" in run.status
@@ -308,7 +308,7 @@ def test_a_start_is_judged_in_the_loop_that_is_run():
         changed(LINE, simulation={"period": 0.01, "delay": 0.004}),
         dataclasses.replace(LINE, plant={"m_c": 60.0}),
         dataclasses.replace(LINE, gains={"ki": 0.5}),
-        dataclasses.replace(LINE, limits=Limits(torque=(1e6,))),
+        dataclasses.replace(LINE, limits=LimitsSection(torque=(1e6,))),
         dataclasses.replace(changed(LINE, simulation={"period": 0.01}), gains={"ki_distance": 0.3}),
     ):
         assert certify(make_loop(spec), spec).kind == "safe"

@@ -20,7 +20,7 @@ from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate, summary
 from noslip.simulation.loop import make_loop
-from noslip.simulation.specification.spec import Initial, Limits, Output, Reference, Spec, read_spec
+from noslip.simulation.specification.spec import Initial, LimitsSection, OutputSection, Reference, Spec, read_spec
 from noslip.tests.test_guidance import NOISE, chain, composite
 from noslip.tests.test_odometry import used
 from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, need, run
@@ -318,7 +318,7 @@ def heading_spec(heading: float, position: tuple[float, float], **ki: float) -> 
     return Spec(
         robot="labmate",
         gains={"kp": 1.0, "kd": 2.5, **ki},
-        output=Output(type="II", L=0.0),
+        output=OutputSection(type="II", L=0.0),
         reference=Reference(position=position),
         initial=Initial(point=(0.0, 0.0), heading=heading, speed=0.0),
         simulation=changed(LINE, simulation={"duration": 8.0, "output_step": 0.25}).simulation,
@@ -432,7 +432,7 @@ def limited(mode: str, **more) -> Spec:
     """From rest beside the line with motors that are too weak at first."""
     spec = changed(LINE, initial=FROM_REST, simulation={"period": 0.01, "duration": 20.0})
     gains = {"kp": 4.0, "kd": 5.0, "kv": 2.0}
-    return dataclasses.replace(spec, gains=gains, limits=Limits(torque=(1.0,), mode=mode, **more), plant={"m_c": 40.0})
+    return dataclasses.replace(spec, gains=gains, limits=LimitsSection(torque=(1.0,), mode=mode, **more), plant={"m_c": 40.0})
 
 
 @each_backend

@@ -25,8 +25,8 @@ from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.guidance import ShortWay
 from noslip.simulation.loop import Loop, make_loop
-from noslip.simulation.specification.spec import Initial, Output, Reference, Simulation, Spec, read_spec
-from noslip.simulation.specification.spec import Path as Curve
+from noslip.simulation.specification.spec import Initial, OutputSection, Reference, Simulation, Spec, read_spec
+from noslip.simulation.specification.spec import PathSection as Curve
 from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, need, run
 from scipy.linalg import expm
 
@@ -79,7 +79,7 @@ def test_step_of_the_position():
     """Type I from rest to a point 0.3 m ahead and 0.2 m aside: both outputs step as the channel does, to 1e-6."""
     spec = Spec(
         robot="labmate",
-        output=Output(type="I", L=0.5),
+        output=OutputSection(type="I", L=0.5),
         reference=Reference(position=(0.3, 0.2)),
         initial=Initial(point=(0.0, 0.0), heading=0.4, speed=0.0),
         simulation=Simulation(duration=8.0, output_step=0.05),

@@ -21,7 +21,7 @@ from noslip.readers.robots import law_of, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.contact import contact_forces
 from noslip.simulation.plant import Plant
-from noslip.simulation.specification.spec import Contact, read_spec
+from noslip.simulation.specification.spec import ContactSection, read_spec
 from noslip.tests.independent import Description, Motion
 from noslip.verification.sampling import random_plants
 from scipy.integrate import solve_ivp
@@ -345,7 +345,7 @@ def described(**given: float) -> list[float]:
     """Torques of the wheels, side forces of the axles, friction used by the wheels, at the state of the page."""
     q, nu, u, p = [0, 0, 0, 0.5, 0, 0, 0, 0], [1.0, 0.4], [1.5, 0.0], parameters(**given)
     tau = sharing(robot())(q, nu, u, p)[2].full().T
-    fr, fl, rr, rl = contacts = contact_forces(Plant(system_of(robot()), p), np.array([[*q, *nu]]), tau, Contact())
+    fr, fl, rr, rl = contacts = contact_forces(Plant(system_of(robot()), p), np.array([[*q, *nu]]), tau, ContactSection())
     return [*tau[0], fr.lateral[0] + fl.lateral[0], rr.lateral[0] + rl.lateral[0], *(c.use[0] for c in contacts)]
 
 
@@ -362,5 +362,5 @@ def test_weights_of_one_over_the_load_use_all_wheels_alike():
     p = parameters(**{f"w_{at}": 1 / load for at, load in zip(WHEELS, (60, 60, 30, 30), strict=True)}, I_w=0.0)
     state = np.zeros(10)
     tau = sharing(robot())(state[:8], state[8:], [2.0, 0.0], p)[2].full().T
-    uses = [c.use[0] for c in contact_forces(Plant(system_of(robot()), p), state[None, :], tau, Contact())]
+    uses = [c.use[0] for c in contact_forces(Plant(system_of(robot()), p), state[None, :], tau, ContactSection())]
     assert np.ptp(uses) < 1e-12 and abs(uses[0] - 2.0 / (0.7 * 9.81)) < 1e-12

@@ -2,11 +2,17 @@
 
 import dataclasses
 
+import casadi as ca
 import numpy as np
 import pytest
 from noslip.evidence.figures import robots
 from noslip.evidence.report import report
+from noslip.model import ModelError, reduce
 from noslip.model.robots import ROBOTS
+from noslip.model.robots.labmate import labmate
+from noslip.readers.robots import find_robot
+from noslip.simulation.drawing import is_outline, outlines
+from noslip.tests.codegen_tools import unicycle
 from noslip.tests.figures_made import figure_of
 
 NAMES = [figure.name for figure in robots.FIGURES]
@@ -41,3 +47,40 @@ def test_a_report_has_robots_without_contacts_and_without_the_labmates_integral(
     pictured = [dataclasses.replace(each, pictures={"svg": b"<svg/>", "png": b""}) for each in made]
     text = report(pictured)
     assert "Parameters of the geared_arm" in text and "φ − c(θ_r − θ_l) constant" not in text
+
+
+def test_every_shipped_robot_draws_lines_that_are_finite():
+    for name in ROBOTS:
+        robot = find_robot(name)
+        lines = outlines(robot, np.zeros((1, len(robot.coordinates))), np.array([p.default for p in robot.parameters]))
+        assert robot.lines and len(lines) == len(robot.lines) and all(np.isfinite(line).all() for line in lines)
+
+
+def test_the_labmate_is_drawn_to_scale_where_it_is():
+    robot, random = find_robot("labmate"), np.random.default_rng(6)
+    p = {each.name: each.default * random.uniform(0.5, 2.0) for each in robot.parameters}
+    q = random.uniform(-3.0, 3.0, (4, 5))
+    body, *wheels = outlines(robot, q, np.array(list(p.values())))
+    for k, (x, y, phi, *_) in enumerate(q):
+        axle, left = x + 1j * y - p["d"] * np.exp(1j * phi), 1j * np.exp(1j * phi)
+        places = [wheel[k] @ (1, 1j) for wheel in wheels]
+        middles = sorted([(place.mean() - axle) / left for place in places], key=lambda z: z.real)
+        np.testing.assert_allclose(middles, [-p["b"], p["b"]], atol=1e-12)
+        np.testing.assert_allclose([np.diff(place)[0] for place in places], 2 * p["r"] * np.exp(1j * phi), atol=1e-12)
+        assert is_outline(body[k]) and abs((body[k, :4] @ (1, 1j)).mean() - (x + 1j * y)) < 1e-12
+        assert not any(is_outline(wheel[k]) for wheel in wheels)
+
+
+def test_a_robot_that_draws_nothing_is_a_small_box():
+    robot = unicycle()
+    ((box,),) = outlines(robot, np.array([[1.0, 2.0, np.pi / 2]]), np.array([p.default for p in robot.parameters]))
+    np.testing.assert_allclose([box.min(axis=0), box.max(axis=0)], [[0.75, 1.5], [1.25, 2.5]], atol=1e-12)
+
+
+def test_lines_of_rates_and_of_strangers_are_refused():
+    robot = labmate()
+    with pytest.raises(ModelError, match="line 4 of the drawing uses rates"):
+        robot.draws([(robot.rate(robot["x_c"]), 0), (1, 1)])
+    robot.draws([(ca.SX.sym("nowhere"), 0), (1, 1)])
+    with pytest.raises(ModelError, match="a line of the drawing uses nowhere"):
+        reduce(robot)

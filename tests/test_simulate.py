@@ -4,7 +4,7 @@ import csv
 import dataclasses
 import math
 import re
-from pathlib import Path as File
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,12 +12,12 @@ from noslip.cli.main import main
 from noslip.readers.errors import BadInput
 from noslip.simulation import closed_loop as module
 from noslip.simulation.closed_loop import continuous, make_loop, simulate
-from noslip.simulation.specification.spec import Initial, Output, Path, Reference, Spec, read_spec
+from noslip.simulation.specification.spec import Initial, OutputSection, PathSection, Reference, Spec, read_spec
 from noslip.simulation.specification.vary import read_varied
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-SPECS = File(__file__).parents[1] / "specs"
+SPECS = Path(__file__).parents[1] / "specs"
 BESIDE_THE_LINE = {"initial": {"point": [0.0, 2.0], "heading": math.pi / 2, "speed": 0.0}}  # which asks much of the ground
 LINE, CIRCLE = read_varied(SPECS / "line.toml", BESIDE_THE_LINE), read_spec(SPECS / "circle.toml")
 B_HALF, D, R_WHEEL = 0.75, 0.30, 0.15  # m: half the wheels' distance, centre of mass ahead of the axle, wheel radius
@@ -209,7 +209,7 @@ def test_position_and_heading_follow_their_ramps(kind):
     velocity = (random.uniform(0.5, 1.0), 0.7 if kind == "I" else 0.0)
     spec = changed(
         LINE,
-        output=Output(type=kind, L=0.1),
+        output=OutputSection(type=kind, L=0.1),
         reference=Reference(position=position, velocity=velocity),
         initial=Initial(point=(0.0, 0.0), heading=heading),
         simulation={"duration": 8.0, "output_step": 0.05},
@@ -258,11 +258,14 @@ def test_true_outputs_use_the_true_radius():
 
 
 TYPE_I = changed(
-    LINE, output=Output(type="I"), reference=Reference(position=(0.0, 0.0), velocity=(1.0, 1.0)), initial={"point": (5.0, 4.0)}
+    LINE,
+    output=OutputSection(type="I"),
+    reference=Reference(position=(0.0, 0.0), velocity=(1.0, 1.0)),
+    initial={"point": (5.0, 4.0)},
 )
 ELLIPSE = changed(
     LINE,
-    output={"path": Path(kind="ellipse", parameters={"a": 4.0, "b": 2.0})},
+    output={"path": PathSection(kind="ellipse", parameters={"a": 4.0, "b": 2.0})},
     initial={"point": (4.5, 0.0)},
     reference={"speed": 1.0},
 )
@@ -392,7 +395,7 @@ def test_a_stopped_run_keeps_its_rows_and_says_when(tmp_path, capsys):
 
 
 def test_a_full_disk_is_bad_input(capsys):
-    if not File("/dev/full").exists():
+    if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
     assert main(["simulate", str(SPECS / "line.toml"), "-o", "/dev/full"]) == 2
     assert capsys.readouterr().err.count("\n") == 1

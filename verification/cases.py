@@ -26,7 +26,7 @@ INTEGRAL = "ki"
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class EvaluationCase:
     """One evaluation: numbers in the order of the law's groups, SI. `where` names it in messages."""
 
     where: str
@@ -39,7 +39,7 @@ class Case:
     expect: dict[str, np.ndarray]
 
 
-def read_cases(path: str) -> list[Case]:
+def read_cases(path: str) -> list[EvaluationCase]:
     """Read a file of cases. Raises BadInput naming file and case for invalid entries, OSError if it cannot be read."""
     content = _read_json(path)
     _check_keys(content, FILE_KEYS, ("cases",), path)
@@ -120,7 +120,7 @@ def _read_json(path: str) -> Any:
         raise BadInput(f"{path}: nested too deeply for a file of cases") from error
 
 
-def _case(robot: Mechanism, case: Any, where: str) -> Case:
+def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
     _check_keys(case, CASE_KEYS, CASE_KEYS[:6], where)
     output = _table(case["output"], f"{where}: output")
     name, config = read_output(output, f"{where}: output")
@@ -136,7 +136,7 @@ def _case(robot: Mechanism, case: Any, where: str) -> Case:
             raise BadInput(f"{where}: gains: unknown gain {name!r}: {why}")
     q = _numbers(case["q"], len(law.system.mechanism.coordinates), f"{where}: q")
     nu = _numbers(case["nu"], law.system.freedom, f"{where}: nu")
-    return Case(
+    return EvaluationCase(
         where,
         law,
         _values(law.parameters, params, f"{where}: params"),

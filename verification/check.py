@@ -17,7 +17,7 @@ from .evaluate import evaluate_cases
 
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
-    from .cases import Case
+    from .cases import EvaluationCase
 
 SMALLEST = 1e-3  # errors are relative to the largest entry of the quantity, but at least to this (SI)
 MOST_STATES = 10_000_000
@@ -26,7 +26,7 @@ FEW = 16  # the median of fewer errors is shown but has no limit, because it is 
 
 
 @dataclass(frozen=True)
-class Limits:
+class ErrorLimits:
     """Largest error allowed, in the worst case and in the median."""
 
     worst: float
@@ -36,12 +36,12 @@ class Limits:
         return f"{self.worst:g}" + (f", median {self.median:g}" if np.isfinite(self.median) else "")
 
 
-EXPECT_LIMITS = {"casadi": Limits(1e-12), "c": Limits(1e-11), "cf": Limits(1e-4, 2e-6)}
-RANDOM_LIMITS = {"c": Limits(1e-11), "cf": Limits(1e-4, 1e-6)}  # c against casadi, cf against c
+EXPECT_LIMITS = {"casadi": ErrorLimits(1e-12), "c": ErrorLimits(1e-11), "cf": ErrorLimits(1e-4, 2e-6)}
+RANDOM_LIMITS = {"c": ErrorLimits(1e-11), "cf": ErrorLimits(1e-4, 1e-6)}  # c against casadi, cf against c
 
 
 @dataclass(frozen=True)
-class Summary:
+class ErrorSummary:
     """The errors of one quantity over many cases; `where` is the case of the worst one."""
 
     worst: float
@@ -49,7 +49,7 @@ class Summary:
     where: str
     count: int
 
-    def within(self, limits: Limits) -> bool:
+    def within(self, limits: ErrorLimits) -> bool:
         """Return whether both are at or below the limits; the median only if there are at least FEW errors."""
         return self.worst <= limits.worst and (self.median <= limits.median or self.count < FEW)
 
@@ -83,7 +83,7 @@ def check_files(paths: Sequence[str], backends: Sequence[str], as_json: bool) ->
     return _conclude({"files": answers}, failures, as_json)
 
 
-def _against_expected(cases: Sequence[Case], backend: str) -> Deviations:
+def _against_expected(cases: Sequence[EvaluationCase], backend: str) -> Deviations:
     """Return the deviations of the quantities of a backend; infinite if a case with expected values cannot be evaluated."""
     deviations: Deviations = {}
     offered = (*QUANTITIES, *MODEL_QUANTITIES) if backend == "casadi" else QUANTITIES
@@ -102,7 +102,7 @@ def _against_expected(cases: Sequence[Case], backend: str) -> Deviations:
     return deviations
 
 
-def _file_table(cases: Sequence[Case], table: dict[str, dict[str, Summary]]) -> str:
+def _file_table(cases: Sequence[EvaluationCase], table: dict[str, dict[str, ErrorSummary]]) -> str:
     rows = [["", *table]]
     expected = {name for case in cases for name in case.expect}
     for name in (*QUANTITIES, *MODEL_QUANTITIES):
@@ -113,7 +113,7 @@ def _file_table(cases: Sequence[Case], table: dict[str, dict[str, Summary]]) -> 
     return "".join(f"  {line.rstrip()}\n" for line in columns(rows))
 
 
-def _limit_cell(limits: Limits) -> str:
+def _limit_cell(limits: ErrorLimits) -> str:
     median = f"({limits.median:.1e})" if np.isfinite(limits.median) else " " * len("(1.0e-00)")
     return f"{limits.worst:.1e} {median}"
 
@@ -139,7 +139,7 @@ def check_random(robot: str, only: str | None, states: int, seed: int, backends:
     return _conclude({"robot": robot, "states": states, "seed": seed, "laws": laws_answer}, failures, as_json)
 
 
-def _compare(law: ControlLaw, states: int, seed: int, backends: Sequence[str]) -> dict[str, dict[str, Summary]]:
+def _compare(law: ControlLaw, states: int, seed: int, backends: Sequence[str]) -> dict[str, dict[str, ErrorSummary]]:
     """Compare c with casadi, and cf with c, both at numbers representable in float."""
     from ..verification.sampling import as_held, random_plants
 
@@ -169,7 +169,7 @@ def _add(deviations: Deviations, evaluation: Evaluation, truth: Evaluation, wher
         deviations.setdefault(name, []).append(found)
 
 
-def _random_table(tables: dict[str, dict[str, dict[str, Summary]]], backends: Sequence[str]) -> str:
+def _random_table(tables: dict[str, dict[str, dict[str, ErrorSummary]]], backends: Sequence[str]) -> str:
     titles = {"c": "C double to CasADi", "cf": "C float to double"}
     rows = [["", *(cell for backend in backends for cell in (titles[backend], "median"))]]
     for name, table in tables.items():
@@ -195,17 +195,17 @@ def relative(found: Sequence[Deviation], typical: float) -> list[float]:
     return [deviation.difference / max(deviation.size, least) for deviation in found]
 
 
-def summarized(deviations: Deviations, typical: float) -> dict[str, Summary]:
+def summarized(deviations: Deviations, typical: float) -> dict[str, ErrorSummary]:
     """Return the errors of each quantity, `relative` to its size."""
     summaries = {}
     for name, found in deviations.items():
         errors = relative(found, typical)
         worst = int(np.argmax(errors))
-        summaries[name] = Summary(errors[worst], float(np.median(errors)), found[worst].where, len(found))
+        summaries[name] = ErrorSummary(errors[worst], float(np.median(errors)), found[worst].where, len(found))
     return summaries
 
 
-def _exceeded(title: str, summaries: dict[str, Summary], limits: Limits) -> list[str]:
+def _exceeded(title: str, summaries: dict[str, ErrorSummary], limits: ErrorLimits) -> list[str]:
     """Return a line for every quantity that exceeds the limits."""
     return [
         f"{title}: {name} has an error of {s.worst:.1e} in {s.where}; median {s.median:.1e} (limits {limits})"

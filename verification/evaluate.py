@@ -11,10 +11,10 @@ from ..controllers.backends import make_controller
 from ..controllers.controller import Controller, Evaluation, ParameterRefused
 
 if TYPE_CHECKING:
-    from .cases import Case
+    from .cases import EvaluationCase
 
 
-def evaluate_cases(cases: Sequence[Case], backend: str) -> list[Evaluation]:
+def evaluate_cases(cases: Sequence[EvaluationCase], backend: str) -> list[Evaluation]:
     """Evaluate each case; a case with a parameter that the law rejects gets the status bad_parameter, or nonfinite."""
     controllers: dict[tuple, Controller | None] = {}  # None: parameters rejected
     evaluations = []

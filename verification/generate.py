@@ -6,11 +6,8 @@ from ..codegen.files import robot_files
 from ..codegen.printing.scalar import SCALARS
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
+from ..readers.errors import Mismatch
 from .verify import differences
-
-
-class Mismatch(Exception):
-    """The generated C differs from the model: a line for each law that differs. This is a defect of noslip."""
 
 
 def generate(

@@ -25,17 +25,17 @@ NEWTON_STEPS = 8  # to move a point onto a path
 
 
 @dataclass(frozen=True, eq=False)
-class Plant:
+class RandomPlant:
     """Parameters, config and gains in the order of the law's groups, and the points to evaluate with them."""
 
     params: tuple[float, ...]
     config: tuple[float, ...]
     gains: tuple[float, ...]
-    points: "tuple[Point, ...]"
+    points: "tuple[RandomPoint, ...]"
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class RandomPoint:
     """A state, a reference, and CasADi's result. `number` counts the states of a law from 0."""
 
     number: int
@@ -53,7 +53,7 @@ class Motion:
     tau: np.ndarray
 
 
-def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
+def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[RandomPlant]:
     """Yield plants with `states` regular points in total. Raises BadInput if hardly any state is regular."""
     random = np.random.default_rng(seed)
     found = drawn = 0
@@ -69,14 +69,14 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
         except ParameterRefused:
             continue
         largest = _largest_rates(law.system, params)
-        points: list[Point] = []
+        points: list[RandomPoint] = []
         for _ in range(min(STATES_PER_PLANT, states - found)):
             state, reference = _state(law, config, random), random.uniform(-2, 2, len(law.reference))
             truth = controller.evaluate(state, reference)
             if truth.status == "ok" and _regular(truth.values["Phi"]) and np.all(_rates(truth.values["S"]) <= largest):
-                points.append(Point(found + len(points), state, reference, truth))
+                points.append(RandomPoint(found + len(points), state, reference, truth))
         found += len(points)
-        yield Plant(params, config, gains, tuple(points))
+        yield RandomPlant(params, config, gains, tuple(points))
 
 
 def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Motion]:

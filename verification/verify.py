@@ -34,7 +34,7 @@ from ..readers.errors import BadInput
 from ..readers.kept import keep, kept
 from .check import RANDOM_LIMITS, TYPICAL, deviation_of, relative
 from .extended import evaluate
-from .sampling import REGULAR, Plant, as_held, random_motions, random_plants
+from .sampling import REGULAR, RandomPlant, as_held, random_motions, random_plants
 
 STATES, SEED = 200, 1992
 MARK = ".compared"  # suffix of the file that records a comparison
@@ -302,7 +302,7 @@ class _LawInC(_InC):
         """Return the vehicle's x and y (m) and the path's parameters, in the frame of P_l's foot."""
         return _place_function(self.law)(config, distance, heading, curvature).full().ravel()
 
-    def _singular_states(self, plant: Plant, numbers: Mapping) -> Iterator[np.ndarray]:
+    def _singular_states(self, plant: RandomPlant, numbers: Mapping) -> Iterator[np.ndarray]:
         """Yield states between two random ones at which det Phi changes its sign."""
         Phi = _Phi_function(self.law)
         fixed = numbers["params"], numbers["config"]
@@ -334,7 +334,7 @@ class _LawInC(_InC):
 
 
 @cache
-def _plants(law: ControlLaw) -> list[Plant]:
+def _plants(law: ControlLaw) -> list[RandomPlant]:
     """Return the plants, created once for both scalars."""
     return [plant for plant in random_plants(law, STATES, SEED) if plant.points]
 

@@ -14,11 +14,11 @@ from .brackets import Dependence
 from .distribution import Distribution, distribution
 from .integrals import Holonomic, holonomic
 from .places import Places, places
-from .properties import SPACE, Check, Step, checks, linearization_steps
+from .properties import SPACE, Check, LinearizationStep, checks, linearization_steps
 
 
 @dataclass(frozen=True)
-class Certificate:
+class DimensionProof:
     """Why the dimensions of the filtration are what they are.
 
     `basis` names the brackets that span Delta*. e_1, e_2, ... (`fields`) span the same, level by level: e_i is a multiple of
@@ -51,9 +51,9 @@ class Analysis:
     m: int
     growth: tuple[int, ...]
     holonomic: Holonomic
-    certificate: Certificate
+    certificate: DimensionProof
     places: Places
-    steps: tuple[Step, ...]
+    steps: tuple[LinearizationStep, ...]
     checks: tuple[Check, ...]
     S: sp.Matrix
     assumed: tuple[str, ...]  # expressions that are taken to be positive: roots of squares, absolute values
@@ -149,10 +149,10 @@ def analyse(system: Kinematics | Mechanism | ReducedSystem) -> Analysis:
     )
 
 
-def certificate(found: Distribution) -> Certificate:
+def certificate(found: Distribution) -> DimensionProof:
     """The proof of the growth vector, as text and expressions."""
     functions, basis = found.functions, found.filtration.basis
-    return Certificate(
+    return DimensionProof(
         tuple(sp.Matrix([functions.expression(entry) for entry in field.vector]) for field in found.fields),
         tuple(field.name for field in basis),
         tuple(sp.Matrix([functions.expression(entry) for entry in field.vector]) for field in basis),

@@ -23,7 +23,7 @@ SUBSETS = 40  # of coordinates that could go, at most this many are listed
 
 
 @dataclass(frozen=True)
-class Integral:
+class FirstIntegral:
     """C(q) = `function` is constant. Where C is linear in a coordinate with a coefficient that is never zero, it is `solved`."""
 
     function: sp.Expr
@@ -46,7 +46,7 @@ class Holonomic:
 
     count: int
     forms: tuple[sp.Matrix, ...]
-    integrals: tuple[Integral, ...]
+    integrals: tuple[FirstIntegral, ...]
     could_go: tuple[tuple[str, ...], ...]
 
     def text(self) -> list[str]:
@@ -70,7 +70,7 @@ def holonomic(found: Distribution) -> Holonomic:
     expressions = tuple(sp.Matrix([[functions.expression(entry) for entry in form]]) for form in forms)
     point = random_point(functions, seed=count)
     gradients: list[Vector] = []
-    integrals: list[Integral] = []
+    integrals: list[FirstIntegral] = []
     for function, gradient in itertools.chain(_polynomials(found), _closed(found, forms)):
         if point.rank([*gradients, gradient]) > len(gradients):
             gradients.append(gradient)
@@ -220,15 +220,15 @@ def _is_zero(functions: Functions, expression: sp.Expr) -> bool:
         return False
 
 
-def _integral(functions: Functions, function: sp.Expr, gradient: Vector) -> Integral:
+def _integral(functions: Functions, function: sp.Expr, gradient: Vector) -> FirstIntegral:
     """Solved for the first coordinate for which this can be done everywhere."""
     for k, coordinate in enumerate(functions.coordinates):
         if gradient[k] and functions.is_constant(gradient[k]) and functions.never_zero(gradient[k]):
             slope = sp.diff(function, coordinate)
             rest = sp.factor(sp.expand(coordinate - function / slope))
             if not slope.has(*functions.coordinates) and not rest.has(coordinate):
-                return Integral(function, (coordinate, rest))
-    return Integral(function, None)
+                return FirstIntegral(function, (coordinate, rest))
+    return FirstIntegral(function, None)
 
 
 def _could_go(functions: Functions, forms: Sequence[Vector], point: Point) -> tuple[tuple[str, ...], ...]:

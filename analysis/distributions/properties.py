@@ -52,7 +52,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Step:
+class LinearizationStep:
     """One of the distributions D_1, D_2, ... of (13), D_(i+1) = D_i + [f, D_i]."""
 
     name: str
@@ -61,7 +61,7 @@ class Step:
     reason: str
 
 
-def linearization_steps(found: Distribution) -> tuple[Step, ...]:
+def linearization_steps(found: Distribution) -> tuple[LinearizationStep, ...]:
     """D_1 = span{g}, D_2 = span{g, [f, g]} of (13), at generic states; all after D_2 equal it where that is involutive.
 
     g_j = d/dnu_j is constant, and [f, g_j] = -s_j: D_2 is the quasi-velocities' directions and Delta.
@@ -70,8 +70,8 @@ def linearization_steps(found: Distribution) -> tuple[Step, ...]:
     involutive = len(found.growth) == 1
     reason = "Delta is involutive" if involutive else f"Delta is not: [Delta, Delta] has dimension {found.growth[1]}"
     return (
-        Step("D_1", inputs, True, "its fields are constant"),
-        Step("D_2", 2 * inputs, involutive, f"it contains Delta beside constant fields, and {reason}"),
+        LinearizationStep("D_1", inputs, True, "its fields are constant"),
+        LinearizationStep("D_2", 2 * inputs, involutive, f"it contains Delta beside constant fields, and {reason}"),
     )
 
 

@@ -33,7 +33,7 @@ SEEDS = 3  # points looked at on each condition
 
 
 @dataclass(frozen=True)
-class Condition:
+class SingularCondition:
     """`formula` = 0, and what that means. `confirmed`: Phi was found singular at real points where it holds, to many digits."""
 
     formula: sp.Expr
@@ -124,9 +124,11 @@ class Decoupling:
         return self.in_coordinates(self.written_out(self.det))
 
     @cached_property
-    def conditions(self) -> tuple[Condition, ...]:
+    def conditions(self) -> tuple[SingularCondition, ...]:
         """Where det Phi vanishes: where one of these holds. Empty: nowhere."""
-        return tuple(Condition(*self._told(factor), self._singular_on(factor)) for factor in self._vanishing(self._ratio[0]))
+        return tuple(
+            SingularCondition(*self._told(factor), self._singular_on(factor)) for factor in self._vanishing(self._ratio[0])
+        )
 
     @cached_property
     def undefined(self) -> tuple[sp.Expr, ...]:

@@ -32,7 +32,7 @@ class Chart:
 
 
 @dataclass(frozen=True)
-class Moving:
+class StraightMotion:
     """What is not controlled while the reference moves at the speed V: its equation, and where it settles if it is stable.
 
     `stable_when` is empty when it never settles; it is of the heading and of all of `shape`, of the heading alone where nothing
@@ -123,7 +123,7 @@ class NormalForm:
         return shape_of(made) if made.planar and made.planar.ahead is not None else Shape((), ())
 
     @cached_property
-    def moving(self) -> tuple[Moving, ...]:
+    def moving(self) -> tuple[StraightMotion, ...]:
         """For a vehicle in the plane, under references that move steadily; empty where no rule is known."""
         made, vehicle = self.decoupling, self.decoupling.planar
         if vehicle is None or vehicle.ahead is None or self.offset is None:
@@ -179,7 +179,7 @@ def _charts(made: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
 # v is the forward speed of the vehicle's point and omega the yaw rate. That an output obeys this is checked, exactly.
 
 
-def _along_a_path(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Moving, ...]:
+def _along_a_path(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
     """Distance from a path and forward speed, held at 0 and V.
 
     With n the unit normal at P_l, e_n = n . e and chi the curvature of the path (positive where n points away from the
@@ -209,10 +209,10 @@ def _along_a_path(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Movi
             settles = f"s -> {written(arm.ahead * chi)} (chi = {written(chi)}), which must be below 1 in size"
     if not stable_when:
         settles = "never stable"
-    return (Moving(reference, equation, settles, stable_when, rate, arm.ahead, shape),)
+    return (StraightMotion(reference, equation, settles, stable_when, rate, arm.ahead, shape),)
 
 
-def _point_moving(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Moving, ...]:
+def _point_moving(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
     """Both coordinates of P_l, moving at (V cos psi, V sin psi): its component across the vehicle is l omega."""
     points = _points(made, vehicle, made.slopes)
     if len(points) != 2 or points[0].arm != points[1].arm:
@@ -227,10 +227,10 @@ def _point_moving(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Movi
     if forward:
         stable_when, settles = "", f"for {stable_when} {settles}"
     rate = -sp.Symbol("V") / ahead
-    return (Moving("V > 0 in the direction psi", equation, settles, stable_when, rate, ahead, shape),)
+    return (StraightMotion("V > 0 in the direction psi", equation, settles, stable_when, rate, ahead, shape),)
 
 
-def _heading_held(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Moving, ...]:
+def _heading_held(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
     """One coordinate of P_l and the heading: along the heading the other coordinate goes its own way."""
     points = _points(made, vehicle, made.slopes)
     turns = any(_same(made, made.Phi.row(k), vehicle.yaw) for k in range(made.Phi.rows) if k not in made.rates)
@@ -240,7 +240,7 @@ def _heading_held(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Movi
     speed = sp.Symbol("V") / readable(g_x * vehicle.cosine + g_y * vehicle.sine)
     equation = f"forward speed = {written(speed)}"
     settles = "the other coordinate of P_l drifts, neither held nor bounded"
-    return (Moving(f"{name} at V, heading held", equation, settles, shape=shape),)
+    return (StraightMotion(f"{name} at V, heading held", equation, settles, shape=shape),)
 
 
 def _stable_when(shape: Shape, V: sp.Symbol, lever: sp.Expr) -> str:

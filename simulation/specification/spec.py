@@ -8,7 +8,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path as File
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...model.outputs import OFFSET
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from .distributions import Sweep
 
 
-SPECS = File(__file__).resolve().parents[2] / "specs"
+SPECS = Path(__file__).resolve().parents[2] / "specs"
 TYPES = ("I", "II", "III", "IV")
 TOLERANCES = (1e-13, 1e-2)  # below, rounding is larger than the tolerance; above, it is no simulation
 MOST_ROWS = 10_000_000
@@ -46,7 +46,7 @@ MANY_PARTS = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{DEEPEST}}}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Path:
+class PathSection:
     """The curve of Type IV: its kind and its parameters by name; for a composite one its lines and arcs.
 
     `stop` says what comes to stand at the end and at cusps, P_l ("point") or the axle's middle ("axle"); after the last
@@ -73,19 +73,19 @@ COMPOSITE = {  # kind -> what it takes beside stop and closed
 }
 
 
-def _read_path(value: Any, where: str) -> Path:
+def _read_path(value: Any, where: str) -> PathSection:
     rest = dict(_table(value, where))
     if "kind" not in rest:
         raise BadInput(f'{where} kind is missing, for example path = {{ kind = "line", A = 1, B = -1, C = 0 }}')
     kind = text(rest.pop("kind"), f"{where} kind")
     if kind not in COMPOSITE:
-        return Path(kind=kind, parameters=named_numbers(rest, where))
+        return PathSection(kind=kind, parameters=named_numbers(rest, where))
     stop = one_of("point", "axle")(rest.pop("stop", "point"), f"{where} stop")
     closed = flag(rest.pop("closed", False), f"{where} closed")
     check_keys(rest, [*COMPOSITE[kind], "stop", "closed"], where)
     for key in sorted(COMPOSITE[kind] - set(rest)):
         raise BadInput(f"{where} {key} is missing; {kind} takes {', '.join(sorted(COMPOSITE[kind]))}")
-    return Path(kind=kind, segments=tuple(_pieces(kind, rest, closed, where)), stop=stop, closed=closed)
+    return PathSection(kind=kind, segments=tuple(_pieces(kind, rest, closed, where)), stop=stop, closed=closed)
 
 
 def _pieces(kind: str, given: dict[str, Any], closed: bool, where: str) -> list[Segment]:
@@ -106,7 +106,7 @@ def _pieces(kind: str, given: dict[str, Any], closed: bool, where: str) -> list[
 
 
 @dataclass(frozen=True, kw_only=True)
-class Output:
+class OutputSection:
     """What is controlled: Type I to IV, of the point P_l a distance L (m) ahead of the vehicle's point, W (m) to its left; or
     an output of the robot's own by its name, with its `parameters` where it has some.
 
@@ -117,7 +117,7 @@ class Output:
     type: str = entry(text)
     L: float = entry(number(), 0.0)
     W: float = entry(number(), 0.0)
-    path: Path | None = entry(_read_path, None)
+    path: PathSection | None = entry(_read_path, None)
     reversing: str = entry(one_of("allow", "refuse", "switch"), "allow")
     L_backward: float | None = entry(number(), None)
     parameters: Mapping[str, float] = entry(named_numbers, {})
@@ -188,7 +188,7 @@ class Initial:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class NoiseSection:
     """Gaussian noise added to the sensed quasi-velocities (rad/s): mean and standard deviation of each, or one for all."""
 
     mean: tuple[float, ...] = entry(one_or_more, (0.0,))
@@ -205,7 +205,7 @@ class Sensors:
     dead-reckoned from the wheels. `counts` of an encoder per turn of a wheel; 0: no encoder, the angle itself.
     """
 
-    noise: Noise = entry(section(Noise), Noise())
+    noise: NoiseSection = entry(section(NoiseSection), NoiseSection())
     seed: int = entry(whole(0), 0)
     period: float = entry(number("nonnegative"), 0.0)
     counts: int = entry(whole(0), 0)
@@ -221,7 +221,7 @@ class Correction:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class LimitsSection:
     """Largest input of each motor (N m; 0: none), one or one each; beyond it each is cut, or the robot slows down.
 
     `integral`: the most that integral action may add to a wanted derivative (0: no limit), one or one for each output with ki.
@@ -233,7 +233,7 @@ class Limits:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contact:
+class ContactSection:
     """What rolling without slip is judged by, all assumed unless given: friction `mu`, the `share` of the weight that rests
     on the driven wheels, the `height` (m) of the centre of mass, which shifts load to the outer wheel.
     """
@@ -294,13 +294,13 @@ class Spec:
     parameters: Mapping[str, float] = entry(named_numbers, {})
     plant: Mapping[str, float] = entry(named_numbers, {})
     gains: Mapping[str, float] = entry(named_numbers, {})
-    output: Output = entry(section(Output))
+    output: OutputSection = entry(section(OutputSection))
     reference: Reference = entry(section(Reference))
     initial: Initial | None = entry(section(Initial), None)
-    limits: Limits | None = entry(section(Limits), None)
+    limits: LimitsSection | None = entry(section(LimitsSection), None)
     sensors: Sensors | None = entry(section(Sensors), None)
     correction: Correction | None = entry(section(Correction), None)
-    contact: Contact = entry(section(Contact), Contact())
+    contact: ContactSection = entry(section(ContactSection), ContactSection())
     simulation: Simulation = entry(section(Simulation))
     sweep: "Sweep | None" = entry(_read_sweep, None)
 
@@ -325,14 +325,14 @@ class Spec:
                 raise BadInput(f"[reference] {name} is missing; type {self.output.type} needs it")
 
 
-def shipped() -> dict[str, File]:
+def shipped() -> dict[str, Path]:
     """Return the SPECs that come with noslip: name -> file, such as line, circle, figure_8."""
     return {file.stem: file for file in sorted(SPECS.rglob("*.toml"))}
 
 
-def read_text(file: File | str) -> str:
+def read_text(file: Path | str) -> str:
     """Return the text of a file, or of a shipped SPEC by its name. Raises BadInput, naming the file, if it cannot be read."""
-    place = File(file)
+    place = Path(file)
     if place.name == str(file) and not place.suffix and not place.exists():
         known = shipped()
         if str(file) not in known:
@@ -363,7 +363,7 @@ def toml_table(text: str) -> dict[str, Any]:
     return table
 
 
-def spec_of(text: str, name: File | str) -> Spec:
+def spec_of(text: str, name: Path | str) -> Spec:
     """The SPEC that a text is. Raises BadInput, with the `name` of the text, for anything that is none."""
     try:
         return spec_of_table(toml_table(text), name)
@@ -371,12 +371,12 @@ def spec_of(text: str, name: File | str) -> Spec:
         raise BadInput(f"{name}: {error}") from error
 
 
-def spec_of_table(table: Mapping[str, Any], name: File | str) -> Spec:
+def spec_of_table(table: Mapping[str, Any], name: Path | str) -> Spec:
     """The SPEC that a table of the file `name` is; a robot's own file is looked for beside it first. Raises BadInput."""
     spec = section(Spec)(table, "")
     return dataclasses.replace(spec, robot=beside(spec.robot, name))
 
 
-def read_spec(file: File | str) -> Spec:
+def read_spec(file: Path | str) -> Spec:
     """Read SPEC.toml. Raises BadInput, naming the file, for anything that is not a SPEC."""
     return spec_of(read_text(file), file)

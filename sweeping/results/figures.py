@@ -15,7 +15,7 @@ from ...simulation.drawing import COLOURS, FAINT, STOP, over_time, pictures
 from ..runner import run_table
 from ..store import open_sweep
 from ..study import Study, study_of
-from .report import Report
+from .report import SweepReport
 from .statistics import ENDED
 
 INSTANTS, DRAWN = 240, 2000  # of the errors over time, and how many samples are drawn
@@ -29,7 +29,7 @@ STARTS = 1000  # samples in it
 NOMINAL: dict[str, Any] = {"marker": "*", "s": 170, "color": "white", "edgecolor": "black", "linewidth": 1.2, "zorder": 6}
 
 
-def figures_of(report: Report, jobs: int) -> dict[str, bytes]:
+def figures_of(report: SweepReport, jobs: int) -> dict[str, bytes]:
     """File name -> content, png and svg."""
     study, name = report.study, Path(report.spec).name
     summary = report.summary
@@ -44,7 +44,7 @@ def figures_of(report: Report, jobs: int) -> dict[str, bytes]:
     return {f"{file}.{kind}": content for file, kinds in found.items() for kind, content in kinds.items()}
 
 
-def _envelope(report: Report, jobs: int) -> matplotlib.figure.Figure:
+def _envelope(report: SweepReport, jobs: int) -> matplotlib.figure.Figure:
     """Quantiles of the error of the first output, signed, and of its size on a logarithmic scale."""
     study, row = report.study, report.study.batch.law.output.rows[0]
     t = np.linspace(0.0, study.spec.simulation.duration, INSTANTS)
@@ -75,7 +75,7 @@ def _envelope(report: Report, jobs: int) -> matplotlib.figure.Figure:
     return figure
 
 
-def _cloud(report: Report) -> matplotlib.figure.Figure:
+def _cloud(report: SweepReport) -> matplotlib.figure.Figure:
     """The first limited outcome against each number, those that the rank correlations name first."""
     study = report.study
     outcome = next(iter(study.criterion.limits), study.shown[0])
@@ -149,7 +149,7 @@ def _start_axes(study: Study) -> dict[str, tuple[float, float]]:
     return {name: tuple(study.plan.margins[name].quantile(np.array(EDGES)).tolist()) for name in names}
 
 
-def _starts(report: Report, ranges: dict[str, tuple[float, float]], jobs: int) -> matplotlib.figure.Figure:
+def _starts(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: int) -> matplotlib.figure.Figure:
     """When a run from each start becomes singular, all else as in the SPEC; and where the samples start."""
     study = report.study
     (one, other), (x, y) = ranges, (np.linspace(*r, n) for r, n in zip(ranges.values(), GRID, strict=True))
@@ -181,7 +181,7 @@ def _starts(report: Report, ranges: dict[str, tuple[float, float]], jobs: int) -
     return figure
 
 
-def _draw_samples(axes: Axes, report: Report, one: str, other: str) -> None:
+def _draw_samples(axes: Axes, report: SweepReport, one: str, other: str) -> None:
     """The starts of some samples, those that stopped crossed."""
     study = report.study
     varies = [name for name in (one, other) if name in study.plan.names]

@@ -6,7 +6,7 @@ from typing import Any
 
 from ...readers.printing import columns, plain
 from ..study import STOPPED, Study
-from .statistics import CONFIDENCE, ENDED, LEVELS, Indices, Summary
+from .statistics import CONFIDENCE, ENDED, LEVELS, Indices, SweepSummary
 from .verify import TIME, Verified
 from .worst import Worst
 
@@ -14,13 +14,13 @@ SAYS = 0.1  # rank correlations and indices from here on are worth reading
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class SweepReport:
     """A finished sweep and what else was asked for."""
 
     spec: str  # file names
     output: str
     study: Study
-    summary: Summary
+    summary: SweepSummary
     indices: Indices | None = None
     worst: Worst | None = None
     verified: Verified | None = None

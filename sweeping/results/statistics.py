@@ -25,7 +25,7 @@ INDICES_SEED = 2**21  # the indices' samples are no part of any sweep
 
 
 @dataclass(frozen=True)
-class Summary:
+class SweepSummary:
     """`statuses`: how often each; `failed` of `samples`; `sizes`: quantiles at LEVELS and largest of |outcome| of the runs that
     went to their end; `ranks`: Spearman's correlation of |outcome| with what varies; `worst`: samples, the worst first;
     `integration_error`: the largest of the runs that went to their end. Where one stops singular the acceleration has no bound,
@@ -54,7 +54,7 @@ def clopper_pearson(failed: int, samples: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def summarize(file: Path | str, study: Study) -> Summary:
+def summarize(file: Path | str, study: Study) -> SweepSummary:
     """Of a finished sweep, read a row group or a column at a time."""
     found = open_sweep(file)[0]
     counts: dict[str, int] = {}
@@ -84,7 +84,7 @@ def summarize(file: Path | str, study: Study) -> Summary:
         first += len(statuses)
     ended = np.isin(_column(found, "status", MOST), ENDED)
     sizes = {name: _sizes(np.abs(_column(found, name, MOST))[ended]) for name in study.shown}
-    return Summary(
+    return SweepSummary(
         study.samples,
         counts,
         failed,
