@@ -13,6 +13,7 @@ from .algebra.exact import canonical
 from .algebra.operations import refuse_jumps, refuse_unsupported
 from .errors import ModelError
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
+from .names import LawName
 from .paths import PATHS, Path, config
 from .reduction import ReducedSystem
 
@@ -121,19 +122,19 @@ class OutputMap:
 def type_i(system: ReducedSystem, offset: bool = False) -> OutputMap:
     """Type I: the position of P_l; with `offset`, P_l lies aside too (as for Types II to IV)."""
     point = body_point(offset)
-    return OutputMap("type_i", "Type I: position of P_l", (_x(system, point), _y(system, point)), point)
+    return OutputMap(str(LawName("I")), "Type I: position of P_l", (_x(system, point), _y(system, point)), point)
 
 
 def type_ii(system: ReducedSystem, offset: bool = False) -> OutputMap:
     """Type II: x of P_l and the heading."""
     point = body_point(offset)
-    return OutputMap("type_ii", "Type II: x of P_l and heading", (_x(system, point), _heading(system)), point)
+    return OutputMap(str(LawName("II")), "Type II: x of P_l and heading", (_x(system, point), _heading(system)), point)
 
 
 def type_iii(system: ReducedSystem, offset: bool = False) -> OutputMap:
     """Type III: y of P_l and the heading."""
     point = body_point(offset)
-    return OutputMap("type_iii", "Type III: y of P_l and heading", (_y(system, point), _heading(system)), point)
+    return OutputMap(str(LawName("III")), "Type III: y of P_l and heading", (_y(system, point), _heading(system)), point)
 
 
 def type_iv(system: ReducedSystem, path: Path, offset: bool = False) -> OutputMap:
@@ -142,34 +143,36 @@ def type_iv(system: ReducedSystem, path: Path, offset: bool = False) -> OutputMa
     about = "signed distance of P_l from the path"
     distance = at_point(system, point, "distance", about, path.distance, path.unit_normal)
     speed = OutputRow("speed", "m/s", "forward speed", forward_speed(system))
-    name, about = f"type_iv_{path.kind}", f"Type IV: path following, {path.about}"
-    return OutputMap(name, about, (distance, speed), (*point, *path.parameters), path.conditions, path)
+    name, about = LawName("IV", path.kind), f"Type IV: path following, {path.about}"
+    return OutputMap(str(name), about, (distance, speed), (*point, *path.parameters), path.conditions, path)
 
 
 OUTPUTS: dict[str, Callable[..., OutputMap]] = {
-    "type_i": type_i,
-    "type_ii": type_ii,
-    "type_iii": type_iii,
+    str(LawName("I")): type_i,
+    str(LawName("II")): type_ii,
+    str(LawName("III")): type_iii,
     **{
-        f"type_iv_{kind}": lambda system, offset=False, path=path: type_iv(system, path(), offset) for kind, path in PATHS.items()
+        str(LawName("IV", kind)): lambda system, offset=False, path=path: type_iv(system, path(), offset)
+        for kind, path in PATHS.items()
     },
 }
-OFFSET = "_offset"  # ends the name of a law whose P_l lies aside of the vehicle's axis too
 
 
 def output_names(robot: Mechanism) -> tuple[str, ...]:
-    """Names of the output maps that may fit this robot: Types I to IV, then its own. Each of OUTPUTS may have OFFSET after it."""
+    """Names of the output maps that may fit this robot: Types I to IV, then its own. OUTPUTS have twins with an offset."""
     return (*OUTPUTS, *(output.name for output in robot.outputs))
 
 
 def output_map(system: ReducedSystem, name: str) -> OutputMap:
-    """The output map of a law by name: one of OUTPUTS, one with OFFSET after it, or the robot's own. Raises KeyError."""
+    """The output map of a law by name: one of OUTPUTS, its twin with an offset, or the robot's own. Raises KeyError."""
     own = {output.name: output for output in system.mechanism.outputs}
     if name in own:
         return _own(system, own[name])
-    base = name.removesuffix(OFFSET)
-    made = OUTPUTS[base](system, offset=base != name)
-    return replace(made, name=name, about=made.about + (", P_l anywhere on the vehicle" if base != name else ""))
+    law = LawName.parse(name)
+    if law is None:
+        raise KeyError(name)
+    made = OUTPUTS[str(law.on_axis)](system, offset=law.offset)
+    return replace(made, name=name, about=made.about + (", P_l anywhere on the vehicle" if law.offset else ""))
 
 
 def _own(system: ReducedSystem, output: Output) -> OutputMap:
