@@ -4,7 +4,7 @@ import errno
 import keyword
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from .errors import ModelError
 
@@ -92,14 +92,14 @@ class LawName:
     @classmethod
     def parse(cls, name: str) -> "LawName | None":
         """The parts of a name; None of an output of the robot's own."""
-        number, _, path = name.removesuffix(OFFSET).removeprefix(TYPE).partition("_")
+        number, _, path = without_offset(name).removeprefix(TYPE).partition("_")
         law = cls(number.upper(), path, name.endswith(OFFSET))
         return law if law.type in TYPES and str(law) == name else None
 
-    @property
-    def on_axis(self) -> "LawName":
-        """The law of the same outputs with P_l on the axis."""
-        return replace(self, offset=False)
+
+def without_offset(name: str) -> str:
+    """The name of the law of the same outputs with P_l on the axis."""
+    return name.removesuffix(OFFSET)
 
 
 def in_c(name: str) -> str:

@@ -13,7 +13,7 @@ from .algebra.exact import canonical
 from .algebra.operations import refuse_jumps, refuse_unsupported
 from .errors import ModelError
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
-from .names import LawName
+from .names import LawName, without_offset
 from .paths import PATHS, Path, config
 from .reduction import ReducedSystem
 
@@ -168,11 +168,9 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     own = {output.name: output for output in system.mechanism.outputs}
     if name in own:
         return _own(system, own[name])
-    law = LawName.parse(name)
-    if law is None:
-        raise KeyError(name)
-    made = OUTPUTS[str(law.on_axis)](system, offset=law.offset)
-    return replace(made, name=name, about=made.about + (", P_l anywhere on the vehicle" if law.offset else ""))
+    base = without_offset(name)
+    made = OUTPUTS[base](system, offset=base != name)
+    return replace(made, name=name, about=made.about + (", P_l anywhere on the vehicle" if base != name else ""))
 
 
 def _own(system: ReducedSystem, output: Output) -> OutputMap:

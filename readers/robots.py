@@ -18,7 +18,7 @@ from weakref import WeakKeyDictionary
 from ..model.errors import ModelError
 from ..model.law import ControlLaw, control_law
 from ..model.mechanism import Mechanism
-from ..model.names import LawName
+from ..model.names import without_offset
 from ..model.outputs import OUTPUTS, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import ROBOTS
@@ -102,8 +102,8 @@ def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
 
 def check_law(robot: Mechanism, law_name: str) -> None:
     """Raise BadInput for a name that is neither of Types I to IV nor of the robot's own outputs."""
-    known, law = output_names(robot), LawName.parse(law_name)
-    if law_name not in known and (law is None or str(law.on_axis) not in OUTPUTS):
+    known = output_names(robot)
+    if law_name not in known and without_offset(law_name) not in OUTPUTS:
         raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, known)}")
 
 
