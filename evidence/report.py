@@ -2,10 +2,9 @@
 
 import base64
 import importlib.metadata
-import json
 import platform
 import subprocess
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from markupsafe import Markup, escape
@@ -14,6 +13,7 @@ from ..codegen.files import TOOLS
 from ..codegen.templates import render
 from ..controllers.build import FLAGS, QUICK, compiler
 from ..readers.files import MARK
+from ..readers.printing import toml
 from ..readers.robots import find_robot
 from .framework import SPECS, Outcome
 from .production import Made
@@ -39,7 +39,7 @@ def report(made: Sequence[Made]) -> str:
         ending=_ending,
         sentence=_sentence,
         marked=_marked,
-        toml=_toml,
+        toml=toml,
     )
 
 
@@ -98,15 +98,6 @@ def _versions() -> dict[str, str]:
         **packages,
         "C compiler": f"{said[0] if said else 'unknown'}, {' '.join((*FLAGS, *QUICK))}",
     }
-
-
-def _toml(value: Any) -> str:
-    """A value as TOML writes it on one line."""
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }" if value else "{}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
-    return json.dumps(value)
 
 
 def _count(number: int, one: str, many: str) -> str:
