@@ -3,6 +3,7 @@
 import html
 
 import sympy as sp
+from markupsafe import Markup
 from sympy.printing.mathml import MathMLPresentationPrinter
 
 TIMES, SPACE = "\u2062", '<mspace width="0.12em"/>'  # between factors: as the printer puts it, and as it is shown
@@ -29,10 +30,10 @@ class _Printer(MathMLPresentationPrinter):
         return over if made is letter else made
 
 
-def mathml(*parts: sp.Expr | sp.Matrix | str, display: bool = False) -> str:
+def mathml(*parts: sp.Expr | sp.Matrix | str, display: bool = False) -> Markup:
     """Formulas, with signs and words between them, as an element of a page; on a line of its own if `display`."""
     block = ' display="block"' if display else ""
-    return f"<math{block}><mrow>{''.join(map(_part, parts))}</mrow></math>"
+    return Markup(f"<math{block}><mrow>{''.join(map(_part, parts))}</mrow></math>")
 
 
 def _part(part: sp.Expr | sp.Matrix | str) -> str:

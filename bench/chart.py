@@ -6,6 +6,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from noslip.model.names import LawName
 
 BARS = {  # key in the results -> legend, colour
     "hand": ("hand-written", "#444444"),
@@ -54,8 +55,8 @@ def _panel(axis, results: dict[str, dict]) -> None:
 
 def _title(law: str) -> str:
     """type_iv_line -> Type IV line."""
-    _, number, *path = law.split("_")
-    return " ".join(["Type", number.upper(), *path])
+    name = LawName.parse(law)
+    return f"Type {name.type} {name.path}".rstrip()
 
 
 LINES = {  # key in the results -> legend, colour

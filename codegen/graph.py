@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from math import frexp, isqrt
 from typing import TypeGuard, TypeVar, cast
@@ -68,7 +68,7 @@ class Group(StrEnum):
 CONSTANT_GROUPS = (Group.PARAMS, Group.CONFIG, Group.GAINS)  # known to init; the others change from step to step
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Node:
     """One scalar, or a matrix. Nodes of a graph are made by it, each once, so that equal ones are the same object."""
 
@@ -79,8 +79,12 @@ class Node:
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", all(argument.fixed for argument in self.arguments))
 
+    def __repr__(self) -> str:
+        own = [str(getattr(self, each.name)) for each in fields(self)[3:]]
+        return f"{type(self).__name__}#{self.order}({', '.join([*own, *(f'#{argument.order}' for argument in self.arguments)])})"
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Constant(Node):
     """A number."""
 
@@ -88,7 +92,7 @@ class Constant(Node):
     value: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Leaf(Node):
     """An input of the law: a parameter, a gain, part of the state or the reference."""
 
@@ -99,7 +103,7 @@ class Leaf(Node):
         object.__setattr__(self, "fixed", self.group in CONSTANT_GROUPS)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Applied(Node):
     """An operation on the arguments."""
 
@@ -107,7 +111,7 @@ class Applied(Node):
     operation: Operation
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MatrixInverse(Node):
     """The inverse of a square matrix, whose entries are the arguments, row by row; no scalar.
 
@@ -122,7 +126,7 @@ class MatrixInverse(Node):
         return isqrt(len(self.arguments))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Element(Node):
     """An entry of a matrix's inverse, by its number, row by row."""
 

@@ -20,7 +20,7 @@ Pair = tuple[Node, Node, int]  # two arguments and their relative sign
 # -- nodes with any number of arguments, used between the passes only ---------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Sum(Node):
     """The arguments, each with its sign, +1 or -1."""
 
@@ -37,17 +37,17 @@ class Sum(Node):
         return sorted(((-sign, argument) for sign, argument in self.terms), key=lambda term: -term[0])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Product(Node):
     """The product of the arguments."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class KeptProduct(Node):
     """A product that is not to be taken apart again."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reciprocal(Node):
     """1 / the argument."""
 

@@ -35,6 +35,7 @@ from .targets import HOST, SEMIHOSTING, TARGETS, Target, require
 
 FOLDER = Path(__file__).resolve().parent.parent / "firmware" / "pil"
 HEADER = (FOLDER / "pil.h").read_text()
+# By hand: a parser of C would see no macros, and could not read the header without some law's pil_law.h.
 OPERATIONS = re.findall(r"^ +PIL_OP_(\w+)", HEADER, re.M)
 FAULTS = re.findall(r"^ +PIL_FAULT_(\w+)", HEADER, re.M)
 MAGIC, VERSION = (int(re.findall(rf"define PIL_{name} (\w+?)u", HEADER)[0], 0) for name in ("MAGIC", "VERSION"))

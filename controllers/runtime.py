@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import cffi
+from pycparser import CParser, c_ast
+from pycparser.c_generator import CGenerator
 
 from ..codegen.printing.scalar import SCALARS
 from ..readers.errors import BadInput
@@ -23,7 +26,9 @@ SOURCE = """#include <float.h>
 #define __attribute__(x)
 #include "{header}"
 """
-ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=")  # words that cffi cannot parse
+ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=", "-DNOSLIP_REAL_H")  # words that cffi cannot parse, and a whole header
+ABSENT = ("float.h", "stddef.h", "stdint.h")
+TYPES = ("size_t", "int32_t", "uint32_t", "uint64_t", "noslip_bits", "noslip_bits_f")  # of ABSENT and noslip_real.h
 
 
 class InC:
@@ -73,41 +78,20 @@ def load(ffi: cffi.FFI, files: Mapping[str, str], optimized: bool = False):
         raise BadInput(f"cannot load the compiled law: {error}; set NOSLIP_CACHE to a folder that allows executables") from error
 
 
-def declarations(header: str) -> str:
-    """Return types, constants and prototypes of a header of runtime_c and of those it includes, for cffi.
+def declarations(header: str, *folders: Path) -> str:
+    """Return types, constants and prototypes of a header of runtime_c, or of `folders`, and of those it includes, for cffi.
 
-    Raises BadInput if the compiler cannot preprocess it.
+    Only these sources are read: the compiler's own headers are replaced by the names of their types. noslip_real.h is left
+    out: it has nothing to call and cannot be parsed. Raises BadInput if the compiler cannot preprocess a header.
     """
-    command = [*compiler(), "-std=c99", *ASIDE, f"-I{RUNTIME}", "-E", "-x", "c", "-"]
-    result = subprocess.run(command, input=f'#include "{header}"\n', capture_output=True, text=True)
+    with TemporaryDirectory() as empty:
+        for name in ABSENT:
+            Path(empty, name).touch()
+        places = [f"-I{place}" for place in (empty, *folders, RUNTIME)]
+        command = [*compiler(), "-std=c99", "-E", "-P", "-nostdinc", *ASIDE, *places, "-x", "c", "-"]
+        result = subprocess.run(command, input=f'#include "{header}"\n', capture_output=True, text=True)
     if result.returncode:
         raise BadInput(f"`{' '.join(compiler())}` cannot preprocess {header}; check CC and its flags")
-    return without_bodies("\n".join(_own_lines(result.stdout)))
-
-
-def _own_lines(preprocessed: str) -> list[str]:
-    """Return the lines that come from runtime_c, except those of noslip_real.h, which cffi cannot parse."""
-    lines, own = [], False
-    for line in preprocessed.splitlines():
-        marker = re.match(r'#(?:line)? (?:\d+) "(.*?)"', line)
-        if marker:
-            own = marker[1].startswith(str(RUNTIME)) and not marker[1].endswith("noslip_real.h")
-        elif own and not line.startswith("#"):
-            lines.append(line)
-    return lines
-
-
-def without_bodies(text: str) -> str:
-    """Return C with a semicolon in place of each function body: each outermost block after a closing parenthesis."""
-    kept: list[str] = []
-    depth, body = 0, False
-    for piece in re.split(r"([{}])", text):
-        if piece == "{" and depth == 0:
-            body = "".join(kept).rstrip().endswith(")")
-        depth += {"{": 1, "}": -1}.get(piece, 0)
-        if not body:
-            kept.append(piece)
-        elif depth == 0:
-            kept.append(";")
-            body = False
-    return "".join(kept)
+    known = "".join(f"typedef int {name};" for name in TYPES)
+    declared = [node.decl if isinstance(node, c_ast.FuncDef) else node for node in CParser().parse(known + result.stdout).ext]
+    return "".join(f"{CGenerator().visit(node)};\n" for node in declared[len(TYPES) :])

@@ -1,7 +1,6 @@
 """The vehicle of firmware/ on this host, with its simulated board: its own C, called tick by tick."""
 
 import math
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +8,8 @@ import cffi
 import numpy as np
 
 from ..controllers.build import RUNTIME
-from ..controllers.runtime import InC, load, without_bodies
+from ..controllers.runtime import InC, declarations, load
+from ..readers.files import write_folder
 
 ROOT = RUNTIME.parent
 PERIOD = 0.01  # s, of firmware/robot.c
@@ -62,18 +62,6 @@ void move(float dt);
 """
 
 
-def declarations(folder: Path, headers: dict[str, str]) -> str:
-    """What vehicle.h declares, for cffi: preprocessed without the arithmetic below it and the bodies of functions."""
-    (folder / "none").mkdir()
-    for name in ("stdint.h", "stddef.h", "float.h"):
-        (folder / "none" / name).write_text("")
-    for name, text in headers.items():
-        (folder / name).write_text(text)
-    aside = ["-D__attribute__(x)=", "-Dstatic=", "-Dinline=", "-DNOSLIP_REAL_H", "-DNOSLIP_TRIG_H"]
-    command = ["gcc", "-std=c99", "-E", "-P", "-nostdinc", *aside, f"-I{folder}/none", f"-I{RUNTIME}", "vehicle.h"]
-    return without_bodies(subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout)
-
-
 class Refused(Exception):
     """The settings cannot work; `status` is the name of what init answered."""
 
@@ -94,7 +82,8 @@ class Firmware(InC):
         files = {path.name: path.read_text().replace('"../', '"') for path in own}
         simulated = files.pop("simulated.c").replace('#include "semihosting.h"\n', "")
         self.ffi = cffi.FFI()
-        self.ffi.cdef(declarations(folder, {name: text for name, text in files.items() if name.endswith(".h")}) + OWN)
+        write_folder(folder / "headers", {name: text for name, text in files.items() if name.endswith(".h")})
+        self.ffi.cdef(declarations("vehicle.h", folder / "headers") + OWN)
         self.lib = load(self.ffi, {**files, "simulated.h": simulated, "library.c": LIBRARY})
 
     def new(self, kind: str, *initial):

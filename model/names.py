@@ -4,10 +4,13 @@ import errno
 import keyword
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 from .errors import ModelError
 
 TYPE = "type_"  # prefix of the names of Types I to IV
+OFFSET = "_offset"  # suffix of the name of a law whose P_l may lie beside the vehicle's axis
+TYPES = ("I", "II", "III", "IV")
 FLOAT = "_f"  # suffix of every name in float
 
 KEYWORDS = frozenset(
@@ -73,6 +76,31 @@ def is_reserved(name: str) -> bool:
     """Return whether the name is reserved in C, C++, their standard headers, the C runtime or Python."""
     taken = keyword.iskeyword(name) or name in KEYWORDS or name in MACROS or name in IN_C.values()
     return taken or FAMILIES.fullmatch(name) is not None
+
+
+@dataclass(frozen=True)
+class LawName:
+    """The name of a law of Types I to IV: one of TYPES, the kind of path of IV, and whether P_l may lie aside of the axis."""
+
+    type: str
+    path: str = ""
+    offset: bool = False
+
+    def __str__(self) -> str:
+        path = f"_{self.path}" if self.path else ""
+        return f"{TYPE}{self.type.lower()}{path}{OFFSET if self.offset else ''}"
+
+    @classmethod
+    def parse(cls, name: str) -> "LawName | None":
+        """The parts of a name; None of an output of the robot's own."""
+        number, _, path = without_offset(name).removeprefix(TYPE).partition("_")
+        law = cls(number.upper(), path, name.endswith(OFFSET))
+        return law if law.type in TYPES and str(law) == name else None
+
+
+def without_offset(name: str) -> str:
+    """The name of the law of the same outputs with P_l on the axis."""
+    return name.removesuffix(OFFSET)
 
 
 def in_c(name: str) -> str:

@@ -13,6 +13,7 @@ from .algebra.exact import canonical
 from .algebra.operations import refuse_jumps, refuse_unsupported
 from .errors import ModelError
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
+from .names import LawName, without_offset
 from .paths import PATHS, Path, config
 from .reduction import ReducedSystem
 
@@ -123,19 +124,19 @@ class OutputMap:
 def type_i(system: ReducedSystem, offset: bool = False) -> OutputMap:
     """Return Type I: the position of P_l. With `offset`, P_l may also lie beside the axis (as for Types II to IV)."""
     point = body_point(offset)
-    return OutputMap("type_i", "Type I: position of P_l", (_x(system, point), _y(system, point)), point)
+    return OutputMap(str(LawName("I")), "Type I: position of P_l", (_x(system, point), _y(system, point)), point)
 
 
 def type_ii(system: ReducedSystem, offset: bool = False) -> OutputMap:
     """Return Type II: x of P_l and the heading."""
     point = body_point(offset)
-    return OutputMap("type_ii", "Type II: x of P_l and heading", (_x(system, point), _heading(system)), point)
+    return OutputMap(str(LawName("II")), "Type II: x of P_l and heading", (_x(system, point), _heading(system)), point)
 
 
 def type_iii(system: ReducedSystem, offset: bool = False) -> OutputMap:
     """Return Type III: y of P_l and the heading."""
     point = body_point(offset)
-    return OutputMap("type_iii", "Type III: y of P_l and heading", (_y(system, point), _heading(system)), point)
+    return OutputMap(str(LawName("III")), "Type III: y of P_l and heading", (_y(system, point), _heading(system)), point)
 
 
 def type_iv(system: ReducedSystem, path: Path, offset: bool = False) -> OutputMap:
@@ -144,34 +145,34 @@ def type_iv(system: ReducedSystem, path: Path, offset: bool = False) -> OutputMa
     about = "signed distance of P_l from the path"
     distance = at_point(system, point, "distance", about, path.distance, path.unit_normal)
     speed = OutputRow("speed", "m/s", "forward speed", forward_speed(system))
-    name, about = f"type_iv_{path.kind}", f"Type IV: path following, {path.about}"
-    return OutputMap(name, about, (distance, speed), (*point, *path.parameters), path.conditions, path)
+    name, about = LawName("IV", path.kind), f"Type IV: path following, {path.about}"
+    return OutputMap(str(name), about, (distance, speed), (*point, *path.parameters), path.conditions, path)
 
 
 OUTPUTS: dict[str, Callable[..., OutputMap]] = {
-    "type_i": type_i,
-    "type_ii": type_ii,
-    "type_iii": type_iii,
+    str(LawName("I")): type_i,
+    str(LawName("II")): type_ii,
+    str(LawName("III")): type_iii,
     **{
-        f"type_iv_{kind}": lambda system, offset=False, path=path: type_iv(system, path(), offset) for kind, path in PATHS.items()
+        str(LawName("IV", kind)): lambda system, offset=False, path=path: type_iv(system, path(), offset)
+        for kind, path in PATHS.items()
     },
 }
-OFFSET = "_offset"  # suffix of the name of a law whose P_l may lie beside the vehicle's axis
 
 
 def output_names(robot: Mechanism) -> tuple[str, ...]:
     """Return the names of the output maps that this robot may have: Types I to IV, then its own. Those in OUTPUTS may have
-    OFFSET.
+    `OFFSET` of names.py.
     """
     return (*OUTPUTS, *(output.name for output in robot.outputs))
 
 
 def output_map(system: ReducedSystem, name: str) -> OutputMap:
-    """Return the output map of a law by name: one of OUTPUTS, optionally with OFFSET, or the robot's own. Raises KeyError."""
+    """Return the output map of a law by name: one of OUTPUTS, optionally with an offset, or the robot's own. Raises KeyError."""
     own = {output.name: output for output in system.mechanism.outputs}
     if name in own:
         return _own(system, own[name])
-    base = name.removesuffix(OFFSET)
+    base = without_offset(name)
     made = OUTPUTS[base](system, offset=base != name)
     return replace(made, name=name, about=made.about + (", P_l anywhere on the vehicle" if base != name else ""))
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from ..model.law import ControlLaw
 from ..model.mechanism import values_of
-from ..model.names import TYPE
-from ..model.outputs import OFFSET
+from ..model.names import LawName
 from ..readers.errors import BadInput
 from ..readers.robots import find_robot
 from ..simulation.loop import make_loop
@@ -25,7 +24,8 @@ def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
 
     Raises BadInput for an output of the robot's own: where it is regular, no default tells.
     """
-    if not law.name.startswith(TYPE):
+    name = LawName.parse(law.name)
+    if name is None:
         raise BadInput(f"{law.name} is the robot's own output: say with --spec SPEC.toml where the robot is and what is wanted")
     config = {c.name: c.default for c in law.config}
     L, W = config.pop("L"), config.pop("W", 0.0)
@@ -33,7 +33,7 @@ def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
         output = OutputSection(type="IV", L=L, W=W, path=PathSection(kind=law.output.path.kind, parameters=config))
         reference = Reference(speed=speed)
     else:
-        output = OutputSection(type=law.name.removesuffix(OFFSET).removeprefix("type_").upper(), L=L, W=W)
+        output = OutputSection(type=name.type, L=L, W=W)
         position = (0.0, math.pi / 2 if output.type == "III" else 0.0)
         reference = Reference(position=position, velocity=(speed, 0.0))
     initial, simulation = _on_the_way(output, reference), Simulation(duration=10.0, backend="casadi")

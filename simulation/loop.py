@@ -13,6 +13,7 @@ from ..model.algebra.trigonometry import sine_cosine
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
+from ..model.names import TYPES
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
 from ..readers.robots import find_robot, law_of
@@ -20,7 +21,7 @@ from ..verification.cases import gain_entries, integral_entries
 from .guidance import Guidance, Leg, OnePath, Route, ShortWay, Side
 from .plant import Plant
 from .sensing import Sensing
-from .specification.spec import TYPES, Initial, PathSection, Spec
+from .specification.spec import Initial, PathSection, Spec
 from .starts import starts
 
 RUNNING = ("ok", "saturated")  # the statuses with which a run goes on

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import noslip
 import pytest
+from noslip.codegen import optimize
 
 ROOT = Path(noslip.__file__).parent
 FOLDERS = ("", "model", "codegen/derivation")  # where the pages' bare file names are
@@ -76,3 +77,17 @@ def test_links(page):
     """Relative links lead somewhere."""
     for target in re.findall(r"\]\(([\w./-]+)\)", (ROOT / page).read_text()):
         assert (ROOT / page).parent.joinpath(target).exists(), target
+
+
+def test_the_recipe_for_a_pass(monkeypatch, capsys):
+    """The pass that the recipe writes, entered in PASSES as it says, finds the root in the recipe's expression."""
+    found = re.findall(r"tests/test_docs.py -->\n```python\n(.*?)^```", (ROOT / "docs/extending.md").read_text(), re.S | re.M)
+    (methods, tried), made = found, {}
+    exec(methods, vars(optimize), made)
+    for name, function in made.items():
+        monkeypatch.setattr(optimize.Optimizer, name, function, raising=False)
+    monkeypatch.setattr(optimize, "PASSES", (("squares of roots", made["squares_of_roots"]), *optimize.PASSES))
+    exec(tried, {})
+    before, after, *_ = capsys.readouterr().out.splitlines()
+    assert before.startswith("sums of products [Applied") and after.startswith("squares of roots")
+    assert after.endswith("(mul, #0, #1)]")

@@ -12,8 +12,9 @@ from noslip.controllers.build import runtime_files
 from noslip.model import Mechanism, config, control_law
 from noslip.model.errors import ModelError
 from noslip.model.mechanism import quantity
-from noslip.model.names import IN_C, OF_LAW, OF_ROBOT, is_reserved
-from noslip.model.outputs import output_map
+from noslip.model.names import IN_C, OF_LAW, OF_ROBOT, LawName, is_reserved, without_offset
+from noslip.model.outputs import OUTPUTS, output_map
+from noslip.model.paths import PATHS
 from noslip.model.reduction import reduce
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot
@@ -177,3 +178,17 @@ def test_c_of_odd_names_compiles_after_all_headers(which_one, tmp_path):
     run = [*command, *STRICT, "-include", "all.h", "-c", *sources]
     result = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr[:2000]
+
+
+# -- names of laws -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset", [False, True])
+def test_names_of_laws_are_taken_apart_as_they_are_put_together(offset):
+    """Every type and path, and names that are none of these."""
+    names = [LawName(kind, offset=offset) for kind in ("I", "II", "III")] + [LawName("IV", path, offset) for path in PATHS]
+    assert [without_offset(str(name)) for name in names] == list(OUTPUTS)
+    for name in names:
+        assert LawName.parse(str(name)) == name and str(name).endswith("_offset") == offset
+    for own in ("ball", "type_v", "type_I", "type_", "Type_i", "my_type_i", "_offset"):
+        assert LawName.parse(own) is None

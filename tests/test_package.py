@@ -294,15 +294,17 @@ def test_export_of_a_robot_in_a_file(cart, tmp_path):
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
-    """The wheel, built from a copy of what git has, so that the folder stays as it is."""
+    """The wheel, built by way of the sdist from a copy of what git has, so that the folder stays as it is."""
     folder = tmp_path_factory.mktemp("wheel")
-    copy = shutil.copytree(
+    source = shutil.copytree(
         ROOT, folder / "source", ignore=lambda _, names: [n for n in names if n in SKIPPED or n.endswith(".egg-info")]
     )
     flags = ["--no-deps", "--quiet", "--disable-pip-version-check"]
     if importlib.util.find_spec("setuptools") and importlib.util.find_spec("wheel"):
         flags.append("--no-build-isolation")
-    run([sys.executable, "-m", "pip", "wheel", *flags, copy, "-w", folder])
+        run([sys.executable, "-c", "from setuptools.build_meta import build_sdist; build_sdist('..')"], cwd=source)
+        (source,) = folder.glob("noslip-*.tar.gz")
+    run([sys.executable, "-m", "pip", "wheel", *flags, source, "-w", folder])
     (made,) = folder.glob("noslip-*.whl")
     return made
 
@@ -354,15 +356,16 @@ for arguments in json.loads(sys.argv[1]):
 """
 
 
-def test_an_unpacked_wheel_generates(wheel, tmp_path):
-    """With nothing of this folder. The nightly test installs it."""
+def test_an_unpacked_wheel_exports(wheel, tmp_path):
+    """With nothing of this folder, its templates among what it has. The nightly test installs it."""
     run([sys.executable, "-m", "zipfile", "-e", wheel, tmp_path / "unpacked"])
     env = {**os.environ, "PYTHONPATH": str(tmp_path / "unpacked")}
     said = "import noslip, sys; from noslip.cli.main import main; print(noslip.__file__); sys.exit(main(sys.argv[1:]))"
-    out = run([sys.executable, "-c", said, "generate", "labmate", "--output", "type_i"], cwd=tmp_path, env=env)
+    out = run([sys.executable, "-c", said, "export", "labmate", "--output", "type_i", "-o", "c"], cwd=tmp_path, env=env)
     assert out.splitlines()[0] == str(tmp_path / "unpacked/noslip/__init__.py")
     for name in ("labmate.h", "labmate_type_i.c", "labmate_type_i_f.h"):
-        assert (tmp_path / "generated/labmate" / name).read_bytes() == (ROOT / "generated/labmate" / name).read_bytes()
+        assert (tmp_path / "c" / name).read_bytes() == (ROOT / "generated/labmate" / name).read_bytes()
+    assert "labmate_type_i_step" in (tmp_path / "c/example.c").read_text()
 
 
 @pytest.mark.nightly
@@ -408,6 +411,8 @@ def test_listed_packages_are_the_folders():
     listed = listed_packages()
     of_no_python = {package for package in listed if all(path.suffix != ".py" for path in files_of(package))}
     assert of_no_python >= {"noslip.runtime_c", "noslip.specs.figures", "noslip.firmware.boards", "noslip.firmware.pil"}
+    folders = {path for path in ROOT.rglob("templates") if not SKIPPED & set(path.relative_to(ROOT).parts)}
+    assert of_no_python >= {".".join(["noslip", *path.relative_to(ROOT).parts]) for path in folders}
     assert listed - of_no_python == {
         ".".join(["noslip", *path.parent.relative_to(ROOT).parts])
         for path in ROOT.rglob("__init__.py")

@@ -11,6 +11,7 @@ from ..controllers.controller import MODEL_QUANTITIES, QUANTITIES, Evaluation
 from ..model.errors import ModelError
 from ..model.law import ControlLaw
 from ..model.mechanism import Mechanism, Quantity
+from ..model.names import TYPES, LawName
 from ..model.paths import PATHS
 from ..readers.errors import BadInput
 from ..readers.files import read_input, write_whole
@@ -79,10 +80,10 @@ def read_output(output: Mapping[str, Any], where: str) -> tuple[str, dict[str, A
     for key in own:
         if key in of_path:
             raise BadInput(f"{where}: {key!r} is given twice, once in `path`")
-    name = f"type_iv_{path['kind']}" if kind == "IV" else f"type_{kind.lower()}" if kind in ("I", "II", "III") else kind
-    if kind != "IV" and "kind" in path and not name.endswith(f"_{path['kind']}"):
+    law = LawName(kind, path["kind"] if kind == "IV" else "") if kind in TYPES else LawName.parse(kind)
+    if "kind" in path and (law is None or law.path != path["kind"]):
         raise BadInput(f"{where}: type {kind!r} takes no path of kind {path['kind']!r}; types are I, II, III, IV or a law's name")
-    return name, own | of_path
+    return str(law or kind), own | of_path
 
 
 def gain_entries(law: ControlLaw, given: Mapping[str, Any], where: str) -> dict[str, Any]:

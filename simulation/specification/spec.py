@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...model.outputs import OFFSET
+from ...model.names import TYPES, LawName
 from ...model.segments import Segment
 from ...readers.errors import BadInput, suggestion
 from ...readers.files import read_input
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 
 SPECS = Path(__file__).resolve().parents[2] / "specs"
-TYPES = ("I", "II", "III", "IV")
 TOLERANCES = (1e-13, 1e-2)  # below, rounding is larger than the tolerance; above, it is no simulation
 MOST_ROWS = 10_000_000
 DEEPEST = 16  # tables and lists in each other
@@ -146,10 +145,7 @@ class OutputSection:
     @property
     def law(self) -> str:
         """Name of the control law."""
-        if self.own:
-            return self.type
-        name = f"type_{self.type.lower()}" + (f"_{self.path.law}" if self.path else "")
-        return name + OFFSET if self.W else name
+        return self.type if self.own else str(LawName(self.type, self.path.law if self.path else "", bool(self.W)))
 
 
 @dataclass(frozen=True, kw_only=True)
