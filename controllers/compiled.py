@@ -18,12 +18,12 @@ from ..codegen.program import Entry
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from .controller import ON_LIMIT, QUANTITIES, Evaluation, Limits, check_point
-from .runtime import load
+from .runtime import InC, load
 
 Text = TypeVar("Text", LawC, DynamicsC)
 
 
-class _Compiled(Generic[Text]):
+class _Compiled(InC, Generic[Text]):
     """Compiled C of a robot in one scalar: `ffi` knows its types, `lib` its functions, `files` are its text."""
 
     def _load(self, system: ReducedSystem, text: Text, written: Mapping[str, str] | None) -> None:
@@ -52,10 +52,6 @@ class _Compiled(Generic[Text]):
     def function(self, name: str):
         """An entry point."""
         return getattr(self.lib, self.name(name))
-
-    def status(self, number: int) -> str:
-        """Name of a status."""
-        return self.ffi.string(self.lib.noslip_status_name(number)).decode()
 
     def struct(self, kind: str, values: Iterable[float]):
         """A new C struct of scalars, filled in the order of its fields."""

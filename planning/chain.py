@@ -11,6 +11,12 @@ Pose = tuple[float, float, float]
 CLOSE = 1e-9  # m and rad: how well a planned path holds together and reaches its goal
 
 
+def check_length(name: str, value: float) -> None:
+    """Raise BadInput for a length (m) that is not positive and finite."""
+    if not (math.isfinite(value) and value > 0):
+        raise BadInput(f"{name} = {value:g} m is not positive and finite")
+
+
 def pose(value: Sequence[float], where: str) -> Pose:
     """A pose (x m, y m, heading rad) that was given. Raises BadInput when it is not three finite numbers."""
     try:

@@ -403,7 +403,7 @@ def test_file_that_is_no_text(tmp_path, bad_input):
         ("def robot():\n    return 1 / 0\n", "robot", "mine.py:2: ZeroDivisionError"),
         ("from noslip.model import Mechanism\nrobot = Mechanism('my robot')\n", "robot", "mine.py:2: name 'my robot'"),
         ("raise SystemExit(0)\n", "robot", "mine.py:1: SystemExit"),
-        ("robot = 5\n", "robot", "no Mechanism"),
+        ("robot = 5\n", "robot", "neither a Mechanism"),
         ("from noslip.model.robots.labmate import labmate\nrobot = labmate()\n", "robto", "did you mean 'robot'"),
     ],
 )
@@ -420,7 +420,7 @@ def test_files_that_cannot_be_read_or_written(case, write, tmp_path, bad_input):
         ["evaluate", path, "--backend", "casadi", "-o", str(tmp_path / "no_folder/out.json")]
     )
     assert "is a folder; give a file in it" in bad_input(["evaluate", path, "--backend", "casadi", "-o", str(tmp_path)])
-    assert "there is no folder" in bad_input(["evaluate", path, "--backend", "casadi", "-o", f"{path}/out.json"])
+    assert "does not exist" in bad_input(["evaluate", path, "--backend", "casadi", "-o", f"{path}/out.json"])
 
 
 def test_bad_input_leaves_the_old_output(case, write, tmp_path):
@@ -441,7 +441,7 @@ def test_check_refuses(case, write, bad_input):
     assert "unknown output 'type_v'" in bad_input(["check", "--output", "type_v"])
     assert "unknown robot" in bad_input(["check", "--robot", "labmat"])
     assert "--states must be 1 to" in bad_input(["check", "--states", "0"])
-    assert "casadi is what the C is compared with" in bad_input(["check", "--backend", "casadi"])
+    assert "casadi is the reference" in bad_input(["check", "--backend", "casadi"])
 
 
 # -- close to the singular set -----------------------------------------------------------------------------------------

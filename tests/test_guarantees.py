@@ -150,7 +150,7 @@ def changed(folder: Path, file: str, was: str, now: str, laws: str | None = "") 
 
 EVA_FINDS = {
     "an angle beyond integers": (
-        ("noslip_angle.inc", "!(NOSLIP_NAME(noslip_angle_ok)(wanted) &&", "(NOSLIP_NAME(noslip_abs)(wanted) < 0 &&"),
+        ("noslip_angle.inc", "!(NOSLIP_NAME(noslip_angle_ok)(desired) &&", "(NOSLIP_NAME(noslip_abs)(desired) < 0 &&"),
         "overflow in conversion",
     ),
     "something added beyond its limit": (

@@ -802,7 +802,7 @@ def test_names_that_c_or_python_cannot_take(name):
         lambda n: robot.input(n, "N", on=1),
     ]
     for make in (*add, lambda n: robot.quasi_velocity(n, "m", 1), lambda n: config(n, 0.0, "m", "")):
-        with pytest.raises(ModelError, match="cannot be used in C: letters, digits and _ only, no keyword of") as error:
+        with pytest.raises(ModelError, match="cannot be used in C: use letters, digits and _ only, no keyword of") as error:
             make(name)
         assert repr(name) in str(error.value)
 

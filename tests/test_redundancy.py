@@ -320,7 +320,7 @@ def test_a_wrong_weight_or_wish_is_refused(why):
 
 def test_a_weight_must_stay_positive_and_fixed():
     made = ROBOTS["knife_edge"]()
-    with pytest.raises(ModelError, match="made of parameters"):
+    with pytest.raises(ModelError, match="expression in parameters"):
         made.input("oar", "N", on=made.rate(made["x"]), weight=made["x"])
     made.input("oar", "N", on=made.rate(made["phi"]), weight=made["m"] - 50.0)
     with pytest.raises(ModelError, match="'oar': its weight is not positive"):

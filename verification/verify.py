@@ -18,7 +18,7 @@ import numpy as np
 from ..codegen.dynamics import ENTRIES as DYNAMICS_ENTRIES
 from ..codegen.printing.dynamics_c import NAME as DYNAMICS_NAME
 from ..codegen.printing.scalar import SCALARS
-from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, keep, kept, runtime_files
+from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, identity, runtime_files
 from ..controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary, Library
 from ..controllers.controller import Limits
 from ..controllers.direct import Direct
@@ -29,6 +29,7 @@ from ..model.linearization import SINGULAR
 from ..model.outputs import body_offsets
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
+from ..readers.kept import keep, kept
 from .check import RANDOM_LIMITS, TYPICAL, deviation_of, relative
 from .extended import evaluate
 from .sampling import REGULAR, Plant, as_held, random_motions, random_plants
@@ -81,7 +82,7 @@ def _not_compared_before(
         for part in (*(_LawInC(law, scalar) for law in laws), _DynamicsInC(system, scalar)):
             if part.names <= files.keys():
                 own = {name: files[name] for name in sorted(part.names)}
-                key = ((*compiler(), *FLAGS, *QUICK), settings, sorted({**runtime_files(), **own}.items()))
+                key = (*identity([*compiler(), *FLAGS, *QUICK]), settings, sorted({**runtime_files(), **own}.items()))
                 if not kept(key, MARK):
                     yield part, own, key
 
@@ -208,10 +209,8 @@ class _LawInC(_InC):
     @cached_property
     def expressions(self) -> dict[str, ca.SX]:
         """The model's quantities, and the measure that tells whether Phi is singular."""
-        law, found = self.law, self.law.linearization
-        quantities = {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": law.u, "tau": law.tau}
-        more = {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": ca.vertcat(*found.measure)}
-        return quantities | more
+        law, measure = self.law, ca.vertcat(*self.law.linearization.measure)
+        return law.quantities | {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": measure}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Every entry point at random regular states, and the step at singular ones."""

@@ -407,7 +407,7 @@ class LawC:
             "    status = admitted == NOSLIP_OK ? status : admitted;",
             "}",
             *(self._slow(STEPS[entry.name]) if self.slows else []),
-            f"return {name('noslip_answer')}(status, self->on_error, self->limit, self->held, made, tau, {self.inputs});",
+            f"return {name('noslip_apply_limits')}(status, self->on_error, self->limit, self->held, made, tau, {self.inputs});",
         ]
         # by value, so that what is made stays in registers
         asked = [f"made_{k}" for k in range(self.inputs)]

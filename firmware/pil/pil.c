@@ -5,13 +5,13 @@ static int hello(pil *self)
 {
     const pil_input *in = &self->input;
     const pil_output *out = &self->output;
-    const pil_hello found = {sizeof in->law.params,    sizeof in->law.config,       sizeof in->law.gains,
+    const pil_hello hello_answer = {sizeof in->law.params,    sizeof in->law.config,       sizeof in->law.gains,
                              sizeof in->law.options,   sizeof in->step.state,       sizeof in->step.reference,
                              sizeof out->evaluation,   sizeof out->tau,             sizeof in->segment.segment,
                              sizeof in->path.options,  sizeof out->guide,           sizeof in->odometry.options,
                              PIL_LAWS,                 PIL_PATHS,                   PIL_ODOMETRIES,
                              PIL_INTEGRALS,            PIL_SEGMENTS};
-    self->output.hello = found;
+    self->output.hello = hello_answer;
     return NOSLIP_OK;
 }
 
@@ -168,9 +168,9 @@ uint32_t pil_check(pil *self)
 
 void pil_call(pil *self)
 {
-    const operation *asked = &operations[self->request.operation];
-    self->answer.status = asked->call(self);
+    const operation *requested = &operations[self->request.operation];
+    self->answer.status = requested->call(self);
     if (self->answer.fault == PIL_FAULT_NONE) {
-        self->answer.size = asked->gives;
+        self->answer.size = requested->gives;
     }
 }
