@@ -14,10 +14,11 @@ import pytest
 from noslip.codegen.targets import makefile
 from noslip.controllers.build import RUNTIME
 from noslip.controllers.targets import QUIET, TARGETS, missing, required
-from noslip.guarantees.vehicle import FIRMWARE, GENERATED, HOLD, PERIOD, ROOT, RUN, STOP, Firmware, Loop, change
+from noslip.guarantees.vehicle import HOLD, PERIOD, ROOT, RUN, STOP, Firmware, Loop, change
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.plant import Plant
 
+FIRMWARE, GENERATED = ROOT / "firmware", ROOT / "generated" / "labmate"
 TURN = 2 * math.pi
 NAN, INF = math.nan, math.inf
 TORQUE, CURRENT, VOLTAGE = range(3)  # modes of a motor
