@@ -1,4 +1,4 @@
-"""Compiles generated C, once per content: with the system's compiler into a shared library, or as told."""
+"""Compiles generated C, once per content: by the system's compiler into a shared library, or by another command."""
 
 import os
 import shlex
@@ -15,22 +15,22 @@ from ..readers.kept import folder_of_results, keep, kept
 
 RUNTIME = Path(__file__).resolve().parent.parent / "runtime_c"
 FLAGS = (*STANDARD, "-fPIC", "-shared", "-Wall", "-Wextra")
-QUICK, OPTIMIZED = ("-O0",), ("-O2",)  # after those; the bits are the same, QUICK compiles in a quarter of the time
+QUICK, OPTIMIZED = ("-O0",), ("-O2",)  # appended; the bits are the same, QUICK compiles four times as fast
 
 
 class DoesNotCompile(BadInput):
-    """A compiler refuses C that it is given."""
+    """The compiler rejects the C."""
 
 
 def runtime_files() -> dict[str, str]:
-    """The hand-written C that generated laws stand on: file name -> text, without the texts that headers are made from."""
+    """Return the hand-written C on which generated laws depend: file name -> text, without the .inc files of headers."""
     compiled = [path for path in sorted(RUNTIME.iterdir()) if path.suffix in (".h", ".c", ".inc")]
     made_from = {path for path in compiled if path.suffix == ".inc" and path.with_suffix(".h") in compiled}
     return {path.name: path.read_text() for path in compiled if path not in made_from}
 
 
 def compiler() -> list[str]:
-    """The compiler and its leading arguments: $CC, else cc, gcc or clang. Raises BadInput when there is none."""
+    """Return the compiler and its leading arguments: $CC, else cc, gcc or clang. Raises BadInput if there is none."""
     chosen = os.environ.get("CC")
     if chosen:
         try:
@@ -44,10 +44,11 @@ def compiler() -> list[str]:
 
 
 def shared_library(files: Mapping[str, str], optimized: bool = False) -> Path:
-    """Compile the .c files among `files` (name -> text) with what they call of the runtime, or find an earlier result.
+    """Compile the .c files among `files` (name -> text) with the runtime files that they use; return the library, possibly
+    cached.
 
-    `optimized`: for what is called millions of times. Raises BadInput when there is no compiler, no place to write, or the
-    compiler refuses.
+    `optimized` is for functions that are called millions of times. Raises BadInput if there is no compiler, no place to write, or
+    the compiler rejects the C.
     """
     everything = {**runtime_files(), **files}
     sources = [name for name in everything if name.endswith(".c") and (name in files or _called(name, files))]
@@ -56,10 +57,10 @@ def shared_library(files: Mapping[str, str], optimized: bool = False) -> Path:
 
 
 def built(command: Sequence[str], files: Mapping[str, str], product: str, advice: str = "") -> Path:
-    """What a command makes of `files` (name -> text), all in the folder it runs in; or an earlier result.
+    """Return the product of a command run in a folder with `files` (name -> text), possibly cached.
 
-    The command begins with a compiler; the last of its options, that it is to make `product`, is added here. Raises
-    DoesNotCompile, with the advice, when the compiler refuses; BadInput when it does not run or there is no place to write.
+    The command begins with a compiler; the option that names the `product` is appended. Raises DoesNotCompile, with the advice,
+    if the compiler rejects the C; BadInput if it does not run or there is no place to write.
     """
     whole = [*command, "-o", product]
     key, suffix = (*identity(whole), sorted(files.items())), Path(product).suffix
@@ -70,20 +71,20 @@ def built(command: Sequence[str], files: Mapping[str, str], product: str, advice
             (folder / name).write_text(text)
         result = subprocess.run(whole, cwd=folder, capture_output=True, text=True)
         if result.returncode or not (folder / product).exists():
-            said = next((line for line in result.stderr.splitlines() if "error" in line), f"it made no {product}")
+            said = next((line for line in result.stderr.splitlines() if "error" in line), f"it did not write {product}")
             more = f"; {advice}" if advice else ""
             raise DoesNotCompile(f"the generated C does not compile with `{command[0]}`: {said}{more}")
         return keep(key, suffix, (folder / product).read_bytes())
 
 
 def _called(source: str, files: Mapping[str, str]) -> bool:
-    """Is this file of the runtime one that `files` call? All use the status, the others are included by name."""
+    """Return whether `files` use this file of the runtime. All use the status; the others are included by name."""
     header = source.removesuffix(".c").removesuffix("_f") + ".h"
     return source == "noslip_status.c" or any(f'#include "{header}"' in text for text in files.values())
 
 
 def identity(command: Sequence[str]) -> tuple:
-    """A command that begins with a compiler, and that compiler's version. Raises BadInput where it does not run."""
+    """Return a command that begins with a compiler, and the version of the compiler. Raises BadInput if it does not run."""
     return list(command), _version(command[0])
 
 

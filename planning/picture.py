@@ -1,4 +1,4 @@
-"""Figures of planned paths."""
+"""Plots of planned paths."""
 
 import itertools
 import math
@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from ..model.segments import Segment
 
 LINE, LEFT, RIGHT, CUSP, GIVEN, VEHICLE = "#444444", "#0b61a4", "#c2570c", "#c00000", "#2e8b57", "#333333"
-BEND = 0.05  # rad between drawn points of an arc
-SIZE = 0.07  # length of a drawn vehicle, of the picture's
+BEND = 0.05  # rad between plotted points of an arc
+SIZE = 0.07  # length of a drawn vehicle, relative to the plot
 
 
 def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[float]] = ()) -> Figure:
-    """A drawn path; `waypoints` (x, y) in m are marked."""
+    """Return a plot of a path; `waypoints` (x, y) in m are marked."""
     figure = Figure(figsize=(9, 7.5), layout="constrained")
     axes = figure.add_subplot()
     for segment in segments:
@@ -50,7 +50,7 @@ def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[f
 
 
 def _look(segment: Segment) -> tuple[str, str]:
-    """Colour and name of a segment's kind."""
+    """Return colour and name of a segment's kind."""
     way = ", backward" if segment.backward else ""
     if not segment.curvature:
         return LINE, f"line{way}"
@@ -58,7 +58,7 @@ def _look(segment: Segment) -> tuple[str, str]:
 
 
 def _draw_vehicle(axes: Axes, travel: tuple[float, float, float], backward: bool, size: float, name: str, alpha: float) -> None:
-    """A pointed box about a pose, its nose where the vehicle heads."""
+    """Draw a pointed box at a pose, with its tip in the direction of the vehicle's heading."""
     x, y, heading = travel
     ahead = np.exp(1j * (heading + math.pi * backward))
     outline = np.array([-0.5 - 0.3j, 0.2 - 0.3j, 0.5, 0.2 + 0.3j, -0.5 + 0.3j]) * size * ahead + complex(x, y)

@@ -254,7 +254,7 @@ def test_angle_beyond_the_range_of_the_sine(case, write, backend, limit):
 
 def test_check_of_files(capsys):
     assert main(["check", *(str(REFERENCE / file) for file in FILES)]) == 0
-    assert capsys.readouterr().out.count("all within the limits") == 1
+    assert capsys.readouterr().out.count("all errors are within the limits") == 1
 
 
 @each_backend
@@ -336,15 +336,15 @@ MALFORMED = {
     "long nu": (change("nu", value=[1, 2, 3]), "list of 2 numbers"),
     "short y": (change("reference", "y", value=[1]), "list of 2 numbers"),
     "q no list": (change("q", value="1"), "list of 5 numbers"),
-    "word": (change("nu", value=["fast", "1"]), '"fast" is no number'),
-    "underscore": (change("nu", value=["1_0", "1"]), "no number"),
-    "boolean": (change("nu", value=[True, "1"]), "no number"),
-    "null": (change("params", "r", value=None), "null is no number"),
+    "word": (change("nu", value=["fast", "1"]), '"fast" is not a number'),
+    "underscore": (change("nu", value=["1_0", "1"]), "is not a number"),
+    "boolean": (change("nu", value=[True, "1"]), "is not a number"),
+    "null": (change("params", "r", value=None), "null is not a number"),
     "unknown type": (change("output", value={"type": "V", "L": 0}), "unknown output 'V'"),
-    "type no text": (change("output", "type", value=4), "needs a `type`"),
+    "type no text": (change("output", "type", value=4), "`type` is missing"),
     "unknown path": (change("output", "path", "kind", value="spiral"), "unknown output 'type_iv_spiral'"),
     "path no table": (change("output", "path", value="circle"), "must be a table"),
-    "no path": (change("output", "path", delete=True), "needs a `path`"),
+    "no path": (change("output", "path", delete=True), "requires a `path`"),
     "path of another type": (change("output", "type", value="I"), "takes no path of kind 'circle'"),
     "unknown parameter": (change("params", "mass", value="1"), "unknown key 'mass'"),
     "unknown gain": (change("gains", "ki", value="1"), "unknown gain 'ki'"),
@@ -369,8 +369,8 @@ def test_malformed_case(case, write, tmp_path, bad_input, name):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "no JSON, or cut short"),
-        ('{"cases": [{"params": {"b": "0.75", "d', "no JSON, or cut short"),
+        ("", "not valid JSON, or truncated"),
+        ('{"cases": [{"params": {"b": "0.75", "d', "not valid JSON, or truncated"),
         ("b = 0.75", "no JSON"),
         ("[]", "must be an object"),
         ("{}", "cases missing"),
@@ -416,7 +416,7 @@ def test_robot_file_with_an_error(case, write, tmp_path, bad_input, source, name
 def test_files_that_cannot_be_read_or_written(case, write, tmp_path, bad_input):
     path = write([case])
     assert "nothing.json: No such file" in bad_input(["evaluate", str(tmp_path / "nothing.json")])
-    assert "no_folder/out.json: there is no folder" in bad_input(
+    assert "no_folder/out.json: the folder" in bad_input(
         ["evaluate", path, "--backend", "casadi", "-o", str(tmp_path / "no_folder/out.json")]
     )
     assert "is a folder; give a file in it" in bad_input(["evaluate", path, "--backend", "casadi", "-o", str(tmp_path)])
@@ -434,7 +434,7 @@ def test_bad_input_leaves_the_old_output(case, write, tmp_path):
 def test_check_refuses(case, write, bad_input):
     wrong_shape = copy.deepcopy(case)
     wrong_shape["expect"]["Phi"] = [1, 2]
-    assert "has shape [2], it must be [2, 2]" in bad_input(["check", write([wrong_shape]), "--backend", "casadi"])
+    assert "has shape [2]; it must be [2, 2]" in bad_input(["check", write([wrong_shape]), "--backend", "casadi"])
     del case["expect"]
     assert "nothing to compare" in bad_input(["check", write([case]), "--backend", "casadi"])
     assert "--seed is for the check at random states" in bad_input(["check", write([case]), "--seed", "1"])

@@ -162,7 +162,7 @@ def test_bad_paths_are_refused_before_anything_moves(name, backend):
 
 @pytest.mark.parametrize(
     ("start", "said"),
-    [({"point": (0.0, 5.0)}, "centre"), ({"heading": 2e6}, "cut whole turns"), ({"point": (1e300, 0.0)}, "far")],
+    [({"point": (0.0, 5.0)}, "centre"), ({"heading": 2e6}, "subtract whole turns"), ({"point": (1e300, 0.0)}, "far")],
 )
 @pytest.mark.parametrize("backend", ["c", "casadi"])
 def test_a_start_that_the_tracker_cannot_place_is_refused(backend, start, said):

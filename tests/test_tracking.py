@@ -540,8 +540,8 @@ def test_too_many_turns():
 
 def state_of(c, path) -> bytes:
     """All of a path but what a step notes for itself."""
-    kept, note = bytearray(c.ffi.buffer(path)), path.before
-    at = c.ffi.offsetof(c.ffi.typeof(path).item, "before")
+    kept, note = bytearray(c.ffi.buffer(path)), path.saved
+    at = c.ffi.offsetof(c.ffi.typeof(path).item, "saved")
     kept[at : at + c.ffi.sizeof(note)] = bytes(c.ffi.sizeof(note))
     return bytes(kept)
 
@@ -636,7 +636,7 @@ REFUSED = {
     "gap given": ([LINE, Segment(1.03, 0.04, 0, 0, 1)], replace(ON, gap=0.04), ("gap", 1, 0.05), "0.05 m"),
     "kink": ([LINE, Segment(1, 0, -0.02, 0, 1)], ON, ("kink", 1, 0.02), "differs by 0.02 rad from that at the end of segment 1"),
     "turns round": ([LINE, Segment(1, 0, math.pi, 0, 1)], ON, ("kink", 1, math.pi), "3.14 rad"),
-    "no cusp": ([LINE, replace(R, heading=0)], ON, ("cusp", 1, math.pi), "travel must turn round by pi"),
+    "no cusp": ([LINE, replace(R, heading=0)], ON, ("cusp", 1, math.pi), "off a change by pi"),
     "half a cusp": ([LINE, replace(R, heading=3 * math.pi - 0.3)], ON, ("cusp", 1, 0.3), "misses that by 0.3 rad"),
     "tight": ([LINE, Segment(1, 0, 0, 4, 1)], ON, ("tight", 1, 0.05), "radius, 0.25 m, is not more than 0.3 m"),
     "just tight": ([replace(LINE, curvature=-2)], replace(ON, L=(0.5, -1), ahead=0.0), ("tight", 0, 0), "0.5 m"),
@@ -656,7 +656,7 @@ REFUSED = {
         there_and_back([replace(LINE, length=0.5)]), replace(ON, closed=True), ("short", 1, 0.1), "segment 2",
     ),
     "large angle": ([replace(LINE, heading=2e6)], ON, ("nonfinite", 0, 2e6), "2e+06 rad is too large"),
-    "many turns": ([replace(LINE, curvature=2.0, length=1e6)], ON, ("nonfinite", 0, 2e6), "cut whole turns off"),
+    "many turns": ([replace(LINE, curvature=2.0, length=1e6)], ON, ("nonfinite", 0, 2e6), "subtract whole turns"),
 }  # fmt: skip
 SIZE = {"casadi": 1e-12, "c": 1e-12, "cf": 1e-6}
 

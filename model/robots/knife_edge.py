@@ -1,7 +1,7 @@
-"""A knife edge on a level plane, the smallest robot that rolls: a unicycle, a blade on ice.
+"""A knife edge on a level plane, the smallest robot that rolls: a unicycle, or a blade on ice.
 
-The example with which J. I. Neimark and N. A. Fufaev, Dynamics of Nonholonomic Systems (1972), and A. M. Bloch,
-Nonholonomic Mechanics and Control (2003), section 1.6, begin; sizes here are those of a small cart, assumed.
+The first example of J. I. Neimark and N. A. Fufaev, Dynamics of Nonholonomic Systems (1972), and of A. M. Bloch,
+Nonholonomic Mechanics and Control (2003), section 1.6; the sizes are those of a small cart, assumed.
 """
 
 from casadi import cos, sin

@@ -1,7 +1,7 @@
-"""Vehicles with one steered and one fixed axle, each seen as one wheel in its middle (the bicycle model).
+"""Vehicles with one steered and one fixed axle, each represented by one wheel in its middle (the bicycle model).
 
 A. De Luca, G. Oriolo and C. Samson, Feedback control of a nonholonomic car-like robot (1998), for the kinematics and for a
-point ahead of the steered wheel as output: a point fixed to the body does not feel the steering, so Phi is singular there.
+point ahead of the steered wheel as output: a point fixed to the body does not depend on the steering rate, so Phi is singular.
 G. Campion, G. Bastin and B. d'Andrea-Novel, Structural properties ... of wheeled mobile robots (1996), for the tricycle.
 """
 
@@ -40,11 +40,11 @@ def _steered(robot: Mechanism, driven_in_front: bool, half: float, **sizes: floa
     c = size("c", "m", "distance of the centre of mass ahead of the rear axle", "any")
     r = size("r", "m", f"radius of the {driven}")
     I_c = size("I_c", "kg m^2", "body about the vertical through the centre of mass")
-    I_s = size("I_s", "kg m^2", "what is steered, about the steering axis")
+    I_s = size("I_s", "kg m^2", "steered part about the steering axis")
     I_w = size("I_w", "kg m^2", f"{driven} with motor, about the axle", "nonnegative")
 
     def velocity(point: SX, heading: SX) -> tuple[SX, SX]:
-        """Of a point of the body, along a heading and to the left of it."""
+        """Return the velocity of a point of the body, along a heading and to its left."""
         x_dot, y_dot = robot.rate(point[0]), robot.rate(point[1])
         return cos(heading) * x_dot + sin(heading) * y_dot, cos(heading) * y_dot - sin(heading) * x_dot
 
@@ -66,7 +66,7 @@ def _steered(robot: Mechanism, driven_in_front: bool, half: float, **sizes: floa
     robot.input("tau_s", "N m", on=steering, about="steering torque, against the body")
     robot.quasi_velocity("thetadot", "rad/s", rolling, f"rate of the {driven}")
     robot.quasi_velocity("deltadot", "rad/s", steering, "steering rate")
-    robot.moves_in_plane(front[0], front[1], steered)  # the steered wheel moves as a unicycle does
+    robot.moves_in_plane(front[0], front[1], steered)  # the steered wheel moves like a unicycle
     robot.draws(box((x, y), phi, 0.2 * l, 1.15 * l, half), *wheels((x, y), phi, half, r))
     robot.draws(placed((front[0], front[1]), steered, [(-1.3 * r, 0), (1.3 * r, 0)]))
     return robot
