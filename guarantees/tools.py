@@ -17,7 +17,7 @@ from ..codegen.targets import STANDARD, TABLE, flags
 
 ROOT = Path(noslip.__file__).resolve().parent
 HERE = Path(__file__).resolve().parent
-TIMEOUT = 900  # s, of any one tool
+TIMEOUT = 3600  # s, of any one tool: EVA of the paths takes minutes of processor time, on a busy machine long
 
 Value = TypeVar("Value")
 Answer = TypeVar("Answer")

@@ -32,7 +32,7 @@ from noslip.guarantees.headers import header
 ROOT = Path(__file__).resolve().parent.parent
 EQUIVALENT = "tests/mutation_equivalent.toml"
 LEAST, SEED, SAMPLE = 0.97, 1992, 15
-MOST = 300  # s of processor time for the tests of one mutant: an endless loop ends there
+MOST, TIMES = 300, 4  # s of processor time for tests; how often that of the source a mutant may take: an endless loop ends there
 FOLDERS = ("runtime_c", "firmware", "generated/labmate")  # of headers
 HEAVY = ("casadi", "cffi", "matplotlib.pyplot", "mpmath", "numpy", "pyarrow.parquet", "pytest", "scipy.integrate", "scipy.linalg")
 
@@ -344,7 +344,7 @@ class Copy:
     """A copy of the tree in a folder of its own, where mutants are tried one after the other."""
 
     def __init__(self, root: Path, folder: Path):
-        self.tree, self.folder = folder / "noslip", folder
+        self.tree, self.folder, self.most = folder / "noslip", folder, MOST
         listed = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=root, capture_output=True, text=True)
         names = listed.stdout.splitlines() if listed.returncode == 0 else [str(p.relative_to(root)) for p in root.rglob("*")]
         for name in names:
@@ -355,18 +355,16 @@ class Copy:
         self.compiler.write_text('#!/bin/sh\nexec cc "$@" -O0\n')  # the last level counts
         self.compiler.chmod(0o700)
 
-    def passes(self, tests: tuple[str, ...]) -> bool:
-        """Do the tests pass? In a process of its own, which has what is not noslip's already."""
+    def passes(self, tests: tuple[str, ...]) -> float:
+        """Processor time (s) of the tests in a process of its own, which has what is not noslip's already; 0 where they fail."""
         child = os.fork()
         if child == 0:
             os._exit(self._pytest(tests))
-        status = os.waitpid(child, 0)[1]
-        if os.WIFEXITED(status) and os.WEXITSTATUS(status) in (4, 5):  # of pytest: a wrong argument, no test
-            raise NotReady(f"pytest {' '.join(tests)}: {(self.folder / 'log').read_text()[-2000:]}")
-        return status == 0
+        _, status, used = os.wait4(child, 0)
+        return 0.0 if status else used.ru_utime + used.ru_stime
 
     def _pytest(self, tests: tuple[str, ...]) -> int:
-        resource.setrlimit(resource.RLIMIT_CPU, (MOST, MOST))
+        resource.setrlimit(resource.RLIMIT_CPU, (self.most, self.most))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         log = os.open(self.folder / "log", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(log, 1)
@@ -395,8 +393,10 @@ class Copy:
         """Tries a sample of the mutants of a source; prints who survives. Raises NotReady where its tests fail without them."""
         file = self.tree / path
         text, listed, python = file.read_text(), equivalent(self.tree).get(path, set()), path.endswith(".py")
-        if not self.passes(source.tests):
+        self.most = MOST
+        if not (took := self.passes(source.tests)):
             raise NotReady(f"{path}: its tests fail: {(self.folder / 'log').read_text()[-2000:]}")
+        self.most = int(10 + TIMES * took)
         made, compiled, found = mutants(self.tree, path), self.kept(), []
         plain = None if python else _optimized(self.tree, path)
         random.Random(f"{seed} {path}").shuffle(made)

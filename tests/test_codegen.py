@@ -545,14 +545,16 @@ def test_functions_without_c(function, optimize):
         compile_law(control_law(system, type_iv(system, implicit("odd", "odd", (), lambda x, y: y - function(x)))), optimize)
 
 
-@pytest.mark.parametrize("exponent", [-3, -0.5, 0, 0.5, 1, 1.5, 2, 3, 7, 2.5, 32])
+@pytest.mark.parametrize("exponent", [-3, -1.7, -0.5, 0, 0.3, 0.5, 1, 1.5, 2, 3, 7, 2.5, 32])
 def test_powers(exponent):
+    """Whole and half ones are products and roots."""
     graph, symbol = Graph(), ca.SX.sym("x")
     leaf = graph.leaf("state", "x")
     (((node,),)) = from_casadi(graph, ca.SX(symbol**exponent), [symbol], [leaf], "")
     value = mpmath.mpf("1.37")
     (ours,) = evaluate([node], lambda _: value)
     assert abs(ours - value ** mpmath.mpf(exponent)) <= EXACT * ours
+    assert ("pow" in {each.operation for each in reachable([node])}) == (2 * exponent % 1 != 0)
 
 
 def test_tangent():

@@ -173,6 +173,29 @@ def test_eva_finds(wrong, tmp_path):
     assert any(told in line for line in found), found
 
 
+SEGMENTS = ("#define SEGMENTS 3", "#define SEGMENTS 1")  # of the paths analysed: with one it is quicker
+
+
+def programs(folder: Path, file: str, was: str, now: str) -> Path:
+    """A copy of the programs that EVA analyses, in which one thing is changed."""
+    shutil.copytree(eva.PROGRAMS, folder)
+    text = (folder / file).read_text()
+    assert was in text
+    (folder / file).write_text(text.replace(was, now).replace(*SEGMENTS))
+    return folder
+
+
+@pytest.mark.nightly
+def test_eva_finds_in_a_path(tmp_path, monkeypatch):
+    """After the last segment another one is looked for."""
+    if shutil.which("frama-c") is None:
+        pytest.skip("install frama-c-base")
+    task = changed(tmp_path, "runtime_c/noslip_path_code.inc", "segment + 1 < self->count", "segment + 1 <= self->count")
+    monkeypatch.setattr(eva, "PROGRAMS", programs(tmp_path / "eva", "path.c", *SEGMENTS))
+    _, found = eva.analyse(task, eva.Program("path", "float"))
+    assert any("out of bounds read" in line for line in found), found
+
+
 VACUOUS = {  # file of c/eva/ and what is changed in it, the program, and the place that is then not reached
     "no step is checked": (("law.c", "        check_step(", "        (void)follow; if (0) check_step("), "law", "step_good"),
     "no law is ready": (
@@ -191,6 +214,11 @@ VACUOUS = {  # file of c/eva/ and what is changed in it, the program, and the pl
         "runtime",
         "move_good",
     ),
+    "no update of a path is checked": (
+        ("path.c", "segment = 0; segment < count;", "segment = 0; segment < 0;"),
+        "path",
+        "update_good",
+    ),
 }
 
 
@@ -202,11 +230,7 @@ def test_eva_does_not_hold_vacuously(wrong, tmp_path, monkeypatch):
     (file, was, now), source, place = VACUOUS[wrong]
     if shutil.which("frama-c") is None:
         pytest.skip("install frama-c-base")
-    shutil.copytree(eva.PROGRAMS, tmp_path / "eva")
-    text = (tmp_path / "eva" / file).read_text()
-    assert was in text
-    (tmp_path / "eva" / file).write_text(text.replace(was, now))
-    monkeypatch.setattr(eva, "PROGRAMS", tmp_path / "eva")
+    monkeypatch.setattr(eva, "PROGRAMS", programs(tmp_path / "eva", file, was, now))
     law = "labmate_type_i" if source == "law" else ""
     _, found = eva.analyse(Task(tmp_path, short=True), eva.AnalysedProgram(source, "float", law))
     assert any(line.endswith(f"{place} is not reached") for line in found), found

@@ -55,6 +55,7 @@ class C:
         return self.runtime.status(self.runtime.function(f"noslip_integral_{name}", self.scalar)(*arguments))
 
     def step(self, error: float, dt: float = 0.25, status: str = "ok") -> tuple[str, float]:
+        self.add[0] = NAN  # every answer is written
         number = getattr(self.runtime.lib, f"NOSLIP_{status.upper()}")
         return self.call("step", self.self, error, dt, number, self.add), self.add[0]
 
@@ -144,6 +145,10 @@ def test_at_zero_nothing_is_left_of_rounding():
     assert made.reset(1e6) == "ok"
     made.step(0.01, 1.0), made.step(-3e6, 1.0)
     assert made.self.z == 1e6 and made.self.rounded == pytest.approx(-0.01, rel=1e-6)
+    other = C("float", ki=1.0)
+    assert other.reset(1e6) == "ok"
+    other.step(0.01, 1.0), other.step(-3e6, 1.0)
+    assert other.reset(0.0) == "ok" and other.step(0.0, 1.0) == ("ok", 0.0)  # so with a new start
     assert made.step(0.5, 1.0, "saturated") == ("ok", 0.0)
     assert made.step(0.0, 1.0) == ("ok", 0.5)
 

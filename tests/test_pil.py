@@ -97,6 +97,12 @@ def test_objects_are_given_back(backend):
     make_odometry(backend, (0.1, 0.1), (0.1, -0.1), 0.0, law=LAW)
 
 
+def test_whole_turns_are_taken_off(backend):
+    here, there = (make_odometry(name, (0.1, 0.1), (0.1, -0.1), 0.3, start=(1.0, 2.0, 50.0), law=LAW) for name in ("cf", backend))
+    assert here.move((0.5, 0.2), 0.01).tolist() == there.move((0.5, 0.2), 0.01).tolist()
+    assert here.unwind().tolist() == there.unwind().tolist() and abs(there.pose[2]) <= np.pi
+
+
 def test_a_path_that_is_too_long(backend):
     from noslip.controllers.tracking import TrackerOptions, make_tracker
 

@@ -522,6 +522,14 @@ def test_however_far_the_wanted_speed_is_finite():
         assert guide.status == "ok" and 0 < guide.speed <= speed * (1 + 1e-6) and math.isfinite(guide.speed_rate)
 
 
+def test_however_far_what_is_told_is_finite():
+    """The way to a stop that there is not is the largest number, also where it is added to something large."""
+    stadium = chain((0.0, 0.0, 0.0), [(0, 2), (1, math.pi)] * 2)
+    for backend, far in (("cf", 1e33), ("c", 1e300)):
+        tracker = make_tracker(backend, stadium, TrackerOptions(speed=1, L=(0.1, 0), closed=True))
+        assert tracker.update(-far, 0.0, 0.0, 0.0).status == "ok" and math.isfinite(tracker._guide.remaining)
+
+
 def test_too_many_turns():
     """Backwards round the first arc without end: a status, when the angle is beyond what sines are taken of."""
     arc = Segment(0, 0, 0, 1.0, 1.0)
