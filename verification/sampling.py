@@ -20,6 +20,8 @@ REGULAR = 1e-2  # |det Phi| is at or above this times the product of Phi's row n
 LARGEST = 5.0  # times its median size, a row of S at most: beyond lies a pole, as where a wheel is steered across
 TYPICAL = 99  # states of which that is the median
 HEAVY = 1e-4  # smallest eigenvalue of S'MS scaled to a diagonal of ones
+SPECIAL = 4  # of so many states one has exact zeros and quarter turns, where a factor that should have cancelled shows
+QUARTER = np.pi / 2
 DRAWS = 100  # per wanted state, before giving up
 NEWTON_STEPS = 8  # to bring a point onto a path
 
@@ -70,8 +72,10 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
             continue
         largest = _largest_rates(law.system, params)
         points: list[Point] = []
-        for _ in range(min(STATES_PER_PLANT, states - found)):
+        for k in range(min(STATES_PER_PLANT, states - found)):
             state, reference = _state(law, config, random), random.uniform(-2, 2, len(law.reference))
+            if k % SPECIAL == SPECIAL - 1:
+                state = _special(law.state, state, random)
             truth = controller.evaluate(state, reference)
             if truth.status == "ok" and _regular(truth.values["Phi"]) and np.all(_rates(truth.values["S"]) <= largest):
                 points.append(Point(found + len(points), state, reference, truth))
@@ -88,6 +92,8 @@ def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Mot
             params = _values(system.mechanism.parameters, random)
             largest = _largest_rates(system, params)
         state, tau = _uniform(system, system.state, random), random.uniform(-5, 5, len(system.mechanism.inputs))
+        if drawn % SPECIAL == SPECIAL - 1:
+            state = _special(system.state, state, random)
         S, mass = _null_space(system)(state[:n], params).full(), _mass(system)(state[:n], params).full()
         finite = np.isfinite(S).all() and np.isfinite(mass).all()
         if finite and np.all(_rates(S) <= largest) and smallest_eigenvalue(mass) > HEAVY:
@@ -114,6 +120,13 @@ def _state(law: ControlLaw, config: Sequence[float], random: np.random.Generator
     if law.output.path and place:
         state[place] = np.asarray(_onto_path(law)(state[place], config)).ravel() + random.uniform(-1, 1, 2)
     return state
+
+
+def _special(quantities: Sequence[Quantity], state: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """The state with zeros for some of its entries, or for all; whole quarter turns for some angles."""
+    zero, quarter = random.random((2, len(state))) < random.uniform(0.2, 1.2, 2)[:, None]
+    turned = np.where([quantity.unit == "rad" for quantity in quantities] & quarter, QUARTER * np.round(state / QUARTER), state)
+    return np.where(zero, 0.0, turned)
 
 
 def _uniform(system: ReducedSystem, quantities: Sequence[Quantity], random: np.random.Generator) -> np.ndarray:

@@ -4,9 +4,8 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from ..errors import ModelError
 from .exact import canonical
-from .poles import added_pole, quotient
+from .poles import added_pole, quotient, refusal
 
 COFACTORS = 5  # rows of a matrix up to which its inverse is found by cofactors
 
@@ -80,10 +79,7 @@ def eliminate(matrix: ca.SX, right: ca.SX, moving: ca.SX, name: str) -> ca.SX:
         pole = added_pole(found, (matrix, right), quotient, moving)
         if pole is None:
             return found
-    raise ModelError(
-        f"{name}: no expression for S was found without a division by {str(pole)[:60]}, which vanishes where the robot and its "
-        "quasi-velocities are regular; choose other quasi-velocities"
-    )
+    raise refusal(name, "S", pole)
 
 
 def _by_cofactors(matrix: ca.SX, right: ca.SX) -> ca.SX:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 import casadi as ca
 import numpy as np
 
+from ..errors import ModelError
 from .exact import canonical
 from .expression import free_symbols
 
@@ -13,6 +14,7 @@ BESIDE = 1e-9  # distance from a zero at which values are compared
 LARGEST_BLOCK = 5  # rows of a matrix whose determinant is written out
 REGULAR = 1e-3  # smallest singular value, rows scaled to length 1, above which a matrix counts as regular there
 DEVIATION = 1e-8  # relative; a removable pole of order 1 leaves about 1e-16 / BESIDE
+LONGEST = 60  # characters of a denominator that a message shows
 ROUNDING = 1e-12  # of the product of the largest values given: what rounding may make of their combination
 
 
@@ -96,6 +98,17 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
         if len(vanishing) and is_wrong(at):
             return below[vanishing[0]]
     return None
+
+
+def refusal(robot: str, what: str, pole: ca.SX) -> ModelError:
+    """The error about a denominator that `added_pole` found in an expression of a robot."""
+    text = str(pole)
+    if len(text) > LONGEST or "@" in text:  # CasADi numbers what appears twice
+        text = f"an expression in {', '.join(sorted(map(str, free_symbols(pole))))}"
+    return ModelError(
+        f"{robot}: no expression for {what} was found without a division by {text}, which vanishes where the robot and its "
+        "quasi-velocities are regular; choose other quasi-velocities"
+    )
 
 
 def quotient(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
