@@ -10,7 +10,7 @@ import numpy as np
 from .algebra.exact import canonical
 from .algebra.expression import time_derivative
 from .algebra.linear import eliminate, solve, solve_symmetric
-from .algebra.poles import added_pole, quotient, refusal, singular_sets
+from .algebra.poles import quotient, singular_sets, without_pole
 from .algebra.samples import RANK_TOLERANCE, Sampled, smallest_eigenvalue
 from .errors import ModelError
 from .mechanism import Mechanism, Quantity, is_number, per_second, quantity
@@ -107,10 +107,8 @@ class ReducedSystem:
 
         Raises ModelError where it has a pole that the robot does not have.
         """
-        pole = added_pole(found, given, combined, ca.vertcat(self.mechanism.q, self.nu))
-        if pole is not None:
-            raise refusal(self.mechanism.name, name, pole)
-        return found
+        moving = ca.vertcat(self.mechanism.q, self.nu)
+        return without_pole(self.mechanism.name, name, found, given, combined, moving)
 
     def acceleration(self, tau: ca.SX) -> ca.SX:
         """nudot = (S'MS)^-1 (S'E tau - bias) (11), (n-m) x 1."""
@@ -285,9 +283,7 @@ def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduc
     if mechanism.bodies and mechanism.quasi_expressions:
         found = _by_bodies(mechanism, names, ca.SX.eye(n - m))
         S = found.written_out(found.S)
-        if (pole := added_pole(S, (square, right), quotient, mechanism.q)) is not None:
-            raise refusal(mechanism.name, "S", pole)
-        return S, names, found
+        return without_pole(mechanism.name, "S", S, (square, right), quotient, mechanism.q), names, found
     return eliminate(square, right, mechanism.q, mechanism.name), names, None
 
 

@@ -616,9 +616,9 @@ def test_vectors_of_a_wrong_length_are_refused(entry, tmp_path, bad_input):
         lines = [line for key, table in tables.items() for line in (f"[{key}]", *(f"{k} = {v}" for k, v in table.items()))]
         spec = tmp_path / "spec.toml"
         spec.write_text("\n".join(['robot = "labmate"', *lines]))
-        for command in (["simulate", str(spec), "-o", str(tmp_path / "o.csv")], ["outer-loop", "labmate", "--spec", str(spec)]):
-            said = bad_input(command)
-            assert str(spec) in said and section in said and name.partition(".")[0] in said and str(length) in said
+        for argv in (["simulate", str(spec), "-o", str(tmp_path / "o.csv")], ["outer-loop", "labmate", "--spec", str(spec)]):
+            said = bad_input(argv)
+            assert all(part in said for part in (str(spec), section, name.partition(".")[0], str(length)))
 
 
 def test_command_refuses_unknown_robot(bad_input):

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import casadi as ca
 
 from .exact import canonical
-from .poles import added_pole, quotient, refusal
+from .poles import added_pole, quotient, without_pole
 
 COFACTORS = 5  # rows of a matrix up to which its inverse is found by cofactors
 
@@ -74,12 +74,10 @@ def eliminate(matrix: ca.SX, right: ca.SX, moving: ca.SX, name: str) -> ca.SX:
     block by block. `moving` are the symbols that may have any value, zero too; the others are positive. Raises ModelError, which
     has the robot's name, where that leaves a pole too.
     """
-    for solve_so in (_by_pivots, _by_cofactors):
-        found = solve_so(matrix, right)
-        pole = added_pole(found, (matrix, right), quotient, moving)
-        if pole is None:
-            return found
-    raise refusal(name, "S", pole)
+    found = _by_pivots(matrix, right)
+    if added_pole(found, (matrix, right), quotient, moving) is None:
+        return found
+    return without_pole(name, "S", _by_cofactors(matrix, right), (matrix, right), quotient, moving)
 
 
 def _by_cofactors(matrix: ca.SX, right: ca.SX) -> ca.SX:

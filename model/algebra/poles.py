@@ -100,12 +100,17 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
     return None
 
 
-def refusal(robot: str, what: str, pole: ca.SX) -> ModelError:
-    """The error about a denominator that `added_pole` found in an expression of a robot."""
+def without_pole(
+    robot: str, what: str, found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX
+) -> ca.SX:
+    """`found`, an expression for `what` of a robot. Raises ModelError where `added_pole` finds a denominator."""
+    pole = added_pole(found, given, combined, moving)
+    if pole is None:
+        return found
     text = str(pole)
     if len(text) > LONGEST or "@" in text:  # CasADi numbers what appears twice
         text = f"an expression in {', '.join(sorted(map(str, free_symbols(pole))))}"
-    return ModelError(
+    raise ModelError(
         f"{robot}: no expression for {what} was found without a division by {text}, which vanishes where the robot and its "
         "quasi-velocities are regular; choose other quasi-velocities"
     )
