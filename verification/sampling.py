@@ -16,7 +16,7 @@ from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 
 STATES_PER_PLANT = 20  # states that share parameters, config and gains
-REGULAR = 1e-2  # |det Phi| is at or above this times the product of Phi's row norms
+REGULAR = 1e-2  # |det Phi| is at or above this times the product of Phi's row norms; S'E by its smallest singular value
 LARGEST = 5.0  # times its median size, a row of S at most: beyond lies a pole, as where a wheel is steered across
 TYPICAL = 99  # states of which that is the median
 HEAVY = 1e-4  # smallest eigenvalue of S'MS scaled to a diagonal of ones
@@ -77,7 +77,8 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
             if k % SPECIAL == SPECIAL - 1:
                 state = _special(law.state, state, random)
             truth = controller.evaluate(state, reference)
-            if truth.status == "ok" and _regular(truth.values["Phi"]) and np.all(_rates(truth.values["S"]) <= largest):
+            ok = truth.status == "ok" and _regular(truth.values["Phi"])
+            if ok and _moves_freely(law.system, state, params, largest) and _reaches_all(law.system, state, params):
                 points.append(Point(found + len(points), state, reference, truth))
         found += len(points)
         yield Plant(params, config, gains, tuple(points))
@@ -86,7 +87,7 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
 def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Motion]:
     """Motions of a robot where S and S'MS are regular. Raises BadInput when hardly any random state is."""
     random = np.random.default_rng(seed)
-    found, n = 0, len(system.mechanism.coordinates)
+    found = 0
     for drawn in range(DRAWS * count):
         if drawn % STATES_PER_PLANT == 0:
             params = _values(system.mechanism.parameters, random)
@@ -94,9 +95,7 @@ def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Mot
         state, tau = _uniform(system, system.state, random), random.uniform(-5, 5, len(system.mechanism.inputs))
         if drawn % SPECIAL == SPECIAL - 1:
             state = _special(system.state, state, random)
-        S, mass = _null_space(system)(state[:n], params).full(), _mass(system)(state[:n], params).full()
-        finite = np.isfinite(S).all() and np.isfinite(mass).all()
-        if finite and np.all(_rates(S) <= largest) and smallest_eigenvalue(mass) > HEAVY:
+        if _moves_freely(system, state, params, largest):
             found += 1
             yield Motion(params, state, tau)
         if found == count:
@@ -142,6 +141,21 @@ def _largest_rates(system: ReducedSystem, params: Sequence[float]) -> np.ndarray
     return np.where(typical > 0, LARGEST * typical, np.inf)
 
 
+def _moves_freely(system: ReducedSystem, state: np.ndarray, params: Sequence[float], largest: np.ndarray) -> bool:
+    """Are S and S'MS regular at a state [q; nu]?"""
+    q = state[: len(system.mechanism.coordinates)]
+    S, mass = _null_space(system)(q, params).full(), _mass(system)(q, params).full()
+    finite = np.isfinite(S).all() and np.isfinite(mass).all()
+    return bool(finite and np.all(_rates(S) <= largest) and smallest_eigenvalue(mass) > HEAVY)
+
+
+def _reaches_all(system: ReducedSystem, state: np.ndarray, params: Sequence[float]) -> bool:
+    """Has S'E full rank at a state [q; nu], not nearly less?"""
+    found = _input_map(system)(state[: len(system.mechanism.coordinates)], params).full()
+    length = np.linalg.norm(found, axis=1, keepdims=True)
+    return bool(length.min() > 0 and np.linalg.svd(found / length, compute_uv=False)[-1] >= REGULAR)
+
+
 def _rates(S: np.ndarray) -> np.ndarray:
     """How fast quasi-velocities of size 1 can make each coordinate, (n,)."""
     return np.linalg.norm(S, axis=1)
@@ -162,6 +176,12 @@ def _null_space(system: ReducedSystem) -> ca.Function:
 def _mass(system: ReducedSystem) -> ca.Function:
     """(q, parameters) to S'MS."""
     return ca.Function("mass", [system.mechanism.q, system.mechanism.p], [ca.densify(system.Mbar)])
+
+
+@cache
+def _input_map(system: ReducedSystem) -> ca.Function:
+    """(q, parameters) to S'E."""
+    return ca.Function("input_map", [system.mechanism.q, system.mechanism.p], [ca.densify(system.input_map)])
 
 
 def _range(system: ReducedSystem, quantity: Quantity) -> float:
