@@ -16,12 +16,10 @@ from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 
 STATES_PER_PLANT = 20  # states that share parameters, config and gains
-REGULAR = 1e-2  # |det Phi| is at or above this times the product of Phi's row norms; S'E by its smallest singular value
+REGULAR = 1e-2  # |det Phi| is at or above this times the product of Phi's row norms
 LARGEST = 5.0  # times its median size, a row of S at most: beyond lies a pole, as where a wheel is steered across
 TYPICAL = 99  # states of which that is the median
 HEAVY = 1e-4  # smallest eigenvalue of S'MS scaled to a diagonal of ones
-SPECIAL = 4  # of so many states one has exact zeros and quarter turns, where a factor that should have cancelled shows
-QUARTER = np.pi / 2
 DRAWS = 100  # per wanted state, before giving up
 NEWTON_STEPS = 8  # to bring a point onto a path
 
@@ -72,13 +70,10 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
             continue
         largest = _largest_rates(law.system, params)
         points: list[Point] = []
-        for k in range(min(STATES_PER_PLANT, states - found)):
+        for _ in range(min(STATES_PER_PLANT, states - found)):
             state, reference = _state(law, config, random), random.uniform(-2, 2, len(law.reference))
-            if k % SPECIAL == SPECIAL - 1:
-                state = _special(law.state, state, random)
             truth = controller.evaluate(state, reference)
-            ok = truth.status == "ok" and _regular(truth.values["Phi"])
-            if ok and _moves_freely(law.system, state, params, largest) and _reaches_all(law.system, state, params):
+            if truth.status == "ok" and _regular(truth.values["Phi"]) and np.all(_rates(truth.values["S"]) <= largest):
                 points.append(Point(found + len(points), state, reference, truth))
         found += len(points)
         yield Plant(params, config, gains, tuple(points))
@@ -87,15 +82,15 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
 def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Motion]:
     """Motions of a robot where S and S'MS are regular. Raises BadInput when hardly any random state is."""
     random = np.random.default_rng(seed)
-    found = 0
+    found, n = 0, len(system.mechanism.coordinates)
     for drawn in range(DRAWS * count):
         if drawn % STATES_PER_PLANT == 0:
             params = _values(system.mechanism.parameters, random)
             largest = _largest_rates(system, params)
         state, tau = _uniform(system, system.state, random), random.uniform(-5, 5, len(system.mechanism.inputs))
-        if drawn % SPECIAL == SPECIAL - 1:
-            state = _special(system.state, state, random)
-        if _moves_freely(system, state, params, largest):
+        S, mass = _null_space(system)(state[:n], params).full(), _mass(system)(state[:n], params).full()
+        finite = np.isfinite(S).all() and np.isfinite(mass).all()
+        if finite and np.all(_rates(S) <= largest) and smallest_eigenvalue(mass) > HEAVY:
             found += 1
             yield Motion(params, state, tau)
         if found == count:
@@ -121,13 +116,6 @@ def _state(law: ControlLaw, config: Sequence[float], random: np.random.Generator
     return state
 
 
-def _special(quantities: Sequence[Quantity], state: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """The state with zeros for some of its entries, or for all; whole quarter turns for some angles."""
-    zero, quarter = random.random((2, len(state))) < random.uniform(0.2, 1.2, 2)[:, None]
-    turned = np.where([quantity.unit == "rad" for quantity in quantities] & quarter, QUARTER * np.round(state / QUARTER), state)
-    return np.where(zero, 0.0, turned)
-
-
 def _uniform(system: ReducedSystem, quantities: Sequence[Quantity], random: np.random.Generator) -> np.ndarray:
     return np.array([random.uniform(-1, 1) * _range(system, quantity) for quantity in quantities])
 
@@ -139,21 +127,6 @@ def _largest_rates(system: ReducedSystem, params: Sequence[float]) -> np.ndarray
     each = np.hsplit(_null_space(system)(some.T, params).full(), TYPICAL)
     typical = np.median([_rates(S) for S in each], axis=0)
     return np.where(typical > 0, LARGEST * typical, np.inf)
-
-
-def _moves_freely(system: ReducedSystem, state: np.ndarray, params: Sequence[float], largest: np.ndarray) -> bool:
-    """Are S and S'MS regular at a state [q; nu]?"""
-    q = state[: len(system.mechanism.coordinates)]
-    S, mass = _null_space(system)(q, params).full(), _mass(system)(q, params).full()
-    finite = np.isfinite(S).all() and np.isfinite(mass).all()
-    return bool(finite and np.all(_rates(S) <= largest) and smallest_eigenvalue(mass) > HEAVY)
-
-
-def _reaches_all(system: ReducedSystem, state: np.ndarray, params: Sequence[float]) -> bool:
-    """Has S'E full rank at a state [q; nu], not nearly less?"""
-    found = _input_map(system)(state[: len(system.mechanism.coordinates)], params).full()
-    length = np.linalg.norm(found, axis=1, keepdims=True)
-    return bool(length.min() > 0 and np.linalg.svd(found / length, compute_uv=False)[-1] >= REGULAR)
 
 
 def _rates(S: np.ndarray) -> np.ndarray:
@@ -176,12 +149,6 @@ def _null_space(system: ReducedSystem) -> ca.Function:
 def _mass(system: ReducedSystem) -> ca.Function:
     """(q, parameters) to S'MS."""
     return ca.Function("mass", [system.mechanism.q, system.mechanism.p], [ca.densify(system.Mbar)])
-
-
-@cache
-def _input_map(system: ReducedSystem) -> ca.Function:
-    """(q, parameters) to S'E."""
-    return ca.Function("input_map", [system.mechanism.q, system.mechanism.p], [ca.densify(system.input_map)])
 
 
 def _range(system: ReducedSystem, quantity: Quantity) -> float:
