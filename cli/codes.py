@@ -13,4 +13,4 @@ COMMANDS = (
     "sweep",
     "figures",
     "export",
-)  # each a module beside this one
+)  # each has a module in this folder

@@ -1,4 +1,4 @@
-"""What a command line asks for, carried out; errors become one line and an exit code."""
+"""Runs a command line; an error becomes one line on stderr and an exit code."""
 
 import argparse
 import errno
@@ -8,7 +8,7 @@ import sys
 import traceback
 import warnings
 from contextlib import suppress
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from .. import __version__
 from ..readers.errors import BadInput
@@ -20,16 +20,19 @@ ADVICE = {
     errno.EISDIR: "give a file, not a folder",
     errno.EACCES: "check its permissions",
     errno.EPERM: "check its permissions",
-    errno.EROFS: "choose a place that can be written to",
-    errno.ENOSPC: "free some space or choose another place",
+    errno.EROFS: "choose a writable folder",
+    errno.ENOSPC: "free some space or choose another folder",
 }
 
 
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser whose errors are one line."""
+    """An ArgumentParser that reports errors in one line; the help of a command keeps its own line breaks."""
+
+    def __init__(self, **settings: Any):
+        super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
 
     def error(self, message: str) -> NoReturn:
-        """Report a wrong command line and exit 2."""
+        """Report an invalid command line and exit with code 2."""
         self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}; see {self.prog} --help\n")
 
 
@@ -38,11 +41,11 @@ def run(argv: list[str]) -> int:
     try:
         with warnings.catch_warnings():
             if not sys.warnoptions:
-                warnings.simplefilter("ignore")  # of libraries, about numbers that are refused or told in the answer
+                warnings.simplefilter("ignore")  # of libraries, about numbers that are rejected or reported in the result anyway
             code = _run(argv)
         sys.stdout.flush()
         return code
-    except SystemExit as stop:  # argparse, after --help or a wrong command line
+    except SystemExit as stop:  # from argparse, after --help or an invalid command line
         return int(stop.code or 0)
     except BrokenPipeError:
         _close_stdout()
@@ -53,11 +56,13 @@ def run(argv: list[str]) -> int:
 
 def _run(argv: list[str]) -> int:
     parser = Parser(
-        prog="noslip", description="From the Lagrangian of a robot that rolls without slipping to the C of its controller."
+        prog="noslip",
+        description="From the Lagrangian of a robot that rolls without slipping to the C code of its controller.",
+        formatter_class=argparse.HelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"noslip {__version__}")
-    subparsers = parser.add_subparsers(metavar="COMMAND", title="commands (noslip COMMAND --help tells more)")
-    # Only the command that runs is imported; help, and the message about an unknown command, need them all.
+    subparsers = parser.add_subparsers(metavar="COMMAND", title="commands (see noslip COMMAND --help)")
+    # Only the module of the command that runs is imported. Help, and the error about an unknown command, need all of them.
     for name in [argv[0]] if argv and argv[0] in COMMANDS else COMMANDS:
         importlib.import_module(f".{name.replace('-', '_')}", __package__).add_parser(subparsers)
     args = parser.parse_args(argv)
@@ -68,7 +73,7 @@ def _run(argv: list[str]) -> int:
 
 
 def _report(error: Exception) -> int:
-    """One line about an error, and the exit code for it."""
+    """Print one line about an error and return its exit code."""
     from ..model.errors import ModelError
 
     if isinstance(error, BadInput | ModelError):
@@ -83,7 +88,7 @@ def _report(error: Exception) -> int:
         traceback.print_exception(error)
     last = traceback.extract_tb(error.__traceback__)[-1]
     what = f"{type(error).__name__}: {error} ({os.path.basename(last.filename)}:{last.lineno})"
-    return _fail(INTERNAL, f"internal error, please report it: {what}; NOSLIP_DEBUG=1 shows where it comes from")
+    return _fail(INTERNAL, f"internal error, please report it: {what}; set NOSLIP_DEBUG=1 for a traceback")
 
 
 def _fail(code: int, message: str) -> int:
@@ -97,6 +102,6 @@ def _one_line(message: str) -> str:
 
 
 def _close_stdout() -> None:
-    """Send what is still buffered nowhere, so that the interpreter does not fail on it once more when it ends."""
+    """Discard what is still buffered for stdout, so that the interpreter does not fail on it again at exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

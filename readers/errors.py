@@ -1,5 +1,5 @@
-"""The error of the command line: bad input, exit 2."""
+"""The exception for bad input; the command line exits with code 2."""
 
 
 class BadInput(Exception):
-    """Something the user gave cannot be used: the message, one line, says what, where and what to do."""
+    """User input that cannot be used. The message is one line: what is wrong, where, and what to do."""

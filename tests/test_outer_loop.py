@@ -579,8 +579,8 @@ def test_command_without_a_steady_motion(capsys):
         (["--output", "type_i", "--settling", "4", "--lqr", "1,1,1"], "choose one"),
         (["--output", "type_i", "--settling", "4,5"], "takes one number"),
         (["--output", "type_i", "--settling", "1j"], "must be real"),
-        (["--output", "type_i", "--damping", "1"], "--damping is for --settling"),
-        (["--output", "type_i", "--integral"], "--integral needs a design"),
+        (["--output", "type_i", "--damping", "1"], "--damping requires --settling"),
+        (["--output", "type_i", "--integral"], "--integral requires a design"),
         (["--output", "type_i", "--delay"], "--delay needs --period"),
         (["--output", "type_i", "--discrete-poles", "0.9,0.8"], "--discrete-poles needs --period"),
         (["--output", "type_i", "--wrong", "1.5"], "between 0 and 1"),
@@ -616,9 +616,9 @@ def test_vectors_of_a_wrong_length_are_refused(entry, tmp_path, bad_input):
         lines = [line for key, table in tables.items() for line in (f"[{key}]", *(f"{k} = {v}" for k, v in table.items()))]
         spec = tmp_path / "spec.toml"
         spec.write_text("\n".join(['robot = "labmate"', *lines]))
-        for argv in (["simulate", str(spec), "-o", str(tmp_path / "o.csv")], ["outer-loop", "labmate", "--spec", str(spec)]):
-            said = bad_input(argv)
-            assert all(part in said for part in (str(spec), section, name.partition(".")[0], str(length)))
+        for arguments in (["simulate", str(spec), "-o", str(tmp_path / "o.csv")], ["outer-loop", "labmate", "--spec", str(spec)]):
+            said = bad_input(arguments)
+            assert str(spec) in said and section in said and name.partition(".")[0] in said and str(length) in said
 
 
 def test_command_refuses_unknown_robot(bad_input):
