@@ -237,8 +237,8 @@ def lever() -> Mechanism:
 
 WARNINGS = {
     "lever": (lever, ["lever: the constraints lose rank where x = 0"]),
-    "ball": (ball_in_a_cylinder, ["ball: the quasi-velocities do not fix the motion where sin(beta) = 0"]),
-    "car": (ROBOTS["car"], ["car: the quasi-velocities do not fix the motion where cos(delta) = 0"]),
+    "ball": (ball_in_a_cylinder, ["ball: the quasi-velocities do not determine the motion where sin(beta) = 0"]),
+    "car": (ROBOTS["car"], ["car: the quasi-velocities do not determine the motion where cos(delta) = 0"]),
     "labmate": (ROBOTS["labmate"], []),
     "tricycle": (ROBOTS["tricycle"], []),
 }
