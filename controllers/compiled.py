@@ -33,8 +33,7 @@ class _Compiled(InC, Generic[Text]):
         self.ffi.cdef(runtime_types(text.scalar))
         self.ffi.cdef(robot_declarations(system, text.scalar))
         self.ffi.cdef(text.declarations())
-        files = {**shared_files(system, text.scalar), **text.files()}
-        self.files = {name: written[name] for name in files} if written else files
+        self.files = written or {**shared_files(system, text.scalar), **text.files()}
         self.lib = load(self.ffi, self.files)
 
     def name(self, name: str) -> str:
@@ -73,7 +72,7 @@ class Library(_Compiled[LawC]):
     """The compiled C of one law in one scalar."""
 
     def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str] | None = None):
-        """`written`: the files to compile, by name, if they exist already."""
+        """`written`: files that are there already, by name, these among them; they make one library."""
         self._load(law.system, law_text(law_program(law), SCALARS[scalar]), written)
 
 

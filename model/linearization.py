@@ -12,7 +12,7 @@ import numpy as np
 from .algebra.exact import canonical
 from .algebra.expression import degree as degree_in
 from .algebra.linear import solve
-from .algebra.poles import determinant
+from .algebra.poles import determinant, quotient
 from .algebra.samples import Sampled, rank
 from .errors import ModelError
 from .outputs import OutputMap
@@ -66,9 +66,10 @@ class Linearization:
 
     def second_feedback(self, v: ca.SX) -> ca.SX:
         """Return u = Phi^-1 (v - drift) (20), (n-m) x 1, which makes the highest derivatives equal to v."""
-        if self.Phi.shape[0] <= 3:
-            return ca.adj(self.Phi) @ (v - self.drift) / self.determinant
-        return solve(self.Phi, v - self.drift)
+        right = v - self.drift
+        small = self.Phi.shape[0] <= 3
+        found = ca.adj(self.Phi) @ right / self.determinant if small else solve(self.Phi, right)
+        return self.system.checked("u", found, (self.Phi, right), quotient)
 
 
 def norm(matrix: ca.SX) -> ca.SX:

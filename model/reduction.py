@@ -10,7 +10,7 @@ import numpy as np
 from .algebra.exact import canonical
 from .algebra.expression import time_derivative
 from .algebra.linear import eliminate, solve, solve_symmetric
-from .algebra.poles import added_pole, quotient, singular_sets
+from .algebra.poles import quotient, singular_sets, without_pole
 from .algebra.samples import RANK_TOLERANCE, Sampled, smallest_eigenvalue
 from .errors import ModelError
 from .mechanism import Mechanism, Quantity, is_number, per_second, quantity
@@ -75,17 +75,19 @@ class ReducedSystem:
     @cached_property
     def Mbar(self) -> ca.SX:
         """Reduced mass matrix S'MS (10), (n-m) x (n-m)."""
-        if self.by_bodies:
-            return self.by_bodies.written_out(self.by_bodies.Mbar)
         S, M = self.S, self.mechanism.M
+        if self.by_bodies:
+            found = self.by_bodies.written_out(self.by_bodies.Mbar)
+            return self.checked("S'MS", found, (S, M), lambda S, M: S.T @ M @ S)
         return self.simplified("S'MS", S.T @ M @ S, (S, M), lambda S, M: S.T @ M @ S)
 
     @cached_property
     def bias(self) -> ca.SX:
         """S'(M Sdot nu + V) (10), (n-m) x 1."""
-        if self.by_bodies:
-            return self.by_bodies.written_out(self.by_bodies.bias)
         forces = self.mechanism.M @ self.Sdot @ self.nu + self.V
+        if self.by_bodies:
+            found = self.by_bodies.written_out(self.by_bodies.bias)
+            return self.checked("the bias", found, (self.S, forces), lambda S, forces: S.T @ forces)
         return self.simplified("the bias", self.S.T @ forces, (self.S, forces), lambda S, forces: S.T @ forces)
 
     @cached_property
@@ -105,17 +107,13 @@ class ReducedSystem:
 
         Raises ModelError if it has a pole that the robot does not have.
         """
-        pole = added_pole(found, given, combined, self.mechanism.q)
-        if pole is not None:
-            raise ModelError(
-                f"{self.mechanism.name}: no expression for {name} was found without a division by {str(pole)[:60]}, which "
-                "vanishes where the robot is regular; choose other quasi-velocities"
-            )
-        return found
+        moving = ca.vertcat(self.mechanism.q, self.nu)
+        return without_pole(self.mechanism.name, name, found, given, combined, moving)
 
     def acceleration(self, tau: ca.SX) -> ca.SX:
         """Return nudot = (S'MS)^-1 (S'E tau - bias) (11), (n-m) x 1."""
-        return solve_symmetric(self.Mbar, self.input_map @ tau - self.bias)
+        forces = self.input_map @ tau - self.bias
+        return self.checked("nudot", solve_symmetric(self.Mbar, forces), (self.Mbar, forces), quotient)
 
     @property
     def redundant(self) -> bool:
@@ -145,7 +143,8 @@ class ReducedSystem:
         if not self.redundant:
             return self.checked("(S'E)^-1", solve(self.input_map, unit), (self.input_map, unit), quotient)
         spread = self.spread(weight)
-        return spread @ solve_symmetric(canonical(self.input_map @ spread), unit)
+        found = spread @ solve_symmetric(canonical(self.input_map @ spread), unit)
+        return self.checked("(S'E)^+", found, (self.input_map, spread), _weighted_inverse)
 
     def first_feedback(self, u: ca.SX, weight: Sequence[float] | None = None) -> ca.SX:
         """Return tau (12) that makes nudot = u (13), r x 1; `weight` as in `input_inverse`.
@@ -255,6 +254,12 @@ def _sampled(mechanism: Mechanism, matrix: ca.SX, name: str) -> Sampled:
     return Sampled(matrix, mechanism.q, mechanism.parameters, f"{mechanism.name}: {name}")
 
 
+def _weighted_inverse(B: np.ndarray, spread: np.ndarray) -> np.ndarray | None:
+    """W^-1 B' (B W^-1 B')^-1, given B and W^-1 B'; None where B has not full rank, or nearly."""
+    inverse = quotient(B @ spread, np.eye(len(B)))
+    return None if inverse is None else spread @ inverse
+
+
 def _weights(weight: Sequence[float], r: int) -> ca.SX:
     given = list(weight) if isinstance(weight, Iterable) else [weight]
     if len(given) != r or not all(is_number(w) and 0 < w < np.inf for w in given):
@@ -281,10 +286,12 @@ def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduc
         raise ModelError(
             f"{mechanism.name}: the quasi-velocities do not determine the motion: they depend on the constraints or on each other"
         )
+    right = ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m))
     if mechanism.bodies and mechanism.quasi_expressions:
         found = _by_bodies(mechanism, names, ca.SX.eye(n - m))
-        return found.written_out(found.S), names, found
-    return eliminate(square, ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m)), mechanism.q, mechanism.name), names, None
+        S = found.written_out(found.S)
+        return without_pole(mechanism.name, "S", S, (square, right), quotient, mechanism.q), names, found
+    return eliminate(square, right, mechanism.q, mechanism.name), names, None
 
 
 def _by_bodies(mechanism: Mechanism, nu: Sequence[Quantity], T: ca.SX) -> Reduced:

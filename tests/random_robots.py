@@ -66,7 +66,10 @@ def evaluated(tree: Tree, q: Sequence, p: Sequence, number, functions):
 
 
 class Jet:
-    """A function of q at a point: value, gradient (n,) and Hessian (n, n) of mpmath numbers."""
+    """A function of q at a point: value, gradient (n,) and Hessian (n, n) of mpmath numbers.
+
+    Arrays come first in products: an mpmath number before one is slow, for mpmath tries to read the array as a number.
+    """
 
     def __init__(self, value, gradient, hessian):
         self.value, self.gradient, self.hessian = value, gradient, hessian
@@ -80,8 +83,8 @@ class Jet:
     def __mul__(self, other):
         a, b = self, other
         mixed = np.outer(a.gradient, b.gradient)
-        hessian = a.value * b.hessian + b.value * a.hessian + mixed + mixed.T
-        return Jet(a.value * b.value, a.value * b.gradient + b.value * a.gradient, hessian)
+        hessian = b.hessian * a.value + a.hessian * b.value + mixed + mixed.T
+        return Jet(a.value * b.value, b.gradient * a.value + a.gradient * b.value, hessian)
 
     def __truediv__(self, other):
         v = other.value
@@ -89,7 +92,7 @@ class Jet:
 
     def through(self, value, slope, bend):
         """f(self), given f, f' and f'' there."""
-        return Jet(value, slope * self.gradient, slope * self.hessian + bend * np.outer(self.gradient, self.gradient))
+        return Jet(value, self.gradient * slope, self.hessian * slope + np.outer(self.gradient, self.gradient) * bend)
 
 
 JETS = {
@@ -401,8 +404,8 @@ def _truth(robot: RandomRobot, state: State, names: Sequence[str]) -> dict[str, 
     M, V = np.full((n, n), mpmath.mpf(0)), np.full(n, mpmath.mpf(0))
     for weight, place in zip(robot.weights, robot.places, strict=True):
         w, at = jet(weight, q, p).value, jet(place, q, p)
-        M = M + w * np.outer(at.gradient, at.gradient)
-        V = V + w * at.gradient * (qdot @ at.hessian @ qdot)
+        M = M + np.outer(at.gradient, at.gradient) * w
+        V = V + at.gradient * (w * (qdot @ at.hessian @ qdot))
     V = V + jet(robot.potential, q, p).gradient
     for force in robot.forces:
         row, _ = _row(force.on, q, p)

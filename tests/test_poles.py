@@ -13,8 +13,10 @@ from noslip.codegen.program import compile_law
 from noslip.model import Mechanism, ModelError, control_law, reduce, reduction
 from noslip.model.algebra import linear
 from noslip.model.algebra.linear import eliminate
-from noslip.model.algebra.poles import added_pole, denominators, quotient
+from noslip.model.algebra.poles import added_pole, denominators, quotient, without_pole
+from noslip.model.linearization import linearize
 from noslip.model.outputs import output_map
+from noslip.model.recursion import Reduced
 from noslip.model.reduction import ReducedSystem, warnings
 from noslip.model.robots import ROBOTS
 from noslip.tests.codegen_tools import evaluate, in_c, random_leaves, relative_error
@@ -165,6 +167,60 @@ def test_a_pole_of_the_equations_is_refused(name, monkeypatch):
         control_law(system, output_map(system, "type_i"))
 
 
+@pytest.mark.parametrize("name", ["S", "S'MS", "the bias"])
+def test_a_pole_of_the_equations_by_bodies_is_refused(name, monkeypatch):
+    """These are written out from steps, each simplified by itself."""
+    original, wanted = Reduced.written_out, {"S": "S", "S'MS": "Mbar", "the bias": "bias"}[name]
+
+    def written_out(self, expression):
+        found = original(self, expression)
+        if expression is not getattr(self, wanted):
+            return found
+        angle = next(symbol for symbol in ca.symvar(found) if str(symbol).startswith("phi"))
+        return with_divisor(found, sin(angle))
+
+    monkeypatch.setattr(Reduced, "written_out", written_out)
+    with pytest.raises(ModelError, match=f"no expression for {name} was found without a division by sin"):
+        system = reduce(ROBOTS["tractor_trailer"]())
+        assert system.by_bodies and system.Mbar is not None and system.bias is not None
+
+
+def test_a_pole_of_the_weighted_inverse_is_refused(monkeypatch):
+    """Of more inputs than degrees of freedom; and of the acceleration, which is solved for in the same way."""
+    system = reduce(ROBOTS["four_wheel"]())
+    assert system.redundant and system.input_inverse() is not None
+    q, original = system.mechanism.coordinates[2].symbol, reduction.solve_symmetric
+    monkeypatch.setattr(reduction, "solve_symmetric", lambda *given: with_divisor(original(*given), sin(q)))
+    with pytest.raises(ModelError, match=r"no expression for \(S'E\)\^\+ was found without a division by sin"):
+        system.input_inverse()
+    with pytest.raises(ModelError, match="no expression for nudot was found without a division by sin"):
+        system.acceleration(ca.vertcat(*[tau.symbol for tau in system.mechanism.inputs]))
+
+
+@pytest.mark.parametrize("rest", ["coordinate", "velocity"])
+def test_a_pole_of_the_second_feedback_is_refused(rest, monkeypatch):
+    """u (20), and with it tau: beside zeros of an angle, and where a velocity is exactly zero."""
+    system = reduce(ROBOTS["car"]())
+    found = linearize(system, output_map(system, "type_i"))
+    at = system.mechanism.coordinates[3].symbol if rest == "coordinate" else system.nu[0]
+    v = ca.SX.sym("v", 2)
+    assert found.second_feedback(v) is not None
+    determinant = found.determinant * sin(at) * (1 + at**2) / (sin(at) + sin(at) * at**2)
+    monkeypatch.setitem(vars(found), "determinant", determinant)
+    with pytest.raises(ModelError, match="no expression for u was found without a division by"):
+        found.second_feedback(v)
+
+
+def test_a_long_denominator_is_named_by_its_symbols():
+    """What CasADi prints with numbers for parts that appear twice tells nobody anything."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    shared = sin(x - y)
+    for pole, text in ((shared + shared**3, "an expression in x, y"), (shared, "sin((x-y))")):
+        with pytest.raises(ModelError) as refused:
+            without_pole("cart", "S", with_divisor(x, pole), (ca.SX(1), x), quotient, ca.vertcat(x, y))
+        assert f"cart: no expression for S was found without a division by {text}, which vanishes" in str(refused.value)
+
+
 def lever() -> Mechanism:
     """A constraint x ydot = 0, which says nothing at x = 0."""
     robot = Mechanism("lever")
@@ -181,8 +237,8 @@ def lever() -> Mechanism:
 
 WARNINGS = {
     "lever": (lever, ["lever: the constraints lose rank where x = 0"]),
-    "ball": (ball_in_a_cylinder, ["ball: the quasi-velocities do not fix the motion where sin(beta) = 0"]),
-    "car": (ROBOTS["car"], ["car: the quasi-velocities do not fix the motion where cos(delta) = 0"]),
+    "ball": (ball_in_a_cylinder, ["ball: the quasi-velocities do not determine the motion where sin(beta) = 0"]),
+    "car": (ROBOTS["car"], ["car: the quasi-velocities do not determine the motion where cos(delta) = 0"]),
     "labmate": (ROBOTS["labmate"], []),
     "tricycle": (ROBOTS["tricycle"], []),
 }

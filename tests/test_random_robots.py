@@ -14,6 +14,7 @@ from itertools import islice
 import numpy as np
 import pytest
 from noslip.codegen.dynamics import ENTRIES
+from noslip.codegen.files import robot_files
 from noslip.controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary, Library
 from noslip.model import ModelError, control_law, reduce
 from noslip.model.outputs import output_map
@@ -47,7 +48,8 @@ def outcome(seed: int) -> Outcome:
     try:
         system = reduce(mechanism(robot))
         law = control_law(system, output_map(system, "own"))
-        libraries = {scalar: (Library(law, scalar), DynamicsLibrary(system, scalar)) for scalar in LIMIT}
+        files = robot_files(system, [law])
+        libraries = {scalar: (Library(law, scalar, files), DynamicsLibrary(system, scalar, files)) for scalar in LIMIT}
     except ModelError as error:
         return Outcome(seed, str(error))
     assert law.linearization.relative_degree == tuple(degree for degree, _ in robot.outputs)

@@ -4,9 +4,8 @@ from collections.abc import Callable
 
 import casadi as ca
 
-from ..errors import ModelError
 from .exact import canonical
-from .poles import added_pole, quotient
+from .poles import added_pole, quotient, without_pole
 
 COFACTORS = 5  # largest matrix, in rows, that is inverted by cofactors
 
@@ -76,15 +75,10 @@ def eliminate(matrix: ca.SX, right: ca.SX, moving: ca.SX, name: str) -> ca.SX:
     block by block. `moving` are the symbols that may have any value including zero; the others are positive. Raises ModelError
     with the name of the robot if a pole remains.
     """
-    for solve_so in (_by_pivots, _by_cofactors):
-        found = solve_so(matrix, right)
-        pole = added_pole(found, (matrix, right), quotient, moving)
-        if pole is None:
-            return found
-    raise ModelError(
-        f"{name}: no expression for S was found without a division by {str(pole)[:60]}, which vanishes where the robot and its "
-        "quasi-velocities are regular; choose other quasi-velocities"
-    )
+    found = _by_pivots(matrix, right)
+    if added_pole(found, (matrix, right), quotient, moving) is None:
+        return found
+    return without_pole(name, "S", _by_cofactors(matrix, right), (matrix, right), quotient, moving)
 
 
 def _by_cofactors(matrix: ca.SX, right: ca.SX) -> ca.SX:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 import casadi as ca
 import numpy as np
 
+from ..errors import ModelError
 from .exact import canonical
 from .expression import free_symbols
 
@@ -13,6 +14,7 @@ BESIDE = 1e-9  # distance from a zero at which values are compared
 LARGEST_BLOCK = 5  # largest block, in rows, whose determinant is computed symbolically
 REGULAR = 1e-3  # smallest singular value, with rows scaled to length 1, above which a matrix is regarded as regular
 DEVIATION = 1e-8  # relative; a removable pole of order 1 has about 1e-16 / BESIDE
+LONGEST = 60  # characters of a denominator that a message shows
 ROUNDING = 1e-12  # relative to the product of the largest given values: bound of the rounding error of their combination
 
 
@@ -96,6 +98,22 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
         if len(vanishing) and is_wrong(at):
             return below[vanishing[0]]
     return None
+
+
+def without_pole(
+    robot: str, what: str, found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX
+) -> ca.SX:
+    """`found`, an expression for `what` of a robot. Raises ModelError where `added_pole` finds a denominator."""
+    pole = added_pole(found, given, combined, moving)
+    if pole is None:
+        return found
+    text = str(pole)
+    if len(text) > LONGEST or "@" in text:  # CasADi numbers what appears twice
+        text = f"an expression in {', '.join(sorted(map(str, free_symbols(pole))))}"
+    raise ModelError(
+        f"{robot}: no expression for {what} was found without a division by {text}, which vanishes where the robot and its "
+        "quasi-velocities are regular; choose other quasi-velocities"
+    )
 
 
 def quotient(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
