@@ -35,7 +35,9 @@ class Reckoning(Protocol):
         """Return the pose after a correction; see Odometry.correct."""
 
     def unwind(self) -> np.ndarray:
-        """Subtract whole turns from the heading, which is then between -pi and pi except for a pending correction; return the pose."""
+        """Subtract whole turns from the heading and return the pose; the heading is then between -pi and pi, except for a
+        pending correction.
+        """
 
 
 class Odometry:

@@ -361,7 +361,7 @@ def test_a_robot_without_contacts():
     system = reduce(no_contacts())
     assert contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), Contact()) == ()
     found = Grip(np.zeros(3), (), Contact())
-    assert found.summary() == found.verdict() == "not known whether it rolls: the robot names no contacts"
+    assert found.summary() == found.verdict() == "not known whether it rolls: the robot defines no contacts"
 
 
 def no_contacts() -> Mechanism:

@@ -983,7 +983,7 @@ REFUSED = {
     ),
     "force of a stranger": (having(lambda robot, s: robot.force(unknown(), on=s["x_dot"])), "plain: a force uses stranger"),
     "quasi-velocity of a stranger": (having(quasi(lambda s: unknown() * s["x_dot"])), "plain: a quasi-velocity uses stranger"),
-    "one quasi-velocity": (having(quasi(lambda s: s["h_dot"])), "plain: 1 quasi-velocities, there must be n - m = 2"),
+    "one quasi-velocity": (having(quasi(lambda s: s["h_dot"])), "plain: 1 quasi-velocities; there must be n - m = 2"),
     "dependent quasi-velocities": (
         having(quasi(lambda s: s["h_dot"], lambda s: 2 * s["h_dot"])),
         "plain: the quasi-velocities do not fix the motion: they depend on the constraints or on each other",

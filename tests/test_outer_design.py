@@ -173,9 +173,9 @@ def test_deadbeat():
         (lambda: Gains(2, 1.0, 1.0, 2.0).check(), "unstable, it has a pole at"),
         (lambda: Gains(1, NAN).check(), "not finite"),
         (lambda: Channel("y", "m", PAPER, 0.0), "period = 0"),
-        (lambda: Channel("y", "m", PAPER, delay=True), "needs a period"),
+        (lambda: Channel("y", "m", PAPER, delay=True), "requires a period"),
         (lambda: Channel("y", "m", PAPER, 0.81).margins(), "stable below 0.8 s"),
-        (lambda: Channel("y", "m", PAPER, 0.37, True).margins(), "with a sample's delay, is beyond stability"),
+        (lambda: Channel("y", "m", PAPER, 0.37, True).margins(), "with a delay of one sample, is beyond stability"),
     ],
 )
 def test_refused(make, reason):

@@ -539,7 +539,7 @@ def test_command_text_and_figures(capsys, tmp_path):
         "poles -0.5, -2 1/s",
         "longest period",
         "both at once",
-        "worst first",
+        "largest effect first",
         "gains = {",
         "a random sample of 256 of 2048",
     ):
@@ -563,7 +563,7 @@ def test_command_without_a_steady_motion(capsys):
         (["--output", "type_iv_line", "--period", "x"], "invalid float value"),
         (["--output", "type_iv_line", "--period", "2"], "the channel is stable below 0.8 s"),
         (["--output", "type_iv_line", "--period", "0.5"], "the whole loop is stable below 0.372"),
-        (["--output", "type_iv_line", "--period", "0.3", "--delay"], "a sample's delay, is beyond stability"),
+        (["--output", "type_iv_line", "--period", "0.3", "--delay"], "a delay of one sample, is beyond stability"),
         (["--output", "type_iv_line", "--speed", "-1"], "unstable about its motion"),
         (["--output", "type_iv_line", "--speed", "0"], "not zero"),
         (["--output", "type_iv_line", "--speed", "inf"], "finite"),

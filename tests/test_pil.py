@@ -298,10 +298,10 @@ def test_replay_refuses_what_is_damaged(record, tmp_path, capsys):
 
     for text, said in (
         ("", "its first line is not"),
-        ("\n".join(lines[:1]), "here must be 'robot'"),
-        ("\n".join(lines[:-1]), "not whole"),
-        ("\n".join(lines[:20]), "not whole"),
-        ("\n".join([*lines[:k], *lines[k + 1 :]]), "not whole"),
+        ("\n".join(lines[:1]), "expected 'robot'"),
+        ("\n".join(lines[:-1]), "incomplete"),
+        ("\n".join(lines[:20]), "incomplete"),
+        ("\n".join([*lines[:k], *lines[k + 1 :]]), "incomplete"),
         (but(1, "robot labmat"), "labmat"),
         (but(2, "law type_v"), "type_v"),
         (but(3, "model " + "0" * 64), "another model"),
@@ -312,7 +312,7 @@ def test_replay_refuses_what_is_damaged(record, tmp_path, capsys):
         (but(k, lines[k].replace("law_step 0", "law_step -1")), f"{k + 1}: not a call"),
         (but(k, lines[k].replace("law_step 0", "law_step 4000")), f"line {k + 1}: "),
         (but(k, lines[k].replace("law_step 0", "law_step 0 00000000")), f"line {k + 1}: "),
-        (but(k, lines[k] + " 00000000"), f"line {k + 1}: law_step 0 has 3 numbers as answer, it must have 2"),
+        (but(k, lines[k] + " 00000000"), f"line {k + 1}: law_step 0 has 3 numbers as result; it must have 2"),
     ):
         code, found = replayed(text, tmp_path, capsys)
         assert code == 2 and said in found and found.count("\n") == 1, found
