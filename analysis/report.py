@@ -1,4 +1,4 @@
-"""The answer of `noslip analyse` as one HTML page that needs no other file."""
+"""The result of `noslip analyse` as a self-contained HTML page."""
 
 import html
 import math
@@ -29,8 +29,8 @@ svg { max-width: 100%; height: auto } .yes { color: #1b6e3c; font-weight: 600 } 
 
 
 def report(answer: Answer) -> str:
-    """The page."""
-    title = f"What can {answer.name} do?"
+    """Return the page."""
+    title = f"Analysis of {answer.name}"
     parts = [
         f"<h1>{_text(title)}</h1>",
         *([f"<p>{_text(answer.about)}</p>"] if answer.about else []),
@@ -38,7 +38,7 @@ def report(answer: Answer) -> str:
         *_properties(answer.constraints),
         *_outputs(answer),
         *_starts(answer.starts),
-        f'<p class="note">noslip {__version__}. Formulas are exact, but for what is marked as not verified. Numbers in brackets '
+        f'<p class="note">noslip {__version__}. Formulas are exact unless marked as not verified. Numbers in brackets '
         "are the equations of N. Sarkar, X. Yun and V. Kumar, Control of Mechanical Systems with Rolling Constraints, "
         "MS-CIS-92-44 (1992).</p>",
     ]
@@ -56,7 +56,7 @@ def _constraints(found: Constraints) -> list[str]:
     return [
         "<h2>Constraints</h2>",
         f"<p>{found.m} constraints in {found.n} coordinates: <strong>{kinds}</strong>. The distribution Δ of the velocities that "
-        f"they allow has the growth ({listed}).</p>",
+        f"they allow has the growth vector ({listed}).</p>",
         *([mathml("S(q)", "=", found.S, display=True)] if found.S else []),
         _growth(found),
         *_folded("Proof of the growth", found.proof),
@@ -76,14 +76,14 @@ def _properties(found: Constraints) -> list[str]:
         )
         for check in found.checks
     ]
-    return [f"<h2>Properties of {_text(found.controlled)}</h2>", _table(("", "", "because", "hypotheses"), rows)]
+    return [f"<h2>Properties of {_text(found.controlled)}</h2>", _table(("property", "", "reason", "hypotheses"), rows)]
 
 
 def _outputs(answer: Answer) -> list[str]:
     refused = [
         (_text(reason), ", ".join(f"<code>{law}</code>" for law in laws)) for reason, laws in answer.refused_by_reason.items()
     ]
-    others = ["<h3>Not this system's</h3>", _table(("because", "laws"), refused)] if refused else []
+    others = ["<h3>Not applicable to this system</h3>", _table(("reason", "laws"), refused)] if refused else []
     if not answer.outputs:
         return ["<h2>Outputs</h2>", f"<p>None: {_text(answer.no_outputs)}.</p>", *others]
     straight = driven_straight(answer)
@@ -92,7 +92,7 @@ def _outputs(answer: Answer) -> list[str]:
     return [
         "<h2>Outputs</h2>",
         *(part for law, form in answer.outputs.items() for part in _output(law, form)),
-        *([f"<h3>Driven straight</h3><p>{_lines(map(_text, straight))}</p>"] if straight else []),
+        *([f"<h3>Driving straight</h3><p>{_lines(map(_text, straight))}</p>"] if straight else []),
         *([f"<h3>Symbols</h3>{legend}"] if used else []),
         *others,
     ]
@@ -144,7 +144,7 @@ def _starts(starts: dict[str, Verdict]) -> list[str]:
 
 
 def _growth(found: Constraints) -> str:
-    """A column of boxes for each step: what was there, what the new brackets add, and above it what integrates."""
+    """Return a drawing: a column of boxes for each step, with the brackets added in it, and above them the integrals."""
     wide, tall, left = max(170, 8 * max(len(name) for level in found.levels for name in level)), 34, 46
     width, height = left + len(found.growth) * (wide + 16) + 10, found.n * tall + 44
     drawn, below = [], height - 30
@@ -169,7 +169,7 @@ def _growth(found: Constraints) -> str:
 
 
 def _course(verdict: Verdict) -> str:
-    """s over t between -1 and 1."""
+    """Return a drawing of s over t between -1 and 1."""
     width, height, left, right, top, bottom = 720, 240, 52, 20, 16, 36
     t, s = verdict.course
     end = float(t[-1])
@@ -192,7 +192,7 @@ def _course(verdict: Verdict) -> str:
     drawn.append(f'<polyline points="{line}" fill="none" stroke="{NEW}" stroke-width="2"/>')
     colour = {SINGULAR: BAD, SAFE: GOOD}.get(verdict.kind, SOFT)
     drawn.append(f'<circle cx="{x(end):.1f}" cy="{y(s[-1]):.1f}" r="4" fill="{colour}"/>')
-    return _svg(width, height, drawn, "s over time; singular where it is 1 or -1")
+    return _svg(width, height, drawn, "s over time; singular at 1 and -1")
 
 
 def _ticks(end: float) -> list[float]:
@@ -225,7 +225,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]], header: bool = Tr
 
 
 def _folded(title: str, lines: Sequence[str]) -> list[str]:
-    """Lines that show on demand."""
+    """Return collapsible lines."""
     return [f"<details><summary>{title}</summary><p>{_lines(map(_text, lines))}</p></details>"] if lines else []
 
 

@@ -1,4 +1,4 @@
-"""The report: one HTML file that needs no other, and the claims as JSON."""
+"""The report: a self-contained HTML file, and the claims as JSON."""
 
 import base64
 import html
@@ -31,9 +31,9 @@ mark { background: #fff0b8 } .digest { word-break: break-all }
 @media print { body { margin: 0; max-width: none; font-size: 11px } h2 { break-before: page } img, tr { break-inside: avoid } }
 """
 INTRODUCTION = """Every run below is a closed loop of the generated C (double precision; the digests of its files are at the end)
-and a simulated LABMATE. It was run a second time with CasADi evaluating the model itself, and the two are compared. A claim
-is the paper's, in our words, or this project's; what was measured is computed from the runs each time. Values that the scan
-of the paper lost are this project's assumptions: they stand on each figure and are marked in each spec."""
+and a simulated LABMATE. It was repeated with CasADi evaluating the model, and the two are compared. A claim is either the
+paper's, in our words, or this project's; measured values are computed from the runs each time. Values that are illegible in the
+scan of the paper are assumed; the assumptions are printed on each figure and marked in each SPEC."""
 
 
 def report(made: Sequence[Made]) -> str:
@@ -60,7 +60,7 @@ def report(made: Sequence[Made]) -> str:
 
 
 def summary(made: Iterable[Made]) -> str:
-    """How many claims hold, how many do not as was found before, how many fail."""
+    """Return how many claims hold, how many do not hold as expected, and how many fail."""
     claims = [claim for each in made for claim in each.claims]
     if not claims:
         return "no claims"
@@ -73,7 +73,7 @@ def summary(made: Iterable[Made]) -> str:
 
 
 def as_json(made: Iterable[Made]) -> list[dict[str, Any]]:
-    """Figures with their claims, and for each run the worst slip, integral and difference from CasADi."""
+    """Return figures with their claims, and for each run the worst slip, integral and difference from CasADi."""
     return [
         {
             "figure": each.figure.name,
@@ -99,7 +99,7 @@ def as_json(made: Iterable[Made]) -> list[dict[str, Any]]:
 def _figure(made: Made) -> list[str]:
     figure = made.figure
     image = base64.b64encode(made.pictures["svg"]).decode()
-    assumed = [f'<p class="assumed">Assumed, lost in the scan: {_text(figure.assumed)}.</p>'] if figure.assumed else []
+    assumed = [f'<p class="assumed">Assumed, illegible in the scan: {_text(figure.assumed)}.</p>'] if figure.assumed else []
     return [
         f'<h2 id="{figure.name}">{_text(figure.title)}</h2>',
         f"<p>{_text(figure.paper)}</p>",
@@ -110,7 +110,7 @@ def _figure(made: Made) -> list[str]:
 
 
 def _claims_and_runs(made: Made) -> list[str]:
-    runs = ("run", "spec and what differs from it", "‖A q̇‖", "φ − c(θ_r − θ_l), rad", "C − CasADi", "friction needed", "ended")
+    runs = ("run", "SPEC and changes", "‖A q̇‖", "φ − c(θ_r − θ_l), rad", "C − CasADi", "friction required", "end")
     return [
         _table(("claim", "whose", "measured", "outcome"), map(_claim_row, made.claims)),
         "<h3>Runs</h3>",
@@ -123,7 +123,7 @@ def _claim_row(claim: Claim) -> list[str]:
     note = f'<div class="note">{_text(_sentence(claim.note))}</div>' if claim.note else ""
     return [
         _cell(f"{_text(claim.text)}{note}"),
-        _cell("the paper's" if claim.paper else "ours", "whose"),
+        _cell("paper" if claim.paper else "project", "whose"),
         _cell(_text(claim.measured)),
         _cell(_text(claim.verdict), _class(claim)),
     ]
@@ -148,20 +148,18 @@ def _run_row(made: Made, label: str) -> list[str]:
 
 
 def _friction(run: Outcome) -> float | None:
-    """The friction coefficient that rolling needs at the worst row; None of a robot that has no contacts to judge."""
+    """Return the friction coefficient that rolling requires at the worst row; None for a robot without contacts."""
     return max((float(contact.needs.max()) for contact in run.grip.contacts), default=None)
 
 
 def _slipping(runs: Iterable[Outcome]) -> list[str]:
-    """What to say of runs that a floor could not hold."""
+    """Return a note about runs that require more friction than available."""
     done = [run for run in runs if not run.refused]
     slipping = [run for run in done if not run.grip.rolls]
     if not slipping:
         return []
-    said = f"in {len(slipping)} of {len(done)} runs the wheels would slip for want of friction; like the paper, the figures take "
-    return [
-        f'<p class="note">{_text(_sentence(said + "rolling for granted"))} {_text(_sentence(slipping[0].grip.assumed()))}</p>'
-    ]
+    said = f"in {len(slipping)} of {len(done)} runs the wheels would slip; like the paper, the figures assume rolling"
+    return [f'<p class="note">{_text(_sentence(said))} {_text(_sentence(slipping[0].grip.assumed()))}</p>']
 
 
 def _ending(run: Outcome) -> str:
@@ -183,10 +181,11 @@ def _appendix(made: Sequence[Made]) -> list[str]:
     return [
         *(part for robot in robots for part in _parameters(robot)),
         '<h2 id="specs">Specs</h2>',
-        "<p>Each runs by itself: <code>noslip simulate FILE -o run.csv --plot run.png</code>. What is assumed is marked.</p>",
+        "<p>Each can be simulated separately: <code>noslip simulate FILE -o run.csv --plot run.png</code>. Assumptions are "
+        "marked.</p>",
         *(f'<h3 id="{name}">{name}</h3><pre>{_marked(_text((SPECS / name).read_text()))}</pre>' for name in files),
-        '<h2 id="digests">The C that ran</h2>',
-        "<p>SHA-256 of every file; those of a robot are the ones that <code>noslip generate</code> writes.</p>",
+        '<h2 id="digests">Generated C used</h2>',
+        "<p>SHA-256 of every file; those of a robot are written by <code>noslip generate</code>.</p>",
         _table(
             ("file", "SHA-256"),
             ([_cell(f"<code>{n}</code>"), _cell(f"<code>{d}</code>", "digest")] for n, d in sorted(digests.items())),
@@ -203,7 +202,7 @@ def _parameters(robot: str) -> list[str]:
     )
     return [
         f'<h2 id="parameters">Parameters of the {_text(robot)}</h2>',
-        _table(("parameter", "unless a spec says otherwise", ""), rows),
+        _table(("parameter", "default", ""), rows),
     ]
 
 

@@ -35,7 +35,7 @@ LAWS = tuple(OUTPUTS)
 OFFSET_LAWS = ("type_i_offset", "type_iv_line_offset", "type_iv_circle_offset")
 PATHS = tuple(law for law in LAWS if law.startswith("type_iv"))
 AXLE, NORMAL = "P_l lies on the axle", "the heading is normal to the path"
-NORMAL_OR_FLAT = f"{NORMAL}, or the distance has no slope at P_l"  # of an implicit path, whose distance is approximate
+NORMAL_OR_FLAT = f"{NORMAL}, or the gradient of the distance vanishes at P_l"  # of an implicit path, whose distance is approximate
 
 
 class Numbers:

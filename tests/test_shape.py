@@ -235,9 +235,9 @@ def test_what_is_not_decided_is_not_claimed(robot):
     (moving,) = form.moving
     assert not moving.shape.decided and moving.shape.names == ("hitch",) and moving.shape.followers == ()
     assert "the heading is stable if and only if L*V > 0, then s -> 0" in str(moving)
-    assert str(moving).endswith("whether hitch settles is not examined")
+    assert str(moving).endswith("whether hitch settles is not decided")
     found = as_json(analyse(robot, ["type_iv_line"]))["outputs"]["type_iv_line"]
-    assert found["moving_reference"][0]["not_examined"] == ["hitch"] and "not examined" in found["zero_dynamics"]
+    assert found["moving_reference"][0]["not_examined"] == ["hitch"] and "not decided" in found["zero_dynamics"]
 
 
 def test_what_people_read():
@@ -245,7 +245,7 @@ def test_what_people_read():
     line = "hitch' = -v*sin(hitch)/l: settles driving forward, turns away in reverse"
     for text in (" ".join(as_text(answer).split()), html.unescape(report(answer))):
         assert line in text and "stable if and only if V > 0 and L > 0, then s" in text and "L*V > 0" not in text
-        assert "driving backward, where hitch turns away" in text and "V along a path that bends little" in text
+        assert "driving backward, where hitch turns away" in text and "V along a path of small curvature" in text
     found = as_json(answer)["outputs"]["type_iv_circle"]
     assert line in found["zero_dynamics"] and "V > 0 and L > 0" in found["zero_dynamics"]
     (moving,) = found["moving_reference"]
@@ -254,7 +254,7 @@ def test_what_people_read():
 
 def test_nothing_is_said_of_what_has_no_shape():
     found: Answer = analyse(find_robot("knife_edge"), ["type_iv_line"])
-    assert "driven straight" not in as_text(found) and "stable if and only if L*V > 0" in " ".join(as_text(found).split())
+    assert "driving straight" not in as_text(found) and "stable if and only if L*V > 0" in " ".join(as_text(found).split())
 
 
 @pytest.mark.parametrize("name", ["four_wheel", "tractor_trailer:3"])
