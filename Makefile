@@ -24,6 +24,8 @@ RUNTIME := $(wildcard runtime_c/*)
 ROBOTS := labmate
 RUNS := line circle
 
+include firmware/targets.mk # standard: the flags with which all targets compute the same bits
+
 .PHONY: all setup generate check-generated check simulate figures lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep clean
 .DELETE_ON_ERROR:
 
@@ -123,7 +125,7 @@ guarantees: $(READY_DEV)
 # Every float in range against a higher precision (minutes on two cores), and a dense sample of doubles.
 trig-sweep:
 	@mkdir -p build
-	$(CC) -std=c99 -O2 -ffp-contract=off -fno-math-errno -Iruntime_c tests/c/trig_sweep.c -lm -o build/trig_sweep
+	$(CC) $(standard) -O2 -Iruntime_c tests/c/trig_sweep.c -lm -o build/trig_sweep
 	build/trig_sweep float 1 0 2 & other=$$!; build/trig_sweep float 1 1 2 && wait $$other
 	build/trig_sweep double 100000000 1992
 	build/trig_sweep atan2 50000000 1992

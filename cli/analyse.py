@@ -52,7 +52,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
             "the ranks on it are computed at real points with 60 digits. Results that are not exact are marked."
         ),
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     parser.add_argument(

@@ -22,7 +22,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help="compare the C with the model, and all backends with expected values",
         description=DESCRIPTION,
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("cases", metavar="CASES.json", nargs="*", help="cases with `expect`")
     parser.add_argument("--backend", action="append", choices=BACKENDS, help="only this backend; may be repeated")

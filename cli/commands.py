@@ -8,7 +8,7 @@ import sys
 import traceback
 import warnings
 from contextlib import suppress
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from .. import __version__
 from ..readers.errors import BadInput
@@ -26,7 +26,10 @@ ADVICE = {
 
 
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser that reports errors in one line."""
+    """An ArgumentParser that reports errors in one line; the help of a command keeps its own line breaks."""
+
+    def __init__(self, **settings: Any):
+        super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
 
     def error(self, message: str) -> NoReturn:
         """Report an invalid command line and exit with code 2."""
@@ -53,7 +56,9 @@ def run(argv: list[str]) -> int:
 
 def _run(argv: list[str]) -> int:
     parser = Parser(
-        prog="noslip", description="From the Lagrangian of a robot that rolls without slipping to the C code of its controller."
+        prog="noslip",
+        description="From the Lagrangian of a robot that rolls without slipping to the C code of its controller.",
+        formatter_class=argparse.HelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"noslip {__version__}")
     subparsers = parser.add_subparsers(metavar="COMMAND", title="commands (see noslip COMMAND --help)")

@@ -17,7 +17,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         description="Evaluate h, ydot, Phi, Phidot, u and tau at the states of a file of cases.\n"
         "For a case that cannot be evaluated, the result is its status; the exit code is 0 all the same.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("cases", metavar="CASES.json", help="cases: parameters, output, q, nu, reference, gains")
     parser.add_argument(

@@ -24,7 +24,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "the model as `noslip generate` does. With --firmware: write a project for a target, with start-up code, CMake files, a "
         "control loop to complete, and a self-test with golden vectors (float, unless --scalar is double).",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     add_selection(parser)

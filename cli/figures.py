@@ -24,7 +24,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "Writes a self-contained DIR/report.html, and each figure as PNG and SVG. The exit code is 1 if a claim that should hold "
         "does not.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("-o", dest="out", metavar="DIR", default="figures", help="output folder (default: figures)")
     parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="draw these figures only: 1, 6, 8a, sampled, ...")

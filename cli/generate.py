@@ -32,7 +32,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "Without a "
         "C compiler, the comparison is skipped with a warning.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     parser.add_argument("-o", dest="out", metavar="DIR", default="generated", help="output folder (default: generated)")

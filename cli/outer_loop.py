@@ -37,7 +37,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
             "steady motion, and the effect of each model error on it. VALUES apply to all channels, ROW=VALUES to one."
         ),
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     parser.add_argument("--output", metavar="LAW", help="name of the law, for example type_iv_circle")

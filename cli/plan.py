@@ -8,7 +8,7 @@ import math
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, read_input, write_whole
@@ -25,19 +25,18 @@ EXAMPLE = """examples:
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add `noslip plan`."""
-    style: dict[str, Any] = {"epilog": EXAMPLE, "formatter_class": argparse.RawDescriptionHelpFormatter}
     parser = subparsers.add_parser(
         "plan",
         help="plan a path of lines and arcs",
         description="Plan a path of lines and arcs and print it as `path` of a SPEC's [output] (m, rad).",
-        **style,
+        epilog=EXAMPLE,
     )
     ways = parser.add_subparsers(metavar="WAY", title="ways", required=True)
     for name, about in (
         ("dubins", "the shortest forward path between two poses"),
         ("reeds-shepp", "the shortest path between two poses, forward and in reverse"),
     ):
-        way = ways.add_parser(name, help=about, description=f"Plan {about} (x, y in m, heading of the vehicle).", **style)
+        way = ways.add_parser(name, help=about, description=f"Plan {about} (x, y in m, heading of the vehicle).", epilog=EXAMPLE)
         way._negative_number_matcher = re.compile(r"-\.?\d")  # argparse of Python < 3.13 takes -1e-3 for an option
         way.add_argument("--from", dest="start", nargs=3, type=quantity, metavar=("X", "Y", "HEADING"), required=True)
         way.add_argument("--to", dest="goal", nargs=3, type=quantity, metavar=("X", "Y", "HEADING"), required=True)
@@ -48,7 +47,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "waypoints",
         help="through waypoints",
         description="Plan through waypoints: a smooth curve through them is approximated by few lines and arcs.",
-        **style,
+        epilog=EXAMPLE,
     )
     way.add_argument("points", metavar="POINTS.csv", help="rows of x, y (m) and, optionally, heading; a header is allowed")
     way.add_argument("--tolerance", type=quantity, metavar="M", required=True, help="largest distance from the curve, m")
@@ -79,9 +78,10 @@ def run(arguments: argparse.Namespace) -> int:
     written = _written(segments, arguments)
     about = _summary(segments, arguments.way)
     if arguments.plot:
-        from ..planning.picture import picture  # slow to import
+        from ..planning.picture import draw  # slow to import
+        from ..simulation.drawing import encoded
 
-        drawn = picture(segments, Path(arguments.plot).suffix[1:], about, waypoints)
+        drawn = encoded(draw(segments, about, waypoints), Path(arguments.plot).suffix[1:])
     write_whole(arguments.output, written)
     if arguments.plot:
         write_whole(arguments.plot, drawn)

@@ -17,7 +17,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         + replay.__doc__.split("\n\n", 1)[1],
         epilog="example:\n  noslip simulate specs/line.toml --set 'simulation.backend=\"m4f\"' -o run.csv --record run.txt\n"
         "  noslip replay run.txt",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "record", metavar="FILE", help="record written by `noslip simulate --record`, or by a board in that format"

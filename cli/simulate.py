@@ -42,7 +42,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help="simulate a closed loop of controller and robot",
         description="Simulate the closed loop described by SPEC.toml; RUN.csv gets one row per output time.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC.toml", help="robot, gains, output, reference, initial state, simulation")
     parser.add_argument("-o", "--output", metavar="RUN.csv", required=True, help="output file")
@@ -140,7 +139,8 @@ def _pictures(done: "Run", arguments: argparse.Namespace) -> dict[str, bytes]:
     if not (arguments.plot or arguments.contact):
         return {}
     from ..simulation.contact import draw_contact
-    from ..simulation.plot import draw, picture  # slow to import
+    from ..simulation.drawing import encoded
+    from ..simulation.plot import draw  # slow to import
 
     wanted = ((draw, arguments.plot), (draw_contact, arguments.contact))
-    return {file: picture(made(done), Path(file).suffix[1:]) for made, file in wanted if file}
+    return {file: encoded(made(done), Path(file).suffix[1:]) for made, file in wanted if file}

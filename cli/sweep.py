@@ -29,7 +29,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         description="Simulate the closed loop of SPEC.toml many times with random numbers as specified in [sweep]: see "
         "docs/sweep.md.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC.toml", help="as for simulate, with [sweep] and [sweep.plant], [sweep.initial], ...")
     parser.add_argument("--samples", metavar="N", type=int, required=True, help="number of samples")

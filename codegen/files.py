@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -11,8 +11,7 @@ import sympy
 
 from .. import __version__
 from ..model.algebra.expression import as_text
-from ..model.law import ControlLaw, control_law
-from ..model.outputs import OUTPUTS, output_map
+from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.kept import remembered
 from .dynamics import DynamicsProgram, compile_dynamics
@@ -23,11 +22,6 @@ from .printing.scalar import SCALARS, Scalar
 from .program import Program, compile_law
 
 TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy.__version__}"
-
-
-def standard_laws(system: ReducedSystem, names: Sequence[str] = ()) -> list[ControlLaw]:
-    """The laws of Types I to IV, all or those named."""
-    return [control_law(system, output_map(system, name)) for name in names or OUTPUTS]
 
 
 @lru_cache(maxsize=64)
@@ -67,9 +61,14 @@ def robot_files(
             of_plant = dynamics_text(plant, scalar)
             files.update(of_plant.files())
             manifest["dynamics"] = {"operations": {entry.name: of_plant.operations(entry) for entry in plant.entries}}
-    manifest["files"] = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
+    manifest["files"] = digests(files)
     files["manifest.json"] = json.dumps(manifest, indent=1) + "\n"
     return dict(sorted(files.items()))
+
+
+def digests(files: Mapping[str, str]) -> dict[str, str]:
+    """SHA-256 of each text by its file's name, sorted."""
+    return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
 
 
 def shared_files(system: ReducedSystem, scalar: Scalar) -> dict[str, str]:

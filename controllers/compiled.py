@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 import cffi
 import numpy as np
 
-from ..codegen.dynamics import Entry as DynamicsEntry
 from ..codegen.files import dynamics_program, dynamics_text, law_program, law_text, shared_files
+from ..codegen.graph import Group
 from ..codegen.printing.dynamics_c import DynamicsC
 from ..codegen.printing.law_c import LawC, runtime_types
 from ..codegen.printing.robot_c import robot_declarations
@@ -18,12 +18,12 @@ from ..codegen.program import Entry
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from .controller import ON_LIMIT, QUANTITIES, Evaluation, Limits, check_point
-from .runtime import load
+from .runtime import InC, load
 
 Text = TypeVar("Text", LawC, DynamicsC)
 
 
-class _Compiled(Generic[Text]):
+class _Compiled(InC, Generic[Text]):
     """Compiled C of a robot in one scalar: `ffi` has its types, `lib` its functions, `files` its text."""
 
     def _load(self, system: ReducedSystem, text: Text, written: Mapping[str, str] | None) -> None:
@@ -52,10 +52,6 @@ class _Compiled(Generic[Text]):
     def function(self, name: str):
         """Return an entry point."""
         return getattr(self.lib, self.name(name))
-
-    def status(self, number: int) -> str:
-        """Return the name of a status."""
-        return self.ffi.string(self.lib.noslip_status_name(number)).decode()
 
     def struct(self, kind: str, values: Iterable[float]):
         """Return a new C struct of scalars, filled in the order of its fields."""
@@ -168,9 +164,9 @@ class CompiledController:
         ((quantity, matrix),) = library.text.program.entries[entry].quantities.items()
         given = [library.struct(library.text.scalar.name("noslip_foot"), foot)] if entry.at_foot else []
         given.append(library.struct(library.robot_name("state"), state))
-        if entry.takes == "reference":
+        if entry.takes is Group.REFERENCE:
             given.append(library.struct(library.name("reference"), more))
-        elif entry.takes == "demand":
+        elif entry.takes is Group.DEMAND:
             given.append(library.array(more))
         answer = library.array(np.zeros(len(matrix) * len(matrix[0])))
         place = library.ffi.cast(library.ffi.typeof(library.function(entry.name)).args[-1], answer)
@@ -203,23 +199,23 @@ class CompiledDynamics:
         status = made_by.status(made_by.function("init")(self._self, made_by.struct(made_by.robot_name("params"), params)))
         self.refused = None if status == "ok" else status
 
-    def entry(self, entry: DynamicsEntry, state: Iterable[float], tau: Iterable[float]) -> Evaluation:
+    def entry(self, entry: Entry, state: Iterable[float], tau: Iterable[float]) -> Evaluation:
         """Return the flattened result of an entry point at a state [q; nu] with the inputs tau (N or N m), which not all of
         them use.
         """
         if self.refused:
             return Evaluation(self.refused, {})
         library, ffi = self._library, self._library.ffi
-        given = [library.struct(library.robot_name("state"), state), *([library.array(tau)] if entry.takes_inputs else [])]
+        given = [library.struct(library.robot_name("state"), state), *([library.array(tau)] if entry.takes else [])]
         evaluation = ffi.new(f"{library.name('evaluation')} *")
         places = {name: getattr(evaluation, name, None) for name in entry.answers}
-        if entry.name == "evaluate":
+        if entry.whole:
             answers = [evaluation]
         else:
             places = {name: place if place is not None else library.array(self._empty()) for name, place in places.items()}
             answers = list(places.values())
         status = library.status(library.function(entry.name)(self._self, *given, *answers))
-        found = {name: library.numbers(place).astype(float) for name, place in places.items()}
+        found: dict[str, np.ndarray] = {name: library.numbers(place).astype(float) for name, place in places.items()}
         return Evaluation(status, found if status == "ok" else {})
 
     def _empty(self) -> np.ndarray:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 MODES = {"reset": 0, "bumpless": 1}  # as in the C
 HEADER = "noslip_odometry.h"
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Reckoning(Protocol):
@@ -48,14 +49,9 @@ class Odometry:
     part of a bumpless correction that is not applied yet, an offset that decreases over `release` seconds.
     """
 
-    def __init__(
-        self,
-        forward: Numbers,
-        turn: Numbers,
-        ahead: float,
-        release: float = 0.0,
-        start: Numbers = (0.0, 0.0, 0.0),
-    ):
+    _heading: float
+
+    def __init__(self, forward: Numbers, turn: Numbers, ahead: float, release: float = 0.0, start: Numbers = ORIGIN):
         self._wheels = np.array([forward, turn], float)
         self._ahead, self._release = float(ahead), float(release)
         self._offset, self._since = np.zeros(3), 0.0
@@ -113,15 +109,9 @@ class CompiledOdometry:
     """The same by the C, in double or float. Raises BadInput if the C returns an error."""
 
     def __init__(
-        self,
-        forward: Numbers,
-        turn: Numbers,
-        ahead: float,
-        release: float = 0.0,
-        start: Numbers = (0.0, 0.0, 0.0),
-        scalar: str = "double",
-        c: Runtime | None = None,
-    ):
+        self, forward: Numbers, turn: Numbers, ahead: float, release: float = 0.0, start: Numbers = ORIGIN,
+        scalar: str = "double", c: Runtime | None = None,
+    ):  # fmt: skip
         from .runtime import runtime  # slow to import
 
         self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
@@ -161,14 +151,9 @@ class CompiledOdometry:
 
 
 def make_odometry(
-    backend: str,
-    forward: Numbers,
-    turn: Numbers,
-    ahead: float,
-    release: float = 0.0,
-    start: Numbers = (0.0, 0.0, 0.0),
+    backend: str, forward: Numbers, turn: Numbers, ahead: float, release: float = 0.0, start: Numbers = ORIGIN,
     law: ControlLaw | None = None,
-) -> Reckoning:
+) -> Reckoning:  # fmt: skip
     """Return dead reckoning for a backend: casadi in Python, the others by the C; see `runtime_of`.
 
     Raises BadInput for an unknown backend.

@@ -26,8 +26,19 @@ SOURCE = """#include <float.h>
 ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=")  # words that cffi cannot parse
 
 
-class Runtime:
-    """A compiled header of runtime_c, in both scalars: `ffi` has its types, `lib` its functions and constants."""
+class InC:
+    """Compiled C: `ffi` knows its types, `lib` its functions and constants."""
+
+    ffi: cffi.FFI
+    lib: Any
+
+    def status(self, number: int) -> str:
+        """Name of a status."""
+        return self.ffi.string(self.lib.noslip_status_name(number)).decode()
+
+
+class Runtime(InC):
+    """A header of runtime_c, compiled, in both scalars: `ffi` knows its types, `lib` its functions and constants."""
 
     def __init__(self, header: str):
         self.ffi = cffi.FFI()
@@ -45,10 +56,6 @@ class Runtime:
     def function(self, name: str, scalar: str):
         """Return a function named as in the header, for a scalar."""
         return getattr(self.lib, SCALARS[scalar].name(name))
-
-    def status(self, number: int) -> str:
-        """Return the name of a status."""
-        return self.ffi.string(self.lib.noslip_status_name(number)).decode()
 
 
 @lru_cache

@@ -103,8 +103,8 @@ def slope_function(law: ControlLaw) -> ca.Function:
 @cache
 def evaluation_function(law: ControlLaw) -> ca.Function:
     """Return the function (params, config, gains, state, reference) to every quantity of an Evaluation."""
-    found, system, mechanism = law.linearization, law.system, law.system.mechanism
-    quantities = {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": law.u, "tau": law.tau}
+    system, mechanism = law.system, law.system.mechanism
+    quantities = law.quantities
     quantities |= {"M": mechanism.M, "V": system.V, "A": mechanism.A, "S": system.S, "Mbar": system.Mbar, "bias": system.bias}
     return portable(law.function(quantities | {"lam": system.constraint_forces(law.tau, law.u)}))
 

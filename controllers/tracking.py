@@ -162,7 +162,7 @@ def _sentence(kind: str, k: int, size: float, segments: Sequence[Segment], optio
         case "kink":
             return f"{this}: its direction of travel differs by {size:.3g} rad from that at the end of {before}; rotate it"
         case "cusp":
-            return f"{this}: at the cusp after {before} the direction of travel misses a change by pi by {size:.3g} rad; rotate it"
+            return f"{this}: the direction of travel at the cusp after {before} is {size:.3g} rad off a change by pi; rotate it"
         case _:
             missing = f"{size:.3g} m too short for P_l to change sides"
             return f'{this}: the run from this cusp to the next stop is {missing}; lengthen it or set stop = "axle"'

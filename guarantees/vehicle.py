@@ -9,7 +9,7 @@ import cffi
 import numpy as np
 
 from ..controllers.build import RUNTIME
-from ..controllers.runtime import load, without_bodies
+from ..controllers.runtime import InC, load, without_bodies
 
 ROOT = RUNTIME.parent
 PERIOD = 0.01  # s, of firmware/robot.c
@@ -82,7 +82,7 @@ class Refused(Exception):
         self.status = status
 
 
-class Firmware:
+class Firmware(InC):
     """The firmware's C on this host: `ffi` knows its types, `lib` its functions."""
 
     def __init__(self, folder: Path, root: Path = ROOT):
@@ -117,10 +117,6 @@ class Firmware:
         if status != 0:
             raise Refused(self.status(status))
         return made
-
-    def status(self, number: int) -> str:
-        """Name of a status."""
-        return self.ffi.string(self.lib.noslip_status_name(number)).decode()
 
     def motor(self, **settings):
         """Answers the motor and the status of its init."""

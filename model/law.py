@@ -77,6 +77,17 @@ class ControlLaw:
             "demand": self.demand,
         }
 
+    @property
+    def quantities(self) -> dict[str, ca.SX]:
+        """What an evaluation of the law returns, by name."""
+        found = self.linearization
+        return {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": self.u, "tau": self.tau}
+
+    def at_state(self, *expressions: ca.SX) -> ca.Function:
+        """CasADi function from (state, parameters, config) to the expressions, which depend on nothing else."""
+        arguments = [symbols(self.groups[name]) for name in ("state", "params", "config")]
+        return ca.Function(self.name, arguments, [ca.densify(expression) for expression in expressions])
+
     def function(self, quantities: dict[str, ca.SX]) -> ca.Function:
         """Return the CasADi function from (params, config, gains, state, reference) to the named quantities."""
         names = [name for name in self.groups if name != "demand"]

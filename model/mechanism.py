@@ -182,6 +182,7 @@ class Mechanism:
         self.contacts: list[Contact] = []
         self.vehicle: Vehicle | None = None
         self.outputs: list[Output] = []
+        self.lines: list[ca.SX] = []
         self.bodies: list[Body] = []
         self._constraints: list[ca.SX] = []
         self._actuation: list[ca.SX] = []
@@ -380,6 +381,17 @@ class Mechanism:
             raise ModelError(f"{where}: parameters must be created with config(name, default, unit, about)")
         self.outputs.append(Output(name, about, tuple(made), tuple(parameters)))
 
+    def draws(self, *lines: Sequence[tuple[ca.SX | float, ca.SX | float]]) -> None:
+        """Say how the robot looks from above: lines through points (x, y), m, in coordinates and parameters.
+
+        A line that ends where it begins is a body's outline, one of two points a wheel. Figures draw `lines`, each (2, points);
+        no equation depends on them. `noslip.model.drawing` has boxes and wheels.
+        """
+        where = f"the points of line {len(self.lines) + 1} that it draws"
+        for line in lines:
+            points = [ca.vertcat(*[self._at_rest(self._scalar(value, where), where) for value in point]) for point in line]
+            self.lines.append(ca.horzcat(*points))
+
     # -- derived quantities -------------------------------------------------------------------------------------
 
     def __getitem__(self, name: str) -> ca.SX:
@@ -558,6 +570,7 @@ class Mechanism:
             *[("a quasi-velocity", row) for row in self._quasi_expressions],
             *[(f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left)) for c in self.contacts],
             *([("S", self._null_space)] if self._null_space is not None else []),
+            *[("a line that it draws", line) for line in self.lines],
             *([("the vehicle's pose", ca.vertcat(*vars(self.vehicle).values()))] if self.vehicle else []),
         ]
 

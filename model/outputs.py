@@ -211,9 +211,15 @@ def reference_point(system: ReducedSystem, point: Sequence[Quantity]) -> tuple[c
 
 def forward_speed(system: ReducedSystem) -> ca.SX:
     """Return the velocity of the vehicle's point along its heading, m/s, as a function of q and nu."""
+    return canonical(velocity(system)[0])
+
+
+def velocity(system: ReducedSystem) -> tuple[ca.SX, ca.SX]:
+    """Return the velocity of the vehicle's point along its heading and to the left of it, m/s, as functions of q and nu."""
     vehicle = system.mechanism.required_vehicle
     x_dot, y_dot = system.along_motion(vehicle.x), system.along_motion(vehicle.y)
-    return canonical(ca.cos(vehicle.heading) * x_dot + ca.sin(vehicle.heading) * y_dot)
+    cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
+    return cosine * x_dot + sine * y_dot, cosine * y_dot - sine * x_dot
 
 
 def at_point(

@@ -33,6 +33,10 @@ class Segment:
         """Return point and direction of travel at the end."""
         return self.pose(self.length)
 
+    def places(self, count: int) -> list[tuple[float, float]]:
+        """So many points, m, evenly spread from its start to its end, both included."""
+        return [self.pose(self.length * k / (count - 1))[:2] for k in range(count)]
+
     def distance(self, x: float, y: float) -> float:
         """Return the signed distance of a point from the whole line or circle, m; positive to the left of the direction of
         travel.

@@ -5,7 +5,7 @@ import casadi as ca
 from .algebra.exact import canonical
 from .algebra.linear import solve
 from .errors import ModelError
-from .outputs import forward_speed
+from .outputs import forward_speed, velocity
 from .reduction import ReducedSystem
 
 
@@ -38,9 +38,7 @@ def point_ahead(system: ReducedSystem) -> ca.SX:
 
     Raises ModelError if there is no velocity_map, or the point moves sideways without turning: the wheels are not on one axle.
     """
-    W, vehicle = required_velocity_map(system), system.mechanism.required_vehicle
-    x_dot, y_dot = system.along_motion(vehicle.x), system.along_motion(vehicle.y)
-    sideways = ca.cos(vehicle.heading) * y_dot - ca.sin(vehicle.heading) * x_dot
+    W, (_, sideways) = required_velocity_map(system), velocity(system)
     by_speed, by_yaw_rate = ca.horzsplit(canonical(ca.jacobian(sideways, system.nu) @ solve(W, ca.SX.eye(2))))
     known = ca.vertcat(system.mechanism.q, system.nu)
     if not by_speed.is_zero() or ca.depends_on(by_yaw_rate, known):

@@ -84,7 +84,7 @@ class Channel:
         fastest = max(self.poles, key=abs)
         if self.period is not None and not abs(fastest) < 1:
             limit = longest_period(self.gains, self.delay)
-            late = ", with a sample's delay," if self.delay else ""
+            late = ", with a delay of one sample," if self.delay else ""
             raise BadInput(
                 f"{self.name}: period {self.period:g} s{late} is beyond stability, z = {show(fastest)}; "
                 f"the channel is stable below {limit:.6g} s"

@@ -11,7 +11,6 @@ from ..readers.errors import BadInput
 from .margins import margins
 from .motion import Setting, SteadyMotion, steady_motion
 
-SPREAD = 0.2  # default size of the errors
 MOST_CORNERS = 256  # largest number of combinations of all errors; if there are more, as many are drawn at random
 LARGE_OFFSET = 0.1  # SI unit of the first output: an offset regarded as equivalent to the loss of all decay or margin
 

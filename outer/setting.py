@@ -3,10 +3,9 @@
 import math
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 
-from ..model.law import ControlLaw, symbols
+from ..model.law import ControlLaw
 from ..model.mechanism import values_of
 from ..model.names import TYPE
 from ..model.outputs import OFFSET
@@ -80,9 +79,8 @@ def _setting(spec: Spec) -> Setting:
 
 def _along(setting: Setting) -> bool:
     """Does the vehicle head along the path's direction, or against it?"""
-    law = setting.law
-    groups = [symbols(law.state), symbols(law.parameters), symbols(law.config)]
-    return float(ca.Function("along", groups, [path_frame(law)[1]])(setting.start, setting.believed, setting.config)) > 0
+    direction = setting.law.at_state(path_frame(setting.law)[1])
+    return float(direction(setting.start, setting.believed, setting.config)) > 0
 
 
 def _on_the_way(output: Output, reference: Reference, initial: Initial | None = None) -> Initial:

@@ -12,7 +12,7 @@ import numpy as np
 from ..model.algebra.trigonometry import cosine, phase, product, sine, size, unit
 from ..model.segments import Segment
 from ..readers.errors import BadInput
-from .chain import joined, prove
+from .chain import check_length, joined, prove
 from .curves import Points, Samples, bends, of_function, sampled, through
 
 Arc = tuple[float, float]  # curvature (1/m, positive turns left) and length (m)
@@ -41,10 +41,9 @@ def fit(
 
     Raises BadInput for invalid waypoints, a curve with a corner, and a curve with a radius below `min_radius` (m).
     """
-    if not (math.isfinite(tolerance) and tolerance > 0):
-        raise BadInput(f"tolerance = {tolerance:g} m is not positive and finite")
-    if min_radius is not None and not (math.isfinite(min_radius) and min_radius > 0):
-        raise BadInput(f"min_radius = {min_radius:g} m is not positive and finite")
+    check_length("tolerance", tolerance)
+    if min_radius is not None:
+        check_length("min_radius", min_radius)
     curve = of_function(points, domain) if callable(points) else through(points, headings, closed)
     samples = sampled(curve, tolerance)
     rounding = ROUNDING * float(np.abs(samples.places).max())

@@ -1,6 +1,5 @@
 """Plots of planned paths."""
 
-import io
 import itertools
 import math
 from collections.abc import Sequence
@@ -16,16 +15,15 @@ BEND = 0.05  # rad between plotted points of an arc
 SIZE = 0.07  # length of a drawn vehicle, relative to the plot
 
 
-def picture(segments: Sequence[Segment], kind: str, title: str, waypoints: Sequence[Sequence[float]] = ()) -> bytes:
-    """Return a plot of a path as the bytes of a file; `kind` is png, pdf or svg; `waypoints` (x, y) in m are marked."""
+def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[float]] = ()) -> Figure:
+    """Return a plot of a path; `waypoints` (x, y) in m are marked."""
     figure = Figure(figsize=(9, 7.5), layout="constrained")
     axes = figure.add_subplot()
     for segment in segments:
         colour, name = _look(segment)
         angle = abs(segment.curvature * segment.length)
-        places = np.linspace(0.0, segment.length, 2 + math.ceil(angle / BEND))
-        x, y, _ = zip(*(segment.pose(s) for s in places), strict=True)
-        axes.plot(x, y, color=colour, linestyle="--" if segment.backward else "-", linewidth=2.2, label=name)
+        places = np.transpose(segment.places(2 + math.ceil(angle / BEND)))
+        axes.plot(*places, color=colour, linestyle="--" if segment.backward else "-", linewidth=2.2, label=name)
     joins = np.array([segment.end[:2] for segment in segments[:-1]]).reshape(-1, 2)
     axes.plot(*joins.T, "o", color="black", markersize=4, linestyle="", label="join", zorder=3)
     cusps = [after for before, after in itertools.pairwise(segments) if before.backward != after.backward]
@@ -48,9 +46,7 @@ def picture(segments: Sequence[Segment], kind: str, title: str, waypoints: Seque
     axes.grid(alpha=0.3)
     named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # each kind once
     figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
-    made = io.BytesIO()
-    figure.savefig(made, format=kind, dpi=130)
-    return made.getvalue()
+    return figure
 
 
 def _look(segment: Segment) -> tuple[str, str]:

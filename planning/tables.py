@@ -8,6 +8,7 @@ from typing import Any
 from ..codegen.printing.scalar import Scalar
 from ..model.algebra.trigonometry import angle_of
 from ..model.segments import Segment
+from ..readers import printing
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys, flag, number, one_of, point
 
@@ -96,8 +97,7 @@ def toml(segments: Sequence[Segment], closed: bool = False) -> str:
     """Return the path as an entry of a SPEC's [output], one segment per line."""
     rows = []
     for table in tables(segments):
-        entries = ", ".join(f"{key} = {json.dumps(value)}" for key, value in table.items())
-        rows.append(f"  {{ {entries} }},\n")
+        rows.append(f"  {printing.toml(table)},\n")
     return f'path = {{ kind = "composite", {"closed = true, " if closed else ""}segments = [\n{"".join(rows)}] }}\n'
 
 

@@ -68,6 +68,7 @@ _CODEGEN = {  # by what else than the shipped C
     "optimize": ("test_codegen", "random_graphs value_of_laws fewer"),
     "program": ("test_codegen", "steps_are names_stand sincos"),
     "printing/law_c": ("test_codegen", "any_name laws_in_c counts_are comments temporaries"),
+    "printing/program_c": ("test_codegen", "any_name laws_in_c counts_are comments"),
     "printing/robot_c": ("test_codegen", "any_name names_of laws_in_c"),
     "printing/scalar": ("test_codegen", "literals does_not_fit random_c"),
     "printing/statements": ("test_codegen", "random_c powers tangent laws_in_c comments temporaries"),

@@ -390,7 +390,7 @@ REFUSED = {
     "name": (lambda r: contact(r, "", along=0), "name"),
     "twice": (lambda r: contact(r, "blade", along=0), "'blade' is used twice"),
     "no velocity": (lambda r: contact(r), "requires a velocity"),
-    "no expression": (lambda r: contact(r, along="fast"), "no expression"),
+    "not an expression": (lambda r: contact(r, along="fast"), "not an expression"),
     "matrix": (lambda r: contact(r, along=r.qdot), "scalar"),
     "mass that moves": (lambda r: contact(r, mass=r.qdot[0], along=0), "uses rates"),
     "stranger": (lambda r: contact(r, mass=ca.SX.sym("m"), along=0), "uses m"),

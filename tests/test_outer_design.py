@@ -163,7 +163,7 @@ def test_deadbeat():
         (lambda: from_settling(2, -1.0), "must be positive"),
         (lambda: from_settling(2, 1.0, NAN), "must be positive and finite"),
         (lambda: from_settling(2, "1"), "is not a number"),
-        (lambda: from_lqr(2, [1, 1]), "LQR takes 3"),
+        (lambda: from_lqr(2, [1, 1]), "LQR requires 3"),
         (lambda: from_lqr(2, [1, 0, 1]), "largest rate = 0"),
         (lambda: from_lqr(2, [1, 1, 1], period=0.0), "period = 0"),
         (lambda: from_discrete_poles(2, [1.0, 0.5], 0.1), "unstable"),

@@ -616,8 +616,8 @@ def test_vectors_of_a_wrong_length_are_refused(entry, tmp_path, bad_input):
         lines = [line for key, table in tables.items() for line in (f"[{key}]", *(f"{k} = {v}" for k, v in table.items()))]
         spec = tmp_path / "spec.toml"
         spec.write_text("\n".join(['robot = "labmate"', *lines]))
-        for command in (["simulate", str(spec), "-o", str(tmp_path / "o.csv")], ["outer-loop", "labmate", "--spec", str(spec)]):
-            said = bad_input(command)
+        for arguments in (["simulate", str(spec), "-o", str(tmp_path / "o.csv")], ["outer-loop", "labmate", "--spec", str(spec)]):
+            said = bad_input(arguments)
             assert str(spec) in said and section in said and name.partition(".")[0] in said and str(length) in said
 
 

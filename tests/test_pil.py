@@ -147,7 +147,7 @@ def test_protocol_errors_have_a_number(host):
 
 
 def test_a_call_that_is_refused(host):
-    with pytest.raises(TargetFault, match="refuses the call law_step of object 5000, 48 bytes: object"):
+    with pytest.raises(TargetFault, match="rejects the call law_step of object 5000, 48 bytes: object"):
         host.call("law_step", 5000, bytes(48))
     with pytest.raises(TargetFault, match="has ended"):
         host.call("hello", 0, b"")
@@ -161,10 +161,10 @@ def test_a_call_that_is_refused(host):
         ("echo it hurts >&2; exit 3", r"has ended \(it hurts\)"),
         ("exec sleep 60", "has not answered for 1 s"),
         ("head -c 20 /dev/zero", "sends an invalid answer"),
-        ("printf 'NPIL\\001\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\004\\0\\0\\0abcd'; exec sleep 60", "says hello with 4 bytes"),
+        ("printf 'NPIL\\001\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\004\\0\\0\\0abcd'; exec sleep 60", "sends an initial answer of 4 bytes"),
         (
             "printf 'NPIL\\001\\0\\0\\0\\003\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0'; exec sleep 60",
-            "refuses the call hello of object 0, 0 bytes",
+            "rejects the call hello of object 0, 0 bytes",
         ),
         ("printf 'NPIL\\001\\0\\0\\0'; exec sleep 60", "has not answered for 1 s"),
     ],

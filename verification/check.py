@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from ..controllers.backends import make_controller
 from ..controllers.controller import MODEL_QUANTITIES, QUANTITIES, Evaluation
 from ..readers.errors import BadInput
+from ..readers.printing import columns, plain
 from .evaluate import evaluate_cases
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def check_files(paths: Sequence[str], backends: Sequence[str], as_json: bool) ->
         if not any(case.expect for case in cases):
             raise BadInput(f"{path}: nothing to compare: no case has `expect`")
         table = {backend: summarized(_against_expected(cases, backend), typical=0.0) for backend in backends}
-        answers.append({"file": path, "cases": len(cases), "backends": _plain(table)})
+        answers.append({"file": path, "cases": len(cases), "backends": plain(table)})
         failures += [line for backend, rows in table.items() for line in _exceeded(backend, rows, EXPECT_LIMITS[backend])]
         if not as_json:
             print(f"{path}: {len(cases)} cases, error relative to the largest entry of each quantity: worst (median)\n")
@@ -109,7 +110,7 @@ def _file_table(cases: Sequence[Case], table: dict[str, dict[str, Summary]]) -> 
             cells = [summaries.get(name) for summaries in table.values()]
             rows.append([name, *(f"{s.worst:.1e} ({s.median:.1e})" if s else "-" for s in cells)])
     rows.append(["limit", *(_limit_cell(EXPECT_LIMITS[backend]) for backend in table)])
-    return _columns(rows)
+    return "".join(f"  {line.rstrip()}\n" for line in columns(rows))
 
 
 def _limit_cell(limits: Limits) -> str:
@@ -134,7 +135,7 @@ def check_random(robot: str, only: str | None, states: int, seed: int, backends:
             failures += _exceeded(f"{name}, {backend}", summaries, RANDOM_LIMITS[backend])
     if not as_json:
         print(_random_table(tables, backends))
-    laws_answer = {name: _plain(table) for name, table in tables.items()}
+    laws_answer = plain(tables)
     return _conclude({"robot": robot, "states": states, "seed": seed, "laws": laws_answer}, failures, as_json)
 
 
@@ -180,7 +181,7 @@ def _random_table(tables: dict[str, dict[str, dict[str, Summary]]], backends: Se
     for backend in backends:
         limits = RANDOM_LIMITS[backend]
         rows[-1] += [f"{limits.worst:.1e} {'':6}", f"{limits.median:.1e}" if np.isfinite(limits.median) else ""]
-    return _columns(rows)
+    return "".join(f"  {line.rstrip()}\n" for line in columns(rows))
 
 
 def deviation_of(value: np.ndarray, wanted: np.ndarray, where: str) -> Deviation:
@@ -213,15 +214,6 @@ def _exceeded(title: str, summaries: dict[str, Summary], limits: Limits) -> list
     ]
 
 
-def _plain(table: dict[str, dict[str, Summary]]) -> dict:
-    """Return the table for JSON: an infinite error is null."""
-
-    def plain(summary: Summary) -> dict:
-        return {key: None if value == float("inf") else value for key, value in asdict(summary).items()}
-
-    return {backend: {name: plain(summary) for name, summary in summaries.items()} for backend, summaries in table.items()}
-
-
 def _conclude(answer: dict, failures: Sequence[str], as_json: bool) -> int:
     """Print the result and return the exit code."""
     if as_json:
@@ -231,12 +223,3 @@ def _conclude(answer: dict, failures: Sequence[str], as_json: bool) -> int:
     else:
         print("all errors are within the limits")
     return 1 if failures else 0
-
-
-def _columns(rows: Sequence[Sequence[str]]) -> str:
-    """Return a table: first column left-aligned, the others right-aligned."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = [
-        [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))] for row in rows
-    ]
-    return "".join(f"  {'  '.join(line).rstrip()}\n" for line in lines)

@@ -19,6 +19,7 @@ import numpy as np
 from ..codegen.dynamics import ENTRIES as DYNAMICS_ENTRIES
 from ..codegen.printing.dynamics_c import NAME as DYNAMICS_NAME
 from ..codegen.printing.scalar import SCALARS
+from ..codegen.program import EVALUATE, FOLLOW, STEP
 from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, identity, runtime_files
 from ..controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary, Library
 from ..controllers.controller import Limits
@@ -213,10 +214,8 @@ class _LawInC(_InC):
     @cached_property
     def expressions(self) -> dict[str, ca.SX]:
         """The model's quantities, and the measure of singularity of Phi."""
-        law, found = self.law, self.law.linearization
-        quantities = {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": law.u, "tau": law.tau}
-        more = {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": ca.vertcat(*found.measure)}
-        return quantities | more
+        law, measure = self.law, ca.vertcat(*self.law.linearization.measure)
+        return law.quantities | {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": measure}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield every entry point at random regular states, and the step at singular ones."""
@@ -247,7 +246,7 @@ class _LawInC(_InC):
                 yield Sample(f"{name} by evaluate", evaluation.status, shaped, right[name], name, given)
         yield Sample("tau by step", status, tau[:, None] if status == "ok" else None, right["tau"], "tau", given)
         for entry, body in library.text.program.entries.items():
-            if entry.public and not entry.at_foot and entry.name not in ("evaluate", "step"):
+            if entry.public and not entry.at_foot and entry not in (EVALUATE, STEP):
                 (name,) = body.quantities
                 found = controller.entry(entry, state, more=given[entry.takes] if entry.takes else ())
                 yield Sample(f"{name} by {entry.name}", found.status, found.values.get(name), right[name], name, given)
@@ -277,7 +276,7 @@ class _LawInC(_InC):
         self, controller: CompiledController, library: Library, given: Mapping, random: np.random.Generator
     ) -> Iterator[Sample]:
         """Yield `follow` at a random foot of P_l, and the model with a path and a vehicle in that relative position."""
-        follow = next((entry for entry in library.text.program.entries if entry.name == "follow"), None)
+        follow = FOLLOW if FOLLOW in library.text.program.entries else None
         if follow is None:
             return
         distance, heading, curvature = self.held(random.uniform(-1, 1, 3) * (1, np.pi, 0.5))

@@ -21,6 +21,7 @@ from .ratios import (
     NotRational,
     Radical,
     Ratio,
+    conjugate,
     exact,
     factored,
     generators_of,
@@ -214,8 +215,8 @@ class Field:
         """Return the same ratio without radicals in the denominator."""
         for radical in reversed(self.radicals):
             if any(powers[radical.place] for powers in denominator):
-                conjugate = denominator.compose(self.generators[radical.place], -self.generators[radical.place])
-                numerator, denominator = self._reduce(times(numerator, conjugate), times(denominator, conjugate))
+                other = conjugate(denominator, radical.place)
+                numerator, denominator = self._reduce(times(numerator, other), times(denominator, other))
         if not denominator:
             raise NotRational
         return numerator, denominator

@@ -132,20 +132,32 @@ def generators_of(polynomial: PolyElement) -> set[int]:
 
 def without_squares(polynomial: PolyElement, radical: Radical) -> tuple[PolyElement, int]:
     """Return a polynomial with at most the first power of the radical, and the power of radical.denominator to divide it by."""
-    most = max((powers[radical.place] for powers in polynomial), default=0) // 2
+    parts = by_squares(polynomial, radical.place)
+    most = len(parts) - 1
     if not most:
         return polynomial, 0
     reduced = polynomial.ring.zero
-    for half in range(most + 1):
-        terms = {
-            (*powers[: radical.place], powers[radical.place] % 2, *powers[radical.place + 1 :]): coefficient
-            for powers, coefficient in polynomial.items()
-            if powers[radical.place] // 2 == half
-        }
-        if terms:
+    for half, part in enumerate(parts):
+        if part:
             square = radical.numerator**half * radical.denominator ** (most - half)
-            reduced = plus(reduced, times(polynomial.ring.from_dict(terms), square))
+            reduced = plus(reduced, times(part, square))
     return reduced, most
+
+
+def by_squares(polynomial: PolyElement, place: int) -> list[PolyElement]:
+    """Polynomials with at most the first power of a generator: the given one is their sum, the k-th times generator^(2 k)."""
+    parts: list[dict[tuple[int, ...], QQ]] = [
+        {} for _ in range(max((powers[place] for powers in polynomial), default=0) // 2 + 1)
+    ]
+    for powers, coefficient in polynomial.items():
+        half, rest = divmod(powers[place], 2)
+        parts[half][(*powers[:place], rest, *powers[place + 1 :])] = coefficient
+    return [polynomial.ring.from_dict(part) for part in parts]
+
+
+def conjugate(polynomial: PolyElement, place: int) -> PolyElement:
+    """The polynomial with the other sign of a generator."""
+    return polynomial.ring.from_dict({powers: -c if powers[place] % 2 else c for powers, c in polynomial.items()})
 
 
 def _add(a: Ratio, b: Ratio) -> Ratio:

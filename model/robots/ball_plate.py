@@ -7,8 +7,11 @@ spin about the vertical. The kinematics of contact are D. J. Montana's, as in th
 A ball on one plate that moves in x and y has 4 velocities and 2 inputs. With the plate above, which does not rotate, 2 remain.
 """
 
-from casadi import substitute, sumsqr, vertcat
+from math import pi
 
+from casadi import cos, sin, substitute, sumsqr, vertcat
+
+from ..drawing import box
 from ..mechanism import Mechanism
 from ..rolling.contact import RollingContact, rolls_on
 from ..rolling.surfaces import plane, sphere
@@ -44,4 +47,6 @@ def ball_plate() -> Mechanism:
     robot.quasi_velocity("speed_x", "m/s", x_dot, "velocity of the ball's centre")
     robot.quasi_velocity("speed_y", "m/s", y_dot, "velocity of the ball's centre")
     robot.output("ball", "position of the ball", [("x_b", "m", x, "x of the ball"), ("y_b", "m", y, "y of the ball")])
+    circle = [2 * pi * k / 40 for k in range(41)]
+    robot.draws([(x + R * cos(angle), y + R * sin(angle)) for angle in circle], box((x_p, y_p), 0.0, 0.05, 0.05, 0.05))
     return robot

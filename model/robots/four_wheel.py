@@ -9,6 +9,8 @@ is that each body has its centre of mass above its axle, so that the joint carri
 
 from casadi import SX, cos, sin
 
+from ..drawing import box, placed
+from ..drawing import wheels as on_axle
 from ..errors import ModelError
 from ..mechanism import Mechanism
 
@@ -73,4 +75,8 @@ def four_wheel(joints: int = 1) -> Mechanism:
     if joints:
         robot.quasi_velocity("yaw_rate", "rad/s", turning, "yaw rate of the front body")
     robot.moves_in_plane(x, y, phi)
+    joint = placed((x, y), phi, [(-l_f, 0)])[0]
+    rear = placed(joint, phi - gamma, [(-l_r, 0)])[0]
+    robot.draws(box((x, y), phi, 0.3, 0.35, 0.8 * b), *on_axle((x, y), phi, b, r), [(x, y), joint])
+    robot.draws(box(rear, phi - gamma, 0.35, 0.4, 0.8 * b), *on_axle(rear, phi - gamma, b, r), [rear, joint])
     return robot

@@ -49,4 +49,5 @@ def geared_arm() -> Mechanism:
     robot.quasi_velocity("qdot_2", "rad/s", robot.rate(q_2), "rate of joint 2")
     robot.output("tip", "position of the tip", [("x_t", "m", tip[0], "x of the tip"), ("z_t", "m", tip[1], "height of the tip")])
     robot.output("joints", "angles of the joints", [("angle_1", "rad", q_1, "joint 1"), ("angle_2", "rad", q_2, "joint 2")])
+    robot.draws([(0, 0), (elbow[0], elbow[1]), (tip[0], tip[1])])
     return robot

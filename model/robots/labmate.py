@@ -2,6 +2,7 @@
 
 from casadi import SX, cos, sin
 
+from ..drawing import box, wheels
 from ..mechanism import Mechanism
 
 
@@ -58,4 +59,5 @@ def labmate() -> Mechanism:
     robot.quasi_velocity("thetadot_r", "rad/s", robot.rate(theta_r), "right wheel rate")
     robot.quasi_velocity("thetadot_l", "rad/s", robot.rate(theta_l), "left wheel rate")
     robot.moves_in_plane(x_c, y_c, phi)
+    robot.draws(box((x_c, y_c), phi, 1.0, 1.0, b), *wheels(axle, phi, b, r))  # the paper's platform is 2 m long
     return robot

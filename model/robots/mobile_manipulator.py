@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from casadi import SX, cos, sin, vertcat
 
+from ..drawing import placed
 from ..mechanism import Mechanism
 from .labmate import labmate
 
@@ -59,4 +60,5 @@ def mobile_manipulator() -> Mechanism:
             ("left", "m", reach[1], "distance of the end point to the left of the platform's axis"),
         ],
     )
+    robot.draws(placed((robot["x_c"], robot["y_c"]), phi, [(a, 0), (a + l_1 * cos(q_1), l_1 * sin(q_1)), (reach[0], reach[1])]))
     return robot

@@ -5,6 +5,7 @@ A. M. Bloch, Nonholonomic Mechanics and Control (2003), section 1.4; the sizes o
 
 from casadi import cos, sin
 
+from ..drawing import box
 from ..mechanism import Mechanism
 
 
@@ -31,4 +32,5 @@ def rolling_disk() -> Mechanism:
     robot.quasi_velocity("thetadot", "rad/s", rolling, "rolling rate")
     robot.quasi_velocity("phidot", "rad/s", turning, "yaw rate")
     robot.moves_in_plane(x, y, phi)
+    robot.draws(box((x, y), phi, R, R, 0.015))
     return robot

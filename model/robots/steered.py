@@ -7,23 +7,24 @@ G. Campion, G. Bastin and B. d'Andrea-Novel, Structural properties ... of wheele
 
 from casadi import SX, cos, sin, vertcat
 
+from ..drawing import box, placed, wheels
 from ..mechanism import Mechanism
 
 
 def car() -> Mechanism:
     """Driven at the rear axle through a differential, steered in front; P_l is a point ahead of the front wheel, L > 0."""
     robot = Mechanism("car", "car, driven at the rear, steered in front")
-    return _steered(robot, driven_in_front=False, m=1200.0, l=2.6, c=1.3, r=0.3, I_c=1800.0, I_s=4.0, I_w=3.0)
+    return _steered(robot, driven_in_front=False, half=0.8, m=1200.0, l=2.6, c=1.3, r=0.3, I_c=1800.0, I_s=4.0, I_w=3.0)
 
 
 def tricycle() -> Mechanism:
     """Driven and steered at the front wheel: it can turn about its rear axle, where a car is locked."""
     robot = Mechanism("tricycle", "tricycle, driven and steered in front")
-    return _steered(robot, driven_in_front=True, m=80.0, l=1.0, c=0.4, r=0.15, I_c=10.0, I_s=0.1, I_w=0.1)
+    return _steered(robot, driven_in_front=True, half=0.35, m=80.0, l=1.0, c=0.4, r=0.15, I_c=10.0, I_s=0.1, I_w=0.1)
 
 
-def _steered(robot: Mechanism, driven_in_front: bool, **sizes: float) -> Mechanism:
-    """5 coordinates, 3 constraints, a drive and a steering torque; all sizes are assumed."""
+def _steered(robot: Mechanism, driven_in_front: bool, half: float, **sizes: float) -> Mechanism:
+    """5 coordinates, 3 constraints, a drive and a steering torque; all sizes are assumed, `half` (m) the width."""
     x = robot.coordinate("x", "m", "middle of the rear axle")
     y = robot.coordinate("y", "m", "middle of the rear axle")
     phi = robot.coordinate("phi", "rad", "heading of the body")
@@ -66,4 +67,6 @@ def _steered(robot: Mechanism, driven_in_front: bool, **sizes: float) -> Mechani
     robot.quasi_velocity("thetadot", "rad/s", rolling, f"rate of the {driven}")
     robot.quasi_velocity("deltadot", "rad/s", steering, "steering rate")
     robot.moves_in_plane(front[0], front[1], steered)  # the steered wheel moves like a unicycle
+    robot.draws(box((x, y), phi, 0.2 * l, 1.15 * l, half), *wheels((x, y), phi, half, r))
+    robot.draws(placed((front[0], front[1]), steered, [(-1.3 * r, 0), (1.3 * r, 0)]))
     return robot

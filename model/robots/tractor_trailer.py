@@ -7,6 +7,7 @@ tractor is driven as the LABMATE is. All sizes are assumed.
 
 from casadi import cos, sin
 
+from ..drawing import Place, box, placed, wheels
 from ..errors import ModelError
 from ..mechanism import Mechanism
 
@@ -52,6 +53,8 @@ def tractor_trailer(N: int = 1) -> Mechanism:
         slip = forward - across * turning - r * robot.rate(angle)
         robot.contact(f"{side} wheel", m / 2, along=slip, across=left, left=across)
 
+    robot.draws(box((x, y), phi, 0.35, 0.6, 0.8 * b), *wheels((x, y), phi, b, r))
+    hitch: Place = (x, y)
     before = phi
     for k in range(1, N + 1):
         heading = robot.coordinate(f"phi_{k}", "rad", f"heading of trailer {k}")
@@ -64,7 +67,9 @@ def tractor_trailer(N: int = 1) -> Mechanism:
         robot.body(f"trailer_{k}", mass, inertia, forward, left + ahead * turning, turning)
         robot.rolls(f"no side slip of trailer {k}", left)
         robot.contact(f"trailer {k}", mass, across=left)
-        before = heading
+        axle = placed(hitch, heading, [(-length, 0)])[0]
+        robot.draws([hitch, axle], box(axle, heading, 0.35, 0.45, 0.4), *wheels(axle, heading, 0.45, 0.2))
+        before, hitch = heading, axle
 
     robot.input("tau_r", "N m", on=robot.rate(theta_r), about="right wheel torque")
     robot.input("tau_l", "N m", on=robot.rate(theta_l), about="left wheel torque")
