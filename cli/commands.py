@@ -7,11 +7,12 @@ import os
 import sys
 import traceback
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, NoReturn
 
 from .. import __version__
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, suggestion
 from .codes import BAD_INPUT, COMMANDS, INTERNAL, READER_GONE
 
 ADVICE = {
@@ -25,11 +26,23 @@ ADVICE = {
 }
 
 
+FIRST = """noslip: no command is given. To begin:
+  noslip robots                                            the shipped robots
+  noslip simulate line -o run.csv --plot run.png           a closed loop with the generated C
+  noslip generate labmate -o generated                     the C of every control law of a robot
+  noslip --help                                            all commands"""
+
+
 class Parser(argparse.ArgumentParser):
     """An ArgumentParser that reports errors in one line; the help of a command keeps its own line breaks."""
 
     def __init__(self, **settings: Any):
         super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
+
+    @property
+    def options(self) -> list[str]:
+        """The long options."""
+        return [option for option in self._option_string_actions if option.startswith("--")]
 
     def error(self, message: str) -> NoReturn:
         """Report an invalid command line and exit with code 2."""
@@ -54,21 +67,36 @@ def run(argv: list[str]) -> int:
         return _report(error)
 
 
-def _run(argv: list[str]) -> int:
+def parser_of(names: Sequence[str]) -> tuple[Parser, "argparse._SubParsersAction[Parser]"]:
+    """Return the parser of the command line with these commands, and its parsers of commands."""
     parser = Parser(
         prog="noslip",
         description="From the Lagrangian of a robot that rolls without slipping to the C code of its controller.",
         formatter_class=argparse.HelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"noslip {__version__}")
-    subparsers = parser.add_subparsers(metavar="COMMAND", title="commands (see noslip COMMAND --help)")
-    # Only the module of the command that runs is imported. Help, and the error about an unknown command, need all of them.
-    for name in [argv[0]] if argv and argv[0] in COMMANDS else COMMANDS:
-        importlib.import_module(f".{name.replace('-', '_')}", __package__).add_parser(subparsers)
-    args = parser.parse_args(argv)
+    commands = parser.add_subparsers(metavar="COMMAND", title="commands (noslip COMMAND --help shows the options of a command)")
+    for name in names:
+        importlib.import_module(f".{name.replace('-', '_')}", __package__).add_parser(commands)
+    return parser, commands
+
+
+def _run(argv: list[str]) -> int:
+    if not argv:
+        print(FIRST, file=sys.stderr)
+        return BAD_INPUT
+    first = argv[0]
+    if first not in COMMANDS and not first.startswith("-"):
+        raise BadInput(f"unknown command {first!r}{suggestion(first, COMMANDS)}")
+    # Import only the module of the command that is run; the help needs all modules.
+    parser, commands = parser_of([first] if first in COMMANDS else COMMANDS)
+    args, unknown = parser.parse_known_args(argv)
+    if unknown:
+        own = commands.choices.get(first, parser)
+        option = unknown[0].split("=")[0]
+        own.error(f"unrecognized argument {option!r}{suggestion(option, own.options) if option.startswith('--') else ''}")
     if "run" not in args:
-        parser.print_help()
-        return 0
+        return _fail(BAD_INPUT, "no command is given; see noslip --help")
     return args.run(args)
 
 
@@ -93,7 +121,9 @@ def _report(error: Exception) -> int:
 
 def _fail(code: int, message: str) -> int:
     with suppress(OSError):
-        print(f"noslip: {_one_line(message)}", file=sys.stderr)
+        coloured = sys.stderr.isatty() and "NO_COLOR" not in os.environ
+        name = "\033[1;31mnoslip:\033[0m" if coloured else "noslip:"
+        print(f"{name} {_one_line(message)}", file=sys.stderr)
     return code
 
 

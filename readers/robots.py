@@ -1,13 +1,12 @@
 """Finds robots and laws by name, as given on the command line and in files."""
 
 import ast
-import difflib
 import inspect
 import re
 import sys
 import traceback
 import types
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -21,7 +20,7 @@ from ..model.mechanism import Mechanism
 from ..model.outputs import OFFSET, OUTPUTS, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import ROBOTS
-from .errors import BadInput
+from .errors import BadInput, suggestion
 from .files import read_input
 
 
@@ -139,13 +138,6 @@ def beside(robot: str, file: Path | str) -> str:
     stem, py, name = robot.partition(".py")
     near = Path(file).parent / (stem + py)
     return f"{near}{name}" if py and "\0" not in robot and near.is_file() else robot
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return the end of a message about an unknown name: the nearest known name, or all known names."""
-    known = list(known)
-    near = difflib.get_close_matches(name, known, 1)
-    return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known) or 'none'}"
 
 
 def _fits(system: ReducedSystem, law_name: str) -> bool:
