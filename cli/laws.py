@@ -13,7 +13,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "laws",
         help="list the control laws of a robot",
-        description="List the control laws of a robot: the outputs with their units and relative degrees, gains and configuration.",
+        description="List the control laws of a robot: outputs with units and relative degrees, gains and configuration.",
         epilog=EXAMPLE,
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
