@@ -278,7 +278,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing(spec, tmp_path, monkeypatch, 
         ("\n[sweep.plant]\nm_c = 30.0\n", "is no distribution"),
         ("\n[sweep.initial]\npoint = { normal = [30.0, 6.0] }\n", "give a list of 2"),
         ("\n[sweep]\nfails = { final = -1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "must be positive"),
-        ("\n[sweep]\nfails = { fnal = 1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "'fnal' is no outcome"),
+        ("\n[sweep]\nfails = { fnal = 1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "'fnal' is not an outcome"),
         (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "plant.b", 0.5]]'), "plant.b does not vary"),
         (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "initial.heading", 1.0]]'), "between -1 and 1"),
         (
