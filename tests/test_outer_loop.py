@@ -570,7 +570,10 @@ def test_command_without_a_steady_motion(capsys):
         (["--output", "type_iv_line", "--L", "nan"], "not finite"),
         (["--output", "type_v"], "unknown output 'type_v'"),
         ([], "--output LAW or --spec"),
-        (["--output", "type_i", "--spec", str(ROOT / "specs" / "line.toml")], "is about type_iv_line, but --output is type_i"),
+        (
+            ["--output", "type_i", "--spec", str(ROOT / "specs" / "line.toml")],
+            "the SPEC has type_iv_line, but --output is type_i",
+        ),
         (["--output", "type_i", "--poles", "x_l=1,-2"], "unstable"),
         (["--output", "type_i", "--poles", "x=-1,-2"], "unknown output 'x'"),
         (["--output", "type_i", "--poles", "-1,-2,-3"], "expected one argument"),
