@@ -167,7 +167,7 @@ def driven_straight(answer: Answer) -> list[str]:
     shape = next((form.shape for form in answer.outputs.values() if form.moving and form.shape.names), None)
     if shape is None:
         return []
-    note = "v is the forward speed; where a path bends a little, the same settles and turns away"
+    note = "v is the forward speed; on a path of small curvature, the same coordinates converge and diverge"
     return [*shape.lines(), *([note] if shape.decided else [])]
 
 

@@ -1,4 +1,4 @@
-"""The answer of `noslip analyse` as one HTML page that needs no other file."""
+"""The result of `noslip analyse` as a self-contained HTML page."""
 
 import math
 from collections.abc import Iterable
@@ -118,7 +118,7 @@ def _course(verdict: Verdict) -> Markup:
     drawn.append(f'<polyline points="{line}" fill="none" stroke="{NEW}" stroke-width="2"/>')
     colour = {SINGULAR: BAD, SAFE: GOOD}.get(verdict.kind, SOFT)
     drawn.append(f'<circle cx="{x(end):.1f}" cy="{y(s[-1]):.1f}" r="4" fill="{colour}"/>')
-    return _svg(width, height, drawn, "s over time; singular where it is 1 or -1")
+    return _svg(width, height, drawn, "s over time; singular at 1 and -1")
 
 
 def _ticks(end: float) -> list[float]:

@@ -1,4 +1,4 @@
-"""The answer of `noslip analyse` as text for people."""
+"""The result of `noslip analyse` as text."""
 
 import textwrap
 from collections.abc import Iterable
@@ -9,11 +9,11 @@ from .outputs.normal_form import SYMBOLS, NormalForm
 
 WIDTH = 120
 VERDICTS = {True: "yes", False: "no", None: "not decided"}
-SPACE = 18  # before what stands behind a label
+SPACE = 18  # columns before the text of a label
 
 
 def as_text(answer: Answer) -> str:
-    """Constraints first, then each output, then the starts; lines of at most WIDTH characters where words allow it."""
+    """Return constraints, then each output, then the starts; lines of at most WIDTH characters if words allow it."""
     lines = [f"{answer.name}: {answer.about}" if answer.about else answer.name, ""]
     lines += constraints(answer)
     lines += ["", *outputs(answer)]
@@ -25,7 +25,7 @@ def as_text(answer: Answer) -> str:
 
 
 def constraints(answer: Answer) -> list[str]:
-    """What the constraints leave, and what follows from it."""
+    """Return the lines about constraints and properties."""
     found = answer.constraints
     levels = " | ".join(" ".join(level) for level in found.levels)
     lines = [f"Constraints: {found.m} in {found.n} coordinates, {found.k} holonomic, {found.m - found.k} nonholonomic"]
@@ -40,7 +40,7 @@ def constraints(answer: Answer) -> list[str]:
 
 
 def outputs(answer: Answer) -> list[str]:
-    """A paragraph for each output, and what their symbols stand for."""
+    """Return a paragraph for each output, and the meaning of their symbols."""
     refused = [f"{', '.join(laws)}: {reason}" for reason, laws in answer.refused_by_reason.items()]
     if not answer.outputs:
         return labelled("Outputs: none", [answer.no_outputs, *(refused if len(refused) > 1 else [])], 0)
@@ -48,8 +48,8 @@ def outputs(answer: Answer) -> list[str]:
     for law, form in answer.outputs.items():
         lines += _output(law, form)
         legend |= _legend(form)
-    lines += labelled("driven straight", driven_straight(answer))
-    lines += labelled("not this robot's", refused)
+    lines += labelled("driving straight", driven_straight(answer))
+    lines += labelled("not applicable", refused)
     return [*lines, *labelled("where", [f"{name} = {meaning}" for name, meaning in legend.items()])]
 
 
@@ -66,7 +66,7 @@ def _output(law: str, form: NormalForm) -> list[str]:
 
 
 def _legend(form: NormalForm) -> dict[str, str]:
-    """What is in the formulas of this paragraph."""
+    """Return the meaning of the symbols in the formulas of this paragraph."""
     made = form.decoupling
     shown = {str(s) for e in (made.det_for_people, *(c.formula for c in made.conditions)) for s in e.free_symbols}
     found = {name: about for name, about in made.renamed.items() if name in shown}
@@ -78,13 +78,13 @@ def _legend(form: NormalForm) -> dict[str, str]:
         if str(made.normal.x) in shown:
             found[f"({made.normal.x}, {made.normal.y})"] = "gradient of the distance at P_l, of length 1 on the path"
     if form.moving and made.planar and not made.planar.heading.is_Symbol:
-        found["heading"] = f"{written(made.planar.heading)}, of the part of the vehicle that P_l and its axle belong to"
+        found["heading"] = f"{written(made.planar.heading)}, of the part of the vehicle with P_l and its axle"
     said = {name for each in form.moving for name in each.symbols}
     return found | {name: about for name, about in SYMBOLS.items() if name in said}
 
 
 def labelled(label: str, parts: Iterable[str], indent: int = 2) -> list[str]:
-    """Paragraphs behind a label."""
+    """Return paragraphs after a label."""
     lines = []
     for part in parts:
         first = (" " * indent + label).ljust(SPACE - 1) + " "

@@ -11,7 +11,7 @@ from ..model.linearization import SINGULAR, SINGULAR_SQUARED, Linearization
 from ..model.mechanism import Quantity
 from ..model.names import in_c
 from ..model.outputs import FOOT
-from .derivation.foot import TOLD, can_be_told, place_names, plain_at_foot, staged_at_foot
+from .derivation.foot import AT_FOOT, has_foot_form, place_names, plain_at_foot, staged_at_foot
 from .derivation.stages import Result, Stages, staged
 from .graph import (
     ARITHMETIC,
@@ -36,47 +36,49 @@ Matrix = list[list[Node]]
 
 @dataclass(frozen=True)
 class Entry:
-    """A C function of a law or of the dynamics: what it takes beside `self` and the state, and which quantities it answers.
+    """A C function of a law or of the dynamics: its arguments besides `self` and the state, and the quantities it returns.
 
-    One that is not `public` checks nothing: it is for the step, once that has found its arguments good.
+    A function that is not `public` does not check its arguments; it is called by the step after its checks.
     """
 
     name: str
     about: str
     answers: tuple[Result, ...]
     takes: Group | None = None  # REFERENCE, DEMAND or INPUT
-    whole: bool = False  # answers all in one struct
+    whole: bool = False  # returns all in one struct
     public: bool = True
     at_foot: bool = False  # takes FOOT in place of the vehicle's position and heading
-    slope: "Entry | None" = None  # of a step: what it takes where the speed is given up
+    slope: "Entry | None" = None  # of a step: the entry used to reduce the acceleration
 
     @property
     def inverts(self) -> bool:
-        """Does it need the inverse of Phi?"""
+        """Whether it uses the inverse of Phi."""
         return not {Result.ACCELERATION, Result.INPUTS, Result.INPUTS_OF_DEMAND, Result.SLOPE}.isdisjoint(self.answers)
 
 
 SLOPE = Entry(
-    "slope", "Derivative of the inputs by the demand on the speed, the output of degree 1", (Result.SLOPE,), public=False
+    "slope", "Derivative of the inputs by the virtual input of the speed, the output of degree 1", (Result.SLOPE,), public=False
 )
-FOLLOW_SLOPE = Entry("follow_slope", "As slope, seen from the foot of P_l", (Result.SLOPE,), public=False, at_foot=True)
+FOLLOW_SLOPE = Entry(
+    "follow_slope", "As slope, for a position relative to the foot of P_l", (Result.SLOPE,), public=False, at_foot=True
+)
 EVALUATE = Entry(
     "evaluate",
-    "Everything at one sine and cosine",
+    "All quantities, with one sine and cosine",
     (Result.OUTPUTS, Result.RATES, Result.DECOUPLING, Result.DECOUPLING_RATE, Result.ACCELERATION, Result.INPUTS),
     Group.REFERENCE,
     whole=True,
 )
 STEP = Entry(
     "step",
-    "The controller: outer loop and feedback (12) with (20), limits, safe answer",
+    "The controller: outer loop and feedback (12) with (20), limits, safe outputs",
     (Result.INPUTS,),
     Group.REFERENCE,
     slope=SLOPE,
 )
 FOLLOW = Entry(
     "follow",
-    "The step, where a path tells what it is for the law: P_l seen from its foot",
+    "The step for a path given by the position relative to the foot of P_l",
     (Result.INPUTS,),
     Group.REFERENCE,
     at_foot=True,
@@ -89,7 +91,7 @@ ENTRIES = (
     Entry("decoupling_rate", "Derivative dPhi/dt along the motion", (Result.DECOUPLING_RATE,)),
     Entry(
         "feedback",
-        "Linearizing feedback (12) with (20): from wanted derivatives to inputs",
+        "Linearizing feedback (12) with (20): from the virtual input v to the inputs",
         (Result.INPUTS_OF_DEMAND,),
         Group.DEMAND,
     ),
@@ -211,7 +213,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
 def in_steps(law: ControlLaw) -> Stages:
     """The law's quantities in short steps; those at the foot too, where they need nothing else of place and heading."""
     found = staged(law)
-    if can_be_told(law):
+    if has_foot_form(law):
         told = staged_at_foot(law)
         shared = {step.symbol.element_hash() for step in found.steps if step.symbol.is_symbolic()}  # the velocities
         found.steps += [step for step in told.steps if step.symbol.element_hash() not in shared]
@@ -235,7 +237,7 @@ def plain(law: ControlLaw) -> Stages:
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         Result.SLOPE: law.slope,
     }
-    at_foot = {name: plain_at_foot(law, quantities[name]) for name in TOLD} if can_be_told(law) else {}
+    at_foot = {name: plain_at_foot(law, quantities[name]) for name in AT_FOOT} if has_foot_form(law) else {}
     return Stages([], quantities=quantities, at_foot=at_foot)
 
 

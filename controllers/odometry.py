@@ -36,7 +36,9 @@ class Reckoning(Protocol):
         """Return the pose after a correction; see Odometry.correct."""
 
     def unwind(self) -> np.ndarray:
-        """Subtract whole turns from the heading: then from -pi to pi, but for a pending correction. Return the pose."""
+        """Subtract whole turns from the heading and return the pose; the heading is then between -pi and pi, except for a
+        pending correction.
+        """
 
 
 class Odometry:

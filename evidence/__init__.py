@@ -1,1 +1,1 @@
-"""The paper's figures and further ones, drawn from runs, each with its claims checked by number."""
+"""The paper's figures and further ones, drawn from simulated runs; the claims of each are checked numerically."""

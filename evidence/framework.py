@@ -1,4 +1,4 @@
-"""What a figure is: specs to run, how to draw the runs, what to claim of them by number."""
+"""Definition of a figure: SPECs to simulate, a function that draws the runs, and claims about them."""
 
 import dataclasses
 from collections.abc import Callable, Mapping
@@ -33,9 +33,9 @@ ROLLS, AGREES = 1e-11, 1e-8  # bounds of the claims made for every run
 
 @dataclass(frozen=True)
 class Case:
-    """A run of a figure: a file of specs/figures and what differs from it, dotted key -> TOML value.
+    """A run of a figure: a file of specs/figures and the entries that differ from it, dotted key -> TOML value.
 
-    `singular`: the start is expected to be refused, and that is what the figure shows.
+    `singular`: the start is expected to be rejected as singular, which is what the figure shows.
     """
 
     file: str
@@ -49,10 +49,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement, what was measured, and whether it holds.
+    """A statement, the measured value, and whether it holds.
 
-    `paper`: the paper makes it; else this project does. `expected` is False for a sentence of the paper that was found not
-    to hold; `note` then says why.
+    `paper`: the statement is the paper's; else it is this project's. `expected` is False for a statement of the paper that does
+    not hold; `note` then explains why.
     """
 
     text: str
@@ -64,12 +64,12 @@ class Claim:
 
     @property
     def as_expected(self) -> bool:
-        """Whether it holds just where it should."""
+        """Whether the result is the expected one."""
         return self.holds == self.expected
 
     @property
     def verdict(self) -> str:
-        """In words."""
+        """The result as text."""
         if not self.as_expected:
             return "holds, which was not expected" if self.holds else "FAILS"
         return "holds" if self.holds else "does not hold (as found here)"
@@ -228,7 +228,7 @@ def carry_out(spec: Spec, singular: bool = False) -> Outcome:
 
 
 def claims_of_every_run(runs: Runs) -> list[Claim]:
-    """The constraints hold, the holonomic one as its integral too, and the generated C does what the model says."""
+    """Return the claims of every run: constraints hold, including the integral, and the generated C agrees with the model."""
     done = [run for run in runs.values() if not run.refused]
     slip, agreement = (max((getattr(run, name) for run in done), default=0.0) for name in ("slip", "agreement"))
     integrals = [run.integral for run in done if run.integral is not None]

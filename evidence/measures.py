@@ -1,4 +1,4 @@
-"""What claims are measured by."""
+"""Quantities that claims refer to."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The report: one HTML file that needs no other, and the claims as JSON."""
+"""The report: a self-contained HTML file, and the claims as JSON."""
 
 import base64
 import importlib.metadata
@@ -44,7 +44,7 @@ def report(made: Sequence[Made]) -> str:
 
 
 def summary(made: Iterable[Made]) -> str:
-    """How many claims hold, how many do not as was found before, how many fail."""
+    """Return how many claims hold, how many do not hold as expected, and how many fail."""
     claims = [claim for each in made for claim in each.claims]
     if not claims:
         return "no claims"
@@ -57,7 +57,7 @@ def summary(made: Iterable[Made]) -> str:
 
 
 def as_json(made: Iterable[Made]) -> list[dict[str, Any]]:
-    """Figures with their claims, and for each run the worst slip, integral and difference from CasADi."""
+    """Return figures with their claims, and for each run the worst slip, integral and difference from CasADi."""
     return [
         {
             "figure": each.figure.name,
@@ -81,7 +81,7 @@ def as_json(made: Iterable[Made]) -> list[dict[str, Any]]:
 
 
 def _friction(run: Outcome) -> float | None:
-    """The friction coefficient that rolling needs at the worst row; None of a robot that has no contacts to judge."""
+    """Return the friction coefficient that rolling requires at the worst row; None for a robot without contacts."""
     return max((float(contact.needs.max()) for contact in run.grip.contacts), default=None)
 
 

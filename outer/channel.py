@@ -1,4 +1,4 @@
-"""One linear channel of the outer loop: its poles, loop, response, and the longest period it bears."""
+"""One linear channel of the outer loop: its poles, loop, response, and longest sampling period."""
 
 import math
 from collections.abc import Callable
@@ -13,28 +13,28 @@ from ..readers.errors import BadInput
 from .design import Gains, by_speed, chain, positive, sampled_chain, show
 from .margins import Margins, margins
 
-SCAN = 30  # periods tried before the search for the one at which a margin is lost is refined
+SCAN = 30  # periods tried before the one at which a margin is lost is refined
 SHORTEST = 1e-4  # of the stability limit: at shorter periods the margins are those of the continuous channel
 
 
 @dataclass(frozen=True)
 class Required:
-    """What a loop must keep: factors on the gain, phase (rad), peak of |S|."""
+    """Required margins of a loop: gain (factor), phase (rad), peak of |S|."""
 
     gain: float = 2.0
     phase: float = math.radians(45)
     Ms: float = 2.0
 
     def slack(self, found: Margins) -> float:
-        """Positive where all is kept, zero where the first is lost."""
+        """Return a value that is positive if all margins are kept, and zero where the first is lost."""
         return min(math.log(found.gain / self.gain), found.phase - self.phase, math.log(self.Ms / found.Ms))
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A row of the output and its gains. `period` (s) between calls, v held in between; None: continuous.
+    """An output and its gains. `period` (s) between calls, with v held in between; None: continuous.
 
-    `delay`: v is applied one period after the state it was computed from was sensed.
+    `delay`: v is applied one period after the state from which it was computed was measured.
     """
 
     name: str
@@ -48,11 +48,11 @@ class Channel:
         if self.period is not None:
             positive("period", self.period, self.name)
         elif self.delay:
-            raise BadInput(f"{self.name}: a delay of one sample needs a period")
+            raise BadInput(f"{self.name}: a delay of one sample requires a period")
 
     @property
     def poles(self) -> np.ndarray:
-        """Of the closed loop: s (1/s), or z where it is sampled."""
+        """Poles of the closed loop: s (1/s), or z if it is sampled."""
         A, B, K = self._matrices()
         return by_speed(np.linalg.eigvals(A - B @ K))
 
@@ -75,7 +75,7 @@ class Channel:
         return control.ss(A, B, K, 0, self.dt, inputs=[v], outputs=[f"{v}_returned"], name=f"{self.name}_loop")
 
     def margins(self) -> Margins:
-        """At v. Raises BadInput where the sampled channel is not stable."""
+        """Return the margins at v. Raises BadInput if the sampled channel is not stable."""
         self.check_stable()
         return margins(self.loop())
 
@@ -84,14 +84,14 @@ class Channel:
         fastest = max(self.poles, key=abs)
         if self.period is not None and not abs(fastest) < 1:
             limit = longest_period(self.gains, self.delay)
-            late = ", with a sample's delay," if self.delay else ""
+            late = ", with a delay of one sample," if self.delay else ""
             raise BadInput(
                 f"{self.name}: period {self.period:g} s{late} is beyond stability, z = {show(fastest)}; "
                 f"the channel is stable below {limit:.6g} s"
             )
 
     def closed(self) -> control.StateSpace:
-        """From the wanted y alone, its derivatives taken as zero, to y, ydot and v, as when a step is asked for."""
+        """Return the system from the desired y alone, with its derivatives zero, to y, ydot and v: for step responses."""
         A, B, K = self._matrices()
         size, degree = len(A), self.gains.degree
         first = size - degree - self.delay  # where y is
@@ -117,7 +117,7 @@ class Channel:
 
 
 def delayed(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A, B with the inputs applied one call later; those computed at the call before are states, the last ones."""
+    """Return A, B with the inputs applied one call later; those of the previous call are additional states, the last ones."""
     n, r = B.shape
     return np.block([[A, B], [np.zeros((r, n + r))]]), np.vstack([np.zeros((n, r)), np.eye(r)])
 
@@ -136,9 +136,9 @@ def longest_period(gains: Gains, delay: bool = False) -> float:
 
 
 def longest_period_with(channel: Channel, required: Required) -> float:
-    """The longest period (s) up to which the sampled channel keeps what is required at all shorter ones; 0 if at none.
+    """Return the longest period (s) up to which the sampled channel keeps the required margins at all shorter ones; 0 if at none.
 
-    Found to rounding between two of SCAN periods that tell kept from lost.
+    Found between two of SCAN periods, and refined to rounding.
     """
     return last_kept(
         lambda period: required.slack(replace(channel, period=period).margins()), longest_period(channel.gains, channel.delay)
@@ -146,7 +146,7 @@ def longest_period_with(channel: Channel, required: Required) -> float:
 
 
 def last_kept(slack: Callable[[float], float], limit: float) -> float:
-    """The first zero below `limit` of a function of the period that is positive at short ones; 0 if it is not."""
+    """Return the first zero below `limit` of a function of the period that is positive at short ones; 0 if it is not."""
     before = 0.0
     for period in np.geomspace(SHORTEST * limit, (1 - 1e-6) * limit, SCAN):
         if slack(period) <= 0:

@@ -19,10 +19,10 @@ from scipy.optimize import brentq
 from ..readers.errors import BadInput
 from .exponential import exponential
 
-SETTLED = 0.02  # an error has settled when it stays within this part of what it was
+SETTLED = 0.02  # an error has settled if it stays within this part of its initial value
 DEGREES = (1, 2)
 FIRST_NAME = {1: "kv", 2: "kp"}  # of the gain on the error itself
-SAMPLES = 4000  # instants at which an error is looked at to find when it has settled
+SAMPLES = 4000  # instants at which an error is evaluated to find its settling time
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,12 @@ class Gains:
         return made | ({f"ki_{row}": self.integral} if self.integral else {})
 
     def check(self, where: str = "gains") -> "Gains":
-        """Itself. Raises BadInput, with the reason, when a gain is not finite or negative, or the channel is not stable."""
+        """Return itself. Raises BadInput, with the reason, if a gain is negative or not finite, or the channel is not stable."""
         for name, value in self.named(where).items():
             if not math.isfinite(value):
                 raise BadInput(f"{name} = {value} is not finite")
             if value < 0:
-                raise BadInput(f"{name} = {value:.6g} is negative, which the law does not take; choose other poles")
+                raise BadInput(f"{name} = {value:.6g} is negative, which the law does not allow; choose other poles")
         worst = max(self.poles, key=lambda pole: pole.real)
         if not worst.real < -1e-12 * max(np.abs(self.poles)):
             raise BadInput(f"{where}: unstable, it has a pole at {show(worst)} 1/s; all must have a negative real part")
@@ -65,9 +65,9 @@ class Gains:
 
 
 def from_poles(degree: int, poles: Sequence[complex], integral: bool = False, where: str = "channel") -> Gains:
-    """Gains that put the poles (1/s) where they are wanted: degree of them, one more with integral action.
+    """Return the gains for these poles (1/s): as many as the degree, one more with integral action.
 
-    Raises BadInput for a wrong number of poles, ones without their conjugates, unstable ones.
+    Raises BadInput for a wrong number of poles, complex poles without their conjugates, and unstable ones.
     """
     wanted = _polynomial(degree, poles, integral, where)
     _refuse([p for p in poles if not complex(p).real < 0], "1/s is unstable; give a negative real part", where)
@@ -75,10 +75,10 @@ def from_poles(degree: int, poles: Sequence[complex], integral: bool = False, wh
 
 
 def from_settling(degree: int, settling: float, damping: float = 1.0, integral: bool = False, where: str = "channel") -> Gains:
-    """Gains with which an error that starts at rest stays within 2 % of itself after `settling` s.
+    """Return gains with which an error that starts at rest stays within 2 % of its initial value after `settling` s.
 
-    Degree 2: a pair of poles of the damping ratio given, 1 critically damped, above overdamped (no overshoot beside a wall);
-    with integral action, a third pole of their natural frequency. Degree 1: one pole; the pair with integral action.
+    Degree 2: a pair of poles with the damping ratio given, 1 critically damped, larger overdamped (no overshoot near a wall);
+    with integral action, a third pole at their natural frequency. Degree 1: one pole; a pair with integral action.
     Raises BadInput for numbers that are not positive.
     """
     positive("settling time", settling, where)
@@ -91,7 +91,9 @@ def from_settling(degree: int, settling: float, damping: float = 1.0, integral: 
 
 
 def settling_time(gains: Gains) -> float:
-    """Seconds after which an error of 1 that starts at rest, its integral 0, stays within 2 %. Exact but for rounding."""
+    """Return the time (s) after which an error of 1 that starts at rest, with integral 0, stays within 2 %; exact up to
+    rounding.
+    """
     poles = gains.poles
     closed, start = chain(len(poles))[0], np.zeros(len(poles))
     closed[-1] -= gains.vector
@@ -107,7 +109,9 @@ def settling_time(gains: Gains) -> float:
         outside = k if abs(error @ state) > SETTLED else outside
         state = step @ state
     if outside + 1 == SAMPLES:  # the poles' product is lost in rounding
-        raise BadInput(f"poles {', '.join(f'{pole:.3g}' for pole in poles)} 1/s: no settling time can be found; make them faster")
+        raise BadInput(
+            f"poles {', '.join(f'{pole:.3g}' for pole in poles)} 1/s: the settling time cannot be computed; choose faster poles"
+        )
     return float(brentq(beyond, times[outside], times[outside + 1], xtol=1e-14))
 
 
@@ -118,15 +122,16 @@ def from_lqr(
     period: float | None = None,
     where: str = "channel",
 ) -> Gains:
-    """Linear-quadratic regulator with Bryson's weights: 1 / largest^2 of the error, its rate (degree 2), its integral, and v.
+    """Return the gains of a linear-quadratic regulator with Bryson's weights: 1 / largest^2 of error, rate (degree 2),
+    integral, and v.
 
-    `largest` are the largest values to be accepted of these, SI, in this order. With a period (s) the sampled channel is the
-    one regulated. Raises BadInput for a wrong count or values that are not positive.
+    `largest` are the largest acceptable values of these, SI, in this order. With a period (s), the sampled channel is
+    regulated. Raises BadInput for a wrong number of values, or values that are not positive.
     """
     size = _degree(degree, where) + integral
     names = ["error", "rate"][:degree] + ["integral"] * integral + ["v"]
     if len(largest) != size + 1:
-        raise BadInput(f"{where}: LQR takes {size + 1} largest values ({', '.join(names)}), not {len(largest)}")
+        raise BadInput(f"{where}: LQR requires {size + 1} largest values ({', '.join(names)}), not {len(largest)}")
     for name, value in zip(names, largest, strict=True):
         positive(f"largest {name}", value, where)
     of_chain = [*largest[degree : degree + integral], *largest[:degree]]
@@ -145,7 +150,9 @@ def from_lqr(
 def from_discrete_poles(
     degree: int, poles: Sequence[complex], period: float, integral: bool = False, where: str = "channel"
 ) -> Gains:
-    """Gains that give the sampled channel, v held over each period (s), these poles z. Raises BadInput as `from_poles`."""
+    """Return gains that give the sampled channel, with v held over each period (s), these poles z. Raises BadInput as
+    `from_poles`.
+    """
     positive("period", period, where)
     wanted = _polynomial(degree, poles, integral, where)
     _refuse([p for p in poles if not abs(complex(p)) < 1], "is unstable; give |z| < 1", where)
@@ -173,7 +180,7 @@ def sampled_chain(degree: int, period: float, integral: bool = False) -> tuple[n
 
 
 def positive(name: str, value: float, where: str) -> float:
-    """The value. Raises BadInput when it is no positive finite number."""
+    """Return the value. Raises BadInput unless it is a positive finite number."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.number):
         raise BadInput(f"{where}: {name} = {value!r} is not a number")
     if not (math.isfinite(value) and value > 0):
@@ -187,7 +194,7 @@ def by_speed(poles: np.ndarray) -> np.ndarray:
 
 
 def show(pole: complex) -> str:
-    """A pole in a few digits, the imaginary part only where it is more than the rounding of a triple one."""
+    """Return a pole with a few digits, the imaginary part only if it exceeds the rounding error of a triple pole."""
     pole = complex(pole)
     if abs(pole.imag) <= 3e-5 * abs(pole):
         return f"{pole.real:.4g}"
@@ -208,9 +215,9 @@ def _polynomial(degree: int, poles: Sequence[complex], integral: bool, where: st
     except (TypeError, ValueError) as error:
         raise BadInput(f"{where}: poles {poles!r} are not numbers") from error
     if len(roots) > wanted:
-        better = ", or ask for integral action" if len(roots) == wanted + 1 and not integral else ""
+        better = ", or use integral action" if len(roots) == wanted + 1 and not integral else ""
         raise BadInput(
-            f"{where}: {len(roots)} poles make the controller improper, it would need a derivative more than is measured; "
+            f"{where}: {len(roots)} poles make the controller improper, it would require a derivative more than is measured; "
             f"give {wanted}{better}"
         )
     if len(roots) < wanted:
@@ -219,7 +226,7 @@ def _polynomial(degree: int, poles: Sequence[complex], integral: bool, where: st
         raise BadInput(f"{where}: a pole is not finite")
     polynomial = np.poly(roots)
     if np.abs(np.imag(polynomial)).max() > 1e-9 * np.abs(polynomial).max():
-        raise BadInput(f"{where}: complex poles come in pairs, give the conjugate of each too")
+        raise BadInput(f"{where}: complex poles come in pairs; give the conjugate of each too")
     return np.real(polynomial)
 
 
@@ -230,5 +237,5 @@ def _refuse(poles: Sequence[complex], why: str, where: str) -> None:
 
 def _degree(degree: int, where: str) -> int:
     if degree not in DEGREES:
-        raise BadInput(f"{where}: relative degree {degree}; there are gains for 1 and 2")
+        raise BadInput(f"{where}: relative degree {degree}; gains exist for 1 and 2")
     return degree

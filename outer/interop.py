@@ -19,7 +19,7 @@ SHORTEST = 1e-12  # s, of a step with a torque held
 
 
 class ControllerRefused(BadInput):
-    """The controller answered an error where python-control asked it: singular, not finite, out of range."""
+    """The controller returned an error when called by python-control: singular, not finite, out of range."""
 
 
 def robot_system(plant: Plant, name: str | None = None) -> control.NonlinearIOSystem:
@@ -53,9 +53,9 @@ def sampled_robot_system(
 
 
 def controller_system(controller: Controller, period: float | None = None, name: str = "controller") -> control.NonlinearIOSystem:
-    """The law, whichever backend runs it: inputs [q; nu] and reference, outputs tau. It has no state.
+    """Return the law, in any backend: inputs [q; nu] and reference, outputs tau. It has no state.
 
-    With a period it is called at that (s). Where the controller answers an error, ControllerRefused is raised.
+    With a period (s) it is a discrete-time system. If the controller returns an error, ControllerRefused is raised.
     """
     law = controller.law
     states, wanted = [q.name for q in law.state], [q.name for q in law.reference]
@@ -164,10 +164,10 @@ class Moving:
 
 
 def command(controller: Controller, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """tau. Raises ControllerRefused where the controller answers an error."""
+    """Return tau. Raises ControllerRefused if the controller returns an error."""
     status, tau = controller.step(state, reference)
     if status not in RUNNING:
-        raise ControllerRefused(f"{controller.law.name}: the controller answers {status!r} at state {np.array2string(state)}")
+        raise ControllerRefused(f"{controller.law.name}: the controller returns {status!r} at state {np.array2string(state)}")
     return tau
 
 

@@ -1,4 +1,4 @@
-"""How much a loop bears: classical margins, disk margins, peaks of the sensitivities; continuous and sampled loops alike.
+"""Stability margins of a loop: classical margins, disk margins, peaks of the sensitivities; continuous and sampled loops.
 
 L is the loop's transfer function where it is broken, negative feedback: S = (1 + L)^-1, T = L (1 + L)^-1. Everything is
 found on a grid of frequencies and refined between its points, which needs no slycot and bears delays (poles at z = 0).
@@ -19,13 +19,13 @@ SURE = 2  # inputs up to which the disk margin for all at once is exact, not a l
 
 @dataclass(frozen=True)
 class Margins:
-    """Of a stable loop, broken at one place or at several at once; factors and rad, inf where nothing limits.
+    """Margins of a stable loop, broken at one place or at several at once; factors and rad, inf if there is no limit.
 
-    At one place: the gain may go up by the factor `gain` and down by `gain_down` (0: to nothing), the phase by `phase` at the
-    crossover frequency (rad/s), where a further dead time of `delay` (s) uses it up. At several these are nan.
-    `Ms`, `Mt`: peaks of the largest singular values of S, T. Any factors, one at each place, that lie in the disk through
-    1 / disk_gain and disk_gain, which holds phases up to `disk_phase`, leave it stable; `disk` is the disk margin alpha,
-    for more than SURE places a lower bound of it.
+    At one place: the gain may increase by the factor `gain` and decrease by `gain_down` (0: to zero), the phase by `phase` at the
+    crossover frequency (rad/s), where an additional dead time of `delay` (s) has the same effect. At several places these are
+    nan. `Ms`, `Mt`: peaks of the largest singular values of S, T. Any factors, one at each place, in the disk through 1 /
+    disk_gain and disk_gain, which contains phases up to `disk_phase`, keep it stable; `disk` is the disk margin alpha, for more
+    than SURE places a lower bound of it.
     """
 
     gain: float

@@ -1,8 +1,8 @@
-"""The whole closed loop about a steady motion: true robot, law with what it believes, torque continuous or held.
+"""The whole closed loop about a steady motion: true robot, law with its own parameters, torque continuous or held.
 
-Following a line or an arc, or a reference that moves evenly, nothing changes but where along it the robot is. Coordinates rho
-leave this out: what the outputs of relative degree 2 are off, the heading (from the path's direction where there is a path),
-other coordinates that the robot's equations depend on (a steering angle), the quasi-velocities nu. They make the motion an
+When following a line or an arc, or a reference that moves uniformly, only the position along it changes. The coordinates rho
+omit it: they are the errors of the outputs of relative degree 2, the heading (relative to the path's direction if there is a
+path), other coordinates on which the robot's equations depend (a steering angle), and the quasi-velocities nu. The motion is an
 equilibrium of
 
     d rho/dt = r(rho, tau),    tau = kappa(rho, z),    dz/dt = y_d - y    (z only with integral action)
@@ -96,7 +96,7 @@ class SteadyMotion:
         return found[np.argsort(-(np.abs(found) if period else found.real), kind="stable")]
 
     def decay(self, period: float | None = None, delay: bool = False) -> float:
-        """Rate, 1/s, at which the slowest part of a deviation dies out; negative where it grows."""
+        """Return the rate, 1/s, at which the slowest part of a deviation decays; negative if it grows."""
         slowest = self.eigenvalues(period, delay)[0]
         return float(-np.log(abs(slowest)) / period if period else -slowest.real)
 
@@ -114,10 +114,10 @@ class SteadyMotion:
         return control.ss(A + B[:, others] @ K[others], B[:, [k]], -K[[k]], 0, period or 0.0)
 
     def longest_period(self, delay: bool = False) -> float:
-        """The period (s) at which the loop, stable at all shorter ones tried, has an eigenvalue on the unit circle.
+        """Return the period (s) at which the loop, stable at all shorter ones tried, has an eigenvalue on the unit circle.
 
-        Periods tried grow by a tenth; the zero between two of them is found to rounding. 0 where the shortest is not stable, inf
-        where all are.
+        The periods tried grow by a tenth; the zero between two of them is refined to rounding. 0 if the shortest is not stable,
+        inf if all are.
         """
 
         def excess(period: float) -> float:
@@ -145,10 +145,10 @@ class SteadyMotion:
 
 
 def steady_motion(setting: Setting) -> SteadyMotion:
-    """Find the steady motion near setting.start, and linearize there.
+    """Return the steady motion near setting.start, with the linearization.
 
-    Raises BadInput where there is none (a path whose curvature changes, a reference that does not move evenly), or where the loop
-    depends on where along it the robot is.
+    Raises BadInput if there is none (a path whose curvature changes, a reference that does not move uniformly), or if the loop
+    depends on the position along it.
     """
     look, held = functions(setting.law, setting.acting), len(setting.acting)
     x, z = np.array(setting.start, float), np.zeros(held)
@@ -190,13 +190,13 @@ def _linearized(setting: Setting, found: dict[str, np.ndarray], x: np.ndarray, z
 
 
 def _check_steady(law: ControlLaw, found: dict[str, np.ndarray], reduced: dict[str, np.ndarray]) -> None:
-    """Raise BadInput where rho does not say all, or the loop changes as a moving reference takes the outputs along."""
+    """Raise BadInput if rho does not describe the motion completely, or the loop changes along a moving reference."""
     taken = {"r_x": 0.0, "kappa_x": found["kappa_t"]}
     for name, matrix in reduced.items():
         left = [found[name] - matrix @ found["P"], *([matrix @ found["moves"] + taken[name]] if name in taken else [])]
         largest = max(np.abs(part).max(initial=0.0) for part in left)
         if largest > SYMMETRIC * max(1.0, np.abs(found[name]).max(initial=0.0)):
-            raise BadInput(f"{law.name}: no steady motion, the closed loop depends on where along it the robot is")
+            raise BadInput(f"{law.name}: no steady motion: the closed loop depends on the position along it")
 
 
 def coordinates(law: ControlLaw) -> tuple[str, ...]:
@@ -219,7 +219,7 @@ class MotionFunctions:
         gains, reference = symbols(law.gains), symbols(law.reference)
         by_name = {q.name: q.symbol for q in law.reference}
 
-        # What the law answers at what it sees.
+        # The law at the state that it sees.
         demand = law.v + ca.vertcat(*[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))])
         kappa = ca.substitute(law.tau_of_demand, symbols(law.demand), demand)
         seen = [ca.vertcat(x, p, symbols(law.config)), ca.vertcat(x + bias, believed, config)]
@@ -227,7 +227,7 @@ class MotionFunctions:
         errors = [by_name[law.output.rows[k].name] - law.linearization.h[k] for k in acting]
         e = ca.substitute(ca.vertcat(ca.SX(0, 1), *errors), *seen)
 
-        # How the true robot moves, its outputs measured by what is wanted.
+        # The true robot, with its outputs relative to the desired ones.
         place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
         rho = ca.vertcat(ca.substitute(place, symbols(law.config), wanted), system.nu)
         full = ca.vertcat(system.qdot, system.acceleration(tau))
@@ -248,7 +248,7 @@ class MotionFunctions:
         self._names = (tuple(answers), tuple(moving))
 
     def __call__(self, setting: Setting, x: np.ndarray, z: np.ndarray, tau: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """All of them, vectors as such; `tau` instead of what the law answers."""
+        """Return all of them, vectors as such; `tau` replaces the inputs of the law."""
         given = setting.arguments(x, z)
         found = dict(zip(self._names[0], self._law(*given), strict=True))
         found |= zip(self._names[1], self._robot(*given, found["kappa"] if tau is None else tau), strict=True)
@@ -283,7 +283,9 @@ def _angles(law: ControlLaw) -> list[ca.SX]:
 
 @lru_cache(maxsize=16)
 def _shape(law: ControlLaw) -> tuple[Quantity, ...]:
-    """Coordinates that the robot's equations depend on and that outputs and heading do not tell, such as a steering angle."""
+    """Return coordinates on which the robot's equations depend and that outputs and heading do not determine, such as a
+    steering angle.
+    """
     system, q = law.system, law.system.mechanism.q
     equations = ca.vertcat(ca.vec(system.Mbar), system.bias, ca.vec(system.input_map))
     place = ca.vertcat(*[row.expression for row in _position_rows(law)], *_angles(law))

@@ -1,4 +1,6 @@
-"""Pictures of an outer loop: Bode and Nyquist with their margins, steps, eigenvalues over the period and for a wrong model."""
+"""Figures of an outer loop: Bode and Nyquist plots with margins, step responses, eigenvalues over the period and for model
+errors.
+"""
 
 import math
 from collections.abc import Sequence
@@ -18,9 +20,9 @@ from .report import OuterLoopReport
 from .robustness import Loops, one_by_one
 
 CONTINUOUS, SAMPLED = COLOURS[0], COLOURS[1]
-AMOUNTS = 21  # sizes of each error that are drawn
+AMOUNTS = 21  # plotted sizes of each error
 PERIODS = 160
-SHOWN = 3.2  # of the Nyquist plot, around 0
+SHOWN = 3.2  # range of the Nyquist plot
 
 
 def pictures_of(report: OuterLoopReport) -> dict[str, bytes]:
@@ -54,8 +56,8 @@ def draw_loops(report: OuterLoopReport) -> Figure:
 
 
 def draw_steps(report: OuterLoopReport) -> Figure:
-    """What each output does when its reference steps by 1, and the v that takes."""
-    figure, rows = _grid(report, len(report.channels), 2, "a step of each reference by 1, its derivatives left at zero")
+    """Draw the response of each output to a unit step of its reference, and v."""
+    figure, rows = _grid(report, len(report.channels), 2, "response to a unit step of each reference, its derivatives zero")
     for (output, effort), channel in zip(rows, report.channels.values(), strict=True):
         end = 1.6 * settling_time(channel.gains)
         for each, colour, label in _versions(channel):
@@ -79,7 +81,7 @@ def draw_steps(report: OuterLoopReport) -> Figure:
 
 
 def draw_period(report: OuterLoopReport) -> Figure:
-    """Eigenvalues of the whole loop from call to call as the period grows, and the largest of them."""
+    """Draw the eigenvalues of the whole loop from call to call over the period, and the largest of them."""
     figure, ((plane, size),) = _grid(report, 1, 2, "the whole loop, torque held between calls", height=5.2)
     motion, limits = report.motion, report.longest
     end = 1.25 * limits["stable"] if math.isfinite(limits["stable"]) and limits["stable"] else 10 / motion.decay()
@@ -96,7 +98,7 @@ def draw_period(report: OuterLoopReport) -> Figure:
     plane.legend(loc="lower left")
     late = np.array([np.abs(motion.eigenvalues(period, True)[0]) for period in periods])
     size.plot(1e3 * periods, np.abs(values[:, 0]), color=CONTINUOUS, label="whole loop")
-    size.plot(1e3 * periods, late, color=SAMPLED, label="with a sample's delay")
+    size.plot(1e3 * periods, late, color=SAMPLED, label="with a delay of one sample")
     size.axhline(1, color=STOP, linewidth=1)
     for limit, colour in ((limits["stable"], CONTINUOUS), (limits["stable_with_delay"], SAMPLED)):
         if 0 < limit < end:
@@ -115,12 +117,12 @@ def draw_period(report: OuterLoopReport) -> Figure:
 
 
 def draw_wrong(report: OuterLoopReport) -> Figure:
-    """Eigenvalues when the model is wrong, each thing by itself and all at once, and how much each one costs."""
-    title = f"a model wrong by up to {report.spread:.0%} (L: of its distance from the axle; heading: rad)"
+    """Draw the eigenvalues with model errors, one at a time and all at once, and the effect of each."""
+    title = f"model errors up to {report.spread:.0%} (L: of its distance from the axle; heading: rad)"
     figure, ((plane, bars),) = _grid(report, 1, 2, title, height=6.2, widths=(1.5, 1))
     loops, ranked = report.loops, [harm.name for harm in report.ranking]
     together = np.concatenate([_rates(case.eigenvalues, loops) for case in report.corners])
-    plane.scatter(together.real, together.imag, s=5, color="#c4c4c4", label="all wrong at once", zorder=1)
+    plane.scatter(together.real, together.imag, s=5, color="#c4c4c4", label="all errors at once", zorder=1)
     amounts = report.spread * np.linspace(-1, 1, AMOUNTS)
     for name, colour in zip(ranked[: len(COLOURS)], COLOURS, strict=False):
         found = np.concatenate([_rates(case.eigenvalues, loops) for case in one_by_one(report.motion, amounts, loops, [name])])
@@ -131,15 +133,17 @@ def draw_wrong(report: OuterLoopReport) -> Figure:
     outside = "right of" if loops.period is None else "outside"
     say(plane, f"unstable {outside} the red line", (0.98, 0.02), STOP, ha="right")
     of = "s" if loops.period is None else "(z - 1)/T"
-    plane.set(xlabel=f"Re {of} (1/s)", ylabel=f"Im {of} (rad/s)", title="eigenvalues of the whole loop; the first eight things")
+    plane.set(
+        xlabel=f"Re {of} (1/s)", ylabel=f"Im {of} (rad/s)", title="eigenvalues of the whole loop; the eight largest effects"
+    )
     plane.legend(loc="upper left", ncols=2)
     harms = report.ranking[::-1]
     bars.barh([harm.name for harm in harms], [100 * harm.loss for harm in harms], color=COLOURS[0])
     for k, harm in enumerate(harms):
         row = report.law.output.rows[0]
-        stays = f"{row.name} stays {harm.offset:.3g} {row.unit} off" if abs(harm.offset) > 1e-9 else ""
+        stays = f"steady error of {row.name} {harm.offset:.3g} {row.unit}" if abs(harm.offset) > 1e-9 else ""
         bars.text(100 * harm.loss + 0.6, k, f"{100 * harm.loss:.3g} %  {stays}", va="center", fontsize=8)
-    bars.set(xlabel="largest loss of decay rate, disk margin or longest period (%)", title="what hurts most")
+    bars.set(xlabel="largest loss of decay rate, disk margin or longest period (%)", title="largest effects")
     bars.set_xlim(0, 1.75 * max(1e-3, *[100 * harm.loss for harm in harms]))
     return figure
 
@@ -149,7 +153,11 @@ def _grid(
 ) -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=(13.0, height or 3.9 * rows + 0.6), layout="constrained")
     loops = report.loops
-    run = "continuous" if loops.period is None else f"called every {1e3 * loops.period:g} ms" + ", a sample late" * loops.delay
+    run = (
+        "continuous"
+        if loops.period is None
+        else f"called every {1e3 * loops.period:g} ms" + ", delay of one sample" * loops.delay
+    )
     gains = ", ".join(f"{name} {value:.4g}" for name, value in report.entries().items())
     figure.suptitle(f"{report.spec.robot}, {report.law.name}: {about}\n{gains}; {run}", fontsize=11, x=0.01, ha="left")
     return figure, figure.subplots(rows, columns, squeeze=False, width_ratios=tuple(widths) or None)
@@ -160,7 +168,7 @@ def _versions(channel: Channel) -> list[tuple[Channel, str, str]]:
     made = [(replace(channel, period=None, delay=False), CONTINUOUS, "continuous")]
     if channel.period is None:
         return made
-    return [*made, (channel, SAMPLED, f"every {1e3 * channel.period:g} ms" + ", a sample late" * channel.delay)]
+    return [*made, (channel, SAMPLED, f"every {1e3 * channel.period:g} ms" + ", delay of one sample" * channel.delay)]
 
 
 def _phase(L: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What `noslip outer-loop` has to say about a law: gains, channels, the whole loop, what a wrong model does to it."""
+"""The report of `noslip outer-loop`: gains, channels, the whole loop, and the effect of model errors."""
 
 import math
 from collections.abc import Mapping
@@ -19,14 +19,15 @@ from .motion import SteadyMotion, steady_motion
 from .robustness import LARGE_OFFSET, Harm, Loops, Wrong, corners, ranking
 from .setting import setting_of
 
-NEUTRAL = 1e-9  # 1/s: what does not die out does not grow either, as the heading of a robot at rest
+NEUTRAL = 1e-9  # 1/s: rates of decay up to this count as zero, as of the heading of a robot at rest
 
 
 @dataclass(frozen=True, eq=False)
 class OuterLoopReport:
-    """A law with its channels by row, as the SPEC has it and the gains say; `loops`: period and delay; `spread`: how wrong.
+    """A law with its channels by row, as defined by SPEC and gains; `loops`: period and delay; `spread`: size of the model
+    errors.
 
-    Everything is found when asked for. Raises BadInput for a period beyond stability.
+    Results are computed on first use. Raises BadInput for a period beyond the stability limit.
     """
 
     law: ControlLaw
@@ -45,10 +46,10 @@ class OuterLoopReport:
         if motion.decay() < -NEUTRAL:
             raise BadInput(
                 f"the whole loop is unstable about its motion, with s = {show(motion.eigenvalues()[0])} 1/s: "
-                "where speed and L + d have opposite signs the heading diverges"
+                "if speed and L + d have opposite signs, the heading diverges"
             )
         if period is not None and motion.decay(period, delay) < -NEUTRAL:
-            late = ", with a sample's delay," if delay else ""
+            late = ", with a delay of one sample," if delay else ""
             limit = motion.longest_period(delay)
             raise BadInput(f"period {period:g} s{late} is beyond stability: the whole loop is stable below {limit:.6g} s")
 
@@ -69,40 +70,40 @@ class OuterLoopReport:
 
     @property
     def motion(self) -> SteadyMotion:
-        """The steady motion. Raises BadInput where there is none; `why_not` then says why."""
+        """The steady motion. Raises BadInput if there is none; see `why_not`."""
         if isinstance(self._motion, str):
             raise BadInput(self._motion)
         return self._motion
 
     @property
     def why_not(self) -> str:
-        """Why there is no steady motion; empty where there is one."""
+        """The reason why there is no steady motion; empty if there is one."""
         return self._motion if isinstance(self._motion, str) else ""
 
     @cached_property
     def ranking(self) -> list[Harm]:
-        """What each error does alone, the worst first."""
+        """The effect of each error alone, the largest first."""
         return ranking(self.motion, self.spread, self.loops)
 
     @cached_property
     def corners(self) -> list[Wrong]:
-        """All errors at once."""
+        """Combinations of all errors."""
         return list(corners(self.motion, self.spread, self.loops))
 
     @cached_property
     def at_once(self) -> Margins:
-        """Of the whole loop, broken at all inputs."""
+        """Margins of the whole loop, broken at all inputs."""
         return margins(self.motion.loop(self.loops.period, self.loops.delay))
 
     @cached_property
     def at_each(self) -> dict[str, Margins]:
-        """Of the whole loop, broken at one input."""
+        """Margins of the whole loop, broken at one input."""
         inputs = self.law.system.mechanism.inputs
         return {q.name: margins(self.motion.loop_at(k, self.loops.period, self.loops.delay)) for k, q in enumerate(inputs)}
 
     @cached_property
     def longest(self) -> dict[str, float]:
-        """The whole loop's longest periods, s: stable, stable with a sample's delay, keeping what is required as run."""
+        """Longest periods of the whole loop, s: stable, stable with a delay of one sample, with the required margins."""
         motion, delay = self.motion, self.loops.delay
 
         def slack(period: float) -> float:
@@ -117,21 +118,21 @@ class OuterLoopReport:
         return {name: value for row, gains in self.gains.items() for name, value in gains.named(row).items()}
 
     def integral(self) -> dict[str, float]:
-        """Those of integral action, which in C is around the law and no part of it."""
+        """Return the gains of integral action, which in C is not part of the law."""
         return {name: value for name, value in self.entries().items() if name.startswith("ki_")}
 
     def spec_text(self) -> str:
-        """The line for a SPEC."""
+        """Return the entry of a SPEC."""
         return f"gains = {{ {', '.join(f'{name} = {value!r}' for name, value in self.entries().items())} }}"
 
     def c_text(self) -> str:
-        """The C initializer of the law's gains."""
+        """Return the C initializer of the law's gains."""
         prefix, integral = f"{self.law.system.mechanism.name}_{self.law.name}", self.integral()
         own = ", ".join(f".{name} = {value!r}" for name, value in self.entries().items() if name not in integral)
         return f"const {prefix}_gains gains = {{{own}}};"
 
     def as_json(self) -> dict[str, Any]:
-        """Everything, SI; complex numbers as [re, im]; null where nothing limits or nothing is known."""
+        """Return all results, SI; complex numbers as [re, im]; null for infinite or unknown values."""
         made = {
             "robot": self.spec.robot,
             "output": self.law.name,
@@ -178,13 +179,13 @@ class OuterLoopReport:
         }
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         blocks = [self._head(), self._channels_text(), self._whole_text()]
         return "\n\n".join(blocks if self.why_not else [*blocks, self._robust_text()])
 
     def _head(self) -> str:
         period = "continuous" if self.loops.period is None else f"called every {self.loops.period:g} s"
-        late = ", a sample's delay" if self.loops.delay else ""
+        late = ", delay of one sample" if self.loops.delay else ""
         lines = [
             f"{self.spec.robot}, {self.law.name}: {self.law.output.about}; {period}{late}",
             f"  {self.spec_text()}",
@@ -193,7 +194,7 @@ class OuterLoopReport:
         for name, value in self.integral().items():
             row = name.removeprefix("ki_")
             highest = f"{row}_acceleration" if self.gains[row].degree == 2 else f"{row}_rate"
-            lines.append(f"  {name} = {value!r}: in C by noslip_integral.h, what it answers added to the reference's {highest}")
+            lines.append(f"  {name} = {value!r}: in C by noslip_integral.h, its result added to the reference's {highest}")
         return "\n".join(lines)
 
     def _channels_text(self) -> str:
@@ -228,9 +229,9 @@ class OuterLoopReport:
         row = self.law.output.rows[0]
         how = f"(L: of its distance from the axle; heading: {self.spread:g} rad)"
         lines = [
-            f"One thing wrong by {self.spread:.0%} {how}, either way, worst first:",
+            f"One error of {self.spread:.0%} {how}, in either direction, largest effect first:",
             "by the largest relative loss of decay, margin or longest period, "
-            f"or by {row.name} in parts of {LARGE_OFFSET:g} {row.unit}",
+            f"or by {row.name} relative to {LARGE_OFFSET:g} {row.unit}",
         ]
         lines += [f"  {'':12}{'slowest 1/s':>12}{'disk margin':>13}{'longest s':>12}{f'{row.name} {row.unit}':>14}"]
         for harm in self.ranking:
@@ -240,7 +241,7 @@ class OuterLoopReport:
         sample = together["tried"] < together["combinations"]
         tried = f"a random sample of {together['tried']} of" if sample else "all"
         lines.append(
-            f"  all at once, {tried} {together['combinations']} combinations of either way: {together['unstable']} unstable, "
+            f"  all at once, {tried} {together['combinations']} combinations of signs: {together['unstable']} unstable, "
             f"slowest decay {together['slowest_decay']:.4g} 1/s{' in the sample' if sample else ''}"
         )
         return "\n".join(lines)
@@ -252,9 +253,9 @@ def _periods(channel: Channel, required: Required) -> dict[str, float]:
 
 
 def _periods_text(periods: Mapping[str, float], delay: bool) -> str:
-    kept = "with the margins required" + (" (and the delay)" if delay else "")
+    kept = "with the required margins" + (" (and the delay)" if delay else "")
     stable, late, with_margins = (f"{periods[name]:.6g} s" for name in ("stable", "stable_with_delay", "with_margins"))
-    return f"{stable} stable, {late} with a sample's delay, {with_margins} {kept}"
+    return f"{stable} stable, {late} with a delay of one sample, {with_margins} {kept}"
 
 
 def _channel_json(channel: Channel, required: Required) -> dict[str, Any]:

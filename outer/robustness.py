@@ -1,4 +1,4 @@
-"""What a wrong model does: the closed loop about its steady motion when robot and law differ, and which error hurts most."""
+"""The effect of model errors: the closed loop about its steady motion with different parameters of robot and law."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,16 +11,16 @@ from ..readers.errors import BadInput
 from .margins import margins
 from .motion import Setting, SteadyMotion, steady_motion
 
-MOST_CORNERS = 256  # combinations of all errors that are looked at; of more, so many are drawn at random
-LARGE_OFFSET = 0.1  # SI unit of the first output: an offset that hurts as much as the loss of all decay or margin does
+MOST_CORNERS = 256  # largest number of combinations of all errors; if there are more, as many are drawn at random
+LARGE_OFFSET = 0.1  # SI unit of the first output: an offset regarded as equivalent to the loss of all decay or margin
 
 
 @dataclass(frozen=True, eq=False)
 class Wrong:
-    """One closed loop with errors, `amounts` by name. `motion` is None where it has no steady motion (any more).
+    """One closed loop with errors, `amounts` by name. `motion` is None if it has no steady motion.
 
-    `decay` (1/s): how fast the slowest part of a deviation dies out, negative where it grows; `offset`: how far the first output
-    stays from what is wanted, in its unit.
+    `decay` (1/s): rate at which the slowest part of a deviation decays, negative if it grows; `offset`: steady error of the first
+    output, in its unit.
     """
 
     amounts: Mapping[str, float]
@@ -31,15 +31,15 @@ class Wrong:
 
     @property
     def stable(self) -> bool:
-        """Does every deviation die out?"""
+        """Whether every deviation decays."""
         return self.decay > 0
 
 
 @dataclass(frozen=True)
 class Harm:
-    """What the worse of two errors of the same size, up and down, does: to decay, disk margin at all inputs at once, longest
-    period, offset. `loss` is the largest relative loss of the first three: 1 where stability itself is lost. `hurt`, by which
-    errors are ranked, is the largest of `loss` and |offset| / LARGE_OFFSET; infinite where stability is lost.
+    """The worse effect of two errors of the same size, positive and negative: on decay, disk margin at all inputs at once,
+    longest period, offset. `loss` is the largest relative loss of the first three: 1 if stability is lost. `hurt`, by which
+    errors are ranked, is the larger of `loss` and |offset| / LARGE_OFFSET; infinite if stability is lost.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Harm:
 
 @dataclass(frozen=True)
 class Loops:
-    """How the loops that are compared are run: period (s; None: continuous), a sample's delay."""
+    """How the loops are sampled: period (s; None: continuous), delay of one sample."""
 
     period: float | None = None
     delay: bool = False
@@ -63,7 +63,9 @@ CONTINUOUS = Loops()
 
 
 def errors_of(setting: Setting) -> tuple[str, ...]:
-    """What can be wrong: the robot's parameters, where P_l is (L), the heading seen (heading), how fast it goes (speed)."""
+    """Return the possible errors: the robot's parameters, the position of P_l (L), the measured heading (heading), speed
+    (speed).
+    """
     names = [p.name for p, value in zip(setting.law.parameters, setting.true, strict=True) if value]
     names += ["L"] if _lever(setting) else []
     names += ["heading"] if _heading_entry(setting) is not None else []
@@ -71,8 +73,8 @@ def errors_of(setting: Setting) -> tuple[str, ...]:
 
 
 def wrong(setting: Setting, name: str, amount: float) -> Setting:
-    """With one thing wrong by `amount`: a relative change of the true parameter, or of the speed; of the law's L, relative to the
-    distance of P_l from the axle; of the heading seen, rad. Raises BadInput for an unknown name.
+    """Return the setting with one error of size `amount`: a relative change of the true parameter, or of the speed; of the
+    law's L, relative to the distance of P_l from the axle; of the measured heading, rad. Raises BadInput for an unknown name.
     """
     law = setting.law
     parameters = [p.name for p in law.parameters]
@@ -97,7 +99,7 @@ def wrong(setting: Setting, name: str, amount: float) -> Setting:
 
 
 def with_errors(nominal: SteadyMotion, amounts: Mapping[str, float], loops: Loops = CONTINUOUS) -> Wrong:
-    """The closed loop with these errors, near the motion without."""
+    """Return the closed loop with these errors, near the motion without errors."""
     setting = replace(nominal.setting, start=nominal.state)
     for name, amount in amounts.items():
         setting = wrong(setting, name, amount)
@@ -115,15 +117,16 @@ def one_by_one(
     loops: Loops = CONTINUOUS,
     names: Sequence[str] = (),
 ) -> Iterator[Wrong]:
-    """Each thing wrong by each amount, the others right."""
+    """Yield each error with each amount, the others zero."""
     for name in names or errors_of(nominal.setting):
         for amount in amounts:
             yield with_errors(nominal, {name: amount}, loops)
 
 
 def corners(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS, names: Sequence[str] = ()) -> Iterator[Wrong]:
-    """All things wrong at once, by -spread or +spread each, in every combination; MOST_CORNERS of them, seeded, where these are
-    more."""
+    """Yield all errors at once, -spread or +spread each, in every combination; MOST_CORNERS random ones, from a fixed seed,
+    if there
+    are more."""
     names = tuple(names or errors_of(nominal.setting))
     signs = list(product((-1.0, 1.0), repeat=len(names)))
     if len(signs) > MOST_CORNERS:
@@ -134,7 +137,7 @@ def corners(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS, nam
 
 
 def ranking(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS) -> list[Harm]:
-    """What each error of +-spread does alone, the one that hurts most first (`Harm.hurt`)."""
+    """Return the effect of each error of +-spread alone, the largest first (`Harm.hurt`)."""
     right = _harm("", [with_errors(nominal, {}, loops)], loops, None)
     found = [
         _harm(name, list(one_by_one(nominal, (-spread, spread), loops, [name])), loops, right)
@@ -156,7 +159,7 @@ def _harm(name: str, cases: Sequence[Wrong], loops: Loops, right: Harm | None) -
 
 
 def _lever(setting: Setting) -> float:
-    """Distance of P_l ahead of the axle, as the law has it, m; 0 where there is none."""
+    """Return the distance of P_l ahead of the axle, in the law's parameters, m; 0 without a P_l."""
     names = [c.name for c in setting.law.config]
     if "L" not in names:
         return 0.0
@@ -167,14 +170,14 @@ def _lever(setting: Setting) -> float:
 
 
 def _heading_entry(setting: Setting) -> int | None:
-    """Where in the state the heading is; None where it is no coordinate."""
+    """Return the index of the heading in the state; None if it is not a coordinate."""
     vehicle = setting.law.system.mechanism.vehicle
     names = [q.name for q in setting.law.state]
     return names.index(str(vehicle.heading)) if vehicle and str(vehicle.heading) in names else None
 
 
 def _speeds(setting: Setting) -> list[int]:
-    """Entries of the reference that say how fast: the wanted speed, or rates of positions, where they are not zero."""
+    """Return the entries of the reference that are speeds: the desired speed, or rates of positions, if they are not zero."""
     names = [q.name for q in setting.law.reference]
     units = [q.unit for q in setting.law.reference]
     return [k for k, (name, unit) in enumerate(zip(names, units, strict=True)) if unit == "m/s" and setting.reference[k]]

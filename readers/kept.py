@@ -124,6 +124,8 @@ def check_private(path: Path) -> None:
     found = path.stat()
     advice = "set NOSLIP_CACHE to a folder of your own"
     if found.st_uid != os.geteuid():
-        raise BadInput(f"{path} belongs to another user, whose programs noslip does not run; {advice}")
+        raise BadInput(f"{path} belongs to another user, and noslip does not execute programs of others; {advice}")
     if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise BadInput(f"{path} can be written by others, whose programs noslip does not run; chmod go-w it, or {advice}")
+        raise BadInput(
+            f"{path} can be written by others, and noslip does not execute programs of others; chmod go-w it, or {advice}"
+        )

@@ -1,4 +1,4 @@
-"""Closed loops of a controller and a plant: a SPEC (specification/) becomes a `Loop` (loop.py), integrated to a `Run` and drawn.
+"""Simulation of the closed loop of a controller and a plant: SPEC (specification/), `Loop` (loop.py), `Run`, plots.
 
 `closed_loop.simulate` is the entry point; plots and contact forces are computed from the `Run`.
 """

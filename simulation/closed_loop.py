@@ -1,4 +1,4 @@
-"""Closed loop of a controller and a plant, continuous or sampled."""
+"""Simulates the closed loop of a controller and a plant, continuous or sampled."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,13 +13,14 @@ from .loop import make_loop
 from .run import Run
 from .specification.spec import Simulation, Spec
 
-SINGLE, SINGLE_TOLERANCE = ("cf", *ON_TARGET), 1e-6  # rounding in float is noise: step-size control gets nowhere below it
+SINGLE, SINGLE_TOLERANCE = ("cf", *ON_TARGET), 1e-6  # with rounding in float, step-size control fails at smaller tolerances
 
 
 def simulate(spec: Spec, backend: str | None = None, progress: Callable[[float], None] | None = None) -> Run:
-    """Run the closed loop of a SPEC; `backend` instead of the SPEC's own; `progress` is told the time reached.
+    """Simulate the closed loop of a SPEC and return the Run; `backend` replaces that of the SPEC; `progress` receives the
+    time reached.
 
-    Raises BadInput or ModelError when the SPEC cannot be run: unknown names, refused parameters, a singular start.
+    Raises BadInput or ModelError if the SPEC cannot be simulated: unknown names, invalid parameters, a singular start.
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
     loop = make_loop(spec)
@@ -55,17 +56,17 @@ def simulate(spec: Spec, backend: str | None = None, progress: Callable[[float],
 
 
 def _as_run(simulation: Simulation, backend: str | None) -> Simulation:
-    """With the backend asked for, and a tolerance that this one can meet."""
+    """Return the simulation options with the backend given, and a tolerance that this backend can meet."""
     backend = backend or simulation.backend
     least = SINGLE_TOLERANCE if backend in SINGLE and not simulation.period else 0.0
     return replace(simulation, backend=backend, tolerance=max(simulation.tolerance, least))
 
 
 def summary(run: Run) -> str:
-    """A few lines for a reader: how long, how far from what was wanted, how hard, how true to the constraints."""
+    """Return a few lines about a run: duration, errors of the outputs, largest inputs, residual of the constraints."""
     simulation = run.spec.simulation
     held = f"called every {simulation.period:g} s" if simulation.period else "continuous"
-    held += f", acting {simulation.delay:g} s later" if simulation.delay else ""
+    held += f", delay {simulation.delay:g} s" if simulation.delay else ""
     how = f"backend {simulation.backend}, {held}, tolerance {simulation.tolerance:g}"
     lines = [f"{run.spec.robot}, {run.law.name}, {how}: {run.t[-1]:.9g} s, {len(run.t)} rows"]
     for row, error in zip(run.law.output.rows, run.error.T, strict=True):

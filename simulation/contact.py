@@ -1,9 +1,9 @@
-"""Does it still roll? The ground's force at each contact of a run, against what friction can give.
+"""Rolling without slip: the ground force at each contact of a run, compared with the limit of friction.
 
-The constraint forces lambda (8) are what the ground must give for the robot to roll without slip. Where several
-contacts share one of them the equations do not say how (two wheels of an axle, sideways); here they share in proportion
-to their loads, as wheels do that are about to slip together. Loads are those of a level ground at rest, moved to the
-outer wheel of each axle by the height of the centre of mass, at once and all of it; they do not move forward or back.
+The constraint forces lambda (8) are those that the ground must supply for the robot to roll without slip. If several
+contacts share one of them, the equations do not determine its distribution (two wheels of an axle, sideways); here it is
+proportional to their loads, as for wheels that are about to slip together. Loads are those of a level ground at rest, moved to
+the outer wheel of each axle by the height of the centre of mass, without dynamics; there is no load transfer forward or back.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
     Coloured = Sequence[tuple["ContactForce", str]]
 
 GRAVITY = 9.81  # m/s^2
-LEAST = 1e-6  # of the largest load: the part that a wheel without load still takes of a force it shares
-NEGLIGIBLE = 1e-9  # relative; below it a singular value is rounding
-LARGE = 1e3  # a friction coefficient that needs no decimals
-HIGHEST = 4.0  # friction use up to which the figure goes
-WIDE = 140  # characters of a line of its title
+LEAST = 1e-6  # of the largest load: the part of a shared force that a wheel without load takes
+NEGLIGIBLE = 1e-9  # relative; a singular value below it is due to rounding
+LARGE = 1e3  # friction coefficients above this are printed without decimals
+HIGHEST = 4.0  # upper limit of friction use in the plot
+WIDE = 140  # characters per line of the title
 
 
 @dataclass(frozen=True, eq=False)
 class ContactForce:
-    """Force of the ground on the robot at one contact, N, (N,) each: forward, to the left, and the load on it, upward."""
+    """Force of the ground on the robot at one contact, N, (N,) each: forward, to the left, and the load, upward."""
 
     name: str
     longitudinal: np.ndarray
@@ -50,22 +50,22 @@ class ContactForce:
 
     @property
     def needs(self) -> np.ndarray:
-        """The friction coefficient that is needed, |F| / load; infinite where there is no load, or no number."""
+        """The friction coefficient required, |F| / load; infinite without load."""
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.hypot(self.longitudinal, self.lateral) / self.load
         return np.where((self.load > 0) & np.isfinite(ratio), ratio, np.inf)
 
     @property
     def use(self) -> np.ndarray:
-        """|F| / (mu load): above 1 it would slip."""
+        """|F| / (mu load): above 1 the contact would slip."""
         return self.needs / self.mu
 
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """The contacts of a run at the times t (N,) of its rows, and what they are judged by.
+    """The contacts of a run at the times t (N,) of its rows, and the assumptions.
 
-    Only rows are looked at: what happens between them, before the torque changes, say, is not seen.
+    Only the rows are evaluated: what happens between them, for instance before the torque changes, is not seen.
     """
 
     t: np.ndarray
@@ -74,24 +74,24 @@ class Grip:
 
     @property
     def rolls(self) -> bool:
-        """Does every contact keep its load and stay within friction, at every row?"""
+        """Whether every contact keeps its load and stays within friction, at every row."""
         return all(np.all(contact.use <= 1) for contact in self.contacts)
 
     def verdict(self) -> str:
-        """A line for each finding: lifts, would slip, or rolls."""
+        """Return a line for each finding: lifts, would slip, or rolls."""
         if not self.contacts:
-            return "not known whether it rolls: the robot names no contacts"
+            return "not known whether it rolls: the robot defines no contacts"
         lifts = [f"{c.name}, first at t = {self._first(c.load <= 0)}" for c in self.contacts if np.any(c.load <= 0)]
         slips = [self._slip(c) for c in self.contacts if np.any((c.use > 1) & ~(c.load <= 0))]
         lines = [f"{kind}: {'; '.join(found)}" for kind, found in (("wheel lifts", lifts), ("would slip", slips)) if found]
         return "\n".join(lines) or f"rolls: friction use at most {', '.join(map(self._worst, self.contacts))}"
 
     def summary(self) -> str:
-        """The verdict and, in a last line, what it assumes."""
+        """Return the verdict and, in a last line, its assumptions."""
         return f"{self.verdict()}\n{self.assumed()}" if self.contacts else self.verdict()
 
     def assumed(self) -> str:
-        """What the verdict rests on."""
+        """Return the assumptions of the verdict."""
         o = self.options
         return (
             f"assumed: mu {o.mu:g}, {o.share:.0%} of the weight on these contacts, centre of mass {o.height:g} m high, "
@@ -105,14 +105,14 @@ class Grip:
     def _slip(self, contact: ContactForce) -> str:
         needs = np.where(contact.load <= 0, 0.0, contact.needs)
         first, worst = self._first(contact.use > 1), self._first(needs == needs.max())
-        return f"{contact.name}, first at t = {first}, needs mu >= {_up(needs.max())} at t = {worst}"
+        return f"{contact.name}, first at t = {first}, requires mu >= {_up(needs.max())} at t = {worst}"
 
     def _first(self, where: np.ndarray) -> str:
         return f"{self.t[np.argmax(where)]:.4g} s"
 
 
 def grip(run: Run) -> Grip:
-    """The contacts of a run. A row that only tells where it stopped is left out: its torque is none that acted.
+    """Return the contacts of a run, without the last row of a stopped run, whose torque did not act.
 
     Raises BadInput as `contact_forces` does.
     """
@@ -122,9 +122,10 @@ def grip(run: Run) -> Grip:
 
 
 def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: ContactSection) -> tuple[ContactForce, ...]:
-    """Forces at each contact of the plant in states x, (N, 2n-m), with inputs tau, (N, r); empty when it names none.
+    """Return forces at each contact of the plant in states x, (N, 2n-m), with inputs tau, (N, r); empty if it defines no
+    contacts.
 
-    Raises BadInput when a height of the centre of mass is given and an axle has no width.
+    Raises BadInput if a height of the centre of mass is given and an axle has no width.
     """
     mechanism = plant.system.mechanism
     if not mechanism.contacts:
@@ -133,7 +134,8 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
     lam = plant.constraint_forces(x, tau)
     load = options.share * GRAVITY * mass
     if options.height:
-        # An axle's side force does not depend on how its wheels share it, so the loads at rest will do to find it.
+        # The side force of an axle does not depend on its distribution to the wheels, so it can be computed with the loads at
+        # rest.
         sideways = _shared(combination, lam, load)[:, 1::2]
         load = load + _transfer(mechanism, sideways, load, left, options.height)
     force = _shared(combination, lam, load)
@@ -144,7 +146,9 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
 
 
 def _shared(combination: np.ndarray, lam: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """Forces F, (N, 2 c), with C' F = -lambda and the least sum of F^2 / load: shared in proportion to the load."""
+    """Return forces F, (N, 2 c), with C' F = -lambda and the smallest sum of F^2 / load: distributed in proportion to the
+    load.
+    """
     floor = LEAST * np.abs(load).max(axis=1, keepdims=True)
     root = np.sqrt(np.repeat(np.maximum(load, floor), 2, axis=1))[:, :, None]
     finite = np.isfinite(lam).all(axis=1) & np.isfinite(root).all(axis=(1, 2))
@@ -155,7 +159,7 @@ def _shared(combination: np.ndarray, lam: np.ndarray, load: np.ndarray) -> np.nd
 
 
 def _transfer(mechanism: Mechanism, sideways: np.ndarray, load: np.ndarray, left: np.ndarray, height: float) -> np.ndarray:
-    """What the side force of each axle adds to the loads, (N, c): its moment height * force, borne by the axle's wheels."""
+    """Return the change of the loads by the side force of each axle, (N, c): its moment height * force, carried by its wheels."""
     change = np.zeros_like(load)
     for axle in axles(mechanism):
         weight, place = load[:, axle], left[:, axle]
@@ -163,20 +167,23 @@ def _transfer(mechanism: Mechanism, sideways: np.ndarray, load: np.ndarray, left
         width = (weight * arm**2).sum(axis=1, keepdims=True)
         if not np.all(width > 0):
             names = ", ".join(mechanism.contacts[k].name for k in axle)
-            raise BadInput(f"[contact] height = {height:g}: {names} of {mechanism.name} has no width to bear it; leave it out")
+            raise BadInput(
+                f"[contact] height = {height:g}: {names} of {mechanism.name} has no width to carry the moment; omit it"
+            )
         change[:, axle] = -height * sideways[:, axle].sum(axis=1, keepdims=True) * weight * arm / width
     return change
 
 
 def _up(value: float) -> str:
-    """Two decimals, rounded up; of a large number three digits."""
+    """Return a number with two decimals, rounded up; a large number with three digits."""
     return f"{np.ceil(value * 100 - 1e-9) / 100:.2f}" if value < LARGE else f"{value * 1.005:.3g}"
 
 
 def draw_contact(run: Run) -> Figure:
-    """Friction use of each contact over time, and its force against the friction circle of radius mu load. SI units.
+    """Return a figure: friction use of each contact over time, and its force with the friction circle of radius mu load. SI
+    units.
 
-    Raises BadInput when the robot names no contacts, and as `contact_forces` does.
+    Raises BadInput if the robot defines no contacts, and as `contact_forces` does.
     """
     from matplotlib.figure import Figure  # slow to import
 
@@ -184,7 +191,7 @@ def draw_contact(run: Run) -> Figure:
 
     found = grip(run)
     if not found.contacts:
-        raise BadInput(f"{run.law.system.mechanism.name} names no contacts; add them with contact(name, mass, along, across)")
+        raise BadInput(f"{run.law.system.mechanism.name} defines no contacts; add them with contact(name, mass, along, across)")
     coloured = list(zip(found.contacts, itertools.cycle((POINT, VEHICLE, AXLE, SECOND)), strict=False))
     figure = Figure(figsize=(13, 6.5), layout="constrained")
     figure.suptitle(_title(run, found), fontsize=11)
@@ -201,14 +208,14 @@ def draw_contact(run: Run) -> Figure:
 
 
 def _title(run: Run, found: Grip) -> str:
-    """Robot and law; the verdict; what is assumed."""
+    """Return robot and law; the verdict; the assumptions."""
     lines = (line for text in (found.verdict(), found.assumed()) for line in text.splitlines())
     shown = [wrapped for line in lines for wrapped in textwrap.wrap(line, WIDE)]
     return "\n".join([f"{run.law.system.mechanism.name}, {run.law.name}: does it still roll?", *shown])
 
 
 def _draw_use(axes: Axes, t: np.ndarray, coloured: Coloured, beyond: str) -> None:
-    """Friction use over time; above 1 it would slip."""
+    """Plot friction use over time; above 1 the contact would slip."""
     for contact, colour in coloured:
         k = int(np.argmax(contact.use))
         axes.plot(t, contact.use, color=colour, label=f"{contact.name}, at most {contact.use[k]:.2g} at t = {t[k]:.4g} s")
@@ -221,20 +228,20 @@ def _draw_use(axes: Axes, t: np.ndarray, coloured: Coloured, beyond: str) -> Non
 
 
 def _draw_circle(axes: Axes, coloured: Coloured, beyond: str) -> None:
-    """The force of each contact as the driver sees it, forward up and left to the left, and where friction ends.
+    """Plot the force of each contact in the vehicle's frame, forward up and left to the left, and the limit of friction.
 
-    Where loads change each contact has the circle of the row of its worst use, which is marked.
+    If loads vary, the circle of each contact is that of the row with its largest friction use, which is marked.
     """
     constant = np.ptp([contact.load for contact, _ in coloured]) <= NEGLIGIBLE * np.max([c.load for c, _ in coloured])
     radii = []
     for contact, colour in coloured:
         axes.plot(contact.lateral, contact.longitudinal, color=colour, label=contact.name)
         k = int(np.argmax(contact.use))
-        worst = f"{contact.name} at its worst"
+        worst = f"{contact.name}, largest use"
         axes.plot(contact.lateral[k], contact.longitudinal[k], "o", color=colour, markersize=8, label=worst)
         radii.append(contact.mu * max(contact.load[k], 0.0))
         if not constant:
-            _draw_limit(axes, radii[-1], colour, f"friction circle then, $\\mu$ load = {radii[-1]:.3g} N")
+            _draw_limit(axes, radii[-1], colour, f"friction circle at that time, $\\mu$ load = {radii[-1]:.3g} N")
     if constant:
         _draw_limit(axes, radii[0], beyond, f"friction circle $\\mu$ load = {radii[0]:.3g} N")
     limit = coloured[0][0].mu * max(contact.load.max() for contact, _ in coloured)
@@ -249,5 +256,5 @@ def _draw_limit(axes: Axes, radius: float, colour: str, label: str) -> None:
 
 
 def _reach(worst: float) -> float:
-    """How far an axis goes in units of its limit: past both the limit and the worst, unless that is without bound."""
+    """Return the range of an axis relative to its limit: past both the limit and the largest value, unless that is infinite."""
     return float(np.clip(1.15 * worst, 1.3, HIGHEST)) if np.isfinite(worst) else HIGHEST

@@ -1,4 +1,4 @@
-"""How the figures look: planes with metres of one length, time axes, colours, what is assumed below."""
+"""Common style of the figures: planes with equal scales, time axes, colours, and a note of assumptions."""
 
 import io
 import textwrap
@@ -20,7 +20,7 @@ from ..readers.files import MARK
 
 WANTED, STOP, FAINT = "#9a9a9a", "#c00000", "#666666"
 COLOURS = ("#0b61a4", "#c2570c", "#2e8b57", "#8a4fa3", "#b8860b", "#16808c", "#a63a50", "#4d4d4d")
-WIDEST = 190  # characters of what is assumed in a line
+WIDEST = 190  # characters per line of the assumptions
 METADATA = {"png": {"Software": MARK}, "svg": {"Date": None, "Creator": MARK}}  # the same bytes at every run
 STYLE = matplotlib.RcParams(
     {
@@ -41,7 +41,7 @@ STYLE = matplotlib.RcParams(
 
 
 def panels(*titles: str, height: float = 4.6, widths: Iterable[float] = ()) -> tuple[Figure, np.ndarray]:
-    """A figure with a panel for each title in one row."""
+    """Return a figure with a row of panels, one for each title, and the panels."""
     figure = Figure(figsize=(12.0, height), layout="constrained")
     axes = figure.subplots(1, len(titles), squeeze=False, width_ratios=tuple(widths) or None)[0]
     for panel, title in zip(axes, titles, strict=True):
@@ -50,7 +50,9 @@ def panels(*titles: str, height: float = 4.6, widths: Iterable[float] = ()) -> t
 
 
 def plane(axes: Axes, *points: np.ndarray, room: float = 0.06) -> None:
-    """Axes of the plane in m, of one scale, with `points` (N, 2) in view; the panel keeps its size and shows more. Comes last."""
+    """Set up axes of the plane in m, with equal scales and `points` (N, 2) in view; the size of the panel is kept. Call this
+    last.
+    """
     low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
     more = room * (high - low).max()
     axes.set_xlim(low[0] - more, high[0] + more, auto=True)  # auto: matplotlib may widen one of them
@@ -60,24 +62,24 @@ def plane(axes: Axes, *points: np.ndarray, room: float = 0.06) -> None:
 
 
 def over_time(axes: Axes, quantity: str) -> None:
-    """Axes of a quantity over time."""
+    """Set up axes of a quantity over time."""
     axes.set(xlabel="time t (s)", ylabel=quantity)
     axes.margins(x=0.01)
 
 
 def start(axes: Axes, place: np.ndarray, label: str | None = "start") -> None:
-    """A ring where runs start."""
+    """Mark the start of a run by a ring."""
     ring: dict[str, Any] = {"markersize": 8, "markerfacecolor": "white", "markeredgecolor": "black", "markeredgewidth": 1.5}
     axes.plot(*place, "o", color="none", label=label, zorder=5, **ring)
 
 
 def to_follow(axes: Axes, x: np.ndarray, y: np.ndarray, label: str | None = "path to follow") -> None:
-    """What was wanted, broad and grey behind the runs."""
+    """Draw the desired path, wide and grey, behind the runs."""
     axes.plot(x, y, color=WANTED, linewidth=5, alpha=0.45, solid_capstyle="round", label=label, zorder=0)
 
 
 def zoom(axes: Axes, place: tuple[float, float, float, float], around: np.ndarray, half: float) -> Axes:
-    """A magnified view, `place` (x, y, width, height) in parts of the panel, of 2 `half` m about a point; to be drawn into."""
+    """Return a magnified view at `place` (x, y, width, height, relative to the panel) of 2 `half` m about a point."""
     inset = axes.inset_axes(place)
     inset.set(
         xlim=(around[0] - half, around[0] + half), ylim=(around[1] - half, around[1] + half), aspect="equal", autoscale_on=False
@@ -89,26 +91,26 @@ def zoom(axes: Axes, place: tuple[float, float, float, float], around: np.ndarra
 
 
 def say(axes: Axes, text: str, place: tuple[float, float], colour: str = FAINT, **options) -> None:
-    """A remark inside a panel, `place` in parts of it."""
+    """Write a note inside a panel, at `place` relative to it."""
     axes.text(*place, text, transform=axes.transAxes, color=colour, fontsize=9, **options)
 
 
 def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, bytes]:
-    """What `draw` draws as the bytes of a png and of an svg file, with a title above and what is assumed below."""
+    """Return the figure drawn by `draw` as the bytes of a png and of an svg file, with a title and a note of assumptions."""
     with matplotlib.rc_context(STYLE):
         figure = draw()
         figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
         if assumed:
-            text = textwrap.fill(f"Assumed, lost in the scan: {assumed}", WIDEST)
+            text = textwrap.fill(f"Assumed, illegible in the scan: {assumed}", WIDEST)
             figure.supxlabel(text, fontsize=8, color=FAINT, x=0.01, ha="left")
         _freeze(figure)
         return {kind: encoded(figure, kind) for kind in METADATA}
 
 
 def outlines(robot: Mechanism, q: np.ndarray, parameters: np.ndarray) -> list[np.ndarray]:
-    """The lines that show a robot from above at coordinates q (N, n): each (N, points, 2), m. See `Mechanism.draws`.
+    """Return the lines that show a robot from above at coordinates q (N, n): each (N, points, 2), m. See `Mechanism.draws`.
 
-    A vehicle that draws none is shown as a small box.
+    A vehicle without lines is drawn as a small box.
     """
     return [line.full().T.reshape(len(q), -1, 2) for line in _lines(robot).call([q.T, parameters])]
 
@@ -123,7 +125,7 @@ def _lines(robot: Mechanism) -> ca.Function:
 
 
 def implicit_path(output: OutputMap) -> ca.Function:
-    """Of points (x, y) and the output's parameters: the signed distance from the path, m, and the path's nearest point."""
+    """Return the function of points (x, y) and the output's parameters to signed distance from the path, m, and nearest point."""
     point = ca.SX.sym("point", 2)
     distance = output.required_path.distance(point[0], point[1])
     foot = point - distance * ca.gradient(distance, point)
@@ -133,7 +135,7 @@ def implicit_path(output: OutputMap) -> ca.Function:
 def draw_implicit(
     axes: Axes, function: ca.Function, config: np.ndarray, x: np.ndarray, y: np.ndarray, label: str, **style: Any
 ) -> None:
-    """The curve at which the distance of an `implicit_path` is zero, looked for at places x and y, m."""
+    """Draw the curve on which the distance of an `implicit_path` is zero, on a grid x, y, m."""
     places = np.meshgrid(x, y)
     values = function(np.vstack([place.ravel() for place in places]), config)[0].full().reshape(places[0].shape)
     axes.contour(*places, values, [0.0], colors=style["color"], linewidths=style["linewidth"], alpha=style["alpha"], zorder=0)
@@ -141,18 +143,18 @@ def draw_implicit(
 
 
 def is_outline(line: np.ndarray) -> bool:
-    """Does the line (points, 2) enclose a body?"""
+    """Return whether the line (points, 2) is closed."""
     return len(line) > 2 and bool(np.allclose(line[0], line[-1]))
 
 
 def evenly_spread(points: np.ndarray, count: int) -> np.ndarray:
-    """Rows of points (N, 2) that are about equally far apart along the way through them."""
+    """Return indices of points (N, 2) at about equal distances along the curve through them."""
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     return np.searchsorted(way, np.linspace(0.0, way[-1], count)).clip(max=len(way) - 1)
 
 
 def _freeze(figure: Figure) -> None:
-    """Lay out once and round the result: the solver's last bits differ from run to run, and SVG names clip paths by them."""
+    """Compute the layout once and round it: the solver's last bits vary, and SVG derives names of clip paths from them."""
     figure.draw_without_rendering()
     figure.set_layout_engine(None)  # not "none": with that each file would be drawn twice
     for axes in figure.axes:
@@ -160,7 +162,7 @@ def _freeze(figure: Figure) -> None:
 
 
 def encoded(figure: Figure, kind: str) -> bytes:
-    """A figure as the bytes of a file; `kind` is png, svg or pdf."""
+    """Return a figure as the bytes of a file; `kind` is png, svg or pdf."""
     made = io.BytesIO()
     figure.savefig(made, format=kind, dpi=130, metadata=METADATA.get(kind))
     return made.getvalue()

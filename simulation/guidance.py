@@ -1,4 +1,4 @@
-"""What is followed, and by which controller: one path under a moving reference, or a composite path piece by piece."""
+"""Guidance: what the controller follows, one path with a moving reference or the segments of a composite path."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 
 class Side:
-    """Which side of the singular set a state is on: det Phi, its sign taken positive at the start.
+    """Detects on which side of the singular set a state is: the sign of det Phi, positive at the start.
 
-    A step over the set is no way around it: behind it the sign has changed.
+    A step across the singular set is detected by the change of sign.
     """
 
     def __init__(self, law: ControlLaw, parameters: np.ndarray, config: np.ndarray, start: np.ndarray):
@@ -39,7 +39,7 @@ class Side:
         return self._sign * self._function(x, *self._fixed)[0][0]
 
     def relative(self, x: np.ndarray) -> float:
-        """|det Phi| over the product of Phi's row norms, between 0 and 1."""
+        """Return |det Phi| divided by the product of Phi's row norms, between 0 and 1."""
         determinant, scale = (value[0] for value in self._function(x, *self._fixed))
         if not (np.isfinite(determinant) and np.isfinite(scale)):
             return float("nan")
@@ -53,35 +53,35 @@ def _determinant(law: ControlLaw) -> ca.Function:
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A controller made for one path: followed until the next switch. `config` in the order of law.config."""
+    """A controller for one path, used until the next switch. `config` in the order of law.config."""
 
     config: np.ndarray
     controller: Controller
     side: Side
 
 
-LegMaker = Callable[[np.ndarray, np.ndarray], Leg]  # from config, and the state in which the leg begins
+LegMaker = Callable[[np.ndarray, np.ndarray], Leg]  # from config, and the state at which the leg begins
 
 
 class Guidance(Protocol):
-    """Tells the controller what to follow. States are those the controller sees."""
+    """Provides the reference for the controller. States are those that the controller sees."""
 
     leg: Leg
     piece: int  # which piece of the path is followed, from 0
     arrived: bool
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
-        """What the outputs shall do, in the order of law.reference; pure."""
+        """Return the reference, in the order of law.reference; without side effects."""
 
     def left(self, t: float, x: np.ndarray) -> float:
-        """Positive until the piece followed ends; pure, smooth in x."""
+        """Return a value that is positive until the current segment ends; without side effects, smooth in x."""
 
     def update(self, t: float, x: np.ndarray) -> None:
-        """Go on to the next piece where this one has ended."""
+        """Switch to the next segment if the current one has ended."""
 
 
 class ShortWay:
-    """Prepares references of a law: those of outputs in rad are taken the short way round from where the output is."""
+    """Prepares references of a law: a desired angle is shifted by whole turns to be nearest to the actual one."""
 
     def __init__(self, law: ControlLaw, parameters: np.ndarray, config: np.ndarray):
         names = [q.name for q in law.reference]
@@ -90,7 +90,7 @@ class ShortWay:
         self._outputs = Direct(outputs(law))
 
     def __call__(self, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """The reference to give to the controller, in the order of law.reference."""
+        """Return the reference for the controller, in the order of law.reference."""
         if not self._rows:
             return reference
         prepared, y = np.array(reference, float), self._outputs(state, *self._fixed)[0]
@@ -100,7 +100,7 @@ class ShortWay:
 
 
 class OnePath:
-    """One path for all time, or none; the reference moves at a constant rate, offset + slope t, headings the short way."""
+    """A single path, or none; the reference is offset + slope t, with headings shifted to the nearest."""
 
     piece, arrived = 0, False
 
@@ -108,29 +108,31 @@ class OnePath:
         self.leg, self._offset, self._slope, self._prepare = leg, offset, slope, prepare
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
-        """As wanted at t."""
+        """Return the reference at t."""
         return self._prepare(x, self._offset + self._slope * t)
 
     def left(self, t: float, x: np.ndarray) -> float:
-        """It does not end."""
+        """Return infinity: the path does not end."""
         return np.inf
 
     def update(self, t: float, x: np.ndarray) -> None:
-        """There is no other."""
+        """Do nothing: there is no other path."""
 
 
-LOST = {  # status of a tracker -> why it cannot tell where on the path the robot is
-    "singular": "P_l is in the centre of the path's first arc; move it",
-    "range": "the heading is too large for sine and cosine; cut whole turns off",
+LOST = {  # status of a tracker -> why the position on the path is undefined
+    "singular": "P_l is at the centre of the path's first arc; move it",
+    "range": "the heading is too large for sine and cosine; subtract whole turns",
     "nonfinite": "P_l is too far from the path; move it nearer",
 }
 
 
 class Route:
-    """A composite path: the tracker says which piece, the law of a line or arc follows it."""
+    """A composite path: the tracker selects the segment, and the law of a line or arc follows it."""
 
     def __init__(self, law: ControlLaw, parameters: np.ndarray, tracker: Tracker, make_leg: LegMaker, start: np.ndarray):
-        """`parameters`: what the controller believes. Takes up the first piece. Raises BadInput where it cannot be seen."""
+        """`parameters` are those of the controller. Starts with the first segment. Raises BadInput if the position on it is
+        undefined.
+        """
         self._law, self._tracker, self._make_leg = law, tracker, make_leg
         self._motion, self._parameters = Direct(vehicle_motion(law.system)), parameters
         self._speed = [q.name for q in law.reference].index("speed")
@@ -142,22 +144,22 @@ class Route:
 
     @property
     def options(self) -> TrackerOptions:
-        """How the path is followed."""
+        """Options of path following."""
         return self._tracker.options
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
-        """On the path, at the tracker's speed."""
+        """Return the reference: on the path, at the tracker's speed."""
         guide = self._tracker.look(*self._seen(x))
         wanted = self._zeros.copy()
         wanted[self._speed : self._speed + 2] = guide.speed, guide.speed_rate
         return wanted
 
     def left(self, t: float, x: np.ndarray) -> float:
-        """m, or m/s while it waits for a standstill."""
+        """Return the distance left, m, or m/s while waiting for a standstill."""
         return np.inf if self.arrived else self._tracker.look(*self._seen(x)).left
 
     def update(self, t: float, x: np.ndarray) -> None:
-        """Go on, and make the controller for the piece that is followed now."""
+        """Switch segments, and build the controller for the new one."""
         guide = self._tracker.update(*self._seen(x))
         self.arrived = bool(guide.arrived)
         if guide.changed:
@@ -165,7 +167,7 @@ class Route:
             self.leg = self._make_leg(self._config(guide), x)
 
     def faces(self, x: np.ndarray) -> float:
-        """Cosine of the angle between the vehicle's heading and the one in which it shall drive there."""
+        """Return the cosine of the angle between the vehicle's heading and its desired heading there."""
         guide, heading = self._tracker.look(*self._seen(x)), self._seen(x)[2]
         return cosine(float(heading - guide.heading - guide.curvature * guide.progress - np.pi * guide.backward))
 
@@ -186,7 +188,7 @@ class Route:
 
 @lru_cache(maxsize=16)
 def vehicle_motion(system: ReducedSystem) -> ca.Function:
-    """From state and parameters: x, y (m), heading (rad), forward speed (m/s) and yaw rate (rad/s) of the vehicle."""
+    """Return the function from state and parameters to x, y (m), heading (rad), forward speed (m/s) and yaw rate (rad/s)."""
     vehicle = system.mechanism.required_vehicle
     motion = ca.vertcat(vehicle.x, vehicle.y, vehicle.heading, forward_speed(system), system.along_motion(vehicle.heading))
     return portable(ca.Function("motion", [symbols(system.state), system.mechanism.p], [ca.densify(motion)]))
@@ -194,5 +196,5 @@ def vehicle_motion(system: ReducedSystem) -> ca.Function:
 
 @lru_cache(maxsize=16)
 def outputs(law: ControlLaw) -> ca.Function:
-    """Outputs y = h (14) of state, parameters and config."""
+    """Return the function from state, parameters and config to the outputs y = h (14)."""
     return portable(law.at_state(law.linearization.h))

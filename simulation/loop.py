@@ -1,4 +1,4 @@
-"""A controller wired to a robot, from a SPEC."""
+"""Builds the loop of a controller and a robot from a SPEC."""
 
 from dataclasses import dataclass, replace
 
@@ -24,14 +24,14 @@ from .sensing import Sensing
 from .specification.spec import Initial, PathSection, Spec
 from .starts import starts
 
-RUNNING = ("ok", "saturated")  # the statuses with which a run goes on
+RUNNING = ("ok", "saturated")  # statuses with which a run continues
 
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Everything a run needs but the clock. `start` is the true state [q; nu] at t = 0; `warnings` are for the user.
+    """All parts of a run except time. `start` is the true state [q; nu] at t = 0; `warnings` are for the user.
 
-    `believed`, `gains` and `limits` are the controller's. Without sensing the controller sees the true state.
+    `believed`, `gains` and `limits` are those of the controller. Without sensing, the controller sees the true state.
     """
 
     law: ControlLaw
@@ -47,29 +47,29 @@ class Loop:
 
     @property
     def composite(self) -> bool:
-        """Is a path followed piece by piece?"""
+        """Whether a composite path is followed."""
         return isinstance(self.guidance, Route)
 
     def seen(self, x: np.ndarray) -> np.ndarray:
-        """The state the controller works with when the true one is x."""
+        """Return the state that the controller sees if the true one is x."""
         return self.sensing.state if self.sensing else x
 
     def sense(self, t: float, x: np.ndarray) -> None:
-        """Look anew."""
+        """Update the sensors."""
         if self.sensing:
             self.sensing.sense(t, x)
 
     def error(self, t: float, x: np.ndarray) -> np.ndarray:
-        """y_d - y of the outputs with integral action, as the controller sees it."""
+        """Return y_d - y of the outputs with integral action, as the controller sees it."""
         if not self.integral.rows:
             return np.zeros(0)
         seen = self.seen(x)
         return self.integral.error(self.guidance.leg.controller, seen, self.guidance.reference(t, seen))
 
     def command(self, t: float, x: np.ndarray, add: np.ndarray) -> tuple[str, np.ndarray]:
-        """Status and inputs (N, N m) that the controller answers at time t in state x; zeros with an error.
+        """Return status and inputs (N, N m) of the controller at time t in state x; zeros on an error.
 
-        `add`: what integral action adds for each output that has it.
+        `add`: value of integral action for each output that has it.
         """
         seen, leg = self.seen(x), self.guidance.leg
         status, tau = leg.controller.step(seen, self.integral.added(self.guidance.reference(t, seen), add))
@@ -78,14 +78,14 @@ class Loop:
         return status, tau
 
     def beyond(self, x: np.ndarray) -> bool:
-        """Has the robot gone through the singular set? Only a controller that sees where it is must not."""
+        """Return whether the robot has crossed the singular set; only checked if the controller sees the true state."""
         return not self.sensing and self.guidance.leg.side(x) <= 0
 
 
 def make_loop(spec: Spec) -> Loop:
-    """Build controller, plant, guidance and start of a SPEC.
+    """Return the loop of a SPEC: controller, plant, guidance and start.
 
-    Raises BadInput or ModelError when it cannot be run: unknown names, refused parameters, a path that cannot be followed,
+    Raises BadInput or ModelError if it cannot be simulated: unknown names, invalid parameters, a path that cannot be followed,
     a singular start.
     """
     mechanism = find_robot(spec.robot)
@@ -113,7 +113,7 @@ def make_loop(spec: Spec) -> Loop:
             warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
     else:
         spec, warnings = _facing(spec, law, believed)
-        assert spec.initial is not None, "only a composite path says itself where it starts"
+        assert spec.initial is not None, "only a composite path defines its own start"
         start = _start(spec.initial, plant, spec.output.L, spec.output.W)
         leg = make_leg(_config(law, spec), start)
         guidance = OnePath(leg, *_reference(law, spec), ShortWay(law, believed, leg.config))
@@ -127,7 +127,7 @@ def make_loop(spec: Spec) -> Loop:
 
 
 def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
-    """The law asked for. Raises BadInput where the type is neither one of the paper's nor the name of an output of the robot."""
+    """Return the law of the SPEC. Raises BadInput if the type is neither one of the paper's nor an output of the robot."""
     own = [output.name for output in mechanism.outputs]
     if spec.output.own and spec.output.type not in own:
         known = ", ".join([*TYPES, *own])
@@ -136,7 +136,7 @@ def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
 
 
 def _limits(spec: Spec, inputs: int) -> Limits | None:
-    """As given, one limit for all inputs where there is but one."""
+    """Return the limits; a single limit applies to all inputs."""
     if spec.limits is None:
         return None
     torque = spec.limits.torque
@@ -149,14 +149,14 @@ def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction
         return IntegralAction(law, gains, ki)
     if any(ki.values()) and not spec.simulation.period:
         raise BadInput(
-            "[limits] with a gain ki needs [simulation] period > 0: "
-            "at each call it is decided by the status of the last one whether the integral may grow"
+            "[limits] with a gain ki requires [simulation] period > 0: "
+            "at each call, the status of the previous one decides whether the integral may grow"
         )
     return IntegralAction(law, gains, ki, spec.limits.integral)
 
 
 def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarray) -> Tracker:
-    """The tracker of a composite path. Raises BadInput for a path that cannot be followed."""
+    """Return the tracker of a composite path. Raises BadInput for a path that cannot be followed."""
     reference, output = spec.reference, spec.output
     ahead = vehicle_wheels(law.system, believed)[2]
     mirrored = -output.L - 2 * ahead
@@ -175,13 +175,13 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
 
 
 def _facing(spec: Spec, law: ControlLaw, believed: np.ndarray) -> tuple[Spec, tuple[str, ...]]:
-    """The SPEC with P_l on the side that its speed asks for, if so configured; else a warning where it is on the other."""
+    """Return the SPEC with P_l on the side of the axle that the speed requires, if configured; else a warning."""
     output, speed = spec.output, spec.reference.speed
     if output.type != "IV" or not speed:
         return spec, ()
     try:
         ahead = vehicle_wheels(law.system, believed)[2]
-    except BadInput:  # a robot of another kind: nothing is known about it
+    except BadInput:  # another kind of robot: cannot be checked
         return spec, ()
     if speed * (output.L + ahead) >= 0:
         return spec, ()
@@ -222,7 +222,7 @@ def _reference(law: ControlLaw, spec: Spec) -> tuple[np.ndarray, np.ndarray]:
     for name, given in (("position", position), ("velocity", velocity)):
         if len(given) != rows:
             wanted = ", ".join(row.name for row in law.output.rows)
-            raise BadInput(f"[reference] {name} has {len(given)} numbers, it must have {rows}: {wanted}")
+            raise BadInput(f"[reference] {name} has {len(given)} numbers; it must have {rows}: {wanted}")
     offset, slope = [], []
     for degree, start, rate in zip(law.linearization.relative_degree, position, velocity, strict=True):
         offset += [start, rate, 0.0][: degree + 1]
@@ -231,7 +231,9 @@ def _reference(law: ControlLaw, spec: Spec) -> tuple[np.ndarray, np.ndarray]:
 
 
 def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
-    """As given; else at rest at the start of the composite path, with what is to stop there at its end."""
+    """Return the initial state as given; else at rest at the start of the composite path, with the stopping point at its
+    start.
+    """
     if spec.initial is not None:
         return spec.initial
     first = spec.output.segments[0]
@@ -244,7 +246,7 @@ def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
 
 
 def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
-    """[q; nu] at t = 0: as given, or found from P_l, heading and forward speed."""
+    """Return [q; nu] at t = 0: as given, or computed from P_l, heading and forward speed."""
     system = plant.system
     n, freedom = len(system.mechanism.coordinates), system.freedom
     if initial.q is not None:
@@ -254,34 +256,34 @@ def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
                 raise BadInput(f"[initial] {name} has {len(given)} numbers, {system.mechanism.name} has {wanted}")
         return np.array([*initial.q, *nu])
     if system.mechanism.vehicle is None:
-        raise BadInput(f"[initial] point: {system.mechanism.name} is no vehicle (moves_in_plane); give q and nu instead")
+        raise BadInput(f"[initial] point: {system.mechanism.name} is not a vehicle (moves_in_plane); give q and nu instead")
     pose, speed = np.array([[*(initial.point or ()), initial.heading or 0.0]]), np.array([initial.speed or 0.0])
     (found,) = starts(system, plant.parameters[None], (np.array([L]), np.array([W])), pose, speed)
     for part, where in ((found[:n], "point and heading"), (found[n:], "speed")):
         if np.isnan(part).any():
-            raise BadInput(f"[initial] {where}: the robot cannot be there; give q and nu instead")
+            raise BadInput(f"[initial] {where}: the robot cannot reach this state; give q and nu instead")
     return found
 
 
 def _check_start(loop: Loop) -> None:
-    """Raise BadInput when the controller refuses the start, with the reason."""
+    """Raise BadInput with the reason if the controller returns an error at the start."""
     status, _ = loop.command(0.0, loop.start, np.zeros(len(loop.integral.rows)))
     if status in RUNNING:
         return
     if status != "singular":
-        raise BadInput(f"[initial]: the controller answers {status!r} at the start")
+        raise BadInput(f"[initial]: the controller returns {status!r} at the start")
     size = loop.guidance.leg.side.relative(loop.start)
     raise BadInput(f"[initial]: Phi is singular at the start: |det Phi| = {size:.1e} of its row norms; {_why_singular(loop)}")
 
 
 def _why_singular(loop: Loop) -> str:
-    """What to change: singular at other states too is the output's fault, else the start's."""
+    """Return what to change: the output, if it is singular at other states too, else the start."""
     if np.isnan(loop.guidance.leg.side.relative(loop.start)):
-        return "an output has no derivative there (the centre of a circle, say), or a number is too large: change either"
+        return "an output has no derivative there (such as at the centre of a circle), or a number is too large: change either"
     random = np.random.default_rng(1992)
     others = loop.start + random.uniform(-1.0, 1.0, (8, len(loop.start)))
     if max(loop.guidance.leg.side.relative(x) for x in others) <= SINGULAR:
-        return "so it is at every state, P_l lies on the axle (L = -d): change [output] L"
+        return "it is singular at every state, because P_l is on the axle (L = -d): change [output] L"
     if loop.law.output.path:
-        return "the heading is normal to the path: turn it or move the point"
-    return "here the inputs do not reach the outputs independently: change the heading"
+        return "the heading is normal to the path: change it or move the point"
+    return "the inputs do not affect the outputs independently there: change the heading"

@@ -1,4 +1,4 @@
-"""Normal random numbers of the C that sweeps draw from: the same bits in `noslip simulate`, sample by sample."""
+"""Normal random numbers from the C that sweeps use, so that `noslip simulate` repeats a sample with the same bits."""
 
 from functools import lru_cache
 from importlib.resources import files
@@ -18,13 +18,15 @@ void noise_normal(uint64_t seed, uint64_t draw, int count, double *normal);
 
 
 class Noise:
-    """Draws of `width` independent numbers, mean 0, standard deviation 1: a pure function of seed and number of the draw."""
+    """Draws of `width` independent numbers, mean 0, standard deviation 1; they depend on the seed and the number of the draw
+    only.
+    """
 
     def __init__(self, seed: int, width: int):
         self._seed, self._width, self._drawn = seed, width, 0
 
     def draw(self) -> np.ndarray:
-        """The next ones, (width,)."""
+        """Return the next draw, (width,)."""
         ffi, lib = library()
         made = np.empty(self._width)
         lib.noise_normal(self._seed % 2**64, self._drawn, self._width, ffi.cast("double *", made.ctypes.data))
@@ -34,12 +36,12 @@ class Noise:
 
 @lru_cache
 def library() -> tuple[cffi.FFI, Any]:
-    """The compiled C, its types and its functions. Raises BadInput as `load` does."""
+    """Return the compiled C: types and functions. Raises BadInput as `load` does."""
     ffi = cffi.FFI()
     ffi.cdef(DECLARED)
     return ffi, load(ffi, {"library.c": SOURCE.format(header=HEADER), **source()})
 
 
 def source() -> dict[str, str]:
-    """The C of the random numbers: file name -> text."""
+    """Return the C of the random numbers: file name -> text."""
     return {HEADER: (files(__package__) / HEADER).read_text()}

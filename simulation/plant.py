@@ -1,4 +1,4 @@
-"""The true robot: dynamics (10), (11) of a mechanism with parameters of its own."""
+"""The plant: dynamics (10), (11) of a mechanism with its own parameters."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -27,7 +27,7 @@ class Plant:
         return self._rate(x, tau, self.parameters)[0]
 
     def step(self, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float) -> tuple[np.ndarray, float]:
-        """State after h seconds of constant tau by one DOP853 step, and its error norm: 1 is just within tolerance."""
+        """Return the state after h seconds of constant tau by one DOP853 step, and its error norm: 1 is the tolerance."""
         after, error = self._step(x, tau, self.parameters, h, tolerance)
         return after, float(error[0])
 
@@ -36,19 +36,21 @@ class Plant:
         return self._rows("energy", x)[:, 0]
 
     def power(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """What inputs and forces (friction, not weight) do, W, of each row of x and tau: the rate of the energy."""
+        """Return the power of inputs and forces (friction, not weight), W, for each row of x and tau: the rate of the energy."""
         return self._rows("power", x, tau)[:, 0]
 
     def slip(self, x: np.ndarray) -> np.ndarray:
-        """A qdot, what the constraints (2) leave, of each row of x."""
+        """Return A qdot, the residual of the constraints (2), for each row of x."""
         return self._rows("slip", x)
 
     def constraint_forces(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """lambda of (8), in the paper's sign, of each row of x and tau."""
+        """Return lambda of (8), with the paper's sign, for each row of x and tau."""
         return self._rows("forces", x, tau)
 
     def contacts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of each row of x: C, (N, 2 c, m), as `combination` has it; mass (kg) on each contact and its place left (m), (N, c)."""
+        """Return for each row of x: C, (N, 2 c, m), as in `combination`; mass (kg) on each contact and its position left (m),
+        (N, c).
+        """
         m, count = len(self.system.mechanism.constraint_names), len(self.system.mechanism.contacts)
         rows = np.split(self._rows("contacts", x), [2 * count * m, 2 * count * m + count], axis=1)
         return rows[0].reshape(-1, m, 2 * count).swapaxes(1, 2), rows[1], rows[2]

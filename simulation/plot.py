@@ -1,4 +1,4 @@
-"""Figures of runs: where the robot went, how far it was from what was wanted, how fast, with what torque."""
+"""Plots of runs: path, errors, speed and inputs."""
 
 import textwrap
 from collections.abc import Sequence
@@ -19,16 +19,17 @@ from .run import Run
 
 FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"
 SENSED = "#d08a00"
-SECOND = "#8a4fa3"  # beside POINT where two like things are drawn
+SECOND = "#8a4fa3"  # second colour beside POINT
 COLOURS = (POINT, SECOND, AXLE, VEHICLE)
-WIDE = 170  # characters of a line of the title
-OUTLINES, APART = 6, 2.5  # the vehicle is drawn at most so often, so many m apart
+WIDE = 170  # characters per line of the title
+OUTLINES, APART = 6, 2.5  # largest number of drawn vehicles, and their smallest distance, m
 
 
 def draw(run: Run) -> Figure:
-    """One figure: the path in the plane on the left; errors, forward speed and inputs over time on the right. SI units.
+    """Return the figure of a run: the path in the plane on the left; errors, forward speed and inputs over time on the right.
+    SI units.
 
-    Of a robot that is no vehicle: its outputs on the left, and on the right its quasi-velocities instead of the speed.
+    For a robot that is not a vehicle: its outputs on the left, and on the right its quasi-velocities instead of the speed.
     """
     figure = Figure(figsize=(13, 7.5), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1))
@@ -56,7 +57,7 @@ def draw(run: Run) -> Figure:
 
 
 def _clip(axes: Axes) -> None:
-    """Show the run, not the last instants before it stopped, where values grow without bound."""
+    """Limit the view to the run without the last instants before it stopped, when values grow without bound."""
     values = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.get_lines() if np.size(line.get_xdata()) > 2])
     low, high = np.nanpercentile(values, [2, 98])
     room = max(0.3 * (high - low), 0.1 * max(abs(low), abs(high)), 1e-3)
@@ -64,10 +65,10 @@ def _clip(axes: Axes) -> None:
 
 
 def _title(run: Run) -> str:
-    """Robot, law, backend; then the numbers it rests on."""
+    """Return the title: robot, law, backend; then parameters."""
     simulation = run.spec.simulation
     held = f"controller called every {simulation.period:g} s" if simulation.period else "continuous"
-    held += f", acting {simulation.delay:g} s later" if simulation.delay else ""
+    held += f", delay {simulation.delay:g} s" if simulation.delay else ""
     first = f"{run.law.system.mechanism.name}: {run.law.output.about}  ({run.law.name}, backend {simulation.backend}, {held})"
     names = [p.name for p in run.law.parameters]
     place = [] if run.spec.output.own else [f"L = {run.spec.output.L:g} m"]
@@ -79,19 +80,19 @@ def _title(run: Run) -> str:
         shown.append(f"{parameter.name} = {_measured(value, parameter.unit)}{mark}")
     truth = [f"{name} = {_measured(value, run.law.parameters[names.index(name)].unit)}" for name, value in run.spec.plant.items()]
     if truth:
-        shown.append("true robot: " + ", ".join(truth))
-    # a number keeps its unit: no break at single blanks
+        shown.append("plant: " + ", ".join(truth))
+    # keep a number and its unit on one line
     lines = textwrap.wrap(",  ".join(text.replace(" ", "\xa0") for text in shown), WIDE)
     return "\n".join([first, *lines]).replace("\xa0", " ")
 
 
 def _measured(value: float, unit: str) -> str:
-    """With its unit, unless that is 1."""
+    """Return a value with its unit, unless that is 1."""
     return f"{value:g}" if unit == "1" else f"{value:g} {unit}"
 
 
 def _gains(run: Run) -> dict[str, float]:
-    """Gains in use, kp, kd, kv for short where all of a kind are equal."""
+    """Return the gains, as kp, kd, kv if all of a kind are equal."""
     given = gain_entries(run.law, run.spec.gains, "gains")
     used = {gain.name: given.get(gain.name, gain.default) for gain in run.law.gains}
     used |= {name: ki for name, ki in integral_entries(run.law, run.spec.gains).items() if ki}
@@ -100,20 +101,20 @@ def _gains(run: Run) -> dict[str, float]:
 
 
 def _draw_plane(axes: Axes, run: Run) -> None:
-    """The followed curve, the loci of P_l, of the vehicle's point and of the axle, and the vehicle now and then."""
+    """Draw the path, the loci of P_l, of the vehicle's point and of the axle, and some outlines of the vehicle."""
     pose = _motion(run)
     p_l, vehicle, heading = pose[:, :2], pose[:, 2:4], pose[:, 4]
     point = "the vehicle's point" if run.spec.output.own else "$P_l$"
     axes.plot(*p_l.T, color=POINT, linewidth=1.8, label=f"locus of {point}", zorder=2.5)
     if run.spec.sensors:
         believed = _vehicle_motion(run, run.seen)[:, :2]
-        axes.plot(*believed.T, color=SENSED, linewidth=1.0, label="where it believes to be", zorder=2.4)
+        axes.plot(*believed.T, color=SENSED, linewidth=1.0, label="estimated position", zorder=2.4)
     if np.any(p_l != vehicle):
         axes.plot(*vehicle.T, ":", color=VEHICLE, linewidth=1.5, label="locus of the vehicle's point", zorder=2.6)
     ahead = _ahead_of_axle(run)
     if ahead:
         axle = vehicle - ahead * np.column_stack([np.cos(heading), np.sin(heading)])
-        axes.plot(*axle.T, "--", color=AXLE, linewidth=1.5, label="locus of the axle's middle $P_o$", zorder=2.6)
+        axes.plot(*axle.T, "--", color=AXLE, linewidth=1.5, label="locus of the middle of the axle $P_o$", zorder=2.6)
     _draw_vehicles(axes, run, vehicle, heading)
     ring: dict[str, Any] = {"markersize": 9, "markerfacecolor": "white", "markeredgewidth": 2}
     axes.plot(*p_l[0], "o", color=POINT, **ring, label=f"start of {point}", zorder=5)
@@ -135,7 +136,7 @@ def _draw_plane(axes: Axes, run: Run) -> None:
 
 
 def _draw_outputs(axes: Axes, run: Run) -> None:
-    """The first two outputs against each other where both are lengths, else all of them over time; and what is wanted."""
+    """Draw the first two outputs against each other if both are lengths, else all of them over time; and their desired values."""
     rows = run.law.output.rows
     if _are_places(run):
         _draw_places(axes, run, POINT)
@@ -150,12 +151,12 @@ def _draw_outputs(axes: Axes, run: Run) -> None:
 
 
 def _are_places(run: Run) -> bool:
-    """Are the first two outputs lengths, as the coordinates of a point are?"""
+    """Return whether the first two outputs are lengths, as the coordinates of a point are."""
     return [row.unit for row in run.law.output.rows[:2]] == ["m", "m"]
 
 
 def _draw_places(axes: Axes, run: Run, colour: str) -> None:
-    """The first two outputs against each other, and what is wanted of them."""
+    """Draw the first two outputs against each other, and their desired values."""
     first, second, *_ = run.law.output.rows
     axes.plot(*run.y_d[:, :2].T, color=FOLLOWED, linewidth=4, alpha=0.6, label="wanted", zorder=0)
     axes.plot(*run.y[:, :2].T, color=colour, label=f"{first.name}, {second.name}", zorder=2.7)
@@ -164,7 +165,7 @@ def _draw_places(axes: Axes, run: Run, colour: str) -> None:
 
 
 def _make_square(axes: Axes) -> None:
-    """Metres of the same length both ways, on a square that holds everything drawn."""
+    """Set equal scales on a square that contains everything drawn."""
     box = axes.dataLim
     half = 0.54 * max(box.width, box.height)
     x, y = (box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2
@@ -172,7 +173,7 @@ def _make_square(axes: Axes) -> None:
 
 
 def _draw_followed(axes: Axes, run: Run, path: Path, p_l: np.ndarray) -> None:
-    """The curve, where the signed distance is zero; its points next to the start and the end shall be in view."""
+    """Draw the curve where the signed distance is zero; its points nearest to the start and the end must be in view."""
     function, config = implicit_path(run.law.output), run.config[0]
     axes.update_datalim(function(p_l[[0, -1]].T, config)[1].full().T)
     _make_square(axes)
@@ -182,20 +183,20 @@ def _draw_followed(axes: Axes, run: Run, path: Path, p_l: np.ndarray) -> None:
 
 
 def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:
-    """Lines and arcs of a composite path, a mark at each join; those driven backward dashed."""
+    """Draw lines and arcs of a composite path, with a mark at each join; segments in reverse dashed."""
     for piece in segments:
         style: Any = (0, (2, 1)) if piece.backward else "-"
         axes.plot(*np.transpose(piece.places(100)), color=FOLLOWED, linestyle=style, linewidth=4, alpha=0.6, zorder=0)
     joins = np.array([piece.end[:2] for piece in segments])
     axes.plot(*joins.T, "|", color="#555555", markersize=9, zorder=1, label="join")
     backward = any(piece.backward for piece in segments)
-    label = "path to follow" + (" (dashed: driven backward)" if backward else "")
+    label = "path to follow" + (" (dashed: in reverse)" if backward else "")
     axes.plot([], [], color=FOLLOWED, linewidth=4, alpha=0.6, label=label)
     _make_square(axes)
 
 
 def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray) -> None:
-    """The robot to scale at instants evenly spread over the way gone, the nose marked."""
+    """Draw outlines to scale at equal distances along the path driven, with the front marked."""
     length = np.hypot(*np.diff(place, axis=0).T).sum()
     instants = np.unique(evenly_spread(place, int(np.clip(1 + length / APART, 2, OUTLINES))))
     forward = np.column_stack([np.cos(heading), np.sin(heading)])[instants]
@@ -211,11 +212,11 @@ def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray)
 
 
 def _draw_errors(axes: Axes, run: Run) -> None:
-    """What the outputs of relative degree 2 are off, each with its unit."""
+    """Draw the errors of the outputs of relative degree 2, each with its unit."""
     second = [k for k, degree in enumerate(run.law.linearization.relative_degree) if degree == 2]
     rows = [run.law.output.rows[k] for k in second]
     for k, row, colour in zip(second, rows, COLOURS, strict=False):
-        label = f"{row.name} - wanted, {run.error[-1, k]:.2g} {row.unit} at the end"
+        label = f"{row.name} - desired, {run.error[-1, k]:.2g} {row.unit} at the end"
         axes.plot(run.t, run.error[:, k], color=colour, label=label)
     axes.axhline(0.0, color="black", linewidth=0.8)
     units = " or ".join(dict.fromkeys(row.unit for row in rows))
@@ -224,14 +225,14 @@ def _draw_errors(axes: Axes, run: Run) -> None:
 
 
 def _draw_speed(axes: Axes, run: Run) -> None:
-    """Forward speed of the vehicle, and the wanted one where there is one."""
+    """Draw the forward speed of the vehicle, and the desired one if there is one."""
     speed = _motion(run)[:, 5]
     axes.plot(run.t, speed, color=VEHICLE, label="forward speed")
     for row, wanted in zip(run.law.output.rows, run.y_d.T, strict=True):
         if row.name == "speed":
             axes.plot(run.t, wanted, color=FOLLOWED, linewidth=3, alpha=0.6, label="wanted", zorder=0)
     low, high = axes.get_ylim()
-    spread = 0.05 * np.abs(speed).max()  # a constant speed shall look constant
+    spread = 0.05 * np.abs(speed).max()  # so that a constant speed looks constant
     axes.set_ylim(min(low, speed.min() - spread), max(high, speed.max() + spread))
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_ylabel("forward speed (m/s)")
@@ -247,9 +248,9 @@ def _draw_rates(axes: Axes, run: Run) -> None:
 
 
 def _draw_inputs(axes: Axes, run: Run) -> None:
-    """The inputs, as held between calls of the controller where the rows show that."""
+    """Draw the inputs, as held between calls of the controller if the rows show that."""
     inputs = run.law.system.mechanism.inputs
-    going = slice(None, -1) if run.stopped else slice(None)  # where it stopped there is none
+    going = slice(None, -1) if run.stopped else slice(None)  # the last row of a stopped run has no torque
     held = run.spec.simulation.period >= run.spec.simulation.output_step
     style = "steps-post" if held else "default"
     for given, values, colour in zip(inputs, run.tau[going].T, COLOURS, strict=False):
@@ -261,7 +262,7 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
 
 
 def _ahead_of_axle(run: Run) -> float:
-    """How far the vehicle's point is ahead of the axle, m; 0 as well where there is no axle fixed to the vehicle."""
+    """Return the distance of the vehicle's point ahead of the axle, m; 0 also if no axle is fixed to the vehicle."""
     try:
         return vehicle_wheels(run.law.system, run.plant.parameters)[2]
     except BadInput:
@@ -269,18 +270,18 @@ def _ahead_of_axle(run: Run) -> float:
 
 
 def _motion(run: Run) -> np.ndarray:
-    """P_l (m), the vehicle's point (m), heading (rad) and forward speed (m/s) of every row, (N, 6)."""
+    """Return P_l (m), the vehicle's point (m), heading (rad) and forward speed (m/s) of every row, (N, 6)."""
     motion = _vehicle_motion(run, run.x)
     return np.hstack([_reference_points(run, motion), motion[:, :4]])
 
 
 def _vehicle_motion(run: Run, x: np.ndarray) -> np.ndarray:
-    """x, y, heading, forward speed, yaw rate of the vehicle for each row of states."""
+    """Return x, y, heading, forward speed, yaw rate of the vehicle for each row of states."""
     return vehicle_motion(run.law.system)(x.T, run.plant.parameters).full().T
 
 
 def _reference_points(run: Run, motion: np.ndarray) -> np.ndarray:
-    """P_l of every row, wherever it was on the vehicle at that time."""
+    """Return P_l of every row, with its position on the vehicle at that time."""
     names = [c.name for c in run.law.config]
     ahead, left = (run.config[:, names.index(name)] if name in names else 0.0 for name in ("L", "W"))
     cosine, sine = np.cos(motion[:, 2]), np.sin(motion[:, 2])

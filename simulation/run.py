@@ -36,11 +36,11 @@ class Outputs:
 class Run(Outputs):
     """What happened, a row for each output time: t (N), q (N, n), nu (N, n-m), tau (N, r), y and y_d (N, n-m), status (N).
 
-    SI units, columns named by `law`; `spec` says how it was run (backend, tolerance). y are the true outputs, with the
-    plant's parameters; y_d is what was wanted. `forces` (N, m) are the constraint forces lambda (8) in the paper's sign, N;
-    `seen` (N, 2n-m) is the state the controller worked with, `piece` (N) which piece of a composite path it followed, `integral`
+    SI units, columns named by `law`; `spec` is the SPEC with backend and tolerance used. y are the true outputs, with the
+    plant's parameters; y_d are the desired ones. `forces` (N, m) are the constraint forces lambda (8) in the paper's sign, N;
+    `seen` (N, 2n-m) is the state that the controller sees, `piece` (N) the current segment of a composite path, `integral`
     (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action, `integral_rows`.
-    When a run stopped, its last row tells where, with the status that stopped it and no torque.
+    If a run stopped, its last row has the time, the state and the status that stopped it, and no torque.
     """
 
     spec: Spec
@@ -63,7 +63,7 @@ class Run(Outputs):
 
     @property
     def columns(self) -> list[str]:
-        """Names of the CSV's columns."""
+        """Return the names of the CSV columns."""
         mechanism = self.law.system.mechanism
         names = ["t", *[q.name for q in (*self.law.state, *mechanism.inputs)]]
         names += [*[f"y{k + 1}" for k in range(self.y.shape[1])], "status"]
@@ -74,7 +74,7 @@ class Run(Outputs):
 
     @property
     def composite(self) -> bool:
-        """Is the path followed piece by piece?"""
+        """Whether the path is a composite one."""
         return bool(self.spec.output.segments)
 
     @property
@@ -83,7 +83,7 @@ class Run(Outputs):
         return np.hstack([self.q, self.nu])
 
     def csv(self) -> str:
-        """The run as CSV, 17 significant digits."""
+        """Return the run as CSV, with 17 significant digits."""
         numbers = np.column_stack([self.t, self.x, self.tau, self.y]).tolist()
         more = np.column_stack([self.forces, *([self.seen] if self.spec.sensors else []), self.integral]).tolist()
         pieces = [[str(piece)] if self.composite else [] for piece in self.piece]
@@ -95,5 +95,5 @@ class Run(Outputs):
 
 
 def lambda_columns(mechanism: Mechanism) -> list[str]:
-    """Names for the columns of Plant.constraint_forces, in the order of the constraints (N where a constraint is in m/s)."""
+    """Return names for the columns of Plant.constraint_forces, in the order of the constraints (N for a constraint in m/s)."""
     return [f"lambda_{k + 1}" for k in range(len(mechanism.constraint_names))]

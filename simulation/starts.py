@@ -1,4 +1,4 @@
-"""Where robots start, many at once: from a point, a heading and a speed to coordinates and quasi-velocities."""
+"""Initial states of many robots at once: from a point, a heading and a speed to coordinates and quasi-velocities."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -11,8 +11,8 @@ from ..model.outputs import body_point, forward_speed, reference_point
 from ..model.reduction import ReducedSystem
 
 TRIES = 50
-ENOUGH = 1e-12  # of what is wanted
-DEPENDENT = 1e-13  # of a row: what is left of it by the others is rounding
+ENOUGH = 1e-12  # relative residual
+DEPENDENT = 1e-13  # of a row: a smaller remainder after subtracting the others is due to rounding
 
 
 def starts(
@@ -22,11 +22,11 @@ def starts(
     pose: np.ndarray,
     speed: np.ndarray,
 ) -> np.ndarray:
-    """[q; nu] at t = 0, (N, 2n-m), of N robots with `parameters` (N, P), of which the point P_l, L ahead and W to the left as in
-    `place` (N, N), is to be at `pose` (N, 3): x, y (m) and heading (rad), with a forward `speed` (N) m/s and no turning.
+    """Return [q; nu] at t = 0, (N, 2n-m), of N robots with `parameters` (N, P), such that the point P_l, L ahead and W to the
+    left as in `place` (N, N), is at `pose` (N, 3): x, y (m) and heading (rad), with a forward `speed` (N) m/s and no turning.
 
-    What these leave open is least; first without the coordinates that the reduced mass matrix depends on: a vehicle starts
-    with its wheels straight. NaN where the robot cannot be there.
+    Of the remaining freedom, the solution of least norm is used; coordinates on which the reduced mass matrix depends stay zero
+    if possible: a vehicle starts with its wheels straight. NaN if the robot cannot be there.
     """
     where, motion, shape = _functions(system)
     known = [*place, *parameters.T]
@@ -61,7 +61,9 @@ def _functions(system: ReducedSystem) -> tuple[ca.Function, ca.Function, np.ndar
 
 
 def _solved(function: Callable, wanted: np.ndarray, given: list[np.ndarray], moves: np.ndarray) -> np.ndarray:
-    """Newton's method, least-norm steps from zero to function(unknown, given) = wanted, (N, .); NaN where it gets nowhere."""
+    """Solve function(unknown, given) = wanted, (N, .), by Newton's method with least-norm steps from zero; NaN if it does not
+    converge.
+    """
     known = np.array(given)
     found = np.zeros((len(wanted), len(moves)))
     enough = ENOUGH * np.maximum(1.0, np.abs(wanted).max(axis=1, initial=0.0))
@@ -85,9 +87,9 @@ def _solved(function: Callable, wanted: np.ndarray, given: list[np.ndarray], mov
 
 
 def _least(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Least-norm x with A x = b, (N, k) from (N, m, k) and (N, m). A row that depends on those before it is left out.
+    """Return the least-norm x with A x = b, (N, k) from (N, m, k) and (N, m). A row that depends on those before it is ignored.
 
-    Gram and Schmidt's method twice over, in sums of a fixed order: those of LAPACK depend on the processor.
+    Uses the Gram-Schmidt process twice, with sums in a fixed order: those of LAPACK depend on the processor.
     """
     directions: list[np.ndarray] = []
     x = np.zeros((len(A), A.shape[2]))

@@ -31,7 +31,7 @@ def as_sampled(spec: Spec) -> Spec:
     """The SPEC with a control period: its own, or where it is continuous that of [sweep]. Raises BadInput without [sweep]."""
     own, asked = spec.simulation.period, sweep_of(spec).period
     if own and asked:
-        raise BadInput("[sweep] period is for a continuous SPEC; [simulation] period says already how often it is called")
+        raise BadInput("[sweep] period applies to a continuous SPEC; here [simulation] period is given")
     return spec if own else replace(spec, simulation=replace(spec.simulation, period=asked or PERIOD))
 
 
@@ -52,7 +52,7 @@ class Plan:
             raise BadInput(f"--samples {self.samples}: a {design} design has at most {MOST[design]}")
         for name in self.margins:
             if name == "sensors.seed":
-                raise BadInput("[sweep.sensors] seed: every sample has a seed of its own already")
+                raise BadInput("[sweep.sensors] seed: every sample has its own seed already")
             if name not in self.inputs.names:
                 lists = [known for known in self.inputs.names if known.startswith(f"{name}[")]
                 hint = f"; give a list of {len(lists)}" if lists else suggestion(name, self.inputs.names)

@@ -95,7 +95,7 @@ class SweepProgress:
         self._before = self._done = done
         self._start = self._last = time.monotonic()
         if done and done < self._samples:
-            print(f"going on: {done} of {self._samples} samples are there", file=sys.stderr)
+            print(f"resuming: {done} of {self._samples} samples exist", file=sys.stderr)
 
     def add(self, count: int) -> None:
         """So many more are done."""

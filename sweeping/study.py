@@ -1,4 +1,4 @@
-"""A sweep made ready: its SPEC as it is run, the simulator, the plan of the samples, and what counts as failure."""
+"""A sweep prepared for execution: its SPEC, the simulator, the plan of the samples, and the criterion of failure."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -24,7 +24,7 @@ STOPPED = 1e6  # severity of a run that stops before its time: beyond any other,
 
 @dataclass(frozen=True)
 class Criterion:
-    """When a sample fails: it stopped before its time (`status`), or the size of an outcome is beyond its limit."""
+    """The criterion of failure: the run stopped early (`status`), or the absolute value of an outcome exceeds its limit."""
 
     status: bool
     limits: Mapping[str, float]
@@ -42,7 +42,7 @@ class Criterion:
         return worst
 
     def __str__(self):
-        parts = ["it stops before its time"] if self.status else []
+        parts = ["it stops early"] if self.status else []
         return " or ".join([*parts, *(f"|{name}| > {limit:g}" for name, limit in self.limits.items())])
 
 
@@ -125,7 +125,7 @@ def _criterion(sweep: Sweep, batch: Batch) -> Criterion:
     limits = {long: limit for name, limit in given.items() for long in _in_full(name, batch)}
     for name in limits:
         if name not in batch.outcomes or name in ("status", "steps"):
-            raise BadInput(f"[sweep] fails: {name!r} is no outcome{suggestion(name, batch.outcomes)}")
+            raise BadInput(f"[sweep] fails: {name!r} is not an outcome{suggestion(name, batch.outcomes)}")
     return Criterion(status, limits, batch.outcomes)
 
 

@@ -35,7 +35,7 @@ LAWS = tuple(OUTPUTS)
 OFFSET_LAWS = ("type_i_offset", "type_iv_line_offset", "type_iv_circle_offset")
 PATHS = tuple(law for law in LAWS if law.startswith("type_iv"))
 AXLE, NORMAL = "P_l lies on the axle", "the heading is normal to the path"
-NORMAL_OR_FLAT = f"{NORMAL}, or the distance has no slope at P_l"  # of an implicit path, whose distance is approximate
+NORMAL_OR_FLAT = f"{NORMAL}, or the gradient of the distance vanishes at P_l"  # implicit path
 
 
 class Numbers:
@@ -508,7 +508,7 @@ def test_report_of_what_has_no_outputs():
         (["labmat"], "did you mean 'labmate'"),
         (["labmate", "--output", "type_v"], "unknown output 'type_v'"),
         (["labmate", "--start", "none.toml"], "none.toml"),
-        (["{file}:nothing"], "no robot 'nothing'"),
+        (["{file}:nothing"], "it does not define a robot 'nothing'"),
         (["{file}:three"], "neither a Mechanism"),
         (["{file}:broken"], "ValueError: no"),
         (["{file}:car", "--output", "type_i"], "no inputs"),

@@ -361,7 +361,7 @@ def test_a_robot_without_contacts():
     system = reduce(no_contacts())
     assert contact_forces(Plant(system, [2.0, 0.3]), np.zeros((3, 5)), np.zeros((3, 2)), ContactSection()) == ()
     found = Grip(np.zeros(3), (), ContactSection())
-    assert found.summary() == found.verdict() == "not known whether it rolls: the robot names no contacts"
+    assert found.summary() == found.verdict() == "not known whether it rolls: the robot defines no contacts"
 
 
 def no_contacts() -> Mechanism:
@@ -390,7 +390,7 @@ REFUSED = {
     "name": (lambda r: contact(r, "", along=0), "name"),
     "twice": (lambda r: contact(r, "blade", along=0), "'blade' is used twice"),
     "no velocity": (lambda r: contact(r), "requires a velocity"),
-    "no expression": (lambda r: contact(r, along="fast"), "no expression"),
+    "not an expression": (lambda r: contact(r, along="fast"), "not an expression"),
     "matrix": (lambda r: contact(r, along=r.qdot), "scalar"),
     "mass that moves": (lambda r: contact(r, mass=r.qdot[0], along=0), "uses rates"),
     "stranger": (lambda r: contact(r, mass=ca.SX.sym("m"), along=0), "uses m"),

@@ -264,7 +264,7 @@ def test_check_finds_a_wrong_value(case, write, backend, capsys):
     path = write([good, case])
     assert main(["check", path, "--backend", backend]) == 1
     out = capsys.readouterr().out
-    assert f"{backend}: tau off by" in out and f"{path}: case 1" in out
+    assert f"{backend}: tau has an error of" in out and f"{path}: case 1" in out
     assert main(["check", path, "--backend", backend, "--json"]) == 1
     answer = json.loads(capsys.readouterr().out)
     assert answer["ok"] is False and len(answer["failures"]) == 1
@@ -371,7 +371,7 @@ def test_malformed_case(case, write, tmp_path, bad_input, name):
     [
         ("", "not valid JSON, or truncated"),
         ('{"cases": [{"params": {"b": "0.75", "d', "not valid JSON, or truncated"),
-        ("b = 0.75", "no JSON"),
+        ("b = 0.75", "not valid JSON"),
         ("[]", "must be an object"),
         ("{}", "cases missing"),
         ('{"cases": []}', "at least one case"),

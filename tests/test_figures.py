@@ -62,7 +62,7 @@ def test_a_table_takes_the_place_of_the_whole_table():
         ({"initial.heading": "north"}, "'north' is not a number"),
         ({"initial.heading": math.nan}, "not finite"),
         ({"robot.name": "labmate"}, "robot is not a table"),
-        ({"simulation.tolerance": 1.0}, "must lie between"),
+        ({"simulation.tolerance": 1.0}, "must be between"),
     ],
 )
 def test_changes_are_checked(changes, said):

@@ -420,7 +420,7 @@ def test_what_acts_when():
     assert np.abs(none[:4] - none[0]).max() == 0 and np.abs(none[4] - none[0]).max() > 0.1
     assert np.all(half[:2] == 0) and np.array_equal(half[2:6], np.tile(half[2], (4, 1))) and np.array_equal(half[2], none[0])
     assert np.all(whole[:4] == 0) and np.array_equal(whole[4:8], np.tile(none[0], (4, 1)))
-    assert "acting 0.05 s later" in summary(rows[0.05]) and "later" not in summary(rows[0.0])
+    assert "delay 0.05 s" in summary(rows[0.05]) and "delay" not in summary(rows[0.0])
 
 
 def test_a_very_short_delay_is_none():
@@ -546,7 +546,7 @@ BAD = {
     "delay without a period": (toml(duration="duration = 1.0\ndelay = 0.01"), "delay = 0.01 must be 0 without a period"),
     "delay too long": (toml(period="period = 0.01\ndelay = 0.011"), "must be at most the period, 0.01 s"),
     "negative delay": (toml(period="period = 0.01\ndelay = -0.001"), "[simulation] delay"),
-    "limits, continuous": (toml(gains="gains = { ki = 0.1 }\nlimits = { torque = 5.0 }"), "needs [simulation] period > 0"),
+    "limits, continuous": (toml(gains="gains = { ki = 0.1 }\nlimits = { torque = 5.0 }"), "requires [simulation] period > 0"),
     "no integral": (toml(gains="limits = { torque = 5.0, integral = 1.0 }"), "requires integral action"),
     "limits of three": (
         toml(gains="gains = { ki = 0.1 }\nlimits = { torque = 5.0, integral = [1, 1, 1] }", period="period = 0.01"),

@@ -778,7 +778,7 @@ def test_parameter_values_fill_in_defaults():
         ({"d": None}, "spec: d = None is not a number"),
         ({"d": 1j}, "spec: d = 1j is not a number"),
         ({"r": 10**400}, "spec: r = 100000000000... is too large"),
-        (None, "spec: must be names with their values, got None"),
+        (None, "spec: must be names with their values, not None"),
         ({"radius": 1.0}, "spec: unknown name 'radius'; known are I_c, I_m, I_w, b, d, m_c, m_w, r"),
     ],
 )
@@ -928,7 +928,7 @@ REFUSED = {
     "no inputs": (lambda: reduce(plain(inputs="")), "plain: no inputs; add them with input"),
     "no motion left": (
         having(lambda robot, s: [robot.rolls(name, s[f"{name}_dot"]) for name in "xh"]),
-        "plain: 3 constraints leave no motion in 3 coordinates",
+        "plain: 3 constraints allow no motion in 3 coordinates",
     ),
     "dependent constraints": (
         having(lambda robot, s: robot.rolls("again", 2 * sin(s["h"]) * s["x_dot"] - 2 * cos(s["h"]) * s["y_dot"])),
@@ -941,7 +941,7 @@ REFUSED = {
     ),
     "inputs on one motion": (
         lambda: reduce(plain(inputs="hh")),
-        "plain: S'E has rank below n - m = 2: the inputs do not reach every motion",
+        "plain: S'E has rank below n - m = 2: the inputs do not affect every motion",
     ),
     "massless": (massless, "plain: the mass matrix S'MS is singular: a motion without kinetic energy"),
     "constraint not linear": (
@@ -983,10 +983,10 @@ REFUSED = {
     ),
     "force of a stranger": (having(lambda robot, s: robot.force(unknown(), on=s["x_dot"])), "plain: a force uses stranger"),
     "quasi-velocity of a stranger": (having(quasi(lambda s: unknown() * s["x_dot"])), "plain: a quasi-velocity uses stranger"),
-    "one quasi-velocity": (having(quasi(lambda s: s["h_dot"])), "plain: 1 quasi-velocities, there must be n - m = 2"),
+    "one quasi-velocity": (having(quasi(lambda s: s["h_dot"])), "plain: 1 quasi-velocities; there must be n - m = 2"),
     "dependent quasi-velocities": (
         having(quasi(lambda s: s["h_dot"], lambda s: 2 * s["h_dot"])),
-        "plain: the quasi-velocities do not fix the motion: they depend on the constraints or on each other",
+        "plain: the quasi-velocities do not determine the motion: they depend on the constraints or on each other",
     ),
     "S of the wrong shape": (having(null_space(lambda s: ca.SX.eye(3))), "plain: S is 3 x 3; it must be n x (n-m) = 3 x 2"),
     "S with dependent columns": (having(null_space(lambda s: ca.SX(3, 2))), "plain: the columns of S are dependent"),
@@ -996,7 +996,7 @@ REFUSED = {
     ),
     "matrix for a scalar": (
         having(lambda robot, s: robot.kinetic_energy(ca.SX(2, 1))),
-        "plain: kinetic energy must be a scalar, it is 2 x 1",
+        "plain: kinetic energy must be a scalar; it is 2 x 1",
     ),
     "MX energy": (
         having(lambda robot, s: robot.kinetic_energy(ca.MX.sym("a"))),
@@ -1029,7 +1029,7 @@ REFUSED = {
     "which quasi-velocity is not linear": (having(quasi(lambda s: s["x"])), "quasi-velocity 'n0' is not linear"),
     "automatic name twice": (
         having(lambda robot, s: robot.parameter("x_rate", 1.0, "1")),
-        "the name 'x_rate' is used twice, it is also that of a quasi-velocity chosen here",
+        "the name 'x_rate' is used twice: it is also that of an automatically chosen quasi-velocity",
     ),
     "rate's name twice": (
         having(lambda robot, s: [robot.parameter("z_dot", 1.0, "1"), robot.coordinate("z", "m")]),
@@ -1102,7 +1102,7 @@ OUTPUTS_REFUSED = {
         lambda: control_law(system_of("edge"), OutputMap("mine", "", (OutputRow("a b", "m", "", place(system_of("edge"))),) * 2)),
         "'a b'",
     ),
-    "no vehicle": (lambda: OUTPUTS["type_i"](system_of("swinging")), "swinging: Types I to IV need to know where the vehicle is"),
+    "no vehicle": (lambda: OUTPUTS["type_i"](system_of("swinging")), "swinging: Types I to IV require the pose of the vehicle"),
     "path without a point": (
         lambda: type_iv(labmate_system(), implicit("flat", "", (), lambda x, y: ca.SX(1))),
         "path 'flat': f(x, y) does not depend on x or y",
@@ -1124,7 +1124,7 @@ OUTPUTS_REFUSED = {
     ),
     "quasi-velocity not felt": (
         lambda: law_of(place, lambda s: s.nu[0]),
-        "Phi is singular everywhere: no output feels the input along w",
+        "Phi is singular everywhere: no output depends on the input along w",
     ),
     "path of nothing": (
         lambda: type_iv(labmate_system(), implicit("flat", "", (), lambda x, y: None)),

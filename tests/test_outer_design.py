@@ -163,7 +163,7 @@ def test_deadbeat():
         (lambda: from_settling(2, -1.0), "must be positive"),
         (lambda: from_settling(2, 1.0, NAN), "must be positive and finite"),
         (lambda: from_settling(2, "1"), "is not a number"),
-        (lambda: from_lqr(2, [1, 1]), "LQR takes 3"),
+        (lambda: from_lqr(2, [1, 1]), "LQR requires 3"),
         (lambda: from_lqr(2, [1, 0, 1]), "largest rate = 0"),
         (lambda: from_lqr(2, [1, 1, 1], period=0.0), "period = 0"),
         (lambda: from_discrete_poles(2, [1.0, 0.5], 0.1), "unstable"),
@@ -173,9 +173,9 @@ def test_deadbeat():
         (lambda: Gains(2, 1.0, 1.0, 2.0).check(), "unstable, it has a pole at"),
         (lambda: Gains(1, NAN).check(), "not finite"),
         (lambda: Channel("y", "m", PAPER, 0.0), "period = 0"),
-        (lambda: Channel("y", "m", PAPER, delay=True), "needs a period"),
+        (lambda: Channel("y", "m", PAPER, delay=True), "requires a period"),
         (lambda: Channel("y", "m", PAPER, 0.81).margins(), "stable below 0.8 s"),
-        (lambda: Channel("y", "m", PAPER, 0.37, True).margins(), "with a sample's delay, is beyond stability"),
+        (lambda: Channel("y", "m", PAPER, 0.37, True).margins(), "with a delay of one sample, is beyond stability"),
     ],
 )
 def test_refused(make, reason):

@@ -153,7 +153,7 @@ def test_protocol_errors_have_a_number(host):
 
 
 def test_a_call_that_is_refused(host):
-    with pytest.raises(TargetFault, match="refuses the call law_step of object 5000, 48 bytes: object"):
+    with pytest.raises(TargetFault, match="rejects the call law_step of object 5000, 48 bytes: object"):
         host.call("law_step", 5000, bytes(48))
     with pytest.raises(TargetFault, match="has ended"):
         host.call("hello", 0, b"")
@@ -167,10 +167,13 @@ def test_a_call_that_is_refused(host):
         ("echo it hurts >&2; exit 3", r"has ended \(it hurts\)"),
         ("exec sleep 60", "has not answered for 1 s"),
         ("head -c 20 /dev/zero", "sends an invalid answer"),
-        ("printf 'NPIL\\001\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\004\\0\\0\\0abcd'; exec sleep 60", "says hello with 4 bytes"),
+        (
+            "printf 'NPIL\\001\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\004\\0\\0\\0abcd'; exec sleep 60",
+            "sends an initial answer of 4 bytes",
+        ),
         (
             "printf 'NPIL\\001\\0\\0\\0\\003\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0'; exec sleep 60",
-            "refuses the call hello of object 0, 0 bytes",
+            "rejects the call hello of object 0, 0 bytes",
         ),
         ("printf 'NPIL\\001\\0\\0\\0'; exec sleep 60", "has not answered for 1 s"),
     ],
@@ -304,10 +307,10 @@ def test_replay_refuses_what_is_damaged(record, tmp_path, capsys):
 
     for text, said in (
         ("", "its first line is not"),
-        ("\n".join(lines[:1]), "here must be 'robot'"),
-        ("\n".join(lines[:-1]), "not whole"),
-        ("\n".join(lines[:20]), "not whole"),
-        ("\n".join([*lines[:k], *lines[k + 1 :]]), "not whole"),
+        ("\n".join(lines[:1]), "expected 'robot'"),
+        ("\n".join(lines[:-1]), "incomplete"),
+        ("\n".join(lines[:20]), "incomplete"),
+        ("\n".join([*lines[:k], *lines[k + 1 :]]), "incomplete"),
         (but(1, "robot labmat"), "labmat"),
         (but(2, "law type_v"), "type_v"),
         (but(3, "model " + "0" * 64), "another model"),
@@ -318,7 +321,7 @@ def test_replay_refuses_what_is_damaged(record, tmp_path, capsys):
         (but(k, lines[k].replace("law_step 0", "law_step -1")), f"{k + 1}: not a call"),
         (but(k, lines[k].replace("law_step 0", "law_step 4000")), f"line {k + 1}: "),
         (but(k, lines[k].replace("law_step 0", "law_step 0 00000000")), f"line {k + 1}: "),
-        (but(k, lines[k] + " 00000000"), f"line {k + 1}: law_step 0 has 3 numbers as answer, it must have 2"),
+        (but(k, lines[k] + " 00000000"), f"line {k + 1}: law_step 0 has 3 numbers as result; it must have 2"),
     ):
         code, found = replayed(text, tmp_path, capsys)
         assert code == 2 and said in found and found.count("\n") == 1, found

@@ -583,7 +583,7 @@ def test_bad_command_lines(argv, words, bad_input):
         ("", "points.csv: waypoints: 0 given"),
         ("0,0\n1,0\n1,0\n", "points.csv: waypoints 2 and 3 are the same"),
         ("0,0,0\n1,0,nan\n", "points.csv: the heading at waypoint 2 is nan"),
-        ("\xff\xfe\x00", "points.csv: no table of numbers"),
+        ("\xff\xfe\x00", "points.csv: not a table of numbers"),
     ],
 )
 def test_bad_waypoints(text, words, bad_input, tmp_path):

@@ -480,7 +480,7 @@ def test_contact_along_a_line_is_marked_and_refused():
     for pair in ((cylinder(R), plane()), (plane(), plane()), (sphere(R), hollow(sphere(R)))):
         contact = RollingContact(*pair)
         assert "touch along a line" in contact.formal
-        with pytest.raises(ModelError, match="formally; take the basis"):
+        with pytest.raises(ModelError, match="formally; use the basis"):
             _ = contact.S
     robot = Mechanism("roller")
     q = [robot.coordinate(name, "1") for name in ("a", "b", "c", "d", "e")]
@@ -524,8 +524,8 @@ BAD_SURFACES = [
     (lambda: Surface("fold", lambda u, v: (u, v, ca.fabs(u))), "not smooth, its position uses fabs"),
     (lambda: Surface("step", lambda u, v: (u, v, ca.if_else(u > 0, u, 0))), "not smooth"),
     (lambda: Surface("flat", lambda u, v: (u, v)), "3 components, it has 2"),
-    (lambda: Surface("thread", lambda u, v: (u, 2 * u, 0)), r"zero everywhere: no surface"),
-    (lambda: Surface("thin", lambda u, v: (u + v, 2 * (u + v), sin(u + v))), r"zero everywhere: no surface"),
+    (lambda: Surface("thread", lambda u, v: (u, 2 * u, 0)), r"zero everywhere: not a surface"),
+    (lambda: Surface("thin", lambda u, v: (u + v, 2 * (u + v), sin(u + v))), r"zero everywhere: not a surface"),
     (lambda: Surface("colatitude", lambda u, v: (sin(u) * cos(v), sin(u) * sin(v), cos(u))), "name a regular place with at="),
     (lambda: Surface("typo", lambda u, v: (u, v, 0), at={"w": 1}), "unknown name 'w'"),
     (lambda: Surface("taken", lambda u, v: (u, v, ca.SX.sym("u"))), "'u' is a coordinate"),
@@ -656,7 +656,7 @@ def test_rolls_on_takes_expressions_and_refuses_a_wrong_number():
     robot = Mechanism("wheel")
     R = robot.parameter("R", 0.1, "m")
     x, theta = robot.coordinate("x", "m"), robot.coordinate("theta", "rad")
-    with pytest.raises(ModelError, match=r"q must be \(u1, u2\), it has 3 entries"):
+    with pytest.raises(ModelError, match=r"q must be \(u1, u2\); it has 3 entries"):
         rolls_on(robot, "wheel", PlanarContact(circle(R), line()), [theta, x, x])
     with pytest.raises(ModelError, match="is not an expression"):
         rolls_on(robot, "wheel", PlanarContact(circle(R), line()), ["theta", x])

@@ -225,7 +225,7 @@ def test_which_way_it_must_drive():
     moving = form_of(led_by_its_rear_body()).moving[0]
     assert moving.stable_when == "V < 0 and L < 0" and [each.way for each in moving.shape.followers] == [-1]
     (moving,) = form_of(led_by_its_rear_body(), "type_i").moving
-    assert not moving.stable_when and "driving forward, where gamma turns away; else" in moving.settles
+    assert not moving.stable_when and "driving forward, where gamma diverges; else" in moving.settles
 
 
 @pytest.mark.parametrize("robot", [hitched(straight=0.3), hitched(sign="any"), hitched(uneven=0.2)])
@@ -235,17 +235,17 @@ def test_what_is_not_decided_is_not_claimed(robot):
     (moving,) = form.moving
     assert not moving.shape.decided and moving.shape.names == ("hitch",) and moving.shape.followers == ()
     assert "the heading is stable if and only if L*V > 0, then s -> 0" in str(moving)
-    assert str(moving).endswith("whether hitch settles is not examined")
+    assert str(moving).endswith("whether hitch converges is not decided")
     found = as_json(analyse(robot, ["type_iv_line"]))["outputs"]["type_iv_line"]
-    assert found["moving_reference"][0]["not_examined"] == ["hitch"] and "not examined" in found["zero_dynamics"]
+    assert found["moving_reference"][0]["not_examined"] == ["hitch"] and "not decided" in found["zero_dynamics"]
 
 
 def test_what_people_read():
     answer = analyse(hitched(), ["type_i", "type_iv_circle"])
-    line = "hitch' = -v*sin(hitch)/l: settles driving forward, turns away in reverse"
+    line = "hitch' = -v*sin(hitch)/l: converges driving forward, diverges in reverse"
     for text in (" ".join(as_text(answer).split()), html.unescape(report(answer))):
         assert line in text and "stable if and only if V > 0 and L > 0, then s" in text and "L*V > 0" not in text
-        assert "driving backward, where hitch turns away" in text and "V along a path that bends little" in text
+        assert "driving in reverse, where hitch diverges" in text and "V along a path of small curvature" in text
     found = as_json(answer)["outputs"]["type_iv_circle"]
     assert line in found["zero_dynamics"] and "V > 0 and L > 0" in found["zero_dynamics"]
     (moving,) = found["moving_reference"]
@@ -254,7 +254,7 @@ def test_what_people_read():
 
 def test_nothing_is_said_of_what_has_no_shape():
     found: Answer = analyse(find_robot("knife_edge"), ["type_iv_line"])
-    assert "driven straight" not in as_text(found) and "stable if and only if L*V > 0" in " ".join(as_text(found).split())
+    assert "driving straight" not in as_text(found) and "stable if and only if L*V > 0" in " ".join(as_text(found).split())
 
 
 @pytest.mark.parametrize("name", ["four_wheel", "tractor_trailer:3"])

@@ -313,7 +313,7 @@ BAD = {
     "composite path": (toml(path='path = { kind = "composite", segments = [] }'), "not a list of lines and arcs"),
     "no path": (toml(path=""), "path"),
     "no kind": (toml(path="path = { A = 1.0 }"), "kind"),
-    "no line": (toml(path='path = { kind = "line", A = 0.0, B = 0.0, C = 0.0 }'), "no line"),
+    "not a line": (toml(path='path = { kind = "line", A = 0.0, B = 0.0, C = 0.0 }'), "not a line"),
     "unknown type": (toml(type='type = "V"'), "[output] type"),
     "unknown backend": (toml(backend='backend = "rust"'), "rust"),
     "missing duration": (toml(duration=""), "[simulation] duration"),

@@ -268,17 +268,17 @@ def test_a_full_disk_is_one_line_and_loses_nothing(spec, tmp_path, monkeypatch, 
         ("\n[sweep.plant]\nm_d = { normal = [30.0, 6.0] }\n", "plant.m_d is not a number of this SPEC that can vary"),
         ("\n[sweep.plant]\nm_c = { gauss = [30.0, 6.0] }\n", "unknown key 'gauss'"),
         ("\n[sweep.plant]\nm_c = { normal = [30.0, 0.0] }\n", "sd = 0 must be positive"),
-        ("\n[sweep.plant]\nm_c = { normal = [30.0] }\n", "has 1 numbers, it must be [mean, sd]"),
+        ("\n[sweep.plant]\nm_c = { normal = [30.0] }\n", "has 1 numbers; it must be [mean, sd]"),
         ("\n[sweep.plant]\nm_c = { normal = [nan, 1.0] }\n", "is not finite"),
         ("\n[sweep.plant]\nm_c = { uniform = [3.0, 2.0] }\n", "3 must be below 2"),
         ("\n[sweep.plant]\nm_c = { log_uniform = [0.0, 2.0] }\n", "0 must be positive"),
-        ("\n[sweep.plant]\nm_c = { uniform = [1.0, 2.0], within = [0, 1] }\n", "within belongs to normal"),
-        ("\n[sweep.plant]\nm_c = { normal = [30.0, 1.0], within = [90, 91] }\n", "next to nothing"),
+        ("\n[sweep.plant]\nm_c = { uniform = [1.0, 2.0], within = [0, 1] }\n", "within applies to normal"),
+        ("\n[sweep.plant]\nm_c = { normal = [30.0, 1.0], within = [90, 91] }\n", "almost none"),
         ("\n[sweep.plant]\nm_c = { normal = [30.0, 1.0], uniform = [1.0, 2.0] }\n", "must be one of"),
         ("\n[sweep.plant]\nm_c = 30.0\n", "is no distribution"),
         ("\n[sweep.initial]\npoint = { normal = [30.0, 6.0] }\n", "give a list of 2"),
         ("\n[sweep]\nfails = { final = -1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "must be positive"),
-        ("\n[sweep]\nfails = { fnal = 1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "'fnal' is no outcome"),
+        ("\n[sweep]\nfails = { fnal = 1.0 }\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n", "'fnal' is not an outcome"),
         (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "plant.b", 0.5]]'), "plant.b does not vary"),
         (SWEPT.replace("seed = 7", 'correlation = [["plant.m_c", "initial.heading", 1.0]]'), "between -1 and 1"),
         (
@@ -303,7 +303,7 @@ def test_a_bad_command_is_refused_in_one_line(spec, tmp_path, bad_input):
     assert "at most" in bad_input([*command, str(2**33)])
     assert "does not exist" in bad_input(["sweep", spec(), "-o", str(tmp_path / "no/a.parquet"), "--samples", "9"])
     sampled = spec(SWEPT.replace("seed = 7", "period = 0.02"), "p.toml", period="0.01")
-    assert "period is for a continuous SPEC" in bad_input(["sweep", sampled, *command[2:], "9"])
+    assert "period applies to a continuous SPEC" in bad_input(["sweep", sampled, *command[2:], "9"])
     assert "not a finished noslip sweep" in bad_input(["simulate", sampled, "--sample", "1", "-o", str(tmp_path / "r.csv")])
 
 

@@ -637,7 +637,7 @@ REFUSED = {
     "kink": ([LINE, Segment(1, 0, -0.02, 0, 1)], ON, ("kink", 1, 0.02), "differs by 0.02 rad from that at the end of segment 1"),
     "turns round": ([LINE, Segment(1, 0, math.pi, 0, 1)], ON, ("kink", 1, math.pi), "3.14 rad"),
     "no cusp": ([LINE, replace(R, heading=0)], ON, ("cusp", 1, math.pi), "off a change by pi"),
-    "half a cusp": ([LINE, replace(R, heading=3 * math.pi - 0.3)], ON, ("cusp", 1, 0.3), "misses that by 0.3 rad"),
+    "half a cusp": ([LINE, replace(R, heading=3 * math.pi - 0.3)], ON, ("cusp", 1, 0.3), "0.3 rad off a change by pi"),
     "tight": ([LINE, Segment(1, 0, 0, 4, 1)], ON, ("tight", 1, 0.05), "radius, 0.25 m, is not more than 0.3 m"),
     "just tight": ([replace(LINE, curvature=-2)], replace(ON, L=(0.5, -1), ahead=0.0), ("tight", 0, 0), "0.5 m"),
     "tight in reverse": ([replace(R, curvature=-4)], replace(ON, L=(0.2, -0.6)), ("tight", 0, 0.25), "0.25 m"),
@@ -646,7 +646,7 @@ REFUSED = {
     "reversing": ([LINE, R], replace(ON, reversing="refuse"), ("reversing", 1, 0), 'set reversing = "switch"'),
     "lever": ([LINE], replace(ON, L=(-0.3, -1)), ("lever", 0, -0.2), "L + d = -0.2 m ahead of the axle, which must be positive"),
     "no lever": ([LINE], replace(ON, L=(-0.1, -1)), ("lever", 0, 0), "change L"),
-    "lever in reverse": ([LINE, R], replace(ON, L=(0.2, 0.2)), ("lever", 1, 0.3), "must be negative going in reverse"),
+    "lever in reverse": ([LINE, R], replace(ON, L=(0.2, 0.2)), ("lever", 1, 0.3), "must be negative driving in reverse"),
     "short": ([LINE, replace(R, length=0.5)], ON, ("short", 1, 0.1), "0.1 m too short for P_l to change sides"),
     "not closed": ([LINE], replace(ON, closed=True), ("gap", 0, 1), "segment 1 begins 1 m from the end of segment 1"),
     "kink where it closes": (

@@ -1,7 +1,7 @@
-"""What the inputs of a robot can do: whether they drive every quasi-velocity, and what they reach where they do not.
+"""Actuation of a robot: whether its inputs drive every quasi-velocity, and the reachable dimension if they do not.
 
-With S'E of rank n-m, the feedback (12) turns the robot into qdot = S nu, nudot = u (13). Else the robot is
-x' = f(x) + sum g_j tau_j, x = [q; nu], f being its motion without inputs, and brackets of these tell what it reaches:
+If S'E has rank n-m, the feedback (12) turns the robot into qdot = S nu, nudot = u (13). Otherwise the robot is
+x' = f(x) + sum g_j tau_j, x = [q; nu], where f is its motion without inputs, and brackets of these determine what it reaches:
 H. J. Sussmann, V. Jurdjevic, Controllability of nonlinear systems, J. Differential Equations 12, 1972.
 """
 
@@ -22,7 +22,7 @@ from ..exact.real_points import DIGITS, rank
 from ..exact.symbolic import FUNCTIONS
 
 STATES = 3  # random ones, at which ranks are computed
-ROUNDING = 1e-12  # of numbers in a model, such as 0.1; what is smaller beside the terms of a bracket is zero
+ROUNDING = 1e-12  # of numbers in a model, such as 0.1; smaller values, relative to the terms of a bracket, are zero
 NUMERIC: Mapping[int, Callable] = {
     **FUNCTIONS,
     ca.OP_SQRT: mpmath.sqrt,

@@ -1,4 +1,4 @@
-"""Where ranks drop: places at which constraints depend on each other, S fails, or the growth vector is another."""
+"""Sets where ranks drop: constraints become dependent, S is undefined, or the growth vector changes."""
 
 import contextlib
 import itertools
@@ -19,12 +19,12 @@ from ..exact.symbolic import written
 from .brackets import Brackets, Span, VectorField
 from .distribution import Distribution
 
-REAL_POINTS = 2  # looked at on each place
-SEEDS = 3  # other points looked at where no real one is found
-MORE_STEPS = 3  # of brackets than generically needed, on a place
-AVOIDING = 4  # tries to keep off other places
-MINORS = 24  # points looked at to show that there is no other place
-TERMS = 400  # of the forms that are to vanish at a point
+REAL_POINTS = 2  # evaluated on each set
+SEEDS = 3  # other points evaluated if no real one is found
+MORE_STEPS = 3  # of brackets than generically needed, on a set
+AVOIDING = 4  # attempts to avoid other sets
+MINORS = 24  # points evaluated to show that there is no other set
+TERMS = 400  # of the forms that must vanish at a point
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,13 @@ class Place:
         """One line."""
         about = []
         if self.constraints_drop:
-            about.append("the constraints depend on each other")
+            about.append("the constraints are dependent")
         if self.velocities_fail:
             about.append("the quasi-velocities fail (a pole of S, or dependent columns): choose others there")
         if self.growth:
             about.append(f"growth ({', '.join(map(str, self.growth))}{'' if self.whole else ', ...'})")
         if not self.verified:
-            about.append("modular, not verified: no real point of it was found")
+            about.append("modular, not verified: no real point was found")
         elif not self.at_defaults:
             about.append("not for the default parameters")
         return f"{self.words}: {'; '.join(about)}"
@@ -80,7 +80,7 @@ class Places:
         """Lines."""
         lines = [place.text() for place in self.places]
         if lines:
-            lines.append("these are dimensions at generic points of each; on smaller sets within, they may be lower still")
+            lines.append("these are dimensions at generic points of each set; on smaller subsets they may be lower")
         lines += [f"smaller sets are not excluded where these vanish together: {', '.join(minors)}" for minors in self.doubts]
         return lines or ["nowhere, proved"]
 

@@ -1,4 +1,4 @@
-"""Theorems 1 to 3 of the paper as checks: of the system qdot = S nu, nudot = u (13) on R^(2n-m), and on a leaf of Delta*.
+"""Theorems 1 to 3 of the paper as checks, for the system qdot = S nu, nudot = u (13) on R^(2n-m), and on a leaf of Delta*.
 
 A leaf is a set on which the k integrals are constant: n - k dimensions of q, 2n - m - k of the state.
 """
@@ -25,7 +25,7 @@ PFAFF = "the normal form of Pfaff and Darboux of one one-form"
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """What a theorem assumes; `holds` is None where it is for the user to see to."""
+    """A hypothesis of a theorem; `holds` is None if the user must verify it."""
 
     text: str
     holds: bool | None
@@ -33,7 +33,7 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Check:
-    """A question, about R^(2n-m) or the leaf; `verdict` None means that the theorems used here do not decide it."""
+    """A question, about R^(2n-m) or the leaf; `verdict` None means that the theorems used here do not answer it."""
 
     name: str
     question: str
@@ -44,7 +44,7 @@ class Check:
     reference: str
 
     def text(self) -> str:
-        """One line."""
+        """Return the check as one line."""
         answer = {True: "yes", False: "no", None: "not decided"}[self.verdict]
         return (
             f"{self.question} (on {'the leaf' if self.where == LEAF else self.where}): {answer}, {self.reason} [{self.reference}]"
@@ -62,23 +62,23 @@ class LinearizationStep:
 
 
 def linearization_steps(found: Distribution) -> tuple[LinearizationStep, ...]:
-    """D_1 = span{g}, D_2 = span{g, [f, g]} of (13), at generic states; all after D_2 equal it where that is involutive.
+    """Return D_1 = span{g}, D_2 = span{g, [f, g]} of (13), at generic states; all after D_2 equal it if it is involutive.
 
-    g_j = d/dnu_j is constant, and [f, g_j] = -s_j: D_2 is the quasi-velocities' directions and Delta.
+    g_j = d/dnu_j is constant, and [f, g_j] = -s_j: D_2 consists of the directions of the quasi-velocities and Delta.
     """
     inputs = len(found.fields)
     involutive = len(found.growth) == 1
     reason = "Delta is involutive" if involutive else f"Delta is not: [Delta, Delta] has dimension {found.growth[1]}"
     return (
         LinearizationStep("D_1", inputs, True, "its fields are constant"),
-        LinearizationStep("D_2", 2 * inputs, involutive, f"it contains Delta beside constant fields, and {reason}"),
+        LinearizationStep("D_2", 2 * inputs, involutive, f"it contains Delta and constant fields, and {reason}"),
     )
 
 
 def checks(found: Distribution, inputs: Actuation | None = None) -> tuple[Check, ...]:
-    """All checks, each on R^(2n-m), and on the leaf where k > 0.
+    """Return all checks, each on R^(2n-m), and on the leaf if k > 0.
 
-    They are about the robot that its `inputs` drive; None: about (13), whose inputs drive every quasi-velocity.
+    They apply to the robot driven by its `inputs`; None: to (13), whose inputs drive every quasi-velocity.
     """
     where = (SPACE, LEAF) if found.holonomic else (SPACE,)
     made = [(_accessible, where), (_controllable, where), (_lagrange, (SPACE,)), (_asymptotic, where), (_static, where)]
@@ -91,7 +91,7 @@ def checks(found: Distribution, inputs: Actuation | None = None) -> tuple[Check,
 
 
 def _underactuated(found: Distribution, check: Check, inputs: Actuation) -> Check:
-    """The check where the inputs leave quasi-velocities alone: what (13) cannot do the robot cannot, the rest is not its."""
+    """Return the check if inputs do not drive all quasi-velocities: the robot cannot do what (13) cannot; the rest is open."""
     reached, states = inputs.reached, 2 * found.functions.n - found.m - found.holonomic
     driven = check.hypotheses[:1]
     reason = f"for this actuation: the inputs drive {inputs.driven} of {inputs.freedom} quasi-velocities"
@@ -103,8 +103,8 @@ def _underactuated(found: Distribution, check: Check, inputs: Actuation) -> Chec
     if check.verdict is False and check.name in ("accessible", "controllable", "asymptotically_stabilizable"):
         return replace(check, hypotheses=check.hypotheses[1:])
     if check.name in ("controllable", "input_state_linearizable") and reached is not None and reached < states:
-        return replace(check, verdict=False, reason="it is not even accessible", hypotheses=driven, reference=ACCESSIBILITY)
-    return replace(check, verdict=None, reason=reason, hypotheses=driven, reference="the theorems used here are about (13)")
+        return replace(check, verdict=False, reason="it is not accessible", hypotheses=driven, reference=ACCESSIBILITY)
+    return replace(check, verdict=None, reason=reason, hypotheses=driven, reference="the theorems used here apply to (13)")
 
 
 def _generic(found: Distribution) -> Hypothesis:
@@ -128,7 +128,7 @@ def _controllable(found: Distribution, where: str) -> Check:
     reason = (
         "qdot = S nu satisfies Chow's condition, and adding integrators to nu makes no bad bracket at nu = 0"
         if whole
-        else "it is not even accessible"
+        else "it is not accessible"
     )
     hypotheses = (
         _generic(found),
@@ -164,7 +164,7 @@ def _asymptotic(found: Distribution, where: str) -> Check:
         double = f"{inputs} double integrator{'s' * (inputs > 1)}"
         reason = f"there are as many quasi-velocities as dimensions of q there, {inputs}: it is {double}"
     elif where == SPACE and found.holonomic:
-        reason = f"k = {found.holonomic} functions of q never change; and velocities have {inputs} of {n} directions (Brockett)"
+        reason = f"k = {found.holonomic} functions of q never change, and velocities have {inputs} of {n} directions (Brockett)"
     else:
         reason = f"about q the velocities have only {inputs} of {dimension} directions: Brockett's necessary condition fails"
     hypotheses = (
@@ -191,7 +191,7 @@ def _static(found: Distribution, where: str) -> Check:
     elif not accessible:
         reason = f"D_1, D_2, ... are involutive, but never fill R^(2n-m): k = {k} functions of q cannot change"
     else:
-        reason = "D_1 and D_2 are involutive, and D_2 is everything: double integrators"
+        reason = "D_1 and D_2 are involutive, and D_2 is the whole space: double integrators"
     hypotheses = (
         Hypothesis("strongly accessible", accessible),
         Hypothesis("D_1, D_2, ... are involutive", involutive),
@@ -209,13 +209,13 @@ def _static(found: Distribution, where: str) -> Check:
 
 
 def _dynamic(found: Distribution) -> Check:
-    """What dynamic feedback could still do, on the leaf where k > 0: only where a theorem says so."""
+    """Return what dynamic feedback can achieve, on the leaf if k > 0: only where a theorem applies."""
     inputs, states = len(found.fields), found.functions.n - found.holonomic
     where = LEAF if found.holonomic else SPACE
     gap = states - inputs
-    hypotheses: tuple[Hypothesis, ...] = (Hypothesis("the motion keeps away from singular states, rest among them", None),)
+    hypotheses: tuple[Hypothesis, ...] = (Hypothesis("the motion avoids singular states, including rest", None),)
     if gap == 0:
-        verdict, reason, reference = True, "static feedback does it already", "Theorem 3"
+        verdict, reason, reference = True, "static feedback is sufficient", "Theorem 3"
     elif inputs == 2:
         flag = found.derived.growth
         verdict = flag == tuple(range(2, states + 1))
@@ -224,8 +224,8 @@ def _dynamic(found: Distribution) -> Check:
         says = (
             "so it is flat: dynamic feedback linearizes it"
             if verdict
-            else "so the whole robot is not flat: no endogenous dynamic feedback does; "
-            "that is not said of the robot without its cyclic coordinates"
+            else "so the whole robot is not flat: no endogenous dynamic feedback linearizes it; "
+            "this does not apply to the robot without its cyclic coordinates"
         )
         reason, reference = f"two inputs and a derived flag of dimensions ({listed}), {says}", TWO_INPUTS
     elif gap == 1:
@@ -242,7 +242,7 @@ def _dynamic(found: Distribution) -> Check:
 
 
 def _bounded(found: Distribution) -> bool:
-    """Surely bounded: S has no pole and no coordinate outside sines and cosines."""
+    """Return whether S is certainly bounded: it has no pole and no coordinate outside sines and cosines."""
     functions = found.functions
     sizes = {k for angle in functions.angles for k in (angle.cosine, angle.sine)}
     allowed = sizes | set(range(functions.constants))

@@ -1,7 +1,7 @@
-"""The decoupling matrix (15) of an output map exactly: its determinant in factors, and where it vanishes, in formulas and words.
+"""The exact decoupling matrix (15) of an output map: its determinant in factors, and where it vanishes, as formulas and text.
 
-The gradient of a path's distance stands as two symbols n_x, n_y, so that the vehicle is seen apart from the path: det Phi is
-then a product of a lever, of n across the heading, and of numbers of the vehicle.
+The gradient of a path's distance is represented by two symbols n_x, n_y, so that the vehicle is separate from the path: det Phi
+is then a product of a lookahead, of the component of n across the heading, and of constants of the vehicle.
 """
 
 import contextlib
@@ -28,30 +28,30 @@ from .planar import Arm, Planar, arm, arm_quantities, planar, planar_quantities
 
 Slope = tuple[sp.Expr, sp.Expr]  # derivative by a point in the plane
 
-SHORT = 30  # operations of a formula with n_x, n_y written out; a longer one keeps them
-SEEDS = 3  # points looked at on each condition
+SHORT = 30  # operations of a formula with n_x, n_y expanded; longer formulas keep the symbols
+SEEDS = 3  # points tried on each condition
 
 
 @dataclass(frozen=True)
 class SingularCondition:
-    """`formula` = 0, and what that means. `confirmed`: Phi was found singular at real points where it holds, to many digits."""
+    """`formula` = 0, and its meaning. `confirmed`: Phi was found singular, with many digits, at real points where it holds."""
 
     formula: sp.Expr
     words: str
     confirmed: bool
 
     def __str__(self) -> str:
-        """In words, with the formula."""
+        """Return the condition as text with the formula."""
         formula = f"{written(self.formula)} = 0"
         return f"{self.words} ({formula})" if self.words else formula
 
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """The gradient of a path's distance h at the point followed, as symbols and in the point's coordinates.
+    """The gradient of a path's distance h at P_l, as symbols and in the coordinates of P_l.
 
-    `unit`: its length is 1, proved. `chi`: the curvature of the path, 1/m, positive where the gradient points away from the
-    centre, where it is constant, proved. `point`: the point's coordinates, and what they are in q.
+    `unit`: its length is 1, proved. `chi`: the curvature of the path, 1/m, positive if the gradient points away from the
+    centre, if it is constant, proved. `point`: the coordinates of P_l, and their expressions in q.
     """
 
     x: sp.Symbol
@@ -66,10 +66,10 @@ class Normal:
 class Decoupling:
     """An output map in exact symbols.
 
-    `gradients`, p x n: of the rows by q, zero for rows of relative degree 1. `rates`: of rows of relative degree 1, the output
-    itself. `S`, n x p; `Phi`, p x p. `arms`: of each row, to the vehicle's point that it is about. `slopes`: of each row, its
-    constant derivative by that point. `renamed`: symbols that stand for the output map's own parameters because the robot has
-    others of their names.
+    `gradients`, p x n: of the rows with respect to q, zero for rows of relative degree 1. `rates`: for rows of relative degree 1,
+    the output itself. `S`, n x p; `Phi`, p x p. `arms`: for each row, the vector to its point of the vehicle. `slopes`: for each
+    row, its constant gradient with respect to that point. `renamed`: symbols of the output map's own parameters that have the
+    same name as others of the robot.
     """
 
     linearization: Linearization
@@ -87,52 +87,52 @@ class Decoupling:
     renamed: dict[str, str]
 
     def lowest(self, expression: sp.Expr) -> sp.Expr:
-        """The same function in lowest terms, in factors."""
+        """Return the same function in lowest terms, in factors."""
         above, below = self.functions.ratio(expression)
         return readable(self.functions.expression(above) / self.functions.expression(below))
 
     def is_zero(self, expression: sp.Expr) -> bool:
-        """Is it zero everywhere? Exactly."""
+        """Return whether it is zero everywhere, exactly."""
         return not self.functions.ratio(expression)[0]
 
     def at_defaults(self, expression: sp.Expr) -> float:
-        """The value of an expression in parameters, at their defaults."""
+        """Return the value of an expression in parameters, at their defaults."""
         fixed = (*self.linearization.system.mechanism.parameters, *self.linearization.output.parameters)
         values = dict(zip(self.functions.symbols, [q.default for q in fixed], strict=False))
         return float(expression.subs(values))
 
     def over_determinant(self, expression: sp.Expr) -> sp.Expr:
-        """expression / det Phi in lowest terms, in factors."""
+        """Return expression / det Phi in lowest terms, in factors."""
         (above, below), (up, down) = self.functions.ratio(expression), self._ratio
         above, below = self.functions.times(above, down).cancel(self.functions.times(below, up))
         return readable(self.functions.expression(above) / self.functions.expression(below))
 
     @cached_property
     def det(self) -> sp.Expr:
-        """det Phi in factors; a path's gradient is n_x, n_y."""
+        """det Phi in factors; the gradient of a path is n_x, n_y."""
         return self.lowest(self.Phi.det(method="berkowitz"))
 
     @cached_property
     def det_for_people(self) -> sp.Expr:
-        """det Phi with a path's gradient written out in the point followed where that is short."""
+        """det Phi with the gradient of a path expanded in the coordinates of P_l if that is short."""
         explicit = self.written_out(self.det)
         return explicit if sp.count_ops(explicit) <= SHORT else self.det
 
     @cached_property
     def det_in_full(self) -> sp.Expr:
-        """det Phi in coordinates, quasi-velocities and parameters alone."""
+        """det Phi in coordinates, quasi-velocities and parameters only."""
         return self.in_coordinates(self.written_out(self.det))
 
     @cached_property
     def conditions(self) -> tuple[SingularCondition, ...]:
-        """Where det Phi vanishes: where one of these holds. Empty: nowhere."""
+        """Conditions for det Phi = 0: one of these holds. Empty: never."""
         return tuple(
             SingularCondition(*self._told(factor), self._singular_on(factor)) for factor in self._vanishing(self._ratio[0])
         )
 
     @cached_property
     def undefined(self) -> tuple[sp.Expr, ...]:
-        """Where det Phi has no value: where one of these is zero."""
+        """Expressions at whose zeros det Phi is undefined."""
         found = list(self.poles)
         meaning, point = (self.normal.meaning, set(self.normal.point)) if self.normal else ((), set())
         for component in meaning:
@@ -142,18 +142,18 @@ class Decoupling:
 
     @cached_property
     def poles(self) -> tuple[sp.Expr, ...]:
-        """Where quasi-velocities or outputs fail, whatever the path: where one of these is zero det Phi has no value."""
+        """Expressions at whose zeros quasi-velocities or outputs are undefined, for any path, and det Phi with them."""
         return tuple(self.functions.expression(factor) for factor in self._vanishing(self._ratio[1]))
 
     @property
     def explained(self) -> dict[sp.Symbol, sp.Expr]:
-        """The symbols made here, of a path's gradient and of the point followed, and what they stand for."""
+        """The symbols introduced for a path's gradient and for P_l, with their meaning."""
         if self.normal is None:
             return {}
         return {**dict(zip((self.normal.x, self.normal.y), self.normal.meaning, strict=True)), **self.normal.point}
 
     def written_out(self, expression: sp.Expr) -> sp.Expr:
-        """With the path's gradient in the point followed."""
+        """Return the expression with the path's gradient in the coordinates of P_l."""
         if self.normal is None:
             return expression
         meaning = dict(zip((self.normal.x, self.normal.y), self.normal.meaning, strict=True))
@@ -166,7 +166,7 @@ class Decoupling:
         return readable(sp.Mul(*parts))
 
     def in_coordinates(self, expression: sp.Expr) -> sp.Expr:
-        """With the point followed in coordinates; a sum from which its place on the vehicle cancels becomes shorter."""
+        """Return the expression with P_l in coordinates; sums in which its position on the vehicle cancels are shortened."""
         point = self.normal.point if self.normal else {}
         parts = []
         for part in sp.Mul.make_args(expression):
@@ -178,14 +178,14 @@ class Decoupling:
             parts.append(inserted)
         return sp.Mul(*parts)
 
-    # -- inside -----------------------------------------------------------------------------------------------------
+    # -- internal ---------------------------------------------------------------------------------------------------
 
     @cached_property
     def _ratio(self) -> Ratio:
         return self.functions.ratio(self.Phi.det(method="berkowitz"))
 
     def _vanishing(self, polynomial: PolyElement) -> list[PolyElement]:
-        """Its irreducible factors that may vanish, with positive leading terms."""
+        """Return its irreducible factors that may vanish, with positive leading terms."""
         found = [factor for factor, _ in self.functions.factors(polynomial)[1]] if polynomial else []
         return [f if f.LC > 0 else -f for f in found if not self._never_zero(f)]
 
@@ -193,7 +193,7 @@ class Decoupling:
         return all(never_zero(self.functions, form) for form, _ in factors(self.functions, factor))
 
     def _told(self, factor: PolyElement) -> tuple[sp.Expr, str]:
-        """A factor as a formula, and what it means that it is zero."""
+        """Return a factor as a formula, and the meaning of its zeros."""
         formula = unsigned(self.functions.expression(factor))
         shown = formula
         if self.det_for_people != self.det:
@@ -206,7 +206,7 @@ class Decoupling:
 
     @cached_property
     def _catalogue(self) -> list[tuple[list[PolyElement], str]]:
-        """Quantities of a vehicle in the plane, as factors that may vanish, and what it means that one is zero."""
+        """Return quantities of a vehicle in the plane, as factors that may vanish, and the meaning of their zeros."""
         if self.planar is None:
             return []
         cosine, sine, nu = self.planar.cosine, self.planar.sine, sp.Matrix(self.nu)
@@ -218,7 +218,7 @@ class Decoupling:
         ]
         if self.normal:
             along, across = self.normal.x * cosine + self.normal.y * sine, self.normal.y * cosine - self.normal.x * sine
-            flat = "" if self.normal.unit else ", or the distance has no slope at P_l"
+            flat = "" if self.normal.unit else ", or the gradient of the distance vanishes at P_l"
             found.append((across, f"the heading is normal to the path{flat}"))
             found.append((along, "the heading is along the path"))
         for each in filter(None, self.arms):
@@ -229,7 +229,7 @@ class Decoupling:
         return [(self._vanishing(self.functions.ratio(known)[0]), about) for known, about in found]
 
     def _singular_on(self, factor: PolyElement) -> bool:
-        """Is Phi singular at real points where the factor vanishes, and regular at one in general position?"""
+        """Return whether Phi is singular at real points where the factor vanishes, and regular at one in general position."""
         found, form = self.linearization, halved(self.functions, factor)
         parameters = (*found.system.mechanism.parameters, *found.output.parameters)
         ranks = []
@@ -240,7 +240,7 @@ class Decoupling:
         return self._rank(random_point(self.functions, 0)) == self.Phi.rows and bool(ranks) and max(ranks) < self.Phi.rows
 
     def _rank(self, point: Point | RealPoint) -> int | None:
-        """Rank of Phi at a point; None at a pole."""
+        """Return the rank of Phi at a point; None at a pole."""
         rows = []
         for k in range(self.Phi.rows):
             above, below = zip(*[self.functions.ratio(entry) for entry in self.Phi.row(k)], strict=True)
@@ -252,7 +252,7 @@ class Decoupling:
 
 
 def decouple(found: Linearization) -> Decoupling:
-    """The exact form of a linearization. Raises ModelError for what cannot be treated exactly."""
+    """Return the exact form of a linearization. Raises ModelError if it cannot be treated exactly."""
     system, output = found.system, found.output
     where = f"{system.mechanism.name}, output {output.name}"
     followed = next((row for row in output.rows if output.path is not None and _is_followed(row)), None)
@@ -307,17 +307,17 @@ def decouple(found: Linearization) -> Decoupling:
 
 
 def _is_followed(row: OutputRow) -> bool:
-    """Is it a function of a point in the plane, other than a fixed combination of its coordinates?"""
+    """Return whether it is a function of a point in the plane, other than a fixed combination of its coordinates."""
     return row.through is not None and row.through.symbols.shape == (2, 1) and _constant_slope(row) is None
 
 
 def _slope(through: Through) -> ca.SX:
-    """Derivative of outer by the point, 1 x 2."""
+    """Return the gradient of `outer` with respect to the point, 1 x 2."""
     return through.slope if through.slope is not None else ca.jacobian(through.outer, through.symbols)
 
 
 def _constant_slope(row: OutputRow) -> Slope | None:
-    """The derivative by a point in the plane, where it is two numbers."""
+    """Return the gradient with respect to a point in the plane, if it is two constants."""
     if row.through is None or row.through.symbols.shape != (2, 1):
         return None
     slope = ca.densify(_slope(row.through))
@@ -325,7 +325,7 @@ def _constant_slope(row: OutputRow) -> Slope | None:
 
 
 def _gradient(found: Linearization, k: int, normals: Sequence[Quantity]) -> ca.SX:
-    """Of row k by q, 1 x n; zero where the relative degree is 1."""
+    """Return the gradient of row k with respect to q, 1 x n; zero if the relative degree is 1."""
     mechanism, row = found.system.mechanism, found.output.rows[k]
     if found.relative_degree[k] == 1:
         return ca.SX(1, len(mechanism.coordinates))
@@ -352,7 +352,7 @@ def _normal(
 
 
 def _constant_curvature(bend: sp.Expr, distance: sp.Expr, functions: Functions) -> sp.Expr | None:
-    """Of the path, when all its parallels have one centre: 1/bend - distance is then its radius, the same everywhere."""
+    """Return the curvature of the path if all parallel curves have one centre: then 1/bend - distance is the constant radius."""
     if not functions.ratio(bend)[0]:
         return sp.Integer(0)
     above, below = functions.lowest(*functions.ratio(1 / bend - distance))
@@ -361,7 +361,7 @@ def _constant_curvature(bend: sp.Expr, distance: sp.Expr, functions: Functions) 
 
 
 def _shortest(entry: sp.Expr, functions: Functions) -> sp.Expr:
-    """As it was written, with a simpler numerator, or in lowest terms."""
+    """Return the entry as written, with a simpler numerator, or in lowest terms."""
     above, below = sp.fraction(sp.together(entry))
     made = [entry, functions.quotient(functions.ratio(above)[0], functions.ring.one) / below]
     made.append(functions.quotient(*functions.ratio(entry)))
@@ -369,7 +369,7 @@ def _shortest(entry: sp.Expr, functions: Functions) -> sp.Expr:
 
 
 def _distinct(taken: Sequence[Quantity], own: Sequence[Quantity], kind: str) -> list[Quantity]:
-    """The output map's own parameters, under other names where the robot has theirs."""
+    """Return the output map's own parameters, renamed where the robot has the same names."""
     names = {q.name for q in taken}
     return [replace(q, name=f"{q.name}_{kind}") if q.name in names else q for q in own]
 

@@ -1,7 +1,7 @@
-"""Normal-form coordinates T(x) = (h, rates of h, h~), what moves that is not controlled, and whether it stays near.
+"""Normal-form coordinates T(x) = (h, rates of h, h~), the zero dynamics, and their stability.
 
-Under the feedback (20) the outputs obey z1' = z2, z2' = v (relative degree 2) or z1' = v (relative degree 1). What is left,
-z3 = h~(q), obeys z3' = J_h~ S Phi^-1 w, w being the rates z2 and the outputs of relative degree 1: it is driven by w alone.
+Under the feedback (20) the outputs obey z1' = z2, z2' = v (relative degree 2) or z1' = v (relative degree 1). The remaining
+z3 = h~(q) obeys z3' = J_h~ S Phi^-1 w, where w are the rates z2 and the outputs of relative degree 1: it is driven by w only.
 """
 
 import re
@@ -19,12 +19,12 @@ from .decoupling import Decoupling, Slope
 from .planar import Arm, Planar
 from .shape import Shape, shape_of
 
-CHOICES = 200  # of h~ looked at
+CHOICES = 200  # largest number of h~ tried
 
 
 @dataclass(frozen=True)
 class Chart:
-    """h~ = the coordinates `kept`; T is regular where Phi is and `minor` is not zero: det J_T = +-minor det Phi."""
+    """h~ = the coordinates `kept`; T is regular if Phi is and `minor` is not zero: det J_T = +-minor det Phi."""
 
     kept: tuple[sp.Symbol, ...]
     minor: sp.Expr
@@ -33,10 +33,11 @@ class Chart:
 
 @dataclass(frozen=True)
 class StraightMotion:
-    """What is not controlled while the reference moves at the speed V: its equation, and where it settles if it is stable.
+    """The zero dynamics while the reference moves at the speed V: the equation, and the steady state if it is stable.
 
-    `stable_when` is empty when it never settles; it is of the heading and of all of `shape`, of the heading alone where nothing
-    is known of that. `rate`, 1/s, is that of the heading's linearization; the sign of `lever` (m) decides about the heading.
+    `stable_when` is empty if it is never stable; it applies to the heading and all of `shape`, or to the heading alone if the
+    shape is unknown. `rate`, 1/s, is that of the linearized heading; the sign of `lever` (m) determines the stability of the
+    heading.
     """
 
     reference: str
@@ -56,7 +57,7 @@ class StraightMotion:
 
     @property
     def symbols(self) -> list[str]:
-        """Those of SYMBOLS that are in it."""
+        """The entries of SYMBOLS that occur in it."""
         said = f"{self.equation} {self.settles}"
         return [name for name in SYMBOLS if re.search(rf"\b{name}\b", said)]
 
@@ -73,7 +74,7 @@ SYMBOLS = {  # in the equations of Moving
 class NormalForm:
     """`charts`: choices of h~; where Phi is regular, the rows of J_h are independent, so that one of them is regular.
 
-    `offset`: the outputs of relative degree 1 at nu = 0; None where one is not affine in nu with derivatives in q alone.
+    `offset`: the outputs of relative degree 1 at nu = 0; None if one is not affine in nu with derivatives in q only.
     """
 
     decoupling: Decoupling
@@ -82,7 +83,7 @@ class NormalForm:
 
     @property
     def dimension(self) -> int:
-        """Of z3 and of the zero dynamics: n minus the number of outputs of relative degree 2."""
+        """Dimension of z3 and of the zero dynamics: n minus the number of outputs of relative degree 2."""
         return len(self.charts[0].kept)
 
     @property
@@ -95,14 +96,14 @@ class NormalForm:
 
     @cached_property
     def equations(self) -> dict[str, sp.Expr]:
-        """z3' in closed form, by coordinate, in z2 and the outputs of relative degree 1; empty without one."""
+        """z3' in closed form, by coordinate, in z2 and the outputs of relative degree 1; empty if there is none."""
         found = self.decoupling.linearization
         names = zip(found.output.rows, found.relative_degree, strict=True)
         return self._rates([sp.Symbol(f"{row.name}_dot" if degree == 2 else row.name) for row, degree in names])
 
     @cached_property
     def zero_dynamics(self) -> str:
-        """z3' where all outputs and their rates are zero, in a line."""
+        """z3' with all outputs and their rates zero, as one line."""
         if self.offset is None:
             return "an output is not affine in the quasi-velocities: no closed form"
         if not any(self.offset.values()):
@@ -112,19 +113,19 @@ class NormalForm:
 
     @property
     def stability(self) -> str:
-        """Of the zero dynamics."""
+        """Stability of the zero dynamics."""
         stands = self.offset is not None and not any(self.offset.values())
         return "Lagrange stable, not asymptotically stable" if stands else "not decided"
 
     @cached_property
     def shape(self) -> Shape:
-        """What follows a vehicle's motion beside its heading; nothing without an axle."""
+        """The coordinates besides the heading on which the motion depends; empty without an axle."""
         made = self.decoupling
         return shape_of(made) if made.planar and made.planar.ahead is not None else Shape((), ())
 
     @cached_property
     def moving(self) -> tuple[StraightMotion, ...]:
-        """For a vehicle in the plane, under references that move steadily; empty where no rule is known."""
+        """For a vehicle in the plane, with references that move steadily; empty if no rule is known."""
         made, vehicle = self.decoupling, self.decoupling.planar
         if vehicle is None or vehicle.ahead is None or self.offset is None:
             return ()
@@ -158,7 +159,7 @@ def normal_form(made: Decoupling) -> NormalForm:
 
 
 def _charts(made: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
-    """The simplest choices first: those regular everywhere, then by the minor of the coordinates that are left out."""
+    """Return the simplest choices first: those regular everywhere, then by the minor of the coordinates omitted."""
     n, count = len(made.q), gradients.rows
     general = random_point(made.functions, 0)
     found = []
@@ -173,10 +174,10 @@ def _charts(made: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
     return tuple(chart for *_, chart in sorted(found, key=lambda each: each[:3]))
 
 
-# -- references that move ---------------------------------------------------------------------------------------------
+# -- moving references ------------------------------------------------------------------------------------------------
 #
-# A point P_l of the vehicle, (l, w) from the middle of the axle, moves at v e + omega (l e_left - w e), e being the heading;
-# v is the forward speed of the vehicle's point and omega the yaw rate. That an output obeys this is checked, exactly.
+# A point P_l of the vehicle, (l, w) from the middle of the axle, moves at v e + omega (l e_left - w e), where e is the heading
+# vector, v the forward speed of the vehicle's point and omega the yaw rate. That an output obeys this is checked exactly.
 
 
 def _along_a_path(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
@@ -199,7 +200,7 @@ def _along_a_path(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Stra
         reference, settles = "V along a straight path", "the heading is along it"
         equation = f"small deviations of the heading change at the rate {written(rate)}"
     else:
-        reference = "V along a path that bends little" if shape.followers and chi != 0 else "V along the path"
+        reference = "V along a path of small curvature" if shape.followers and chi != 0 else "V along the path"
         equation = f"{lever}*s' = -V*(s - {lever}*chi)"
         if chi is None:
             settles = f"s follows {lever}*chi, and |s| < 1 while |{lever}*chi| < 1"
@@ -222,7 +223,7 @@ def _point_moving(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Stra
     ahead, heading, factor = points[0].arm.ahead, written(vehicle.heading), _factor(vehicle.heading)
     equation = f"{_factor(ahead)}*{factor}' = V*sin(psi - {factor})"
     forward, backward = map(_losing, map(shape.lost, (1, -1)))
-    settles = f"{heading} -> psi, driving forward{forward}; else {heading} -> psi + pi, driving backward{backward}"
+    settles = f"{heading} -> psi, driving forward{forward}; else {heading} -> psi + pi, driving in reverse{backward}"
     stable_when = f"{written(ahead)} > 0"
     if forward:
         stable_when, settles = "", f"for {stable_when} {settles}"
@@ -231,7 +232,7 @@ def _point_moving(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Stra
 
 
 def _heading_held(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
-    """One coordinate of P_l and the heading: along the heading the other coordinate goes its own way."""
+    """Return the motion with one coordinate of P_l and the heading held: the other coordinate is not controlled."""
     points = _points(made, vehicle, made.slopes)
     turns = any(_same(made, made.Phi.row(k), vehicle.yaw) for k in range(made.Phi.rows) if k not in made.rates)
     if not points or not turns:
@@ -239,12 +240,12 @@ def _heading_held(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Stra
     (g_x, g_y), name = points[0].slope, made.linearization.output.rows[points[0].row].name
     speed = sp.Symbol("V") / readable(g_x * vehicle.cosine + g_y * vehicle.sine)
     equation = f"forward speed = {written(speed)}"
-    settles = "the other coordinate of P_l drifts, neither held nor bounded"
+    settles = "the other coordinate of P_l drifts, neither controlled nor bounded"
     return (StraightMotion(f"{name} at V, heading held", equation, settles, shape=shape),)
 
 
 def _stable_when(shape: Shape, V: sp.Symbol, lever: sp.Expr) -> str:
-    """All rates of straight driving are negative: -V/lever of the heading, and those of the shape. Empty: never."""
+    """Return the condition that all rates of straight driving are negative: -V/lever and those of the shape. Empty: never."""
     ways = {each.way for each in shape.followers}
     if not ways:
         return f"{written(V * lever)} > 0"
@@ -252,17 +253,17 @@ def _stable_when(shape: Shape, V: sp.Symbol, lever: sp.Expr) -> str:
 
 
 def _losing(names: Sequence[str]) -> str:
-    return f", where {', '.join(names)} {'turns' if len(names) == 1 else 'turn'} away" if names else ""
+    return f", where {', '.join(names)} {'diverges' if len(names) == 1 else 'diverge'}" if names else ""
 
 
 def _factor(expression: sp.Expr) -> str:
-    """Text that can be multiplied."""
+    """Return text that can be multiplied."""
     return f"({written(expression)})" if expression.is_Add else written(expression)
 
 
 @dataclass(frozen=True)
 class _Point:
-    """An output that moves as a point of the vehicle does along its slope."""
+    """An output that moves like a point of the vehicle in the direction of its gradient."""
 
     row: int
     arm: Arm
@@ -270,7 +271,7 @@ class _Point:
 
 
 def _points(made: Decoupling, vehicle: Planar, slopes: Sequence[Slope | None]) -> list[_Point]:
-    """The outputs that move as a point of the vehicle does, each along the slope given for its row, exactly."""
+    """Return the outputs that move like a point of the vehicle, each in the direction given for its row, exactly."""
     found = []
     for row, (arm, slope) in enumerate(zip(made.arms, slopes, strict=True)):
         if arm and slope:

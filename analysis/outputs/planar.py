@@ -1,4 +1,4 @@
-"""A vehicle in the plane exactly: what its heading, its axle and its points are, found from the equations, not from names."""
+"""Exact description of a vehicle in the plane: heading, axle and points, derived from the equations, not from names."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from ..exact.functions import Functions
 class Planar:
     """Heading, and forward speed and yaw rate as rows in nu, 1 x (n-m).
 
-    `ahead`: how far ahead of the axle the vehicle's point lies, m, in parameters only; None where it has no axle, a line
+    `ahead`: distance of the vehicle's point ahead of the axle, m, in parameters only; None without an axle, a line
     across the vehicle whose points do not move along it.
     """
 
@@ -36,14 +36,14 @@ class Planar:
 
 @dataclass(frozen=True)
 class Arm:
-    """From the middle of the axle to a point of the vehicle: `ahead` along the heading, `left` of it, m, in parameters only."""
+    """Vector from the middle of the axle to a point: `ahead` along the heading, `left` of it, m, in parameters only."""
 
     ahead: sp.Expr
     left: sp.Expr
 
 
 def planar_quantities(system: ReducedSystem) -> ca.SX:
-    """Heading, and the rows of forward speed, speed to the left and yaw rate, as one column; empty without a vehicle."""
+    """Return heading, and the rows of forward speed, speed to the left and yaw rate, as one column; empty without a vehicle."""
     vehicle = system.mechanism.vehicle
     if vehicle is None:
         return ca.SX(0, 1)
@@ -52,7 +52,7 @@ def planar_quantities(system: ReducedSystem) -> ca.SX:
 
 
 def planar(entries: list[sp.Expr], functions: Functions) -> Planar | None:
-    """From `planar_quantities`, in exact symbols."""
+    """Return the vehicle from `planar_quantities`, in exact symbols."""
     if not entries:
         return None
     heading, rest = entries[0], [_lowest(functions, entry) for entry in entries[1:]]
@@ -62,7 +62,7 @@ def planar(entries: list[sp.Expr], functions: Functions) -> Planar | None:
 
 
 def arm_quantities(system: ReducedSystem, row: OutputRow) -> ca.SX:
-    """How far ahead and to the left of the vehicle's point an output's point lies, as a column; empty where it has none."""
+    """Return the distances of an output's point ahead and to the left of the vehicle's point, as a column; empty without one."""
     vehicle, through = system.mechanism.vehicle, row.through
     if vehicle is None or through is None or through.inner.shape != (2, 1):
         return ca.SX(0, 1)
@@ -72,7 +72,7 @@ def arm_quantities(system: ReducedSystem, row: OutputRow) -> ca.SX:
 
 
 def arm(entries: list[sp.Expr], vehicle: Planar | None, functions: Functions) -> Arm | None:
-    """From `arm_quantities`, in exact symbols; None without an axle, and where the point is not fixed to the vehicle."""
+    """Return the vector from `arm_quantities`, in exact symbols; None without an axle, or if the point moves on the vehicle."""
     if not entries or vehicle is None or vehicle.ahead is None:
         return None
     ahead, left = (_lowest(functions, entry) for entry in (entries[0] + vehicle.ahead, entries[1]))
@@ -81,7 +81,7 @@ def arm(entries: list[sp.Expr], vehicle: Planar | None, functions: Functions) ->
 
 
 def _axle(functions: Functions, sideways: sp.Matrix, yaw: sp.Matrix) -> sp.Expr | None:
-    """The speed to the left is that of turning: sideways = ahead * yaw in every quasi-velocity."""
+    """Return `ahead` such that the speed to the left is due to turning: sideways = ahead * yaw in every quasi-velocity."""
     turning = [k for k, entry in enumerate(yaw) if entry]
     if not turning:
         return None

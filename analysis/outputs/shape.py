@@ -1,9 +1,9 @@
-"""What follows the motion of a vehicle beside its heading, joints, trailers, the body behind a steered wheel, and does it settle?
+"""Stability of joints, trailers and bodies behind a steered wheel when a vehicle drives straight.
 
-The posture is all coordinates on which S depends; it moves at f(posture) v + g(posture) omega, v being the forward speed of the
-vehicle and omega its yaw rate. About straight driving, f = 0, the loop makes omega proportional to the error of the heading,
-which then obeys its own equation; what is left of the posture moves, to first order and with the heading held, at v df times
-its deviation. The vehicle may look in any direction: that turning the posture by the coefficients c changes nothing is proved.
+The posture is all coordinates on which S depends; it moves at f(posture) v + g(posture) omega, with the forward speed v of the
+vehicle and its yaw rate omega. About straight driving, f = 0, the loop makes omega proportional to the error of the heading,
+which then obeys its own equation; the rest of the posture moves, to first order and with constant heading, at v df times
+its deviation. It is proved that turning the posture by the coefficients c changes nothing: all headings are equivalent.
 """
 
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from ..exact.readable import readable
 from ..exact.symbolic import written
 from .decoupling import Decoupling
 
-SHORT = 20  # operations of an equation that is shown
+SHORT = 20  # operations of an equation that is printed
 
 
 @dataclass(frozen=True)
 class Follower:
-    """A coordinate that follows straight driving at the speed v: its rate is v times `course`, 1/m, exactly.
+    """A coordinate during straight driving at the speed v: its rate is v times `course`, 1/m, exactly.
 
-    v times `rate`, 1/m, is the rate of its small deviations. `way`: 1 where it settles driving forward and turns away in reverse,
-    -1 where it is the other way round.
+    v times `rate`, 1/m, is the rate of its small deviations. `way`: 1 if it is stable driving forward and unstable in reverse,
+    -1 if the opposite is true.
     """
 
     name: str
@@ -37,43 +37,43 @@ class Follower:
         v, short = sp.Symbol("v"), sp.count_ops(self.course) <= SHORT
         moves = f"' = {written(readable(v * self.course))}" if short else f" changes at the rate {written(v * self.rate)}"
         settles, leaves = ("driving forward", "in reverse")[:: self.way]
-        return f"{self.name}{moves}: settles {settles}, turns away {leaves}"
+        return f"{self.name}{moves}: converges {settles}, diverges {leaves}"
 
 
 @dataclass(frozen=True)
 class Shape:
-    """`names` of the posture's coordinates beside the heading's; its `followers` are all of them, or none: not decided."""
+    """`names` of the coordinates of the posture besides the heading's; its `followers` are all of them, or none: not decided."""
 
     names: tuple[str, ...]
     followers: tuple[Follower, ...]
 
     @property
     def decided(self) -> bool:
-        """Is all of it known? Also where there is nothing to know."""
+        """Whether all of it is known, also if it is empty."""
         return len(self.followers) == len(self.names)
 
     def lost(self, way: int) -> list[str]:
-        """Those that turn away from straight driving, forward (1) or in reverse (-1)."""
+        """Return those that diverge from straight driving, forward (1) or in reverse (-1)."""
         return [each.name for each in self.followers if each.way != way]
 
     def lines(self) -> list[str]:
-        """Of each how it follows straight driving, and whether it settles."""
+        """Return for each its equation in straight driving, and its stability."""
         return list(map(str, self.followers)) if self.decided else [str(self)]
 
     def __str__(self) -> str:
         """A line."""
         if self.decided:
             return ", ".join(map(str, self.followers))
-        return f"whether {', '.join(self.names)} {'settles' if len(self.names) == 1 else 'settle'} is not examined"
+        return f"whether {', '.join(self.names)} {'converges' if len(self.names) == 1 else 'converge'} is not decided"
 
 
 def shape_names(system: ReducedSystem) -> tuple[str, ...]:
-    """Names of the coordinates beside the heading's on which the velocities of a vehicle depend; none without a vehicle."""
+    """Return the names of the coordinates besides the heading's on which the velocities of a vehicle depend."""
     return tuple(system.mechanism.coordinates[k].name for k in _posture(system)[1:])
 
 
 def shape_of(made: Decoupling) -> Shape:
-    """Of a vehicle with an axle, exactly."""
+    """Return the shape of a vehicle with an axle, exactly."""
     names = shape_names(made.linearization.system)
     return Shape(names, _followers(made) if names else ())
 

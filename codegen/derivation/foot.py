@@ -14,11 +14,11 @@ from ...model.law import ControlLaw
 from ...model.outputs import FOOT, body_offsets
 from .stages import Result, Stages, inner_velocities, staged
 
-TOLD = (Result.INPUTS, Result.SLOPE, Result.SINGULAR, Result.REGULAR)  # the quantities that there are by FOOT
+AT_FOOT = (Result.INPUTS, Result.SLOPE, Result.SINGULAR, Result.REGULAR)  # the quantities that there are by FOOT
 DISTANCE, COSINE, SINE, CURVATURE = (q.symbol for q in FOOT)
 
 
-def can_be_told(law: ControlLaw) -> bool:
+def has_foot_form(law: ControlLaw) -> bool:
     """Is there a path that FOOT describes, and a vehicle that moves alike wherever it stands and whichever way it points?
 
     A slope, for one, is not the same in all directions. What its dynamics, its other outputs and its motion, seen from itself,
@@ -45,11 +45,11 @@ def place_names(law: ControlLaw) -> frozenset[str]:
 
 
 def staged_at_foot(law: ControlLaw) -> Stages:
-    """As `staged`, by FOOT, of the quantities TOLD."""
+    """As `staged`, by FOOT, of the quantities AT_FOOT."""
     stages = staged(law, law.output.at_foot)
     heading = law.system.mechanism.required_vehicle.heading
     stages.steps = [replace(step, expression=_told(step.expression, heading)) for step in stages.steps]
-    stages.quantities = {name: _told(stages.quantities[name], heading) for name in TOLD}
+    stages.quantities = {name: _told(stages.quantities[name], heading) for name in AT_FOOT}
     return stages
 
 

@@ -35,7 +35,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         types = [
             struct(
                 self.type,
-                "The dynamics: made by init, owned by the caller, not to be written to.",
+                "The dynamics: initialized by init, owned by the caller, who does not write to it.",
                 [
                     ("int ready;", "set by init"),
                     *[(f"{real} {field};", self.meanings.constant(node)) for node, field in self.program.constants.items()],
@@ -48,7 +48,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
             ),
         ]
         init = [
-            "Makes the constants from parameters. Nothing else is kept: calls with the same `self` may run at the same time.",
+            "Initializes the constants from parameters. There is no other state: calls with one `self` may be concurrent.",
             "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: a motion without mass.",
         ]
         return "\n\n".join(

@@ -18,7 +18,9 @@ from .statements import Statements
 
 def runtime_types(scalar: Scalar) -> str:
     """The C runtime's types that declarations use, for those who read them without its headers; its enums are ints."""
-    foot = struct(scalar.name("noslip_foot"), "P_l and the vehicle, seen from the path.", fields(scalar, FOOT))
+    foot = struct(
+        scalar.name("noslip_foot"), "Position of the vehicle relative to the foot of P_l on a path.", fields(scalar, FOOT)
+    )
     return f"typedef int noslip_on_error;\ntypedef int noslip_on_limit;\n{foot}"
 
 
@@ -43,11 +45,13 @@ class LawC(ProgramC[Program]):
         types = [
             struct(
                 name(f"{self.prefix}_config"),
-                f"Where and what: {law.output.about}.",
+                f"Parameters of the outputs: {law.output.about}.",
                 fields(self.scalar, law.config),
             ),
             struct(name(f"{self.prefix}_gains"), "Gains of the outer loop.", fields(self.scalar, law.gains)),
-            struct(name(f"{self.prefix}_reference"), f"What the outputs {rows} shall do.", fields(self.scalar, law.reference)),
+            struct(
+                name(f"{self.prefix}_reference"), f"Desired values of the outputs {rows}.", fields(self.scalar, law.reference)
+            ),
             struct(
                 self.evaluation_type,
                 "All quantities of the law at one state.",
@@ -55,11 +59,11 @@ class LawC(ProgramC[Program]):
             ),
             struct(
                 self.type,
-                "The law: made by init, owned by the caller, not to be written to.",
+                "The law: initialized by init, owned by the caller, who does not write to it.",
                 [
                     (f"{real} limit[{self.inputs}];", "largest absolute values of the inputs"),
-                    (f"{real} held[{self.inputs}];", "the inputs answered last"),
-                    ("noslip_on_error on_error;", "what to answer then"),
+                    (f"{real} held[{self.inputs}];", "last inputs returned"),
+                    ("noslip_on_error on_error;", "what to return on an error"),
                     *([("noslip_on_limit on_limit;", "NOSLIP_CUT or NOSLIP_SLOW")] if self.slows else []),
                     ("int ready;", "set by init"),
                     *[(f"{real} {field};", self.meanings.constant(node)) for node, field in self.program.constants.items()],
@@ -71,7 +75,7 @@ class LawC(ProgramC[Program]):
 
     @property
     def slows(self) -> bool:
-        """Can a step give up the wanted speed to keep the path within the limits?"""
+        """Whether a step can reduce the desired acceleration to keep the path within the limits."""
         return SLOPE in self.program.entries
 
     def shape(self, entry: Entry, quantity: Result) -> str:
@@ -96,7 +100,7 @@ class LawC(ProgramC[Program]):
             + "; columns: "
             + ", ".join(q.name for q in motions),
             Result.DECOUPLING_RATE: "as Phi, per second",
-            Result.ACCELERATION: "wanted rates of " + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in motions),
+            Result.ACCELERATION: "desired rates of " + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in motions),
             Result.INPUTS: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
             Result.INPUTS_OF_DEMAND: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
             Result.SLOPE: ", ".join(f"{q.name} ({q.unit})" for q in inputs) + f", by {', '.join(first)}",
@@ -115,20 +119,20 @@ class LawC(ProgramC[Program]):
         """What is read of the state, where that is not all."""
         if not (entry.at_foot and entry.public):
             return []
-        place = ", ".join(q.name for q in self.law.config if q not in self._told_path())
+        place = ", ".join(q.name for q in self.law.config if q not in self._path_parameters())
         read = ", ".join(name for group, name in self._inputs(entry) if group is Group.STATE)
-        return [f"Of the state it reads {read}; of config, which init has had, it needs {place}: it is one for all pieces."]
+        return [f"Uses only {read} of the state, and only {place} of the config given to init: one law serves all segments."]
 
-    def _told_path(self) -> Sequence[Quantity]:
+    def _path_parameters(self) -> Sequence[Quantity]:
         """The parameters that say where the path is."""
         return self.law.output.path.parameters if self.law.output.path else ()
 
     def _init_prototype(self) -> str:
         large = self.law.system.freedom > 2
         lines = [
-            "Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.",
+            "Initializes the law from parameters. `options` may be NULL: no limits, zeros on an error.",
             "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.",
-            *(["At a state: where 1 / (|Phi| |Phi^-1|), in the 1-norm and these units, is not above 1e-5."] if large else []),
+            *(["At a state: 1 / (|Phi| |Phi^-1|), in the 1-norm and these units, is not above 1e-5."] if large else []),
             self._on_limit(),
         ]
         return comment(lines) + "\n" + "\n".join(fill(self._init_signature() + ";", ""))
@@ -136,14 +140,14 @@ class LawC(ProgramC[Program]):
     def _on_limit(self) -> str:
         row = self.law.speed_row
         if row is None:
-            return "on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it gives up one output of relative degree 1, a speed."
+            return "on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it requires exactly one output of relative degree 1, a speed."
         demand = [q.name for q in self.law.demand]
         given_up = demand.pop(row)
-        kept = f", and keeps {', '.join(demand)}" if demand else ""
-        return f"on_limit = NOSLIP_SLOW gives up {given_up}{kept}, where the inputs would be beyond their limits."
+        kept = f" and keeps {', '.join(demand)}" if demand else ""
+        return f"on_limit = NOSLIP_SLOW changes {given_up}{kept} if the inputs would exceed their limits."
 
     def _reset_prototype(self) -> str:
-        return comment(["Forgets the inputs that are held."]) + f"\nint {self.function('reset')}({self.type} *self);"
+        return comment(["Sets the held inputs to zero."]) + f"\nint {self.function('reset')}({self.type} *self);"
 
     # -- source ---------------------------------------------------------------------------------------------------
 

@@ -79,6 +79,6 @@ def version_check(file_name: str) -> list[str]:
     major, minor, *_ = __version__.split(".")
     return [
         f"#if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != {100 * int(major) + int(minor)}",
-        f'#error "{file_name} is of noslip {major}.{minor}: compile it with the runtime of that version, or generate it anew"',
+        f'#error "{file_name} belongs to noslip {major}.{minor}: use the runtime of that version, or generate it again"',
         "#endif",
     ]

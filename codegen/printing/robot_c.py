@@ -71,7 +71,7 @@ def robot_declarations(system: ReducedSystem, scalar: Scalar) -> str:
         [
             struct(params, "Physical parameters, SI.", fields(scalar, mechanism.parameters)),
             struct(state, "State: coordinates and quasi-velocities, SI.", fields(scalar, system.state)),
-            struct(options, "What a step may answer; all zero means no limits, and zeros on an error.", option_members),
+            struct(options, "Options of a step; all zero means no limits, and zeros on an error.", option_members),
             "\n".join(
                 [
                     "/* The default parameters, those of the model. */",

@@ -85,7 +85,7 @@ def _arrow(axes: Axes, place: np.ndarray, heading: float, colour: str, style: st
 
 
 def claims_8a(runs: Runs) -> list[Claim]:
-    """All settle on the circle; the two headings normal to it are refused as singular."""
+    """Return the claims: all runs converge to the circle; the two headings normal to it are rejected as singular."""
     done = {label: run for label, run in runs.items() if not run.refused}
     refused = [label for label, run in runs.items() if run.refused]
     end = max(abs(distance(run)[-1]) for run in done.values())
@@ -143,7 +143,7 @@ def draw_8b(runs: Runs) -> matplotlib.figure.Figure:
 
 
 def claims_8b(runs: Runs) -> list[Claim]:
-    """The slower start strays less."""
+    """Return the claims: with lower initial speed the deviation is smaller."""
     furthest = {label: distance(run).max() for label, run in runs.items()}
     strays = [value - distance(runs[label])[0] for label, value in furthest.items()]
     end = max(abs(distance(run)[-1]) for run in runs.values())
@@ -162,7 +162,8 @@ FIGURES = (
     Figure(
         "8a",
         "Figure 8 (a): a circle followed from different initial headings",
-        "From one point beside the circle, already at the desired 5 m/s, every heading works but the two normal to the circle.",
+        "From one point beside the circle, at the desired 5 m/s, every initial heading works except the two normal to the "
+        "circle.",
         ASSUMED,
         {
             _degrees(heading): Case(

@@ -319,7 +319,7 @@ FIGURES = (
     Figure(
         "11",
         "Figure 11: the composite path followed",
-        "The same path driven. The law of a line or arc is made anew at each join; a tracker in C says when.",
+        "The same path driven. The law of a line or arc is initialized at each join; a tracker in C determines when.",
         ASSUMED,
         CASES,
         draw_11,

@@ -251,8 +251,8 @@ FIGURES = (
     ),
     Figure(
         "7",
-        "Figure 7: forward speed of the axle's middle, case C",
-        "Tracking brings the vehicle to a stop twice before it gets up to speed; following is a first-order response.",
+        "Figure 7: forward speed of the middle of the axle, case C",
+        "Tracking stops the vehicle twice before it reaches its speed; path following is a first-order response.",
         "start P_l (5, 4) m, heading −90°, at rest, where the paper's two stops occur; gains kp 4, kd 5 (poles −1, −4), kv 2; "
         + WHEEL,
         {"I": Case("figure_7_type_i.toml"), "IV": Case("figure_7_type_iv.toml")},

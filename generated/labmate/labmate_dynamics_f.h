@@ -9,14 +9,14 @@
 #include "labmate_f.h"
 
 #if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != 5
-#error "labmate_dynamics_f.h is of noslip 0.5: compile it with the runtime of that version, or generate it anew"
+#error "labmate_dynamics_f.h belongs to noslip 0.5: use the runtime of that version, or generate it again"
 #endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* The dynamics: made by init, owned by the caller, not to be written to. */
+/* The dynamics: initialized by init, owned by the caller, who does not write to it. */
 typedef struct labmate_dynamics_f {
     int ready; /* set by init */
     float d;   /* m */
@@ -42,7 +42,7 @@ typedef struct labmate_dynamics_evaluation_f {
 } labmate_dynamics_evaluation_f;
 
 /*
- * Makes the constants from parameters. Nothing else is kept: calls with the same `self` may run at the same time.
+ * Initializes the constants from parameters. There is no other state: calls with one `self` may be concurrent.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: a motion without mass.
  */
 int labmate_dynamics_init_f(labmate_dynamics_f *self, const labmate_params_f *params);

@@ -14,7 +14,7 @@
 #include "noslip_controller.h"
 
 #if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != 5
-#error "labmate_f.h is of noslip 0.5: compile it with the runtime of that version, or generate it anew"
+#error "labmate_f.h belongs to noslip 0.5: use the runtime of that version, or generate it again"
 #endif
 
 #ifdef __cplusplus
@@ -44,7 +44,7 @@ typedef struct labmate_state_f {
     float thetadot_l; /* rad/s: left wheel rate */
 } labmate_state_f;
 
-/* What a step may answer; all zero means no limits, and zeros on an error. */
+/* Options of a step; all zero means no limits, and zeros on an error. */
 typedef struct labmate_options_f {
     float limit[2];           /* largest absolute value of tau_r (N m), tau_l (N m); 0: no limit */
     noslip_on_error on_error; /* NOSLIP_ZERO (0) or NOSLIP_HOLD */

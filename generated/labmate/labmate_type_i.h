@@ -9,14 +9,14 @@
 #include "labmate.h"
 
 #if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != 5
-#error "labmate_type_i.h is of noslip 0.5: compile it with the runtime of that version, or generate it anew"
+#error "labmate_type_i.h belongs to noslip 0.5: use the runtime of that version, or generate it again"
 #endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* Where and what: Type I: position of P_l. */
+/* Parameters of the outputs: Type I: position of P_l. */
 typedef struct labmate_type_i_config {
     double L; /* m: distance of the reference point P_l ahead of the vehicle's point */
 } labmate_type_i_config;
@@ -29,7 +29,7 @@ typedef struct labmate_type_i_gains {
     double kd_y_l; /* 1/s: error of the rate of y_l */
 } labmate_type_i_gains;
 
-/* What the outputs x_l (m), y_l (m) shall do. */
+/* Desired values of the outputs x_l (m), y_l (m). */
 typedef struct labmate_type_i_reference {
     double x_l;              /* m: desired x of P_l */
     double x_l_rate;         /* m/s: desired rate of x_l */
@@ -45,15 +45,15 @@ typedef struct labmate_type_i_evaluation {
     double ydot[2];      /* x_l_rate (m/s), y_l_rate (m/s) */
     double Phi[2][2];    /* rows: x_l, y_l; columns: thetadot_r, thetadot_l */
     double Phidot[2][2]; /* as Phi, per second */
-    double u[2];         /* wanted rates of thetadot_r (rad/s^2), thetadot_l (rad/s^2) */
+    double u[2];         /* desired rates of thetadot_r (rad/s^2), thetadot_l (rad/s^2) */
     double tau[2];       /* tau_r (N m), tau_l (N m) */
 } labmate_type_i_evaluation;
 
-/* The law: made by init, owned by the caller, not to be written to. */
+/* The law: initialized by init, owned by the caller, who does not write to it. */
 typedef struct labmate_type_i {
     double limit[2];          /* largest absolute values of the inputs */
-    double held[2];           /* the inputs answered last */
-    noslip_on_error on_error; /* what to answer then */
+    double held[2];           /* last inputs returned */
+    noslip_on_error on_error; /* what to return on an error */
     int ready;                /* set by init */
     double L;                 /* m */
     double kp_x_l;            /* 1/s^2 */
@@ -83,15 +83,15 @@ typedef struct labmate_type_i {
 } labmate_type_i;
 
 /*
- * Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.
+ * Initializes the law from parameters. `options` may be NULL: no limits, zeros on an error.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.
- * on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it gives up one output of relative degree 1, a speed.
+ * on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it requires exactly one output of relative degree 1, a speed.
  */
 int labmate_type_i_init(labmate_type_i *self, const labmate_params *params, const labmate_type_i_config *config,
     const labmate_type_i_gains *gains, const labmate_options *options);
 
 /*
- * Forgets the inputs that are held.
+ * Sets the held inputs to zero.
  */
 int labmate_type_i_reset(labmate_type_i *self);
 
@@ -124,7 +124,7 @@ int labmate_type_i_decoupling(const labmate_type_i *self, const labmate_state *s
 int labmate_type_i_decoupling_rate(const labmate_type_i *self, const labmate_state *state, double Phidot[2][2]);
 
 /*
- * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
+ * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_x_l (m/s^2), v_y_l (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
  * Operations: 14 mul, 5 add, 5 sub, 1 sincos.
@@ -132,14 +132,14 @@ int labmate_type_i_decoupling_rate(const labmate_type_i *self, const labmate_sta
 int labmate_type_i_feedback(const labmate_type_i *self, const labmate_state *state, const double v[2], double tau[2]);
 
 /*
- * Everything at one sine and cosine.
+ * All quantities, with one sine and cosine.
  * Operations: 39 mul, 19 add, 16 sub, 1 neg, 1 sincos.
  */
 int labmate_type_i_evaluate(const labmate_type_i *self, const labmate_state *state,
     const labmate_type_i_reference *reference, labmate_type_i_evaluation *all);
 
 /*
- * The controller: outer loop and feedback (12) with (20), limits, safe answer.
+ * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
  * Operations: 26 mul, 10 add, 12 sub, 1 sincos.
  */

@@ -9,14 +9,14 @@
 #include "labmate_f.h"
 
 #if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != 5
-#error "labmate_type_iii_f.h is of noslip 0.5: compile it with the runtime of that version, or generate it anew"
+#error "labmate_type_iii_f.h belongs to noslip 0.5: use the runtime of that version, or generate it again"
 #endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* Where and what: Type III: y of P_l and heading. */
+/* Parameters of the outputs: Type III: y of P_l and heading. */
 typedef struct labmate_type_iii_config_f {
     float L; /* m: distance of the reference point P_l ahead of the vehicle's point */
 } labmate_type_iii_config_f;
@@ -29,7 +29,7 @@ typedef struct labmate_type_iii_gains_f {
     float kd_heading; /* 1/s: error of the rate of heading */
 } labmate_type_iii_gains_f;
 
-/* What the outputs y_l (m), heading (rad) shall do. */
+/* Desired values of the outputs y_l (m), heading (rad). */
 typedef struct labmate_type_iii_reference_f {
     float y_l;                  /* m: desired y of P_l */
     float y_l_rate;             /* m/s: desired rate of y_l */
@@ -45,15 +45,15 @@ typedef struct labmate_type_iii_evaluation_f {
     float ydot[2];      /* y_l_rate (m/s), heading_rate (rad/s) */
     float Phi[2][2];    /* rows: y_l, heading; columns: thetadot_r, thetadot_l */
     float Phidot[2][2]; /* as Phi, per second */
-    float u[2];         /* wanted rates of thetadot_r (rad/s^2), thetadot_l (rad/s^2) */
+    float u[2];         /* desired rates of thetadot_r (rad/s^2), thetadot_l (rad/s^2) */
     float tau[2];       /* tau_r (N m), tau_l (N m) */
 } labmate_type_iii_evaluation_f;
 
-/* The law: made by init, owned by the caller, not to be written to. */
+/* The law: initialized by init, owned by the caller, who does not write to it. */
 typedef struct labmate_type_iii_f {
     float limit[2];           /* largest absolute values of the inputs */
-    float held[2];            /* the inputs answered last */
-    noslip_on_error on_error; /* what to answer then */
+    float held[2];            /* last inputs returned */
+    noslip_on_error on_error; /* what to return on an error */
     int ready;                /* set by init */
     float L;                  /* m */
     float kp_y_l;             /* 1/s^2 */
@@ -81,15 +81,15 @@ typedef struct labmate_type_iii_f {
 } labmate_type_iii_f;
 
 /*
- * Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.
+ * Initializes the law from parameters. `options` may be NULL: no limits, zeros on an error.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.
- * on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it gives up one output of relative degree 1, a speed.
+ * on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it requires exactly one output of relative degree 1, a speed.
  */
 int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *params,
     const labmate_type_iii_config_f *config, const labmate_type_iii_gains_f *gains, const labmate_options_f *options);
 
 /*
- * Forgets the inputs that are held.
+ * Sets the held inputs to zero.
  */
 int labmate_type_iii_reset_f(labmate_type_iii_f *self);
 
@@ -123,7 +123,7 @@ int labmate_type_iii_decoupling_rate_f(const labmate_type_iii_f *self, const lab
     float Phidot[2][2]);
 
 /*
- * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
+ * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_y_l (m/s^2), v_heading (rad/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
  * Operations: 18 mul, 4 add, 6 sub, 1 div, 1 sincos.
@@ -132,14 +132,14 @@ int labmate_type_iii_feedback_f(const labmate_type_iii_f *self, const labmate_st
     float tau[2]);
 
 /*
- * Everything at one sine and cosine.
+ * All quantities, with one sine and cosine.
  * Operations: 34 mul, 12 add, 16 sub, 2 neg, 1 div, 1 sincos.
  */
 int labmate_type_iii_evaluate_f(const labmate_type_iii_f *self, const labmate_state_f *state,
     const labmate_type_iii_reference_f *reference, labmate_type_iii_evaluation_f *all);
 
 /*
- * The controller: outer loop and feedback (12) with (20), limits, safe answer.
+ * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
  * Operations: 25 mul, 8 add, 12 sub, 1 neg, 1 div, 1 sincos.
  */

@@ -154,7 +154,7 @@ static int labmate_type_iv_circle_admit_both_f(const labmate_type_iv_circle_f *s
 }
 
 /*
- * Derivative of the inputs by the demand on the speed, the output of degree 1.
+ * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
  * Operations: 14 mul, 3 add, 6 sub, 2 div, 1 sqrt, 1 sincos.
  */

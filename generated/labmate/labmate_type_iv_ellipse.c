@@ -167,7 +167,7 @@ static int labmate_type_iv_ellipse_admit_both(const labmate_type_iv_ellipse *sel
 }
 
 /*
- * Derivative of the inputs by the demand on the speed, the output of degree 1.
+ * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
  * Operations: 24 mul, 7 add, 4 sub, 2 div, 1 sqrt, 1 sincos.
  */

@@ -9,14 +9,14 @@
 #include "labmate.h"
 
 #if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != 5
-#error "labmate_type_iv_line.h is of noslip 0.5: compile it with the runtime of that version, or generate it anew"
+#error "labmate_type_iv_line.h belongs to noslip 0.5: use the runtime of that version, or generate it again"
 #endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* Where and what: Type IV: path following, line. */
+/* Parameters of the outputs: Type IV: path following, line. */
 typedef struct labmate_type_iv_line_config {
     double L; /* m: distance of the reference point P_l ahead of the vehicle's point */
     double A; /* 1: line A x + B y + C = 0 */
@@ -31,7 +31,7 @@ typedef struct labmate_type_iv_line_gains {
     double kv_speed;    /* 1/s: speed error */
 } labmate_type_iv_line_gains;
 
-/* What the outputs distance (m), speed (m/s) shall do. */
+/* Desired values of the outputs distance (m), speed (m/s). */
 typedef struct labmate_type_iv_line_reference {
     double distance;              /* m: desired signed distance of P_l from the path */
     double distance_rate;         /* m/s: desired rate of distance */
@@ -46,15 +46,15 @@ typedef struct labmate_type_iv_line_evaluation {
     double ydot[1];      /* distance_rate (m/s) */
     double Phi[2][2];    /* rows: distance, speed; columns: thetadot_r, thetadot_l */
     double Phidot[2][2]; /* as Phi, per second */
-    double u[2];         /* wanted rates of thetadot_r (rad/s^2), thetadot_l (rad/s^2) */
+    double u[2];         /* desired rates of thetadot_r (rad/s^2), thetadot_l (rad/s^2) */
     double tau[2];       /* tau_r (N m), tau_l (N m) */
 } labmate_type_iv_line_evaluation;
 
-/* The law: made by init, owned by the caller, not to be written to. */
+/* The law: initialized by init, owned by the caller, who does not write to it. */
 typedef struct labmate_type_iv_line {
     double limit[2];          /* largest absolute values of the inputs */
-    double held[2];           /* the inputs answered last */
-    noslip_on_error on_error; /* what to answer then */
+    double held[2];           /* last inputs returned */
+    noslip_on_error on_error; /* what to return on an error */
     noslip_on_limit on_limit; /* NOSLIP_CUT or NOSLIP_SLOW */
     int ready;                /* set by init */
     double L;                 /* m */
@@ -85,15 +85,15 @@ typedef struct labmate_type_iv_line {
 } labmate_type_iv_line;
 
 /*
- * Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.
+ * Initializes the law from parameters. `options` may be NULL: no limits, zeros on an error.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.
- * on_limit = NOSLIP_SLOW gives up v_speed, and keeps v_distance, where the inputs would be beyond their limits.
+ * on_limit = NOSLIP_SLOW changes v_speed and keeps v_distance if the inputs would exceed their limits.
  */
 int labmate_type_iv_line_init(labmate_type_iv_line *self, const labmate_params *params,
     const labmate_type_iv_line_config *config, const labmate_type_iv_line_gains *gains, const labmate_options *options);
 
 /*
- * Forgets the inputs that are held.
+ * Sets the held inputs to zero.
  */
 int labmate_type_iv_line_reset(labmate_type_iv_line *self);
 
@@ -127,7 +127,7 @@ int labmate_type_iv_line_decoupling_rate(const labmate_type_iv_line *self, const
     double Phidot[2][2]);
 
 /*
- * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
+ * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
  * Operations: 15 mul, 3 add, 7 sub, 1 div, 1 sincos.
@@ -136,14 +136,14 @@ int labmate_type_iv_line_feedback(const labmate_type_iv_line *self, const labmat
     double tau[2]);
 
 /*
- * Everything at one sine and cosine.
+ * All quantities, with one sine and cosine.
  * Operations: 37 mul, 16 add, 15 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_evaluate(const labmate_type_iv_line *self, const labmate_state *state,
     const labmate_type_iv_line_reference *reference, labmate_type_iv_line_evaluation *all);
 
 /*
- * The controller: outer loop and feedback (12) with (20), limits, safe answer.
+ * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
  * Operations: 24 mul, 8 add, 13 sub, 1 div, 1 sincos.
  */

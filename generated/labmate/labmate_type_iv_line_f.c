@@ -166,7 +166,7 @@ static int labmate_type_iv_line_admit_both_f(const labmate_type_iv_line_f *self,
 }
 
 /*
- * Derivative of the inputs by the demand on the speed, the output of degree 1.
+ * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
  * Operations: 8 mul, 2 add, 2 sub, 1 div, 1 sincos.
  */

@@ -9,14 +9,14 @@
 #include "labmate_f.h"
 
 #if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != 5
-#error "labmate_type_iv_line_f.h is of noslip 0.5: compile it with the runtime of that version, or generate it anew"
+#error "labmate_type_iv_line_f.h belongs to noslip 0.5: use the runtime of that version, or generate it again"
 #endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* Where and what: Type IV: path following, line. */
+/* Parameters of the outputs: Type IV: path following, line. */
 typedef struct labmate_type_iv_line_config_f {
     float L; /* m: distance of the reference point P_l ahead of the vehicle's point */
     float A; /* 1: line A x + B y + C = 0 */
@@ -31,7 +31,7 @@ typedef struct labmate_type_iv_line_gains_f {
     float kv_speed;    /* 1/s: speed error */
 } labmate_type_iv_line_gains_f;
 
-/* What the outputs distance (m), speed (m/s) shall do. */
+/* Desired values of the outputs distance (m), speed (m/s). */
 typedef struct labmate_type_iv_line_reference_f {
     float distance;              /* m: desired signed distance of P_l from the path */
     float distance_rate;         /* m/s: desired rate of distance */
@@ -46,15 +46,15 @@ typedef struct labmate_type_iv_line_evaluation_f {
     float ydot[1];      /* distance_rate (m/s) */
     float Phi[2][2];    /* rows: distance, speed; columns: thetadot_r, thetadot_l */
     float Phidot[2][2]; /* as Phi, per second */
-    float u[2];         /* wanted rates of thetadot_r (rad/s^2), thetadot_l (rad/s^2) */
+    float u[2];         /* desired rates of thetadot_r (rad/s^2), thetadot_l (rad/s^2) */
     float tau[2];       /* tau_r (N m), tau_l (N m) */
 } labmate_type_iv_line_evaluation_f;
 
-/* The law: made by init, owned by the caller, not to be written to. */
+/* The law: initialized by init, owned by the caller, who does not write to it. */
 typedef struct labmate_type_iv_line_f {
     float limit[2];           /* largest absolute values of the inputs */
-    float held[2];            /* the inputs answered last */
-    noslip_on_error on_error; /* what to answer then */
+    float held[2];            /* last inputs returned */
+    noslip_on_error on_error; /* what to return on an error */
     noslip_on_limit on_limit; /* NOSLIP_CUT or NOSLIP_SLOW */
     int ready;                /* set by init */
     float L;                  /* m */
@@ -85,16 +85,16 @@ typedef struct labmate_type_iv_line_f {
 } labmate_type_iv_line_f;
 
 /*
- * Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.
+ * Initializes the law from parameters. `options` may be NULL: no limits, zeros on an error.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.
- * on_limit = NOSLIP_SLOW gives up v_speed, and keeps v_distance, where the inputs would be beyond their limits.
+ * on_limit = NOSLIP_SLOW changes v_speed and keeps v_distance if the inputs would exceed their limits.
  */
 int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_params_f *params,
     const labmate_type_iv_line_config_f *config, const labmate_type_iv_line_gains_f *gains,
     const labmate_options_f *options);
 
 /*
- * Forgets the inputs that are held.
+ * Sets the held inputs to zero.
  */
 int labmate_type_iv_line_reset_f(labmate_type_iv_line_f *self);
 
@@ -129,7 +129,7 @@ int labmate_type_iv_line_decoupling_rate_f(const labmate_type_iv_line_f *self, c
     float Phidot[2][2]);
 
 /*
- * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
+ * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
  * Operations: 15 mul, 3 add, 7 sub, 1 div, 1 sincos.
@@ -138,14 +138,14 @@ int labmate_type_iv_line_feedback_f(const labmate_type_iv_line_f *self, const la
     float tau[2]);
 
 /*
- * Everything at one sine and cosine.
+ * All quantities, with one sine and cosine.
  * Operations: 37 mul, 16 add, 15 sub, 1 neg, 1 div, 1 sincos.
  */
 int labmate_type_iv_line_evaluate_f(const labmate_type_iv_line_f *self, const labmate_state_f *state,
     const labmate_type_iv_line_reference_f *reference, labmate_type_iv_line_evaluation_f *all);
 
 /*
- * The controller: outer loop and feedback (12) with (20), limits, safe answer.
+ * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
  * Operations: 24 mul, 8 add, 13 sub, 1 div, 1 sincos.
  */

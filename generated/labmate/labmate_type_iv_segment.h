@@ -9,14 +9,14 @@
 #include "labmate.h"
 
 #if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != 5
-#error "labmate_type_iv_segment.h is of noslip 0.5: compile it with the runtime of that version, or generate it anew"
+#error "labmate_type_iv_segment.h belongs to noslip 0.5: use the runtime of that version, or generate it again"
 #endif
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* Where and what: Type IV: path following, line or arc. */
+/* Parameters of the outputs: Type IV: path following, line or arc. */
 typedef struct labmate_type_iv_segment_config {
     double L;         /* m: distance of the reference point P_l ahead of the vehicle's point */
     double x_s;       /* m: a point of the line or arc */
@@ -32,7 +32,7 @@ typedef struct labmate_type_iv_segment_gains {
     double kv_speed;    /* 1/s: speed error */
 } labmate_type_iv_segment_gains;
 
-/* What the outputs distance (m), speed (m/s) shall do. */
+/* Desired values of the outputs distance (m), speed (m/s). */
 typedef struct labmate_type_iv_segment_reference {
     double distance;              /* m: desired signed distance of P_l from the path */
     double distance_rate;         /* m/s: desired rate of distance */
@@ -47,15 +47,15 @@ typedef struct labmate_type_iv_segment_evaluation {
     double ydot[1];      /* distance_rate (m/s) */
     double Phi[2][2];    /* rows: distance, speed; columns: thetadot_r, thetadot_l */
     double Phidot[2][2]; /* as Phi, per second */
-    double u[2];         /* wanted rates of thetadot_r (rad/s^2), thetadot_l (rad/s^2) */
+    double u[2];         /* desired rates of thetadot_r (rad/s^2), thetadot_l (rad/s^2) */
     double tau[2];       /* tau_r (N m), tau_l (N m) */
 } labmate_type_iv_segment_evaluation;
 
-/* The law: made by init, owned by the caller, not to be written to. */
+/* The law: initialized by init, owned by the caller, who does not write to it. */
 typedef struct labmate_type_iv_segment {
     double limit[2];          /* largest absolute values of the inputs */
-    double held[2];           /* the inputs answered last */
-    noslip_on_error on_error; /* what to answer then */
+    double held[2];           /* last inputs returned */
+    noslip_on_error on_error; /* what to return on an error */
     noslip_on_limit on_limit; /* NOSLIP_CUT or NOSLIP_SLOW */
     int ready;                /* set by init */
     double L;                 /* m */
@@ -90,16 +90,16 @@ typedef struct labmate_type_iv_segment {
 } labmate_type_iv_segment;
 
 /*
- * Makes the law's constants from parameters. `options` may be NULL: no limits, zeros on an error.
+ * Initializes the law from parameters. `options` may be NULL: no limits, zeros on an error.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.
- * on_limit = NOSLIP_SLOW gives up v_speed, and keeps v_distance, where the inputs would be beyond their limits.
+ * on_limit = NOSLIP_SLOW changes v_speed and keeps v_distance if the inputs would exceed their limits.
  */
 int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_params *params,
     const labmate_type_iv_segment_config *config, const labmate_type_iv_segment_gains *gains,
     const labmate_options *options);
 
 /*
- * Forgets the inputs that are held.
+ * Sets the held inputs to zero.
  */
 int labmate_type_iv_segment_reset(labmate_type_iv_segment *self);
 
@@ -134,7 +134,7 @@ int labmate_type_iv_segment_decoupling_rate(const labmate_type_iv_segment *self,
     double Phidot[2][2]);
 
 /*
- * Linearizing feedback (12) with (20): from wanted derivatives to inputs.
+ * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
  * Operations: 41 mul, 11 add, 13 sub, 2 div, 1 sqrt, 1 sincos.
@@ -143,14 +143,14 @@ int labmate_type_iv_segment_feedback(const labmate_type_iv_segment *self, const 
     double tau[2]);
 
 /*
- * Everything at one sine and cosine.
+ * All quantities, with one sine and cosine.
  * Operations: 69 mul, 26 add, 24 sub, 3 neg, 3 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_segment_evaluate(const labmate_type_iv_segment *self, const labmate_state *state,
     const labmate_type_iv_segment_reference *reference, labmate_type_iv_segment_evaluation *all);
 
 /*
- * The controller: outer loop and feedback (12) with (20), limits, safe answer.
+ * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
  * Operations: 46 mul, 18 add, 15 sub, 3 div, 1 sqrt, 1 sincos.
  */
@@ -158,9 +158,9 @@ int labmate_type_iv_segment_step(labmate_type_iv_segment *self, const labmate_st
     const labmate_type_iv_segment_reference *reference, double tau[2]);
 
 /*
- * The step, where a path tells what it is for the law: P_l seen from its foot.
+ * The step for a path given by the position relative to the foot of P_l.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Of the state it reads thetadot_r, thetadot_l; of config, which init has had, it needs L: it is one for all pieces.
+ * Uses only thetadot_r, thetadot_l of the state, and only L of the config given to init: one law serves all segments.
  * Operations: 23 mul, 9 add, 9 sub, 1 div.
  */
 int labmate_type_iv_segment_follow(labmate_type_iv_segment *self, const noslip_foot *foot, const labmate_state *state,

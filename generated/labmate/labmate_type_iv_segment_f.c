@@ -186,7 +186,7 @@ static int labmate_type_iv_segment_admit_foot_f(const labmate_type_iv_segment_f 
 }
 
 /*
- * Derivative of the inputs by the demand on the speed, the output of degree 1.
+ * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
  * Operations: 24 mul, 6 add, 8 sub, 2 div, 1 sqrt, 1 sincos.
  */
@@ -228,7 +228,7 @@ static int labmate_type_iv_segment_slope_f_law(const labmate_type_iv_segment_f *
 }
 
 /*
- * As slope, seen from the foot of P_l.
+ * As slope, for a position relative to the foot of P_l.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
  * Operations: 4 mul, 1 add, 1 sub, 1 div.
  */

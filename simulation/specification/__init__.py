@@ -1,1 +1,1 @@
-"""SPEC.toml: what a run is made of, read and checked."""
+"""SPEC.toml: the definition of a run, read and checked."""

@@ -1,4 +1,4 @@
-"""[sweep] of a SPEC: which numbers vary from sample to sample, and how."""
+"""[sweep] of a SPEC: which numbers vary between samples, and their distributions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,9 +10,9 @@ from scipy.special import ndtr, ndtri
 from ...readers.errors import BadInput
 from ...readers.reading import check_keys, entry, flag, number, numbers, one_of, text, whole
 
-SEEDS = 2**21  # of a sweep: a sample's seed is the sweep's times 2^32 plus the sample's number, below 2^53
-PERIOD = 0.01  # s between calls of a SPEC that says 0, continuous: a sweep runs the loop as compiled, which is sampled
-BAND = 0.05  # m, rad, m/s: an error has settled within
+SEEDS = 2**21  # of a sweep: the seed of a sample is that of the sweep times 2^32 plus the sample's number, below 2^53
+PERIOD = 0.01  # s between calls for a SPEC with period 0 (continuous): the compiled loop of a sweep is sampled
+BAND = 0.05  # m, rad, m/s: an error has settled if it stays within
 DESIGNS = ("random", "sobol", "latin")
 KINDS = {"normal": "[mean, sd]", "uniform": "[a, b]", "log_uniform": "[a, b]"}
 EXAMPLE = "for example { normal = [30.0, 6.0] } or { uniform = [-1.0, 1.0] }"
@@ -20,8 +20,8 @@ EXAMPLE = "for example { normal = [30.0, 6.0] } or { uniform = [-1.0, 1.0] }"
 
 @dataclass(frozen=True)
 class Margin:
-    """The distribution of one number: normal with mean a and standard deviation b, within bounds; uniform between a and b, or
-    its logarithm is. `kind` "fixed": it is a.
+    """The distribution of one number: normal with mean a and standard deviation b, within bounds; uniform between a and b, or its
+    logarithm is uniform. `kind` "fixed": the value is a.
     """
 
     kind: str
@@ -30,7 +30,7 @@ class Margin:
     within: tuple[float, float] | None = None
 
     def quantile(self, u: np.ndarray) -> np.ndarray:
-        """The value below which a part u, 0 < u < 1, of all lies."""
+        """Return the value below which a part u, 0 < u < 1, of the distribution lies."""
         if self.kind == "normal":
             if self.within:
                 low, high = (ndtr((bound - self.a) / self.b) for bound in self.within)
@@ -89,24 +89,24 @@ def _margin(table: Mapping[str, Any], where: str) -> Margin:
     if "within" not in table:
         return Margin(kind, a, b)
     if kind != "normal":
-        raise BadInput(f"{where} within belongs to normal; {kind} has bounds already")
+        raise BadInput(f"{where} within applies to normal only; {kind} has bounds already")
     low, high = _two(table["within"], f"{where} within", "[a, b]")
     if not low < high:
         raise BadInput(f"{where} within: {low:g} must be below {high:g}")
     if not ndtr((high - a) / b) - ndtr((low - a) / b) > 1e-9:
-        raise BadInput(f"{where} within: next to nothing of the normal distribution lies between {low:g} and {high:g}")
+        raise BadInput(f"{where} within: almost none of the normal distribution lies between {low:g} and {high:g}")
     return Margin(kind, a, b, (low, high))
 
 
 def _two(value: Any, where: str, wanted: str) -> tuple[float, float]:
     made = numbers(value, where)
     if len(made) != 2:
-        raise BadInput(f"{where} has {len(made)} numbers, it must be {wanted}")
+        raise BadInput(f"{where} has {len(made)} numbers; it must be {wanted}")
     return made
 
 
 def _correlations(value: Any, where: str) -> tuple[tuple[str, str, float], ...]:
-    """Reads a list of [name, name, correlation]."""
+    """Read a list of [name, name, correlation]."""
     if not isinstance(value, list):
         raise BadInput(f'{where} = {value!r} is not a list, for example [["plant.m_c", "plant.I_c", 0.8]]')
     made = []
@@ -116,13 +116,13 @@ def _correlations(value: Any, where: str) -> tuple[tuple[str, str, float], ...]:
             raise BadInput(f'{place} = {item!r} is not [name, name, correlation], for example ["plant.m_c", "plant.I_c", 0.8]')
         rho = number()(item[2], place)
         if not -1 < rho < 1:
-            raise BadInput(f"{place}: correlation {rho:g} must lie between -1 and 1")
+            raise BadInput(f"{place}: correlation {rho:g} must be between -1 and 1")
         made.append((text(item[0], place), text(item[1], place), rho))
     return tuple(made)
 
 
 def _criterion(value: Any, where: str) -> dict[str, float | bool]:
-    """Reads what counts as failure: status = true, and outcomes with their limits."""
+    """Read the criterion of failure: status = true, and outcomes with their limits."""
     if not isinstance(value, dict):
         raise BadInput(f"{where} = {value!r} is not a table, for example {{ status = true, final = 0.05 }}")
     made: dict[str, float | bool] = {}
@@ -138,10 +138,10 @@ def _criterion(value: Any, where: str) -> dict[str, float | bool]:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """What varies, and what is asked of each sample.
+    """What varies, and the criterion of failure.
 
-    `fails`: a sample fails when it stops before its time (`status`), or an outcome is beyond a limit. `period` (s) between the
-    controller's calls where the SPEC itself is continuous. `correlation` is that of the normal variables behind two numbers.
+    `fails`: a sample fails if it stops early (`status`), or an outcome exceeds a limit. `period` (s) between calls of the
+    controller if the SPEC itself is continuous. `correlation` is that of the normal variables underlying two numbers.
     """
 
     seed: int = entry(whole(0), 0)
@@ -167,7 +167,7 @@ class Sweep:
 
     @property
     def margins(self) -> dict[str, Margin]:
-        """All that varies: dotted name -> distribution."""
+        """Return all that varies: dotted name -> distribution."""
         sections = (
             *("parameters", "plant", "gains", "output", "reference", "initial"),
             *("limits", "sensors", "correction", "simulation"),

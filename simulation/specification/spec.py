@@ -1,6 +1,6 @@
-"""SPEC.toml of `noslip simulate`: read, checked, frozen.
+"""SPEC.toml of `noslip simulate`: read and checked into frozen dataclasses.
 
-A section is a frozen dataclass; each of its entries knows how to read its value. Unknown keys are always refused.
+Each section is a dataclass, and each entry has a reader for its value. Unknown keys are errors.
 """
 
 import dataclasses
@@ -38,18 +38,18 @@ if TYPE_CHECKING:
 
 
 SPECS = Path(__file__).resolve().parents[2] / "specs"
-TOLERANCES = (1e-13, 1e-2)  # below, rounding is larger than the tolerance; above, it is no simulation
+TOLERANCES = (1e-13, 1e-2)  # below, rounding exceeds the tolerance; above, the result is not meaningful
 MOST_ROWS = 10_000_000
-DEEPEST = 16  # tables and lists in each other
-MANY_PARTS = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{DEEPEST}}}")  # a key that would take minutes to read
+DEEPEST = 16  # nesting of tables and lists
+MANY_PARTS = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{DEEPEST}}}")  # a key that would take minutes to parse
 
 
 @dataclass(frozen=True, kw_only=True)
 class PathSection:
     """The curve of Type IV: its kind and its parameters by name; for a composite one its lines and arcs.
 
-    `stop` says what comes to stand at the end and at cusps, P_l ("point") or the axle's middle ("axle"); after the last
-    piece of a `closed` path comes the first.
+    `stop` is the point that stops at the end and at cusps, P_l ("point") or the middle of the axle ("axle"); the last
+    segment of a `closed` path is followed by the first.
     """
 
     kind: str
@@ -60,11 +60,11 @@ class PathSection:
 
     @property
     def law(self) -> str:
-        """The kind of curve that the law follows at a time."""
+        """The kind of curve that the law follows."""
         return "segment" if self.segments else self.kind
 
 
-COMPOSITE = {  # kind -> what it takes beside stop and closed
+COMPOSITE = {  # kind -> its keys besides stop and closed
     "composite": {"segments"},
     "waypoints": {"points", "tolerance"},
     "dubins": {"from", "to", "radius"},
@@ -88,7 +88,7 @@ def _read_path(value: Any, where: str) -> PathSection:
 
 
 def _pieces(kind: str, given: dict[str, Any], closed: bool, where: str) -> list[Segment]:
-    """The lines and arcs of a composite path, planned where it is given by what it must reach."""
+    """Return the lines and arcs of a composite path, planned if it is given by poses or waypoints."""
     from ... import planning  # slow to import
 
     if kind == "composite":
@@ -106,11 +106,11 @@ def _pieces(kind: str, given: dict[str, Any], closed: bool, where: str) -> list[
 
 @dataclass(frozen=True, kw_only=True)
 class OutputSection:
-    """What is controlled: Type I to IV, of the point P_l a distance L (m) ahead of the vehicle's point, W (m) to its left; or
-    an output of the robot's own by its name, with its `parameters` where it has some.
+    """The outputs: Type I to IV, with the point P_l at a distance L (m) ahead of the vehicle's point and W (m) to its left; or
+    an output of the robot by its name, with its `parameters`, if any.
 
-    Driving with speed v / (L + d) < 0 the heading diverges from the path: `reversing` says whether that is allowed, refused,
-    or avoided by a P_l on the other side of the axle, L_backward (by default as far behind it as L is ahead).
+    If v / (L + d) < 0 for the speed v, the heading diverges from the path: `reversing` selects whether that is allowed, refused,
+    or avoided by a P_l on the other side of the axle, L_backward (by default as far behind the axle as L is ahead).
     """
 
     type: str = entry(text)
@@ -123,23 +123,23 @@ class OutputSection:
 
     def __post_init__(self):
         if self.type in TYPES and self.parameters:
-            raise BadInput(f"[output] parameters are for a robot's own output; type {self.type} has L, W and path")
+            raise BadInput(f"[output] parameters apply to a robot's own output; type {self.type} has L, W and path")
         if self.own and (self.L or self.W or self.path):
             known = ", ".join(TYPES)
             raise BadInput(f"[output] type = {self.type!r} is not one of {known}; an output of a robot's own has no L, W or path")
         if not self.own and (self.type == "IV") != (self.path is not None):
-            raise BadInput(f"[output] path belongs to type IV and to no other; type is {self.type}")
+            raise BadInput(f"[output] path applies to type IV only; type is {self.type}")
         if self.L_backward is not None and self.reversing != "switch":
-            raise BadInput('[output] L_backward needs reversing = "switch"')
+            raise BadInput('[output] L_backward requires reversing = "switch"')
 
     @property
     def own(self) -> bool:
-        """Is it an output of the robot's own?"""
+        """Whether it is an output of the robot."""
         return self.type not in TYPES
 
     @property
     def segments(self) -> tuple[Segment, ...]:
-        """The lines and arcs of a composite path; of any other output none."""
+        """The lines and arcs of a composite path; empty for other outputs."""
         return self.path.segments if self.path else ()
 
     @property
@@ -150,10 +150,10 @@ class OutputSection:
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """What the outputs shall do. Type IV: forward speed, m/s, at distance 0 from the path.
+    """Desired values of the outputs. Type IV: forward speed, m/s, at distance 0 from the path.
 
-    On a composite path speed is that along it, and before the end and each cusp the wanted speed falls with `deceleration`
-    (m/s^2; 0: all at once) to `creep` (m/s), below which it counts as standing.
+    On a composite path, speed is that along it; before the end and each cusp the desired speed decreases with `deceleration`
+    (m/s^2; 0: at once) to `creep` (m/s), below which the vehicle counts as standing.
     Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad).
     """
 
@@ -166,7 +166,7 @@ class Reference:
 
 @dataclass(frozen=True, kw_only=True)
 class Initial:
-    """Where it starts: P_l (m), heading (rad) and forward speed (m/s) without turning; or coordinates q, quasi-velocities nu."""
+    """Initial state: P_l (m), heading (rad) and forward speed (m/s) without turning; or coordinates q and quasi-velocities nu."""
 
     point: tuple[float, ...] | None = entry(point, None)
     heading: float | None = entry(number(), None)
@@ -197,8 +197,8 @@ class NoiseSection:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """What the controller sees: wheel rates with noise, drawn anew every `period` s (0: at each call), and a pose that is
-    dead-reckoned from the wheels. `counts` of an encoder per turn of a wheel; 0: no encoder, the angle itself.
+    """State that the controller sees: wheel rates with noise, drawn every `period` s (0: at each call), and a pose from dead
+    reckoning. `counts` of an encoder per turn of a wheel; 0: no encoder, the exact angle.
     """
 
     noise: NoiseSection = entry(section(NoiseSection), NoiseSection())
@@ -209,7 +209,7 @@ class Sensors:
 
 @dataclass(frozen=True, kw_only=True)
 class Correction:
-    """The dead-reckoned pose is set right at a rate (Hz): at once ("reset") or let in over `release` s ("bumpless")."""
+    """Corrections of the pose at a rate (Hz): at once ("reset") or gradually over `release` s ("bumpless")."""
 
     rate: float = entry(number("positive"))
     mode: str = entry(one_of("reset", "bumpless"), "reset")
@@ -218,9 +218,9 @@ class Correction:
 
 @dataclass(frozen=True, kw_only=True)
 class LimitsSection:
-    """Largest input of each motor (N m; 0: none), one or one each; beyond it each is cut, or the robot slows down.
+    """Largest input of each motor (N m; 0: none), one or one each; above it each is limited, or the vehicle slows down.
 
-    `integral`: the most that integral action may add to a wanted derivative (0: no limit), one or one for each output with ki.
+    `integral`: maximum that integral action may add to a desired derivative (0: no limit), one or one for each output with ki.
     """
 
     torque: tuple[float, ...] = entry(one_or_more)
@@ -230,11 +230,11 @@ class LimitsSection:
 
 @dataclass(frozen=True, kw_only=True)
 class ContactSection:
-    """What rolling without slip is judged by, all assumed unless given: friction `mu`, the `share` of the weight that rests
-    on the driven wheels, the `height` (m) of the centre of mass, which shifts load to the outer wheel.
+    """Assumptions of the check of rolling without slip: friction `mu`, the `share` of the weight on the driven wheels,
+    the `height` (m) of the centre of mass, which moves load to the outer wheel.
     """
 
-    mu: float = entry(number("positive"), 0.7)  # the middle of textbooks' 0.6 to 0.85, rubber sliding on dry concrete
+    mu: float = entry(number("positive"), 0.7)  # the middle of the range 0.6 to 0.85 of rubber on dry concrete in textbooks
     share: float = entry(number("positive"), 1.0)
     height: float = entry(number("nonnegative"), 0.0)
 
@@ -245,9 +245,10 @@ class ContactSection:
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """How it is run: seconds, s between controller calls (0: continuous), s between rows, backend, integration tolerance.
+    """Options of the simulation: duration (s), period between calls of the controller (s, 0: continuous), s between rows,
+    backend, integration tolerance.
 
-    `delay`: s from a call until what it answers acts, at most a period; until the first answer acts, no torque does.
+    `delay`: s from a call until its inputs act, at most a period; before the first ones act, the torque is zero.
     """
 
     duration: float = entry(number("positive"))
@@ -260,9 +261,9 @@ class Simulation:
     def __post_init__(self):
         low, high = TOLERANCES
         if not low <= self.tolerance <= high:
-            raise BadInput(f"[simulation] tolerance = {self.tolerance:g} must lie between {low:g} and {high:g}")
+            raise BadInput(f"[simulation] tolerance = {self.tolerance:g} must be between {low:g} and {high:g}")
         if self.delay > self.period:
-            limit = f"at most the period, {self.period:g} s" if self.period else "0 without a period: nothing is sampled"
+            limit = f"at most the period, {self.period:g} s" if self.period else "0 without a period: the loop is continuous"
             raise BadInput(f"[simulation] delay = {self.delay:g} must be {limit}")
         if self.duration / self.output_step > MOST_ROWS:
             raise BadInput(f"[simulation] output_step = {self.output_step:g} gives more than {MOST_ROWS} rows; make it longer")
@@ -280,10 +281,10 @@ def _read_sweep(value: Any, where: str) -> "Sweep":
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """One closed-loop run. `parameters` is what the controller believes, `plant` where the truth differs.
+    """One closed-loop run. `parameters` are those of the controller, `plant` those of the robot that differ.
 
-    `gains` of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... give the law integral action.
-    `sweep` is for `noslip sweep`; one run takes no notice of it.
+    `gains` of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... add integral action.
+    `sweep` is used by `noslip sweep` only.
     """
 
     robot: str = entry(text)
@@ -302,23 +303,23 @@ class Spec:
 
     def __post_init__(self):
         if self.sensors and not self.simulation.period:
-            raise BadInput("[sensors] needs [simulation] period > 0: what is sensed is sensed at the controller's calls")
+            raise BadInput("[sensors] requires [simulation] period > 0: sensors are read at the calls of the controller")
         if self.correction and not self.sensors:
-            raise BadInput("[correction] needs [sensors]: without them the pose is the true one")
+            raise BadInput("[correction] requires [sensors]: without them the pose is the true one")
         composite = self.output.segments
         if self.initial is None and not composite:
             raise BadInput("[initial] is missing: point, heading and speed, or q and nu")
         for name in ("deceleration", "creep"):
             if getattr(self.reference, name) is not None and not composite:
-                raise BadInput(f"[reference] {name} is for composite paths")
+                raise BadInput(f"[reference] {name} applies to composite paths only")
         wanted, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity",))
         for name in ("speed", "position", "velocity"):
             given = getattr(self.reference, name) is not None
             if given and name not in (wanted, *optional):
                 takes = " and ".join((wanted, *optional))
-                raise BadInput(f"[reference] {name} is not for type {self.output.type}, which takes {takes}")
+                raise BadInput(f"[reference] {name} does not apply to type {self.output.type}, which takes {takes}")
             if not given and name == wanted:
-                raise BadInput(f"[reference] {name} is missing; type {self.output.type} needs it")
+                raise BadInput(f"[reference] {name} is missing; type {self.output.type} requires it")
 
 
 def shipped() -> dict[str, Path]:
@@ -343,7 +344,7 @@ def read_text(file: Path | str) -> str:
 
 
 def toml_table(text: str) -> dict[str, Any]:
-    """The table that a text is. Raises BadInput where it is not TOML or nested deeper than any SPEC."""
+    """Return the table of a TOML text. Raises BadInput if it is not TOML or nested too deeply."""
     if MANY_PARTS.search(text):
         raise BadInput(f"not a SPEC: a key has more than {DEEPEST} parts")
     try:
@@ -360,7 +361,7 @@ def toml_table(text: str) -> dict[str, Any]:
 
 
 def spec_of(text: str, name: Path | str) -> Spec:
-    """The SPEC that a text is. Raises BadInput, with the `name` of the text, for anything that is none."""
+    """Return the SPEC of a text. Raises BadInput, with the `name` of the text, if it is invalid."""
     try:
         return spec_of_table(toml_table(text), name)
     except BadInput as error:
@@ -368,11 +369,11 @@ def spec_of(text: str, name: Path | str) -> Spec:
 
 
 def spec_of_table(table: Mapping[str, Any], name: Path | str) -> Spec:
-    """The SPEC that a table of the file `name` is; a robot's own file is looked for beside it first. Raises BadInput."""
+    """Return the SPEC of a table of the file `name`; a robot file is looked up beside it first. Raises BadInput."""
     spec = section(Spec)(table, "")
     return dataclasses.replace(spec, robot=beside(spec.robot, name))
 
 
 def read_spec(file: Path | str) -> Spec:
-    """Read SPEC.toml. Raises BadInput, naming the file, for anything that is not a SPEC."""
+    """Read SPEC.toml. Raises BadInput, naming the file, if it is not a valid SPEC."""
     return spec_of(read_text(file), file)

@@ -1,4 +1,4 @@
-"""A SPEC with some entries changed: `initial.heading` = 0.5 instead of what the file says."""
+"""A SPEC with some entries changed, for example `initial.heading` = 0.5."""
 
 import copy
 from collections.abc import Mapping
@@ -10,16 +10,16 @@ from .spec import DEEPEST, Spec, read_text, spec_of, spec_of_table, toml_table
 
 
 def read_varied(file: Path | str, changes: Mapping[str, Any]) -> Spec:
-    """The SPEC in a file with `changes`, dotted key -> TOML value, checked as if the file said so.
+    """Return the SPEC of a file with `changes`, dotted key -> TOML value, checked like the file itself.
 
-    A table as value takes the place of the whole table. Raises BadInput, naming the file.
+    A table as value replaces the whole table. Raises BadInput, naming the file.
     """
     return varied(read_text(file), file, changes)
 
 
 def varied(text: str, name: Path | str, changes: Mapping[str, Any]) -> Spec:
-    """The same of the text of a SPEC, with a name for it."""
-    spec_of(text, name)  # what the text itself has wrong is said without the changes
+    """Return the SPEC of a text with changes; `name` is that of the text."""
+    spec_of(text, name)  # reports errors of the text itself first
     table = toml_table(text)
     try:
         for key, value in changes.items():
@@ -30,7 +30,7 @@ def varied(text: str, name: Path | str, changes: Mapping[str, Any]) -> Spec:
 
 
 def change(text: str) -> tuple[str, Any]:
-    """Reads `key=value`, the value in TOML. Raises BadInput when it is neither."""
+    """Read `key=value`, with the value in TOML. Raises BadInput if it is invalid."""
     key, equals, value = text.partition("=")
     try:
         read = toml_table(f"value = {value}")

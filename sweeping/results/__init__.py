@@ -1,1 +1,1 @@
-"""What a sweep found: statistics, worst cases, reports and figures."""
+"""Results of a sweep: statistics, worst cases, reports and figures."""

@@ -1,4 +1,4 @@
-"""Pictures of a sweep: errors over time, an outcome against each number that varies, where starts become singular."""
+"""Figures of a sweep: errors over time, outcomes by parameter, and initial states that become singular."""
 
 from pathlib import Path
 from typing import Any
@@ -36,10 +36,10 @@ def figures_of(report: SweepReport, jobs: int) -> dict[str, bytes]:
     told = f"{name}: {summary.samples} samples, {summary.failed} fail ({100 * summary.failed / summary.samples:.3g} %)"
     made = {"envelope": (lambda: _envelope(report, jobs), f"{told}; error over time")}
     if study.plan.names:
-        made["cloud"] = (lambda: _cloud(report), f"{told}; against each number that varies")
+        made["cloud"] = (lambda: _cloud(report), f"{told}; by parameter")
     starts = _start_axes(study)
     if starts:
-        made["starts"] = (lambda: _starts(report, starts, jobs), f"{name}: which starts become singular, all else as in the SPEC")
+        made["starts"] = (lambda: _starts(report, starts, jobs), f"{name}: starts that become singular, all else as in the SPEC")
     found = {file: pictures(draw, title, "") for file, (draw, title) in made.items()}
     return {f"{file}.{kind}": content for file, kinds in found.items() for kind, content in kinds.items()}
 
@@ -60,7 +60,7 @@ def _envelope(report: SweepReport, jobs: int) -> matplotlib.figure.Figure:
             edges = np.full((2, INSTANTS), np.nan)
             edges[:, running] = np.nanquantile(values[1:, running], (low, high), axis=0)
             panel.fill_between(t, *edges, color=COLOURS[0], alpha=dark, linewidth=0, label=f"{high - low:.0%} of the samples")
-        panel.plot(t, values[0], color="black", linewidth=1.3, linestyle="--", label="the SPEC itself")
+        panel.plot(t, values[0], color="black", linewidth=1.3, linestyle="--", label="SPEC")
         over_time(panel, f"error of {row.name} ({row.unit})")
     band = study.plan.sweep.band
     axes[0].axhspan(-band, band, color=COLOURS[2], alpha=0.18, linewidth=0, label=f"band ± {band:g} {row.unit}")
@@ -70,7 +70,7 @@ def _envelope(report: SweepReport, jobs: int) -> matplotlib.figure.Figure:
     size = np.abs(errors[np.isfinite(errors)])
     axes[1].set_ylim(max(1e-9, np.quantile(size, 0.01) / 2), size.max() * 1.5)
     axes[0].set_title(f"{row.name}, the first {len(table)} samples, while they run", loc="left")
-    axes[1].set_title("its size", loc="left")
+    axes[1].set_title("absolute value", loc="left")
     axes[0].legend(loc="best")
     return figure
 
@@ -97,14 +97,14 @@ def _cloud(report: SweepReport) -> matplotlib.figure.Figure:
         groups = (
             (ended & ~values["failed"], FAINT, 7, 0.45, "within the limits"),
             (ended & values["failed"], COLOURS[1], 9, 0.7, "fails"),
-            (~ended, STOP, 22, 1.0, "stopped before its time"),
+            (~ended, STOP, 22, 1.0, "stopped early"),
         )
         for which, colour, s, alpha, label in groups:
             if which.any():
                 style = {"s": s, "alpha": alpha, "linewidth": 0, "color": colour, "label": label, "rasterized": True}
                 panel.scatter(values[name][which], size[which], **style)
         _draw_median(panel, values[name][ended], size[ended])
-        panel.scatter(study.batch.nominal[name], here, label="the SPEC itself", **NOMINAL)
+        panel.scatter(study.batch.nominal[name], here, label="SPEC", **NOMINAL)
         if outcome in study.criterion.limits:
             panel.axhline(study.criterion.limits[outcome], color=STOP, linewidth=1.0, linestyle=":", label="limit")
         if logarithmic:
@@ -161,7 +161,7 @@ def _starts(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: i
     figure = matplotlib.figure.Figure(figsize=(9.5, 5.6), layout="constrained")
     axes = figure.subplots()
     ended = np.isin(names, ENDED)
-    groups = (("runs to its end", ended, "#dfeade"), ("stops otherwise", ~ended & (names != "singular"), "#b9b9b9"))
+    groups = (("runs to the end", ended, "#dfeade"), ("stops for another reason", ~ended & (names != "singular"), "#b9b9b9"))
     for label, which, colour in groups:
         if which.any():
             shown = np.ma.masked_where(~which, np.ones(which.shape))
@@ -170,9 +170,9 @@ def _starts(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: i
     singular = np.ma.masked_where(names != "singular", t_end)
     if singular.count():
         drawn = axes.pcolormesh(x, y, singular, cmap="YlOrRd_r", vmin=0.0, shading="nearest", rasterized=True)
-        figure.colorbar(drawn, ax=axes, label="becomes singular at t (s); 0: it is at the start")
+        figure.colorbar(drawn, ax=axes, label="becomes singular at t (s); 0: initially singular")
     _draw_samples(axes, report, one, other)
-    axes.scatter(study.batch.nominal[one], study.batch.nominal[other], label="the SPEC itself", **NOMINAL)
+    axes.scatter(study.batch.nominal[one], study.batch.nominal[other], label="SPEC", **NOMINAL)
     axes.set(xlabel=f"{one}{_input_unit(study, one)}", ylabel=f"{other}{_input_unit(study, other)}")
     axes.set(xlim=ranges[one], ylim=ranges[other])
     axes.set_title(f"{np.mean(names == 'singular'):.1%} of {names.size} starts shown become singular", loc="left")

@@ -1,4 +1,4 @@
-"""What `noslip sweep` prints."""
+"""The report of `noslip sweep`."""
 
 import shlex
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from .statistics import CONFIDENCE, ENDED, LEVELS, Indices, SweepSummary
 from .verify import TIME, Verified
 from .worst import Worst
 
-SAYS = 0.1  # rank correlations and indices from here on are worth reading
+SAYS = 0.1  # smallest rank correlation and index that is printed
 
 
 @dataclass(frozen=True, eq=False)
 class SweepReport:
-    """A finished sweep and what else was asked for."""
+    """A finished sweep and the additional results requested."""
 
     spec: str  # file names
     output: str
@@ -26,7 +26,7 @@ class SweepReport:
     verified: Verified | None = None
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         blocks = [self._head(), self._sizes(), self._ranks()]
         blocks += [self._indices(self.indices)] if self.indices else []
         blocks += [self._worst_samples()] if self.summary.failed else []
@@ -35,7 +35,7 @@ class SweepReport:
         return "\n\n".join(block for block in blocks if block)
 
     def as_json(self) -> dict[str, Any]:
-        """For a program; what is not finite is null."""
+        """Return the report for JSON; values that are not finite are null."""
         summary, study = self.summary, self.study
         low, high = summary.interval
         made: dict[str, Any] = {
@@ -101,16 +101,16 @@ class SweepReport:
         return "\n".join(columns([[f"size, of {ended} runs to the end (SI)", *heads], *rows]))
 
     def _ranks(self) -> str:
-        """What each outcome goes with, the strongest first."""
+        """Return the rank correlations of each outcome, the largest first."""
         lines = []
         for outcome, ranks in self.summary.ranks.items():
             told = sorted(((name, rho) for name, rho in ranks.items() if abs(rho) >= SAYS), key=lambda item: -abs(item[1]))
             if told:
                 lines.append(f"  {outcome}: " + ", ".join(f"{name} {rho:+.2f}" for name, rho in told))
-        return "\n".join([f"rank correlations of sizes, where at least {SAYS:g}", *lines]) if lines else ""
+        return "\n".join([f"rank correlations of absolute values, if at least {SAYS:g}", *lines]) if lines else ""
 
     def _indices(self, indices: Indices) -> str:
-        blocks = [f"Sobol's indices, {indices.runs} runs; ± half the {CONFIDENCE:.0%} interval; the rest of 1 is noise"]
+        blocks = [f"Sobol indices, {indices.runs} runs; ± half the {CONFIDENCE:.0%} interval; the remainder to 1 is noise"]
         for outcome, values in indices.values.items():
             ranked = sorted(values.items(), key=lambda item: -item[1][1])
             rows = [[name, f"{first:.2f} ± {a:.2f}", f"{total:.2f} ± {b:.2f}"] for name, (first, total, a, b) in ranked]
@@ -128,17 +128,17 @@ class SweepReport:
         how = f"stops, {worst.status}, at {worst.outcomes['t_end']:.4g} s" if worst.severity >= STOPPED else shown
         fails = "fails" if worst.severity > 1 else f"does not fail: at {worst.severity:.2g} of its limit"
         changes = " ".join(f"--set {shlex.quote(change)}" for change in self.study.changes(worst.row))
-        head = f"the worst that differential evolution found in {worst.runs} runs, 0.1 % of each end left out, {fails}: {how}"
+        head = f"worst case found by differential evolution in {worst.runs} runs, without 0.1 % at each end, {fails}: {how}"
         return f"{head}\n  noslip simulate {shlex.quote(self.spec)} {changes} -o worst.csv --plot worst.png"
 
     def _verified(self, found: Verified) -> str:
         line = (
-            f"{found.samples} samples again by noslip simulate: differences at the end up to {found.largest:.1e} "
-            f"(sample {found.of}), stated {found.stated:.0e}; stops at the same time to {TIME:.0e} s: "
+            f"{found.samples} samples repeated by noslip simulate: differences at the end up to {found.largest:.1e} "
+            f"(sample {found.of}), tolerance {found.stated:.0e}; stops at the same time to {TIME:.0e} s: "
             f"{'holds' if found.holds else 'does not hold'}"
         )
         if found.otherwise:
-            line += f"\n  {len(found.otherwise)} ended otherwise: samples {', '.join(map(str, found.otherwise[:10]))}"
+            line += f"\n  {len(found.otherwise)} ended differently: samples {', '.join(map(str, found.otherwise[:10]))}"
         return line
 
 

@@ -1,4 +1,4 @@
-"""What the samples of a finished sweep say: how often they fail, how large outcomes are, on what these depend."""
+"""Statistics of a finished sweep: probability of failure, quantiles of the outcomes, and rank correlations."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -135,9 +135,9 @@ def check_indices(study: Study, base: int) -> None:
     if base < 2 or base & (base - 1):
         raise BadInput(f"--indices {base} must be a power of 2, for example 1024")
     if study.plan.sweep.correlation:
-        raise BadInput("--indices: Sobol's indices are for independent numbers; leave out [sweep] correlation")
+        raise BadInput("--indices: Sobol indices require independent numbers; remove [sweep] correlation")
     if not study.plan.names:
-        raise BadInput("--indices: nothing varies but the noise")
+        raise BadInput("--indices: nothing varies except the noise")
 
 
 def indices(study: Study, base: int, jobs: int) -> Indices:
