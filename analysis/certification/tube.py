@@ -24,6 +24,7 @@ ROUNDING = 1e-13  # of a step, relative and absolute
 SHORTEST, TRIES = 1e-6, 8  # s, and guesses of a box for a step
 COLUMNS = 8  # times the dimension: columns of G that are kept
 GROW, SHRINK = 2.0, 0.5
+FOLD = 0.3  # of a time constant: longer steps have boxes that are too wide to be of use
 
 
 class Lost(Exception):
@@ -97,11 +98,12 @@ class Flow:
     """Integrates a Field and everything near its nominal motion."""
 
     def __init__(self, field: Field):
-        self._field, self._h = field, np.inf
+        self._field, self._h, self._longest = field, np.inf, np.inf
+        self._speeds: tuple[np.ndarray, np.ndarray] | None = None  # at which the last box grew
 
     def step(self, tube: Tube, longest: float) -> Step:
         """Go on by at most `longest` s. Raises Lost."""
-        h = min(self._h, longest)
+        h = min(self._h, self._longest, longest)
         if longest - h < SHORTEST:
             h = longest
         while True:
@@ -124,13 +126,18 @@ class Flow:
         radius = tube.radius
         value = self._field.tangent(tube.centre, None)[0]
         moved, growth = 1.2 * h * np.abs(value) + ROUNDING, 1e-6 * radius + ROUNDING
-        for _ in range(TRIES):
+        if self._speeds is not None:
+            moved, growth = (np.maximum(least, 1.1 * h * speed) for least, speed in zip((moved, growth), self._speeds, strict=True))
+        for tried in range(TRIES):
             found = self._field.bounds(tube, moved, growth)
             if not found.finite:
                 return None
             farthest, grown = h * (np.abs(found.value) + found.moved), h * found.radius
             if (farthest <= moved).all() and (grown <= growth).all():
-                return moved, radius + growth, found
+                self._speeds = farthest / h, grown / h
+                return farthest, radius + grown, self._field.bounds(tube, farthest, grown)
+            if tried >= 3 and max((farthest / moved).max(), (grown / growth).max()) > 1.5:
+                return None  # it keeps growing
             moved = np.maximum(moved, 1.1 * farthest + ROUNDING)
             growth = np.maximum(growth, 1.1 * grown + ROUNDING)
         return None
@@ -157,6 +164,7 @@ class Flow:
         X = start + h * sum(w * K for w, K in zip(WEIGHTS, tangents, strict=True))
         if not (np.isfinite(after).all() and np.isfinite(X).all()):
             return None
+        self._longest = FOLD / max(1e-9, np.abs(np.linalg.eigvals(size)).max())
         last = self._field.tangent(after, found)[0]
         error = np.abs(h * sum(w * k for w, k in zip(ERROR, [*slopes, last], strict=True)))
         term = rest = 1.01 * h * found.rest
