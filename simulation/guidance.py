@@ -149,14 +149,18 @@ class Route:
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """On the path, at the tracker's speed."""
-        guide = self._tracker.look(*self._seen(x))
+        guide = self.guide(x)
         wanted = self._zeros.copy()
         wanted[self._speed : self._speed + 2] = guide.speed, guide.speed_rate
         return wanted
 
+    def guide(self, x: np.ndarray) -> Guide:
+        """Where on the path the robot is."""
+        return self._tracker.look(*self._seen(x))
+
     def left(self, t: float, x: np.ndarray) -> float:
         """m, or m/s while it waits for a standstill."""
-        return np.inf if self.arrived else self._tracker.look(*self._seen(x)).left
+        return np.inf if self.arrived else self.guide(x).left
 
     def update(self, t: float, x: np.ndarray) -> None:
         """Go on, and make the controller for the piece that is followed now."""
@@ -168,7 +172,7 @@ class Route:
 
     def faces(self, x: np.ndarray) -> float:
         """Cosine of the angle between the vehicle's heading and the one in which it shall drive there."""
-        guide, heading = self._tracker.look(*self._seen(x)), self._seen(x)[2]
+        guide, heading = self.guide(x), self._seen(x)[2]
         return cosine(float(heading - guide.heading - guide.curvature * guide.progress - np.pi * guide.backward))
 
     def _config(self, guide: Guide) -> np.ndarray:

@@ -17,7 +17,7 @@ from noslip.simulation.loop import make_loop
 from noslip.simulation.specification.spec import Spec, read_spec, spec_of_table
 
 ERROR = 0.01  # of every parameter of the robot
-KINDS = ("line", "circle", "ellipse", "segment")
+KINDS = ("line", "circle", "ellipse", "segment", "composite")
 
 
 def spec_of(**sections) -> Spec:
@@ -25,12 +25,11 @@ def spec_of(**sections) -> Spec:
     return spec_of_table({"robot": "labmate", **sections}, "test.toml")
 
 
-def random_start(random: np.random.Generator) -> dict:
-    """Tables of a SPEC: path, gains, speeds, limits, period and start at random.
+def random_start(random: np.random.Generator, kind: str) -> dict:
+    """Tables of a SPEC for a kind of path: the path, gains, speeds, limits, period and start at random.
 
     Of two starts one is moderate, P_l at most 1.5 m beside the path; about four in ten of the others become singular.
     """
-    kind = KINDS[random.integers(len(KINDS))]
     wild = random.random() < 0.5
     offset, turned = (4.0, 1.45) if wild else (1.5, 1.2)
     offset, turned, along = random.uniform(-offset, offset), random.uniform(-turned, turned), random.uniform(-math.pi, math.pi)
@@ -38,6 +37,10 @@ def random_start(random: np.random.Generator) -> dict:
     left = np.array([-math.sin(direction), math.cos(direction)])
     if kind == "line":
         path, point = {"A": left[0], "B": left[1], "C": 0.0}, offset * left + 3.0 * np.array([left[1], -left[0]])
+    elif kind == "composite":
+        curvatures = random.uniform(-0.3, 0.3, 5)
+        curvatures[random.integers(5)] = 0.0
+        path, point = {"segments": _pieces(random, direction, curvatures)}, _outside(offset, curvatures[0]) * left
     elif kind == "segment":
         curvature = random.uniform(-0.3, 0.3)
         offset = _outside(offset, curvature)
@@ -68,6 +71,16 @@ def random_start(random: np.random.Generator) -> dict:
     return made
 
 
+def _pieces(random: np.random.Generator, heading: float, curvatures: np.ndarray) -> list[dict]:
+    """Lines and arcs that join, of 1 to 6 m; the last is longer."""
+    tables = []
+    for k, curvature in enumerate(curvatures):
+        length = 30.0 if k + 1 == len(curvatures) else random.uniform(1.0, 6.0)
+        shape = {"kind": "arc", "radius": 1 / abs(curvature), "angle": curvature * length} if curvature else {"kind": "line", "length": length}
+        tables.append(shape | ({} if k else {"from": [0.0, 0.0], "heading": heading}))
+    return tables
+
+
 def _outside(offset: float, curvature: float) -> float:
     """An offset to the left, moved away from the centres of curvature."""
     return offset if offset * curvature < 0.8 else 0.8 / curvature
@@ -76,7 +89,7 @@ def _outside(offset: float, curvature: float) -> float:
 def judged(seed: int) -> tuple[Verdict, str] | None:
     """The verdict on a random start, and how a run with a robot within ERROR ends; None for a start that is none."""
     random = np.random.default_rng([1992, seed])
-    tables = random_start(random)
+    tables = random_start(random, KINDS[seed % len(KINDS)])
     spec = spec_of(**tables)
     loop = make_loop(spec)
     names = [q.name for q in loop.law.parameters]

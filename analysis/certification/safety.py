@@ -59,7 +59,6 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
         (loop.law.output.path is None, "the outputs are not those of path following"),
         (loop.sensing is not None, "the controller does not see the true state"),
         (loop.limits is not None and bool(loop.integral.rows), "limits decide when integral action stops"),
-        (loop.composite, "path and wanted speed change along a composite path"),
     ]
     for applies, why in doubts:
         if applies:
