@@ -254,7 +254,6 @@ class Certificate:
         """The tube with what the controller asks for, and the integrals of the next call."""
         loop, r, n, fixed = self._loop, len(self._loop.most), len(self._loop.z), self._fixed()
         m = n + self._count
-        self._guard(tube.centre, 0 * tube.centre, tube.radius)
         part, none = Tube(tube.centre[:m], tube.S[:m], tube.G[:m], tube.spread), np.zeros(m)
         seen = _Field(loop)
         half, _ = seen.bent(part, none, none)
@@ -320,9 +319,9 @@ class Certificate:
         bounds = loop.guard.bounds(np.concatenate([centre[:n], bend]), *near, fixed=loop.constants)
         size, scale, determinant, s = bounds.value
         spread = bounds.moved + bounds.radius
-        least = (size - spread[0]) / (scale + spread[1])
-        if not (bounds.finite and abs(determinant) > spread[2] and least > SINGULAR):
+        if not (bounds.finite and abs(determinant) > spread[2] and size - spread[0] > SINGULAR * (scale + spread[1])):
             raise _Stop("a motion may become singular")
+        least = (size - spread[0]) / (scale + spread[1])
         found.margin, found.largest = min(found.margin, float(least)), max(found.largest, float(abs(s) + spread[3]))
         found.t.append(self._t)
         found.s.append(float(s))

@@ -24,6 +24,7 @@ ROUNDING = 1e-13  # of a step, relative and absolute
 SHORTEST, TRIES = 1e-6, 8  # s, and guesses of a box for a step
 COLUMNS = 8  # times the dimension: columns of G that are kept
 GROW, SHRINK = 2.0, 0.5
+NARROW = 0.03  # of the radius: a box that grows by less is as good as any
 FOLD = 0.3  # of a time constant: longer steps have boxes that are too wide to be of use
 
 
@@ -124,10 +125,10 @@ class Flow:
     def _box(self, tube: Tube, h: float) -> tuple[np.ndarray, np.ndarray, Bounds] | None:
         """A box that no motion leaves within h, and f's bounds in it; None where none is found."""
         radius = tube.radius
-        value = self._field.tangent(tube.centre, None)[0]
-        moved, growth = 1.2 * h * np.abs(value) + ROUNDING, 1e-6 * radius + ROUNDING
-        if self._speeds is not None:
-            moved, growth = (np.maximum(least, 1.1 * h * speed) for least, speed in zip((moved, growth), self._speeds, strict=True))
+        if self._speeds is None:
+            self._speeds = np.abs(self._field.tangent(tube.centre, None)[0]), 0 * radius
+        moved, growth = (1.2 * h * speed + ROUNDING for speed in self._speeds)
+        growth += 1e-6 * radius
         for tried in range(TRIES):
             found = self._field.bounds(tube, moved, growth)
             if not found.finite:
@@ -135,7 +136,10 @@ class Flow:
             farthest, grown = h * (np.abs(found.value) + found.moved), h * found.radius
             if (farthest <= moved).all() and (grown <= growth).all():
                 self._speeds = farthest / h, grown / h
-                return farthest, radius + grown, self._field.bounds(tube, farthest, grown)
+                if (growth > NARROW * radius).any():  # once more, in the box of what was found
+                    moved, growth = farthest, grown
+                    found = self._field.bounds(tube, moved, growth)
+                return moved, radius + growth, found
             if tried >= 3 and max((farthest / moved).max(), (grown / growth).max()) > 1.5:
                 return None  # it keeps growing
             moved = np.maximum(moved, 1.1 * farthest + ROUNDING)
@@ -164,7 +168,8 @@ class Flow:
         X = start + h * sum(w * K for w, K in zip(WEIGHTS, tangents, strict=True))
         if not (np.isfinite(after).all() and np.isfinite(X).all()):
             return None
-        self._longest = FOLD / max(1e-9, np.abs(np.linalg.eigvals(size)).max())
+        if 4 * h * size.sum(axis=1).max() > FOLD:
+            self._longest = FOLD / max(1e-9, np.abs(np.linalg.eigvals(size)).max())
         last = self._field.tangent(after, found)[0]
         error = np.abs(h * sum(w * k for w, k in zip(ERROR, [*slopes, last], strict=True)))
         term = rest = 1.01 * h * found.rest
