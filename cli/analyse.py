@@ -72,7 +72,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "for example 0.01 or m_c=0.2; may come several times",
     )
     parser.add_argument(
-        "--table", action="store_true", help="with --start, also the largest safe offset by speed and heading; takes minutes"
+        "--table", action="store_true", help="with --start, also the largest safe offset by speed and heading; takes a minute or two"
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--report", metavar="FILE.html", help="write a page with formulas and drawings too")

@@ -76,8 +76,8 @@ def _pieces(random: np.random.Generator, heading: float, curvatures: np.ndarray)
     tables = []
     for k, curvature in enumerate(curvatures):
         length = 30.0 if k + 1 == len(curvatures) else random.uniform(1.0, 6.0)
-        shape = {"kind": "arc", "radius": 1 / abs(curvature), "angle": curvature * length} if curvature else {"kind": "line", "length": length}
-        tables.append(shape | ({} if k else {"from": [0.0, 0.0], "heading": heading}))
+        arc = {"kind": "arc", "radius": 1 / abs(curvature), "angle": curvature * length} if curvature else None
+        tables.append((arc or {"kind": "line", "length": length}) | ({} if k else {"from": [0.0, 0.0], "heading": heading}))
     return tables
 
 

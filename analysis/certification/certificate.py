@@ -17,6 +17,7 @@ from .tube import Flow, Lost, Step, Tube
 LONGEST, STEPS = 0.05, 6000  # s, of a step of a continuous loop, and how many are taken
 SETTLED = 1e-3  # of 1 + |x|: a set of motions that may be found to return into itself is at least that wide
 SOON = 0.5  # s: motions that approach the singular set would be there within this time, as fast as they do
+WIDER = 4  # times a set that settles is made four times as wide
 STILL = 1e-9  # of 1 + |x|: how little a motion at rest moves
 PROBE = 1e-6  # a deviation whose growth tells whether an equilibrium is stable
 NEAR_JOINT = 1e-4  # m: within so much of a joint of the path it is crossed
@@ -43,6 +44,24 @@ class Course:
     unstable: bool = False
     approaching: bool = False
     approach: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Settled:
+    """The motions whose deviation differs by at most `width` from what is linear in the parameters in `tube`."""
+
+    tube: Tube
+    width: np.ndarray
+
+    @property
+    def start(self) -> Tube:
+        """All of them."""
+        return Tube(self.tube.centre, self.tube.S, np.diag(self.width), self.tube.spread)
+
+    def holds(self, tube: Tube) -> bool:
+        """Does it contain all motions of a tube?"""
+        reach = np.abs(tube.centre - self.tube.centre) + np.abs(tube.S - self.tube.S) @ tube.spread + tube.rest
+        return bool((reach <= self.width).all())
 
 
 class _Stop(Exception):
@@ -172,24 +191,26 @@ def _padded(part: np.ndarray, rows: int) -> np.ndarray:
 
 
 class Certificate:
-    """Follows an EnclosedLoop."""
+    """Follows an EnclosedLoop. `known`: sets of motions that stay regular for ever."""
 
-    def __init__(self, loop: EnclosedLoop, simulation: Simulation):
+    def __init__(self, loop: EnclosedLoop, simulation: Simulation, known: tuple[Settled, ...] = ()):
         self._loop, self._simulation, self._found = loop, simulation, Course()
         self._t, self._steps, self._count = 0.0, 0, len(loop.loop.integral.rows)
-        self._tried: tuple[Tube, np.ndarray] | None = None
+        self._known, self._tried = known, known[:0]
         self._kept: tuple[Tube, float, Course] | None = None  # before a set was widened
         self._flows: dict[Any, Flow] = {}
         self._before: Tube | None = None
         self._deadline = -np.inf
         self._next = 0.0
 
-    def run(self) -> Course:
-        """All that is proved."""
-        start, inputs = self._loop.start, len(self._loop.most)
-        count = self._count + (2 * inputs if self._simulation.period else 0)
-        centre = np.concatenate([start.value, np.zeros(count)])
-        tube = Tube(centre, _padded(start.slope, count), _padded(np.diag(start.rest), count), self._loop.spread)
+    @property
+    def settled(self) -> tuple[Settled, ...]:
+        """The set that was found to return into itself."""
+        return self._tried if self._found.invariant else ()
+
+    def run(self, tube: Tube | None = None) -> Course:
+        """All that is proved of the motions from the start, or from a tube."""
+        tube = tube or self._first()
         try:
             self._rest(tube)
             self._guard(tube.centre, 0 * tube.centre, tube.radius)
@@ -199,6 +220,13 @@ class Certificate:
         except _Stop as stop:
             self._found.lost = str(stop)
         return self._found
+
+    def _first(self) -> Tube:
+        """At the start."""
+        start, inputs = self._loop.start, len(self._loop.most)
+        count = self._count + (2 * inputs if self._simulation.period else 0)
+        centre = np.concatenate([start.value, np.zeros(count)])
+        return Tube(centre, _padded(start.slope, count), _padded(np.diag(start.rest), count), self._loop.spread)
 
     def _follow(self, tube: Tube) -> None:
         """Up to the end, or until the set of motions returns into itself. Raises Lost and _Stop."""
@@ -214,7 +242,7 @@ class Certificate:
                     raise
                 self._next = 2 * self._t
                 tube, self._t, self._found = self._kept  # the set that was widened was too wide
-                self._kept, self._tried = None, None
+                self._kept, self._tried = None, ()
 
     # -- marching ---------------------------------------------------------------------------------------------------------
 
@@ -350,12 +378,9 @@ class Certificate:
         """Where a motion has settled: is the set of states contained in one that was passed? Else a wider set may be later."""
         if not self._loop.settles:
             return tube
-        if self._tried:
-            before, width = self._tried
-            reach = np.abs(tube.centre - before.centre) + np.abs(tube.S - before.S) @ tube.spread + tube.rest
-            if (reach <= width).all():
-                self._found.invariant = True
-                return tube
+        if any(each.holds(tube) for each in (*self._known, *self._tried)):
+            self._found.invariant = True
+            return tube
         if self._t < self._next:
             return tube
         self._next = AGAIN * self._t + 0.1
@@ -368,9 +393,8 @@ class Certificate:
             return tube
         found = self._found
         self._kept = self._kept or (tube, self._t, replace(found, t=found.t[:], s=found.s[:]))
-        tube = Tube(tube.centre, tube.S, np.diag(width), tube.spread)
-        self._tried = tube, width
-        return tube
+        self._tried = (Settled(tube, width),)
+        return self._tried[0].start
 
 
 def _handed_on(tube: Tube, first: int, r: int) -> Tube:
@@ -380,3 +404,16 @@ def _handed_on(tube: Tube, first: int, r: int) -> Tube:
     for part in (centre, S, G):
         part[acting], part[asked] = part[asked], 0.0
     return Tube(centre, S, G, tube.spread)
+
+
+def widest(loop: EnclosedLoop, simulation: Simulation) -> tuple[Settled, ...]:
+    """A set of motions, as wide as is found, that stay regular for ever; none where the start does not lead into one."""
+    certificate = Certificate(loop, simulation)
+    certificate.run()
+    known = certificate.settled
+    for _ in range(WIDER if known else 0):
+        wider = Settled(known[0].tube, 4 * known[0].width)
+        if not Certificate(loop, simulation, known).run(wider.start).invariant:
+            break
+        known = (wider,)
+    return known

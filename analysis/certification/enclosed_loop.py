@@ -4,14 +4,15 @@ Along a line or a circle the place on the path does not matter. There the vehicl
 by h, the distance of P_l to the left, and psi, its heading against the direction of travel. With the curvature k of the path
 (positive to the left), P_l' = (x', y') seen from the foot, the foot advances at sigma' = x' / (1 - k h), h' = y' and
 psi' = heading' - k sigma'. Along an ellipse k depends on the foot: there the direction theta of the path at the foot is a further
-coordinate, theta' = k sigma'. On a composite path, and where forces depend on the pose, the coordinates are the robot's own.
+coordinate, theta' = k sigma'. On a composite path the distance along it is one, and k changes where two pieces join; h and psi do
+not, whichever piece they are seen from. Where forces depend on the pose, the coordinates are the robot's own.
 """
 
 from __future__ import annotations
 
 import math
-from copy import copy
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 
 import casadi as ca
@@ -32,6 +33,8 @@ from .enclosure import Bounds, Enclosure
 from .tube import Tube
 
 SIDES = (-1.0, 1.0)
+AT_START = 1e-9  # m
+LAPS = 20  # of a closed path that are laid out
 FLAT = 1e-4  # of a slope of the inputs by the demand of the speed; below ten times what the controller takes for zero
 
 
@@ -273,7 +276,8 @@ class EnclosedLoop:
         constants = ca.vertcat(symbols(law.config), symbols(law.gains), limits, other)
         z = ca.vertcat(*[z[k] for k in keep])
         kept = ca.vertcat(*[rates[k] for k in keep[: -system.freedom]])
-        self.plant = EnclosedPlant(Enclosure(ca.vertcat(kept, motion), ca.vertcat(z, tau, self._p, bend), constants), system.freedom)
+        parts = Enclosure(ca.vertcat(kept, motion), ca.vertcat(z, tau, self._p, bend), constants)
+        self.plant = EnclosedPlant(parts, system.freedom)
         fixed = ca.vertcat(constants, symbols(law.reference))
         self.law = Enclosure(law_of_z, ca.vertcat(z, self._integrals, bend), fixed)
         self.guard = Enclosure(guard, ca.vertcat(z, bend), constants)
@@ -481,7 +485,10 @@ class EnclosedLoop:
 
 
 def _pieces(route: Route, spec: Spec, start: np.ndarray) -> tuple[Bends, float, float]:
-    """The curvatures of a composite path, the place where the desired speed begins to change, and that of the start."""
+    """The curvatures of a composite path, the place where the desired speed begins to change, and that of the start.
+
+    Raises BadInput where the start is behind the last piece.
+    """
     options, segments = route.options, spec.output.segments
     changes = [k for k in range(1, len(segments)) if segments[k].backward != segments[k - 1].backward]
     turns = options.closed and not changes
@@ -489,8 +496,10 @@ def _pieces(route: Route, spec: Spec, start: np.ndarray) -> tuple[Bends, float, 
     pieces = [segments[k] for k in range(changes[0] if changes else len(segments))] * laps
     ends = np.cumsum([piece.length for piece in pieces])
     slowing = options.speed**2 / (2 * options.deceleration) if options.deceleration else 0.0
-    stop = np.inf if turns else float(ends[-1]) - slowing
+    stop = float(ends[-1]) - (0.0 if turns else slowing)
     guide = route.guide(start)
+    if not abs(segments[guide.segment].length - guide.progress - guide.left) < AT_START:
+        raise BadInput("the start is behind the last piece of the path")
     before = [piece.length for piece in segments[: guide.segment]]
     return Bends(ends[:-1], np.array([piece.curvature for piece in pieces])), stop, float(guide.progress + sum(before))
 

@@ -5,7 +5,8 @@ S the sensitivity of the motion to them, and b unknown numbers in [-1, 1]. S and
 the tangent leaves out (`Enclosure`), the error of each step of integration and what a limit or the next piece of a path
 makes uncertain become further columns of G. A step is good when a box is found that no motion leaves during it (Picard).
 
-Rounding is covered by the error allowed for each step; the tangent itself is taken to be exact along the nominal motion.
+Each step adds the error that the embedded method estimates, which is no bound, and an allowance for rounding; the tangent itself
+is taken to be exact along the nominal motion.
 """
 
 from __future__ import annotations
