@@ -14,6 +14,7 @@ PYTHON ?= python3
 VENV := .venv
 NOSLIP := $(VENV)/bin/noslip
 READY := $(VENV)/.ready
+READY_DEV := $(VENV)/.ready-dev
 export NOSLIP_CACHE ?= $(CURDIR)/build/compiled
 
 MODEL := $(wildcard __init__.py model/*.py model/*/*.py codegen/*.py codegen/*/*.py)
@@ -23,6 +24,8 @@ RUNTIME := $(wildcard runtime_c/*)
 ROBOTS := labmate
 RUNS := line circle
 
+include firmware/targets.mk # standard: the flags with which all targets compute the same bits
+
 .PHONY: all setup generate check-generated check simulate figures lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep clean
 .DELETE_ON_ERROR:
 
@@ -31,12 +34,25 @@ all: check simulate
 	@echo
 	@echo "pictures: $(RUNS:%=build/%.png)"
 
-setup: $(READY)
+setup: $(READY_DEV)
+
+# Installs noslip with the extras $(1): with uv, which takes seconds, where there is one or it can be had; else with pip.
+define install
+	@echo "installing the Python packages of noslip$(1) into $(VENV)"
+	@uv=$$(command -v uv || echo build/uv/bin/uv); \
+	{ $$uv --version || { $(PYTHON) -m venv build/uv && build/uv/bin/python -m pip install --disable-pip-version-check uv; }; } \
+	  >/dev/null 2>&1; \
+	{ [ -x $(VENV)/bin/python ] || $$uv venv --quiet --python $(PYTHON) $(VENV); } && \
+	$$uv pip install --python $(VENV)/bin/python -c constraints.txt -e '.$(1)' || \
+	{ $(PYTHON) -m venv $(VENV) && $(VENV)/bin/python -m pip install --disable-pip-version-check -c constraints.txt -e '.$(1)'; }
+	@touch $@
+endef
 
 $(READY): pyproject.toml constraints.txt
-	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
-	@touch $@
+	$(call install,)
+
+$(READY_DEV): $(READY)
+	$(call install,[dev])
 
 generate: build/generated.stamp
 
@@ -68,11 +84,11 @@ PYTEST := $(VENV)/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder
 QUICK := rooms names poles structure model verify codegen
 
 # The repository's root is the package noslip: mypy finds it by a link of that name.
-types: $(READY)
+types: $(READY_DEV)
 	@mkdir -p build/types && ln -sfn $(CURDIR) build/types/noslip
 	cd build/types && $(CURDIR)/$(VENV)/bin/mypy --config-file ../../pyproject.toml $(foreach room,model codegen guarantees $(ROOMS),-p noslip.$(room))
 
-lint: $(READY)
+lint: $(READY_DEV)
 	$(VENV)/bin/ruff check .
 
 quick test nightly: export PYTHONDONTWRITEBYTECODE := # what the tests start finds noslip compiled
@@ -90,26 +106,26 @@ nightly: test
 	$(MAKE) --no-print-directory figures
 	$(VENV)/bin/python -m noslip.tests.mutation
 
-bench: $(READY)
+bench: $(READY_DEV)
 	$(VENV)/bin/python bench/run.py
 
-bits: $(READY)
+bits: $(READY_DEV)
 	$(VENV)/bin/python tests/test_bits.py
 
 firmware:
 	$(MAKE) --no-print-directory -C firmware all BUILD=$(CURDIR)/build/firmware
 
-firmware-test: $(READY)
+firmware-test: $(READY_DEV)
 	$(VENV)/bin/python -m noslip.tests.firmware
 
 # With UPDATE=--update what is measured becomes the budget.
-guarantees: $(READY)
+guarantees: $(READY_DEV)
 	$(VENV)/bin/python -m noslip.guarantees $(UPDATE)
 
 # Every float in range against a higher precision (minutes on two cores), and a dense sample of doubles.
 trig-sweep:
 	@mkdir -p build
-	$(CC) -std=c99 -O2 -ffp-contract=off -fno-math-errno -Iruntime_c tests/c/trig_sweep.c -lm -o build/trig_sweep
+	$(CC) $(standard) -O2 -Iruntime_c tests/c/trig_sweep.c -lm -o build/trig_sweep
 	build/trig_sweep float 1 0 2 & other=$$!; build/trig_sweep float 1 1 2 && wait $$other
 	build/trig_sweep double 100000000 1992
 	build/trig_sweep atan2 50000000 1992

@@ -24,7 +24,7 @@ PARTS = {  # function -> who calls it; odometry, path and motors are inline in t
     "vehicle_step": "main",
     "labmate_type_iv_segment_follow_f": "vehicle_step",
     "watchdog_step": "vehicle_step",
-    "labmate_type_iv_segment_init_f": "make_law",
+    "labmate_type_iv_segment_init_f": "init_law",
 }
 ENTRIES = ("vehicle_step", "vehicle_init", "main")
 

@@ -41,7 +41,7 @@ LONGEST = 1.0  # s to generate for most trailers, imports left out
 class Unguarded(DynamicsC):
     """The dynamics themselves: what the guards would leave through is not there."""
 
-    def leave(self, condition: str, answer: str) -> str:
+    def leave(self, condition: str, answer: str = "NOSLIP_SINGULAR") -> str:
         return "" if answer in ("NOSLIP_SINGULAR", "NOSLIP_RANGE") else super().leave(condition, answer)
 
 

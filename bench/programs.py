@@ -42,8 +42,8 @@ class Program:
 class Unguarded(LawC):
     """The law itself: what the guards would leave through is not there."""
 
-    def _leave(self, condition: str, answer: str) -> str:
-        return "" if answer in ("NOSLIP_SINGULAR", "NOSLIP_RANGE") else super()._leave(condition, answer)
+    def leave(self, condition: str, answer: str = "NOSLIP_SINGULAR") -> str:
+        return "" if answer in ("NOSLIP_SINGULAR", "NOSLIP_RANGE") else super().leave(condition, answer)
 
 
 def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True) -> Program:
@@ -129,7 +129,8 @@ def arrays(law: ControlLaw) -> list[str]:
 
 
 def _signature(text: LawC, quantity: str, public: bool = False) -> tuple[str, str]:
-    declared = text._parameters(text.entry(ENTRY[quantity]), public=public)
+    entry = next(entry for entry in text.entries if entry.name == ENTRY[quantity])
+    declared = text.parameters(entry, public=public)
     return ", ".join(declared.values()), ", ".join(declared)
 
 

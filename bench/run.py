@@ -17,9 +17,10 @@ import programs
 import rates
 import whole_step
 from measure import CortexM4F, Count, Target, measure_all
-from noslip.codegen.files import robot_files, standard_laws
+from noslip.codegen.files import robot_files
+from noslip.model.outputs import OUTPUTS
 from noslip.readers.files import write_folder, write_whole
-from noslip.readers.robots import find_robot, system_of
+from noslip.readers.robots import find_robot, law_of, system_of
 
 OURS = {"ours": programs.ours, "guarded": programs.guarded, "unoptimized": programs.unoptimized, "hand": programs.hand}
 PEERS = {"casadi": peers.casadi, "casadi_single": peers.casadi_single, "sympy": peers.sympy_cse, "symforce": peers.symforce}
@@ -40,7 +41,7 @@ def main() -> int:
     shared = work / "shared"
     shared.mkdir(parents=True, exist_ok=True)
     system = system_of(find_robot("labmate"))
-    laws = standard_laws(system)
+    laws = [law_of(system, name) for name in OUTPUTS]
     given = [cases.make_cases(law) for law in laws]
     write_folder(shared, robot_files(system, laws))
     for name, text in _case_files(given).items():

@@ -1,1 +1,1 @@
-"""The command line: a thin module for each command."""
+"""The command line: one module per command, which parses arguments and calls the other packages."""

@@ -1,4 +1,4 @@
-"""`noslip analyse`: which constraints are holonomic, what can be controlled, where control breaks, what moves uncontrolled."""
+"""`noslip analyse`: holonomic constraints, controllability, singularities of the outputs and zero dynamics of a robot."""
 
 import argparse
 import json
@@ -13,9 +13,9 @@ from ..readers.files import check_targets, write_whole
 if TYPE_CHECKING:
     from ..analysis.answers import System
 
-PAUSE = 2.0  # s, between two lines that tell the progress
-EXAMPLE = """ROBOT may also be a Kinematics, or a rolling contact, in a file: their outputs are empty.
-Exit 1 when a start is not proved to be safe.
+PAUSE = 2.0  # s, between two progress messages
+EXAMPLE = """ROBOT may also be a Kinematics or a rolling contact in a file; these have no outputs.
+The exit code is 1 if a start is not proved to be safe.
 
 examples:
   noslip analyse labmate
@@ -26,13 +26,13 @@ examples:
 
 
 class Progress:
-    """A line on stderr for the entries of a table that are done, at most one in 2 s."""
+    """Prints progress of the table of safe offsets to stderr, at most every 2 s."""
 
     def __init__(self) -> None:
         self._begin = self._last = time.monotonic()
 
     def __call__(self, done: int, of: int) -> None:
-        """`done` entries `of` all are done."""
+        """Report that `done` of `of` entries are finished."""
         now = time.monotonic()
         if done < of and now - self._last > PAUSE:
             self._last = now
@@ -43,45 +43,48 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add `noslip analyse`."""
     parser = subparsers.add_parser(
         "analyse",
-        help="analyse what a robot can do, with the reason",
+        help="analyse constraints, controllability, singularities and zero dynamics of a robot",
         description=(
-            "Tell which constraints of a robot are holonomic, what can be controlled, where control is singular and what moves "
-            "that is not controlled. Generic ranks and integrals are exact; where they change is exact in its equation, and the "
-            "ranks there are those of real points to 60 digits; whatever is neither is marked."
+            "Determine which constraints of a robot are holonomic, what can be controlled, where the decoupling matrix is "
+            "singular, and "
+            "the zero dynamics. Generic ranks and integrals are exact. The set where a rank changes is given by an exact "
+            "equation; "
+            "the ranks on it are computed at real points with 60 digits. Results that are not exact are marked."
         ),
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     parser.add_argument(
-        "--output", metavar="LAW", action="append", default=[], help="only these outputs, such as type_i; may come several times"
+        "--output", metavar="LAW", action="append", default=[], help="only these outputs, such as type_i; may be repeated"
     )
     parser.add_argument(
         "--start",
         metavar="SPEC.toml",
         action="append",
         default=[],
-        help="say whether this start will meet the singular set; may come several times",
+        help="determine whether the loop from this start meets the singular set; may be repeated",
     )
     parser.add_argument(
         "--uncertainty",
         metavar="[NAME=]SIZE",
         action="append",
         default=[],
-        help="relative uncertainty of a parameter of the robot, or of all of them, that --start takes into account; "
-        "for example 0.01 or m_c=0.2; may come several times",
+        help="relative uncertainty of one parameter of the robot, or of all, for --start; "
+        "for example 0.01 or m_c=0.2; may be repeated",
     )
     parser.add_argument(
-        "--table", action="store_true", help="with --start, also the largest safe offset by speed and heading; takes a minute or two"
+        "--table",
+        action="store_true",
+        help="with --start, also compute the largest safe offset by speed and heading; takes a minute or two",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--report", metavar="FILE.html", help="write a page with formulas and drawings too")
-    parser.add_argument("-o", dest="out", metavar="FILE", default="-", help="where the answer goes; default: standard output")
+    parser.add_argument("--report", metavar="FILE.html", help="also write an HTML page with formulas and drawings")
+    parser.add_argument("-o", dest="out", metavar="FILE", default="-", help="output file; default: standard output")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """`noslip analyse`: 0, or 1 when a start is not proved to be safe. Raises BadInput, ModelError, OSError."""
+    """Run `noslip analyse`. Return 0, or 1 if a start is not proved to be safe. Raises BadInput, ModelError, OSError."""
     from ..analysis.answers import analyse, as_json  # slow to import
 
     inputs = [*arguments.start, arguments.robot.split(":")[0]]
@@ -104,7 +107,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def read_uncertainty(given: Sequence[str], system: "System") -> dict[str, float]:
-    """Sizes by name of parameter; one without a name is for all that have none of their own. Raises BadInput."""
+    """Return relative uncertainties by parameter name. A size without a name applies to all parameters not named. Raises
+    BadInput.
+    """
     found: dict[str, float] = {}
     for text in given:
         name, _, size = text.rpartition("=")
@@ -119,7 +124,7 @@ def read_uncertainty(given: Sequence[str], system: "System") -> dict[str, float]
 
 
 def find_system(text: str) -> "System":
-    """A robot as for the other commands; in a file also a Kinematics or a rolling contact, or a function that answers one."""
+    """Return the robot of this name; in a file, also a Kinematics, a rolling contact, or a function that returns one."""
     from ..model.mechanism import Mechanism
     from ..model.rolling.contact import PlanarContact, RollingContact
     from ..model.rolling.kinematics import Kinematics

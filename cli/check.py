@@ -1,53 +1,52 @@
-"""`noslip check`: the generated C against the symbolic reference, and both against expected values."""
+"""`noslip check`: compares the generated C with the symbolic reference, and both with expected values."""
 
 import argparse
 
 from ..controllers.controller import BACKENDS
 from ..readers.errors import BadInput
 
-DESCRIPTION = """With files: compare every backend with the `expect` of the cases.
-Without: compare the generated C in double with CasADi, and the C in float with the C in double, at random states
-with random parameters. Exit 1 when an error is beyond its limit. Errors are relative to the largest entry of the quantity
-(at random states, where some cancel to nothing: at least to a tenth of its median size)."""
+DESCRIPTION = """With files: compare every backend with the `expect` values of the cases.
+Without files: compare the generated C in double with CasADi, and the C in float with the C in double, at random states with
+random parameters. The exit code is 1 if an error exceeds its limit. Errors are relative to the largest entry of the quantity
+(at random states at least to a tenth of its median size, because some entries cancel)."""
 EXAMPLE = """examples:
-  noslip check                                       the C against the model, every law of the LABMATE
+  noslip check                                       compare the C with the model, every law of the LABMATE
   noslip check --output type_i --states 100 --seed 7
-  noslip check tests/reference/labmate_paper.json    all backends against expected values"""
+  noslip check tests/reference/labmate_paper.json    compare all backends with expected values"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
+    """Add `noslip check`."""
     parser = subparsers.add_parser(
         "check",
         help="compare the C with the model, and all backends with expected values",
         description=DESCRIPTION,
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("cases", metavar="CASES.json", nargs="*", help="cases with `expect`")
     parser.add_argument("--backend", action="append", choices=BACKENDS, help="only this backend; may be repeated")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     random = parser.add_argument_group("without files")
-    random.add_argument("--robot", help="shipped name or path/to/file.py:name (default labmate)")
+    random.add_argument("--robot", help="name of a shipped robot or path/to/file.py:name (default labmate)")
     random.add_argument("--output", metavar="LAW", help="only this law, such as type_iv_circle (default: all)")
     random.add_argument("--states", type=int, metavar="N", help="random states per law (default 2000)")
-    random.add_argument("--seed", type=int, help="of the random states (default 1992)")
+    random.add_argument("--seed", type=int, help="seed of the random states (default 1992)")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command. Answers 0 when every error is within its limits, else 1."""
+    """Run `noslip check`. Return 0 if every error is within its limits, else 1. Raises BadInput."""
     from ..verification.check import MOST_STATES, RANDOM_LIMITS, check_files, check_random  # slow to import
 
     if args.cases:
         for option in ("robot", "output", "states", "seed"):
             if getattr(args, option) is not None:
-                raise BadInput(f"--{option} is for the check at random states; leave it out, or leave out the files")
+                raise BadInput(f"--{option} applies to random states only; omit it, or omit the files")
         return check_files(args.cases, args.backend or BACKENDS, args.json)
     backends = args.backend or list(RANDOM_LIMITS)
     if "casadi" in backends:
-        raise BadInput("casadi is what the C is compared with at random states; give --backend c or cf, or a file of cases")
+        raise BadInput("casadi is the reference at random states; give --backend c or cf, or a file of cases")
     states, seed = 2000 if args.states is None else args.states, 1992 if args.seed is None else args.seed
     if not 1 <= states <= MOST_STATES or seed < 0:
-        raise BadInput(f"--states must be 1 to {MOST_STATES} and --seed 0 or more, they are {states} and {seed}")
+        raise BadInput(f"--states must be 1 to {MOST_STATES} and --seed 0 or more; given: {states} and {seed}")
     return check_random(args.robot or "labmate", args.output, states, seed, backends, args.json)

@@ -2,6 +2,8 @@
 
 BAD_INPUT, INTERNAL, READER_GONE = 2, 70, 141
 COMMANDS = (
+    "robots",
+    "laws",
     "generate",
     "check",
     "evaluate",
@@ -13,4 +15,5 @@ COMMANDS = (
     "sweep",
     "figures",
     "export",
-)  # each a module beside this one
+    "completion",
+)  # each has a module in this folder

@@ -1,4 +1,4 @@
-"""What a command line asks for, carried out; errors become one line and an exit code."""
+"""Runs a command line; an error becomes one line on stderr and an exit code."""
 
 import argparse
 import errno
@@ -7,11 +7,12 @@ import os
 import sys
 import traceback
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from .. import __version__
-from ..readers.errors import BadInput
+from ..readers.errors import BadInput, suggestion
 from .codes import BAD_INPUT, COMMANDS, INTERNAL, READER_GONE
 
 ADVICE = {
@@ -20,16 +21,31 @@ ADVICE = {
     errno.EISDIR: "give a file, not a folder",
     errno.EACCES: "check its permissions",
     errno.EPERM: "check its permissions",
-    errno.EROFS: "choose a place that can be written to",
-    errno.ENOSPC: "free some space or choose another place",
+    errno.EROFS: "choose a writable folder",
+    errno.ENOSPC: "free some space or choose another folder",
 }
 
 
+FIRST = """noslip: no command is given. To begin:
+  noslip robots                                            the shipped robots
+  noslip simulate line -o run.csv --plot run.png           a closed loop with the generated C
+  noslip generate labmate -o generated                     the C of every control law of a robot
+  noslip --help                                            all commands"""
+
+
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser whose errors are one line."""
+    """An ArgumentParser that reports errors in one line; the help of a command keeps its own line breaks."""
+
+    def __init__(self, **settings: Any):
+        super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter, **settings})
+
+    @property
+    def options(self) -> list[str]:
+        """The long options."""
+        return [option for option in self._option_string_actions if option.startswith("--")]
 
     def error(self, message: str) -> NoReturn:
-        """Report a wrong command line and exit 2."""
+        """Report an invalid command line and exit with code 2."""
         self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}; see {self.prog} --help\n")
 
 
@@ -38,11 +54,11 @@ def run(argv: list[str]) -> int:
     try:
         with warnings.catch_warnings():
             if not sys.warnoptions:
-                warnings.simplefilter("ignore")  # of libraries, about numbers that are refused or told in the answer
+                warnings.simplefilter("ignore")  # of libraries, about numbers that are rejected or reported in the result anyway
             code = _run(argv)
         sys.stdout.flush()
         return code
-    except SystemExit as stop:  # argparse, after --help or a wrong command line
+    except SystemExit as stop:  # from argparse, after --help or an invalid command line
         return int(stop.code or 0)
     except BrokenPipeError:
         _close_stdout()
@@ -51,24 +67,41 @@ def run(argv: list[str]) -> int:
         return _report(error)
 
 
-def _run(argv: list[str]) -> int:
+def parser_of(names: Sequence[str]) -> tuple[Parser, "argparse._SubParsersAction[Parser]"]:
+    """Return the parser of the command line with these commands, and its parsers of commands."""
     parser = Parser(
-        prog="noslip", description="From the Lagrangian of a robot that rolls without slipping to the C of its controller."
+        prog="noslip",
+        description="From the Lagrangian of a robot that rolls without slipping to the C code of its controller.",
+        formatter_class=argparse.HelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"noslip {__version__}")
-    subparsers = parser.add_subparsers(metavar="COMMAND", title="commands (noslip COMMAND --help tells more)")
-    # Only the command that runs is imported; help, and the message about an unknown command, need them all.
-    for name in [argv[0]] if argv and argv[0] in COMMANDS else COMMANDS:
-        importlib.import_module(f".{name.replace('-', '_')}", __package__).add_parser(subparsers)
-    args = parser.parse_args(argv)
+    commands = parser.add_subparsers(metavar="COMMAND", title="commands (noslip COMMAND --help shows the options of a command)")
+    for name in names:
+        importlib.import_module(f".{name.replace('-', '_')}", __package__).add_parser(commands)
+    return parser, commands
+
+
+def _run(argv: list[str]) -> int:
+    if not argv:
+        print(FIRST, file=sys.stderr)
+        return BAD_INPUT
+    first = argv[0]
+    if first not in COMMANDS and not first.startswith("-"):
+        raise BadInput(f"unknown command {first!r}{suggestion(first, COMMANDS)}")
+    # Import only the module of the command that is run; the help needs all modules.
+    parser, commands = parser_of([first] if first in COMMANDS else COMMANDS)
+    args, unknown = parser.parse_known_args(argv)
+    if unknown:
+        own = commands.choices.get(first, parser)
+        option = unknown[0].split("=")[0]
+        own.error(f"unrecognized argument {option!r}{suggestion(option, own.options) if option.startswith('--') else ''}")
     if "run" not in args:
-        parser.print_help()
-        return 0
+        return _fail(BAD_INPUT, "no command is given; see noslip --help")
     return args.run(args)
 
 
 def _report(error: Exception) -> int:
-    """One line about an error, and the exit code for it."""
+    """Print one line about an error and return its exit code."""
     from ..model.errors import ModelError
 
     if isinstance(error, BadInput | ModelError):
@@ -83,12 +116,14 @@ def _report(error: Exception) -> int:
         traceback.print_exception(error)
     last = traceback.extract_tb(error.__traceback__)[-1]
     what = f"{type(error).__name__}: {error} ({os.path.basename(last.filename)}:{last.lineno})"
-    return _fail(INTERNAL, f"internal error, please report it: {what}; NOSLIP_DEBUG=1 shows where it comes from")
+    return _fail(INTERNAL, f"internal error, please report it: {what}; set NOSLIP_DEBUG=1 for a traceback")
 
 
 def _fail(code: int, message: str) -> int:
     with suppress(OSError):
-        print(f"noslip: {_one_line(message)}", file=sys.stderr)
+        coloured = sys.stderr.isatty() and "NO_COLOR" not in os.environ
+        name = "\033[1;31mnoslip:\033[0m" if coloured else "noslip:"
+        print(f"{name} {_one_line(message)}", file=sys.stderr)
     return code
 
 
@@ -97,6 +132,6 @@ def _one_line(message: str) -> str:
 
 
 def _close_stdout() -> None:
-    """Send what is still buffered nowhere, so that the interpreter does not fail on it once more when it ends."""
+    """Discard what is still buffered for stdout, so that the interpreter does not fail on it again at exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,4 +1,4 @@
-"""`noslip evaluate`: the quantities of a control law at given states."""
+"""`noslip evaluate`: evaluates the quantities of a control law at given states."""
 
 import argparse
 
@@ -10,30 +10,27 @@ EXAMPLE = """example:
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
+    """Add `noslip evaluate`."""
     parser = subparsers.add_parser(
         "evaluate",
         help="evaluate a control law at given states",
         description="Evaluate h, ydot, Phi, Phidot, u and tau at the states of a file of cases.\n"
-        "A case that cannot be evaluated has its status instead; that is no error.",
+        "For a case that cannot be evaluated, the result is its status; the exit code is 0 all the same.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("cases", metavar="CASES.json", help="cases: parameters, output, q, nu, reference, gains")
     parser.add_argument(
         "--backend",
         choices=(*BACKENDS, *ON_TARGET),
         default="c",
-        help="casadi; the generated C in double (c, the default) or float (cf); the same on an emulated Cortex-M4F or RV32",
+        help="casadi; the generated C in double (c, the default) or float (cf); the float C on an emulated Cortex-M4F or RV32",
     )
-    parser.add_argument(
-        "-o", dest="out", metavar="OUT.json", default="-", help="where to write; - (the default) is standard output"
-    )
+    parser.add_argument("-o", dest="out", metavar="OUT.json", default="-", help="output file; - (the default) is standard output")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command. Answers 0: also when cases have a status other than ok."""
+    """Run `noslip evaluate`. Return 0, also if cases have a status other than ok. Raises BadInput, ModelError, OSError."""
     from ..verification.cases import read_cases, write_out  # slow to import
     from ..verification.evaluate import evaluate_cases
 

@@ -1,4 +1,4 @@
-"""`noslip export`: a folder with everything a C project needs, which any C99 compiler builds as it is."""
+"""`noslip export`: writes a self-contained folder of C that any C99 compiler builds."""
 
 import argparse
 import os
@@ -15,18 +15,17 @@ EXAMPLE = """examples:
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
+    """Add `noslip export`."""
     parser = subparsers.add_parser(
         "export",
-        help="write a folder of C that builds as it is",
-        description="Write the C of a robot's laws with the runtime, a Makefile and an example into a new folder, "
-        "compared with the model first, as by `noslip generate`. With "
-        "--firmware: a project for a target, with CMake too, start-up code, a loop to fill in, and a self-test with golden "
-        "vectors (float, unless --scalar says double).",
+        help="write a self-contained folder of C that builds without further set-up",
+        description="Write the C of a robot's laws, the runtime, a Makefile and an example into a new folder, after "
+        "comparing the C with "
+        "the model as `noslip generate` does. With --firmware: write a project for a target, with start-up code, CMake files, a "
+        "control loop to complete, and a self-test with golden vectors (float, unless --scalar is double).",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     add_selection(parser)
     parser.add_argument(
         "--firmware",
@@ -34,12 +33,12 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         metavar="TARGET",
         help="cortex-m4f, rv32 or generic (any machine with a C compiler)",
     )
-    parser.add_argument("-o", dest="out", metavar="DIR", required=True, help="a folder that does not exist yet, or is empty")
+    parser.add_argument("-o", dest="out", metavar="DIR", required=True, help="a new or empty folder")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command. Returns 1, with nothing written, when the C is not the model. Raises BadInput when the folder is not empty."""
+    """Run `noslip export`. Return 1, with nothing written, if C and model differ. Raises BadInput if the folder is not empty."""
     from ..codegen.project.example import example
 
     target = Path(os.path.realpath(args.out))
@@ -80,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _runtime(scalar: str) -> dict[str, str]:
-    """The hand-written C that a scalar needs: a source that has a float twin is left out where only one of them is wanted."""
+    """Return the hand-written C for a scalar ("double", "float" or "both"), by file name."""
     files = runtime_files()
     twins = {name: name.removesuffix(".c") + "_f.c" for name in files if name.removesuffix(".c") + "_f.c" in files}
     unwanted = {"double": set(twins.values()), "float": set(twins), "both": set()}[scalar]

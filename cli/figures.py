@@ -1,4 +1,4 @@
-"""`noslip figures`: the paper's figures and further ones, run on the generated C, with their claims checked by number."""
+"""`noslip figures`: runs the experiments of the paper and further ones on the generated C and checks their claims numerically."""
 
 import argparse
 import json
@@ -15,33 +15,33 @@ EXAMPLE = """example:
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
+    """Add `noslip figures`."""
     parser = subparsers.add_parser(
         "figures",
-        help="draw the paper's figures from the generated C and check what they claim",
-        description="Run the paper's experiments and some more on the generated C, draw them and check their claims by number. "
-        "Writes DIR/report.html, which needs no other file, and each figure as PNG and SVG. Exit 1 when a claim that should "
-        "hold does not.",
+        help="reproduce the paper's figures from the generated C and check their claims",
+        description="Run the paper's experiments and further ones on the generated C, draw them and check their claims "
+        "numerically. "
+        "Writes a self-contained DIR/report.html, and each figure as PNG and SVG. The exit code is 1 if a claim that should hold "
+        "does not.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("-o", dest="out", metavar="DIR", default="figures", help="where they go (default: figures)")
-    parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="some of them: 1, 6, 8a, sampled, ...")
+    parser.add_argument("-o", dest="out", metavar="DIR", default="figures", help="output folder (default: figures)")
+    parser.add_argument("--only", nargs="+", metavar="NAME", default=[], help="draw these figures only: 1, 6, 8a, sampled, ...")
     parser.add_argument(
-        "--jobs", type=int, metavar="N", default=os.cpu_count() or 1, help="processes (default: as many as cores)"
+        "--jobs", type=int, metavar="N", default=os.cpu_count() or 1, help="number of processes (default: number of cores)"
     )
     parser.add_argument("--json", action="store_true", help="print the claims as JSON")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command: 0, or 1 when a claim fails. Raises BadInput, ModelError, OSError."""
+    """Run `noslip figures`. Return 0, or 1 if a claim fails. Raises BadInput, ModelError, OSError."""
     from ..evidence.catalogue import chosen  # slow to import
     from ..evidence.production import Made, produce
     from ..evidence.report import as_json, report, summary
 
     if args.jobs < 1:
-        raise BadInput(f"--jobs {args.jobs}: at least one process is needed")
+        raise BadInput(f"--jobs {args.jobs} must be 1 or more")
     figures = chosen(args.only)
     done: list[Made] = []
 

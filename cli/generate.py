@@ -1,4 +1,4 @@
-"""`noslip generate`: the C of a robot's control laws, written or compared with what is there."""
+"""`noslip generate`: writes the C of a robot's control laws, or compares it with the existing files."""
 
 import argparse
 import difflib
@@ -11,56 +11,52 @@ from pathlib import Path
 from ..readers.errors import BadInput
 from ..readers.files import write_folder
 
-DYNAMICS = "dynamics"  # what is written beside the laws
+DYNAMICS = "dynamics"  # written in addition to the laws
 
-OUTPUT_HELP = f"a law, such as type_i, or {DYNAMICS}, the plant; may be repeated (default: all)"
+OUTPUT_HELP = f"a law, such as type_i, or {DYNAMICS}, the plant model; may be repeated (default: all)"
 EXAMPLE = """examples:
   noslip generate labmate                      write generated/labmate/
-  noslip generate labmate --check              exit 1 with a diff unless generated/labmate/ is current
-  noslip generate labmate --explain            print what each pass of the optimizer brings
+  noslip generate labmate --check              exit with 1 and print a diff unless generated/labmate/ is current
+  noslip generate labmate --explain            print the effect of each pass of the optimizer
   noslip generate my_robot.py:cart -o c --output type_i --scalar float"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add the command."""
+    """Add `noslip generate`."""
     parser = subparsers.add_parser(
         "generate",
         help="write the C of a robot's control laws and dynamics",
-        description="Write the C of a robot's control laws and of its dynamics into DIR/ROBOT/, double and float. Before that, "
-        "compile it and compare it with the model at random states: where they differ, write nothing and exit 1. Without a C "
-        "compiler, a warning says that nothing was compared.",
+        description="Write the C of a robot's control laws and dynamics into DIR/ROBOT/, in double and float. Before "
+        "writing, the C is "
+        "compiled and compared with the model at random states; if they differ, nothing is written and the exit code is 1. "
+        "Without a "
+        "C compiler, the comparison is skipped with a warning.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
-    parser.add_argument("-o", dest="out", metavar="DIR", default="generated", help="where to write (default: generated)")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
+    parser.add_argument("-o", dest="out", metavar="DIR", default="generated", help="output folder (default: generated)")
     add_selection(parser)
     parser.add_argument(
-        "--check", action="store_true", help="write nothing; fail with a diff unless DIR is what would be written"
+        "--check", action="store_true", help="write nothing; fail with a diff unless the files in DIR are current"
     )
-    parser.add_argument("--explain", action="store_true", help="write nothing; print what each pass of the optimizer brings")
+    parser.add_argument("--explain", action="store_true", help="write nothing; print the effect of each pass of the optimizer")
     parser.set_defaults(run=run)
 
 
 def add_selection(parser: argparse.ArgumentParser) -> None:
-    """The options that choose laws and scalars."""
+    """Add the options that select laws and scalars."""
     parser.add_argument("--output", action="append", default=[], metavar="LAW", help=OUTPUT_HELP)
     parser.add_argument("--scalar", choices=("double", "float", "both"), default="both", help="default: both")
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command. Returns 1 when --check finds a difference, and when the C is not the model: then nothing is written."""
-    from ..model.reduction import warnings
-    from ..readers.robots import find_robot, system_of
-
+    """Run `noslip generate`. Return 1 if --check finds a difference, or if C and model differ; nothing is written then."""
     if args.explain:
         from ..codegen.explain import explain
 
         print("\n\n".join(explain(law) for law in selected_laws(args)))
         return 0
     files = selected_files(args, dynamics=not args.output or DYNAMICS in args.output)
-    for line in warnings(system_of(find_robot(args.robot))):
-        print(f"warning: {line}", file=sys.stderr)
     folder = Path(args.out) / robot_name(files)
     if args.check:
         return _compare(files, folder)
@@ -72,19 +68,23 @@ def run(args: argparse.Namespace) -> int:
 
 
 def selected_files(args: argparse.Namespace, dynamics: bool) -> dict[str, str]:
-    """Text of the C that the command line asks for, with or without the dynamics."""
+    """Return the selected C files by name, with or without the dynamics. Print to stderr where the constraints lose rank."""
     from ..codegen.files import robot_files
+    from ..model.reduction import warnings
     from ..readers.robots import find_robot, placed, system_of
 
     scalars = ("double", "float") if args.scalar == "both" else (args.scalar,)
     robot = find_robot(args.robot)
     system, laws = system_of(robot), _laws_of_files(args)
     with placed(robot):
-        return robot_files(system, laws, scalars, dynamics)
+        files = robot_files(system, laws, scalars, dynamics)
+    for line in warnings(system):
+        print(f"warning: {line}", file=sys.stderr)
+    return files
 
 
 def is_the_model(args: argparse.Namespace, files: Mapping[str, str]) -> bool:
-    """Whether the C that `selected_files` returned computes what the model says; standard error tells where it does not."""
+    """Return whether the C from `selected_files` computes the same as the model; differences are printed to stderr."""
     from ..readers.robots import find_robot, system_of
     from ..verification.verify import differences
 
@@ -92,7 +92,7 @@ def is_the_model(args: argparse.Namespace, files: Mapping[str, str]) -> bool:
     for line in wrong:
         print(f"noslip: {line}", file=sys.stderr)
     if wrong:
-        print("noslip: nothing is written: the generated C is not the model; please report this", file=sys.stderr)
+        print("noslip: nothing is written: the generated C differs from the model; please report this", file=sys.stderr)
     return not wrong
 
 
@@ -101,27 +101,27 @@ def _laws_of_files(args: argparse.Namespace) -> list:
 
 
 def selected_laws(args: argparse.Namespace) -> list:
-    """The control laws that the command line asks for. Raises BadInput when the robot has none, or none is asked for."""
+    """Return the selected control laws. Raises BadInput if the robot has none or the selection is empty."""
     from ..model.outputs import OUTPUTS
     from ..readers.robots import find_laws, find_robot, law_of, system_of
 
     system = system_of(find_robot(args.robot))
     names: Sequence[str] = [name for name in args.output if name != DYNAMICS]
     if args.output and not names:
-        raise BadInput(f"--output {DYNAMICS} is no control law; name one beside it, such as --output {next(iter(OUTPUTS))}")
+        raise BadInput(f"--output {DYNAMICS} is not a control law; also name a law, such as --output {next(iter(OUTPUTS))}")
     names = names or find_laws(system)
     if not names:
-        names = [next(iter(OUTPUTS))]  # building it says why not
+        names = [next(iter(OUTPUTS))]  # building it raises the error that states the reason
     return [law_of(system, name) for name in dict.fromkeys(names)]
 
 
 def robot_name(files: Mapping[str, str]) -> str:
-    """The robot whose files these are."""
+    """Return the name of the robot to which these files belong."""
     return json.loads(files["manifest.json"])["robot"]
 
 
 def _written_before(folder: Path) -> set[str]:
-    """The files in the folder that an earlier run listed in its manifest and that nobody has changed since."""
+    """Return the files in the folder that an earlier run listed in its manifest and that have not been changed since."""
     try:
         listed = dict(json.loads((folder / "manifest.json").read_text())["files"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
@@ -131,19 +131,21 @@ def _written_before(folder: Path) -> set[str]:
 
 
 def _compare(files: Mapping[str, str], folder: Path) -> int:
-    """Print how the folder differs from `files`; a file added or missing counts. Answers 0 only if nothing does."""
+    """Print the differences between the folder and `files`, including added and missing files. Return 0 if there are none,
+    else 1.
+    """
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     different = 0
     for name in sorted(present | set(files)):
         path = folder / name
         if name not in files:
-            print(f"{path}: nothing generates this file; remove it", file=sys.stderr)
+            print(f"{path}: this file is not generated; remove it", file=sys.stderr)
         elif name not in present:
             print(f"{path}: missing; run noslip generate", file=sys.stderr)
         elif path.read_bytes() != files[name].encode():
             old = path.read_bytes().decode(errors="replace").splitlines(keepends=True)
             sys.stderr.writelines(
-                difflib.unified_diff(old, files[name].splitlines(keepends=True), str(path), "what the model gives")
+                difflib.unified_diff(old, files[name].splitlines(keepends=True), str(path), "generated from the model")
             )
         else:
             continue
@@ -151,6 +153,6 @@ def _compare(files: Mapping[str, str], folder: Path) -> int:
     print(
         f"{folder}: {different} of {len(present | set(files))} files differ"
         if different
-        else f"{folder}: {len(files)} files current"
+        else f"{folder}: {len(files)} files are current"
     )
     return int(different > 0)

@@ -1,17 +1,17 @@
 """The command line: `noslip COMMAND`.
 
-Exit 0 success, 1 a check failed, 2 bad input, 70 an error of noslip's own, 130 Ctrl-C, 143 SIGTERM.
+Exit codes: 0 success, 1 a check failed, 2 bad input, 70 internal error, 130 Ctrl-C, 143 SIGTERM.
 """
 
-import os  # loaded with the interpreter, as sys is: what else is imported comes after signals are ours
+import os  # already loaded by the interpreter, as is sys; everything else is imported after the signal handlers are installed
 import sys
 
-INTERRUPTED, TERMINATED = 130, 143  # the other exit codes are in codes.py
+INTERRUPTED, TERMINATED = 130, 143  # for the other exit codes see codes.py
 FILES = f"{__package__.rpartition('.')[0]}.readers.files"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a command line and return its exit code; errors are one line on stderr, with NOSLIP_DEBUG set a traceback too."""
+    """Run a command line and return its exit code. Errors are one line on stderr; if NOSLIP_DEBUG is set, with a traceback."""
     try:
         if argv is None:
             import signal
@@ -19,7 +19,7 @@ def main(argv: list[str] | None = None) -> int:
             signal.signal(signal.SIGINT, lambda *_: _stop(INTERRUPTED, "interrupted"))
             signal.signal(signal.SIGTERM, lambda *_: _stop(TERMINATED, "terminated"))
             argv = sys.argv[1:]
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy comes: matrices are small, threads would only wait
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported: the matrices are too small for threads
         from .commands import run
 
         return run(list(argv))
@@ -29,9 +29,9 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _stop(code: int, message: str) -> None:
-    """End at once and leave nothing: an exception raised inside CasADi's or a compiler's callback could be lost.
+    """Exit at once and remove temporary files. An exception raised inside a callback of CasADi or a compiler could be lost.
 
-    The line goes past the buffer of stderr, which the code that was interrupted may be writing to. A module may be half imported.
+    The message bypasses the buffer of stderr, because the interrupted code may be writing to it. A module may be partly imported.
     """
     try:
         files = sys.modules.get(FILES)

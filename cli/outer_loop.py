@@ -1,4 +1,4 @@
-"""`noslip outer-loop`: gains of a law designed, and what they are worth on a real processor with a wrong model."""
+"""`noslip outer-loop`: designs gains of a law and computes margins, sampling limits and sensitivity to model errors."""
 
 import argparse
 import json
@@ -30,43 +30,51 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add `noslip outer-loop`."""
     parser = subparsers.add_parser(
         "outer-loop",
-        help="design and judge the gains of a law",
+        help="design and assess the gains of a law",
         description=(
-            "Gains of each channel of a law, given or designed; margins, sensitivities, the longest period; the whole loop about "
-            "its steady motion, and which error of the model hurts it most. VALUES are for all channels, or ROW=VALUES for one."
+            "Given or designed gains of each channel of a law; margins, sensitivity, longest sampling period; the whole "
+            "loop about its "
+            "steady motion, and the effect of each model error on it. VALUES apply to all channels, ROW=VALUES to one."
         ),
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("robot", metavar="ROBOT", help="a shipped robot's name or path/to/file.py:name")
+    parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     parser.add_argument("--output", metavar="LAW", help="name of the law, for example type_iv_circle")
-    parser.add_argument("--spec", metavar="SPEC.toml", help="path, reference, gains, parameters and the true robot from a SPEC")
-    parser.add_argument("--L", type=quantity, metavar="M", help="m, P_l ahead of the vehicle's point (the SPEC's, else 0)")
-    parser.add_argument("--speed", type=quantity, metavar="V", help="m/s, of the steady motion (the SPEC's, else 1)")
+    parser.add_argument("--spec", metavar="SPEC.toml", help="take path, reference, gains, parameters and plant from a SPEC")
+    parser.add_argument(
+        "--L", type=quantity, metavar="M", help="distance of P_l ahead of the vehicle's point, m (default: from SPEC, else 0)"
+    )
+    parser.add_argument(
+        "--speed", type=quantity, metavar="V", help="speed of the steady motion, m/s (default: from SPEC, else 1)"
+    )
     design = parser.add_argument_group("design")
     for name, metavar, text in (
-        ("poles", "[ROW=]P,P", "closed-loop poles, 1/s; one for relative degree 1, one more with --integral"),
+        ("poles", "[ROW=]P,P", "closed-loop poles, 1/s; as many as the relative degree, one more with --integral"),
         ("discrete-poles", "[ROW=]Z,Z", "poles of the sampled channel; needs --period"),
-        ("settling", "[ROW=]S", "s until an error stays within 2 %%"),
-        ("damping", "[ROW=]Z", "damping ratio for --settling: 1 critically damped (default), above overdamped"),
-        ("lqr", "[ROW=]E,R,V", "linear-quadratic: largest error, rate (degree 2 only), integral (with --integral), v; SI"),
+        ("settling", "[ROW=]S", "settling time to 2 %%, s"),
+        ("damping", "[ROW=]Z", "damping ratio for --settling: 1 critically damped (default), larger overdamped"),
+        ("lqr", "[ROW=]E,R,V", "LQR by largest error, rate (relative degree 2 only), integral (with --integral), v; SI units"),
     ):
         design.add_argument(f"--{name}", metavar=metavar, action="append", default=[], help=text)
-    design.add_argument("--integral", action="store_true", help="integral action in the channels designed")
+    design.add_argument("--integral", action="store_true", help="design integral action too")
     sampled = parser.add_argument_group("on a processor")
-    sampled.add_argument("--period", type=quantity, metavar="S", help="s between calls, torque held in between; none: continuous")
-    sampled.add_argument("--delay", action="store_true", help="the torque is applied one call after its state was sensed")
-    sampled.add_argument("--gain-margin", type=quantity, default=6.0, metavar="DB", help="to be kept by the longest period (6)")
-    sampled.add_argument("--phase-margin", type=quantity, default=45.0, metavar="DEG", help="the same (45)")
-    sampled.add_argument("--peak", type=quantity, default=2.0, metavar="MS", help="the same, of the sensitivity (2)")
-    parser.add_argument("--wrong", type=quantity, default=0.2, metavar="PART", help="how wrong things may be (0.2: by 20 %%)")
+    sampled.add_argument(
+        "--period", type=quantity, metavar="S", help="sampling period with zero-order hold, s (default: continuous)"
+    )
+    sampled.add_argument("--delay", action="store_true", help="apply the torque one period after the state was measured")
+    sampled.add_argument("--gain-margin", type=quantity, default=6.0, metavar="DB", help="required at the longest period (6)")
+    sampled.add_argument("--phase-margin", type=quantity, default=45.0, metavar="DEG", help="required at the longest period (45)")
+    sampled.add_argument("--peak", type=quantity, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)")
+    parser.add_argument(
+        "--wrong", type=quantity, default=0.2, metavar="PART", help="relative error of each parameter (0.2: 20 %%)"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--figures", metavar="DIR", help="draw Bode, Nyquist, steps, eigenvalues into a folder")
+    parser.add_argument("--figures", metavar="DIR", help="write Bode, Nyquist, step and eigenvalue plots into a folder")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command. Raises BadInput for what cannot be: unknown names, unstable designs, a period of zero or beyond stability."""
+    """Run `noslip outer-loop`. Raises BadInput for unknown names, unstable designs, and periods that are zero or too long."""
     from ..outer.channel import Required
     from ..outer.design import positive
     from ..outer.report import Report
@@ -78,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     elif args.delay or args.discrete_poles:
         raise BadInput(f"--{'delay' if args.delay else 'discrete-poles'} needs --period")
     if not 0 < args.wrong < 1:
-        raise BadInput(f"--wrong {args.wrong:g} must lie between 0 and 1")
+        raise BadInput(f"--wrong {args.wrong:g} must be between 0 and 1")
     if args.gain_margin > 1000:
         raise BadInput(f"--gain-margin {args.gain_margin:g} dB is out of range; give at most 1000")
     required = Required(
@@ -106,25 +114,30 @@ def run(args: argparse.Namespace) -> int:
 def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
     from ..outer.setting import SPEED, default_spec, with_speed
     from ..readers.robots import find_robot, law_of
-    from ..simulation.specification.spec import read_spec
+    from ..simulation.loop import make_loop
+    from ..simulation.specification.vary import read_varied
 
     if args.speed is not None and not (math.isfinite(args.speed) and args.speed):
-        raise BadInput(f"--speed {args.speed:g} must be finite and not zero: at rest there is nothing to follow")
+        raise BadInput(f"--speed {args.speed:g} must be finite and not zero: the steady motion is along the path")
     if args.spec is None:
         if args.output is None:
             raise BadInput("outer-loop needs --output LAW or --spec SPEC.toml")
         law = law_of(find_robot(args.robot), args.output)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
-    spec = read_spec(args.spec)
+    spec = read_varied(args.spec, {"simulation.backend": "casadi"})
     for option, given, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.output.law)):
         if given is not None and given != own:
-            raise BadInput(f"{args.spec}: is about {own}, but {option} is {given}")
+            raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {given}")
     law = law_of(find_robot(spec.robot), spec.output.law)
+    try:
+        make_loop(spec)  # refuses what `noslip simulate` refuses
+    except BadInput as error:
+        raise BadInput(f"{args.spec}: {error}") from error
     return law, _placed(spec if args.speed is None else with_speed(spec, args.speed), args.L)
 
 
 def _placed(spec: "Spec", L: float | None) -> "Spec":
-    """The SPEC with another L (m)."""
+    """Return the SPEC with another L (m). Raises BadInput if L is not finite."""
     if L is None:
         return spec
     if not math.isfinite(L):
@@ -133,7 +146,7 @@ def _placed(spec: "Spec", L: float | None) -> "Spec":
 
 
 def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[str, "Gains"]:
-    """Of each row: designed where asked for, else the SPEC's or the law's defaults."""
+    """Return the gains of each row: designed if an option requests it, else those of the SPEC, else the defaults of the law."""
     from ..outer.design import Gains, from_discrete_poles, from_lqr, from_poles, from_settling
     from ..verification.cases import gain_entries, integral_entries
 
@@ -147,7 +160,7 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
         if len(ways) > 1:
             raise BadInput(f"{row}: --{ways[0].replace('_', '-')} and --{ways[1].replace('_', '-')}; choose one")
         if row in asked["damping"] and ways != ["settling"]:
-            raise BadInput(f"{row}: --damping is for --settling")
+            raise BadInput(f"{row}: --damping requires --settling")
         numbers = {name: asked[name][row] for name in asked if row in asked[name]}
         if not ways:
             error, rate = values[f"{'kp' if degree == 2 else 'kv'}_{row}"], values.get(f"kd_{row}", 0.0)
@@ -162,12 +175,12 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
             settling, damping = (_one(numbers.get(name, [1.0]), name, row) for name in ("settling", "damping"))
             made[row] = from_settling(degree, settling, damping, args.integral, row)
     if args.integral and not any(asked[name] for name in DESIGNS):
-        raise BadInput("--integral needs a design: --poles, --discrete-poles, --settling or --lqr")
+        raise BadInput("--integral requires a design: --poles, --discrete-poles, --settling or --lqr")
     return made
 
 
 def _by_row(texts: Sequence[str], rows: Sequence[str], option: str) -> dict[str, list[complex]]:
-    """VALUES for all rows, ROW=VALUES for one, which goes before."""
+    """Return the numbers of an option by row. VALUES apply to all rows; ROW=VALUES takes precedence for one row."""
     general: dict[str, list[complex]] = {}
     special: dict[str, list[complex]] = {}
     for text in texts:

@@ -1,4 +1,4 @@
-"""`noslip plan`: a path of lines and arcs, from pose to pose or through waypoints, ready for a SPEC or for C."""
+"""`noslip plan`: plans a path of lines and arcs between poses or through waypoints, for a SPEC or as C."""
 
 import argparse
 import csv
@@ -8,7 +8,7 @@ import math
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, read_input, write_whole
@@ -25,63 +25,63 @@ EXAMPLE = """examples:
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add `noslip plan`."""
-    style: dict[str, Any] = {"epilog": EXAMPLE, "formatter_class": argparse.RawDescriptionHelpFormatter}
     parser = subparsers.add_parser(
         "plan",
         help="plan a path of lines and arcs",
         description="Plan a path of lines and arcs and print it as `path` of a SPEC's [output] (m, rad).",
-        **style,
+        epilog=EXAMPLE,
     )
     ways = parser.add_subparsers(metavar="WAY", title="ways", required=True)
     for name, about in (
-        ("dubins", "the shortest way forward from pose to pose"),
-        ("reeds-shepp", "the shortest way forward and backward from pose to pose"),
+        ("dubins", "the shortest forward path between two poses"),
+        ("reeds-shepp", "the shortest path between two poses, forward and in reverse"),
     ):
-        way = ways.add_parser(name, help=about, description=f"Plan {about} (x, y in m, heading of the vehicle).", **style)
+        way = ways.add_parser(name, help=about, description=f"Plan {about} (x, y in m, heading of the vehicle).", epilog=EXAMPLE)
         way._negative_number_matcher = re.compile(r"-\.?\d")  # argparse of Python < 3.13 takes -1e-3 for an option
         way.add_argument("--from", dest="start", nargs=3, type=quantity, metavar=("X", "Y", "HEADING"), required=True)
         way.add_argument("--to", dest="goal", nargs=3, type=quantity, metavar=("X", "Y", "HEADING"), required=True)
-        way.add_argument("--radius", type=quantity, metavar="R", required=True, help="turns no tighter than that, m")
+        way.add_argument("--radius", type=quantity, metavar="R", required=True, help="smallest turning radius, m")
         _add_common(way)
         way.set_defaults(way=name, plan=_between_poses)
     way = ways.add_parser(
         "waypoints",
         help="through waypoints",
-        description="Plan through waypoints: a smooth curve through them, broken into few lines and arcs.",
-        **style,
+        description="Plan through waypoints: a smooth curve through them is approximated by few lines and arcs.",
+        epilog=EXAMPLE,
     )
-    way.add_argument("points", metavar="POINTS.csv", help="rows x, y (m) and, where wanted, heading; a header if you like")
-    way.add_argument("--tolerance", type=quantity, metavar="M", required=True, help="no farther from the curve than that, m")
-    way.add_argument("--closed", action="store_true", help="back to the first waypoint")
-    way.add_argument("--min-radius", type=quantity, metavar="R", help="refuse a curve that is tighter, m")
+    way.add_argument("points", metavar="POINTS.csv", help="rows of x, y (m) and, optionally, heading; a header is allowed")
+    way.add_argument("--tolerance", type=quantity, metavar="M", required=True, help="largest distance from the curve, m")
+    way.add_argument("--closed", action="store_true", help="return to the first waypoint")
+    way.add_argument("--min-radius", type=quantity, metavar="R", help="reject curves with a smaller radius, m")
     _add_common(way)
     way.set_defaults(way="waypoints", plan=_through_waypoints)
 
 
 def _add_common(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--degrees", action="store_true", help="headings given are in degrees; what is printed is in rad")
+    parser.add_argument("--degrees", action="store_true", help="headings are given in degrees; the output is in rad")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--c", action="store_true", help="print a C array of noslip_segment")
     form.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--scalar", choices=("double", "float"), help="of the C array; default: double")
-    parser.add_argument("-o", "--output", metavar="FILE", default="-", help="where the path goes; default: standard output")
-    parser.add_argument("--plot", metavar="FILE.png", help="draw it too")
+    parser.add_argument("--scalar", choices=("double", "float"), help="type of the C array; default: double")
+    parser.add_argument("-o", "--output", metavar="FILE", default="-", help="output file; default: standard output")
+    parser.add_argument("--plot", metavar="FILE.png", help="also write a plot")
     parser.set_defaults(run=run, closed=False)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """`noslip plan`. Raises BadInput, ModelError, OSError."""
+    """Run `noslip plan`. Return 0. Raises BadInput, ModelError, OSError."""
     inputs = [arguments.points] if arguments.way == "waypoints" else []
     check_targets([arguments.output], [arguments.plot] if arguments.plot else [], inputs)
     if arguments.scalar and not arguments.c:
-        raise BadInput("--scalar is for --c; leave it out or add --c")
+        raise BadInput("--scalar requires --c")
     segments, waypoints = arguments.plan(arguments)
     written = _written(segments, arguments)
     about = _summary(segments, arguments.way)
     if arguments.plot:
-        from ..planning.picture import picture  # slow to import
+        from ..planning.picture import draw  # slow to import
+        from ..simulation.drawing import encoded
 
-        drawn = picture(segments, Path(arguments.plot).suffix[1:], about, waypoints)
+        drawn = encoded(draw(segments, about, waypoints), Path(arguments.plot).suffix[1:])
     write_whole(arguments.output, written)
     if arguments.plot:
         write_whole(arguments.plot, drawn)
@@ -109,11 +109,11 @@ def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], 
 
 
 def read_waypoints(file: str, degrees: bool = False) -> tuple[list[tuple[float, float]], list[float | None]]:
-    """Waypoints (x, y) in m and headings in rad, None where the file has none. Raises BadInput naming the line."""
+    """Return waypoints (x, y) in m and headings in rad, None where the file has none. Raises BadInput naming the line."""
     points: list[tuple[float, float]] = []
     headings: list[float | None] = []
     try:
-        text = read_input(file).decode("utf-8-sig")  # spreadsheets begin UTF-8 with a byte order mark
+        text = read_input(file).decode("utf-8-sig")  # spreadsheet programs write a byte order mark
         rows = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
         for row in rows:
             cells = [cell.strip() for cell in row]
@@ -127,7 +127,7 @@ def read_waypoints(file: str, degrees: bool = False) -> tuple[list[tuple[float, 
     except OSError as error:
         raise BadInput(f"{file}: {error.strerror}; check the path") from error
     except (UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(f"{file}: no table of numbers: {error}") from error
+        raise BadInput(f"{file}: not a table of numbers: {error}") from error
     return points, headings
 
 

@@ -1,4 +1,4 @@
-"""`noslip replay`: what a target computed, computed once more and compared bit by bit."""
+"""`noslip replay`: repeats recorded calls of a target and compares the results bit by bit."""
 
 import argparse
 
@@ -11,24 +11,27 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add `noslip replay`."""
     parser = subparsers.add_parser(
         "replay",
-        help="do once more what a target was asked, and compare bits",
-        description="Call the generated float C as a record says, and compare every bit that it answers.\n"
-        "Exit 0 where all are equal, 1 at the first difference, 2 where the file is no record of this model.\n\n"
+        help="repeat recorded calls of a target and compare bits",
+        description="Repeat the calls of the generated float C in a record and compare every bit of the results.\n"
+        "Exit codes: 0 if all are equal, 1 at the first difference, 2 if the file is not a record of this model.\n\n"
         + replay.__doc__.split("\n\n", 1)[1],
         epilog="example:\n  noslip simulate specs/line.toml --set 'simulation.backend=\"m4f\"' -o run.csv --record run.txt\n"
         "  noslip replay run.txt",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("record", metavar="FILE", help="what `noslip simulate --record` wrote, or a board's record in that form")
     parser.add_argument(
-        "--backend", choices=("cf", *ON_TARGET), default="cf", help="where: this host (cf, the default), Cortex-M4F or RV32"
+        "record", metavar="FILE", help="record written by `noslip simulate --record`, or by a board in that format"
     )
-    parser.add_argument("--trust", action="store_true", help="run the robot's file that FILE names, which is code")
+    parser.add_argument(
+        "--backend", choices=("cf", *ON_TARGET), default="cf", help="this host (cf, the default), Cortex-M4F or RV32"
+    )
+    parser.add_argument(
+        "--trust", action="store_true", help="allow to execute the robot file named in FILE, which is Python code"
+    )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """The command."""
+    """Run `noslip replay`. Return 0 if all bits are equal, else 1. Raises BadInput."""
     from ..controllers.pil import replay_session
 
     record = read_record(args.record, args.trust)

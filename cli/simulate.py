@@ -1,4 +1,4 @@
-"""`noslip simulate`: a closed loop from a file to a table and a picture."""
+"""`noslip simulate`: simulates the closed loop of a SPEC and writes a table and plots."""
 
 import argparse
 import sys
@@ -18,19 +18,19 @@ EXAMPLE = """example:
 
 
 class Progress:
-    """The time reached, on one line of a terminal; nothing when stderr is none."""
+    """Prints the simulated time on one line of a terminal; prints nothing if stderr is not a terminal."""
 
     def __init__(self, duration: float):
         self._duration, self._shown, self._next = duration, False, time.monotonic() + 0.5
 
     def __call__(self, t: float) -> None:
-        """Show t, at most five times a second."""
+        """Print t (s), at most five times a second."""
         if sys.stderr.isatty() and time.monotonic() >= self._next:
             self._next, self._shown = time.monotonic() + 0.2, True
             print(f"\rt = {t:.3f} of {self._duration:g} s", end="", file=sys.stderr, flush=True)
 
     def clear(self) -> None:
-        """Leave the line empty."""
+        """Clear the line."""
         if self._shown:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
 
@@ -39,34 +39,35 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add `noslip simulate`."""
     parser = subparsers.add_parser(
         "simulate",
-        help="run a closed loop of controller and robot",
-        description="Run the closed loop that SPEC.toml describes: a row of RUN.csv for each output time.",
+        help="simulate a closed loop of controller and robot",
+        description="Simulate the closed loop described by SPEC.toml; RUN.csv gets one row per output time.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC.toml", help="robot, gains, output, reference, initial state, simulation")
-    parser.add_argument("-o", "--output", metavar="RUN.csv", required=True, help="where the run goes")
-    parser.add_argument("--plot", metavar="RUN.png", help="draw it too")
-    parser.add_argument("--contact", metavar="FORCES.png", help="draw the wheels' forces against what friction can give")
+    parser.add_argument("-o", "--output", metavar="RUN.csv", required=True, help="output file")
+    parser.add_argument("--plot", metavar="RUN.png", help="also write a plot of the run")
+    parser.add_argument("--contact", metavar="FORCES.png", help="also plot the forces of the wheels and the limits of friction")
     parser.add_argument(
         "--record",
         metavar="RECORD",
-        help="write down, bit by bit, what the target was asked and answered (backends m4f, rv32), for noslip replay",
+        help="record all calls of the target and their results bit by bit (backends m4f, rv32), for noslip replay",
     )
     parser.add_argument(
         "--set",
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="change an entry of the SPEC, for example initial.heading=0.5 or output.type='\"I\"'; may come several times",
+        help="change an entry of the SPEC, for example initial.heading=0.5 or output.type='\"I\"'; may be repeated",
     )
-    parser.add_argument("--sample", metavar="K", type=int, help="SPEC.toml is OUT.parquet of noslip sweep: run its sample K")
-    parser.add_argument("--trust", action="store_true", help="run the robot's file that OUT.parquet names, which is code")
+    parser.add_argument("--sample", metavar="K", type=int, help="SPEC.toml is the OUT.parquet of a sweep: simulate its sample K")
+    parser.add_argument(
+        "--trust", action="store_true", help="allow to execute the robot file named in OUT.parquet, which is Python code"
+    )
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """`noslip simulate`: 0, or 1 when the run stopped before its time. Raises BadInput, ModelError, OSError."""
+    """Run `noslip simulate`. Return 0, or 1 if the run stopped early. Raises BadInput, ModelError, OSError."""
     from ..model.errors import ModelError
     from ..simulation.closed_loop import simulate, summary  # slow to import, as are models
     from ..simulation.contact import grip
@@ -101,21 +102,23 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":
-    """The SPEC of one sample of a finished sweep. Raises BadInput for no such sample, or changes of it."""
+    """Return the SPEC of one sample of a finished sweep. Raises BadInput if there is no such sample, or if it is to be
+    changed.
+    """
     from ..readers.robots import check_trust
     from ..simulation.specification.spec import spec_of
     from ..sweeping.store import sample_of
     from ..sweeping.study import sample_spec
 
     if changes:
-        raise BadInput("--sample runs a sample as it was; --set changes a SPEC")
+        raise BadInput("--sample repeats a sample unchanged; --set requires a SPEC")
     text, row, _ = sample_of(arguments.spec, arguments.sample)
     check_trust(spec_of(text, "[sweep]").robot, arguments.spec, arguments.trust)
     return sample_spec(text, row)
 
 
 def _recorded(spec: "Spec", progress: Progress) -> tuple["Run", str]:
-    """The run, and the record of what its target was asked. Raises BadInput for a backend without a target."""
+    """Return the run and the record of the calls of its target. Raises BadInput for a backend without a target."""
     from ..controllers.controller import ON_TARGET
     from ..controllers.pil import recorded
     from ..simulation.closed_loop import simulate
@@ -132,11 +135,12 @@ def _recorded(spec: "Spec", progress: Progress) -> tuple["Run", str]:
 
 
 def _pictures(done: "Run", arguments: argparse.Namespace) -> dict[str, bytes]:
-    """What was asked for: file name -> content."""
+    """Return the requested plots by file name."""
     if not (arguments.plot or arguments.contact):
         return {}
     from ..simulation.contact import draw_contact
-    from ..simulation.plot import draw, picture  # slow to import
+    from ..simulation.drawing import encoded
+    from ..simulation.plot import draw  # slow to import
 
     wanted = ((draw, arguments.plot), (draw_contact, arguments.contact))
-    return {file: picture(made(done), Path(file).suffix[1:]) for made, file in wanted if file}
+    return {file: encoded(made(done), Path(file).suffix[1:]) for made, file in wanted if file}

@@ -1,4 +1,4 @@
-"""`noslip sweep`: how likely a controller stays on its path when masses, geometry, sensors, delays and starts are off."""
+"""`noslip sweep`: estimates the probability of failure with random masses, geometry, sensors, delays and initial states."""
 
 import argparse
 import json
@@ -18,33 +18,33 @@ EXAMPLE = """examples:
   noslip sweep specs/sweep.toml --samples 10000 -o sweep.parquet --figures build/sweep
   noslip sweep specs/sweep.toml --samples 10000 -o sweep.parquet --indices 1024 --worst --json
   noslip simulate sweep.parquet --sample 17 -o run.csv --plot run.png
-A sweep that was stopped goes on with the same command."""
+An interrupted sweep is resumed by the same command."""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add `noslip sweep`."""
     parser = subparsers.add_parser(
         "sweep",
-        help="run many closed loops with what is uncertain drawn at random",
-        description="Run the closed loop of SPEC.toml many times, numbers drawn as its [sweep] says: docs/sweep.md.",
+        help="simulate many closed loops with random parameters",
+        description="Simulate the closed loop of SPEC.toml many times with random numbers as specified in [sweep]: see "
+        "docs/sweep.md.",
         epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("spec", metavar="SPEC.toml", help="as for simulate, with [sweep] and [sweep.plant], [sweep.initial], ...")
-    parser.add_argument("--samples", metavar="N", type=int, required=True, help="how many")
-    parser.add_argument("-o", "--output", metavar="OUT.parquet", required=True, help="where they go, a row for each")
-    parser.add_argument("--jobs", metavar="J", type=int, help="threads (as many as there are cores)")
+    parser.add_argument("--samples", metavar="N", type=int, required=True, help="number of samples")
+    parser.add_argument("-o", "--output", metavar="OUT.parquet", required=True, help="output file, one row per sample")
+    parser.add_argument("--jobs", metavar="J", type=int, help="number of threads (default: number of cores)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, for example tcp://10.0.0.1:8786")
-    parser.add_argument("--indices", metavar="N", type=int, help="Sobol's indices too, of N points, a power of 2")
-    parser.add_argument("--worst", action="store_true", help="look for the worst combination too")
-    parser.add_argument("--verify", metavar="N", type=int, help="run N of the samples again by simulate, and compare")
-    parser.add_argument("--figures", metavar="DIR", help="draw errors over time, against each number, and singular starts")
+    parser.add_argument("--indices", metavar="N", type=int, help="also compute Sobol indices from N points, a power of 2")
+    parser.add_argument("--worst", action="store_true", help="also search for the worst combination")
+    parser.add_argument("--verify", metavar="N", type=int, help="repeat N samples with simulate and compare")
+    parser.add_argument("--figures", metavar="DIR", help="plot errors over time, errors by parameter, and singular starts")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """`noslip sweep`: 0, or 1 when --verify finds a difference. Raises BadInput, ModelError, OSError."""
+    """Run `noslip sweep`. Return 0, or 1 if --verify finds a difference. Raises BadInput, ModelError, OSError."""
     from ..simulation.specification.spec import read_text
     from ..sweeping.results.report import Report
     from ..sweeping.results.statistics import check_indices, indices, summarize
@@ -60,9 +60,9 @@ def run(args: argparse.Namespace) -> int:
     if args.indices is not None:
         check_indices(study, args.indices)
     if args.worst and not study.plan.names:
-        raise BadInput("--worst: nothing varies but the noise")
+        raise BadInput("--worst: nothing varies except the noise")
     if is_finished(output, study):
-        print(f"{output} is there already", file=sys.stderr)
+        print(f"{output} exists already and is complete", file=sys.stderr)
         _clear(study, output)
     else:
         _run_samples(study, output, jobs, args.scheduler)
@@ -80,13 +80,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Raise BadInput before a long run for what could only fail after it."""
+    """Raise BadInput for errors that would otherwise occur only after a long run."""
     for option in ("samples", "jobs", "indices", "verify"):
         value = getattr(args, option)
         if value is not None and value < 1:
             raise BadInput(f"--{option} {value} must be 1 or more")
     if args.output == "-":
-        raise BadInput("-o -: a sweep is resumed from its file; give the name of one")
+        raise BadInput("-o -: a sweep is resumed from its file; give a file name")
     check_targets([args.output], inputs=[args.spec])
     if args.figures:
         check_folder(args.figures)
@@ -115,7 +115,7 @@ def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None)
 
 
 def _clear(study: "Study", output: Path) -> None:
-    """Remove what a run that was killed at its very end has left; a folder of anyone else is not touched."""
+    """Remove the temporary folder that a killed run may have left; folders of other processes are not touched."""
     from ..sweeping.store import Parts
 
     parts = Parts(output, study)

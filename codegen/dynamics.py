@@ -15,29 +15,30 @@ from ..model.mechanism import Quantity, quantity
 from ..model.recursion import Recursion, Reduced
 from ..model.reduction import ReducedSystem
 from ..model.vehicle import velocity_map
-from .derivation.stages import inner_velocities
-from .graph import Graph, Node, free_name, from_casadi, reachable
+from .derivation.stages import Result, inner_velocities
+from .graph import Graph, Group, Node, angles, executed, free_name, from_casadi, reachable
 from .optimize import Optimizer
-from .program import Matrix, constants_of, fixed_nodes
+from .program import Entry, Matrix, constants_of
 
 UNROLLED = 5  # quasi-velocities up to which L D L' is written out; above, the runtime's loop is shorter
 NEGLIGIBLE_PIVOT = 1e-6  # of the mass matrix's diagonal, as in noslip_solve.inc
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A C function of the dynamics: which quantities it answers, and whether it takes the inputs."""
-
-    name: str
-    about: str
-    answers: tuple[str, ...]
-    takes_inputs: bool = False
-
-
+EVALUATE = Entry(
+    "evaluate",
+    "All of (9) and (10) at one sine and cosine of each angle",
+    (Result.COORDINATE_RATES, Result.MASS, Result.BIAS, Result.INPUT_MAP),
+    whole=True,
+)
 ENTRIES = (
-    Entry("reduced", "Reduced mass matrix S'MS and bias S'(M Sdot nu + V) (10)", ("Mbar", "bias")),
-    Entry("evaluate", "All of (9) and (10) at one sine and cosine of each angle", ("qdot", "Mbar", "bias", "input_map")),
-    Entry("acceleration", "The state's rate (11): qdot = S nu, nudot = (S'MS)^-1 (S'E tau - bias)", ("qdot", "nudot"), True),
+    Entry("reduced", "Reduced mass matrix S'MS and bias S'(M Sdot nu + V) (10)", (Result.MASS, Result.BIAS)),
+    EVALUATE,
+    Entry(
+        "acceleration",
+        "The state's rate (11): qdot = S nu, nudot = (S'MS)^-1 (S'E tau - bias)",
+        (Result.COORDINATE_RATES, Result.VELOCITY_RATES),
+        Group.INPUT,
+    ),
 )
 
 
@@ -58,7 +59,7 @@ class Body:
     """
 
     steps: tuple[Step, ...]
-    quantities: dict[str, Matrix]
+    quantities: dict[Result, Matrix]
     looped: tuple[Matrix, Matrix] | None = None
 
     @property
@@ -87,14 +88,12 @@ class DynamicsProgram:
     @property
     def angles(self) -> list[Node]:
         """Arguments of sines and cosines that change from call to call."""
-        known = fixed_nodes(root for body in self.entries.values() for root in body.roots)
-        return list({n.arguments[0]: None for n in known if n.operation in ("sin", "cos") and not known[n]})
+        return angles(executed(root for body in self.entries.values() for root in body.roots))
 
     @property
     def fixed_angles(self) -> list[Node]:
         """Arguments of sines and cosines that init takes."""
-        known = fixed_nodes([*self.constants, *(node for pair in self.regular for node in pair)])
-        return list({n.arguments[0]: None for n in known if n.operation in ("sin", "cos")})
+        return angles(reachable([*self.constants, *(node for pair in self.regular for node in pair)]))
 
 
 def compile_dynamics(system: ReducedSystem, optimize: bool = True) -> DynamicsProgram:
@@ -127,17 +126,19 @@ class _Builder:
         tau = ca.vertcat(*[q.symbol for q in self.system.mechanism.inputs])
         force = reduced.input_map @ tau - reduced.bias
         quantities = {
-            "qdot": self._rates(reduced.S, w, W),
-            "Mbar": W.T @ reduced.Mbar @ W,
-            "bias": W.T @ reduced.bias,
-            "input_map": canonical(W.T @ reduced.input_map),
+            Result.COORDINATE_RATES: self._rates(reduced.S, w, W),
+            Result.MASS: W.T @ reduced.Mbar @ W,
+            Result.BIAS: W.T @ reduced.bias,
+            Result.INPUT_MAP: canonical(W.T @ reduced.input_map),
         }
         looped = None
         if self.system.freedom > UNROLLED:
             looped = W.T @ reduced.Mbar @ W, W.T @ force
         else:
-            quantities["nudot"] = _inverse(W) @ self._solved(reduced.Mbar, force)
-        entries = {entry: self._body(entry, quantities, looped if "nudot" in entry.answers else None) for entry in ENTRIES}
+            quantities[Result.VELOCITY_RATES] = _inverse(W) @ self._solved(reduced.Mbar, force)
+        entries = {
+            entry: self._body(entry, quantities, looped if Result.VELOCITY_RATES in entry.answers else None) for entry in ENTRIES
+        }
         constants = constants_of([root for body in entries.values() for root in body.roots], self.labels)
         return DynamicsProgram(self.system, entries, constants, self.labels, self.regular)
 
@@ -151,7 +152,7 @@ class _Builder:
             rows.append(of_nu @ self.system.nu if fixed and of_nu.is_constant() else row @ w)
         return ca.vertcat(*rows)
 
-    def _body(self, entry: Entry, quantities: dict[str, ca.SX], looped: tuple[ca.SX, ca.SX] | None) -> Body:
+    def _body(self, entry: Entry, quantities: dict[Result, ca.SX], looped: tuple[ca.SX, ca.SX] | None) -> Body:
         chosen = {name: quantities[name] for name in entry.answers if name in quantities}
         matrices = iter(self._built([*chosen.values(), *(looped or ())]))
         made = {name: next(matrices) for name in chosen}
@@ -173,13 +174,12 @@ class _Builder:
         """Steps that are made shorter together; a later one may use an earlier one, `bounds` are those of pivots."""
         for symbol, _ in steps:
             self.symbols[symbol.element_hash()] = symbol
-            self.nodes[symbol.element_hash()] = self.graph.leaf("step", free_name(str(symbol), self.taken))
+            self.nodes[symbol.element_hash()] = self.graph.leaf(Group.STEP, free_name(str(symbol), self.taken))
         made = [matrix[0][0] for matrix in self._built([expression for _, expression in (*steps, *((None, b) for b in bounds))])]
-        fixed = fixed_nodes(made)
         for k, (symbol, _) in enumerate(steps):
             leaf, node = self.nodes[symbol.element_hash()], made[k]
             bound = made[len(steps) + k] if bounds else None
-            if fixed[node] or bound is None and not node.arguments:
+            if node.fixed or bound is None and not node.arguments:
                 self.nodes[symbol.element_hash()] = node
                 if bound is not None:
                     self.regular.append((node, bound))

@@ -1,38 +1,37 @@
 """Values of the nodes of a graph at random states: to see which nodes are the same function but for a factor."""
 
 from collections.abc import Callable, Iterable, Mapping
-from math import isqrt
 
 import numpy as np
 
-from .graph import CONSTANT_GROUPS, ENTRY, MATRIX_INVERSE, Node
+from .graph import Applied, Constant, Element, Leaf, MatrixInverse, Node, Operation
 
-FUNCTIONS: dict[str, Callable[..., np.ndarray]] = {
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.divide,
-    "neg": np.negative,
-    "sqrt": np.sqrt,
-    "abs": np.abs,
-    "sin": np.sin,
-    "cos": np.cos,
-    "exp": np.exp,
-    "log": np.log,
-    "pow": np.power,
-    "sinh": np.sinh,
-    "cosh": np.cosh,
-    "tanh": np.tanh,
-    "atan2": np.arctan2,
-    "atan": np.arctan,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "sign": np.sign,
-    "min": np.minimum,
-    "max": np.maximum,
-    "less": lambda a, b: (a < b) * 1.0,
-    "not": lambda a: (a == 0) * 1.0,
-    "if": lambda a, b: np.where(a != 0, b, 0.0),
+FUNCTIONS: dict[Operation, Callable[..., np.ndarray]] = {
+    Operation.ADD: np.add,
+    Operation.SUB: np.subtract,
+    Operation.MUL: np.multiply,
+    Operation.DIV: np.divide,
+    Operation.NEG: np.negative,
+    Operation.SQRT: np.sqrt,
+    Operation.ABS: np.abs,
+    Operation.SIN: np.sin,
+    Operation.COS: np.cos,
+    Operation.EXP: np.exp,
+    Operation.LOG: np.log,
+    Operation.POW: np.power,
+    Operation.SINH: np.sinh,
+    Operation.COSH: np.cosh,
+    Operation.TANH: np.tanh,
+    Operation.ATAN2: np.arctan2,
+    Operation.ATAN: np.arctan,
+    Operation.ASIN: np.arcsin,
+    Operation.ACOS: np.arccos,
+    Operation.SIGN: np.sign,
+    Operation.MIN: np.minimum,
+    Operation.MAX: np.maximum,
+    Operation.LESS: lambda a, b: (a < b) * 1.0,
+    Operation.NOT: lambda a: (a == 0) * 1.0,
+    Operation.IF: lambda a, b: np.where(a != 0, b, 0.0),
 }
 
 
@@ -46,22 +45,21 @@ def evaluate(nodes: Iterable[Node], states: int, stands: Mapping[Node, Node]) ->
     with np.errstate(all="ignore"):
         for node in nodes:
             arguments = [values[argument] for argument in node.arguments]
-            if node in stands:
-                values[node] = values[stands[node]]
-            elif node.operation == "leaf":
-                fixed = node.group in CONSTANT_GROUPS
-                values[node] = np.full(states, random.uniform(0.5, 1.5)) if fixed else random.uniform(0.5, 1.5, states)
-            elif node.operation == "constant":
-                values[node] = np.full(states, node.value)
-            elif node.operation == MATRIX_INVERSE:
-                n = isqrt(len(arguments))
-                values[node] = _inverse(np.stack(arguments, axis=1).reshape(states, n, n))
-            elif node.operation == ENTRY:
-                values[node] = arguments[0].reshape(states, -1)[:, int(node.value)]
-            elif node.operation in FUNCTIONS:
-                values[node] = FUNCTIONS[node.operation](*arguments)
-            else:  # an operation of the optimizer's own
-                values[node] = np.full(states, np.nan)
+            match node:
+                case _ if node in stands:
+                    values[node] = values[stands[node]]
+                case Leaf():
+                    values[node] = np.full(states, random.uniform(0.5, 1.5)) if node.fixed else random.uniform(0.5, 1.5, states)
+                case Constant(value):
+                    values[node] = np.full(states, value)
+                case MatrixInverse():
+                    values[node] = _inverse(np.stack(arguments, axis=1).reshape(states, node.size, node.size))
+                case Element():
+                    values[node] = arguments[0].reshape(states, -1)[:, node.number]
+                case Applied(operation):
+                    values[node] = FUNCTIONS[operation](*arguments)
+                case _:  # a node of the optimizer's own
+                    values[node] = np.full(states, np.nan)
     return values
 
 

@@ -4,27 +4,25 @@ import casadi as ca
 
 from ..model.law import ControlLaw
 from .derivation.stages import inner_velocities
-from .graph import count, reachable
+from .graph import count, executed
 from .optimize import Optimizer
-from .program import ENTRIES, compile_law, fixed_nodes
+from .program import STEP, compile_law
 
 COLUMNS = ("mul", "add", "sub", "neg", "div", "sqrt", "sincos")
 
 
 def explain(law: ControlLaw) -> str:
     """A table of operations after every pass, and what was found about the law."""
-    step = next(entry for entry in ENTRIES if entry.name == "step")
-    plain, staged = (compile_law(law, stages=stages, optimize=False).entries[step].roots for stages in (False, True))
+    plain, staged = (compile_law(law, stages=stages, optimize=False).entries[STEP].roots for stages in (False, True))
     program = compile_law(law, stages=True, optimize=False)
     rows = [("the model as CasADi has it", plain), ("in short steps", staged)]
     optimizer = Optimizer(program.graph, {})
-    rows += list(optimizer.passes(program.entries[step].roots))
+    rows += list(optimizer.passes(program.entries[STEP].roots))
     width = max(len(name) for name, _ in rows)
     lines = [f"{law.name}: {law.output.about}", *(f"  {line}" for line in _facts(law)), ""]
     lines.append("  " + "step, operations after".ljust(width) + "".join(column.rjust(7) for column in COLUMNS) + "    sum")
     for name, roots in rows:
-        fixed = fixed_nodes(roots)
-        counted = count(node for node in reachable(roots) if not fixed[node])
+        counted = count(executed(roots))
         total = sum(counted[column] for column in COLUMNS)
         lines.append(
             "  " + name.ljust(width) + "".join(str(counted[column]).rjust(7) for column in COLUMNS) + str(total).rjust(7)

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -10,9 +10,10 @@ import casadi as ca
 import sympy
 
 from .. import __version__
-from ..model.law import ControlLaw, control_law
-from ..model.outputs import OUTPUTS, output_map
+from ..model.algebra.expression import as_text
+from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
+from ..readers.kept import remembered
 from .dynamics import DynamicsProgram, compile_dynamics
 from .printing.dynamics_c import DynamicsC
 from .printing.law_c import LawC
@@ -23,21 +24,16 @@ from .program import Program, compile_law
 TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy.__version__}"
 
 
-def standard_laws(system: ReducedSystem, names: Sequence[str] = ()) -> list[ControlLaw]:
-    """The laws of Types I to IV, all or those named."""
-    return [control_law(system, output_map(system, name)) for name in names or OUTPUTS]
-
-
 @lru_cache(maxsize=64)
 def law_program(law: ControlLaw) -> Program:
-    """The law as a program, the same for both scalars, made once per process."""
-    return compile_law(law)
+    """The law as a program, the same for both scalars; derived once, and kept between runs."""
+    return remembered(("law", TOOLS, fingerprint(law.system, law)), lambda: compile_law(law), law, law.system)
 
 
 @lru_cache(maxsize=16)
 def dynamics_program(system: ReducedSystem) -> DynamicsProgram:
-    """The robot's dynamics as a program, the same for both scalars, made once per process."""
-    return compile_dynamics(system)
+    """The robot's dynamics as a program, the same for both scalars; derived once, and kept between runs."""
+    return remembered(("dynamics", TOOLS, fingerprint(system)), lambda: compile_dynamics(system), system)
 
 
 def robot_files(
@@ -65,9 +61,14 @@ def robot_files(
             of_plant = dynamics_text(plant, scalar)
             files.update(of_plant.files())
             manifest["dynamics"] = {"operations": {entry.name: of_plant.operations(entry) for entry in plant.entries}}
-    manifest["files"] = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
+    manifest["files"] = digests(files)
     files["manifest.json"] = json.dumps(manifest, indent=1) + "\n"
     return dict(sorted(files.items()))
+
+
+def digests(files: Mapping[str, str]) -> dict[str, str]:
+    """SHA-256 of each text by its file's name, sorted."""
+    return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
 
 
 def shared_files(system: ReducedSystem, scalar: Scalar) -> dict[str, str]:
@@ -101,5 +102,5 @@ def fingerprint(system: ReducedSystem, law: ControlLaw | None = None) -> str:
         expressions += [law.linearization.h, law.linearization.Phi, law.linearization.Phidot, law.tau]
     lines = [mechanism.name, mechanism.about, *mechanism.constraint_names]
     lines += [f"{q.name} {q.unit} {q.about} {q.default!r} {q.sign}" for q in groups]
-    lines += [str(ca.SX(expression)) for expression in expressions]
+    lines += [as_text(ca.SX(expression)) for expression in expressions]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()

@@ -2,8 +2,10 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import StrEnum
 from math import frexp, isqrt
+from typing import TypeGuard, TypeVar, cast
 
 import casadi as ca
 
@@ -11,35 +13,123 @@ from ..model.algebra.expression import fold
 from ..model.algebra.operations import NAMES, USABLE
 from ..model.errors import ModelError
 
-COMMUTATIVE = frozenset({"add", "mul"})
-CONSTANT_GROUPS = frozenset({"params", "config", "gains"})  # known to init; the others change from step to step
-ARITHMETIC = ("mul", "add", "sub", "neg", "div", "sqrt", "abs")
-FUNCTIONS = (  # noslip_functions.h has each of them, by the same name; of NaN each makes NaN
-    *("exp", "log", "pow", "sinh", "cosh", "tanh", "atan2", "atan", "asin", "acos"),
-    *("sign", "min", "max", "less", "not", "if"),
-)
-MATRIX_INVERSE, ENTRY = "inverse of a matrix", "entry"
-# infinite or NaN where an argument is, but for denominators; an inverse leaves the function then
-SHOWING = frozenset({*ARITHMETIC, MATRIX_INVERSE, ENTRY, "leaf", "constant"})
+
+class Operation(StrEnum):
+    """What an `Applied` node does. The C runtime's function of the same name has `noslip_` before it."""
+
+    MUL = "mul"
+    ADD = "add"
+    SUB = "sub"
+    NEG = "neg"
+    DIV = "div"
+    SQRT = "sqrt"
+    ABS = "abs"
+    SIN = "sin"
+    COS = "cos"
+    EXP = "exp"
+    LOG = "log"
+    POW = "pow"
+    SINH = "sinh"
+    COSH = "cosh"
+    TANH = "tanh"
+    ATAN2 = "atan2"
+    ATAN = "atan"
+    ASIN = "asin"
+    ACOS = "acos"
+    SIGN = "sign"
+    MIN = "min"
+    MAX = "max"
+    LESS = "less"
+    NOT = "not"
+    IF = "if"
+
+
+OPERATIONS = tuple(Operation)
+SINCOS = (Operation.SIN, Operation.COS)
+ARITHMETIC = OPERATIONS[: OPERATIONS.index(Operation.SIN)]  # infinite or NaN where an argument is, but for denominators
+FUNCTIONS = OPERATIONS[OPERATIONS.index(Operation.EXP) :]  # in noslip_functions.h; of NaN each makes NaN
+COMMUTATIVE = (Operation.ADD, Operation.MUL)
+
+
+class Group(StrEnum):
+    """What a leaf is part of: a struct or an array of the C, or the steps of a program."""
+
+    PARAMS = "params"
+    CONFIG = "config"
+    GAINS = "gains"
+    STATE = "state"
+    REFERENCE = "reference"
+    FOOT = "foot"
+    DEMAND = "demand"
+    INPUT = "input"
+    STEP = "step"
+
+
+CONSTANT_GROUPS = (Group.PARAMS, Group.CONFIG, Group.GAINS)  # known to init; the others change from step to step
 
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """One scalar: a constant (`value`), a leaf (`group` and `name`) or an operation on `arguments`.
+    """One scalar, or a matrix. Nodes of a graph are made by it, each once, so that equal ones are the same object."""
 
-    "inverse of a matrix" is no scalar: its arguments are the entries, row by row, and it has a meaning where the matrix's
-    reciprocal condition exceeds `value`. Entry number `value` of it is an "entry".
+    order: int  # of creation: an argument always comes before its user
+    arguments: tuple["Node", ...]
+    fixed: bool = field(init=False)  # it depends on nothing but parameters, so that init can compute it
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "fixed", all(argument.fixed for argument in self.arguments))
+
+
+@dataclass(frozen=True, eq=False)
+class Constant(Node):
+    """A number."""
+
+    __match_args__ = ("value",)
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Leaf(Node):
+    """An input of the law: a parameter, a gain, part of the state or the reference."""
+
+    group: Group
+    name: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "fixed", self.group in CONSTANT_GROUPS)
+
+
+@dataclass(frozen=True, eq=False)
+class Applied(Node):
+    """An operation on the arguments."""
+
+    __match_args__ = ("operation", "arguments")
+    operation: Operation
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixInverse(Node):
+    """The inverse of a square matrix, whose entries are the arguments, row by row; no scalar.
+
+    It has a meaning where the matrix's reciprocal condition exceeds `least`.
     """
 
-    operation: str
-    arguments: tuple["Node", ...] = ()
-    value: float = 0.0
-    group: str = ""
-    name: str = ""
-    order: int = 0  # order of creation: an argument always comes before its user
+    least: float
 
-    def __repr__(self) -> str:
-        return f"<{self.operation} {self.name or self.value or ''}#{self.order}>"
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return isqrt(len(self.arguments))
+
+
+@dataclass(frozen=True, eq=False)
+class Element(Node):
+    """An entry of a matrix's inverse, by its number, row by row."""
+
+    number: int
+
+
+AnyNode = TypeVar("AnyNode", bound=Node)
 
 
 class Graph:
@@ -50,93 +140,99 @@ class Graph:
 
     def constant(self, value: float) -> Node:
         """A number."""
-        return self.make("constant", (), value=float(value) + 0.0)
+        return self.make(Constant, (), float(value) + 0.0)
 
     def leaf(self, group: str, name: str) -> Node:
-        """An input of the law: a parameter, a gain, part of the state or the reference."""
-        return self.make("leaf", (), group=group, name=name)
+        """An input of the law."""
+        return self.make(Leaf, (), Group(group), name)
 
-    def apply(self, operation: str, *arguments: Node) -> Node:
-        """An operation: one of ARITHMETIC, sin, cos, or one of FUNCTIONS."""
+    def apply(self, operation: Operation, *arguments: Node) -> Node:
+        """An operation on arguments."""
         simpler = self._simplify(operation, arguments)
         if simpler is not None:
             return simpler
         if operation in COMMUTATIVE:
             arguments = tuple(sorted(arguments, key=lambda node: node.order))
-        return self.make(operation, arguments)
+        return self.make(Applied, arguments, operation)
 
     def again(self, node: Node, arguments: Sequence[Node]) -> Node:
-        """The node's operation on other arguments."""
-        if node.operation in (MATRIX_INVERSE, ENTRY):
-            return self.make(node.operation, tuple(arguments), value=node.value)
-        return self.apply(node.operation, *arguments)
+        """The same on other arguments."""
+        if isinstance(node, Applied):
+            return self.apply(node.operation, *arguments)
+        if isinstance(node, MatrixInverse):
+            return self.make(MatrixInverse, tuple(arguments), node.least)
+        assert isinstance(node, Element), "no other node has arguments"
+        return self.make(Element, tuple(arguments), node.number)
 
     def inverse(self, matrix: Sequence[Sequence[Node]], least: float) -> list[list[Node]]:
         """The entries of a square matrix's inverse, which has a meaning where the reciprocal condition exceeds `least`."""
-        whole = self.make(MATRIX_INVERSE, tuple(entry for row in matrix for entry in row), value=least)
+        whole = self.make(MatrixInverse, tuple(entry for row in matrix for entry in row), least)
         size = range(len(matrix))
-        return [[self.make(ENTRY, (whole,), value=i * len(matrix) + j) for j in size] for i in size]
+        return [[self.make(Element, (whole,), i * len(matrix) + j) for j in size] for i in size]
 
-    def make(self, operation: str, arguments: tuple[Node, ...], value: float = 0.0, group: str = "", name: str = "") -> Node:
-        """A node as it is asked for, made once."""
-        key = (operation, arguments, value, group, name)
+    def make(self, kind: type[AnyNode], arguments: tuple[Node, ...], *fields: object) -> AnyNode:
+        """A node of a kind, with that kind's own fields, made once."""
+        key = (kind, arguments, *fields)
         if key not in self._nodes:
-            self._nodes[key] = Node(operation, arguments, value, group, name, len(self._nodes))
-        return self._nodes[key]
+            self._nodes[key] = kind(len(self._nodes), arguments, *fields)
+        return cast(AnyNode, self._nodes[key])
 
-    def _simplify(self, operation: str, arguments: tuple[Node, ...]) -> Node | None:
-        a, b = arguments[0], arguments[-1]  # the same where there is only one
-        if operation == "mul":
-            return self._simplify_product(a, b)
-        if operation == "add":
-            if is_constant(a, 0) or is_constant(b, 0):
-                return b if is_constant(a, 0) else a
-            if b.operation == "neg" or a.operation == "neg":
-                return self.apply("sub", a, b.arguments[0]) if b.operation == "neg" else self.apply("sub", b, a.arguments[0])
-        if operation == "sub":
-            if is_constant(b, 0):
+    def _simplify(self, operation: Operation, arguments: tuple[Node, ...]) -> Node | None:
+        match operation, arguments:
+            case Operation.MUL, (a, b):
+                return self._simplify_product(a, b)
+            case (Operation.ADD, (Constant(0), other)) | (Operation.ADD | Operation.SUB, (other, Constant(0))):
+                return other
+            case Operation.ADD, (a, Applied(Operation.NEG, (b,))):
+                return self.apply(Operation.SUB, a, b)
+            case Operation.ADD, (Applied(Operation.NEG, (a,)), b):
+                return self.apply(Operation.SUB, b, a)
+            case Operation.SUB, (Constant(0), b):
+                return self.apply(Operation.NEG, b)
+            case Operation.SUB, (a, Applied(Operation.NEG, (b,))):
+                return self.apply(Operation.ADD, a, b)
+            case Operation.NEG, (Applied(Operation.NEG, (a,)),):
                 return a
-            if is_constant(a, 0):
-                return self.apply("neg", b)
-            if b.operation == "neg":
-                return self.apply("add", a, b.arguments[0])
-        if operation == "neg":
-            if a.operation == "neg":
-                return a.arguments[0]
-            if a.operation == "constant":
-                return self.constant(-a.value)
-            if a.operation == "sub":
-                return self.apply("sub", a.arguments[1], a.arguments[0])
-        if operation == "div":
-            if is_constant(b, 1):
-                return a
-            if _is_power_of_two(b):  # its inverse is exact
-                return self.apply("mul", a, self.constant(1 / b.value))
-            (above, scale), (below, divisor) = self._power_of_two(a), self._power_of_two(b)
-            if scale != 1 and divisor != 1:
-                power = self.constant(scale / divisor)
-                if is_constant(above, 1):
-                    return self.apply("div", power, below)
-                return self.apply("mul", self.apply("div", above, below), power)
-            if a.operation == "neg":
-                return self.apply("neg", self.apply("div", a.arguments[0], b))
-        if operation == "cos" and a.operation == "neg":
-            return self.apply("cos", a.arguments[0])
+            case Operation.NEG, (Constant(value),):
+                return self.constant(-value)
+            case Operation.NEG, (Applied(Operation.SUB, (a, b)),):
+                return self.apply(Operation.SUB, b, a)
+            case Operation.DIV, (a, b):
+                return self._simplify_quotient(a, b)
+            case Operation.COS, (Applied(Operation.NEG, (a,)),):
+                return self.apply(Operation.COS, a)
+        return None
+
+    def _simplify_quotient(self, a: Node, b: Node) -> Node | None:
+        if is_constant(b, 1):
+            return a
+        if _is_power_of_two(b):  # its inverse is exact
+            return self.apply(Operation.MUL, a, self.constant(1 / b.value))
+        (above, scale), (below, divisor) = self._power_of_two(a), self._power_of_two(b)
+        if scale != 1 and divisor != 1:
+            power = self.constant(scale / divisor)
+            if is_constant(above, 1):
+                return self.apply(Operation.DIV, power, below)
+            return self.apply(Operation.MUL, self.apply(Operation.DIV, above, below), power)
+        match a:
+            case Applied(Operation.NEG, (opposite,)):
+                return self.apply(Operation.NEG, self.apply(Operation.DIV, opposite, b))
         return None
 
     def _simplify_product(self, a: Node, b: Node) -> Node | None:
         for one, other in ((a, b), (b, a)):
-            if is_constant(one, 1):
-                return other
-            if is_constant(one, -1):
-                return self.apply("neg", other)
-            if one.operation == "neg":
-                return self.apply("neg", self.apply("mul", one.arguments[0], other))
-            if one.operation == "constant" and one.value < 0:
-                return self.apply("neg", self.apply("mul", self.constant(-one.value), other))
+            match one:
+                case Constant(1):
+                    return other
+                case Constant(-1):
+                    return self.apply(Operation.NEG, other)
+                case Applied(Operation.NEG, (opposite,)):
+                    return self.apply(Operation.NEG, self.apply(Operation.MUL, opposite, other))
+                case Constant(value) if value < 0:
+                    return self.apply(Operation.NEG, self.apply(Operation.MUL, self.constant(-value), other))
         (first, scale), (second, more) = self._power_of_two(a), self._power_of_two(b)
         if scale != 1 and more != 1:
-            return self.apply("mul", self.apply("mul", first, second), self.constant(scale * more))
+            return self.apply(Operation.MUL, self.apply(Operation.MUL, first, second), self.constant(scale * more))
         return None
 
     def _power_of_two(self, node: Node) -> tuple[Node, float]:
@@ -146,7 +242,7 @@ class Graph:
         """
         if _is_power_of_two(node):
             return self.constant(1), node.value
-        if node.operation == "mul":
+        if is_operation(node, Operation.MUL):
             for factor, rest in (node.arguments, node.arguments[::-1]):
                 if _is_power_of_two(factor):
                     return rest, factor.value
@@ -161,13 +257,18 @@ def free_name(name: str, taken: set[str]) -> str:
     return name
 
 
+def is_operation(node: Node, *operations: Operation) -> TypeGuard[Applied]:
+    """Is the node one of these operations?"""
+    return isinstance(node, Applied) and node.operation in operations
+
+
 def is_constant(node: Node, value: float) -> bool:
     """Is the node this number?"""
-    return node.operation == "constant" and node.value == value
+    return isinstance(node, Constant) and node.value == value
 
 
-def _is_power_of_two(node: Node) -> bool:
-    return node.operation == "constant" and abs(frexp(node.value)[0]) == 0.5
+def _is_power_of_two(node: Node) -> TypeGuard[Constant]:
+    return isinstance(node, Constant) and abs(frexp(node.value)[0]) == 0.5
 
 
 def reachable(roots: Iterable[Node]) -> list[Node]:
@@ -182,26 +283,33 @@ def reachable(roots: Iterable[Node]) -> list[Node]:
     return sorted(seen, key=lambda node: node.order)
 
 
+def executed(roots: Iterable[Node]) -> list[Node]:
+    """The nodes that a step computes, what init knows left out."""
+    return [node for node in reachable(roots) if not node.fixed]
+
+
+def angles(nodes: Iterable[Node]) -> list[Node]:
+    """The arguments of the sines and cosines among the nodes."""
+    return list({node.arguments[0]: None for node in nodes if is_operation(node, *SINCOS)})
+
+
 def headers(roots: Iterable[Node]) -> list[str]:
     """The headers of the C runtime, without .h, that the C of these nodes needs beside those of every law."""
-    used = {node.operation for node in reachable(roots)}
-    return [
-        name
-        for name, operations in (("noslip_functions", FUNCTIONS), ("noslip_solve", (MATRIX_INVERSE,)))
-        if not used.isdisjoint(operations)
-    ]
+    nodes = reachable(roots)
+    functions = any(is_operation(node, *FUNCTIONS) for node in nodes)
+    inverses = any(isinstance(node, MatrixInverse) for node in nodes)
+    return ["noslip_functions"] * functions + ["noslip_solve"] * inverses
 
 
 def count(nodes: Iterable[Node]) -> dict[str, int]:
     """How many of each operation; a sine and a cosine of the same angle count as one sincos."""
     nodes = list(nodes)
-    used = Counter(node.operation for node in nodes)
-    counted = {operation: used[operation] for operation in ARITHMETIC}
-    counted["sincos"] = len({node.arguments for node in nodes if node.operation in ("sin", "cos")})
+    used = Counter(node.operation for node in nodes if isinstance(node, Applied))
+    counted: dict[str, int] = {operation: used[operation] for operation in ARITHMETIC}
+    counted["sincos"] = len(angles(nodes))
     counted.update({function: used[function] for function in FUNCTIONS if used[function]})
-    for size in (isqrt(len(node.arguments)) for node in nodes if node.operation == MATRIX_INVERSE):
-        counted[f"inverse {size}x{size}"] = counted.get(f"inverse {size}x{size}", 0) + 1
-    return counted
+    inverses = Counter(f"inverse {node.size}x{node.size}" for node in nodes if isinstance(node, MatrixInverse))
+    return {**counted, **inverses}
 
 
 def from_casadi(
@@ -222,75 +330,64 @@ def from_casadi(
     return [[entries[row + column * rows] for column in range(columns)] for row in range(rows)]
 
 
-def _less(graph: Graph, a: Node, b: Node) -> Node:
-    return graph.apply("less", a, b)
+def _both(graph: Graph, a: Node, b: Node) -> Node:
+    logical = is_operation(b, Operation.LESS, Operation.NOT)
+    return graph.apply(Operation.IF, a, b if logical else _not(graph, _not(graph, b)))
 
 
 def _not(graph: Graph, a: Node) -> Node:
-    return graph.apply("not", a)
+    return graph.apply(Operation.NOT, a)
 
 
-def _both(graph: Graph, a: Node, b: Node) -> Node:
-    return graph.apply("if", a, b if b.operation in ("less", "not") else _not(graph, _not(graph, b)))
+def _less(graph: Graph, a: Node, b: Node) -> Node:
+    return graph.apply(Operation.LESS, a, b)
 
 
 def _equal(graph: Graph, a: Node, b: Node) -> Node:
-    return _not(graph, graph.apply("add", _less(graph, a, b), _less(graph, b, a)))
-
-
-FROM_CASADI: dict[int, Callable[..., Node]] = {
-    ca.OP_ASSIGN: lambda g, a: a,
-    ca.OP_ADD: lambda g, a, b: g.apply("add", a, b),
-    ca.OP_SUB: lambda g, a, b: g.apply("sub", a, b),
-    ca.OP_MUL: lambda g, a, b: g.apply("mul", a, b),
-    ca.OP_DIV: lambda g, a, b: g.apply("div", a, b),
-    ca.OP_NEG: lambda g, a: g.apply("neg", a),
-    ca.OP_SQ: lambda g, a: g.apply("mul", a, a),
-    ca.OP_TWICE: lambda g, a: g.apply("mul", g.constant(2), a),
-    ca.OP_INV: lambda g, a: g.apply("div", g.constant(1), a),
-    ca.OP_SQRT: lambda g, a: g.apply("sqrt", a),
-    ca.OP_FABS: lambda g, a: g.apply("abs", a),
-    ca.OP_SIN: lambda g, a: g.apply("sin", a),
-    ca.OP_COS: lambda g, a: g.apply("cos", a),
-    ca.OP_TAN: lambda g, a: g.apply("div", g.apply("sin", a), g.apply("cos", a)),
-    ca.OP_HYPOT: lambda g, a, b: g.apply("sqrt", g.apply("add", g.apply("mul", a, a), g.apply("mul", b, b))),
-    ca.OP_POW: lambda g, a, b: _power(g, a, b),
-    ca.OP_CONSTPOW: lambda g, a, b: _power(g, a, b),
-    ca.OP_EXP: lambda g, a: g.apply("exp", a),
-    ca.OP_LOG: lambda g, a: g.apply("log", a),
-    ca.OP_SINH: lambda g, a: g.apply("sinh", a),
-    ca.OP_COSH: lambda g, a: g.apply("cosh", a),
-    ca.OP_TANH: lambda g, a: g.apply("tanh", a),
-    ca.OP_ASIN: lambda g, a: g.apply("asin", a),
-    ca.OP_ACOS: lambda g, a: g.apply("acos", a),
-    ca.OP_ATAN: lambda g, a: g.apply("atan", a),
-    ca.OP_ATAN2: lambda g, a, b: g.apply("atan2", a, b),
-    ca.OP_SIGN: lambda g, a: g.apply("sign", a),
-    ca.OP_FMIN: lambda g, a, b: g.apply("min", a, b),
-    ca.OP_FMAX: lambda g, a, b: g.apply("max", a, b),
-    ca.OP_LT: _less,
-    ca.OP_LE: lambda g, a, b: _not(g, _less(g, b, a)),
-    ca.OP_EQ: _equal,
-    ca.OP_NE: lambda g, a, b: _not(g, _equal(g, a, b)),
-    ca.OP_NOT: _not,
-    ca.OP_AND: _both,
-    ca.OP_OR: lambda g, a, b: _not(g, _both(g, _not(g, a), _not(g, b))),
-    ca.OP_IF_ELSE_ZERO: lambda g, a, b: g.apply("if", a, b),
-}
+    return _not(graph, graph.apply(Operation.ADD, _less(graph, a, b), _less(graph, b, a)))
 
 
 def _power(graph: Graph, base: Node, exponent: Node) -> Node:
     """base^n: for a whole or half n by repeated squaring, for another constant by logarithm and exponential."""
-    if exponent.operation != "constant":
+    if not isinstance(exponent, Constant):
         raise ModelError("the exponent of a power must be a constant")
     twice = exponent.value * 2
     if twice != int(twice):
-        return graph.apply("pow", base, exponent)
+        return graph.apply(Operation.POW, base, exponent)
     whole, half = divmod(int(abs(twice)), 2)
-    result = graph.apply("sqrt", base) if half else graph.constant(1)
+    result = graph.apply(Operation.SQRT, base) if half else graph.constant(1)
     square = base
     while whole:
         whole, odd = divmod(whole, 2)
-        result = graph.apply("mul", result, square) if odd else result
-        square = graph.apply("mul", square, square) if whole else square
-    return result if twice >= 0 else graph.apply("div", graph.constant(1), result)
+        result = graph.apply(Operation.MUL, result, square) if odd else result
+        square = graph.apply(Operation.MUL, square, square) if whole else square
+    return result if twice >= 0 else graph.apply(Operation.DIV, graph.constant(1), result)
+
+
+SAME = {  # operations that CasADi has as well
+    **{ca.OP_ADD: Operation.ADD, ca.OP_SUB: Operation.SUB, ca.OP_MUL: Operation.MUL, ca.OP_DIV: Operation.DIV},
+    **{ca.OP_NEG: Operation.NEG, ca.OP_SQRT: Operation.SQRT, ca.OP_FABS: Operation.ABS},
+    **{ca.OP_SIN: Operation.SIN, ca.OP_COS: Operation.COS, ca.OP_EXP: Operation.EXP, ca.OP_LOG: Operation.LOG},
+    **{ca.OP_SINH: Operation.SINH, ca.OP_COSH: Operation.COSH, ca.OP_TANH: Operation.TANH},
+    **{ca.OP_ASIN: Operation.ASIN, ca.OP_ACOS: Operation.ACOS, ca.OP_ATAN: Operation.ATAN, ca.OP_ATAN2: Operation.ATAN2},
+    **{ca.OP_SIGN: Operation.SIGN, ca.OP_FMIN: Operation.MIN, ca.OP_FMAX: Operation.MAX},
+    **{ca.OP_LT: Operation.LESS, ca.OP_NOT: Operation.NOT, ca.OP_IF_ELSE_ZERO: Operation.IF},
+}
+FROM_CASADI: dict[int, Callable[..., Node]] = {
+    **{code: lambda g, *arguments, o=operation: g.apply(o, *arguments) for code, operation in SAME.items()},
+    ca.OP_ASSIGN: lambda g, a: a,
+    ca.OP_SQ: lambda g, a: g.apply(Operation.MUL, a, a),
+    ca.OP_TWICE: lambda g, a: g.apply(Operation.MUL, g.constant(2), a),
+    ca.OP_INV: lambda g, a: g.apply(Operation.DIV, g.constant(1), a),
+    ca.OP_TAN: lambda g, a: g.apply(Operation.DIV, g.apply(Operation.SIN, a), g.apply(Operation.COS, a)),
+    ca.OP_HYPOT: lambda g, a, b: g.apply(
+        Operation.SQRT, g.apply(Operation.ADD, g.apply(Operation.MUL, a, a), g.apply(Operation.MUL, b, b))
+    ),
+    ca.OP_POW: _power,
+    ca.OP_CONSTPOW: _power,
+    ca.OP_LE: lambda g, a, b: _not(g, _less(g, b, a)),
+    ca.OP_EQ: _equal,
+    ca.OP_NE: lambda g, a, b: _not(g, _equal(g, a, b)),
+    ca.OP_AND: _both,
+    ca.OP_OR: lambda g, a, b: _not(g, _both(g, _not(g, a), _not(g, b))),
+}

@@ -11,12 +11,45 @@ from heapq import heappop, heappush
 from itertools import combinations
 from math import prod
 
-from .graph import CONSTANT_GROUPS, Graph, Node, is_constant, reachable
+from .graph import Applied, Constant, Graph, Node, Operation, is_constant, is_operation, reachable
 
-# n-ary operations used between the passes only: "sum" (node.name holds a sign for each argument, the first is +),
-# "product", "kept" (a product that is not to be taken apart again) and "inverse"
 Signed = tuple[int, Node]
 Pair = tuple[Node, Node, int]  # two arguments and their relative sign
+
+
+# -- nodes with any number of arguments, used between the passes only ---------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Sum(Node):
+    """The arguments, each with its sign, +1 or -1."""
+
+    signs: tuple[int, ...]
+
+    @property
+    def terms(self) -> list[Signed]:
+        """Sign and argument of each term."""
+        return list(zip(self.signs, self.arguments, strict=True))
+
+    @property
+    def opposite(self) -> list[Signed]:
+        """The terms of minus the sum, those with + first."""
+        return sorted(((-sign, argument) for sign, argument in self.terms), key=lambda term: -term[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Product(Node):
+    """The product of the arguments."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeptProduct(Node):
+    """A product that is not to be taken apart again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reciprocal(Node):
+    """1 / the argument."""
 
 
 @dataclass(frozen=True)
@@ -34,18 +67,10 @@ class Optimizer:
     def __init__(self, graph: Graph, labels: dict[Node, str]):
         self.graph = graph
         self.labels = labels
-        self._fixed: dict[Node, bool] = {}
-
-    def fixed(self, node: Node) -> bool:
-        """Does init know the node?"""
-        if node not in self._fixed:
-            is_leaf = node.operation == "leaf"
-            self._fixed[node] = node.group in CONSTANT_GROUPS if is_leaf else all(self.fixed(a) for a in node.arguments)
-        return self._fixed[node]
 
     def _name(self, old: Node, sign: int, new: Node) -> Signed:
         """Carry the old node's name over to the new one, which has its value."""
-        if old in self.labels and sign > 0 and new.arguments and not self.fixed(new):
+        if old in self.labels and sign > 0 and new.arguments and not new.fixed:
             self.labels.setdefault(new, self.labels[old])
         return sign, new
 
@@ -58,14 +83,8 @@ class Optimizer:
         """Name of each pass and the roots, in two-operand steps, after it."""
         signed = self.sums_of_products(roots)
         yield "sums of products", self.binary(signed)
-        for name, improve in (
-            ("sums in common", self.common_sums),
-            ("factors in common", self.common_factors),
-            ("sums in common", self.common_sums),
-            ("products in common", self.common_products),
-            ("signs", self.turned),
-        ):
-            signed = improve(signed)
+        for name, improve in PASSES:
+            signed = improve(self, signed)
             yield name, self.binary(signed)
 
     # -- sums of products -----------------------------------------------------------------------------------------
@@ -79,23 +98,19 @@ class Optimizer:
         def terms(node: Node) -> list[Term]:
             """The node as a sum; a sum that others use too stays one term."""
             sign, made = done[node]
-            if made.operation == "sum" and uses[node] == 1:
-                return [self._term(s * sign, argument) for s, argument in signed_arguments(made)]
+            if isinstance(made, Sum) and uses[node] == 1:
+                return [self._term(s * sign, argument) for s, argument in made.terms]
             return [self._term(sign, made)]
 
         for node in reachable(roots):
-            if self.fixed(node) or node.operation in ("leaf", "constant"):
+            if node.fixed or not node.arguments:
                 done[node] = self._positive(node)
-            elif node.operation in ("add", "sub", "neg"):
-                first, *second = node.arguments
-                signs = {"add": (1, 1), "sub": (1, -1), "neg": (-1,)}[node.operation]
-                both = [
-                    Term(t.sign * s, t.factor, t.others) for s, a in zip(signs, (first, *second), strict=True) for t in terms(a)
-                ]
-                done[node] = self.sum(both)
-            elif node.operation in ("mul", "div"):
+            elif is_operation(node, *SIGNS):
+                both = zip(SIGNS[node.operation], node.arguments, strict=True)
+                done[node] = self.sum([Term(t.sign * sign, t.factor, t.others) for sign, a in both for t in terms(a)])
+            elif is_operation(node, Operation.MUL, Operation.DIV):
                 (sign, a), (other, b) = (done[argument] for argument in node.arguments)
-                made = self.product(sign * other, a, b if node.operation == "mul" else self._inverse(b))
+                made = self.product(sign * other, a, b if node.operation == Operation.MUL else self._inverse(b))
                 done[node] = made if uses[node] == 1 else self._keep(*made)
             else:
                 arguments = [self._plain(done[argument]) for argument in node.arguments]
@@ -119,8 +134,10 @@ class Optimizer:
             return parts[0]
         parts.sort(key=lambda part: part[1].order)
         lead = next((sign for sign, _ in parts), 1)
-        signs = "".join("+" if sign == lead else "-" for sign, _ in parts)
-        return lead, self.graph.make("sum", tuple(node for _, node in parts), name=signs)
+        return lead, self._sum_of([(lead * sign, node) for sign, node in parts])
+
+    def _sum_of(self, terms: Sequence[Signed]) -> Sum:
+        return self.graph.make(Sum, tuple(node for _, node in terms), tuple(sign for sign, _ in terms))
 
     def product(self, sign: int, *nodes: Node) -> Signed:
         """A product; factors that init knows become one."""
@@ -128,7 +145,8 @@ class Optimizer:
         others: list[Node] = []
         for node in nodes:
             term = self._term(1, node)
-            factor = term.factor if factor is None else self.graph.apply("mul", factor, term.factor) if term.factor else factor
+            if term.factor is not None:
+                factor = term.factor if factor is None else self.graph.apply(Operation.MUL, factor, term.factor)
             others += term.others
         return self._signed_product(sign, factor or self.graph.constant(1), tuple(sorted(others, key=lambda node: node.order)))
 
@@ -137,54 +155,54 @@ class Optimizer:
         term = self._term(sign, node)
         if len(term.others) < 2:
             return sign, node
-        return self._signed_product(sign, term.factor or self.graph.constant(1), (self.graph.make("kept", term.others),))
+        return self._signed_product(sign, term.factor or self.graph.constant(1), (self.graph.make(KeptProduct, term.others),))
 
     def _signed_product(self, sign: int, factor: Node, others: tuple[Node, ...]) -> Signed:
         more, factor = self._positive(factor)
         if is_constant(factor, 0):
             return 1, factor
         arguments = others if is_constant(factor, 1) and others else (factor, *others)
-        return sign * more, arguments[0] if len(arguments) == 1 else self.graph.make("product", arguments)
+        return sign * more, arguments[0] if len(arguments) == 1 else self.graph.make(Product, arguments)
 
     def _term(self, sign: int, node: Node) -> Term:
-        if node.operation == "product":
-            known = [argument for argument in node.arguments if self.fixed(argument)]
-            return Term(sign, known[0] if known else None, tuple(a for a in node.arguments if not self.fixed(a)))
-        return Term(sign, node, ()) if self.fixed(node) else Term(sign, None, (node,))
+        if isinstance(node, Product):
+            known = [argument for argument in node.arguments if argument.fixed]
+            return Term(sign, known[0] if known else None, tuple(a for a in node.arguments if not a.fixed))
+        return Term(sign, node, ()) if node.fixed else Term(sign, None, (node,))
 
     def _add_factors(self, a: Signed | None, b: Signed) -> Signed:
         if a is None:
             return b
         if a[1] is b[1]:
-            return (a[0], self.graph.apply("mul", self.graph.constant(2), a[1])) if a[0] == b[0] else (1, self.graph.constant(0))
-        if a[0] == b[0]:
-            return a[0], self.graph.apply("add", a[1], b[1])
-        return a[0], self.graph.apply("sub", a[1], b[1])
+            twice = a[0], self.graph.apply(Operation.MUL, self.graph.constant(2), a[1])
+            return twice if a[0] == b[0] else (1, self.graph.constant(0))
+        return a[0], self.graph.apply(Operation.ADD if a[0] == b[0] else Operation.SUB, a[1], b[1])
 
     def _inverse(self, node: Node) -> Node:
         """1 / node; the part that init knows is inverted there."""
         term = self._term(1, node)
         parts = []
         if term.factor is not None:
-            parts.append(self.graph.apply("div", self.graph.constant(1), term.factor))
+            parts.append(self.graph.apply(Operation.DIV, self.graph.constant(1), term.factor))
         if term.others:
-            changing = term.others[0] if len(term.others) == 1 else self.graph.make("product", term.others)
-            parts.append(self.graph.make("inverse", (changing,)))
-        return parts[0] if len(parts) == 1 else self.graph.make("product", tuple(parts))
+            changing = term.others[0] if len(term.others) == 1 else self.graph.make(Product, term.others)
+            parts.append(self.graph.make(Reciprocal, (changing,)))
+        return parts[0] if len(parts) == 1 else self.graph.make(Product, tuple(parts))
 
     def _positive(self, node: Node) -> Signed:
-        if node.operation == "neg":
-            return -1, node.arguments[0]
-        if node.operation == "constant" and node.value < 0:
-            return -1, self.graph.constant(-node.value)
+        match node:
+            case Applied(Operation.NEG, (opposite,)):
+                return -1, opposite
+            case Constant(value) if value < 0:
+                return -1, self.graph.constant(-value)
         return 1, node
 
     def _plain(self, signed: Signed) -> Node:
         if signed[0] > 0:
             return signed[1]
-        if self.fixed(signed[1]):
-            return self.graph.apply("neg", signed[1])
-        return self.graph.make("product", (self.graph.constant(-1), signed[1]))
+        if signed[1].fixed:
+            return self.graph.apply(Operation.NEG, signed[1])
+        return self.graph.make(Product, (self.graph.constant(-1), signed[1]))
 
     # -- common factors within a sum --------------------------------------------------------------------------------
 
@@ -193,16 +211,14 @@ class Optimizer:
         return self._rewrite_signed(signed, self._factored)
 
     def _factored(self, sign: int, node: Node) -> Signed:
-        if node.operation != "sum":
+        if not isinstance(node, Sum):
             return sign, node
-        terms = [self._term(s, argument) for s, argument in signed_arguments(node)]
+        terms = [self._term(s, argument) for s, argument in node.terms]
         counted = Counter(factor for term in terms for factor in dict.fromkeys(self._factors(term)))
         shared = [factor for factor, times in counted.items() if times > 1]
         if not shared:
             return sign, node
-        best = max(
-            shared, key=lambda factor: (counted[factor], not self.fixed(factor), factor.operation == "inverse", -factor.order)
-        )
+        best = max(shared, key=lambda factor: (counted[factor], not factor.fixed, isinstance(factor, Reciprocal), -factor.order))
         inside = [self._without(term, best) for term in terms if best in self._factors(term)]
         outside = [term for term in terms if best not in self._factors(term)]
         s, made = self._factored(*self.sum(inside))
@@ -225,35 +241,34 @@ class Optimizer:
 
     def common_sums(self, signed: Sequence[Signed]) -> list[Signed]:
         """Pairs of terms that several sums share, up to a sign, become sums of their own."""
-        return self._extract(signed, "sum")
+        return self._extract(signed, Sum)
 
     def common_products(self, signed: Sequence[Signed]) -> list[Signed]:
         """Pairs of factors that several products share become products of their own."""
-        return self._extract(signed, "product")
+        return self._extract(signed, Product)
 
-    def _extract(self, roots: Sequence[Signed], operation: str) -> list[Signed]:
+    def _extract(self, roots: Sequence[Signed], kind: type[Sum] | type[Product]) -> list[Signed]:
         signed, index = list(roots), PairIndex()
         while True:
-            index.update(node for node in reachable(node for _, node in signed) if node.operation == operation)
+            index.update(node for node in reachable(node for _, node in signed) if isinstance(node, kind))
             found = index.most_shared()
             if found is None:
                 return signed
             (x, y, relative), users = found
-            signs = "+-" if relative < 0 else "++"
-            pair = self.graph.make("sum", (x, y), name=signs) if operation == "sum" else self.graph.make("kept", (x, y))
-            self._name(self.graph.make("product", (x, y)), 1, pair)
+            pair = self._sum_of([(1, x), (relative, y)]) if kind is Sum else self.graph.make(KeptProduct, (x, y))
+            self._name(self.graph.make(Product, (x, y)), 1, pair)
 
             def replace(sign: int, node: Node, x: Node = x, y: Node = y, relative: int = relative, pair: Node = pair) -> Signed:
-                if node.operation != operation or node is pair or (x, y, relative) not in index.pairs(node):
+                if not isinstance(node, kind) or node is pair or (x, y, relative) not in index.pairs(node):
                     return sign, node
-                if operation == "product":
+                if not isinstance(node, Sum):
                     rest = list(node.arguments)
                     rest.remove(x)
                     rest.remove(y)
-                    return sign, self.graph.make("product", (*rest, pair)) if rest else pair
-                signs = dict((argument, s) for s, argument in signed_arguments(node))
-                terms = [self._atom(s, argument) for argument, s in signs.items() if argument is not x and argument is not y]
-                return self._signed(sign, self.sum([*terms, self._atom(signs[x], pair)]))
+                    return sign, self.graph.make(Product, (*rest, pair)) if rest else pair
+                terms = [self._atom(s, argument) for s, argument in node.terms if argument is not x and argument is not y]
+                lead = next(s for s, argument in node.terms if argument is x)
+                return self._signed(sign, self.sum([*terms, self._atom(lead, pair)]))
 
             signed = self._rewrite_signed(signed, replace, users)
 
@@ -280,24 +295,24 @@ class Optimizer:
         uses = Counter(argument for node in nodes for argument in node.arguments)
         uses.update(roots)
         for node in nodes:
-            if self.fixed(node) or not node.arguments:
+            if node.fixed or not node.arguments:
                 done[node] = (1, node)
                 continue
             new = [done[argument] for argument in node.arguments]
             same = all(sign > 0 and made is old for (sign, made), old in zip(new, node.arguments, strict=True))
-            if same and where is not None and node not in where and node.operation not in ("kept", "product"):
+            if same and where is not None and node not in where and not isinstance(node, KeptProduct | Product):
                 done[node] = (1, node)
                 continue
-            if node.operation == "sum":
-                rebuilt = self.sum([self._term(s * sign, n) for s, (sign, n) in zip(signs_of(node), new, strict=True)])
-            elif node.operation == "product":
+            if isinstance(node, Sum):
+                rebuilt = self.sum([self._term(s * sign, n) for s, (sign, n) in zip(node.signs, new, strict=True)])
+            elif isinstance(node, Product):
                 rebuilt = self.product(prod(s for s, _ in new), *[n for _, n in new])
-            elif node.operation == "inverse":
+            elif isinstance(node, Reciprocal):
                 rebuilt = (new[0][0], self._inverse(new[0][1]))
-            elif node.operation == "kept":
+            elif isinstance(node, KeptProduct):
                 sign, parts = prod(s for s, _ in new), tuple(n for _, n in new)
-                made_here = any(self.fixed(argument) for argument in node.arguments)  # by _extract, which wants it so
-                rebuilt = (sign, self.graph.make("kept", parts)) if made_here else self.product(sign, *parts)
+                made_here = any(argument.fixed for argument in node.arguments)  # by _extract, which wants it so
+                rebuilt = (sign, self.graph.make(KeptProduct, parts)) if made_here else self.product(sign, *parts)
                 rebuilt = self._keep(*rebuilt) if uses[node] > 1 else rebuilt
             else:
                 rebuilt = (1, self.graph.again(node, [self._plain(argument) for argument in new]))
@@ -311,9 +326,7 @@ class Optimizer:
         signed: list[Signed] = list(roots)
         tried: set[Node] = set()  # each is turned once, so that two roots with opposite wishes come to an end
         while (found := self._to_turn(signed, tried)) is not None:
-            arguments = sorted(((-sign, argument) for sign, argument in signed_arguments(found)), key=lambda term: -term[0])
-            signs = "".join("+" if sign > 0 else "-" for sign, _ in arguments)
-            turned = self.graph.make("sum", tuple(argument for _, argument in arguments), name=signs)
+            turned = self._sum_of(found.opposite)
             tried |= {found, turned}
 
             def change(sign: int, node: Node, found: Node = found, turned: Node = turned) -> Signed:
@@ -323,11 +336,11 @@ class Optimizer:
         return signed
 
     @staticmethod
-    def _to_turn(signed: Sequence[Signed], tried: set[Node]) -> Node | None:
+    def _to_turn(signed: Sequence[Signed], tried: set[Node]) -> Sum | None:
         for sign, root in signed:
-            if sign < 0 and root.operation == "sum" and "-" not in root.name:
+            if sign < 0 and isinstance(root, Sum) and -1 not in root.signs:
                 for argument in root.arguments:
-                    if argument.operation == "sum" and "-" in argument.name and argument not in tried:
+                    if isinstance(argument, Sum) and -1 in argument.signs and argument not in tried:
                         return argument
         return None
 
@@ -339,49 +352,51 @@ class Optimizer:
         uses = Counter(argument for node in nodes for argument in node.arguments)
         done: dict[Node, Node] = {}
         for node in nodes:
-            done[node] = node if self.fixed(node) or not node.arguments else self._lower(node, done, uses)
+            done[node] = node if node.fixed or not node.arguments else self._lower(node, done, uses)
             self._name(node, 1, done[node])
         return [done[node] if sign > 0 else self._negative(node, done) for sign, node in signed]
 
     def _negative(self, node: Node, done: dict[Node, Node]) -> Node:
         """minus the node: a difference the other way round where it is one."""
-        if node.operation != "sum" or "-" not in node.name:
-            return self.graph.apply("neg", done[node])
-        terms = sorted(((-sign, argument) for sign, argument in signed_arguments(node)), key=lambda term: -term[0])
-        return self._chain([(sign, done[argument]) for sign, argument in terms])
+        if not isinstance(node, Sum) or -1 not in node.signs:
+            return self.graph.apply(Operation.NEG, done[node])
+        return self._chain([(sign, done[argument]) for sign, argument in node.opposite])
 
     def _chain(self, terms: Sequence[Signed]) -> Node:
         (_, result), *rest = terms
         for sign, argument in rest:
-            result = self.graph.apply("add" if sign > 0 else "sub", result, argument)
+            result = self.graph.apply(Operation.ADD if sign > 0 else Operation.SUB, result, argument)
         return result
 
     def _lower(self, node: Node, done: dict[Node, Node], uses: Counter[Node]) -> Node:
         apply = self.graph.apply
-        if node.operation == "inverse":
-            return apply("div", self.graph.constant(1), done[node.arguments[0]])
-        if node.operation in ("product", "kept"):
-            divisors = [a for a in node.arguments if a.operation == "inverse" and uses[a] == 1]
-            factors = [done[a] for a in node.arguments if a not in divisors]
-            result = factors[0] if factors else self.graph.constant(1)
-            for factor in factors[1:]:
-                result = apply("mul", result, factor)
-            for divisor in divisors:
-                result = apply("div", result, done[divisor.arguments[0]])
-            return result
-        if node.operation == "sum":
-            return self._chain([(sign, done[argument]) for sign, argument in signed_arguments(node)])
+        match node:
+            case Reciprocal():
+                return apply(Operation.DIV, self.graph.constant(1), done[node.arguments[0]])
+            case Sum():
+                return self._chain([(sign, done[argument]) for sign, argument in node.terms])
+            case Product() | KeptProduct():
+                divisors = [a for a in node.arguments if isinstance(a, Reciprocal) and uses[a] == 1]
+                factors = [done[a] for a in node.arguments if a not in divisors]
+                result = factors[0] if factors else self.graph.constant(1)
+                for factor in factors[1:]:
+                    result = apply(Operation.MUL, result, factor)
+                for divisor in divisors:
+                    result = apply(Operation.DIV, result, done[divisor.arguments[0]])
+                return result
         return self.graph.again(node, [done[argument] for argument in node.arguments])
 
 
-def signs_of(node: Node) -> list[int]:
-    """The sign of each argument of a sum."""
-    return [1 if sign == "+" else -1 for sign in node.name]
-
-
-def signed_arguments(node: Node) -> list[Signed]:
-    """Sign and argument of each term of a sum."""
-    return list(zip(signs_of(node), node.arguments, strict=True))
+SIGNS = {Operation.ADD: (1, 1), Operation.SUB: (1, -1), Operation.NEG: (-1,)}
+Pass = Callable[[Optimizer, Sequence[Signed]], list[Signed]]
+PASSES: tuple[tuple[str, Pass], ...] = (
+    ("sums in common", Optimizer.common_sums),
+    ("factors in common", Optimizer.common_factors),
+    ("sums in common", Optimizer.common_sums),
+    ("products in common", Optimizer.common_products),
+    ("signs", Optimizer.turned),
+)
+"""The passes in their order, by the names that `noslip generate --explain` prints; a new one is entered here."""
 
 
 class PairIndex:
@@ -432,6 +447,6 @@ class PairIndex:
 
 def pairs(node: Node) -> list[Pair]:
     """The pairs of arguments of a sum, with their relative sign, or of a product."""
-    if node.operation == "sum":
-        return [(x, y, s * t) for (s, x), (t, y) in combinations(signed_arguments(node), 2)]
+    if isinstance(node, Sum):
+        return [(x, y, s * t) for (s, x), (t, y) in combinations(node.terms, 2)]
     return [(x, y, 1) for x, y in combinations(node.arguments, 2)]

@@ -1,6 +1,6 @@
 """A law as a program: one graph for all its entry points, split into what init computes and what a step computes."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
 
@@ -12,55 +12,92 @@ from ..model.mechanism import Quantity
 from ..model.names import in_c
 from ..model.outputs import FOOT
 from .derivation.foot import TOLD, can_be_told, place_names, plain_at_foot, staged_at_foot
-from .derivation.stages import PART, STEP, Stages, staged
-from .graph import CONSTANT_GROUPS, SHOWING, Graph, Node, free_name, from_casadi, reachable
+from .derivation.stages import Result, Stages, staged
+from .graph import (
+    ARITHMETIC,
+    Applied,
+    Constant,
+    Graph,
+    Group,
+    Leaf,
+    Node,
+    Operation,
+    angles,
+    executed,
+    free_name,
+    from_casadi,
+    is_operation,
+    reachable,
+)
 from .optimize import Optimizer
 
 Matrix = list[list[Node]]
-AT_FOOT = "at foot: "  # begins the names of quantities by FOOT
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A C function of a law: what it takes beside `self` and the state, and which quantities it answers.
+    """A C function of a law or of the dynamics: what it takes beside `self` and the state, and which quantities it answers.
 
     One that is not `public` checks nothing: it is for the step, once that has found its arguments good.
     """
 
     name: str
     about: str
-    answers: tuple[str, ...]
-    takes: str = ""  # "", "reference" or "demand"
+    answers: tuple[Result, ...]
+    takes: Group | None = None  # REFERENCE, DEMAND or INPUT
+    whole: bool = False  # answers all in one struct
     public: bool = True
     at_foot: bool = False  # takes FOOT in place of the vehicle's position and heading
+    slope: "Entry | None" = None  # of a step: what it takes where the speed is given up
 
     @property
     def inverts(self) -> bool:
         """Does it need the inverse of Phi?"""
-        return not {"u", "tau", "tau_of_demand", "slope"}.isdisjoint(self.answers)
-
-    def of(self, quantity: str) -> str:
-        """Name in the graph of a quantity that it answers."""
-        return AT_FOOT + quantity if self.at_foot else quantity
+        return not {Result.ACCELERATION, Result.INPUTS, Result.INPUTS_OF_DEMAND, Result.SLOPE}.isdisjoint(self.answers)
 
 
+SLOPE = Entry(
+    "slope", "Derivative of the inputs by the demand on the speed, the output of degree 1", (Result.SLOPE,), public=False
+)
+FOLLOW_SLOPE = Entry("follow_slope", "As slope, seen from the foot of P_l", (Result.SLOPE,), public=False, at_foot=True)
+EVALUATE = Entry(
+    "evaluate",
+    "Everything at one sine and cosine",
+    (Result.OUTPUTS, Result.RATES, Result.DECOUPLING, Result.DECOUPLING_RATE, Result.ACCELERATION, Result.INPUTS),
+    Group.REFERENCE,
+    whole=True,
+)
+STEP = Entry(
+    "step",
+    "The controller: outer loop and feedback (12) with (20), limits, safe answer",
+    (Result.INPUTS,),
+    Group.REFERENCE,
+    slope=SLOPE,
+)
+FOLLOW = Entry(
+    "follow",
+    "The step, where a path tells what it is for the law: P_l seen from its foot",
+    (Result.INPUTS,),
+    Group.REFERENCE,
+    at_foot=True,
+    slope=FOLLOW_SLOPE,
+)
 ENTRIES = (
-    Entry("output", "Outputs y = h (14)", ("h",)),
-    Entry("rate", "First derivatives of the outputs of relative degree 2", ("ydot",)),
-    Entry("decoupling", "Decoupling matrix Phi (15)", ("Phi",)),
-    Entry("decoupling_rate", "Derivative dPhi/dt along the motion", ("Phidot",)),
-    Entry("feedback", "Linearizing feedback (12) with (20): from wanted derivatives to inputs", ("tau_of_demand",), "demand"),
-    Entry("evaluate", "Everything at one sine and cosine", ("h", "ydot", "Phi", "Phidot", "u", "tau"), "reference"),
-    Entry("step", "The controller: outer loop and feedback (12) with (20), limits, safe answer", ("tau",), "reference"),
-    Entry("slope", "Derivative of the inputs by the demand on the speed, the output of degree 1", ("slope",), public=False),
+    Entry("output", "Outputs y = h (14)", (Result.OUTPUTS,)),
+    Entry("rate", "First derivatives of the outputs of relative degree 2", (Result.RATES,)),
+    Entry("decoupling", "Decoupling matrix Phi (15)", (Result.DECOUPLING,)),
+    Entry("decoupling_rate", "Derivative dPhi/dt along the motion", (Result.DECOUPLING_RATE,)),
     Entry(
-        "follow",
-        "The step, where a path tells what it is for the law: P_l seen from its foot",
-        ("tau",),
-        "reference",
-        at_foot=True,
+        "feedback",
+        "Linearizing feedback (12) with (20): from wanted derivatives to inputs",
+        (Result.INPUTS_OF_DEMAND,),
+        Group.DEMAND,
     ),
-    Entry("follow_slope", "As slope, seen from the foot of P_l", ("slope",), public=False, at_foot=True),
+    EVALUATE,
+    STEP,
+    SLOPE,
+    FOLLOW,
+    FOLLOW_SLOPE,
 )
 
 
@@ -71,7 +108,7 @@ class Body:
     `singular` is empty where nothing is inverted, or where the inversion itself tells.
     """
 
-    quantities: dict[str, Matrix]
+    quantities: dict[Result, Matrix]
     singular: tuple[Node, ...]
 
     @property
@@ -100,42 +137,32 @@ class Program:
     @property
     def angles(self) -> list[Node]:
         """Arguments of sines and cosines that change from step to step."""
-        return self._angles(fixed=False)
+        return angles(executed(self._roots))
 
     @property
     def fixed_angles(self) -> list[Node]:
         """Arguments of sines and cosines that init takes."""
-        return self._angles(fixed=True)
+        return angles(node for node in reachable(self._roots) if node.fixed)
 
-    def _angles(self, fixed: bool) -> list[Node]:
-        known = fixed_nodes(root for body in self.entries.values() for root in body.roots)
-        found = {node.arguments[0]: None for node in known if node.operation in ("sin", "cos") and known[node] == fixed}
-        return list(found)
+    @property
+    def _roots(self) -> list[Node]:
+        return [root for body in self.entries.values() for root in body.roots]
 
 
-def hidden_inputs(body: Body) -> list[Node]:
+def hidden_inputs(body: Body) -> list[Leaf]:
     """Inputs of a step that can be infinite or NaN while every result is finite.
 
     Sums, products, roots and numerators pass such a value on; a denominator or a function that is bounded need not, and an
-    angle is checked by itself.
+    angle is checked by itself. A matrix's inverse leaves the function then.
     """
     shown: set[Node] = set()
     stack = [root for matrix in body.quantities.values() for row in matrix for root in row]
     while stack:
         node = stack.pop()
-        if node not in shown and node.operation in SHOWING:
+        if node not in shown and (not isinstance(node, Applied) or node.operation in ARITHMETIC):
             shown.add(node)
-            stack.extend(node.arguments[:1] if node.operation == "div" else node.arguments)
-    return [node for node in reachable(body.roots) if node.operation == "leaf" and node not in shown]
-
-
-def fixed_nodes(roots: Iterable[Node]) -> dict[Node, bool]:
-    """For every node the roots depend on: does it depend on nothing but parameters, so that init can compute it?"""
-    fixed: dict[Node, bool] = {}
-    for node in reachable(roots):
-        is_leaf = node.operation == "leaf"
-        fixed[node] = node.group in CONSTANT_GROUPS if is_leaf else all(fixed[argument] for argument in node.arguments)
-    return fixed
+            stack.extend(node.arguments[:1] if is_operation(node, Operation.DIV) else node.arguments)
+    return [node for node in reachable(body.roots) if isinstance(node, Leaf) and node not in shown]
 
 
 def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = None) -> Program:
@@ -155,24 +182,28 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     def build(expression: ca.SX) -> Matrix:
         return from_casadi(graph, expression, symbols, [nodes[symbol.element_hash()] for symbol in symbols], where)
 
-    for symbol, expression, *least in source.steps:
-        made = graph.inverse(build(expression), *least) if least else build(expression)
-        for one, (node,) in zip(ca.vertsplit(ca.vec(symbol.T)), ([node] for row in made for node in row), strict=True):
+    for step in source.steps:
+        made = build(step.expression)
+        made = made if step.least is None else graph.inverse(made, step.least)
+        for one, node in zip(ca.vertsplit(ca.vec(step.symbol.T)), (node for row in made for node in row), strict=True):
             nodes[one.element_hash()] = node
             symbols.append(one)
-            if not least and not str(one).startswith(PART):
-                labels.setdefault(node, str(one).removeprefix(STEP))
-    quantities = {name: build(expression) for name, expression in source.quantities.items()}
+            if step.label:
+                labels.setdefault(node, step.label)
+    quantities, at_foot = (
+        {name: build(expression) for name, expression in made.items()} for made in (source.quantities, source.at_foot)
+    )
     labels = _own_names(law, quantities) | labels
     entries = {}
     for entry in ENTRIES:
-        chosen = {name: quantities[entry.of(name)] for name in entry.answers if quantities.get(entry.of(name))}
-        singular = tuple(row[0] for row in quantities[entry.of("singular")]) if chosen and entry.inverts else ()
+        given = at_foot if entry.at_foot else quantities
+        chosen = {name: given[name] for name in entry.answers if given.get(name)}
+        singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
         body = Body(chosen, singular)
         if chosen and not (entry.at_foot and _reads(body, place_names(law))):
             entries[entry] = _optimized(graph, body, labels) if optimize else body
-    conditions = [row[0] for row in quantities["conditions"]]
-    regular = [row[0] for name in ("regular", AT_FOOT + "regular") for row in quantities.get(name, ())]
+    conditions = [row[0] for row in quantities[Result.CONDITIONS]]
+    regular = [row[0] for made in (quantities, at_foot) for row in made.get(Result.REGULAR, ())]
     constants = constants_of([root for body in entries.values() for root in body.roots], labels)
     return Program(law, entries, constants, labels, conditions, list(dict.fromkeys(regular)), graph)
 
@@ -182,9 +213,9 @@ def in_steps(law: ControlLaw) -> Stages:
     found = staged(law)
     if can_be_told(law):
         told = staged_at_foot(law)
-        shared = {symbol.element_hash() for symbol, *_ in found.steps if symbol.is_symbolic()}  # the velocities
-        found.steps += [step for step in told.steps if step[0].element_hash() not in shared]
-        found.quantities |= {AT_FOOT + name: told.quantities[name] for name in TOLD}
+        shared = {step.symbol.element_hash() for step in found.steps if step.symbol.is_symbolic()}  # the velocities
+        found.steps += [step for step in told.steps if step.symbol.element_hash() not in shared]
+        found.at_foot = told.quantities
     return found
 
 
@@ -192,21 +223,20 @@ def plain(law: ControlLaw) -> Stages:
     """The law's quantities as the model has them, in one step."""
     found = law.linearization
     quantities = {
-        "h": found.h,
-        "ydot": found.rate,
-        "Phi": found.Phi,
-        "Phidot": found.Phidot,
-        "u": law.u,
-        "tau": law.tau,
-        "tau_of_demand": law.tau_of_demand,
-        "singular": _singular(found),
-        "regular": ca.SX(0, 1),
-        "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
-        "slope": law.slope,
+        Result.OUTPUTS: found.h,
+        Result.RATES: found.rate,
+        Result.DECOUPLING: found.Phi,
+        Result.DECOUPLING_RATE: found.Phidot,
+        Result.ACCELERATION: law.u,
+        Result.INPUTS: law.tau,
+        Result.INPUTS_OF_DEMAND: law.tau_of_demand,
+        Result.SINGULAR: _singular(found),
+        Result.REGULAR: ca.SX(0, 1),
+        Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
+        Result.SLOPE: law.slope,
     }
-    if can_be_told(law):
-        quantities |= {AT_FOOT + name: plain_at_foot(law, quantities[name]) for name in TOLD}
-    return Stages([], quantities=quantities)
+    at_foot = {name: plain_at_foot(law, quantities[name]) for name in TOLD} if can_be_told(law) else {}
+    return Stages([], quantities=quantities, at_foot=at_foot)
 
 
 def _singular(found: Linearization) -> ca.SX:
@@ -227,45 +257,44 @@ def _optimized(graph: Graph, body: Body, labels: dict[Node, str]) -> Body:
 
 def _reads(body: Body, names: frozenset[str]) -> bool:
     """Is one of these coordinates read? A sine of more than the heading, which FOOT does not have, keeps it."""
-    return any(node.operation == "leaf" and node.group == "state" and node.name in names for node in reachable(body.roots))
+    return any(isinstance(node, Leaf) and node.group is Group.STATE and node.name in names for node in reachable(body.roots))
 
 
-def _own_names(law: ControlLaw, quantities: dict[str, Matrix]) -> dict[Node, str]:
+def _own_names(law: ControlLaw, quantities: dict[Result, Matrix]) -> dict[Node, str]:
     """The field's own names for what a law answers."""
     rows = [row.name for row in law.output.rows]
     second = [row for row, degree in zip(rows, law.linearization.relative_degree, strict=True) if degree == 2]
     size = range(1, len(rows) + 1)
     names = {
-        "h": [[name] for name in rows],
-        "ydot": [[f"{name}_rate"] for name in second],
-        "Phi": [[f"Phi_{i}{j}" for j in size] for i in size],
-        "Phidot": [[f"Phidot_{i}{j}" for j in size] for i in size],
-        "u": [[f"u_{q.name}"] for q in law.system.quasi_velocities],
-        "tau": [[q.name] for q in law.system.mechanism.inputs],
+        Result.OUTPUTS: [[name] for name in rows],
+        Result.RATES: [[f"{name}_rate"] for name in second],
+        Result.DECOUPLING: [[f"Phi_{i}{j}" for j in size] for i in size],
+        Result.DECOUPLING_RATE: [[f"Phidot_{i}{j}" for j in size] for i in size],
+        Result.ACCELERATION: [[f"u_{q.name}"] for q in law.system.quasi_velocities],
+        Result.INPUTS: [[q.name] for q in law.system.mechanism.inputs],
     }
     labels: dict[Node, str] = {}
     for quantity, texts in names.items():
         for nodes, row in zip(quantities[quantity], texts, strict=True):
             for node, text in zip(nodes, row, strict=True):
-                if node.operation not in ("leaf", "constant"):
+                if node.arguments:
                     labels.setdefault(node, text)
     return labels
 
 
 def constants_of(roots: Sequence[Node], labels: dict[Node, str]) -> dict[Node, str]:
     """The fixed nodes that a step uses directly, with the names of their fields."""
-    fixed = fixed_nodes(roots)
     used: dict[Node, None] = {}
-    for node in [n for n in fixed if not fixed[n]]:
-        used.update((argument, None) for argument in node.arguments if fixed[argument])
-    used.update((root, None) for root in roots if fixed[root])
-    kept = sorted((node for node in used if node.operation != "constant"), key=lambda node: node.order)
+    for node in executed(roots):
+        used.update((argument, None) for argument in node.arguments if argument.fixed)
+    used.update((root, None) for root in roots if root.fixed)
+    kept = sorted((node for node in used if not isinstance(node, Constant)), key=lambda node: node.order)
     names: dict[Node, str] = {}
     taken = set(OWN_FIELDS)
-    for node in (node for node in kept if node.operation == "leaf"):
+    for node in (node for node in kept if isinstance(node, Leaf)):
         names[node] = free_name(in_c(node.name) if node.name not in taken else f"{node.group}_{node.name}", taken)
     numbers = (f"k{number}" for number in count(1))
-    for node in (node for node in kept if node.operation != "leaf"):
+    for node in (node for node in kept if node.arguments):
         named = node in labels and labels[node] not in taken
         names[node] = free_name(in_c(labels[node]) if named else next(name for name in numbers if name not in taken), taken)
     return {node: names[node] for node in kept}

@@ -1,4 +1,4 @@
-"""The short way round: a wanted angle, whole turns put aside so that it is near the actual one. In Python, and by the C."""
+"""A desired angle shifted by whole turns to be nearest to the actual one: in Python, and by the C."""
 
 import math
 
@@ -8,13 +8,13 @@ HEADER = "noslip_angle.h"
 
 
 def nearest_angle(wanted: float, actual: float) -> float:
-    """The angle (rad) that differs from `wanted` by whole turns and is nearest to `actual`."""
+    """Return the angle (rad) that differs from `wanted` by whole turns and is nearest to `actual`."""
     turns = round((wanted - actual) / (2 * math.pi))
     return wanted - turns * 2 * math.pi
 
 
 def compiled_nearest_angle(wanted: float, actual: float, scalar: str = "double") -> float:
-    """The same by the C. Raises BadInput where it answers an error."""
+    """Return the same, computed by the C. Raises BadInput if it returns an error."""
     from .runtime import runtime  # slow to import
 
     made = runtime(HEADER)

@@ -1,4 +1,4 @@
-"""The controller behind one face: CasADi's evaluation of the model, or the compiled C, here or on an emulated processor."""
+"""Controllers with a common interface: CasADi's evaluation of the model, or the compiled C, here or on an emulated processor."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def make_controller(
     gains: Numbers,
     limits: Limits | None = None,
 ) -> Controller:
-    """A controller of `law`; params, config and gains in the order of law.parameters, law.config and law.gains.
+    """Return a controller of `law`; params, config and gains in the order of law.parameters, law.config and law.gains.
 
-    Raises BadInput for an unknown backend or `limits` the law cannot have, ParameterRefused for a number it cannot take:
-    alike in all backends.
+    Raises BadInput for an unknown backend or `limits` that the law cannot have, ParameterRefused for an invalid number:
+    the same in all backends.
     """
     if backend not in (*BACKENDS, *ON_TARGET):
         raise BadInput(f"unknown backend {backend!r}; known are {', '.join((*BACKENDS, *ON_TARGET))}")
@@ -44,7 +44,7 @@ def make_controller(
 
 
 def check_parameters(law: ControlLaw, params: Numbers, config: Numbers, gains: Numbers) -> None:
-    """Raise ParameterRefused when a value is not finite, has the wrong sign, or the path they describe does not exist."""
+    """Raise ParameterRefused if a value is not finite, has the wrong sign, or describes no valid path."""
     from ..model.errors import ModelError
     from .symbolic import condition_values
 
@@ -61,10 +61,10 @@ def check_parameters(law: ControlLaw, params: Numbers, config: Numbers, gains: N
 
 
 def runtime_of(backend: str, header: str, law: ControlLaw | None = None) -> tuple[Runtime, str]:
-    """A header's C as a backend runs it, and its scalar: c in double, cf in float; m4f and rv32 in float on the processor that
-    runs `law` too.
+    """Return the C of a header as run by a backend, and its scalar: c in double, cf in float; m4f and rv32 in float on the
+    processor that also runs `law`.
 
-    Raises BadInput for another backend, and for one of these without a law.
+    Raises BadInput for another backend, and for m4f and rv32 without a law.
     """
     if backend in ("c", "cf"):
         return runtime(header), "double" if backend == "c" else "float"

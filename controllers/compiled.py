@@ -1,4 +1,4 @@
-"""Controllers and dynamics whose numbers come from the generated C, in double or float."""
+"""Controllers and dynamics computed by the generated C, in double or float."""
 
 from collections.abc import Iterable, Mapping
 from functools import cache, cached_property, lru_cache
@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 import cffi
 import numpy as np
 
-from ..codegen.dynamics import Entry as DynamicsEntry
 from ..codegen.files import dynamics_program, dynamics_text, law_program, law_text, shared_files
+from ..codegen.graph import Group
 from ..codegen.printing.dynamics_c import DynamicsC
 from ..codegen.printing.law_c import LawC, runtime_types
 from ..codegen.printing.robot_c import robot_declarations
@@ -18,13 +18,13 @@ from ..codegen.program import Entry
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from .controller import ON_LIMIT, QUANTITIES, Evaluation, Limits, check_point
-from .runtime import load
+from .runtime import InC, load
 
 Text = TypeVar("Text", LawC, DynamicsC)
 
 
-class _Compiled(Generic[Text]):
-    """Compiled C of a robot in one scalar: `ffi` knows its types, `lib` its functions, `files` are its text."""
+class _Compiled(InC, Generic[Text]):
+    """Compiled C of a robot in one scalar: `ffi` has its types, `lib` its functions, `files` its text."""
 
     def _load(self, system: ReducedSystem, text: Text, written: Mapping[str, str] | None) -> None:
         self.text: Text = text
@@ -38,38 +38,34 @@ class _Compiled(Generic[Text]):
         self.lib = load(self.ffi, self.files)
 
     def name(self, name: str) -> str:
-        """The C name of something of this law or dynamics."""
+        """Return the C name of something of this law or dynamics."""
         return self.text.scalar.name(f"{self.text.prefix}_{name}" if name else self.text.prefix)
 
     def robot_name(self, name: str) -> str:
-        """The C name of something that the robot's laws share."""
+        """Return the C name of something that the robot's laws share."""
         return self.text.scalar.name(f"{self.text.robot}_{name}")
 
     def instance(self):
-        """A law, or dynamics, that init has not seen yet."""
+        """Return a law, or dynamics, that is not yet initialized."""
         return self.ffi.new(f"{self.name('')} *")
 
     def function(self, name: str):
-        """An entry point."""
+        """Return an entry point."""
         return getattr(self.lib, self.name(name))
 
-    def status(self, number: int) -> str:
-        """Name of a status."""
-        return self.ffi.string(self.lib.noslip_status_name(number)).decode()
-
     def struct(self, kind: str, values: Iterable[float]):
-        """A new C struct of scalars, filled in the order of its fields."""
+        """Return a new C struct of scalars, filled in the order of its fields."""
         made = self.ffi.new(f"{kind} *")
         for (field, _), value in zip(self.ffi.typeof(made).item.fields, values, strict=False):
             setattr(made, field, float(value))
         return made
 
     def array(self, values: Iterable[float]):
-        """A new C array of scalars."""
+        """Return a new C array of scalars."""
         return self.ffi.new(f"{self.text.scalar.real}[]", [float(value) for value in values])
 
     def numbers(self, place) -> np.ndarray:
-        """A struct of scalars, or an array of them, as an array in the same memory."""
+        """Return a struct or array of scalars as a NumPy array in the same memory."""
         return np.frombuffer(self.ffi.buffer(place), f"f{self.ffi.sizeof(self.text.scalar.real)}")
 
 
@@ -77,7 +73,7 @@ class Library(_Compiled[LawC]):
     """The compiled C of one law in one scalar."""
 
     def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str] | None = None):
-        """`written`: the files to compile, by name, where they are there already."""
+        """`written`: the files to compile, by name, if they exist already."""
         self._load(law.system, law_text(law_program(law), SCALARS[scalar]), written)
 
 
@@ -91,14 +87,14 @@ class DynamicsLibrary(_Compiled[DynamicsC]):
 
 @lru_cache(maxsize=64)
 def library(law: ControlLaw, scalar: str) -> Library:
-    """The law's compiled C, loaded once per process."""
+    """Return the law's compiled C, loaded once per process."""
     return Library(law, scalar)
 
 
 class CompiledController:
-    """One instance of a generated law: its struct, made by init from parameters, configuration, gains and limits.
+    """One instance of a generated law: its struct, initialized with parameters, configuration, gains and limits.
 
-    A parameter that init refuses is kept as `refused`, and every call answers that status, as in firmware.
+    If init returns an error, it is kept as `refused`, and every call returns it, as in firmware.
     """
 
     def __init__(
@@ -111,7 +107,7 @@ class CompiledController:
         limits: Limits | None = None,
         made_by: Library | None = None,
     ):
-        """`made_by`: the law's library, where it is not that of this host and scalar."""
+        """`made_by`: the library of the law, if it is not that of this host and scalar."""
         self.law = law
         self._library = made_by or library(law, scalar)
         ffi, name = self._library.ffi, self._library.name
@@ -139,7 +135,7 @@ class CompiledController:
         self._lock = Lock()
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
-        """h, ydot, Phi, Phidot, u and tau at one state; no values unless the status is ok."""
+        """Return h, ydot, Phi, Phidot, u and tau at one state; no values unless the status is ok."""
         check_point(self.law, state, reference)
         if self.refused:
             return Evaluation(self.refused, {})
@@ -151,7 +147,7 @@ class CompiledController:
             return Evaluation("ok", {q: self._found[q].astype(float) if q in self._found else np.zeros(0) for q in QUANTITIES})
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
-        """The controller's answer: status and inputs (N or N m), zeros on an error."""
+        """Return status and inputs (N or N m), zeros on an error."""
         check_point(self.law, state, reference)
         if self.refused:
             return self.refused, np.zeros(len(self._tau))
@@ -161,31 +157,32 @@ class CompiledController:
             return self._status(status), self._answer.astype(float)
 
     def entry(self, entry: Entry, state: np.ndarray, foot: Iterable[float] = (), more: Iterable[float] = ()) -> Evaluation:
-        """The one quantity that an entry point returns. `more`: the reference or the demand, whichever it takes."""
+        """Return the quantity that an entry point computes. `more`: the reference or the virtual input, whichever it takes."""
         if self.refused:
             return Evaluation(self.refused, {})
         library = self._library
         ((quantity, matrix),) = library.text.program.entries[entry].quantities.items()
         given = [library.struct(library.text.scalar.name("noslip_foot"), foot)] if entry.at_foot else []
         given.append(library.struct(library.robot_name("state"), state))
-        if entry.takes == "reference":
+        if entry.takes is Group.REFERENCE:
             given.append(library.struct(library.name("reference"), more))
-        elif entry.takes == "demand":
+        elif entry.takes is Group.DEMAND:
             given.append(library.array(more))
         answer = library.array(np.zeros(len(matrix) * len(matrix[0])))
         place = library.ffi.cast(library.ffi.typeof(library.function(entry.name)).args[-1], answer)
-        status = self._status(library.function(entry.name)(self._self, *given, place))
+        with self._lock:
+            status = self._status(library.function(entry.name)(self._self, *given, place))
         values = library.numbers(answer).reshape(len(matrix), -1).astype(float)
         return Evaluation(status, {quantity: values} if status in ("ok", "saturated") else {})
 
     def _load(self, state: np.ndarray, reference: np.ndarray) -> None:
-        with np.errstate(over="ignore"):  # beyond float it is infinite, which the law refuses
+        with np.errstate(over="ignore"):  # values too large for float become infinite, which the law rejects
             for numbers, values in zip(self._seen, (state, reference), strict=True):
                 numbers[:] = values
 
     @cached_property
     def _found(self) -> dict[str, np.ndarray]:
-        """The vectors and matrices of the evaluation, in the same memory."""
+        """Return the vectors and matrices of the evaluation, in the same memory."""
         found = {}
         for name, _ in self._library.ffi.typeof(self._evaluation).item.fields:
             values = getattr(self._evaluation, name)
@@ -194,7 +191,7 @@ class CompiledController:
 
 
 class CompiledDynamics:
-    """The generated dynamics of a robot in memory of their own, made by init from parameters (SI)."""
+    """The generated dynamics of a robot with their own memory, initialized with parameters (SI)."""
 
     def __init__(self, made_by: DynamicsLibrary, params: Iterable[float]):
         self._library = made_by
@@ -202,21 +199,23 @@ class CompiledDynamics:
         status = made_by.status(made_by.function("init")(self._self, made_by.struct(made_by.robot_name("params"), params)))
         self.refused = None if status == "ok" else status
 
-    def entry(self, entry: DynamicsEntry, state: Iterable[float], tau: Iterable[float]) -> Evaluation:
-        """What an entry point returns at a state [q; nu] with the inputs tau (N or N m), which not every one takes; flat."""
+    def entry(self, entry: Entry, state: Iterable[float], tau: Iterable[float]) -> Evaluation:
+        """Return the flattened result of an entry point at a state [q; nu] with the inputs tau (N or N m), which not all of
+        them use.
+        """
         if self.refused:
             return Evaluation(self.refused, {})
         library, ffi = self._library, self._library.ffi
-        given = [library.struct(library.robot_name("state"), state), *([library.array(tau)] if entry.takes_inputs else [])]
+        given = [library.struct(library.robot_name("state"), state), *([library.array(tau)] if entry.takes else [])]
         evaluation = ffi.new(f"{library.name('evaluation')} *")
         places = {name: getattr(evaluation, name, None) for name in entry.answers}
-        if entry.name == "evaluate":
+        if entry.whole:
             answers = [evaluation]
         else:
             places = {name: place if place is not None else library.array(self._empty()) for name, place in places.items()}
             answers = list(places.values())
         status = library.status(library.function(entry.name)(self._self, *given, *answers))
-        found = {name: library.numbers(place).astype(float) for name, place in places.items()}
+        found: dict[str, np.ndarray] = {name: library.numbers(place).astype(float) for name, place in places.items()}
         return Evaluation(status, found if status == "ok" else {})
 
     def _empty(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What every controller is to its callers: its quantities, its limits, what it returns."""
+"""The common interface of controllers: quantities, limits, results."""
 
 from __future__ import annotations
 
@@ -13,37 +13,37 @@ from ..readers.errors import BadInput
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
 
-Numbers = Sequence[float] | np.ndarray  # one after another, in a known order
+Numbers = Sequence[float] | np.ndarray  # in a fixed order
 
 BACKENDS = ("casadi", "c", "cf")  # CasADi in double, generated C in double, generated C in float
 ON_TARGET = {"m4f": "cortex-m4f", "rv32": "rv32imafc"}  # generated C in float on an emulated processor: backend -> target
-STATUS = (  # names as the C runtime's
+STATUS = (  # as in the C runtime
     *("ok", "saturated", "null", "nonfinite", "range", "bad_parameter", "singular", "not_ready"),
     *("bad_path", "unstable", "arrived"),
 )
 ON_LIMIT = ("cut", "slow")  # as the C runtime's NOSLIP_CUT and NOSLIP_SLOW
-QUANTITIES = ("h", "ydot", "Phi", "Phidot", "u", "tau")  # what every backend answers
-MODEL_QUANTITIES = ("M", "V", "A", "S", "Mbar", "bias", "lam")  # what casadi answers as well
+QUANTITIES = ("h", "ydot", "Phi", "Phidot", "u", "tau")  # computed by every backend
+MODEL_QUANTITIES = ("M", "V", "A", "S", "Mbar", "bias", "lam")  # computed by casadi in addition
 
 
 class ParameterRefused(BadInput):
-    """A parameter, config value or gain that is not finite, has the wrong sign or makes no path."""
+    """A parameter, config value or gain that is not finite, has the wrong sign or describes no valid path."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the actuators can do: `torque` is the largest absolute value of each input, N or N m; 0 or inf: no limit.
+    """Limits of the actuators: `torque` is the largest absolute value of each input, N or N m; 0 or inf: no limit.
 
-    Beyond them, `mode` "cut" cuts each input by itself. "slow" gives up the wanted rate of the speed, as little as can be, so
-    that the other outputs get what they ask for; where these alone ask for more than the limits, the change that makes the
-    largest |tau| / limit least is taken, and all inputs are scaled alike.
+    In `mode` "cut" each input is limited separately. In mode "slow" the desired acceleration is changed as little as possible, so
+    that the other outputs are not affected; if these alone require more than the limits, the change that minimizes the largest
+    |tau| / limit is used, and all inputs are divided by this quotient.
     """
 
     torque: tuple[float, ...]
     mode: str = "cut"
 
     def check(self, law: ControlLaw) -> None:
-        """Raise BadInput when the law cannot have these limits."""
+        """Raise BadInput if the law cannot have these limits."""
         inputs = law.system.mechanism.inputs
         if len(self.torque) != len(inputs):
             names = ", ".join(q.name for q in inputs)
@@ -54,12 +54,12 @@ class Limits:
         if self.mode not in ON_LIMIT:
             raise BadInput(f"limits: unknown mode {self.mode!r}; known are {', '.join(ON_LIMIT)}")
         if self.mode == "slow" and law.speed_row is None:
-            raise BadInput(f'limits: {law.name} has no speed to give up, as mode "slow" does; use Type IV, or mode "cut"')
+            raise BadInput(f'limits: {law.name} has no speed to reduce, as mode "slow" requires; use Type IV, or mode "cut"')
 
 
 @dataclass
 class Evaluation:
-    """What a controller answers at one state: `values` by quantity (SI, row-major), empty unless `status` is "ok"."""
+    """The result of a controller at one state: `values` by quantity (SI, row-major), empty unless `status` is "ok"."""
 
     status: str
     values: dict[str, np.ndarray] = field(default_factory=dict)

@@ -1,9 +1,10 @@
-"""Integral action: what is added to a law's reference so that an error that would stay dies out. In Python, and by the C."""
+"""Integral action, added to the reference of a law to remove steady errors: in Python, and by the C."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from threading import Lock
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -19,42 +20,48 @@ HEADER = "noslip_integral.h"
 
 
 class Integrator(Protocol):
-    """Of one output. `z` is the integral of its error y_d - y, the output's unit times s."""
+    """Integral action of one output. `z` is the integral of its error y_d - y, in the unit of the output times s.
+
+    It is thread-safe.
+    """
 
     @property
     def z(self) -> float: ...
 
     def step(self, error: float, dt: float, status: str) -> float:
-        """ki z at a call that sees an error; the error before counts for the dt (s) since then, `status` being the answer then.
+        """Return ki z for an error now; the previous error is integrated over dt (s), `status` being the result of the
+        previous step.
 
-        |z| does not grow where that was not ok, nor beyond the limit of ki |z|.
+        |z| does not increase unless that status was ok, nor if ki |z| would exceed the limit.
         """
 
 
 class Integral:
-    """The reference."""
+    """The reference implementation."""
 
     def __init__(self, ki: float, limit: float = 0.0):
-        """`limit`: largest ki |z|; 0: none."""
+        """`limit`: maximum of ki |z|; 0: none."""
         self.z, self._error = 0.0, 0.0
         self._ki, self._limit = float(ki), float(limit) or math.inf
+        self._lock = Lock()
 
     def step(self, error: float, dt: float, status: str) -> float:
-        """As an Integrator."""
-        grown = self.z + self._error * dt
-        if abs(grown) > abs(self.z) and not (status == "ok" and self._ki * abs(grown) <= self._limit):
-            grown = 0.0 if grown * self.z < 0 else self.z
-        self.z, self._error = grown, float(error)
-        return self._ki * self.z
+        """See Integrator.step."""
+        with self._lock:
+            grown = self.z + self._error * dt
+            if abs(grown) > abs(self.z) and not (status == "ok" and self._ki * abs(grown) <= self._limit):
+                grown = 0.0 if grown * self.z < 0 else self.z
+            self.z, self._error = grown, float(error)
+            return self._ki * self.z
 
 
 class CompiledIntegral:
-    """The same by the C, in double or float. Raises BadInput where the C answers an error."""
+    """The same by the C, in double or float. Raises BadInput if the C returns an error."""
 
     def __init__(self, ki: float, limit: float = 0.0, scalar: str = "double", c: Runtime | None = None):
         from .runtime import runtime  # slow to import
 
-        self._runtime, self._scalar = c or runtime(HEADER), scalar
+        self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
         self._self, self._add = self._runtime.new("noslip_integral", scalar), self._runtime.array(scalar, [0.0])
         self._call("init", float(ki), float(limit))
 
@@ -64,19 +71,20 @@ class CompiledIntegral:
         return self._self.z
 
     def step(self, error: float, dt: float, status: str) -> float:
-        """As an Integrator."""
+        """See Integrator.step."""
         number = getattr(self._runtime.lib, f"NOSLIP_{status.upper()}")
-        self._call("step", float(error), float(dt), number, self._add)
-        return self._add[0]
+        with self._lock:
+            self._call("step", float(error), float(dt), number, self._add)
+            return self._add[0]
 
     def _call(self, name: str, *arguments) -> None:
         status = self._runtime.function(f"noslip_integral_{name}", self._scalar)(self._self, *arguments)
         if status < 0:
-            raise BadInput(f"integral action: {name} answers {self._runtime.status(status)!r}")
+            raise BadInput(f"integral action: {name} returns {self._runtime.status(status)!r}")
 
 
 def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw | None = None) -> Integrator:
-    """Integral action as this backend does it: casadi in Python, the others by the C; see `runtime_of`.
+    """Return integral action for a backend: casadi in Python, the others by the C; see `runtime_of`.
 
     Raises BadInput for an unknown backend.
     """
@@ -89,19 +97,20 @@ def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw |
 
 
 class IntegralAction:
-    """Which outputs of a law have integral action, and how it gets into the reference.
+    """The outputs of a law that have integral action, and how it is added to the reference.
 
-    `rows` (K): their names, `ki` (K): their gains, 1/s^3 for relative degree 2, 1/s^2 for 1. ki z is added to the wanted
+    `rows` (K): their names, `ki` (K): their gains, 1/s^3 for relative degree 2, 1/s^2 for 1. ki z is added to the desired
     derivative of highest order, which the law adds to v: the characteristic polynomial of the output becomes
-    s^3 + kd s^2 + kp s + ki, or s^2 + kv s + ki. `acting` (K): the rows' places among the outputs, `wanted` and `highest`: the
-    places in the reference of what is wanted of them and of its derivative of highest order; `limit` (K): of ki |z|, 0 is none.
+    s^3 + kd s^2 + kp s + ki, or s^2 + kv s + ki. `acting` (K): the indices of the rows among the outputs; `wanted` and `highest`:
+    the indices in the reference of their desired values and of the derivatives of highest order; `limit` (K): of ki |z|, 0 is
+    none.
     """
 
     def __init__(self, law: ControlLaw, gains: Sequence[float], ki: Mapping[str, float], limit: Sequence[float] = (0.0,)):
         """`gains` in the order of law.gains; `ki` by name (ki_distance, ...), 0: none; `limit` of ki |z|, one, or one for each
-        row that has it.
+        row that has integral action.
 
-        Raises BadInput for gains that are negative, or make an output unstable; for limits that do not fit.
+        Raises BadInput for gains that are negative or make an output unstable, and for a wrong number of limits.
         """
         names, degree = [row.name for row in law.output.rows], law.linearization.relative_degree
         by_row = [ki.get(f"ki_{name}", 0.0) for name in names]
@@ -118,13 +127,13 @@ class IntegralAction:
         self._angles = [law.output.rows[k].unit == "rad" for k in self.acting]
 
     def integrators(self, backend: str) -> list[Integrator]:
-        """One for each of the rows, at zero."""
+        """Return one integrator for each of the rows, at zero."""
         return [make_integral(backend, ki, limit, self._law) for ki, limit in zip(self.ki, self.limit, strict=True)]
 
     def error(self, controller: Controller, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        """y_d - y (K), as the law finds y at a state; an angle the short way round.
+        """Return y_d - y (K), with y computed by the law at a state; of an angle the smallest difference.
 
-        Zeros where the law answers an error, as it then does for the inputs too.
+        Zeros if the law returns an error, as it then does for the inputs too.
         """
         found = controller.evaluate(state, reference)
         if found.status != "ok":
@@ -133,7 +142,7 @@ class IntegralAction:
         return np.array([math.remainder(e, 2 * math.pi) if a else e for e, a in zip(errors, self._angles, strict=True)])
 
     def added(self, reference: np.ndarray, add: np.ndarray) -> np.ndarray:
-        """The reference that the controller takes, in the order of law.reference."""
+        """Return the reference for the controller, in the order of law.reference."""
         if not self.rows:
             return reference
         made = reference.copy()
@@ -142,24 +151,24 @@ class IntegralAction:
 
 
 def _check(row: str, degree: int, ki: float, gains: Mapping[str, float]) -> None:
-    """Routh's conditions. Raises BadInput where they do not hold."""
+    """Check Routh's conditions. Raises BadInput if they do not hold."""
     if not (math.isfinite(ki) and ki > 0):
         raise BadInput(f"gains: ki_{row} = {ki:g} must be nonnegative and finite")
     if degree == 1:
         if not gains[f"kv_{row}"] > 0:
-            raise BadInput(f"gains: ki_{row} needs kv_{row} > 0: s^2 + kv s + ki is not stable else")
+            raise BadInput(f"gains: ki_{row} requires kv_{row} > 0: otherwise s^2 + kv s + ki is not stable")
         return
     bound = gains[f"kp_{row}"] * gains[f"kd_{row}"]
     if not ki < bound:
-        raise BadInput(f"gains: ki_{row} = {ki:g} makes {row} unstable: s^3 + kd s^2 + kp s + ki needs ki < kp kd = {bound:g}")
+        raise BadInput(f"gains: ki_{row} = {ki:g} makes {row} unstable: s^3 + kd s^2 + kp s + ki requires ki < kp kd = {bound:g}")
 
 
 def _limits(given: Sequence[float], rows: Sequence[str]) -> list[float]:
     if any(given) and not rows:
-        raise BadInput("[limits] integral needs integral action: give a gain ki")
+        raise BadInput("[limits] integral requires integral action: give a gain ki")
     if len(given) not in (1, len(rows)):
-        raise BadInput(f"[limits] integral has {len(given)} numbers, it must have 1 or {len(rows)}: {', '.join(rows)}")
+        raise BadInput(f"[limits] integral has {len(given)} numbers; it must have 1 or {len(rows)}: {', '.join(rows)}")
     for value in given:
         if not value >= 0:
-            raise BadInput(f"[limits] integral = {value:g} must be nonnegative; 0 is no limit")
+            raise BadInput(f"[limits] integral = {value:g} must be nonnegative; 0 means no limit")
     return [*given] * (len(rows) if len(given) == 1 else 1)

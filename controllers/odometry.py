@@ -1,15 +1,17 @@
-"""Dead reckoning: where a vehicle is, from how far its wheels turned. In Python, and by the C of runtime_c."""
+"""Dead reckoning: the pose of a vehicle from the rotation of its wheels, in Python, and by the C of runtime_c."""
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
+from threading import Lock, RLock
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ..model.algebra.trigonometry import sine, unit
 from ..readers.errors import BadInput
+from .angles import nearest_angle
 from .controller import Numbers
 
 if TYPE_CHECKING:
@@ -21,68 +23,80 @@ if TYPE_CHECKING:
 
 MODES = {"reset": 0, "bumpless": 1}  # as in the C
 HEADER = "noslip_odometry.h"
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Reckoning(Protocol):
-    """Poses are x, y (m) and heading (rad, not wrapped) of the vehicle's point."""
+    """Poses are x, y (m) and heading (rad, not wrapped) of the vehicle's point. Objects are thread-safe."""
 
     def move(self, angle: Numbers, dt: float) -> np.ndarray:
-        """The pose after each wheel turned evenly by an angle (rad) within dt (s)."""
+        """Return the pose after each wheel turned at a constant rate by an angle (rad) within dt (s)."""
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
-        """The pose once the true one is known; see Odometry.correct."""
+        """Return the pose after a correction; see Odometry.correct."""
+
+    def unwind(self) -> np.ndarray:
+        """Subtract whole turns from the heading: then from -pi to pi, but for a pending correction. Return the pose."""
 
 
 class Odometry:
-    """The reference. forward (2,) m/rad and turn (2,) rad/rad per wheel angle, `ahead` (m) of the axle lies the point.
+    """The reference implementation. forward (2,) m/rad and turn (2,) rad/rad per wheel angle; the point is `ahead` (m) of the
+    axle.
 
-    The reckoning is a complex place of the axle's middle and a heading; the pose differs from it by what a bumpless correction
-    has not let in yet, an offset that fades over `release` seconds.
+    The estimate is the position of the middle of the axle, as a complex number, and the heading. The pose differs from it by the
+    part of a bumpless correction that is not applied yet, an offset that decreases over `release` seconds.
     """
 
-    def __init__(
-        self,
-        forward: Numbers,
-        turn: Numbers,
-        ahead: float,
-        release: float = 0.0,
-        start: Numbers = (0.0, 0.0, 0.0),
-    ):
+    _heading: float
+
+    def __init__(self, forward: Numbers, turn: Numbers, ahead: float, release: float = 0.0, start: Numbers = ORIGIN):
         self._wheels = np.array([forward, turn], float)
         self._ahead, self._release = float(ahead), float(release)
         self._offset, self._since = np.zeros(3), 0.0
+        self._lock = RLock()
         self._set(start)
 
     @property
     def pose(self) -> np.ndarray:
         """x, y, heading of the vehicle's point."""
-        point = self._axle + self._ahead * unit(self._heading)
-        fade = max(0.0, 1 - self._since / self._release) if self._release else 0.0
-        return np.array([point.real, point.imag, self._heading]) + fade * self._offset
+        with self._lock:
+            point = self._axle + self._ahead * unit(self._heading)
+            fade = max(0.0, 1 - self._since / self._release) if self._release else 0.0
+            return np.array([point.real, point.imag, self._heading]) + fade * self._offset
 
     def move(self, angle: Numbers, dt: float) -> np.ndarray:
-        """The velocity's integral over the arc: way exp(i heading) times the mean of exp(i s), s from 0 to the turn."""
+        """Integrate the velocity along the arc: distance exp(i heading) times the mean of exp(i s), s from 0 to the turn."""
         way, turn = (float(one * angle[0] + other * angle[1]) for one, other in self._wheels)
         half = sine(turn / 2)
         mean = complex(sine(turn), 2 * half * half) / turn if turn else 1.0
-        self._axle += way * unit(self._heading) * mean
-        self._heading += turn
-        self._since += dt
-        return self.pose
+        with self._lock:
+            self._axle += way * unit(self._heading) * mean
+            self._heading += turn
+            self._since += dt
+            return self.pose
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
-        """reset: the pose is `truth` from now on. bumpless: what it differed by until now fades linearly over `release` s.
+        """reset: the pose is `truth` from now on. bumpless: the difference to the previous pose decreases linearly over
+        `release` s.
 
-        Bumpless, the heading goes the shorter way round.
+        In the bumpless mode the difference of the headings is at most half a turn.
         """
-        before = self.pose
-        self._set(truth)
-        self._offset = np.zeros(3)
-        if _mode(mode) == MODES["bumpless"]:
-            self._heading += 2 * math.pi * round((before[2] - self._heading) / (2 * math.pi))
-            self._offset = before - np.array([truth[0], truth[1], self._heading])
-        self._since = 0.0
-        return self.pose
+        bumpless = _mode(mode) == MODES["bumpless"]
+        with self._lock:
+            before = self.pose
+            self._set(truth)
+            self._offset = np.zeros(3)
+            if bumpless:
+                self._heading += 2 * math.pi * round((before[2] - self._heading) / (2 * math.pi))
+                self._offset = before - np.array([truth[0], truth[1], self._heading])
+            self._since = 0.0
+            return self.pose
+
+    def unwind(self) -> np.ndarray:
+        """See Reckoning.unwind; the position of the axle does not change."""
+        with self._lock:
+            self._heading = nearest_angle(self._heading, 0.0)
+            return self.pose
 
     def _set(self, pose: Numbers) -> None:
         self._heading = float(pose[2])
@@ -90,21 +104,15 @@ class Odometry:
 
 
 class CompiledOdometry:
-    """The same by the C, in double or float. Raises BadInput where the C answers an error."""
+    """The same by the C, in double or float. Raises BadInput if the C returns an error."""
 
     def __init__(
-        self,
-        forward: Numbers,
-        turn: Numbers,
-        ahead: float,
-        release: float = 0.0,
-        start: Numbers = (0.0, 0.0, 0.0),
-        scalar: str = "double",
-        c: Runtime | None = None,
-    ):
+        self, forward: Numbers, turn: Numbers, ahead: float, release: float = 0.0, start: Numbers = ORIGIN,
+        scalar: str = "double", c: Runtime | None = None,
+    ):  # fmt: skip
         from .runtime import runtime  # slow to import
 
-        self._runtime, self._scalar = c or runtime(HEADER), scalar
+        self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
         self._self, self._pose = (self._runtime.new(kind, scalar) for kind in ("noslip_odometry", "noslip_pose"))
         options = self._runtime.new("noslip_odometry_options", scalar, (tuple(forward), tuple(turn), ahead, release))
         self._call("init", options, self._runtime.new("noslip_pose", scalar, tuple(start)))
@@ -112,35 +120,39 @@ class CompiledOdometry:
     @property
     def pose(self) -> np.ndarray:
         """x, y, heading of the vehicle's point."""
-        self._call("pose", self._pose)
-        return np.array([self._pose.x, self._pose.y, self._pose.heading])
+        return self._pose_after()
 
     def move(self, angle: Numbers, dt: float) -> np.ndarray:
-        """As Odometry.move."""
-        self._call("move", self._runtime.array(self._scalar, angle), dt, self._pose)
-        return self.pose
+        """See Odometry.move."""
+        return self._pose_after("move", self._runtime.array(self._scalar, angle), dt, self._pose)
 
     def correct(self, truth: Numbers, mode: str) -> np.ndarray:
-        """As Odometry.correct."""
-        self._call("correct", self._runtime.new("noslip_pose", self._scalar, tuple(truth)), _mode(mode))
-        return self.pose
+        """See Odometry.correct."""
+        return self._pose_after("correct", self._runtime.new("noslip_pose", self._scalar, tuple(truth)), _mode(mode))
+
+    def unwind(self) -> np.ndarray:
+        """See Reckoning.unwind."""
+        return self._pose_after("unwind")
+
+    def _pose_after(self, *call) -> np.ndarray:
+        """Return the pose after calling a function with these arguments."""
+        with self._lock:
+            if call:
+                self._call(*call)
+            self._call("pose", self._pose)
+            return np.array([self._pose.x, self._pose.y, self._pose.heading])
 
     def _call(self, name: str, *arguments) -> None:
         status = self._runtime.function(f"noslip_odometry_{name}", self._scalar)(self._self, *arguments)
         if status < 0:
-            raise BadInput(f"dead reckoning: {name} answers {self._runtime.status(status)!r}")
+            raise BadInput(f"dead reckoning: {name} returns {self._runtime.status(status)!r}")
 
 
 def make_odometry(
-    backend: str,
-    forward: Numbers,
-    turn: Numbers,
-    ahead: float,
-    release: float = 0.0,
-    start: Numbers = (0.0, 0.0, 0.0),
+    backend: str, forward: Numbers, turn: Numbers, ahead: float, release: float = 0.0, start: Numbers = ORIGIN,
     law: ControlLaw | None = None,
-) -> Reckoning:
-    """Dead reckoning as this backend does it: casadi in Python, the others by the C; see `runtime_of`.
+) -> Reckoning:  # fmt: skip
+    """Return dead reckoning for a backend: casadi in Python, the others by the C; see `runtime_of`.
 
     Raises BadInput for an unknown backend.
     """
@@ -153,9 +165,10 @@ def make_odometry(
 
 
 def vehicle_wheels(system: ReducedSystem, parameters: Numbers) -> tuple[np.ndarray, np.ndarray, float]:
-    """(forward (2,), turn (2,), ahead): forward speed and yaw rate per quasi-velocity, and the point's place ahead of the axle.
+    """Return (forward (2,), turn (2,), ahead): forward speed and yaw rate per quasi-velocity, and the distance of the point ahead
+    of the axle.
 
-    `parameters` in the order of mechanism.parameters. Raises BadInput where forward speed and yaw rate are no fixed
+    `parameters` in the order of mechanism.parameters. Raises BadInput if forward speed and yaw rate are not fixed
     combinations of two quasi-velocities.
     """
     W, ahead = (value.full() for value in wheels_function(system)(parameters))
@@ -164,7 +177,9 @@ def vehicle_wheels(system: ReducedSystem, parameters: Numbers) -> tuple[np.ndarr
 
 @lru_cache(maxsize=16)
 def wheels_function(system: ReducedSystem) -> ca.Function:
-    """Of parameters: (forward; turn) per quasi-velocity (2, 2), and ahead; raises BadInput as `vehicle_wheels`."""
+    """Return the function of the parameters to (forward; turn) per quasi-velocity (2, 2) and ahead; raises BadInput as
+    `vehicle_wheels`.
+    """
     import casadi as ca
 
     from ..model.algebra.portable import portable

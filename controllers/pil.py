@@ -1,8 +1,8 @@
 """Processor in the loop: the generated C runs on an emulated processor, or as a program of this host, and is called from here.
 
-firmware/pil/pil.h says what can be called and how a message looks. The emulator's standard input and output carry them: the
-image opens both by semihosting. One image, and one process, for a law and a target; controllers, trackers, dead reckoning and
-integrators of that law are objects in it, which here have handles.
+firmware/pil/pil.h defines the operations and the format of the messages, which use the emulator's standard input and output; the
+image opens both by semihosting. There is one image, and one process, for a law and a target. Controllers, trackers, odometry and
+integrators of that law are objects in it, represented here by handles.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 from typing import IO
 
 import cffi
@@ -39,21 +40,21 @@ FAULTS = re.findall(r"^ +PIL_FAULT_(\w+)", HEADER, re.M)
 MAGIC, VERSION = (int(re.findall(rf"define PIL_{name} (\w+?)u", HEADER)[0], 0) for name in ("MAGIC", "VERSION"))
 SIZES = re.findall(r"\w+", re.findall(r"typedef struct \{([^}]*)\} pil_hello", HEADER)[0].replace("uint32_t", ""))
 REQUEST, ANSWER = struct.Struct("<5I"), struct.Struct("<3IiI")
-CALLED = ("noslip_path_f.c", "noslip_status.c")  # what an image needs of the runtime's sources
+CALLED = ("noslip_path_f.c", "noslip_status.c")  # sources of the runtime that an image contains
 CHOSEN = """#define PIL_ROBOT(name) {robot}##name##_f
 #define PIL_LAW(name) {law}##name##_f
 #include "{law}_f.h"
 """
-PATIENCE = 30.0  # s, for an answer: a step takes a millionth of it
+PATIENCE = 30.0  # s, timeout of an answer; a step takes a millionth of it
 
 
 class TargetFault(BadInput):
-    """The program on the target ended, hangs, or answered what is no answer."""
+    """The program on the target has ended, hangs, or sends an invalid answer."""
 
 
 @dataclass(frozen=True)
 class Call:
-    """One call and its answer, as in pil.h; `operation` in lower case."""
+    """One call and its result, as in pil.h; `operation` in lower case."""
 
     operation: str
     number: int
@@ -63,7 +64,7 @@ class Call:
 
 
 def image(target: Target, law: Library) -> Path:
-    """The program that serves calls of a law on a target. Raises BadInput where a tool is missing."""
+    """Return the program that serves calls of a law on a target. Raises BadInput if a tool is missing."""
     require(target.compiler, *target.machine[:1])
     own = {path.name: path.read_text() for path in FOLDER.glob("*.[ch]")}
     chosen = CHOSEN.format(robot=law.text.robot, law=law.text.prefix)
@@ -74,7 +75,7 @@ def image(target: Target, law: Library) -> Path:
 
 
 class Session:
-    """A running image of one law. Raises BadInput where it cannot be built, TargetFault where it does not answer rightly."""
+    """A running image of one law. Raises BadInput if it cannot be built, TargetFault if it does not respond correctly."""
 
     def __init__(self, target: Target, law: Library):
         self.target = target
@@ -89,50 +90,55 @@ class Session:
         )
         children.add(self._process)
         self._input, self._output, self._error = _pipes(self._process)
-        self.close = weakref.finalize(self, _end, self._process)  # at the latest when Python ends
+        self._lock = Lock()
+        self.close = weakref.finalize(self, _end, self._process)  # at the latest at the exit of Python
         told = self.call("hello", 0, b"")[1]
         if len(told) != 4 * len(SIZES):
-            raise self._fault(f"says hello with {len(told)} bytes")
+            raise self._fault(f"sends an initial answer of {len(told)} bytes")
         self.sizes = dict(zip(SIZES, struct.unpack(f"<{len(SIZES)}I", told), strict=True))
         counts = {"law": "laws", "path": "paths", "odometry": "odometries", "integral": "integrals"}
         self._free = {kind: list(range(self.sizes[many]))[::-1] for kind, many in counts.items()}
 
     @property
     def alive(self) -> bool:
-        """Can it be called?"""
+        """Return whether it can be called."""
         return self.close.alive
 
     def call(self, operation: str, number: int, given: bytes) -> tuple[int, bytes]:
-        """Status and words that an operation answers for the object of that number."""
+        """Return status and result of an operation on the object of that number. Thread-safe."""
+        with self._lock:
+            return self._call(operation, number, given)
+
+    def _call(self, operation: str, number: int, given: bytes) -> tuple[int, bytes]:
         if not self.alive:
             raise TargetFault(f"{self.target.name}: the program has ended")
         self._write(REQUEST.pack(MAGIC, VERSION, OPERATIONS.index(operation.upper()), number, len(given)) + given)
         magic, version, fault, status, size = ANSWER.unpack(self._read(ANSWER.size))
         if (magic, version) != (MAGIC, VERSION) or fault >= len(FAULTS):
-            raise self._fault("sends what is no answer")
+            raise self._fault("sends an invalid answer")
         if fault:
-            raise self._fault(f"refuses the call {operation} of object {number}, {len(given)} bytes: {FAULTS[fault].lower()}")
+            raise self._fault(f"rejects the call {operation} of object {number}, {len(given)} bytes: {FAULTS[fault].lower()}")
         answer = self._read(size)
         if self.log is not None:
             self.log.append(Call(operation, number, given, status, answer))
         return status, answer
 
     def take(self, kind: str) -> int:
-        """The number of an object that nobody uses."""
+        """Return the number of an unused object."""
         if not self._free[kind]:
-            raise BadInput(f"{self.target.name}: the image has no room for another {kind}; PIL_... in pil.h say how many it has")
+            raise BadInput(f"{self.target.name}: the image has no room for another {kind}; PIL_... in pil.h defines their number")
         return self._free[kind].pop()
 
     def give(self, kind: str, number: int) -> None:
-        """Nobody uses it any more."""
+        """Mark an object as unused."""
         self._free[kind].append(number)
 
     def _write(self, message: bytes) -> None:
-        with suppress(BrokenPipeError):  # then reading finds what it said before it ended
+        with suppress(BrokenPipeError):  # then reading returns what it printed before it ended
             os.write(self._input.fileno(), message)
 
     def _read(self, size: int) -> bytes:
-        """So many bytes."""
+        """Return `size` bytes from the program."""
         found, file = b"", self._output.fileno()
         while len(found) < size:
             if not select.select([file], [], [], PATIENCE)[0]:
@@ -144,23 +150,23 @@ class Session:
         return found
 
     def _fault(self, what: str) -> TargetFault:
-        """The error, once the program is gone; with what the emulator said last."""
+        """Return the error after ending the program, with the last message of the emulator."""
         self._process.kill()
         self._process.wait()
-        os.set_blocking(self._error.fileno(), False)  # whoever it started may still have it open
+        os.set_blocking(self._error.fileno(), False)  # a child process may still have it open
         said = (self._error.read() or b"").decode(errors="replace").strip().splitlines()
         self.close()
         return TargetFault(f"{self.target.name}: the program {what}" + (f" ({said[-1]})" if said else ""))
 
 
 def _pipes(process: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes], IO[bytes]]:
-    """Its standard input, output and error."""
+    """Return its standard input, output and error."""
     assert process.stdin and process.stdout and process.stderr, "each was asked to be a pipe"
     return process.stdin, process.stdout, process.stderr
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """The program ends by itself where its input does; if not at once, it is made to."""
+    """End the program: it exits at the end of its input, and is killed if it does not exit soon."""
     children.discard(process)
     given, *told = _pipes(process)
     with suppress(OSError):
@@ -178,7 +184,7 @@ _sessions: dict[tuple[ControlLaw, str], Session] = {}
 
 
 def session(law: ControlLaw, backend: str) -> Session:
-    """The image of a law that runs for this backend, started when first wanted."""
+    """Return the running image of a law for this backend, started at the first use."""
     key = law, backend
     if key not in _sessions or not _sessions[key].alive:
         _sessions[key] = Session(TARGETS[ON_TARGET[backend]], library(law, "float"))
@@ -187,7 +193,7 @@ def session(law: ControlLaw, backend: str) -> Session:
 
 @contextmanager
 def recorded(law: ControlLaw, backend: str) -> Iterator[list[Call]]:
-    """The calls that go to the image of a law within a block."""
+    """Record the calls to the image of a law within a block."""
     running = session(law, backend)
     calls: list[Call] = []
     running.log = calls
@@ -198,15 +204,15 @@ def recorded(law: ControlLaw, backend: str) -> Iterator[list[Call]]:
 
 
 def replay_session(law: ControlLaw, backend: str) -> Session:
-    """A fresh image to replay calls on; for the backend cf a program of this host."""
+    """Return a new image to replay calls on; for the backend cf, a program of this host."""
     return Session(HOST if backend == "cf" else TARGETS[ON_TARGET[backend]], library(law, "float"))
 
 
-# -- the faces of the compiled C, with the C elsewhere ---------------------------------------------------------------------
+# -- the interfaces of the compiled C, with the C on a target --------------------------------------------------------------
 
 
 class Handle:
-    """An object on the target. `z`: of an integrator, the integral it told last."""
+    """An object on the target. `z`: for an integrator, the last integral returned."""
 
     def __init__(self, session: Session, kind: str):
         self.session, self.number, self.z = session, session.take(kind), 0.0
@@ -217,8 +223,8 @@ Function = Callable[..., int]
 
 
 def remote(ffi: cffi.FFI, operation: str, kinds: Sequence, inputs: int) -> Function:
-    """A C function whose first argument is a handle, called on the target: the next `inputs` arguments go there, pointers with
-    what they point to; the others are pointers to what comes back. `kinds` are the C types of all but the handle.
+    """Return a C function whose first argument is a handle, called on the target: the next `inputs` arguments are sent, pointers
+    with the data they point to; the others are pointers for results. `kinds` are the C types of all arguments but the handle.
     """
 
     def call(handle: Handle, *arguments) -> int:
@@ -238,13 +244,13 @@ def remote(ffi: cffi.FFI, operation: str, kinds: Sequence, inputs: int) -> Funct
 
 
 def _bytes(ffi: cffi.FFI, kind, value) -> bytes:
-    """An argument as it lies in memory."""
+    """Return an argument as its bytes in memory."""
     pointer = value if kind.kind == "pointer" else ffi.new(f"{kind.cname} *", value)
     return bytes(ffi.buffer(pointer))
 
 
 class TargetLibrary(Library):
-    """A law's C on a target: types are those of this host, functions are called there."""
+    """A law's C on a target: the types are those of this host, the functions are called on the target."""
 
     inputs = {"init": 4, "step": 2, "evaluate": 2}
 
@@ -254,19 +260,19 @@ class TargetLibrary(Library):
         self._law, self._backend, self._here = law, backend, here
 
     def instance(self) -> Handle:
-        """As Library's, on the target."""
+        """As Library.instance, on the target."""
         return Handle(session(self._law, self._backend), "law")
 
     def function(self, name: str) -> Function:
-        """As Library's, on the target."""
+        """As Library.function, on the target."""
         kinds = self.ffi.typeof(self._here.function(name)).args[1:]
         return remote(self.ffi, f"law_{name}", kinds, self.inputs[name])
 
 
 class TargetRuntime(Runtime):
-    """The C of a header on the target that runs a law, in float; Runtime's face."""
+    """The C of a header on the target that runs a law, in float, with the interface of Runtime."""
 
-    inputs = {"look": 4, "update": 4, "pose": 0, "move": 2, "correct": 2, "step": 3}
+    inputs = {"look": 4, "update": 4, "pose": 0, "move": 2, "correct": 2, "unwind": 0, "step": 3}
 
     def __init__(self, header: str, law: ControlLaw, backend: str):
         here = runtime(header)
@@ -274,13 +280,13 @@ class TargetRuntime(Runtime):
         self._kind = header.removeprefix("noslip_").removesuffix(".h")
 
     def new(self, kind: str, scalar: str, *initial):
-        """As Runtime's; the object itself is on the target."""
+        """As Runtime.new; the object itself is on the target."""
         if kind == f"noslip_{self._kind}":
             return Handle(session(self._law, self._backend), self._kind)
         return super().new(kind, scalar, *initial)
 
     def function(self, name: str, scalar: str) -> Function:
-        """As Runtime's, on the target."""
+        """As Runtime.function, on the target."""
         operation = name.removeprefix("noslip_")
         kinds = self.ffi.typeof(super().function(name, scalar)).args[1:]
         if operation == "path_init":
@@ -288,7 +294,7 @@ class TargetRuntime(Runtime):
         return remote(self.ffi, operation, kinds, self.inputs.get(operation.split("_")[1], 2))
 
     def _path_init(self, init: Function) -> Function:
-        """The segments go first, one by one: they stay on the target too."""
+        """Send the segments first, one by one: they are stored on the target too."""
 
         def path_init(handle: Handle, segments, count: int, options, fault) -> int:
             most = handle.session.sizes["segments"]
@@ -304,11 +310,11 @@ class TargetRuntime(Runtime):
 
 @lru_cache(maxsize=64)
 def target_library(law: ControlLaw, backend: str) -> TargetLibrary:
-    """A law's C for a backend that runs on a target, made once per process."""
+    """Return a law's C for a backend that runs on a target, created once per process."""
     return TargetLibrary(law, backend)
 
 
 @lru_cache(maxsize=64)
 def target_runtime(header: str, law: ControlLaw, backend: str) -> TargetRuntime:
-    """A header's C for a backend that runs on the target of a law, made once per process."""
+    """Return a header's C for a backend that runs on the target of a law, created once per process."""
     return TargetRuntime(header, law, backend)

@@ -1,4 +1,4 @@
-"""The hand-written C as a library that Python can call, its declarations taken from the headers themselves."""
+"""The hand-written C as a library that Python can call, with declarations extracted from the headers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..codegen.printing.scalar import SCALARS
 from ..readers.errors import BadInput
 from .build import RUNTIME, compiler, shared_library
 
-# The headers define everything static inline; here it is wanted as the functions of a library.
+# The headers define everything static inline; here it is needed as functions of a library.
 SOURCE = """#include <float.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -23,10 +23,21 @@ SOURCE = """#include <float.h>
 #define __attribute__(x)
 #include "{header}"
 """
-ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=")  # words that cffi does not read
+ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=")  # words that cffi cannot parse
 
 
-class Runtime:
+class InC:
+    """Compiled C: `ffi` knows its types, `lib` its functions and constants."""
+
+    ffi: cffi.FFI
+    lib: Any
+
+    def status(self, number: int) -> str:
+        """Name of a status."""
+        return self.ffi.string(self.lib.noslip_status_name(number)).decode()
+
+
+class Runtime(InC):
     """A header of runtime_c, compiled, in both scalars: `ffi` knows its types, `lib` its functions and constants."""
 
     def __init__(self, header: str):
@@ -35,41 +46,37 @@ class Runtime:
         self.lib = load(self.ffi, {"library.c": SOURCE.format(header=header)})
 
     def new(self, kind: str, scalar: str, *initial):
-        """A fresh struct of the kind named as in the header, for a scalar: double or float."""
+        """Return a new struct of the kind named as in the header, for a scalar: double or float."""
         return self.ffi.new(f"{SCALARS[scalar].name(kind)} *", *initial)
 
     def array(self, scalar: str, values: Iterable[float]) -> Any:
-        """The numbers as a C array of a scalar."""
+        """Return the numbers as a C array of a scalar."""
         return self.ffi.new(f"{SCALARS[scalar].real}[]", [float(value) for value in values])
 
     def function(self, name: str, scalar: str):
-        """A function named as in the header, for a scalar."""
+        """Return a function named as in the header, for a scalar."""
         return getattr(self.lib, SCALARS[scalar].name(name))
-
-    def status(self, number: int) -> str:
-        """Name of a status."""
-        return self.ffi.string(self.lib.noslip_status_name(number)).decode()
 
 
 @lru_cache
 def runtime(header: str) -> Runtime:
-    """A header's compiled C, loaded once per process. Raises BadInput as `shared_library` does."""
+    """Return a header's compiled C, loaded once per process. Raises BadInput as `shared_library` does."""
     return Runtime(header)
 
 
 def load(ffi: cffi.FFI, files: Mapping[str, str], optimized: bool = False):
-    """The library of C files (name -> text) compiled with the runtime; `optimized` as for `shared_library`."""
+    """Return the library of C files (name -> text) compiled with the runtime; `optimized` as for `shared_library`."""
     path = shared_library(files, optimized)
     try:
         return ffi.dlopen(str(path))
     except OSError as error:
-        raise BadInput(f"cannot load the compiled law: {error}; set NOSLIP_CACHE to a folder whose programs may run") from error
+        raise BadInput(f"cannot load the compiled law: {error}; set NOSLIP_CACHE to a folder that allows executables") from error
 
 
 def declarations(header: str) -> str:
-    """Types, constants and prototypes of a header of runtime_c and of those it includes, for cffi.
+    """Return types, constants and prototypes of a header of runtime_c and of those it includes, for cffi.
 
-    Raises BadInput when the compiler cannot read it.
+    Raises BadInput if the compiler cannot preprocess it.
     """
     command = [*compiler(), "-std=c99", *ASIDE, f"-I{RUNTIME}", "-E", "-x", "c", "-"]
     result = subprocess.run(command, input=f'#include "{header}"\n', capture_output=True, text=True)
@@ -79,7 +86,7 @@ def declarations(header: str) -> str:
 
 
 def _own_lines(preprocessed: str) -> list[str]:
-    """The lines that come from runtime_c; noslip_real.h stays out, which has nothing to call and what cffi cannot read."""
+    """Return the lines that come from runtime_c, except those of noslip_real.h, which cffi cannot parse."""
     lines, own = [], False
     for line in preprocessed.splitlines():
         marker = re.match(r'#(?:line)? (?:\d+) "(.*?)"', line)
@@ -91,7 +98,7 @@ def _own_lines(preprocessed: str) -> list[str]:
 
 
 def without_bodies(text: str) -> str:
-    """C with a semicolon in place of each function's body: each outermost block after a closing parenthesis."""
+    """Return C with a semicolon in place of each function body: each outermost block after a closing parenthesis."""
     kept: list[str] = []
     depth, body = 0, False
     for piece in re.split(r"([{}])", text):

@@ -1,4 +1,4 @@
-"""The reference backend: the model's own expressions, evaluated by CasADi in double."""
+"""The reference backend: the model's expressions, evaluated by CasADi in double."""
 
 from functools import cache, cached_property
 
@@ -12,13 +12,13 @@ from ..model.linearization import SINGULAR
 from .controller import Evaluation, Limits, Numbers, check_point
 from .direct import Direct
 
-ANGLE_MAX = 2.0**20  # rad; beyond it the C's sine and cosine in double refuse
-FLAT = 1e-5  # a slope below this part of the steepest counts as zero, as in the C runtime
+ANGLE_MAX = 2.0**20  # rad; the C in double rejects larger angles
+FLAT = 1e-5  # entries of a gradient below this part of the largest count as zero, as in the C runtime
 VECTORS = ("h", "ydot", "u", "tau", "V", "bias", "lam")  # the other quantities are matrices
 
 
 class CasadiController:
-    """A law with numbers for its parameters, config, gains and limits. Status as the C's, found in the same order."""
+    """A law with numerical parameters, config, gains and limits. The status is that of the C, with the same precedence."""
 
     def __init__(
         self,
@@ -39,7 +39,7 @@ class CasadiController:
         return Direct(evaluation_function(self.law))
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
-        """All quantities, those of the model (M, V, A, S, Mbar, bias, lam) included."""
+        """Return all quantities, including those of the model (M, V, A, S, Mbar, bias, lam)."""
         check_point(self.law, state, reference)
         status, _ = self._unlimited(state, reference)
         if status != "ok":
@@ -52,7 +52,7 @@ class CasadiController:
         return Evaluation(status, values)
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
-        """Status and tau, N or N m, within the limits; zeros when the status is an error."""
+        """Return status and tau, N or N m, within the limits; zeros if the status is an error."""
         check_point(self.law, state, reference)
         status, tau = self._unlimited(state, reference)
         if (np.abs(tau) <= self._limits).all():
@@ -77,11 +77,11 @@ class CasadiController:
 
 
 def slowed(tau: np.ndarray, slope: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """tau + c slope for the c nearest to 0 that keeps all |tau| <= limits; if none does, for a c that makes the largest
-    |tau| / limit least, divided by that."""
+    """Return tau + c slope for the c nearest to 0 that keeps all |tau| <= limits; if there is none, for the c that minimizes
+    the largest |tau| / limit, divided by that quotient."""
     slope = np.where(np.abs(slope) > FLAT * np.abs(slope).max(), slope, 0.0)
     a, b = (np.concatenate([values, -values]) for values in (tau / limits, slope / limits))
-    # max(a + b c) is convex: the c looked for is 0, or where a line a + b c is 1, or where two of them cross
+    # max(a + b c) is convex: c is 0, or a point where a line a + b c is 1, or where two of them intersect
     with np.errstate(divide="ignore", invalid="ignore"):
         candidates = np.concatenate([[0.0], (1 - a) / b, ((a[:, None] - a) / (b - b[:, None])).ravel()])
     candidates = candidates[np.isfinite(candidates)]
@@ -94,29 +94,31 @@ def slowed(tau: np.ndarray, slope: np.ndarray, limits: np.ndarray) -> np.ndarray
 
 @cache
 def slope_function(law: ControlLaw) -> ca.Function:
-    """(params, config, gains, state, reference) to the derivative of tau by the demand on the speed."""
+    """Return the function (params, config, gains, state, reference) to the derivative of tau by the virtual input of the
+    speed.
+    """
     return portable(law.function({"slope": law.slope}))
 
 
 @cache
 def evaluation_function(law: ControlLaw) -> ca.Function:
-    """(params, config, gains, state, reference) to every quantity of an Evaluation."""
-    found, system, mechanism = law.linearization, law.system, law.system.mechanism
-    quantities = {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": law.u, "tau": law.tau}
+    """Return the function (params, config, gains, state, reference) to every quantity of an Evaluation."""
+    system, mechanism = law.system, law.system.mechanism
+    quantities = law.quantities
     quantities |= {"M": mechanism.M, "V": system.V, "A": mechanism.A, "S": system.S, "Mbar": system.Mbar, "bias": system.bias}
     return portable(law.function(quantities | {"lam": system.constraint_forces(law.tau, law.u)}))
 
 
 @cache
 def step_function(law: ControlLaw) -> ca.Function:
-    """(params, config, gains, state, reference) to tau, the measure that tells whether Phi is singular, and all angles."""
+    """Return the function (params, config, gains, state, reference) to tau, the measure of singularity of Phi, and all angles."""
     found = law.linearization
     used = ca.vertcat(found.h, found.rate, ca.vec(found.Phi), ca.vec(found.Phidot), law.tau)
     return portable(law.function({"tau": law.tau, "measure": ca.vertcat(*found.measure), "angles": angles(law, used)}))
 
 
 def angles(law: ControlLaw, expression: ca.SX) -> ca.SX:
-    """The arguments of every sine and cosine in `expression`, each once, as a column."""
+    """Return the arguments of every sine and cosine in `expression`, each once, as a column."""
     found: dict[int, ca.SX] = {}
 
     def apply(code: int, arguments: tuple[ca.SX, ...]) -> ca.SX:
@@ -130,7 +132,7 @@ def angles(law: ControlLaw, expression: ca.SX) -> ca.SX:
 
 
 def condition_values(law: ControlLaw, params: Numbers, config: Numbers) -> np.ndarray:
-    """The expressions of law.output.conditions, which must be positive."""
+    """Return the values of law.output.conditions, which must be positive."""
     return np.asarray(_condition_function(law)(params, config)).ravel()
 
 

@@ -1,7 +1,7 @@
-"""The targets of firmware/boards/targets.toml: how C becomes an image for each, and what runs it. The host is one of them.
+"""The targets of firmware/boards/targets.toml: how C is compiled and run on each. The host is one of them.
 
-Every image is freestanding, but for the host's: start-up code and linker script are those of firmware/boards, nothing is linked
-but the compiler's own arithmetic.
+Every image except the host's is freestanding: start-up code and linker script are those of firmware/boards, and only the
+compiler's own arithmetic library is linked.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ QUIET = ("-display", "none", "-monitor", "none", "-serial", "none")
 SEMIHOSTING = ("-semihosting-config", "enable=on,target=native")
 CONSOLE = ("-chardev", "stdio,id=console", "-semihosting-config", "enable=on,target=native,chardev=console")
 
-PACKAGES = {  # tool -> where Debian has it
+PACKAGES = {  # tool -> Debian package
     "gcc": "gcc",
     "clang": "clang",
     "arm-none-eabi-gcc": "gcc-arm-none-eabi",
@@ -33,10 +33,10 @@ PACKAGES = {  # tool -> where Debian has it
 
 @dataclass(frozen=True)
 class Target:
-    """What runs C, and how it gets there.
+    """A target that runs C, and how its images are built.
 
-    `compiler`: the one that links, and compiles where no other is asked for; empty: any. `clang`: clang's name of the target.
-    `start`: sources of firmware/boards that each image has. `machine`: the emulator and what it emulates; none on the host.
+    `compiler`: the one that links, and compiles unless another is chosen; empty: any. `clang`: name of the target for clang.
+    `start`: sources of firmware/boards that are in each image. `machine`: command of the emulator; none on the host.
     """
 
     name: str
@@ -49,35 +49,35 @@ class Target:
 
     @property
     def bare(self) -> bool:
-        """Is there nothing under the program?"""
+        """Whether there is no operating system."""
         return bool(self.start)
 
     def compile(self, compiler: str = "") -> list[str]:
-        """The compiler and its flags for this target, without those of optimization and standard."""
+        """Return the compiler and its flags for this target, without those of optimization and standard."""
         chosen = compiler or self.compiler
         named = [f"--target={self.clang}"] if chosen == "clang" and self.clang else []
         return [chosen, *named, *self.flags, *["-ffreestanding"] * self.bare]
 
     def link(self) -> list[str]:
-        """Options that make an image of objects; the linker script in the folder it is called in."""
+        """Return the options that link objects to an image; the linker script is in the current folder."""
         return ["-nostdlib", "-T", self.script, "-lgcc"] if self.script else []
 
     def run(self, image: str, *options: str) -> list[str]:
-        """The command that runs an image, with options of the emulator."""
+        """Return the command that runs an image, with options of the emulator."""
         return [*self.machine, *QUIET, *options, "-kernel", image] if self.machine else [os.path.join(".", image)]
 
     def files(self) -> dict[str, str]:
-        """What an image needs of firmware/boards: file name -> text."""
+        """Return the files of firmware/boards that an image needs: file name -> text."""
         headers = [path.name for path in BOARDS.glob("*.h")] if self.bare else []
         return {name: (BOARDS / name).read_text() for name in (*self.start, *headers, *[self.script] * bool(self.script))}
 
     def missing(self, *tools: str) -> list[str]:
-        """Which tools are not there, of those that build and run an image, and of others."""
+        """Return the missing tools, of those that build and run an image, and of others."""
         return missing(self.compiler, *self.machine[:1], *tools)
 
 
 def _target(name: str, row: Mapping[str, Any]) -> Target:
-    """A target of the table."""
+    """Return a target of the table."""
     toolchain = TABLE["toolchain"][row["toolchain"]]
     words = {key: tuple(row.get(key, ())) for key in ("start", "machine")}
     return Target(name, f"{toolchain['prefix']}gcc", toolchain["clang"], flags(name), script=row["script"], **words)
@@ -93,17 +93,17 @@ TARGETS: Mapping[str, Target] = {
 
 
 def missing(*tools: str) -> list[str]:
-    """Which of these tools are not there; empty names do not count."""
+    """Return which of these tools are missing; empty names are ignored."""
     return [tool for tool in dict.fromkeys(tools) if tool and not shutil.which(tool)]
 
 
 def require(*tools: str) -> None:
-    """Raise BadInput when a tool is not there, with the package it comes in."""
+    """Raise BadInput naming the package if a tool is missing."""
     for tool in missing(*tools):
         package = PACKAGES.get(tool, tool)
-        raise BadInput(f"{tool} is not installed; Debian and Ubuntu have it in the package {package}")
+        raise BadInput(f"{tool} is not installed; on Debian and Ubuntu it is in the package {package}")
 
 
 def required() -> bool:
-    """Shall a tool that is not there be a failure? $NOSLIP_REQUIRE_FIRMWARE = 1 says so."""
+    """Return whether a missing tool is a failure: $NOSLIP_REQUIRE_FIRMWARE = 1."""
     return os.environ.get("NOSLIP_REQUIRE_FIRMWARE") == "1"

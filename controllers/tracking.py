@@ -1,6 +1,6 @@
-"""Where a vehicle is on a composite path, and what it follows next: runtime_c/noslip_path.h, and a reference in Python.
+"""The position of a vehicle on a composite path, and what it follows next: runtime_c/noslip_path.h, and a reference in Python.
 
-The reference is written apart from the C, from what the header says. Both have the same face, so that either can guide a run.
+The reference is written independently of the C, from its header. Both have the same interface, so that either can guide a run.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import math
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -29,20 +30,20 @@ REVERSING = ("refuse", "switch")  # as the C runtime's NOSLIP_REFUSE and NOSLIP_
 STOP = ("point", "axle")  # as its NOSLIP_STOP_POINT and NOSLIP_STOP_AXLE
 JOIN = 1e-6  # m and rad: default of the largest gap and kink, in double
 CREEP = 0.01  # m/s
-ANGLE_MAX = 2.0**20  # rad: of which the C takes sines, in double
-CENTRE = 16 * sys.float_info.epsilon  # in radii: nearer to the centre of an arc the progress has no meaning
+ANGLE_MAX = 2.0**20  # rad: range of the C's sine in double
+CENTRE = 16 * sys.float_info.epsilon  # in units of the radius: nearer to the centre of an arc, progress is undefined
 
 
 @dataclass(frozen=True)
 class TrackerOptions:
-    """How a path is followed.
+    """Options of path following.
 
-    speed (m/s, positive) between stops; deceleration (m/s^2) towards a stop, 0 for none; creep (m/s), the least wanted speed
-    before a stop, below which the vehicle stands; gap (m) and kink (rad), the largest at a join; 0 is the default of the last
-    three. L: how far (m) P_l lies ahead of the vehicle's point, going forward and in reverse; W: to the left of it; ahead: how
-    far that point lies ahead of the axle. reversing: "refuse" segments to be driven in reverse, or "switch" P_l at a cusp.
-    stop: what comes to stand at cusps and at the end, P_l ("point") or the axle's middle ("axle"). closed: after the last
-    segment comes the first.
+    speed (m/s, positive) between stops; deceleration (m/s^2) before a stop, 0 for none; creep (m/s), the lowest desired speed
+    before a stop, below which the vehicle counts as standing; gap (m) and kink (rad), the largest at a join; 0 is the default of
+    the last three. L: distance (m) of P_l ahead of the vehicle's point, driving forward and in reverse; W: to the left of it;
+    ahead: distance of that point ahead of the axle. reversing: "refuse" segments in reverse, or "switch" P_l at a cusp. stop:
+    the point that stops at cusps and at the end, P_l ("point") or the middle of the axle ("axle"). closed: the last segment is
+    followed by the first.
     """
 
     speed: float
@@ -60,16 +61,16 @@ class TrackerOptions:
 
 @dataclass(frozen=True)
 class Guide:
-    """What to follow and where the vehicle is on it, zeros where `status` is an error.
+    """The current segment and the position of the vehicle on it; zeros if `status` is an error.
 
-    segment (from 0) and whether it is driven backward; changed: another piece than after the last update, or the first;
-    waiting: at a cusp, until the vehicle stands; arrived: the end is reached. L (m) of P_l now. The piece: a segment or its
-    straight extension, from x, y (m) in the direction of travel heading (rad) with curvature (1/m, positive turns left).
-    progress (m) of P_l on it, and what is left (m) until it ends, which it does at 0 or below: smooth; while waiting m/s,
-    |forward speed| - creep; inf when arrived. remaining (m) until the stop, inf where there is none. P_l seen from its foot on
-    the piece: distance (m), positive to the left of travel; cosine and sine of the heading, from the direction of travel there;
-    foot_curvature (1/m), that of the piece's parallel through P_l. speed (m/s): wanted forward speed of the vehicle, negative
-    in reverse, and its rate along the motion (m/s^2).
+    segment (from 0) and whether it is driven backward; changed: the segment differs from the last update, or is the first;
+    waiting: at a cusp, until the vehicle stands; arrived: the end is reached. L (m) of P_l now. The segment or its straight
+    extension starts at x, y (m) in the direction of travel heading (rad) with curvature (1/m, positive turns left).
+    progress (m) of P_l on it, and the distance left (m) to its end; it ends at 0 or below, and is a smooth function of the pose;
+    while waiting m/s, |forward speed| - creep; inf when arrived. remaining (m) to the stop, inf if there is none. Position
+    relative to the foot of P_l: distance (m), positive to the left of travel; cosine and sine of the heading relative to the
+    direction of travel there; foot_curvature (1/m) of the parallel curve through P_l. speed (m/s): desired forward speed of the
+    vehicle, negative in reverse, and its rate along the motion (m/s^2).
     """
 
     status: str
@@ -97,22 +98,23 @@ class Guide:
 class Tracker(Protocol):
     """Follows a composite path; x, y (m) and heading (rad) are those of the vehicle's point, speed (m/s) goes forward.
 
-    The status of a guide is "ok", "arrived", or an error: "nonfinite", "range", "singular" (P_l in the centre of an arc).
+    The status of a guide is "ok", "arrived", or an error: "nonfinite", "range", "singular" (P_l at the centre of an arc).
+    Trackers are thread-safe.
     """
 
     options: TrackerOptions
 
     def look(self, x: float, y: float, heading: float, speed: float) -> Guide:
-        """The guide for the piece that is followed; nothing changes."""
+        """Return the guide for the current segment; nothing changes."""
 
     def update(self, x: float, y: float, heading: float, speed: float) -> Guide:
-        """Go on to the next piece where one has ended, and look."""
+        """Switch to the next segment if the current one has ended, and return the guide."""
 
 
 def make_tracker(backend: str, segments: Sequence[Segment], options: TrackerOptions, law: ControlLaw | None = None) -> Tracker:
-    """A tracker in Python ("casadi"), or the C as a backend runs it; see `runtime_of`.
+    """Return a tracker in Python ("casadi"), or the C as run by a backend; see `runtime_of`.
 
-    Raises PathFault for a path it cannot follow.
+    Raises PathFault for a path that cannot be followed.
     """
     if backend == "casadi":
         return PathTracker(segments, options)
@@ -120,7 +122,7 @@ def make_tracker(backend: str, segments: Sequence[Segment], options: TrackerOpti
     return CompiledTracker(segments, options, scalar, c)
 
 
-# -- refused paths -------------------------------------------------------------------------------------------------------
+# -- faults of paths -----------------------------------------------------------------------------------------------------
 
 
 class PathFault(BadInput):
@@ -133,7 +135,7 @@ class PathFault(BadInput):
 
 
 def _sentence(kind: str, k: int, size: float, segments: Sequence[Segment], options: TrackerOptions) -> str:
-    """What is wrong, with which segment (counted from 1), by how much, what to do."""
+    """Return a message: the fault, the segment (counted from 1), the size, and what to do."""
     if kind == "options":
         return f"path: {next(_bad_options(options), 'an option is out of range')}"
     if kind == "empty":
@@ -143,24 +145,24 @@ def _sentence(kind: str, k: int, size: float, segments: Sequence[Segment], optio
         case "nonfinite" if not size:
             return f"{this}: {segments[k]} has a number that is not finite"
         case "nonfinite":
-            return f"{this}: an angle of {size:.6g} rad is too large for sine and cosine; cut whole turns off"
+            return f"{this}: an angle of {size:.6g} rad is too large for sine and cosine; subtract whole turns"
         case "length":
-            return f"{this}: its length, {size:g} m, is not positive; leave it out or make it longer"
+            return f"{this}: its length, {size:g} m, is not positive; remove it or make it longer"
         case "reversing":
-            return f'{this} is to be driven in reverse, which is refused; set reversing = "switch"'
+            return f'{this} is to be driven in reverse, which is not allowed; set reversing = "switch"'
         case "lever":
             way, sign, name = ("in reverse", "negative", "L_backward") if segments[k].backward else ("forward", "positive", "L")
-            return f"{this}: P_l lies L + d = {size:g} m ahead of the axle, which must be {sign} going {way}; change {name}"
+            return f"{this}: P_l lies L + d = {size:g} m ahead of the axle, which must be {sign} driving {way}; change {name}"
         case "tight":
             radius = 1 / abs(segments[k].curvature)
-            least = f"{radius + size:.6g} m, which L + d and W ask for"
-            return f"{this}: its radius, {radius:.6g} m, is not more than {least}; widen it or bring P_l nearer to the axle"
+            least = f"{radius + size:.6g} m, which L + d and W require"
+            return f"{this}: its radius, {radius:.6g} m, is not more than {least}; increase it or move P_l nearer to the axle"
         case "gap":
             return f"{this} begins {size:.3g} m from the end of {before}; move it there"
         case "kink":
-            return f"{this}: its direction of travel differs by {size:.3g} rad from that at the end of {before}; turn it"
+            return f"{this}: its direction of travel differs by {size:.3g} rad from that at the end of {before}; rotate it"
         case "cusp":
-            return f"{this}: at the cusp after {before} travel must turn round by pi, but misses that by {size:.3g} rad; turn it"
+            return f"{this}: the direction of travel at the cusp after {before} is {size:.3g} rad off a change by pi; rotate it"
         case _:
             missing = f"{size:.3g} m too short for P_l to change sides"
             return f'{this}: the run from this cusp to the next stop is {missing}; lengthen it or set stop = "axle"'
@@ -180,7 +182,7 @@ def _bad_options(options: TrackerOptions) -> Iterator[str]:
 
 
 def _faults(segments: Sequence[Segment], options: TrackerOptions) -> Iterator[tuple[str, int, float]]:
-    """Kind, segment and size of every fault, in the C's order; after one, the next may be nonsense."""
+    """Yield kind, segment and size of every fault, in the order of the C; those after the first may be meaningless."""
     for _ in _bad_options(options):
         yield "options", -1, 0.0
     if not segments:
@@ -235,7 +237,7 @@ def _join_faults(before: Segment, after: Segment, options: TrackerOptions) -> It
 
 
 def _runs(segments: Sequence[Segment], closed: bool) -> list[list[int]]:
-    """Indices of the segments from stop to stop; in a closed path the last run goes on into the first."""
+    """Return the indices of the segments from stop to stop; in a closed path the last run continues into the first."""
     runs: list[list[int]] = []
     for k, segment in enumerate(segments):
         if k and segment.backward == segments[k - 1].backward:
@@ -247,14 +249,14 @@ def _runs(segments: Sequence[Segment], closed: bool) -> list[list[int]]:
     return runs
 
 
-# -- the reference -------------------------------------------------------------------------------------------------------
+# -- the reference implementation ------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class _Piece:
     """A segment or a straight extension: `shape` is followed up to its length, `rest` m before the stop.
 
-    `runs_on` is true of an extension; `after` is the number of the piece that comes next, None behind the end.
+    `runs_on` is true for an extension; `after` is the number of the next one, None at the end.
     """
 
     segment: int
@@ -279,7 +281,7 @@ class _Error(Exception):
 
 
 class PathTracker:
-    """The reference: double, Python's own mathematics. Raises PathFault for a path that cannot be followed."""
+    """The reference implementation: double, Python's mathematics. Raises PathFault for a path that cannot be followed."""
 
     def __init__(self, segments: Sequence[Segment], options: TrackerOptions):
         for fault in _faults(segments, options):
@@ -287,18 +289,23 @@ class PathTracker:
         self.options = options
         self._creep = options.creep or CREEP
         self._pieces = _pieces(segments, options)
-        self._limit = len(segments) + 1  # of hand-overs in an update
-        self._state = _State()
+        self._limit = len(segments) + 1  # of segment changes in one update
+        self._state, self._lock = _State(), Lock()
 
     def look(self, x: float, y: float, heading: float, speed: float) -> Guide:
-        """As Tracker's."""
+        """See Tracker.look."""
+        state = self._state
         try:
-            return self._guide(self._state, *self._find(self._state, x, y, heading, speed), heading, speed)
+            return self._guide(state, *self._find(state, x, y, heading, speed), heading, speed)
         except _Error as error:
             return Guide(error.status)
 
     def update(self, x: float, y: float, heading: float, speed: float) -> Guide:
-        """As Tracker's."""
+        """See Tracker.update."""
+        with self._lock:
+            return self._update(x, y, heading, speed)
+
+    def _update(self, x: float, y: float, heading: float, speed: float) -> Guide:
         state, changed = self._state, not self._state.begun
         try:
             progress, distance = self._find(state, x, y, heading, speed)
@@ -314,7 +321,7 @@ class PathTracker:
         return replace(self._guide(self._state, progress, distance, heading, speed), changed=changed)
 
     def _find(self, state: _State, x: float, y: float, heading: float, speed: float) -> tuple[float, float]:
-        """Progress and distance of P_l on the active piece. Raises _Error where they have no meaning."""
+        """Return progress and distance of P_l on the current segment. Raises _Error if they are undefined."""
         if not all(map(math.isfinite, (x, y, heading, speed))):
             raise _Error("nonfinite")
         if abs(heading) > ANGLE_MAX:
@@ -330,7 +337,7 @@ class PathTracker:
                 raise _Error("singular")
         try:
             progress, distance = shape.progress(px, py, state.progress), shape.distance(px, py)
-        except (OverflowError, ValueError):  # of rounding to whole turns
+        except (OverflowError, ValueError):  # from rounding to whole turns
             raise _Error("nonfinite") from None
         if not (math.isfinite(progress) and math.isfinite(distance)):
             raise _Error("nonfinite")
@@ -343,16 +350,16 @@ class PathTracker:
         return piece.runs_on and progress >= piece.shape.length
 
     def _ended(self, state: _State, speed: float) -> bool:
-        """Whether the next piece is to be followed: this one is behind P_l; at a stop, the vehicle stands."""
+        """Return whether the current segment has ended: P_l is beyond it; at a stop, the vehicle stands."""
         piece = self._pieces[state.piece]
         if piece.runs_on:
             return state.stopped and piece.after is not None and abs(speed) <= self._creep
         return state.progress >= piece.shape.length
 
     def _next(self, state: _State) -> _State:
-        """At the beginning of the next piece; of an extension of no length, at the stop."""
+        """Return the state at the start of the next segment; for an extension of zero length, at the stop."""
         after = self._pieces[state.piece].after
-        assert after is not None, "only a piece that another comes after is left"
+        assert after is not None, "only called if another segment follows"
         following = self._pieces[after]
         return replace(state, piece=after, progress=0.0, stopped=following.runs_on and not following.shape.length)
 
@@ -387,7 +394,7 @@ class PathTracker:
         )
 
     def _profile(self, remaining: float, speed: float) -> tuple[float, float]:
-        """Wanted speed so far from the stop and its rate along the motion, all in the direction of travel."""
+        """Return the desired speed at this distance from the stop and its rate along the motion, in the direction of travel."""
         cruise, deceleration = self.options.speed, self.options.deceleration
         if not deceleration:
             return cruise, 0.0
@@ -398,7 +405,7 @@ class PathTracker:
 
 
 def _pieces(segments: Sequence[Segment], options: TrackerOptions) -> list[_Piece]:
-    """Every segment, and behind the last one of each run its extension, in the order of travel."""
+    """Return every segment, and after the last one of each run its extension, in the order of travel."""
     pieces: list[_Piece] = []
     runs = _runs(segments, options.closed)
     if options.closed and len({segment.backward for segment in segments}) == 1:  # no stop
@@ -414,7 +421,7 @@ def _pieces(segments: Sequence[Segment], options: TrackerOptions) -> list[_Piece
         pieces.append(_Piece(run[-1], extension, 0.0, True, len(pieces) + 1))
     pieces[-1] = replace(pieces[-1], after=0 if options.closed else None)
     first = next(k for k, piece in enumerate(pieces) if piece.segment == 0)
-    turned = {k: (k - first) % len(pieces) for k in range(len(pieces))} | {None: None}  # so that segment 0 comes first
+    turned = {k: (k - first) % len(pieces) for k in range(len(pieces))} | {None: None}  # so that segment 0 is the first
     return [replace(piece, after=turned[piece.after]) for piece in pieces[first:] + pieces[:first]]
 
 
@@ -426,7 +433,7 @@ class CompiledTracker:
 
     def __init__(self, segments: Sequence[Segment], options: TrackerOptions, scalar: str = "double", c: Runtime | None = None):
         self.options = options
-        self._c, self._scalar = c or runtime(HEADER), scalar
+        self._c, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
         kind = f"{SCALARS[scalar].name('noslip_segment')}[]"
         self._segments = self._c.ffi.new(kind, [vars(segment) for segment in segments])
         self._self, fault = self._new("noslip_path"), self._new("noslip_path_fault")
@@ -445,29 +452,29 @@ class CompiledTracker:
         return self._c.status(self._c.function(name, self._scalar)(self._self, *arguments))
 
     def look(self, x: float, y: float, heading: float, speed: float) -> Guide:
-        """As Tracker's."""
+        """See Tracker.look."""
         return self._answer("noslip_path_look", x, y, heading, speed)
 
     def update(self, x: float, y: float, heading: float, speed: float) -> Guide:
-        """As Tracker's."""
+        """See Tracker.update."""
         return self._answer("noslip_path_update", x, y, heading, speed)
 
     def _answer(self, name: str, *seen: float) -> Guide:
-        status = self._call(name, *seen, self._guide)
-        found = {field: getattr(self._guide, field) for field in self._fields}
+        with self._lock:
+            status, foot = self._call(name, *seen, self._guide), self._guide.foot
+            found = {field: getattr(self._guide, field) for field in self._fields}
+            at_foot = {"distance": foot.distance, "cosine": foot.cosine, "sine": foot.sine, "foot_curvature": foot.curvature}
         flags = {field: bool(found[field]) for field in ("backward", "changed", "waiting", "arrived")}
-        foot = self._guide.foot
-        at_foot = {"distance": foot.distance, "cosine": foot.cosine, "sine": foot.sine, "foot_curvature": foot.curvature}
         endless = {field: math.inf for field in ("left", "remaining") if found[field] >= self._largest}
         return Guide(status, **(found | flags | at_foot | endless))
 
 
 def _index(names: Sequence[str], name: str) -> int:
-    """Where a name stands; -1, which the C refuses, for another."""
+    """Return the index of a name; -1, which the C rejects, for an unknown one."""
     return names.index(name) if name in names else -1
 
 
 def _fault_names(c: Runtime) -> dict[int, str]:
-    """The kinds of faults, by number."""
+    """Return the kinds of faults by number."""
     prefix = "NOSLIP_FAULT_"
     return {getattr(c.lib, name): name.removeprefix(prefix).lower() for name in dir(c.lib) if name.startswith(prefix)}

@@ -1,24 +1,29 @@
 """What a figure is: specs to run, how to draw the runs, what to claim of them by number."""
 
 import dataclasses
-import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import matplotlib.figure
 import numpy as np
 
-from ..codegen.files import law_program, law_text, shared_files
+from ..codegen.files import digests, law_program, law_text, shared_files
 from ..codegen.printing.scalar import SCALARS
 from ..controllers.build import runtime_files
+from ..controllers.odometry import vehicle_wheels
 from ..model.law import ControlLaw
+from ..model.mechanism import Mechanism
+from ..model.vehicle import velocity_map
 from ..readers.errors import BadInput
+from ..readers.robots import find_robot, system_of
 from ..simulation.closed_loop import simulate
 from ..simulation.contact import Grip, grip
-from ..simulation.run import Run
+from ..simulation.guidance import vehicle_motion
+from ..simulation.run import Outputs, Run
 from ..simulation.specification.spec import Contact, Spec
 from ..simulation.specification.vary import read_varied
 
@@ -71,14 +76,14 @@ class Claim:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class Outcome(Outputs):
     """A run on the generated C as figures see it: every array of `Run` by its name (t, q, nu, tau, y, forces, seen, ...), SI,
     with `energy` (J) and `power` (W) of inputs and friction.
 
     `parameters` are the true robot's. `place` (N, 2) is P_l in the vehicle: ahead of the centre of mass and left of it, m.
     `slip` is the worst ||A qdot|| (2), `integral` the worst change (rad) of phi - c (theta_r - theta_l) (28), None where the
-    robot is not the LABMATE, `agreement` the largest difference from the run on CasADi in any state, input or output; `grip`
-    what friction rolling needs.
+    robot has no two wheels whose angles are coordinates, `agreement` the largest difference from the run on CasADi in any
+    state, input or output; `grip` what friction rolling needs.
     A start that was refused has the reason in `refused`, no arrays and no contacts.
     """
 
@@ -100,20 +105,34 @@ class Outcome:
             raise AttributeError(f"a run has no array {name!r}") from None
 
     @property
-    def error(self) -> np.ndarray:
-        """y - y_d, (N, n-m)."""
-        return self.y - self.y_d
+    def robot(self) -> Mechanism:
+        """What ran."""
+        return find_robot(self.spec.robot)
 
     @property
-    def stopped(self) -> str | None:
-        """The status that ended the run before its time, None when nothing did."""
-        last = str(self.status[-1])
-        return None if last in ("ok", "saturated") else last
+    def plant(self) -> np.ndarray:
+        """The true robot's parameters in the order of `robot.parameters`."""
+        return np.array([self.parameters[p.name] for p in self.robot.parameters])
+
+    @cached_property
+    def motion(self) -> np.ndarray:
+        """Place (m), heading (rad), forward speed (m/s) and yaw rate (rad/s) of the vehicle, (N, 5)."""
+        return vehicle_motion(system_of(self.robot))(np.hstack([self.q, self.nu]).T, self.plant).full().T
+
+    @cached_property
+    def ahead(self) -> float:
+        """How far the vehicle's point is ahead of the axle, m."""
+        return vehicle_wheels(system_of(self.robot), self.plant)[2]
+
+    @property
+    def point(self) -> np.ndarray:
+        """The vehicle's point, m, (N, 2)."""
+        return self.motion[:, :2]
 
     @property
     def heading(self) -> np.ndarray:
         """phi, rad, (N,)."""
-        return self.q[:, 2]
+        return self.motion[:, 2]
 
     @property
     def forward(self) -> np.ndarray:
@@ -128,30 +147,30 @@ class Outcome:
     @property
     def P_o(self) -> np.ndarray:
         """Middle of the axle, m, (N, 2)."""
-        return self.q[:, :2] - self.parameters["d"] * self.forward
+        return self.point - self.ahead * self.forward
 
     @property
     def P_l(self) -> np.ndarray:
         """Reference point, m, (N, 2)."""
         ahead, left = self.place.T
-        return self.q[:, :2] + ahead[:, None] * self.forward + left[:, None] * self.leftward
+        return self.point + ahead[:, None] * self.forward + left[:, None] * self.leftward
 
     @property
     def speed(self) -> np.ndarray:
         """Forward speed of P_o, m/s, (N,)."""
-        return self.parameters["r"] * self.nu.sum(axis=1) / 2
+        return self.motion[:, 3]
 
     @property
     def yaw_rate(self) -> np.ndarray:
         """Rate of the heading, rad/s, (N,)."""
-        return self.parameters["r"] * (self.nu[:, 0] - self.nu[:, 1]) / (2 * self.parameters["b"])
+        return self.motion[:, 4]
 
     @property
     def velocity(self) -> np.ndarray:
         """Velocity of P_l, m/s, (N, 2)."""
         ahead, left = self.place.T
         along = self.speed - left * self.yaw_rate
-        across = (self.parameters["d"] + ahead) * self.yaw_rate
+        across = (self.ahead + ahead) * self.yaw_rate
         return along[:, None] * self.forward + across[:, None] * self.leftward
 
 
@@ -202,7 +221,7 @@ def carry_out(spec: Spec, singular: bool = False) -> Outcome:
         grip=grip(run),
         warnings=run.warnings,
         slip=float(np.linalg.norm(run.plant.slip(run.x[going]), axis=1).max()),
-        integral=_integral(run, parameters),
+        integral=_integral(run),
         agreement=_difference(run, simulate(spec, "casadi")),
         sources=sources_of(run.law),
     )
@@ -230,16 +249,19 @@ def claims_of_every_run(runs: Runs) -> list[Claim]:
 def sources_of(law: ControlLaw) -> dict[str, str]:
     """SHA-256 of every file of the double-precision C that a run of this law is made of."""
     double = SCALARS["double"]
-    files = {**runtime_files(), **shared_files(law.system, double), **law_text(law_program(law), double).files()}
-    return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(files.items())}
+    return digests({**runtime_files(), **shared_files(law.system, double), **law_text(law_program(law), double).files()})
 
 
-def _integral(run: Run, parameters: Mapping[str, float]) -> float | None:
-    """The worst change of phi - c (theta_r - theta_l) of a LABMATE's run."""
-    if run.law.system.mechanism.name != "labmate":
+def _integral(run: Run) -> float | None:
+    """The worst change of the heading less what two wheels' angles say, phi - c (theta_r - theta_l); None without these."""
+    system = run.law.system
+    rates = system.mechanism.quasi_velocity_rows
+    if velocity_map(system) is None or rates is None or not rates.is_constant():
         return None
-    phi, theta_r, theta_l = (run.q[:, k] - run.q[0, k] for k in (2, 3, 4))
-    return float(np.abs(phi - parameters["r"] / (2 * parameters["b"]) * (theta_r - theta_l)).max())
+    _, turn, _ = vehicle_wheels(system, run.plant.parameters)
+    heading = vehicle_motion(system)(run.x.T, run.plant.parameters).full()[2]
+    drift = heading - run.q @ (turn @ ca.DM(rates).full())
+    return float(np.abs(drift - drift[0]).max()) if turn.all() else None
 
 
 def _refusal(spec: Spec, backend: str) -> str:

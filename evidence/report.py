@@ -3,15 +3,15 @@
 import base64
 import html
 import importlib.metadata
-import json
 import platform
 import subprocess
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from ..codegen.files import TOOLS
 from ..controllers.build import FLAGS, QUICK, compiler
 from ..readers.files import MARK
+from ..readers.printing import toml
 from ..readers.robots import find_robot
 from .framework import SPECS, Claim, Outcome
 from .production import Made
@@ -131,7 +131,7 @@ def _claim_row(claim: Claim) -> list[str]:
 
 def _run_row(made: Made, label: str) -> list[str]:
     case, run = made.figure.cases[label], made.runs[label]
-    changes = "".join(f"<br><code>{_text(f'{key} = {_toml(value)}')}</code>" for key, value in case.changes.items())
+    changes = "".join(f"<br><code>{_text(f'{key} = {toml(value)}')}</code>" for key, value in case.changes.items())
     spec = f'<a href="#{case.file}"><code>{case.file}</code></a>{changes}'
     if run.refused:
         return [_cell(_text(label)), _cell(spec), *[_cell("–", "number")] * 4, _cell(_text(f"refused: {run.refused}"))]
@@ -216,15 +216,6 @@ def _versions() -> dict[str, str]:
         **packages,
         "C compiler": f"{said[0] if said else 'unknown'}, {' '.join((*FLAGS, *QUICK))}",
     }
-
-
-def _toml(value: Any) -> str:
-    """A value as TOML writes it on one line."""
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }" if value else "{}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
-    return json.dumps(value)
 
 
 def _class(claim: Claim) -> str:

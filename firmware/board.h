@@ -1,51 +1,52 @@
 /*
- * board.h - what a board gives to main: a clock that ticks, two counters, two motor drivers, a watchdog, a last word.
+ * board.h - functions that a board provides to main: periodic ticks, two encoder counters, two motor drivers, a hardware watchdog,
+ * and a report at the end.
  *
- * A board is one .c file in boards/ beside its start-up code and linker script. Everything here may touch registers and keep
- * memory of its own; nothing of it knows noslip, but for what the simulated vehicle needs.
+ * A board is one .c file in boards/ with start-up code and a linker script. It may access registers and use static memory. It does
+ * not depend on noslip, except for the simulated vehicle.
  */
 #ifndef BOARD_H
 #define BOARD_H
 
 #include <stdint.h>
 
-/* Why main ended: its exit code, where there is somebody to tell. */
+/* Exit code of main, if the board can report it. */
 enum {
     BOARD_ARRIVED = 0,
-    BOARD_REFUSED = 1, /* vehicle_init did not take the settings */
-    BOARD_STOPPED = 2, /* the vehicle's watchdog */
+    BOARD_REFUSED = 1, /* vehicle_init rejected the settings */
+    BOARD_STOPPED = 2, /* the watchdog of the vehicle stopped it */
     BOARD_LATE = 3,    /* it did not arrive in time */
-    BOARD_ASTRAY = 4,  /* it arrived, but not where it should be */
-    BOARD_RESTARTED = 5, /* the hardware watchdog had to reset: whoever looks first decides whether to go on */
+    BOARD_ASTRAY = 4,  /* it arrived, but too far from the end of the path */
+    BOARD_RESTARTED = 5, /* the hardware watchdog caused the reset: an operator must check the vehicle before it continues */
     BOARD_FAULT = 255  /* the processor took an exception */
 };
 
 typedef struct board_report {
     int code;           /* BOARD_... */
-    int status;         /* the last that the vehicle answered */
-    int reason;         /* of its watchdog */
-    uint32_t ticks;     /* made */
-    uint32_t missed;    /* left out */
-    float x, y, heading; /* m, m, rad: the pose that was reckoned */
-    float error;        /* m: from there to where it should be */
+    int status;         /* last return value of vehicle_step */
+    int reason;         /* of the watchdog of the vehicle */
+    uint32_t ticks;     /* executed */
+    uint32_t missed;    /* ticks missed */
+    float x, y, heading; /* m, m, rad: pose from dead reckoning */
+    float error;        /* m: distance of P_l from the end of the path */
 } board_report;
 
-/* Sets up clock, counters and drivers, no power on the motors; the first tick is `period` (s) later. 0, or BOARD_RESTARTED. */
+/* Sets up clock, counters and drivers with the motors off; the first tick is `period` (s) later. Returns 0 or BOARD_RESTARTED. */
 int board_start(float period);
 
-/* Sleeps until the next tick; answers how many were missed since the last one, because it was waited for too late. */
+/* Sleeps until the next tick; returns the number of ticks missed since the last call. */
 uint32_t board_wait(void);
 
-/* The encoders' counters, right and left. */
+/* Reads the counters of the encoders, right and left. */
 void board_read(uint32_t counts[2]);
 
-/* What the motor drivers are told, right and left; zeros are safe. */
+/* Sets the commands of the motor drivers, right and left; zero must be safe. */
 void board_drive(const float command[2]);
 
-/* The loop is alive: without this call in some ticks the hardware watchdog resets. */
+/* Feeds the hardware watchdog, which resets the processor if this is not called for some ticks. */
 void board_alive(void);
 
-/* The motors are off and stay off. Tells whoever listens; answers the exit code, report->code unless the board knows better. */
+/* Prints the report if the board can; the motors are off. Returns the exit code, report->code unless the board finds an error. */
 int board_end(const board_report *report);
 
 #endif

@@ -1,11 +1,11 @@
-/* main.c - after reset: the same at every tick, look, decide, drive, until it stands at the end of its path or has to stop. */
+/* main.c - control loop: read, compute, drive at every tick, until the vehicle stands at the end of its path or stops. */
 #include "board.h"
 #include "robot.h"
 
-#define STAND 300u    /* ticks from the end of the path until it stands */
-#define LONGEST 6000u /* ticks: nobody waits for ever */
+#define STAND 300u    /* ticks from the end of the path to standstill */
+#define LONGEST 6000u /* ticks: time limit */
 
-/* Follows the path; answers why it ended. */
+/* Follows the path; returns the exit code. */
 static int follow(vehicle *robot, board_report *report)
 {
     const noslip_guide_f *guide = &robot->path.guide;
@@ -27,7 +27,7 @@ static int follow(vehicle *robot, board_report *report)
             return BOARD_STOPPED;
         }
     }
-    /* of P_l, along the path and across it */
+    /* along and across the path */
     report->error = noslip_sqrt_f(guide->remaining * guide->remaining + guide->foot.distance * guide->foot.distance);
     return report->error <= ROBOT_TOLERANCE ? BOARD_ARRIVED : BOARD_ASTRAY;
 }

@@ -12,7 +12,7 @@ int motor_init(motor *self, const motor_settings *settings)
     if (settings == NULL) {
         return NOSLIP_NULL;
     }
-    if (settings->mode == MOTOR_TORQUE) { /* 1 A per N m, and nothing in the way */
+    if (settings->mode == MOTOR_TORQUE) { /* 1 A per N m, without losses or limits */
         self->per_torque = 1;
         self->friction = 0;
         self->resistance = 0;
@@ -33,7 +33,7 @@ int motor_init(motor *self, const motor_settings *settings)
         self->current = settings->current;
         self->supply = settings->supply;
         if (!noslip_is_finite_f(self->per_torque) || !noslip_is_finite_f(self->back_emf)) {
-            return NOSLIP_BAD_PARAMETER; /* the gear over- or underflows */
+            return NOSLIP_BAD_PARAMETER; /* overflow or underflow */
         }
     }
     self->mode = settings->mode;
@@ -41,8 +41,8 @@ int motor_init(motor *self, const motor_settings *settings)
     return NOSLIP_OK;
 }
 
-/* The number, or the nearest that is within the limit. */
-static float within(float number, float limit)
+/* Returns the number limited to [-limit, limit]. */
+static float clamp(float number, float limit)
 {
     return number > limit ? limit : number < -limit ? -limit : number;
 }
@@ -65,11 +65,11 @@ int motor_at_limit(const motor *self, float torque, float rate, float *command)
     if (!noslip_is_finite_f(current) || !noslip_is_finite_f(emf)) {
         return NOSLIP_NONFINITE;
     }
-    current = within(current, self->current);
+    current = clamp(current, self->current);
     voltage = self->resistance * current + emf;
     if (noslip_abs_f(voltage) > self->supply) {
-        voltage = within(voltage, self->supply);
-        current = within((voltage - emf) / self->resistance, self->current);
+        voltage = clamp(voltage, self->supply);
+        current = clamp((voltage - emf) / self->resistance, self->current);
     }
     *command = self->mode == MOTOR_VOLTAGE ? voltage : current;
     return NOSLIP_SATURATED;

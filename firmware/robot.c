@@ -1,4 +1,4 @@
-/* robot.c - a LABMATE that turns in a lane: forward into it, a cusp, and backward to where it stands. */
+/* robot.c - settings of a LABMATE that turns around in a lane: forward into it, a cusp, and out in reverse. */
 #include <stddef.h>
 
 #include "robot.h"
@@ -25,13 +25,13 @@ int robot_settings(vehicle_settings *settings)
 {
     static const vehicle_settings robot = {
         .period = 0.01f,
-        .counts_per_turn = {40000.0f, -40000.0f}, /* 500 lines, 4 edges each, behind the gear; the left one the other way round */
+        .counts_per_turn = {40000.0f, -40000.0f}, /* 500 lines, 4 edges each, times the gear ratio; the left one is mounted the other way round */
         .counter_bits = 16,
         .smoothing = 0.02f,
         .fastest = 20.0f,
         .segments = segments,
         .count = sizeof segments / sizeof segments[0],
-        .way = {.speed = 1.0f, .deceleration = 0.4f, .L = {0.0f, -0.6f}, .reversing = NOSLIP_SWITCH, .stop = NOSLIP_STOP_AXLE},
+        .path_options = {.speed = 1.0f, .deceleration = 0.4f, .L = {0.0f, -0.6f}, .reversing = NOSLIP_SWITCH, .stop = NOSLIP_STOP_AXLE},
         .gains = {.kp_distance = 1.0f, .kd_distance = 2.5f, .kv_speed = 2.0f},
         .limits = {.limit = {20.0f, 20.0f}, .on_limit = NOSLIP_SLOW},
         .motors = {MOTOR, MOTOR},
@@ -43,6 +43,6 @@ int robot_settings(vehicle_settings *settings)
     }
     *settings = robot;
     (void)labmate_default_params_f(&settings->params);
-    settings->way.ahead = settings->params.d;
+    settings->path_options.ahead = settings->params.d;
     return NOSLIP_OK;
 }

@@ -1,12 +1,12 @@
-/* robot.h - the numbers of this robot and its path. What you change first. */
+/* robot.h - settings of this robot and its path: change these first. */
 #ifndef ROBOT_H
 #define ROBOT_H
 
 #include "vehicle.h"
 
-#define ROBOT_TOLERANCE 0.02f /* m: so near to the end of the path it has to stop */
+#define ROBOT_TOLERANCE 0.02f /* m: largest allowed distance from the end of the path */
 
-/* All settings. NOSLIP_NULL where there is no place for them. */
+/* Writes all settings. Returns NOSLIP_NULL for a null pointer. */
 int robot_settings(vehicle_settings *settings);
 
 #endif

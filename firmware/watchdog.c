@@ -48,12 +48,13 @@ static int stop(watchdog *self, int reason)
     return WATCHDOG_STOP;
 }
 
+/* Returns 1 for an error that may be gone at the next tick. */
 static int passing(int status)
 {
     return status == NOSLIP_NONFINITE || status == NOSLIP_RANGE || status == NOSLIP_SINGULAR;
 }
 
-/* A tick that is not good. */
+/* Handles a tick with an error or after missed ticks. */
 static int strike(watchdog *self, int status, uint32_t missed)
 {
     const uint32_t left = (uint32_t)(self->settings.tolerated - self->strikes);
@@ -72,7 +73,7 @@ static int strike(watchdog *self, int status, uint32_t missed)
     return self->state;
 }
 
-/* A good tick after others that were not. */
+/* Handles a good tick after strikes. */
 static int forgive(watchdog *self)
 {
     self->state = WATCHDOG_RUN;
@@ -83,8 +84,8 @@ static int forgive(watchdog *self)
     return WATCHDOG_RUN;
 }
 
-/* A tick when something is, or was, wrong. */
-static NOSLIP_COLD int watchdog_look(watchdog *self, int status, uint32_t missed, int standing)
+/* Handles every tick but a good one without strikes. */
+static NOSLIP_COLD int watchdog_other_tick(watchdog *self, int status, uint32_t missed, int standing)
 {
     if (self == NULL || self->ready != NOSLIP_READY || self->state == WATCHDOG_STOP) {
         return WATCHDOG_STOP;
@@ -102,5 +103,5 @@ int watchdog_step(watchdog *self, int status, uint32_t missed, int standing)
         (self->state | self->strikes | self->stood) == 0) {
         return WATCHDOG_RUN;
     }
-    return watchdog_look(self, status, missed, standing);
+    return watchdog_other_tick(self, status, missed, standing);
 }

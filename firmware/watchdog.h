@@ -1,18 +1,17 @@
 /*
- * watchdog.h - when to go on, when to wait and when to stop for good.
+ * watchdog.h - decides whether to continue, to hold the last outputs or to stop.
  *
- * Each tick tells it the status of the controller, how many ticks were missed before this one, and whether a wheel stood under
- * a torque.
+ * Its inputs at each tick are the status of the controller, the number of ticks missed before this one, and whether a wheel is
+ * stuck, that is, does not turn under a torque.
  *
- *     state          outputs             left when
- *     WATCHDOG_RUN   those of this tick  a passing error: HOLD; more strikes than tolerated, another error, a stuck wheel: STOP
- *     WATCHDOG_HOLD  the last good ones  a good tick: RUN; more strikes than tolerated, another error, a stuck wheel: STOP
- *     WATCHDOG_STOP  zero                watchdog_reset, nothing else
+ *     state          outputs             transitions
+ *     WATCHDOG_RUN   those of this tick  transient error: HOLD; more strikes than tolerated, another error, a stuck wheel: STOP
+ *     WATCHDOG_HOLD  the last good ones  good tick: RUN; more strikes than tolerated, another error, a stuck wheel: STOP
+ *     WATCHDOG_STOP  zero                watchdog_reset only
  *
- * Passing errors are NOSLIP_NONFINITE, NOSLIP_RANGE and NOSLIP_SINGULAR: the next tick may be good again. Each is a strike, as
- * is each tick that was missed, because the one before took too long or the clock stood still. Good ticks in a row take strikes
- * off again, one for every `forgiven`. So no more than `tolerated` ticks in a row are waited through, and nobody drives for long
- * with an error in every second one.
+ * Transient errors are NOSLIP_NONFINITE, NOSLIP_RANGE and NOSLIP_SINGULAR: the next tick may be good again. Each counts as one
+ * strike, and so does each missed tick. Every `forgiven` good ticks in a row remove one strike. Hence the outputs are held for at
+ * most `tolerated` ticks in a row, and a vehicle with frequent errors stops even if good ticks lie between them.
  */
 #ifndef WATCHDOG_H
 #define WATCHDOG_H
@@ -34,37 +33,37 @@ enum {
 /* Why it stopped. */
 enum {
     WATCHDOG_NONE = 0,
-    WATCHDOG_ERROR = 1,   /* an error that does not pass: see `status` */
-    WATCHDOG_STRIKES = 2, /* more passing errors and missed ticks than tolerated; `status` is the last error, if there was one */
-    WATCHDOG_STUCK = 3    /* a wheel stood under a torque for too long: an encoder is broken, or there is a wall */
+    WATCHDOG_ERROR = 1,   /* an error that is not transient: see `status` */
+    WATCHDOG_STRIKES = 2, /* more transient errors and missed ticks than tolerated; `status` is the last error, if there was one */
+    WATCHDOG_STUCK = 3    /* a wheel did not turn under a torque for too long: a broken encoder, or an obstacle */
 };
 
-/* Zeros stop at the first error and at the first missed tick, and watch no wheel. */
+/* With zeros, the watchdog stops at the first error and the first missed tick, and does not detect stuck wheels. */
 typedef struct watchdog_settings {
-    int tolerated; /* strikes */
-    int forgiven;  /* good ticks in a row that take off a strike; 0: none do */
-    int stuck;     /* ticks in a row that a wheel may stand under a torque; 0: any number */
+    int tolerated; /* number of strikes */
+    int forgiven;  /* good ticks in a row that remove a strike; 0: strikes are never removed */
+    int stuck;     /* ticks in a row for which a wheel may be stuck; 0: no limit */
 } watchdog_settings;
 
-/* Made by init, owned by the caller, to be read, not to be written to. */
+/* Initialized by init, owned by the caller, who may read it but not write to it. */
 typedef struct watchdog {
     watchdog_settings settings;
     int state;   /* WATCHDOG_RUN, WATCHDOG_HOLD or WATCHDOG_STOP */
-    int reason;  /* WATCHDOG_NONE or why it stopped */
+    int reason;  /* of the stop, or WATCHDOG_NONE */
     int status;  /* the last error, or NOSLIP_OK */
-    int strikes; /* now */
-    int good;    /* ticks in a row */
-    int stood;   /* ticks in a row in which a wheel stood under a torque */
+    int strikes; /* current number */
+    int good;    /* good ticks in a row */
+    int stood;   /* ticks in a row in which a wheel was stuck */
     int ready;   /* set by init */
 } watchdog;
 
-/* NOSLIP_BAD_PARAMETER for a negative number. */
+/* Returns NOSLIP_BAD_PARAMETER for a negative setting. */
 int watchdog_init(watchdog *self, const watchdog_settings *settings);
 
-/* A tick: answers the state, WATCHDOG_STOP also where it is null or not ready. */
+/* Processes one tick and returns the state; WATCHDOG_STOP if `self` is null or not ready. */
 int watchdog_step(watchdog *self, int status, uint32_t missed, int standing);
 
-/* Somebody has looked: from WATCHDOG_STOP back to WATCHDOG_RUN, all forgiven. */
+/* Returns from WATCHDOG_STOP to WATCHDOG_RUN without strikes, after an operator has checked the vehicle. */
 int watchdog_reset(watchdog *self);
 
 #ifdef __cplusplus

@@ -35,10 +35,10 @@ MAY_WRITE = {  # function -> objects and parts of them, as the programs call the
     "noslip_encoder_read": {"self.last", "self.started", "angle"},
     "noslip_integral_step": {"self.z", "self.rounded", "self.error", "self.added", "added"},
     "noslip_path_look": {"guide"},
-    "noslip_path_update": {"self.place", "self.before", "self.guide", "self.under_way", "guide"},
+    "noslip_path_update": {"self.current", "self.saved", "self.guide", "self.started", "guide"},
 }
 MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 5000}
-MOST_IN_PATH |= {"noslip_path_go_on": 2000, "noslip_path_step": 20000, "check_init": 2000, "check_update": 3000, "main": 10000}
+MOST_IN_PATH |= {"noslip_path_advance": 2000, "noslip_path_step": 20000, "check_init": 2000, "check_update": 3000, "main": 10000}
 
 
 @dataclass(frozen=True)

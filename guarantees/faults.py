@@ -248,12 +248,12 @@ def _number(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-def table(states: int = STATES) -> str:
-    """The page as it is now. Failed as `flipped` and `outcome` say."""
+def table(root: Path, states: int = STATES) -> str:
+    """The page as it is now, of the firmware in a tree. Failed as `flipped` and `outcome` say."""
     robot = find_robot("labmate")
     laws = {name: flipped(name, states) for name in find_laws(system_of(robot))}
     with tempfile.TemporaryDirectory() as folder:
-        c = Firmware(Path(folder))
+        c = Firmware(Path(folder), root)
         runs = {fault.name: outcome(c, fault) for fault in faults()}
     return page(laws, runs, states)
 
@@ -261,7 +261,7 @@ def table(states: int = STATES) -> str:
 def check(task: Task) -> str:
     """Is the page what happens? Failed: it is not."""
     need("gcc", "gcc")
-    path, now = task.root / PAGE, table()
+    path, now = task.root / PAGE, table(task.root)
     if task.update:
         path.write_text(now)
     if not path.exists() or path.read_text() != now:

@@ -64,7 +64,8 @@ def _fuzz(program: Path, options: list[str], found: Path, corpus: Path) -> str:
     fixed = [f"-max_len={LONGEST}", "-print_final_stats=1", f"-artifact_prefix={program.parent}/"]
     code, text = attempt([program, *options, *fixed, found, corpus])
     if code:
-        raise Failed(text[-3000:])
+        report = re.search(r"^.*(: not |: runtime error: |ERROR: )", text, re.M)  # of a check, of UBSan, of the others
+        raise Failed(text[report.start() :][:3000] if report else text[-3000:])
     runs = re.findall(r"number_of_executed_units: (\d+)", text)[-1]
     edges, features = re.findall(r"cov: (\d+) ft: (\d+)", text)[-1]
     return f"{runs} runs, {edges} edges, {features} features, 0 findings"

@@ -1,9 +1,9 @@
-"""Writes what the C runtime's headers say twice, for double and for float, from one text: runtime_c/NAME.inc into NAME.h.
+"""Generates the double and the float part of the C runtime's headers from one text: runtime_c/NAME.inc into NAME.h.
 
 python -m noslip.guarantees.headers           write the headers
-python -m noslip.guarantees.headers --check   write nothing; exit 1 where one is not current
+python -m noslip.guarantees.headers --check   write nothing; exit 1 if a header is not current
 
-A header keeps what stands before BEGIN and behind END; between the two is NAME.inc, once for each scalar, without macros.
+The parts of a header before BEGIN and after END are kept. Between them is NAME.inc, once for each scalar, with macros expanded.
 """
 
 import re
@@ -11,29 +11,29 @@ import sys
 from pathlib import Path
 
 RUNTIME = Path(__file__).resolve().parent.parent / "runtime_c"
-BEGIN, END = "/* -- {scalar}: made from {name} by guarantees/headers.py ", "/* -- end of what is made "
+BEGIN, END = "/* -- {scalar}: generated from {name} by guarantees/headers.py ", "/* -- end of the generated part "
 WIDTH = 124
 SCALARS = {"double": ("", "DBL"), "float": ("_f", "FLT")}
 
 
 def headers(folder: Path = RUNTIME) -> dict[Path, str]:
-    """Each header that has such a text, as it has to be."""
+    """Return the current text of each header that has a .inc file, by path."""
     return {text.with_suffix(".h"): header(text) for text in sorted(folder.glob("*.inc")) if text.with_suffix(".h").exists()}
 
 
 def header(text: Path) -> str:
-    """The header of one text."""
+    """Return the header of one .inc file; parts outside BEGIN and END are read from the existing header."""
     old = text.with_suffix(".h").read_text()
     before = old[: old.index(BEGIN.format(scalar="double", name=text.name))]
     after = old[old.index(END) :].split("\n", 1)[1]
-    made = [
+    parts = [
         _rule(BEGIN.format(scalar=scalar, name=text.name)) + "\n\n" + for_scalar(text.read_text(), scalar) for scalar in SCALARS
     ]
-    return before + "\n".join(made) + "\n" + _rule(END) + "\n" + after
+    return before + "\n".join(parts) + "\n" + _rule(END) + "\n" + after
 
 
 def for_scalar(text: str, scalar: str) -> str:
-    """The text for one scalar, its first comment left out; comments and continuation lines stay in their columns."""
+    """Return the text for "double" or "float" without its first comment; comments and continuation lines keep their columns."""
     suffix, limits = SCALARS[scalar]
     lines, shift = [], 0
     for line in text.split("\n\n", 1)[1].rstrip().split("\n"):

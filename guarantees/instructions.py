@@ -23,12 +23,12 @@ def instructions(task: Task) -> str:
     found = _count(task, folder, image)
     measured: budget.Numbers = {}
     for (module, kind), (least, most) in found.items():
-        measured.setdefault(module, {}).update({f"least {kind}": least, f"most {kind}": most})
+        counted = {f"most {kind}": most} if task.short else {f"least {kind}": least, f"most {kind}": most}
+        measured.setdefault(module, {}).update(counted)  # of fewer states the least may be more than budgeted
     spread = [f"{module} {low} to {high}" for (module, kind), (low, high) in found.items() if kind == "good" and low != high]
     said = f"the same for every good answer, but of {', '.join(spread)}" if spread else "the same for every good answer"
-    if task.short:
-        return f"{said} ({len(measured)} functions)"
-    return f"{said}; {budget.compare(task, M4F, measured)}"
+    compared = budget.compare(task, M4F, measured)
+    return f"{said} ({len(measured)} functions)" if task.short else f"{said}; {compared}"
 
 
 def _image(task: Task, folder):

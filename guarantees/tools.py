@@ -156,17 +156,21 @@ def run(command: Sequence[str | Path], folder: Path | None = None, **more: str) 
 
 
 def attempt(command: Sequence[str | Path], folder: Path | None = None, **more: str) -> tuple[int, str]:
-    """Exit code and what a tool says."""
-    done = subprocess.run(
-        [str(word) for word in command],
-        cwd=folder,
-        env={**os.environ, **more},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=TIMEOUT,
-    )
+    """Exit code and what a tool says. Failed: it has not ended in time."""
+    words = [str(word) for word in command]
+    try:
+        done = subprocess.run(
+            words,
+            cwd=folder,
+            env={**os.environ, **more},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=TIMEOUT,
+        )
+    except subprocess.TimeoutExpired as late:
+        raise Failed(f"{words[0]} has not ended after {TIMEOUT} s: {' '.join(words)}") from late
     return done.returncode, done.stdout
 
 

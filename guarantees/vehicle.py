@@ -9,10 +9,9 @@ import cffi
 import numpy as np
 
 from ..controllers.build import RUNTIME
-from ..controllers.runtime import load, without_bodies
+from ..controllers.runtime import InC, load, without_bodies
 
 ROOT = RUNTIME.parent
-FIRMWARE, GENERATED = ROOT / "firmware", ROOT / "generated" / "labmate"
 PERIOD = 0.01  # s, of firmware/robot.c
 RUN, HOLD, STOP = range(3)  # states of the watchdog
 
@@ -83,13 +82,15 @@ class Refused(Exception):
         self.status = status
 
 
-class Firmware:
+class Firmware(InC):
     """The firmware's C on this host: `ffi` knows its types, `lib` its functions."""
 
-    def __init__(self, folder: Path):
-        own = [FIRMWARE / f"{name}.{kind}" for name in ("vehicle", "motor", "watchdog", "robot") for kind in "ch"]
-        own += [FIRMWARE / "board.h", *(FIRMWARE / "boards" / name for name in ("clock.h", "simulated.c"))]
-        own += [GENERATED / f"{name}.{kind}" for name in ("labmate_f", "labmate_type_iv_segment_f") for kind in "ch"]
+    def __init__(self, folder: Path, root: Path = ROOT):
+        """`root`: of the tree that has the firmware and its law."""
+        firmware, generated = root / "firmware", root / "generated/labmate"
+        own = [firmware / f"{name}.{kind}" for name in ("vehicle", "motor", "watchdog", "robot") for kind in "ch"]
+        own += [firmware / "board.h", *(firmware / "boards" / name for name in ("clock.h", "simulated.c"))]
+        own += [generated / f"{name}.{kind}" for name in ("labmate_f", "labmate_type_iv_segment_f") for kind in "ch"]
         files = {path.name: path.read_text().replace('"../', '"') for path in own}
         simulated = files.pop("simulated.c").replace('#include "semihosting.h"\n', "")
         self.ffi = cffi.FFI()
@@ -116,10 +117,6 @@ class Firmware:
         if status != 0:
             raise Refused(self.status(status))
         return made
-
-    def status(self, number: int) -> str:
-        """Name of a status."""
-        return self.ffi.string(self.lib.noslip_status_name(number)).decode()
 
     def motor(self, **settings):
         """Answers the motor and the status of its init."""

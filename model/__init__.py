@@ -1,6 +1,6 @@
-"""The mathematics, symbolic only: mechanism, reduction, output maps, linearization.
+"""The mathematical model, symbolic only: mechanism, reduction, output maps, linearization, control law.
 
-Each step is one function with a type on both ends:
+Each step is one function with typed argument and result:
 
     Mechanism -> reduce -> ReducedSystem -> linearize(OutputMap) -> Linearization -> ControlLaw
 """

@@ -1,4 +1,4 @@
-"""Where a robot touches the ground: how the velocities of its contacts follow from its constraints."""
+"""Contacts with the ground: how the velocities of the contact points follow from the constraints."""
 
 import casadi as ca
 import numpy as np
@@ -11,11 +11,12 @@ from .mechanism import Mechanism
 
 
 def combination(mechanism: Mechanism) -> ca.SX:
-    """C(q), 2 c x m, with the velocities along and across of the c contacts = C A qdot: they vanish with the constraints.
+    """Return C(q), 2 c x m, such that the velocities along and across at the c contacts are C A qdot; they vanish with the
+    constraints.
 
-    The ground's forces F (N, along and across of each contact in turn) do the power F' C A qdot, the constraints' in (8)
-    do -lambda' A qdot; so C' F = -lambda in the rows of the constraints that contacts keep, those where C has a column.
-    Raises ModelError for a contact that may move while the constraints hold, and when the contacts cannot give every
+    The ground forces F (N, along and across at each contact in turn) have the power F' C A qdot, the constraint forces in (8)
+    -lambda' A qdot. Hence C' F = -lambda in the rows of the constraints that contacts maintain, those where C has a column.
+    Raises ModelError for a contact that can move while the constraints hold, and if the contacts cannot produce every
     lambda of those constraints.
     """
     A, rows = mechanism.A, mechanism.contact_rows
@@ -26,20 +27,20 @@ def combination(mechanism: Mechanism) -> ca.SX:
     if moving.largest() > RANK_TOLERANCE:
         k = moving.largest_row()
         name, way = mechanism.contacts[k // 2].name, ("along", "across")[k % 2]
-        raise ModelError(f"{mechanism.name}: contact {name!r} can move {way} while the constraints hold: correct its velocity")
+        raise ModelError(f"{mechanism.name}: contact {name!r} can move {way} while the constraints hold; correct its velocity")
     values = _sampled(mechanism, C).values
     largest = np.abs(values).max(axis=(0, 1))
     kept = [repr(name) for name, size in zip(mechanism.constraint_names, largest, strict=True) if size > RANK_TOLERANCE]
     if max(map(rank, values)) < len(kept):
         raise ModelError(
-            f"{mechanism.name}: the contacts do not tell how the forces of {', '.join(kept)} are shared out: "
-            "add contacts, or write their velocities as those constraints are written"
+            f"{mechanism.name}: the contacts do not determine how the forces of {', '.join(kept)} are distributed; "
+            "add contacts, or write their velocities in the same form as those constraints"
         )
     return C
 
 
 def axles(mechanism: Mechanism) -> list[list[int]]:
-    """Contacts, by their places in the list, that stand on one axle: those with the same velocity across."""
+    """Return the contacts on each axle, as indices: those with the same velocity across."""
     across = mechanism.contact_rows[1::2, :]
     found: list[list[int]] = []
     for k in range(len(mechanism.contacts)):

@@ -1,5 +1,5 @@
-"""The one error a model raises."""
+"""The exception for invalid models."""
 
 
 class ModelError(ValueError):
-    """A robot, output or parameter that the method cannot take: the message says what, where and what to do."""
+    """A robot, output or parameter for which the method is not applicable. The message says what, where and what to do."""

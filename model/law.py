@@ -17,7 +17,7 @@ class ControlLaw:
 
     Outer loop, row of relative degree 2: v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y); degree 1: v = ydot_d + kv (y_d - y).
     `v` and `u` are (n-m) x 1, `tau` is r x 1 in the units of the inputs. They depend on `groups`: parameters, config (of the
-    output map), gains, state [q; nu] and reference, in SI units. `u_of_demand` and `tau_of_demand` take v itself as an argument.
+    output map), gains, state [q; nu] and reference, in SI units. `u_of_demand` and `tau_of_demand` are functions of v itself.
     """
 
     linearization: Linearization
@@ -35,35 +35,39 @@ class ControlLaw:
 
     @property
     def name(self) -> str:
-        """The law's name, as on the command line, in JSON and in C."""
+        """Return the law's name, as on the command line, in JSON and in C."""
         return self.output.name
 
     @property
     def system(self) -> ReducedSystem:
-        """The reduced system it controls."""
+        """Return the reduced system that it controls."""
         return self.linearization.system
 
     @property
     def output(self) -> OutputMap:
-        """The outputs it makes follow."""
+        """Return the outputs that it controls."""
         return self.linearization.output
 
     @property
     def speed_row(self) -> int | None:
-        """The row of relative degree 1 if there is exactly one: what is wanted of it can be given up for the others."""
+        """Return the row of relative degree 1 if there is exactly one: its acceleration can be reduced in favour of the other
+        rows.
+        """
         degree = self.linearization.relative_degree
         return degree.index(1) if degree.count(1) == 1 else None
 
     @property
     def slope(self) -> ca.SX:
-        """Derivative of tau by the demand of the speed row, r x 1 (0 x 1 without one): tau is affine in the demand (20), (12)."""
+        """Return the derivative of tau by the virtual input of the speed row, r x 1 (0 x 1 without one); tau is affine in v
+        (20), (12).
+        """
         if self.speed_row is None:
             return ca.SX(0, 1)
         return ca.jacobian(self.tau_of_demand, self.demand[self.speed_row].symbol)
 
     @property
     def groups(self) -> dict[str, tuple[Quantity, ...]]:
-        """Everything the law depends on, by where it comes from."""
+        """Return all quantities on which the law depends, by group."""
         return {
             "params": self.parameters,
             "config": self.config,
@@ -73,25 +77,36 @@ class ControlLaw:
             "demand": self.demand,
         }
 
+    @property
+    def quantities(self) -> dict[str, ca.SX]:
+        """What an evaluation of the law returns, by name."""
+        found = self.linearization
+        return {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": self.u, "tau": self.tau}
+
+    def at_state(self, *expressions: ca.SX) -> ca.Function:
+        """CasADi function from (state, parameters, config) to the expressions, which depend on nothing else."""
+        arguments = [symbols(self.groups[name]) for name in ("state", "params", "config")]
+        return ca.Function(self.name, arguments, [ca.densify(expression) for expression in expressions])
+
     def function(self, quantities: dict[str, ca.SX]) -> ca.Function:
-        """CasADi function from (params, config, gains, state, reference) to the named quantities."""
+        """Return the CasADi function from (params, config, gains, state, reference) to the named quantities."""
         names = [name for name in self.groups if name != "demand"]
         arguments = [symbols(self.groups[name]) for name in names]
         return ca.Function(self.name, arguments, [ca.densify(q) for q in quantities.values()], names, list(quantities))
 
 
 def symbols(quantities: Sequence[Quantity]) -> ca.SX:
-    """The symbols of a group, as a column."""
+    """Return the symbols of a group as a column."""
     return ca.vertcat(*[q.symbol for q in quantities])
 
 
 def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
-    """Build the law for one output map. Raises ModelError as `linearize` does."""
+    """Return the control law for one output map. Raises ModelError as `linearize` does."""
     found = linearize(system, output)
     gains, reference = _outer_loop_symbols(found)
     v = outer_loop(found.relative_degree, [k.symbol for k in gains], [y.symbol for y in reference], found.h, found.rate)
     demand = tuple(
-        quantity(f"v_{row.name}", _derivative_unit(row.unit, degree), f"wanted derivative {degree} of {row.name}")
+        quantity(f"v_{row.name}", _derivative_unit(row.unit, degree), f"virtual input: derivative {degree} of {row.name}")
         for row, degree in zip(output.rows, found.relative_degree, strict=True)
     )
     for group, members in (("reference", reference), ("gains", gains)):
@@ -115,7 +130,7 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
 
 
 def outer_loop(degree: Sequence[int], gains: Sequence[ca.SX], reference: Sequence[ca.SX], h: ca.SX, rate: ca.SX) -> ca.SX:
-    """The wanted derivatives v from outputs h and their rates, gains and references taken in order, row by row."""
+    """Return the virtual input v from outputs h and their rates, with gains and references in order, row by row."""
     gain, wanted, rates = iter(gains), iter(reference), iter(ca.vertsplit(rate) if rate.numel() else ())
     v = []
     for k, y in zip(degree, ca.vertsplit(h), strict=True):
@@ -128,17 +143,17 @@ def outer_loop(degree: Sequence[int], gains: Sequence[ca.SX], reference: Sequenc
 
 
 def _outer_loop_symbols(found: Linearization) -> tuple[tuple[Quantity, ...], tuple[Quantity, ...]]:
-    """Gains and references of every row. The paper's gains are lost in the scan: 1, 2.5 and 2 are assumed."""
+    """Return gains and references of every row. The paper's gains are illegible in the scan: 1, 2.5 and 2 are assumed."""
     gains: list[Quantity] = []
     reference: list[Quantity] = []
     for row, degree in zip(found.output.rows, found.relative_degree, strict=True):
         name, unit = row.name, row.unit
-        reference.append(quantity(name, unit, f"wanted {row.about}"))
-        reference.append(quantity(f"{name}_rate", per_second(unit), f"wanted rate of {name}"))
+        reference.append(quantity(name, unit, f"desired {row.about}"))
+        reference.append(quantity(f"{name}_rate", per_second(unit), f"desired rate of {name}"))
         if degree == 1:
             gains.append(quantity(f"kv_{name}", "1/s", f"{name} error", 2.0, "nonnegative"))
             continue
-        reference.append(quantity(f"{name}_acceleration", _derivative_unit(unit, 2), f"wanted second derivative of {name}"))
+        reference.append(quantity(f"{name}_acceleration", _derivative_unit(unit, 2), f"desired second derivative of {name}"))
         gains.append(quantity(f"kp_{name}", "1/s^2", f"{name} error", 1.0, "nonnegative"))
         gains.append(quantity(f"kd_{name}", "1/s", f"error of the rate of {name}", 2.5, "nonnegative"))
     return tuple(gains), tuple(reference)

@@ -18,8 +18,8 @@ from .errors import ModelError
 from .outputs import OutputMap
 from .reduction import ReducedSystem
 
-SINGULAR = 1e-5  # of a measure of Phi (`Linearization.measure`): at or below it Phi counts as singular, everywhere
-SINGULAR_SQUARED = 1e-10  # the same for squares, which need no root
+SINGULAR = 1e-5  # Phi is regarded as singular if its measure (`Linearization.measure`) is at or below this
+SINGULAR_SQUARED = 1e-10  # the same for squares, which avoid a root
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +42,12 @@ class Linearization:
 
     @cached_property
     def determinant(self) -> ca.SX:
-        """det Phi."""
+        """Return det Phi."""
         return self.system.simplified("det Phi", ca.det(self.Phi), (self.Phi,), determinant)
 
     @property
     def scale_squared(self) -> ca.SX:
-        """Square of the product of Phi's row norms, which |det Phi| cannot exceed."""
+        """Return the square of the product of Phi's row norms, an upper bound of (det Phi)^2."""
         product = ca.SX(1)
         for row in range(self.Phi.shape[0]):
             product *= ca.sumsqr(self.Phi[row, :])
@@ -55,24 +55,26 @@ class Linearization:
 
     @cached_property
     def measure(self) -> tuple[ca.SX, ca.SX]:
-        """Phi is regular where the first exceeds SINGULAR times the second, neither negative.
+        """Return two nonnegative expressions; Phi is regular where the first exceeds SINGULAR times the second.
 
-        Up to 2 x 2 these are |det Phi| and the product of Phi's row norms; above, 1 and the condition |Phi| |Phi^-1| in the
-        1-norm. Phi is taken in the units of the outputs and quasi-velocities, nothing is scaled.
+        Up to 2 x 2 these are |det Phi| and the product of Phi's row norms; above, 1 and the condition number |Phi| |Phi^-1| in
+        the 1-norm. Phi is used in the units of the outputs and quasi-velocities, without scaling.
         """
         if self.Phi.shape[0] <= 2:
             return ca.fabs(self.determinant), ca.sqrt(self.scale_squared)
         return ca.SX(1), norm(self.Phi) * norm(solve(self.Phi, ca.SX.eye(self.Phi.shape[0])))
 
     def second_feedback(self, v: ca.SX) -> ca.SX:
-        """u = Phi^-1 (v - drift) (20), (n-m) x 1: makes the highest derivatives equal v."""
+        """Return u = Phi^-1 (v - drift) (20), (n-m) x 1, which makes the highest derivatives equal to v."""
         if self.Phi.shape[0] <= 3:
             return ca.adj(self.Phi) @ (v - self.drift) / self.determinant
         return solve(self.Phi, v - self.drift)
 
 
 def norm(matrix: ca.SX) -> ca.SX:
-    """The 1-norm: the largest sum of sizes in a column. NaN where an entry is NaN, unlike with fmax; no branch."""
+    """Return the 1-norm, the largest column sum of absolute values. NaN if an entry is NaN, unlike with fmax; without
+    branches.
+    """
     largest, *others = ca.horzsplit(ca.densify(ca.sum1(ca.fabs(matrix))))
     for other in others:
         largest = (largest + other + ca.fabs(largest - other)) / 2
@@ -80,11 +82,11 @@ def norm(matrix: ca.SX) -> ca.SX:
 
 
 def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
-    """Find each row's relative degree and build Phi, its derivative along the motion and the drift.
+    """Return the linearization: the relative degree of each row, Phi, its derivative along the motion and the drift.
 
-    A row that depends on nu has degree 1: its row of Phi is dh/dnu. A row h(q) has degree 2: dh/dq S.
-    Raises ModelError when the output map is not one of this system's (`OutputMap.check`), when the rows are not n-m, when a
-    row of Phi vanishes identically or when Phi is singular everywhere.
+    A row that depends on nu has degree 1; its row of Phi is dh/dnu. A row h(q) has degree 2; its row of Phi is dh/dq S.
+    Raises ModelError if the output map does not belong to this system (`OutputMap.check`), the number of rows is not n-m, a
+    row of Phi vanishes identically, or Phi is singular everywhere.
     """
     where = f"{system.mechanism.name}, output {output.name}"
     if len(output.rows) != system.freedom:
@@ -102,13 +104,13 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
         if degree_in(canonical(expression), system.nu) == math.inf:
             raise ModelError(
                 f"{where}: row {row.name!r} depends on the quasi-velocities, but its derivative by them vanishes (a step, or a "
-                "part that is flat there); replace it by an output whose rate the inputs change"
+                "constant part); replace it by an output whose rate depends on the inputs"
             )
         second, second_drift = derivative(system, expression, 2)
         if _vanishes(system, output, second):
             raise ModelError(
                 f"{where}: row {row.name!r} of Phi vanishes identically: neither the output nor its rate "
-                "feels an input, because the constraints keep the output constant; replace it by one that moves"
+                "depends on an input, because the constraints keep the output constant; replace it by one that moves"
             )
         degree.append(2)
         rates.append(second @ system.nu)
@@ -121,7 +123,7 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
 
 
 def derivative(system: ReducedSystem, expression: ca.SX, degree: int) -> tuple[ca.SX, ca.SX]:
-    """Row of Phi and drift of the derivative of order `degree` of an output: Phi u + drift."""
+    """Return the row of Phi and the drift of the derivative of order `degree` of an output: Phi u + drift."""
     if degree == 1:
         slope = ca.jacobian(expression, system.nu)
         return system.simplified("a row of Phi", slope, (slope,), lambda slope: slope), system.along_motion(expression)
@@ -131,7 +133,7 @@ def derivative(system: ReducedSystem, expression: ca.SX, degree: int) -> tuple[c
 
 
 def _vanishes(system: ReducedSystem, output: OutputMap, row: ca.SX) -> bool:
-    """Is this row zero at random states and parameters?"""
+    """Return whether this row is zero at random states and parameters."""
     return row.is_zero() or _sampled(system, output, row).largest() < 1e-12
 
 
@@ -141,7 +143,7 @@ def _sampled(system: ReducedSystem, output: OutputMap, matrix: ca.SX) -> Sampled
 
 
 def _not_square(system: ReducedSystem, output: OutputMap) -> str:
-    """Why Phi is not square, and what would make it so."""
+    """Return the reason why Phi is not square, and how to make it so."""
     given, wanted = len(output.rows), system.freedom
     rows, motions = ", ".join(row.name for row in output.rows), ", ".join(q.name for q in system.quasi_velocities)
     more = f"add {wanted - given}" if given < wanted else f"drop {given - wanted}"
@@ -149,7 +151,9 @@ def _not_square(system: ReducedSystem, output: OutputMap) -> str:
 
 
 def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX) -> None:
-    """Refuse outputs that can never be controlled together, and say which depend on each other and what none of them feels."""
+    """Raise ModelError if Phi is singular everywhere; the message names the dependent outputs and the directions without
+    effect.
+    """
     values = _sampled(system, output, Phi).values
     if any(map(is_regular, values)):
         return
@@ -158,34 +162,36 @@ def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX) -> None
     for column, velocity in enumerate(motions):
         if max(np.abs(value[:, column]).max() for value in values) < 1e-12:
             raise ModelError(
-                f"{where}: no output feels the input along {velocity}; replace one by {velocity} itself or by an output whose "
+                f"{where}: no output depends on the input along {velocity}; replace one by {velocity} itself or by an "
+                "output whose "
                 f"rate depends on it, such as a point that {velocity} moves (ahead of a steered wheel, not on its axle)"
             )
     if max(map(rank, values)) == len(rows):
         best = max(1 / np.linalg.cond(value, 1) for value in values)
         raise ModelError(
-            f"{where}: its reciprocal condition is {best:.0e} at most, and singular is what is not above {SINGULAR:g}; "
-            "give outputs and quasi-velocities units in which they are of like size"
+            f"{where}: its reciprocal condition number is at most {best:.0e}, and values up to {SINGULAR:g} count as singular; "
+            "choose units of outputs and quasi-velocities in which they are of similar size"
         )
     together = next(_dependent(values))
     shared = max(rank(value[together, :]) for value in values)
     felt = [q for j, q in enumerate(motions) if max(np.abs(value[together, j]).max() for value in values) > 1e-12]
     raise ModelError(
-        f"{where}: the outputs {', '.join(rows[i] for i in together)} depend on each other: all they feel is {shared} "
-        f"{'combination' if shared == 1 else 'combinations'} of {', '.join(felt)}; replace one of them by an output that feels "
+        f"{where}: the outputs {', '.join(rows[i] for i in together)} depend on each other: they contain only {shared} "
+        f"{'combination' if shared == 1 else 'combinations'} of {', '.join(felt)}; replace one of them by an output that "
+        "contains "
         "another, such as a point elsewhere on the robot (ahead of a steered wheel, off an axle)"
     )
 
 
 def is_regular(Phi: np.ndarray) -> bool:
-    """Numbers: is Phi regular, by the measure of `Linearization.measure`?"""
+    """Return whether a numerical Phi is regular by the measure of `Linearization.measure`."""
     if len(Phi) <= 2:
         return abs(np.linalg.det(Phi)) > SINGULAR * np.prod(np.linalg.norm(Phi, axis=1))
     return rank(Phi) == len(Phi) and 1 > SINGULAR * np.linalg.cond(Phi, 1)
 
 
 def _dependent(values: list[np.ndarray]) -> Iterator[list[int]]:
-    """Sets of rows that are dependent in every sample, smallest first."""
+    """Yield sets of rows that are dependent in every sample, smallest first."""
     for size in range(2, len(values[0]) + 1):
         for rows in map(list, combinations(range(len(values[0])), size)):
             if all(rank(value[rows, :]) < size for value in values):

@@ -1,7 +1,7 @@
-"""A mechanical system with rolling constraints, written down once: paper equations (2) and (8).
+"""A mechanical system with rolling constraints, described once: paper equations (2) and (8).
 
-The user names coordinates and parameters, adds the energy of each body, states which velocities vanish where
-something rolls, and says where the inputs act. M, V, A and E follow by CasADi's differentiation.
+The user names coordinates and parameters, adds the energy of each body, states which velocities vanish where something rolls, and
+where the inputs act. M, V, A and E follow by CasADi's differentiation.
 """
 
 import math
@@ -32,7 +32,7 @@ SIGNS: dict[str, tuple[Callable[[float], bool], str]] = {
 
 @dataclass(frozen=True)
 class Quantity:
-    """A named scalar: symbol, unit (SI), meaning; a parameter also has a default and a sign it must keep."""
+    """A named scalar: symbol, unit (SI), meaning; a parameter also has a default and a required sign."""
 
     name: str
     unit: str
@@ -43,11 +43,11 @@ class Quantity:
 
     @property
     def in_c(self) -> str:
-        """The name of its member in C."""
+        """Return the name of its member in C."""
         return in_c(self.name)
 
     def check(self, value: float, where: str = "") -> float:
-        """Answer `value` as a float. Raises ModelError when it is not finite or has the wrong sign."""
+        """Return `value` as a float. Raises ModelError if it is not finite or has the wrong sign."""
         place = f"{where}: " if where else ""
         if not is_number(value):
             raise ModelError(f"{place}{self.name} = {value!r} is not a number")
@@ -64,15 +64,15 @@ class Quantity:
 
 
 def quantity(name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any") -> Quantity:
-    """A Quantity with a fresh symbol. Raises ModelError for a name that C or Python cannot take, or an unknown sign."""
+    """Return a Quantity with a new symbol. Raises ModelError for a name that is invalid in C or Python, or an unknown sign."""
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or is_reserved(name):
         raise ModelError(
-            f"name {name!r} cannot be used in C: letters, digits and _ only, no keyword of C, C++ or Python, no macro of the "
-            "standard headers, nothing that begins with noslip_"
+            f"name {name!r} cannot be used in C: use letters, digits and _ only, no keyword of C, C++ or Python, no macro of the "
+            "standard headers, no name that begins with noslip_"
         )
     for text, what in ((unit, "unit"), (about, "about")):
         if not isinstance(text, str) or not text.isprintable() or "*/" in text:
-            raise ModelError(f"{name}: {what} {text!r} must be text on one line that can stand in a C comment")
+            raise ModelError(f"{name}: {what} {text!r} must be text on one line that is valid in a C comment")
     if sign not in tuple(SIGNS):
         raise ModelError(f"{name}: sign {sign!r} is not one of {', '.join(SIGNS)}")
     made = Quantity(name, unit, about, sign=sign, symbol=ca.SX.sym(name))
@@ -80,12 +80,12 @@ def quantity(name: str, unit: str, about: str = "", default: float = 0.0, sign: 
 
 
 def is_number(value: object) -> bool:
-    """A real number of any kind: Python's, NumPy's, a fraction."""
+    """Return whether this is a real number of any kind: Python's, NumPy's, a fraction."""
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
 def per_second(unit: str) -> str:
-    """The unit of a rate: m -> m/s -> m/s^2."""
+    """Return the unit of a rate: m -> m/s -> m/s^2."""
     base, slash, power = unit.partition("/s")
     if not slash or power and not re.fullmatch(r"\^\d+", power):
         return f"{unit}/s"
@@ -93,32 +93,32 @@ def per_second(unit: str) -> str:
 
 
 def scalar(expression: ca.SX | float, where: str) -> ca.SX:
-    """The expression as a 1 x 1 SX. Raises ModelError when it is none."""
+    """Return the expression as a 1 x 1 SX. Raises ModelError if it is not a scalar."""
     made = matrix(expression, where)
     if made.shape != (1, 1):
-        raise ModelError(f"{where} must be a scalar, it is {made.shape[0]} x {made.shape[1]}")
+        raise ModelError(f"{where} must be a scalar; it is {made.shape[0]} x {made.shape[1]}")
     return made
 
 
 def matrix(expression: ca.SX | float, where: str) -> ca.SX:
-    """The expression as SX of any shape. Raises ModelError when it is none."""
+    """Return the expression as SX of any shape. Raises ModelError if it is not an expression."""
     try:
         return ca.SX(expression)
     except (NotImplementedError, TypeError, RuntimeError) as error:
         text = " ".join(repr(expression).split())
-        raise ModelError(f"{where} is no expression: {text[:60]}") from error
+        raise ModelError(f"{where} is not an expression: {text[:60]}") from error
 
 
 def refuse_strangers(expression: ca.SX, known: ca.SX, where: str, belongs: str) -> None:
-    """Raise ModelError when the expression uses a symbol that is not among the known ones."""
+    """Raise ModelError if the expression uses a symbol that is not among the known ones."""
     elements = {symbol.element_hash() for symbol in ca.symvar(known)}
     for symbol in free_symbols(expression):
         if symbol.element_hash() not in elements:
-            raise ModelError(f"{where} uses {symbol}, which is no {belongs}")
+            raise ModelError(f"{where} uses {symbol}, which is not a {belongs}")
 
 
 def refuse_twice(names: Iterable[str], where: str) -> None:
-    """Raise ModelError when a name comes twice."""
+    """Raise ModelError if a name occurs twice."""
     seen: set[str] = set()
     for name in names:
         if name in seen:
@@ -127,12 +127,12 @@ def refuse_twice(names: Iterable[str], where: str) -> None:
 
 
 def values_of(quantities: list[Quantity], given: Mapping[str, float], where: str) -> list[float]:
-    """The value of each quantity: `given` where named, else its default.
+    """Return the value of each quantity: from `given` if named there, else its default.
 
-    Raises ModelError for a name that is not among the quantities, a value that is not finite or has the wrong sign.
+    Raises ModelError for an unknown name, and for a value that is not finite or has the wrong sign.
     """
     if not isinstance(given, Mapping):
-        raise ModelError(f"{where}: must be names with their values, got {given!r}")
+        raise ModelError(f"{where}: must be names with their values, not {given!r}")
     known = {q.name for q in quantities}
     for name in given:
         if name not in known:
@@ -143,13 +143,14 @@ def values_of(quantities: list[Quantity], given: Mapping[str, float], where: str
 def _before_reduction(
     method: Callable[Concatenate["Mechanism", Arguments], Result],
 ) -> Callable[Concatenate["Mechanism", Arguments], Result]:
-    """A method that changes a robot's equations, refused once these have been reduced."""
+    """Decorate a method that changes a robot's equations: it raises ModelError after these have been reduced."""
 
     @wraps(method)
     def checked(self: "Mechanism", /, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
         if self.reduced:
             raise ModelError(
-                f"{self.name}: {method.__name__} after the robot was reduced, which laws and plants rely on; "
+                f"{self.name}: {method.__name__} was called after the robot was reduced, and laws and plants depend on the "
+                "result; "
                 "add everything before, or build a new Mechanism"
             )
         return method(self, *arguments, **named)
@@ -162,12 +163,12 @@ class Mechanism:
 
     n coordinates q, m constraints A(q) qdot = 0, r inputs tau: M(q) qddot + V(q, qdot) = E(q) tau - A(q)' lambda  (8).
 
-    `reduced`: `reduce` has made its equations (10). From then on it takes outputs only: robots found by name are shared, and
-    what is derived from them is kept.
+    `reduced` is true after `reduce` has formed its equations (10). From then on only outputs can be added, because robots found
+    by name are shared and what is derived from them is cached.
     """
 
     def __init__(self, name: str, about: str = ""):
-        quantity(name, "")  # the name becomes C identifiers and file names
+        quantity(name, "")  # checks the name, which becomes C identifiers and file names
         refuse_robot(name)
         self.name = name
         self.about = about
@@ -181,6 +182,7 @@ class Mechanism:
         self.contacts: list[Contact] = []
         self.vehicle: Vehicle | None = None
         self.outputs: list[Output] = []
+        self.lines: list[ca.SX] = []
         self.bodies: list[Body] = []
         self._constraints: list[ca.SX] = []
         self._actuation: list[ca.SX] = []
@@ -192,11 +194,11 @@ class Mechanism:
         self._kinetic = ca.SX(0)
         self._potential = ca.SX(0)
 
-    # -- what the user writes -----------------------------------------------------------------------------------
+    # -- methods for the user -----------------------------------------------------------------------------------
 
     @_before_reduction
     def coordinate(self, name: str, unit: str, about: str = "") -> ca.SX:
-        """Add a generalized coordinate and answer its symbol."""
+        """Add a generalized coordinate and return its symbol."""
         q = self._new(name, unit, about)
         self.velocities.append(self._new(f"{name}_dot", per_second(unit), f"rate of {name}"))
         self.coordinates.append(q)
@@ -205,19 +207,21 @@ class Mechanism:
 
     @_before_reduction
     def parameter(self, name: str, default: float, unit: str, about: str = "", sign: str = "positive") -> ca.SX:
-        """Add a physical parameter (SI) and answer its symbol; `sign` is positive, nonnegative or any."""
+        """Add a physical parameter (SI) and return its symbol; `sign` is positive, nonnegative or any."""
         self.parameters.append(self._new(name, unit, about, default, sign))
         return self.parameters[-1].symbol
 
     def rate(self, expression: ca.SX) -> ca.SX:
-        """Time derivative of an expression in the coordinates, along qdot. Raises ModelError for one that jumps."""
+        """Return the time derivative of an expression in the coordinates, along qdot. Raises ModelError if the expression has
+        jumps.
+        """
         where = "rate of an expression"
         position = self._smooth(self._at_rest(matrix(expression, f"{self.name}: rate"), where), where)
         return time_derivative(position, self.q, self.qdot) if self.coordinates else ca.SX(*position.shape)
 
     @_before_reduction
     def kinetic_energy(self, energy: ca.SX) -> None:
-        """Add the kinetic energy of a body, J, quadratic in the coordinates' rates."""
+        """Add the kinetic energy of a body, J, quadratic in the rates of the coordinates."""
         self._kinetic += self._smooth(self._scalar(energy, "kinetic energy"), "kinetic energy", bends=False)
         self._forget()
 
@@ -225,9 +229,9 @@ class Mechanism:
     def body(self, name: str, mass: ca.SX, inertia: ca.SX, forward: ca.SX, left: ca.SX, yaw_rate: ca.SX) -> None:
         """Add a rigid body in the plane by the velocity (m/s) of its centre of mass along its own axes and its yaw rate (rad/s).
 
-        The same as kinetic_energy(mass (forward^2 + left^2) / 2 + inertia yaw_rate^2 / 2). But where each body's velocities
-        are written with those of the body before it, the reduced equations come body by body, at a cost that grows
-        linearly along a chain. `reduce` refuses velocities that are not along axes which turn at the yaw rate.
+        The energy is that of kinetic_energy(mass (forward^2 + left^2) / 2 + inertia yaw_rate^2 / 2). If the velocities of each
+        body are written in terms of those of the body before it, the reduced equations are formed body by body, at a cost that
+        grows linearly along a chain. `reduce` raises ModelError unless the velocities are along axes that turn at the yaw rate.
         """
         quantity(name, "")
         refuse_twice([*(b.name for b in self.bodies), name], f"{self.name}, bodies")
@@ -250,9 +254,9 @@ class Mechanism:
 
     @_before_reduction
     def force(self, force: ca.SX, on: ca.SX) -> None:
-        """Add a force (N or N m) that does the power force * `on`; `on` is a velocity, linear in the rates.
+        """Add a force (N or N m) with the power force * `on`; `on` is a velocity, linear in the rates.
 
-        Dissipation is force(-k * w, on=w).
+        For dissipation use force(-k * w, on=w).
         """
         velocity = self._velocity(on, "force's velocity")
         self._forces.append((self._scalar(force, "force"), velocity))
@@ -260,7 +264,7 @@ class Mechanism:
 
     @_before_reduction
     def rolls(self, name: str, velocity: ca.SX) -> None:
-        """Add a constraint (2): this velocity, linear in the rates, stays zero."""
+        """Add a constraint (2): this velocity, linear in the rates, is zero."""
         if not isinstance(name, str) or not name.strip() or not name.isprintable():
             raise ModelError(f"{self.name}: a constraint's name must be text on one line, got {name!r}")
         refuse_twice([*self.constraint_names, name], f"{self.name}, constraints")
@@ -277,17 +281,17 @@ class Mechanism:
     def input(
         self, name: str, unit: str, on: ca.SX, about: str = "", weight: ca.SX | float = 1.0, wanted: ca.SX | float = 0.0
     ) -> None:
-        """Add an input (force or torque) that does the power input * `on`: a column of E(q).
+        """Add an input (force or torque) with the power input * `on`: a column of E(q).
 
-        Where there are more inputs than n-m, many give the same motion (12). Of these the law takes the ones with the least
-        sum of weight (input - wanted)^2; what they differ in acts on the constraint forces (8) alone. `weight` is a positive
-        number or is made of parameters; `wanted`, in the unit of the input, may depend on coordinates and rates too.
-        Raises ModelError for a weight that is none.
+        With more inputs than n-m, many inputs give the same motion (12). Of these the law chooses those with the smallest sum of
+        weight (input - wanted)^2; their difference affects only the constraint forces (8). `weight` is a positive number or an
+        expression in parameters; `wanted`, the preferred input in its unit, may also depend on coordinates and rates.
+        Raises ModelError for an invalid weight.
         """
         made, where = self._new(name, unit, about), f"input {name!r}"
         weight, wanted = self._scalar(weight, f"{where}, weight"), self._scalar(wanted, f"{where}, wanted")
         if ca.depends_on(weight, ca.vertcat(self.q, self.qdot)) or weight.is_constant() and not 0 < float(weight) < math.inf:
-            raise ModelError(f"{self.name}: {where}: weight {weight} must be a positive number or made of parameters")
+            raise ModelError(f"{self.name}: {where}: weight {weight} must be a positive number or an expression in parameters")
         if wanted.is_constant() and not math.isfinite(float(wanted)):
             raise ModelError(f"{self.name}: {where}: wanted {wanted} is not finite")
         self._actuation.append(self._velocity(on, where))
@@ -298,19 +302,23 @@ class Mechanism:
 
     @_before_reduction
     def quasi_velocity(self, name: str, unit: str, expression: ca.SX, about: str = "") -> None:
-        """Choose a quasi-velocity nu_i as an expression linear in the rates; S(q) follows from all of them (9)."""
+        """Choose a quasi-velocity nu_i as an expression linear in the rates; all of them together determine S(q) (9)."""
         made = self._new(name, unit, about)
         if self._null_space is not None:
-            raise ModelError(f"{self.name}: quasi-velocity {name!r} after null_space, which names them all; use one or the other")
+            raise ModelError(
+                f"{self.name}: quasi-velocity {name!r} after null_space, which defines them all; use one or the other"
+            )
         self._quasi_expressions.append(self._velocity(expression, f"quasi-velocity {name!r}"))
         self.quasi_velocities.append(made)
         self._forget()
 
     @_before_reduction
     def null_space(self, S: ca.SX, names: Mapping[str, str]) -> None:
-        """Give S(q), n x (n-m), outright; `names` maps each quasi-velocity's name to its unit."""
+        """Set S(q), n x (n-m), directly; `names` maps the name of each quasi-velocity to its unit."""
         if not isinstance(names, Mapping):
-            raise ModelError(f"{self.name}: null_space needs the quasi-velocities' names with their units, got {names!r}")
+            raise ModelError(
+                f"{self.name}: null_space requires the names of the quasi-velocities with their units, not {names!r}"
+            )
         made = [self._new(name, unit) for name, unit in names.items()]
         if self.quasi_velocities:
             raise ModelError(
@@ -323,7 +331,7 @@ class Mechanism:
 
     @_before_reduction
     def moves_in_plane(self, x: ca.SX, y: ca.SX, heading: ca.SX) -> None:
-        """Say where the vehicle is, for output Types I to IV: a point (m) and a heading (rad, from the x axis)."""
+        """Define the pose of the vehicle, for output Types I to IV: a point (m) and a heading (rad, from the x axis)."""
         places = {"x": x, "y": y, "heading": heading}
         for name, place in places.items():
             where = f"the vehicle's {name}"
@@ -334,18 +342,18 @@ class Mechanism:
     def contact(
         self, name: str, mass: ca.SX, along: ca.SX | None = None, across: ca.SX | None = None, left: ca.SX | float = 0.0
     ) -> None:
-        """Say where the robot touches the ground, so that the forces there can be compared with what friction can give.
+        """Define a contact with the ground, so that the forces there can be compared with the limit of friction.
 
-        `along` and `across` are the velocity (m/s) of the point that touches, forward and to the left over the ground; the
-        constraints keep them zero, by a force (N) in that direction. None: no force that way. `mass` (kg) rests on the
-        contact; `left` (m) is its place to the left of the vehicle's middle line. No equation of motion depends on this.
+        `along` and `across` are the velocity (m/s) of the contact point over the ground, forward and to the left; the constraints
+        keep them zero by a force (N) in that direction. None means no force in that direction. `mass` (kg) rests on the
+        contact; `left` (m) is its position to the left of the vehicle's centre line. No equation of motion depends on this.
         """
         if not isinstance(name, str) or not name.strip() or not name.isprintable():
             raise ModelError(f"{self.name}: a contact's name must be text on one line, got {name!r}")
         refuse_twice([*(c.name for c in self.contacts), name], f"{self.name}, contacts")
         where = f"contact {name!r}"
         if along is None and across is None:
-            raise ModelError(f"{self.name}: {where} needs a velocity along or across, which the constraints keep zero")
+            raise ModelError(f"{self.name}: {where} requires a velocity along or across that the constraints keep zero")
         velocities = [ca.SX(0) if v is None else self._velocity(v, f"{where}, velocity") for v in (along, across)]
         given = [(f"{where}, mass", mass), (f"{where}, left", left)]
         places = [self._at_rest(self._scalar(value, place), place) for place, value in given]
@@ -353,10 +361,10 @@ class Mechanism:
         self._forget()
 
     def output(self, name: str, about: str, rows: Sequence[tuple[Any, ...]], parameters: Sequence[Quantity] = ()) -> None:
-        """Add an output map of your own (14), a law of this name: n-m rows (name, unit, expression, about).
+        """Add a user-defined output map (14), which becomes a law of this name: n-m rows (name, unit, expression, about).
 
-        An expression may use coordinates, rates (`rate`), parameters, and the `parameters` that the map brings along
-        (`noslip.model.config`). Types I to IV need no such call.
+        An expression may contain coordinates, rates (`rate`), parameters, and the additional `parameters` of the map
+        (`noslip.model.config`). Types I to IV are available without this call.
         """
         where = f"{self.name}, output {name!r}"
         quantity(name, "", about)
@@ -370,13 +378,26 @@ class Mechanism:
             place = f"output {name!r}, {label}"
             made.append((quantity(label, unit, meaning), self._smooth(self._scalar(expression, place), place)))
         if not all(isinstance(parameter, Quantity) for parameter in parameters):
-            raise ModelError(f"{where}: parameters must be made with config(name, default, unit, about)")
+            raise ModelError(f"{where}: parameters must be created with config(name, default, unit, about)")
         self.outputs.append(Output(name, about, tuple(made), tuple(parameters)))
 
-    # -- what follows -------------------------------------------------------------------------------------------
+    def draws(self, *lines: Sequence[tuple[ca.SX | float, ca.SX | float]]) -> None:
+        """Say how the robot looks from above: lines through points (x, y), m, in coordinates and parameters.
+
+        A line that ends where it begins is a body's outline, one of two points a wheel. Figures draw `lines`, each (2, points);
+        no equation depends on them. `noslip.model.drawing` has boxes and wheels.
+        """
+        where = f"the points of line {len(self.lines) + 1} that it draws"
+        for line in lines:
+            points = [ca.vertcat(*[self._at_rest(self._scalar(value, where), where) for value in point]) for point in line]
+            self.lines.append(ca.horzcat(*points))
+
+    # -- derived quantities -------------------------------------------------------------------------------------
 
     def __getitem__(self, name: str) -> ca.SX:
-        """Symbol of a coordinate or parameter by its name, for what is built on another robot. Raises ModelError for no such."""
+        """Return the symbol of a coordinate or parameter by name, for robots built on this one. Raises ModelError for unknown
+        names.
+        """
         for known in (*self.coordinates, *self.parameters):
             if known.name == name:
                 return known.symbol
@@ -384,9 +405,9 @@ class Mechanism:
 
     @property
     def required_vehicle(self) -> "Vehicle":
-        """Where the vehicle is. Raises ModelError for a robot that does not say."""
+        """Return the pose of the vehicle. Raises ModelError for a robot that does not define it."""
         if self.vehicle is None:
-            raise ModelError(f"{self.name}: Types I to IV need to know where the vehicle is; call moves_in_plane(x, y, heading)")
+            raise ModelError(f"{self.name}: Types I to IV require the pose of the vehicle; call moves_in_plane(x, y, heading)")
         return self.vehicle
 
     @property
@@ -405,7 +426,7 @@ class Mechanism:
         return ca.vertcat(*[p.symbol for p in self.parameters])
 
     def parameter_values(self, given: Mapping[str, float], where: str = "parameters") -> list[float]:
-        """Value of every parameter, defaults filled in; raises ModelError as `values_of` does."""
+        """Return the value of every parameter, with defaults filled in; raises ModelError as `values_of` does."""
         return values_of(self.parameters, given, where)
 
     @cached_property
@@ -436,13 +457,13 @@ class Mechanism:
 
     @cached_property
     def contact_rows(self) -> ca.SX:
-        """Velocities along and across of each contact in turn, as rows J(q) with velocities = J qdot, 2 c x n."""
+        """Velocities along and across at each contact in turn, as rows J(q) with velocities = J qdot, 2 c x n."""
         pairs = {f"contact {c.name!r}, {way}": getattr(c, way) for c in self.contacts for way in ("along", "across")}
         return self._rows(pairs) if pairs else ca.SX(0, len(self.coordinates))
 
     @cached_property
     def quasi_velocity_rows(self) -> ca.SX | None:
-        """Gamma(q) with nu = Gamma qdot, (n-m) x n; None when the user gave S or nothing."""
+        """Gamma(q) with nu = Gamma qdot, (n-m) x n; None if the user defined S or nothing."""
         if not self._quasi_expressions:
             return None
         pairs = zip(self.quasi_velocities, self._quasi_expressions, strict=True)
@@ -455,7 +476,7 @@ class Mechanism:
 
     @property
     def constraints(self) -> tuple[ca.SX, ...]:
-        """The velocities that stay zero, in order."""
+        """The velocities that the constraints keep zero, in order."""
         return tuple(self._constraints)
 
     @property
@@ -470,7 +491,7 @@ class Mechanism:
 
     @property
     def wanted(self) -> ca.SX:
-        """What is wanted of each input, r x 1, in coordinates, rates and parameters."""
+        """The preferred value of each input, r x 1, in coordinates, rates and parameters."""
         return ca.vertcat(*self._wanted)
 
     @property
@@ -480,12 +501,12 @@ class Mechanism:
 
     @property
     def quasi_expressions(self) -> tuple[ca.SX, ...]:
-        """The quasi-velocities in terms of the rates; empty when the user gave S or nothing."""
+        """The quasi-velocities as expressions in the rates; empty if the user defined S or nothing."""
         return tuple(self._quasi_expressions)
 
     @property
     def rest(self) -> tuple[ca.SX, ca.SX]:
-        """Mass matrix, n x n, and V, n x 1, of the energies that are of no `body`; forces left out."""
+        """Mass matrix, n x n, and V, n x 1, of the energies that do not belong to a `body`; without forces."""
         M = ca.hessian(self._kinetic, self.qdot)[0]
         return canonical(M), canonical(self._coriolis(self._kinetic) + ca.gradient(self._potential, self.q))
 
@@ -494,7 +515,7 @@ class Mechanism:
         return self._total_kinetic + self._potential
 
     def check(self) -> None:
-        """Raise ModelError for anything the method cannot take that shows without numbers."""
+        """Raise ModelError for anything that makes the method inapplicable and that can be seen without numerical values."""
         if not self.coordinates:
             raise ModelError(f"{self.name}: no coordinates; add them with coordinate(name, unit)")
         if not self._constraints:
@@ -510,26 +531,28 @@ class Mechanism:
         quadratic = _is_polynomial(kinetic, self.qdot) and ca.jacobian(self.M, self.qdot).is_zero()
         if not quadratic or not self._simple(rest).is_zero():
             raise ModelError(f"{self.name}: the kinetic energy is not quadratic in the rates")
-        _ = (self.V, self.A, self.E, self.contact_rows, self.quasi_velocity_rows)  # each refuses what is not linear in the rates
+        _ = (self.V, self.A, self.E, self.contact_rows, self.quasi_velocity_rows)  # each raises unless linear in the rates
 
     @property
     def names(self) -> list[str]:
-        """Every name given so far."""
+        """All names defined so far."""
         groups = (self.coordinates, self.velocities, self.parameters, self.inputs, self.quasi_velocities)
         return [known.name for group in groups for known in group]
 
-    # -- inside -------------------------------------------------------------------------------------------------
+    # -- internal -----------------------------------------------------------------------------------------------
 
     @property
     def _total_kinetic(self) -> ca.SX:
         return sum((body.kinetic_energy for body in self.bodies), start=self._kinetic)
 
     def _simple(self, matrix: ca.SX) -> ca.SX:
-        """The matrix, simplified; left as it is where there are bodies, as what a long chain writes out is too much for that."""
+        """Return the matrix simplified; unchanged if there are bodies, because the expanded matrix of a long chain is too
+        large.
+        """
         return ca.sparsify(matrix) if self.bodies else canonical(matrix)
 
     def _coriolis(self, kinetic: ca.SX) -> ca.SX:
-        """What a kinetic energy adds to V, n x 1."""
+        """Return the contribution of a kinetic energy to V, n x 1."""
         momentum = ca.gradient(kinetic, self.qdot)
         return time_derivative(momentum, self.q, self.qdot) - ca.gradient(kinetic, self.q)
 
@@ -542,16 +565,17 @@ class Mechanism:
             *[(f"constraint {name!r}", row) for name, row in named],
             *[(f"input {name!r}", row) for name, row in inputs],
             ("an input's weight", self.weights),
-            ("what is wanted of an input", self.wanted),
+            ("the preferred value of an input", self.wanted),
             *[("a force", ca.vertcat(*pair)) for pair in self._forces],
             *[("a quasi-velocity", row) for row in self._quasi_expressions],
             *[(f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left)) for c in self.contacts],
             *([("S", self._null_space)] if self._null_space is not None else []),
-            *([("the vehicle's place", ca.vertcat(*vars(self.vehicle).values()))] if self.vehicle else []),
+            *[("a line that it draws", line) for line in self.lines],
+            *([("the vehicle's pose", ca.vertcat(*vars(self.vehicle).values()))] if self.vehicle else []),
         ]
 
     def _rows(self, velocities: Mapping[str, ca.SX]) -> ca.SX:
-        """The matrix R(q) with velocities = R qdot. Raises ModelError when one is not linear in the rates."""
+        """Return the matrix R(q) with velocities = R qdot. Raises ModelError if one is not linear in the rates."""
         stacked = ca.vertcat(*velocities.values())
         rows = self._simple(ca.jacobian(stacked, self.qdot))
         rest = self._simple(ca.substitute(stacked, self.qdot, ca.SX.zeros(len(self.coordinates))))
@@ -568,7 +592,7 @@ class Mechanism:
         return made
 
     def _forget(self) -> None:
-        """Drop the matrices made so far: something was added that changes them."""
+        """Discard the cached matrices, after an addition that changes them."""
         for matrix in ("M", "V", "A", "E", "contact_rows", "quasi_velocity_rows"):
             self.__dict__.pop(matrix, None)
 
@@ -578,11 +602,13 @@ class Mechanism:
         return made
 
     def _velocity(self, expression: ca.SX, where: str) -> ca.SX:
-        """A scalar that is to be linear in the rates; that it is shows in `_rows`."""
+        """Return a scalar that must be linear in the rates; `_rows` checks that it is."""
         return self._smooth(self._scalar(expression, where), where, bends=False)
 
     def _smooth(self, expression: ca.SX, where: str, bends: bool = True) -> ca.SX:
-        """The expression, which will be differentiated. Raises ModelError if it jumps, or bends in the rates without `bends`."""
+        """Return an expression that will be differentiated. Raises ModelError for jumps, and for corners in the rates unless
+        `bends`.
+        """
         refuse_jumps(expression, ca.vertcat(self.q, self.qdot), f"{self.name}: {where}")
         bent = [] if bends else kinks(expression, self.qdot)
         if bent:
@@ -590,7 +616,7 @@ class Mechanism:
         return expression
 
     def _at_rest(self, expression: ca.SX, where: str) -> ca.SX:
-        """The expression, refused when it uses rates."""
+        """Return the expression. Raises ModelError if it uses rates."""
         if ca.depends_on(expression, self.qdot) if self.coordinates else False:
             raise ModelError(
                 f"{self.name}: {where} uses rates of coordinates; it must be a function of coordinates and parameters"
@@ -599,7 +625,7 @@ class Mechanism:
 
 
 def _is_polynomial(expression: ca.SX, variables: ca.SX) -> bool:
-    """Is the scalar a polynomial in the variables, as it is written or simplified?"""
+    """Return whether the scalar is a polynomial in the variables, as written or simplified."""
     return degree(expression, variables) < math.inf or degree(canonical(expression), variables) < math.inf
 
 
@@ -631,9 +657,9 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class Contact:
-    """A place that touches the ground: its velocity along and across (m/s, forward and left), both zero while it rolls.
+    """A contact with the ground: its velocity along and across (m/s, forward and left), both zero in rolling.
 
-    `mass` (kg) rests on it, `left` (m) is its place to the left of the vehicle's middle line.
+    `mass` (kg) rests on it, `left` (m) is its position to the left of the vehicle's centre line.
     """
 
     name: str
@@ -645,7 +671,7 @@ class Contact:
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """An output map of the user's own: rows as (name with unit and meaning, expression in coordinates and rates)."""
+    """A user-defined output map: rows as (name with unit and meaning, expression in coordinates and rates)."""
 
     name: str
     about: str

@@ -1,4 +1,4 @@
-"""Names that can stand in C, C++ and Python: what is taken already, and what the names made from two outputs have in common."""
+"""Names that are valid in C, C++ and Python: reserved names, and collisions between names generated for two outputs."""
 
 import errno
 import keyword
@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator
 
 from .errors import ModelError
 
-TYPE = "type_"  # begins the names of Types I to IV
-FLOAT = "_f"  # ends the name of everything in float
+TYPE = "type_"  # prefix of the names of Types I to IV
+FLOAT = "_f"  # suffix of every name in float
 
 KEYWORDS = frozenset(
     "auto break case char const continue default do double else enum extern float for goto if inline int long register "
@@ -19,7 +19,7 @@ KEYWORDS = frozenset(
     "static_assert static_cast template this thread_local throw true try typeid typename typeof typeof_unqual using virtual "
     "wchar_t xor xor_eq size_t ptrdiff_t".split()
 )
-# Macros without arguments of the standard headers (and of POSIX in them), and of compilers with their extensions on.
+# Macros without arguments of the standard headers (including POSIX) and of compilers with their extensions enabled.
 MACROS = frozenset(name for name in vars(errno) if name.isupper()) | frozenset(
     "NULL NAN INFINITY HUGE HUGE_VAL HUGE_VALF HUGE_VALL MAXFLOAT DOMAIN SING OVERFLOW UNDERFLOW PLOSS TLOSS DECIMAL_DIG "
     "BUFSIZ EOF WEOF L_tmpnam L_ctermid P_tmpdir ONCE_FLAG_INIT BIG_ENDIAN LITTLE_ENDIAN PDP_ENDIAN BYTE_ORDER NSIG NGREG "
@@ -49,13 +49,13 @@ FAMILIES = re.compile(
     r"|atomic_\w+_explicit"
     r"|(?i:noslip)(_\w*)?"
 )
-IN_C = {"I": "I_"}  # names that people want though a macro has them: their names in C
+IN_C = {"I": "I_"}  # common names that are macros in C: their replacements
 HEADERS = frozenset(
     "assert complex ctype errno fenv inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic stdbool stddef "
     "stdint stdio stdlib stdnoreturn string strings tgmath threads time uchar unistd wchar wctype console stopwatch "
     "selftest".split()
 )
-# what may follow a robot's name, and that of a law after it, in names of types, functions and files
+# suffixes of a robot's name, and of a law's name, in names of types, functions and files
 OF_ROBOT = ("params", "state", "options", "default_params", "check_params", "check_state", "dynamics")
 OF_LAW = (
     *("", "config", "gains", "reference", "evaluation", "init", "reset", "admit", "admit_both", "admit_foot"),
@@ -65,29 +65,29 @@ OF_LAW = (
         for after in ("", "_law")
     ),
     *("follow_slope", "follow_slope_law", "step_with_care", "follow_with_care"),
-    *("acceleration", "acceleration_law", "reduced", "reduced_law"),  # of the dynamics, which are named as a law is
+    *("acceleration", "acceleration_law", "reduced", "reduced_law"),  # of the dynamics, which are named like a law
 )
 
 
 def is_reserved(name: str) -> bool:
-    """Does the name mean something in C, C++, their standard headers, the C runtime or Python already?"""
+    """Return whether the name is reserved in C, C++, their standard headers, the C runtime or Python."""
     taken = keyword.iskeyword(name) or name in KEYWORDS or name in MACROS or name in IN_C.values()
     return taken or FAMILIES.fullmatch(name) is not None
 
 
 def in_c(name: str) -> str:
-    """The name in C, where some other name must stand for it."""
+    """Return the name in C, which differs for names that are macros."""
     return IN_C.get(name, name)
 
 
 def refuse_robot(name: str) -> None:
-    """Raise ModelError for a robot whose header would have the name of one of the standard library's or a project's."""
+    """Raise ModelError for a robot whose header would have the name of a header of the standard library or a project."""
     if name.removesuffix(FLOAT) in HEADERS:
         raise ModelError(f"{name}: the name cannot be that of a robot: {name}.h is the name of another header; choose another")
 
 
 def refuse_output(name: str, others: Iterable[str], where: str) -> None:
-    """Raise ModelError for an output whose C would have a name in common with that of another output or of the robot."""
+    """Raise ModelError for an output whose C would share a name with that of another output or of the robot."""
     if name.startswith(TYPE):
         raise ModelError(f"{where}: the name has a meaning already: {TYPE} begins the names of Types I to IV; choose another")
     made = set(_law_names(name))
@@ -96,11 +96,11 @@ def refuse_output(name: str, others: Iterable[str], where: str) -> None:
     for other, names in taken.items():
         if made & names:
             common = min(made & names, key=lambda each: (len(each), each))
-            raise ModelError(f"{where}: the name has a meaning already: {other} has a ...{common} in C too; choose another")
+            raise ModelError(f"{where}: the name has a meaning already: {other} also defines ...{common} in C; choose another")
 
 
 def _law_names(law: str) -> Iterator[str]:
-    """The names in C of a law, from after the robot's; in lower case, as the guards of headers have only one."""
+    """Yield the names in C of a law, without the robot's name; in lower case, because include guards are case-insensitive."""
     for part in OF_LAW:
         for after in ("", FLOAT):
             yield f"_{law}_{part}".rstrip("_").lower() + after

@@ -1,7 +1,7 @@
-"""Output maps y = h(q) or h(q, nu): what the controller makes follow a reference (14).
+"""Output maps y = h(q) or h(q, nu): the quantities that the controller makes follow a reference (14).
 
-Types I to IV of the paper for any vehicle that moves in a plane. P_l is a point of the vehicle: a distance L ahead of the
-vehicle's point along its heading and, where asked for, W to the left.
+Types I to IV of the paper, for any vehicle that moves in a plane. P_l is a point of the vehicle: a distance L ahead of the
+vehicle's point along its heading and, optionally, W to the left.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,10 +19,10 @@ from .reduction import ReducedSystem
 
 @dataclass(frozen=True, eq=False)
 class Through:
-    """An output as outer(z), z = inner(q), such as a distance of a point: the chain rule in two short steps.
+    """An output outer(z) with z = inner(q), such as the distance of a point from a path: the chain rule in two short steps.
 
-    Where outer is an exact distance, `slope` can give its derivative by z, a unit row, and `bend` the curvature of its
-    levels.
+    If outer is an exact distance, `slope` may give its gradient with respect to z, a unit row, and `bend` the curvature of its
+    level sets.
     """
 
     symbols: ca.SX
@@ -44,17 +44,17 @@ class OutputRow:
 
 
 FOOT = (
-    Quantity("distance", "m", "of P_l from the path, positive to its left", symbol=ca.SX.sym("foot.distance")),
-    Quantity("cosine", "1", "of the heading, from the direction of the path", symbol=ca.SX.sym("foot.cosine")),
-    Quantity("sine", "1", "of that angle, positive where the vehicle points to the left", symbol=ca.SX.sym("foot.sine")),
-    Quantity("curvature", "1/m", "of the path's parallel through P_l, positive turns left", symbol=ca.SX.sym("foot.curvature")),
+    Quantity("distance", "m", "of P_l from the path, positive to the left", symbol=ca.SX.sym("foot.distance")),
+    Quantity("cosine", "1", "of the heading relative to the path's direction", symbol=ca.SX.sym("foot.cosine")),
+    Quantity("sine", "1", "of that angle, positive if the vehicle points to the left", symbol=ca.SX.sym("foot.sine")),
+    Quantity("curvature", "1/m", "of the parallel curve through P_l, positive turns left", symbol=ca.SX.sym("foot.curvature")),
 )
-"""The vehicle seen from the foot of P_l on a path: all that a path has to tell a law of Type IV, whatever its shape."""
+"""Position of the vehicle relative to the foot of P_l on a path: all that a law of Type IV needs to know about a path."""
 
 
 @dataclass(frozen=True, eq=False)
 class OutputMap:
-    """n-m outputs with the parameters they bring along. `path` is the curve followed, for Type IV."""
+    """n-m outputs with their additional parameters. `path` is the curve followed, for Type IV."""
 
     name: str
     about: str
@@ -65,16 +65,16 @@ class OutputMap:
 
     @property
     def required_path(self) -> Path:
-        """The curve followed. Raises ModelError for outputs without one."""
+        """Return the curve followed. Raises ModelError for outputs without one."""
         if self.path is None:
-            raise ModelError(f"{self.name}: there is no path to follow; that is for Type IV")
+            raise ModelError(f"{self.name}: there is no path to follow; only Type IV has one")
         return self.path
 
     @property
     def at_foot(self) -> "OutputMap | None":
-        """The same outputs in the frame of P_l's foot, by FOOT: there the distance grows along y, and x bends away.
+        """Return the same outputs in the frame at P_l's foot, with the parameters FOOT: y increases with the distance.
 
-        In that frame the heading is the angle whose cosine and sine FOOT has. None unless the path knows its unit normal.
+        In that frame cosine and sine of the heading are those in FOOT. None unless the path defines its unit normal.
         """
         if self.path is None or self.path.unit_normal is None:
             return None
@@ -93,7 +93,9 @@ class OutputMap:
         return replace(self, rows=tuple(rows))
 
     def check(self, system: ReducedSystem) -> None:
-        """Raise ModelError for names that C cannot take or that come twice, and for rows not of q, nu and parameters."""
+        """Raise ModelError for names that are invalid in C or occur twice, and for rows that do not depend on q, nu and
+        parameters only.
+        """
         where = f"{system.mechanism.name}, output {self.name}"
         quantity(self.name, "")
         refuse_twice([row.name for row in self.rows], where)
@@ -119,25 +121,25 @@ class OutputMap:
 
 
 def type_i(system: ReducedSystem, offset: bool = False) -> OutputMap:
-    """Type I: the position of P_l; with `offset`, P_l lies aside too (as for Types II to IV)."""
+    """Return Type I: the position of P_l. With `offset`, P_l may also lie beside the axis (as for Types II to IV)."""
     point = body_point(offset)
     return OutputMap("type_i", "Type I: position of P_l", (_x(system, point), _y(system, point)), point)
 
 
 def type_ii(system: ReducedSystem, offset: bool = False) -> OutputMap:
-    """Type II: x of P_l and the heading."""
+    """Return Type II: x of P_l and the heading."""
     point = body_point(offset)
     return OutputMap("type_ii", "Type II: x of P_l and heading", (_x(system, point), _heading(system)), point)
 
 
 def type_iii(system: ReducedSystem, offset: bool = False) -> OutputMap:
-    """Type III: y of P_l and the heading."""
+    """Return Type III: y of P_l and the heading."""
     point = body_point(offset)
     return OutputMap("type_iii", "Type III: y of P_l and heading", (_y(system, point), _heading(system)), point)
 
 
 def type_iv(system: ReducedSystem, path: Path, offset: bool = False) -> OutputMap:
-    """Type IV: signed distance of P_l from a path, and the forward speed."""
+    """Return Type IV: signed distance of P_l from a path, and the forward speed."""
     point = body_point(offset)
     about = "signed distance of P_l from the path"
     distance = at_point(system, point, "distance", about, path.distance, path.unit_normal)
@@ -154,16 +156,18 @@ OUTPUTS: dict[str, Callable[..., OutputMap]] = {
         f"type_iv_{kind}": lambda system, offset=False, path=path: type_iv(system, path(), offset) for kind, path in PATHS.items()
     },
 }
-OFFSET = "_offset"  # ends the name of a law whose P_l lies aside of the vehicle's axis too
+OFFSET = "_offset"  # suffix of the name of a law whose P_l may lie beside the vehicle's axis
 
 
 def output_names(robot: Mechanism) -> tuple[str, ...]:
-    """Names of the output maps that may fit this robot: Types I to IV, then its own. Each of OUTPUTS may have OFFSET after it."""
+    """Return the names of the output maps that this robot may have: Types I to IV, then its own. Those in OUTPUTS may have
+    OFFSET.
+    """
     return (*OUTPUTS, *(output.name for output in robot.outputs))
 
 
 def output_map(system: ReducedSystem, name: str) -> OutputMap:
-    """The output map of a law by name: one of OUTPUTS, one with OFFSET after it, or the robot's own. Raises KeyError."""
+    """Return the output map of a law by name: one of OUTPUTS, optionally with OFFSET, or the robot's own. Raises KeyError."""
     own = {output.name: output for output in system.mechanism.outputs}
     if name in own:
         return _own(system, own[name])
@@ -173,7 +177,7 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
 
 
 def _own(system: ReducedSystem, output: Output) -> OutputMap:
-    """What the robot's file says, its rates by the quasi-velocities (9)."""
+    """Return a user-defined output map, with rates replaced by quasi-velocities (9)."""
     rows = []
     for row, expression in output.rows:
         if ca.depends_on(expression, system.mechanism.qdot):
@@ -183,20 +187,22 @@ def _own(system: ReducedSystem, output: Output) -> OutputMap:
 
 
 def body_point(offset: bool = False) -> tuple[Quantity, ...]:
-    """Where P_l is on the vehicle: L ahead of the vehicle's point (negative: behind) and, with `offset`, W to its left."""
+    """Return the parameters of P_l: L ahead of the vehicle's point (negative: behind) and, with `offset`, W to its left."""
     L = config("L", 0.0, "m", "distance of the reference point P_l ahead of the vehicle's point")
     W = config("W", 0.0, "m", "distance of P_l to the left of the vehicle's axis")
     return (L, W) if offset else (L,)
 
 
 def body_offsets(parameters: Sequence[Quantity]) -> tuple[ca.SX, ca.SX]:
-    """How far P_l lies ahead and to the left of the vehicle's point, m, from parameters that begin with `body_point`."""
+    """Return the distances of P_l ahead and to the left of the vehicle's point, m, from parameters that begin with
+    `body_point`.
+    """
     ahead, *others = parameters
     return ahead.symbol, next((q.symbol for q in others if q.name == "W"), ca.SX(0))
 
 
 def reference_point(system: ReducedSystem, point: Sequence[Quantity]) -> tuple[ca.SX, ca.SX]:
-    """P_l in the world, m, from `body_point`."""
+    """Return the position of P_l in the world, m, from `body_point`."""
     vehicle = system.mechanism.required_vehicle
     ahead, left = body_offsets(point)
     cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
@@ -204,10 +210,16 @@ def reference_point(system: ReducedSystem, point: Sequence[Quantity]) -> tuple[c
 
 
 def forward_speed(system: ReducedSystem) -> ca.SX:
-    """Velocity of the vehicle's point along its heading, m/s, as a function of q and nu."""
+    """Return the velocity of the vehicle's point along its heading, m/s, as a function of q and nu."""
+    return canonical(velocity(system)[0])
+
+
+def velocity(system: ReducedSystem) -> tuple[ca.SX, ca.SX]:
+    """Return the velocity of the vehicle's point along its heading and to the left of it, m/s, as functions of q and nu."""
     vehicle = system.mechanism.required_vehicle
     x_dot, y_dot = system.along_motion(vehicle.x), system.along_motion(vehicle.y)
-    return canonical(ca.cos(vehicle.heading) * x_dot + ca.sin(vehicle.heading) * y_dot)
+    cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
+    return cosine * x_dot + sine * y_dot, cosine * y_dot - sine * x_dot
 
 
 def at_point(
@@ -218,7 +230,7 @@ def at_point(
     outer: Callable[[ca.SX, ca.SX], ca.SX],
     unit_normal: Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]] | None = None,
 ) -> OutputRow:
-    """An output in m that is a function of where P_l is; `unit_normal` as a Path's."""
+    """Return an output in m that is a function of the position of P_l; `unit_normal` as in Path."""
     place = ca.vertcat(*reference_point(system, point))
     symbols = x, y = ca.SX.sym("x_l"), ca.SX.sym("y_l")
     through = Through(ca.vertcat(*symbols), place, outer(x, y), *(unit_normal(x, y) if unit_normal else ()))

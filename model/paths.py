@@ -1,4 +1,4 @@
-"""Paths to follow, given as f(x, y) = 0: signed distance h1 of a point from the path, in m."""
+"""Paths given as f(x, y) = 0: signed distance h1 of a point from the path, in m."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,18 +11,18 @@ from .mechanism import Quantity, quantity, scalar
 
 
 def _no_foot(distance: ca.SX, curvature: ca.SX) -> tuple[ca.SX, ...]:
-    raise ModelError("the path has no parameters by its foot: it knows no unit normal")
+    raise ModelError("the path has no parameters relative to its foot: it does not define a unit normal")
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A curve and its parameters. `distance(x, y)` is zero on it and grows with unit gradient across it.
+    """A curve and its parameters. `distance(x, y)` is zero on it and has a unit gradient there.
 
-    `unit_normal(x, y)` gives the gradient of an exact distance, 1 x 2, and its bend, the curvature of the path's parallel
-    through the point (1/m, positive where the gradient points away from the centre), where these are shorter written down
-    than derived. `from_foot(distance, curvature)`, of a path with a unit normal, gives parameters of the path as it looks
-    from a foot on it, x along the path and y to where the distance grows, where its parallel at that distance has that
-    curvature; of any other it raises ModelError.
+    `unit_normal(x, y)` returns the gradient of an exact distance, 1 x 2, and the curvature of the parallel curve through the
+    point (1/m, positive if the gradient points away from the centre), if these are shorter than the derivatives of `distance`.
+    `from_foot(distance, curvature)`, for a path with a unit normal, returns the parameters of the path in the frame at a foot,
+    with x along the path and y in the direction of increasing distance, such that the parallel curve at that distance has that
+    curvature. For other paths it raises ModelError.
     """
 
     kind: str
@@ -35,12 +35,12 @@ class Path:
 
 
 def config(name: str, default: float, unit: str, about: str, sign: str = "any") -> Quantity:
-    """A parameter of an output map; its symbol is marked so that it cannot be taken for one of the robot's."""
+    """Return a parameter of an output map; its symbol is marked, to distinguish it from those of the robot."""
     return replace(quantity(name, unit, about, default, sign), symbol=ca.SX.sym(f"config.{name}"))
 
 
 def line() -> Path:
-    """A x + B y + C = 0; positive on the side that (A, B) points to; exact distance."""
+    """Return the line A x + B y + C = 0; the distance is exact, and positive on the side to which (A, B) points."""
     A = config("A", 1.0, "1", "line A x + B y + C = 0")
     B = config("B", -1.0, "1", "line A x + B y + C = 0")
     C = config("C", 0.0, "m", "line A x + B y + C = 0")
@@ -50,11 +50,11 @@ def line() -> Path:
         inverse = 1 / ca.sqrt(norm_squared)
         return (A.symbol * inverse) * x + (B.symbol * inverse) * y + C.symbol * inverse
 
-    return Path("line", "line", (A, B, C), distance, ((norm_squared, "A and B are both zero: no line"),))
+    return Path("line", "line", (A, B, C), distance, ((norm_squared, "A and B are both zero: not a line"),))
 
 
 def circle() -> Path:
-    """Circle of radius R about (x_f, y_f); positive outside; exact distance."""
+    """Return the circle of radius R about (x_f, y_f); the distance is exact, and positive outside."""
     x_f = config("x_f", 20.0, "m", "centre of the circle")
     y_f = config("y_f", 20.0, "m", "centre of the circle")
     R = config("R", 10.0, "m", "radius of the circle", "positive")
@@ -66,9 +66,9 @@ def circle() -> Path:
 
 
 def segment() -> Path:
-    """The line or arc through a point, with its direction there and its curvature; positive to the left; exact distance.
+    """Return the line or arc through a point, with its direction there and its curvature; exact distance, positive to the left.
 
-    One law for all pieces of a composite path: the distance is regular where the curvature is zero.
+    One law serves all segments of a composite path: the distance is regular also for zero curvature.
     """
     x_s = config("x_s", 0.0, "m", "a point of the line or arc")
     y_s = config("y_s", 0.0, "m", "a point of the line or arc")
@@ -78,7 +78,7 @@ def segment() -> Path:
     cosine, sine = ca.cos(direction.symbol), ca.sin(direction.symbol)
 
     def from_centre(x: ca.SX, y: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """In radii, along the direction and against its left; and how far in all: 1 on the path, and where it is a line."""
+        """Return the vector from the centre in units of the radius, along the direction and to its right, and its length."""
         dx, dy = x - x_s.symbol, y - y_s.symbol
         along, out = curvature.symbol * (cosine * dx + sine * dy), 1 - curvature.symbol * (cosine * dy - sine * dx)
         return along, out, ca.sqrt(along**2 + out**2)
@@ -99,9 +99,9 @@ def segment() -> Path:
 
 
 def implicit(kind: str, about: str, parameters: tuple[Quantity, ...], f: Callable[[ca.SX, ca.SX], ca.SX]) -> Path:
-    """Any curve f(x, y) = 0 as f / |grad f|: zero and of unit slope on the curve, a first-order distance beside it.
+    """Return any curve f(x, y) = 0, with the first-order distance f / |grad f|: zero and of unit gradient on the curve.
 
-    Raises ModelError when f does not depend on the point.
+    Raises ModelError if f does not depend on the point.
     """
 
     def distance(x: ca.SX, y: ca.SX) -> ca.SX:
@@ -117,7 +117,7 @@ def implicit(kind: str, about: str, parameters: tuple[Quantity, ...], f: Callabl
 
 
 def ellipse() -> Path:
-    """(x/a)^2 + (y/b)^2 = 1 about the origin, the shipped example of an implicit curve; positive outside."""
+    """Return (x/a)^2 + (y/b)^2 = 1 about the origin, an example of an implicit curve; positive outside."""
     a = config("a", 4.0, "m", "half axis of the ellipse along x", "positive")
     b = config("b", 2.0, "m", "half axis of the ellipse along y", "positive")
 
@@ -128,4 +128,4 @@ def ellipse() -> Path:
 
 
 PATHS: dict[str, Callable[[], Path]] = {"line": line, "circle": circle, "ellipse": ellipse, "segment": segment}
-"""Every path that has a law of Type IV, by its kind."""
+"""Every path with a law of Type IV, by its kind."""

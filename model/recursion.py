@@ -1,12 +1,13 @@
-"""The reduced equations (10) body by body: velocities from earlier velocities, so that cost grows linearly along a chain.
+"""The reduced equations (10) body by body: velocities in terms of earlier velocities, at a cost that grows linearly along a
+chain.
 
 Kane's form. A velocity u, linear in the rates, is u = J nu, and its derivative J nudot + drift. With the mass m_i and inertia
 I_i of a body whose velocities along its own axes are forward, left and yaw rate, J_i a row for each,
 
     S'MS = sum of J_i' M_i J_i,    S'(M Sdot nu + V) = sum of J_i' M_i a_i,    M_i = diag(m_i, m_i, I_i),
 
-a_i being the drifts and what turning the axes adds. What is named (rates, velocities of bodies) is a step, a symbol for an
-expression in earlier symbols: nothing is written out, and simplification looks at one body at a time.
+where a_i are the drifts plus the terms due to the rotation of the axes. Rates and velocities of bodies are steps: symbols for
+expressions in earlier symbols. They are not expanded, and simplification treats one body at a time.
 """
 
 from collections.abc import Sequence
@@ -23,24 +24,24 @@ from .algebra.samples import RANK_TOLERANCE, Sampled
 from .errors import ModelError
 from .mechanism import Body, Mechanism
 
-LINEAR = (ca.OP_ASSIGN, ca.OP_NEG, ca.OP_TWICE, ca.OP_ADD, ca.OP_SUB)  # of velocities only
+LINEAR = (ca.OP_ASSIGN, ca.OP_NEG, ca.OP_TWICE, ca.OP_ADD, ca.OP_SUB)  # operations on velocities only
 Step = tuple[ca.SX, ca.SX]
 Entries = dict[tuple[int, ...], ca.SX]  # row, or row and column, from 0 -> entry
-Polynomial = dict[tuple[int, ...], float]  # places of factors -> coefficient
-SHORT = 4  # operations and symbols; there is nothing to simplify
-LARGEST_PRODUCT = 100  # terms; a longer one is not multiplied out
+Polynomial = dict[tuple[int, ...], float]  # indices of factors -> coefficient
+SHORT = 4  # operations and symbols; too short to simplify
+LARGEST_PRODUCT = 100  # terms; longer products are not expanded
 
 
 @dataclass(frozen=True)
 class Velocity:
-    """sum of row[j] nu_j; its derivative is the sum of row[j] nudot_j, and drift. Columns from n-m on are rates not known yet."""
+    """sum of row[j] nu_j, with derivative sum of row[j] nudot_j + drift. Columns from n-m on are rates that are not yet known."""
 
     row: dict[int, ca.SX] = field(default_factory=dict)
     drift: ca.SX = field(default_factory=lambda: ca.SX(0))
-    value: ca.SX | None = None  # a step that stands for the sum
+    value: ca.SX | None = None  # the step that represents the sum
 
     def plus(self, other: "Velocity", factor: ca.SX) -> "Velocity":
-        """self + factor * other, for a factor that is constant in time."""
+        """Return self + factor * other, for a factor that is constant in time."""
         row = dict(self.row)
         for j, entry in other.row.items():
             row[j] = row[j] + factor * entry if j in row else factor * entry
@@ -49,7 +50,7 @@ class Velocity:
 
 @dataclass(frozen=True)
 class Reduced:
-    """S'MS, S'(M Sdot nu + V), S'E (10) and S (9) in `steps`, which come body by body in `groups`."""
+    """S'MS, S'(M Sdot nu + V), S'E (10) and S (9) in `steps`, ordered body by body in `groups`."""
 
     groups: tuple[tuple[Step, ...], ...]
     Mbar: ca.SX
@@ -59,7 +60,7 @@ class Reduced:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """All steps in order."""
+        """Return all steps in order."""
         return tuple(step for group in self.groups for step in group)
 
     @cached_property
@@ -70,7 +71,7 @@ class Reduced:
         return values
 
     def written_out(self, expression: ca.SX) -> ca.SX:
-        """The expression without steps; what they share stays shared."""
+        """Return the expression with all steps substituted; common subexpressions stay shared."""
         return self._inserted(expression, self._values)
 
     @staticmethod
@@ -82,10 +83,10 @@ class Reduced:
 
 
 class Recursion:
-    """Walks through the velocities of a mechanism, each once.
+    """Traverses the velocities of a mechanism, each once.
 
     The rates follow from the constraints (2) and quasi = `given` nu, where `quasi` are the quasi-velocities as expressions in the
-    rates; without these from qdot = `given` nu (9).
+    rates; if there are none, from qdot = `given` nu (9).
     """
 
     def __init__(self, mechanism: Mechanism, nu: ca.SX, given: ca.SX, quasi: Sequence[ca.SX] = ()):
@@ -94,13 +95,13 @@ class Recursion:
         self.n, self.freedom = self.q.numel(), nu.numel()
         self.steps: list[Step] = []
         self._made: set[int] = set()  # symbols of steps
-        self.rates: dict[int, Velocity] = {}  # those found so far
+        self.rates: dict[int, Velocity] = {}  # those known so far
         self._groups: list[tuple[Step, ...]] = []
-        self._grouped = 0  # steps that have a group
+        self._grouped = 0  # number of steps in a group
         self._Mbar: Entries = {}
         self._bias: Entries = {}
         self._columns = {self.qdot[k].element_hash(): k for k in range(self.n)}
-        self._known: dict[int, tuple[ca.SX, Velocity]] = {}  # the expression too: while it lives, its hash is its own
+        self._known: dict[int, tuple[ca.SX, Velocity]] = {}  # by hash; stores the expression too, so that its hash stays unique
         self._moving: dict[int, tuple[ca.SX, bool]] = {}
         self._names = {
             velocity.element_hash(): f"{body.name}_{what}"
@@ -119,7 +120,7 @@ class Recursion:
     # -- velocities -----------------------------------------------------------------------------------------------
 
     def velocity(self, x: ca.SX) -> Velocity:
-        """An expression linear in the rates. Raises ModelError for any other."""
+        """Return an expression that is linear in the rates as a Velocity. Raises ModelError for others."""
         key = x.element_hash()
         if key not in self._known:
             made = self._derived(x)
@@ -129,7 +130,7 @@ class Recursion:
         return self._known[key][1]
 
     def named(self, name: str, velocity: Velocity) -> Velocity:
-        """The velocity with a step for each coefficient and for its drift, simplified."""
+        """Return the velocity with a step for each coefficient and for its drift, simplified."""
         row = {}
         for j, entry in velocity.row.items():
             entry = self._simple(entry)
@@ -138,7 +139,7 @@ class Recursion:
         return Velocity(row, self.step(f"{name}_drift", self._simple(velocity.drift)), self.step(name, self._sum(row)))
 
     def _simple(self, matrix: ca.SX) -> ca.SX:
-        """Simplified: in full where nothing has been named yet, else only so far that terms cancel."""
+        """Return the matrix simplified: completely while there are no steps, else only by cancelling terms."""
         if ca.n_nodes(matrix) <= SHORT:
             return matrix
         if not any(symbol.element_hash() in self._made for symbol in ca.symvar(matrix)):
@@ -150,7 +151,7 @@ class Recursion:
         return ca.sparsify(simple)
 
     def step(self, name: str, expression: ca.SX) -> ca.SX:
-        """A symbol for the expression; one that is a multiple of a symbol, fixed in time, stays as it is."""
+        """Return a symbol for the expression; a constant multiple of a symbol is returned unchanged."""
         if self._is_multiple(expression):
             return expression
         symbol = ca.SX.sym(name)
@@ -159,7 +160,7 @@ class Recursion:
         return symbol
 
     def value(self, velocity: Velocity) -> ca.SX:
-        """The velocity at nu; rates that are not known yet stand for themselves."""
+        """Return the velocity at nu; unknown rates remain symbols."""
         return self._sum(velocity.row) if velocity.value is None else velocity.value
 
     def _sum(self, row: dict[int, ca.SX]) -> ca.SX:
@@ -167,7 +168,7 @@ class Recursion:
         return sum(terms[1:], start=terms[0]) if terms else ca.SX(0)
 
     def at(self, x: ca.SX) -> ca.SX:
-        """An expression in coordinates and rates, as one in coordinates and nu."""
+        """Return an expression in coordinates and rates as one in coordinates and nu."""
         if not self._moves(x):
             return x
         try:
@@ -204,7 +205,7 @@ class Recursion:
         return self.value(self.rates[k]) if k in self.rates else self.qdot[k]
 
     def _moves(self, x: ca.SX) -> bool:
-        """Does the expression depend on the rates?"""
+        """Return whether the expression depends on the rates."""
         key = x.element_hash()
         if key not in self._moving:
             found = key in self._columns if x.is_leaf() else any(self._moves(x.dep(k)) for k in range(x.n_dep()))
@@ -229,15 +230,15 @@ class Recursion:
         return Velocity(entries, self._simple(time_derivative(row, self.q, qdot) @ self.nu))
 
     def _rest(self, constraints: Sequence[ca.SX]) -> None:
-        """What the constraints say, wherever their velocities appear again: zero."""
+        """Replace the velocities that constraints keep zero by zero wherever they occur."""
         for constraint in constraints:
             self._known[constraint.element_hash()] = (constraint, Velocity())
 
     def _solve(self, constraints: list[ca.SX], quasi: list[ca.SX], T: ca.SX) -> None:
-        """All rates, from small sets of equations that need no rates but those found before; each body as soon as it can move."""
+        """Solve for all rates, in small sets of equations that contain only rates known before; each body as soon as possible."""
         equations = [*constraints, *quasi]
         rates = [self._places(self.qdot, equation) for equation in equations]
-        # a derivative needs the rates of the coordinates in the coefficients, too
+        # a derivative also requires the rates of the coordinates in the coefficients
         needs = [found | self._places(self.q, equation) for found, equation in zip(rates, equations, strict=True)]
         waiting = {}
         for body in self.mechanism.bodies:
@@ -257,14 +258,14 @@ class Recursion:
                 self._add_body(body)
 
     def _places(self, symbols: ca.SX, velocities: ca.SX) -> set[int]:
-        """Which of the symbols appear in the velocities."""
+        """Return which of the symbols occur in the velocities."""
         place = {symbols[k].element_hash(): k for k in range(self.n)}
         found = {symbol.element_hash() for symbol in ca.symvar(velocities)}
         return {k for key, k in place.items() if key in found}
 
     def _solve_set(self, equations: list[ca.SX], unknown: list[int], right: ca.SX) -> None:
-        """The rates `unknown` from equations = right nu."""
-        from .algebra.linear import eliminate  # which itself asks for the recursion
+        """Solve equations = right nu for the rates `unknown`."""
+        from .algebra.linear import eliminate  # imports this module in turn
 
         before = set(self._known)
         found = [self.velocity(x) for x in equations]
@@ -291,7 +292,7 @@ class Recursion:
     # -- equations ------------------------------------------------------------------------------------------------
 
     def reduced(self) -> Reduced:
-        """The reduced equations, what is of no body added last."""
+        """Return the reduced equations; terms that do not belong to a body are added last."""
         mechanism = self.mechanism
         M, V = mechanism.rest
         taking_part = [k for k in range(self.n) if not (M[k, :].is_zero() and V[k].is_zero())]
@@ -312,15 +313,15 @@ class Recursion:
 
     def _add_body(self, body: Body) -> None:
         forward, left, yaw_rate = (self.velocity(x) for x in (body.forward, body.left, body.yaw_rate))
-        v, w, omega = (self._sum(velocity.row) for velocity in (forward, left, yaw_rate))  # so that terms can cancel
-        turned = ca.vertcat(-body.mass * omega * w, body.mass * omega * v, 0)  # by the axes' turning
+        v, w, omega = (self._sum(velocity.row) for velocity in (forward, left, yaw_rate))  # expanded, so that terms can cancel
+        turned = ca.vertcat(-body.mass * omega * w, body.mass * omega * v, 0)  # due to the rotation of the axes
         self._add(body.name, ca.diag(ca.vertcat(body.mass, body.mass, body.inertia)), [forward, left, yaw_rate], turned)
 
     def _column(self, velocity: Velocity) -> ca.SX:
         return ca.vertcat(*[self._simple(velocity.row.get(j, ca.SX(0))) for j in range(self.freedom)])
 
     def _add(self, name: str, M: ca.SX, velocities: Sequence[Velocity], forces: ca.SX) -> None:
-        """J' M J and J' (M drift + forces), in a group of steps of their own."""
+        """Add J' M J and J' (M drift + forces), in a separate group of steps."""
         more: Entries = {}
         push: Entries = {}
         momentum = [self._weighted(M[k, :], velocities) for k in range(len(velocities))]
@@ -347,10 +348,10 @@ class Recursion:
 
 
 def check_bodies(mechanism: Mechanism) -> None:
-    """Raise ModelError for a body whose velocities are not those of one body along its own axes, at random states.
+    """Raise ModelError for a body whose velocities are not those of a rigid body along its own axes, at random states.
 
-    For velocities u = j qdot along axes that turn at omega = j_omega qdot the terms dj/dt - du/dq, which are zero for a
-    coordinate's rate, are omega j_left - left j_omega, forward j_omega - omega j_forward, and zero.
+    For velocities u = j qdot along axes that turn at omega = j_omega qdot the terms dj/dt - du/dq, which are zero for the rate
+    of a coordinate, must be omega j_left - left j_omega, forward j_omega - omega j_forward, and zero.
     """
     if not mechanism.bodies:
         return
@@ -369,12 +370,12 @@ def check_bodies(mechanism: Mechanism) -> None:
             if difference > RANK_TOLERANCE * size:
                 raise ModelError(
                     f"{mechanism.name}: body {body.name!r}: forward and left are not the velocity of its centre of mass along "
-                    "axes that turn at yaw_rate; look for a sign, or use kinetic_energy"
+                    "axes that turn at yaw_rate; check the signs, or use kinetic_energy"
                 )
 
 
 def _sets(pattern: ca.Sparsity) -> list[tuple[list[int], list[int]]]:
-    """Rows and columns of the blocks of a square pattern's block triangular form."""
+    """Return rows and columns of the blocks of the block triangular form of a square pattern."""
     count, rows, columns, row_start, column_start, *_ = pattern.btf()
     return [
         (sorted(rows[row_start[k] : row_start[k + 1]]), sorted(columns[column_start[k] : column_start[k + 1]]))
@@ -383,10 +384,10 @@ def _sets(pattern: ca.Sparsity) -> list[tuple[list[int], list[int]]]:
 
 
 def cancelled(expression: ca.SX) -> ca.SX:
-    """The expression, or its sum of products where terms of that are alike and it is shorter."""
+    """Return the expression, or its sum of products if like terms combine and this is shorter."""
     alike = False
-    numbers: dict[tuple[object, ...], int] = {}  # of what is the same operation on the same, symbol or number
-    atoms: dict[tuple[int, bool], ca.SX] = {}  # number of an expression, and is it a divisor -> the factor
+    numbers: dict[tuple[object, ...], int] = {}  # (operation, operands), symbol or constant -> number
+    atoms: dict[tuple[int, bool], ca.SX] = {}  # (number of an expression, whether it is a divisor) -> factor
 
     def number(x: ca.SX) -> int:
         if x.is_leaf():

@@ -16,7 +16,7 @@ from .errors import ModelError
 from .mechanism import Mechanism, Quantity, is_number, per_second, quantity
 from .recursion import Recursion, Reduced, check_bodies
 
-NEGLIGIBLE_MASS = 1e-12  # smallest eigenvalue of S'MS scaled to a diagonal of ones, at or below which it is singular
+NEGLIGIBLE_MASS = 1e-12  # S'MS is regarded as singular if its smallest eigenvalue, scaled to a unit diagonal, is at or below
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class ReducedSystem:
     mechanism: Mechanism
     quasi_velocities: tuple[Quantity, ...]
     S: ca.SX
-    known: Reduced | None = None  # the equations body by body, where they are known already
+    known: Reduced | None = None  # the equations body by body, if computed together with S
 
     @property
     def nu(self) -> ca.SX:
@@ -49,7 +49,7 @@ class ReducedSystem:
         return ca.densify(self.S @ self.nu)
 
     def along_motion(self, expression: ca.SX) -> ca.SX:
-        """Time derivative of an expression in q along (9)."""
+        """Return the time derivative of an expression in q along (9)."""
         return time_derivative(expression, self.mechanism.q, self.qdot)
 
     @cached_property
@@ -64,7 +64,7 @@ class ReducedSystem:
 
     @cached_property
     def by_bodies(self) -> Reduced | None:
-        """The same equations body by body, where the robot says its bodies; None where it does not."""
+        """The same equations body by body, if the robot defines bodies; else None."""
         mechanism, rows = self.mechanism, self.mechanism.quasi_velocity_rows
         if self.known or not mechanism.bodies:
             return self.known
@@ -97,13 +97,13 @@ class ReducedSystem:
     def simplified(
         self, name: str, expression: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]
     ) -> ca.SX:
-        """The expression in canonical form, `checked`."""
+        """Return the expression in canonical form, verified by `checked`."""
         return self.checked(name, canonical(expression), given, combined)
 
     def checked(self, name: str, found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]) -> ca.SX:
-        """The expression, which is to equal `combined` of the values of `given` (see `added_pole`).
+        """Return the expression, which must equal `combined` of the values of `given` (see `added_pole`).
 
-        Raises ModelError where it has a pole that the robot does not have.
+        Raises ModelError if it has a pole that the robot does not have.
         """
         pole = added_pole(found, given, combined, self.mechanism.q)
         if pole is not None:
@@ -114,30 +114,32 @@ class ReducedSystem:
         return found
 
     def acceleration(self, tau: ca.SX) -> ca.SX:
-        """nudot = (S'MS)^-1 (S'E tau - bias) (11), (n-m) x 1."""
+        """Return nudot = (S'MS)^-1 (S'E tau - bias) (11), (n-m) x 1."""
         return solve_symmetric(self.Mbar, self.input_map @ tau - self.bias)
 
     @property
     def redundant(self) -> bool:
-        """Are there more inputs than n-m?"""
+        """Whether there are more inputs than n-m."""
         return len(self.mechanism.inputs) > self.freedom
 
     @cached_property
     def wanted(self) -> ca.SX:
-        """Inputs tau_0 that are wanted as far as (12) lets them, r x 1, in q, nu and parameters; zero unless `redundant`."""
+        """Preferred inputs tau_0, r x 1, in q, nu and parameters, used as far as (12) allows; zero unless `redundant`."""
         mechanism = self.mechanism
         none = ca.SX(len(mechanism.inputs), 1)
         return ca.sparsify(ca.substitute(mechanism.wanted, mechanism.qdot, self.qdot)) if self.redundant else none
 
     def spread(self, weight: Sequence[float] | None = None) -> ca.SX:
-        """W^-1 (S'E)', r x (n-m): what spans the inputs of least sum(weight_i tau_i^2); `weight` as for `input_inverse`."""
+        """Return W^-1 (S'E)', r x (n-m), whose columns span the inputs of smallest sum(weight_i tau_i^2); `weight` as in
+        `input_inverse`.
+        """
         weights = self.mechanism.weights if weight is None else _weights(weight, len(self.mechanism.inputs))
         return ca.diag(1 / weights) @ self.input_map.T
 
     def input_inverse(self, weight: Sequence[float] | None = None) -> ca.SX:
-        """(S'E)^+, r x (n-m): with more inputs than n-m the one of least sum(weight_i tau_i^2).
+        """Return (S'E)^+, r x (n-m); with more inputs than n-m, the one of smallest sum(weight_i tau_i^2).
 
-        `weight` is r positive numbers, the robot's own weights where it is None.
+        `weight` is r positive numbers; None means the robot's own weights.
         """
         unit = ca.SX.eye(self.freedom)
         if not self.redundant:
@@ -146,25 +148,26 @@ class ReducedSystem:
         return spread @ solve_symmetric(canonical(self.input_map @ spread), unit)
 
     def first_feedback(self, u: ca.SX, weight: Sequence[float] | None = None) -> ca.SX:
-        """tau (12) that makes nudot = u (13), r x 1; `weight` as for `input_inverse`.
+        """Return tau (12) that makes nudot = u (13), r x 1; `weight` as in `input_inverse`.
 
-        With more inputs than n-m the one nearest to tau_0, which is wanted: (S'E)^+ (Mbar u + bias) + (1 - (S'E)^+ S'E) tau_0.
-        What tau_0 adds lies in the null space of S'E: it changes the constraint forces and not the motion.
+        With more inputs than n-m, the one nearest to the preferred tau_0: (S'E)^+ (Mbar u + bias) + (1 - (S'E)^+ S'E) tau_0.
+        The contribution of tau_0 is in the null space of S'E: it changes the constraint forces and not the motion.
         """
         return self.wanted + self.input_inverse(weight) @ (self.Mbar @ u + self.bias - self.input_map @ self.wanted)
 
     def constraint_forces(self, tau: ca.SX, nudot: ca.SX) -> ca.SX:
-        """lambda of (8), m x 1, with the paper's sign: +A' lambda on the left-hand side."""
+        """Return lambda of (8), m x 1, with the paper's sign: +A' lambda on the left-hand side."""
         A, M, E = self.mechanism.A, self.mechanism.M, self.mechanism.E
         rest = E @ tau - self.V - M @ (self.Sdot @ self.nu + self.S @ nudot)
         return solve_symmetric(canonical(A @ A.T), A @ rest)
 
 
 def reduce(mechanism: Mechanism) -> ReducedSystem:
-    """Choose S(q) (the user's, from her quasi-velocities, or computed) and check what the method needs.
+    """Return the reduced system with S(q) given by the user, from the user's quasi-velocities, or computed; check the
+    assumptions.
 
-    Raises ModelError when A has not full rank, A S is not zero, S or S'E has not full rank, S'MS is not positive definite,
-    or inputs are too few.
+    Raises ModelError if A does not have full rank, A S is not zero, S or S'E does not have full rank, S'MS is not positive
+    definite, or there are too few inputs.
     """
     mechanism.check()
     check_bodies(mechanism)
@@ -179,7 +182,7 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
         )
     S, quasi_velocities, by_bodies = null_space(mechanism)
     if S.shape != (n, n - m):
-        raise ModelError(f"{mechanism.name}: S is {S.shape[0]} x {S.shape[1]}, it must be n x (n-m) = {n} x {n - m}")
+        raise ModelError(f"{mechanism.name}: S is {S.shape[0]} x {S.shape[1]}; it must be n x (n-m) = {n} x {n - m}")
     if len(quasi_velocities) != n - m:
         raise ModelError(f"{mechanism.name}: S has {n - m} columns, null_space names {len(quasi_velocities)} quasi-velocities")
     product = _sampled(mechanism, mechanism.A @ S, "A S")
@@ -193,20 +196,21 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
     system = ReducedSystem(mechanism, quasi_velocities, S, by_bodies)
     if _sampled(mechanism, system.input_map, "S'E").rank() < n - m:
         raise ModelError(
-            f"{mechanism.name}: S'E has rank below n - m = {n - m}: the inputs do not reach every motion; "
+            f"{mechanism.name}: S'E has rank below n - m = {n - m}: the inputs do not affect every motion; "
             "move an input to a coordinate that is free"
         )
     for k, weight in enumerate(np.transpose([value[:, 0] for value in _sampled(mechanism, mechanism.weights, "weights").values])):
         if weight.min() <= 0.0:
             raise ModelError(
-                f"{mechanism.name}: input {mechanism.inputs[k].name!r}: its weight is not positive; parameters of a weight "
-                "must be positive, and it a product or sum of them"
+                f"{mechanism.name}: input {mechanism.inputs[k].name!r}: its weight is not positive; a weight must be a "
+                "product or "
+                "sum of positive parameters"
             )
     Mbar = _sampled(mechanism, system.Mbar, "S'MS")
     if min(map(smallest_eigenvalue, Mbar.at_defaults), default=0.0) < -NEGLIGIBLE_MASS:
         raise ModelError(
-            f"{mechanism.name}: the mass matrix S'MS is not positive definite: a motion with negative kinetic energy; "
-            "look for a sign or a default that is wrong"
+            f"{mechanism.name}: the mass matrix S'MS is not positive definite: a motion has negative kinetic energy; "
+            "check signs and defaults"
         )
     if max(map(smallest_eigenvalue, Mbar.values)) <= NEGLIGIBLE_MASS:
         raise ModelError(f"{mechanism.name}: the mass matrix S'MS is singular: a motion without kinetic energy")
@@ -215,9 +219,9 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
 
 
 def warnings(system: ReducedSystem) -> list[str]:
-    """Where the constraints lose rank, or the quasi-velocities given stop being coordinates: a line each; empty if nowhere.
+    """Return where the constraints lose rank, or the given quasi-velocities are not coordinates of the motion: one line each.
 
-    As far as `singular_sets` finds it; empty too where S was given outright or chosen here.
+    Found by `singular_sets`; empty if there are none, or if S was given directly or chosen automatically.
     """
     mechanism = system.mechanism
     if mechanism.quasi_velocity_rows is None:
@@ -226,22 +230,25 @@ def warnings(system: ReducedSystem) -> list[str]:
     square = ca.vertcat(mechanism.A, mechanism.quasi_velocity_rows)
     sets = singular_sets(square, mechanism.A.shape[0], mechanism.q, mechanism.p, values)
     return [
-        f"{mechanism.name}: the constraints lose rank where {where}; the robot has more freedom there than S(q) has columns"
+        f"{mechanism.name}: the constraints lose rank where {where}; the robot has more degrees of freedom there than S(q) "
+        "has columns"
         if lost
-        else f"{mechanism.name}: the quasi-velocities do not fix the motion where {where}; keep away, or choose others there"
+        else f"{mechanism.name}: the quasi-velocities do not determine the motion where {where}; avoid this, or choose others"
         for where, lost in sets
     ]
 
 
 def check_constraints(mechanism: Mechanism) -> None:
-    """Raise ModelError for a constraint that follows from others, and when they leave no motion."""
+    """Raise ModelError for a constraint that follows from others, and if the constraints allow no motion."""
     A = _sampled(mechanism, mechanism.A, "A")
     m, n = mechanism.A.shape
     if A.rank() < m:
         dependent = mechanism.constraint_names[A.dependent_row()]
-        raise ModelError(f"{mechanism.name}: the constraints are not independent: {dependent!r} follows from the others; drop it")
+        raise ModelError(
+            f"{mechanism.name}: the constraints are not independent: {dependent!r} follows from the others; remove it"
+        )
     if m >= n:
-        raise ModelError(f"{mechanism.name}: {m} constraints leave no motion in {n} coordinates")
+        raise ModelError(f"{mechanism.name}: {m} constraints allow no motion in {n} coordinates")
 
 
 def _sampled(mechanism: Mechanism, matrix: ca.SX, name: str) -> Sampled:
@@ -251,14 +258,14 @@ def _sampled(mechanism: Mechanism, matrix: ca.SX, name: str) -> Sampled:
 def _weights(weight: Sequence[float], r: int) -> ca.SX:
     given = list(weight) if isinstance(weight, Iterable) else [weight]
     if len(given) != r or not all(is_number(w) and 0 < w < np.inf for w in given):
-        raise ModelError(f"weights must be {r} positive numbers, got {given}")
+        raise ModelError(f"weights must be {r} positive numbers, not {given}")
     return ca.SX([float(w) for w in given])
 
 
 def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduced | None]:
-    """S(q) and its quasi-velocities: given, from the user's quasi-velocities, or from rates chosen here.
+    """Return S(q) and its quasi-velocities: given, from the user's quasi-velocities, or from automatically chosen rates.
 
-    With the reduced equations, where these are found together with S.
+    Also returns the reduced equations if they are computed together with S.
     """
     if mechanism.given_null_space is not None:
         return mechanism.given_null_space, tuple(mechanism.quasi_velocities), None
@@ -268,11 +275,11 @@ def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduc
         chosen = _choose_velocities(mechanism)
         rows, names = ca.vertcat(*[row for row, _ in chosen]), tuple(velocity for _, velocity in chosen)
     if rows.shape[0] != n - m:
-        raise ModelError(f"{mechanism.name}: {rows.shape[0]} quasi-velocities, there must be n - m = {n - m}")
+        raise ModelError(f"{mechanism.name}: {rows.shape[0]} quasi-velocities; there must be n - m = {n - m}")
     square = ca.vertcat(mechanism.A, rows)
     if _sampled(mechanism, square, "the quasi-velocities").rank() < n:
         raise ModelError(
-            f"{mechanism.name}: the quasi-velocities do not fix the motion: they depend on the constraints or on each other"
+            f"{mechanism.name}: the quasi-velocities do not determine the motion: they depend on the constraints or on each other"
         )
     if mechanism.bodies and mechanism.quasi_expressions:
         found = _by_bodies(mechanism, names, ca.SX.eye(n - m))
@@ -281,14 +288,14 @@ def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduc
 
 
 def _by_bodies(mechanism: Mechanism, nu: Sequence[Quantity], T: ca.SX) -> Reduced:
-    """The reduced equations in nu, the robot's own quasi-velocities being T nu."""
+    """Return the reduced equations in nu, where the robot's own quasi-velocities are T nu."""
     return Recursion(mechanism, ca.vertcat(*[q.symbol for q in nu]), T, mechanism.quasi_expressions).reduced()
 
 
 def _choose_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
-    """n-m velocities that fix the motion, as rows of Gamma: where inputs act, then rates of coordinates.
+    """Return n-m velocities that determine the motion, as rows of Gamma: those of inputs first, then rates of coordinates.
 
-    Of each kind first the one that, together with A, stays farthest from singular in the worst sample.
+    Of each kind, the one is chosen first that, together with A, is farthest from singular in the worst sample.
     """
     n, m = len(mechanism.coordinates), mechanism.A.shape[0]
     candidates = _actuated_velocities(mechanism) + [(ca.SX.eye(n)[k, :], _rate(mechanism.coordinates[k])) for k in range(n)]
@@ -307,14 +314,15 @@ def _choose_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
     for _, velocity in velocities:
         if velocity.name in mechanism.names:
             raise ModelError(
-                f"{mechanism.name}: the name {velocity.name!r} is used twice, it is also that of a quasi-velocity chosen here; "
+                f"{mechanism.name}: the name {velocity.name!r} is used twice: it is also that of an automatically chosen "
+                "quasi-velocity; "
                 "choose your own with quasi_velocity(name, unit, expression)"
             )
     return velocities
 
 
 def _actuated_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
-    """The velocity each input acts on: a coordinate's rate where it is one."""
+    """Return the velocity on which each input acts: the rate of a coordinate if it is one."""
     found = []
     for k, force in enumerate(mechanism.inputs):
         row = mechanism.E[:, k].T
@@ -339,6 +347,6 @@ def _rate(coordinate: Quantity) -> Quantity:
 
 
 def _distance_from_singular(rows: np.ndarray) -> float:
-    """Smallest singular value of the rows scaled to length 1."""
+    """Return the smallest singular value of the rows scaled to length 1."""
     length = np.linalg.norm(rows, axis=1, keepdims=True)
     return float(np.linalg.svd(rows / np.where(length > 0, length, 1.0), compute_uv=False)[-1])

@@ -1,4 +1,4 @@
-"""Lines and arcs, the pieces of composite paths."""
+"""Lines and arcs, the segments of composite paths."""
 
 import math
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ from .algebra.trigonometry import angle_of, sine, sine_cosine
 
 @dataclass(frozen=True)
 class Segment:
-    """A line or an arc: from (x, y) in the direction of travel `heading`, bending with `curvature`, `length` long.
+    """A line or an arc from (x, y) in the direction of travel `heading`, with `curvature` and `length`.
 
-    m, rad, 1/m (positive turns left, 0 is a line). `backward`: the vehicle travels it in reverse, its own heading being
+    m, rad, 1/m (positive turns left, 0 is a line). `backward`: the vehicle drives it in reverse, with its heading
     opposite to the direction of travel.
     """
 
@@ -22,7 +22,7 @@ class Segment:
     backward: bool = False
 
     def pose(self, s: float) -> tuple[float, float, float]:
-        """Point and direction of travel s metres from the start; beyond either end the line or circle goes on."""
+        """Return point and direction of travel s metres from the start; the line or circle continues beyond both ends."""
         half = self.curvature * s / 2
         chord = s * (sine(half) / half if half else 1.0)
         s, c = sine_cosine(self.heading + half)
@@ -30,17 +30,23 @@ class Segment:
 
     @property
     def end(self) -> tuple[float, float, float]:
-        """Point and direction of travel at the end."""
+        """Return point and direction of travel at the end."""
         return self.pose(self.length)
 
+    def places(self, count: int) -> list[tuple[float, float]]:
+        """So many points, m, evenly spread from its start to its end, both included."""
+        return [self.pose(self.length * k / (count - 1))[:2] for k in range(count)]
+
     def distance(self, x: float, y: float) -> float:
-        """Signed distance of a point from the whole line or circle, m; positive to the left of the direction of travel."""
+        """Return the signed distance of a point from the whole line or circle, m; positive to the left of the direction of
+        travel.
+        """
         along, left = self._seen_from_start(x, y)
-        from_centre = math.hypot(self.curvature * along, 1 - self.curvature * left)  # in radii
+        from_centre = math.hypot(self.curvature * along, 1 - self.curvature * left)  # in units of the radius
         return (2 * left - self.curvature * (along * along + left * left)) / (1 + from_centre)
 
     def progress(self, x: float, y: float, near: float = 0.0) -> float:
-        """How far along the point's foot lies, m from the start; on an arc the turn nearest to `near` counts."""
+        """Return the position of the point's foot, m from the start; on an arc of several turns the one nearest to `near`."""
         along, left = self._seen_from_start(x, y)
         if not self.curvature:
             return along
@@ -50,7 +56,7 @@ class Segment:
         return (turned + laps * turn) / self.curvature
 
     def _seen_from_start(self, x: float, y: float) -> tuple[float, float]:
-        """Along the direction of travel at the start, and to the left of it."""
+        """Return the coordinates along the direction of travel at the start, and to its left."""
         s, c = sine_cosine(self.heading)
         dx, dy = float(x - self.x), float(y - self.y)
         return c * dx + s * dy, c * dy - s * dx

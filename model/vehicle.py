@@ -1,16 +1,16 @@
-"""A vehicle whose forward speed and yaw rate are fixed combinations of its quasi-velocities, as with two driven wheels."""
+"""Vehicles whose forward speed and yaw rate are fixed combinations of the quasi-velocities, as with two driven wheels."""
 
 import casadi as ca
 
 from .algebra.exact import canonical
 from .algebra.linear import solve
 from .errors import ModelError
-from .outputs import forward_speed
+from .outputs import forward_speed, velocity
 from .reduction import ReducedSystem
 
 
 def velocity_map(system: ReducedSystem) -> ca.SX | None:
-    """W, 2 x 2, in parameters only, with (forward speed, yaw rate) = W nu; None where there is none that can be inverted."""
+    """Return W, 2 x 2, in parameters only, with (forward speed, yaw rate) = W nu; None if there is no invertible one."""
     vehicle = system.mechanism.vehicle
     if vehicle is None or system.freedom != 2:
         return None
@@ -21,28 +21,29 @@ def velocity_map(system: ReducedSystem) -> ca.SX | None:
 
 
 def required_velocity_map(system: ReducedSystem) -> ca.SX:
-    """As `velocity_map`. Raises ModelError where there is none."""
+    """As `velocity_map`. Raises ModelError if there is none."""
     W = velocity_map(system)
     if W is None:
         raise ModelError(
-            f"{system.mechanism.name}: forward speed and yaw rate are no fixed combinations of two quasi-velocities; dead "
-            "reckoning and a point ahead of the axle need that: moves_in_plane(x, y, heading), and quasi-velocities such as two "
-            "wheels' rates"
+            f"{system.mechanism.name}: forward speed and yaw rate are not fixed combinations of two quasi-velocities; dead "
+            "reckoning and a point ahead of the axle require that: use moves_in_plane(x, y, heading), and quasi-velocities "
+            "such as "
+            "the rates of two wheels"
         )
     return W
 
 
 def point_ahead(system: ReducedSystem) -> ca.SX:
-    """How far ahead of the axle the vehicle's point lies, m, in parameters only: its velocity to the left per yaw rate.
+    """Return how far the vehicle's point is ahead of the axle, m, in parameters only: its velocity to the left per yaw rate.
 
-    Raises ModelError where there is no velocity_map, or the point moves sideways without turning: no wheels on one axle.
+    Raises ModelError if there is no velocity_map, or the point moves sideways without turning: the wheels are not on one axle.
     """
-    W, vehicle = required_velocity_map(system), system.mechanism.required_vehicle
-    x_dot, y_dot = system.along_motion(vehicle.x), system.along_motion(vehicle.y)
-    sideways = ca.cos(vehicle.heading) * y_dot - ca.sin(vehicle.heading) * x_dot
+    W, (_, sideways) = required_velocity_map(system), velocity(system)
     by_speed, by_yaw_rate = ca.horzsplit(canonical(ca.jacobian(sideways, system.nu) @ solve(W, ca.SX.eye(2))))
     known = ca.vertcat(system.mechanism.q, system.nu)
     if not by_speed.is_zero() or ca.depends_on(by_yaw_rate, known):
         name = system.mechanism.name
-        raise ModelError(f"{name}: the vehicle's point moves sideways while it drives straight; the heading is not its way")
+        raise ModelError(
+            f"{name}: the vehicle's point moves sideways while it drives straight: the heading is not its direction of motion"
+        )
     return by_yaw_rate

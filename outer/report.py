@@ -10,6 +10,7 @@ import numpy as np
 
 from ..model.law import ControlLaw
 from ..readers.errors import BadInput
+from ..readers.printing import plain
 from ..simulation.specification.spec import Spec
 from .channel import Channel, Required, last_kept, longest_period, longest_period_with
 from .design import Gains, by_speed, settling_time, show
@@ -144,7 +145,7 @@ class Report:
             "whole": {"refused": self.why_not} if self.why_not else self._whole_json(),
             "robust": {"refused": self.why_not} if self.why_not else self._robust_json(),
         }
-        return _plain(made)
+        return plain(made)
 
     def _whole_json(self) -> dict[str, Any]:
         motion, (period, delay) = self.motion, (self.loops.period, self.loops.delay)
@@ -294,16 +295,3 @@ def _decibel(factor: float) -> str:
 
 def _show(poles: np.ndarray) -> str:
     return ", ".join(show(pole) for pole in by_speed(poles))
-
-
-def _plain(value: Any) -> Any:
-    """For JSON: arrays as lists, complex numbers as pairs, None for what is not finite."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, complex | np.complexfloating):
-        return [float(value.real), float(value.imag)]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value

@@ -11,7 +11,6 @@ from ..readers.errors import BadInput
 from .margins import margins
 from .motion import Setting, SteadyMotion, steady_motion
 
-SPREAD = 0.2  # how wrong things are taken to be where nothing is said
 MOST_CORNERS = 256  # combinations of all errors that are looked at; of more, so many are drawn at random
 LARGE_OFFSET = 0.1  # SI unit of the first output: an offset that hurts as much as the loss of all decay or margin does
 

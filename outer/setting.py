@@ -3,16 +3,15 @@
 import math
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 
-from ..model.law import ControlLaw, symbols
+from ..model.law import ControlLaw
 from ..model.mechanism import values_of
 from ..model.names import TYPE
 from ..model.outputs import OFFSET
 from ..readers.errors import BadInput
 from ..readers.robots import find_robot
-from ..simulation.loop import Loop, make_loop
+from ..simulation.loop import make_loop
 from ..simulation.specification.spec import Initial, Output, Path, Reference, Simulation, Spec
 from ..verification.cases import gain_entries, integral_entries
 from .motion import Setting, path_frame
@@ -51,17 +50,20 @@ def setting_of(spec: Spec) -> Setting:
     if spec.sensors or spec.limits:
         spec = replace(spec, sensors=None, correction=None, limits=None)
     spec = replace(spec, simulation=replace(spec.simulation, backend="casadi"))
+    given = _setting(spec)
     if spec.output.own:  # the steady motion is looked for near the start
-        return _setting(spec, make_loop(spec))
+        return given
     initial = _on_the_way(spec.output, spec.reference, spec.initial)
-    given, moved = (_setting(s, make_loop(s)) for s in (spec, replace(spec, initial=initial)))
+    moved = _setting(replace(spec, initial=initial))
     if path is None or _along(given) == _along(moved):
         return moved
     opposite = replace(spec, initial=replace(initial, heading=(initial.heading or 0.0) + math.pi))
-    return _setting(opposite, make_loop(opposite))
+    return _setting(opposite)
 
 
-def _setting(spec: Spec, loop: Loop) -> Setting:
+def _setting(spec: Spec) -> Setting:
+    """The numbers of the SPEC's loop as it is. Raises BadInput as `make_loop` does."""
+    loop = make_loop(spec)
     law, ki = loop.law, integral_entries(loop.law, spec.gains)
     return Setting(
         law=law,
@@ -77,9 +79,8 @@ def _setting(spec: Spec, loop: Loop) -> Setting:
 
 def _along(setting: Setting) -> bool:
     """Does the vehicle head along the path's direction, or against it?"""
-    law = setting.law
-    groups = [symbols(law.state), symbols(law.parameters), symbols(law.config)]
-    return float(ca.Function("along", groups, [path_frame(law)[1]])(setting.start, setting.believed, setting.config)) > 0
+    direction = setting.law.at_state(path_frame(setting.law)[1])
+    return float(direction(setting.start, setting.believed, setting.config)) > 0
 
 
 def _on_the_way(output: Output, reference: Reference, initial: Initial | None = None) -> Initial:

@@ -1,4 +1,4 @@
-"""Paths of lines and arcs: from pose to pose, through waypoints, from tables."""
+"""Plans paths of lines and arcs: between poses, through waypoints, from tables."""
 
 from .biarcs import fit
 from .shortest import dubins, reeds_shepp

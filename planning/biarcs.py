@@ -1,7 +1,7 @@
-"""Curves broken into few lines and arcs that stay within a tolerance of them.
+"""Approximation of curves by few lines and arcs within a tolerance.
 
-A biarc is two arcs that meet in one direction. Of the one-parameter family that leads from one place and direction to
-another, the one with equal chords is taken (E. Bertolazzi, M. Frego, arXiv:1601.07392).
+A biarc consists of two arcs with a common tangent. Of the one-parameter family between two given points and directions, the
+one with equal chords is used (E. Bertolazzi, M. Frego, arXiv:1601.07392).
 """
 
 import math
@@ -12,16 +12,16 @@ import numpy as np
 from ..model.algebra.trigonometry import cosine, phase, product, sine, size, unit
 from ..model.segments import Segment
 from ..readers.errors import BadInput
-from .chain import joined, prove
+from .chain import check_length, joined, prove
 from .curves import Points, Samples, bends, of_function, sampled, through
 
 Arc = tuple[float, float]  # curvature (1/m, positive turns left) and length (m)
 
-QUARTER = math.pi / 2  # rad: an arc of a biarc turns no farther, so that the foot of a point on it is clear
-STRETCH = 2  # feet run so many times as fast as the curve at most: it stays off the centre of an arc by half its radius
-MOST_PIECES = 2000  # of a path: some 10 s of work, and 112 KB in double
-STRAIGHT = 1e-11  # rad: a curve that turns less between samples is a line there
-ROUNDING = 64 * np.finfo(float).eps  # of the coordinates: lines and arcs that differ less are the same
+QUARTER = math.pi / 2  # rad: largest angle of an arc, so that the foot of a point on it is unique
+STRETCH = 2  # the foot moves at most at this multiple of the curve's speed: the curve stays away from the centre of an arc
+MOST_PIECES = 2000  # segments of a path: about 10 s of computing time, and 112 KB in double
+STRAIGHT = 1e-11  # rad: a curve whose direction changes less between samples is a line there
+ROUNDING = 64 * np.finfo(float).eps  # relative to the coordinates: smaller differences between lines and arcs are ignored
 
 
 def fit(
@@ -32,19 +32,18 @@ def fit(
     min_radius: float | None = None,
     domain: tuple[float, float] | None = None,
 ) -> list[Segment]:
-    """Lines and arcs, without a jump in heading, that stay within `tolerance` (m) of a curve, and the curve of them.
+    """Return lines and arcs, without jumps of the heading, that stay within `tolerance` (m) of a curve, and vice versa.
 
-    `points`: waypoints (x, y) in m, between which the curve is the cubic Hermite curve of `curves.through` (chord-length
-    parameter, directions from parabolas through neighbours; `headings` in rad, None where free, fixes some; `closed`
-    leads from the last back to the first); or a function t -> (x, y) on `domain`: 0 to 1, for a spline of SciPy its knots.
-    The first segment starts where and as the curve starts, the last ends so. Each takes in as much of the curve as it can.
+    `points`: waypoints (x, y) in m, connected by the cubic Hermite curve of `curves.through` (chord-length parameter, directions
+    from parabolas through neighbours; `headings` in rad, None where free, prescribes some; `closed` connects the last to the
+    first); or a function t -> (x, y) on `domain`: by default 0 to 1, for a spline of SciPy its knots.
+    Start and end point and directions are those of the curve. Each segment covers as much of the curve as possible.
 
-    Raises BadInput for waypoints that are no path, a curve with a corner, and where it is tighter than `min_radius` (m).
+    Raises BadInput for invalid waypoints, a curve with a corner, and a curve with a radius below `min_radius` (m).
     """
-    if not (math.isfinite(tolerance) and tolerance > 0):
-        raise BadInput(f"tolerance = {tolerance:g} m is not positive and finite")
-    if min_radius is not None and not (math.isfinite(min_radius) and min_radius > 0):
-        raise BadInput(f"min_radius = {min_radius:g} m is not positive and finite")
+    check_length("tolerance", tolerance)
+    if min_radius is not None:
+        check_length("min_radius", min_radius)
     curve = of_function(points, domain) if callable(points) else through(points, headings, closed)
     samples = sampled(curve, tolerance)
     rounding = ROUNDING * float(np.abs(samples.places).max())
@@ -67,13 +66,15 @@ def fit(
 
 
 def _stops(samples: Samples) -> list[int]:
-    """Where straight stretches begin and end, that they become lines, and the last sample."""
+    """Return the samples where straight parts begin and end, so that they become lines, and the last sample."""
     straight = np.abs(phase(samples.directions[1:] / samples.directions[:-1])) < STRAIGHT
     return [*(np.flatnonzero(np.diff(straight)) + 1), len(straight)]
 
 
 def _longest(samples: Samples, k: int, stop: int, tolerance: float, min_radius: float | None) -> tuple[int, list[Arc]]:
-    """The last sample up to `stop` that a biarc from sample k can reach, and the biarc: the stretch is doubled, then halved."""
+    """Return the last sample up to `stop` that a biarc from sample k can reach, and the biarc; found by doubling and
+    bisection.
+    """
     good, bad, step = k, stop + 1, 1
     best: list[Arc] = []
     while bad - good > 1:
@@ -88,7 +89,7 @@ def _longest(samples: Samples, k: int, stop: int, tolerance: float, min_radius: 
         if _tight(pair, min_radius):
             radius = 1 / max(abs(curvature) for curvature, _ in pair)
             raise BadInput(
-                f"the curve has radius {radius:.4g} m {samples.near(k)}, tighter than min_radius = {min_radius:g} m; "
+                f"the curve has radius {radius:.4g} m {samples.near(k)}, less than min_radius = {min_radius:g} m; "
                 "straighten it there or allow a smaller radius"
             )
         raise BadInput(f"no arcs stay within {tolerance:g} m of the curve {samples.near(k)}; make the tolerance larger")
@@ -96,10 +97,10 @@ def _longest(samples: Samples, k: int, stop: int, tolerance: float, min_radius: 
 
 
 def _biarc(samples: Samples, k: int, m: int) -> list[Arc]:
-    """The biarc of equal chords from sample k to sample m."""
+    """Return the biarc of equal chords from sample k to sample m."""
     across = complex(samples.places[m] - samples.places[k])
     leaving, arriving = (phase(samples.directions[n] / across) for n in (k, m))
-    joint = -(leaving + arriving) / 2  # direction where the arcs meet, seen from the line from start to end
+    joint = -(leaving + arriving) / 2  # direction where the arcs meet, relative to the line from start to end
     chord = abs(across) / (2 * cosine((arriving - leaving) / 4))
     return [_arc(chord, turn) for turn in (joint - leaving, arriving - joint)]
 
@@ -114,10 +115,11 @@ def _tight(pair: list[Arc], min_radius: float | None) -> bool:
 
 
 def _within(samples: Samples, k: int, m: int, pair: list[Arc], tolerance: float) -> bool:
-    """Whether samples k to m are near the biarc, and the biarc near them.
+    """Return whether samples k to m are near the biarc, and the biarc near them.
 
-    The latter follows from where the feet of the samples lie: they run along the biarc from end to end, neither back nor in
-    leaps, so that every point of it is the foot of one of the curve. Between samples, curve and biarc leave their chords.
+    The latter follows from the feet of the samples: they move along the biarc from end to end, neither backward nor in jumps, so
+    that every point of it is the foot of a point of the curve. Between samples, the distances of curve and biarc from their
+    chords are bounded.
     """
     if any(abs(curvature) * length > QUARTER for curvature, length in pair):
         return False
@@ -142,15 +144,17 @@ def _within(samples: Samples, k: int, m: int, pair: list[Arc], tolerance: float)
 
 
 def _feet(points: Points, place: complex, direction: complex, curvature: float) -> tuple[np.ndarray, np.ndarray]:
-    """How far along a line or arc the feet of points lie, m from its start, and how far to its left the points are, m."""
+    """Return the positions of the feet of points on a line or arc, m from its start, and the distances of the points to its
+    left, m.
+    """
     seen = product(points - place, np.conj(direction))
-    spoke = (1 - curvature * seen.imag) + 1j * (curvature * seen.real)  # from the centre, in radii, along 1 at the start
+    spoke = (1 - curvature * seen.imag) + 1j * (curvature * seen.real)  # from the centre, in units of the radius; 1 at the start
     along = phase(spoke) / curvature if curvature else seen.real
     return along, (2 * seen.imag - curvature * (seen.real**2 + seen.imag**2)) / (1 + size(spoke))
 
 
 def _append(arcs: list[Arc], arc: Arc, rounding: float) -> None:
-    """Append an arc, as a line if it is one but for rounding; one that goes on as the last did makes that one longer."""
+    """Append an arc, as a line if it is one up to rounding; an arc that continues the last one is merged with it."""
     curvature, length = arc
     if abs(curvature) * length**2 <= rounding:
         curvature = 0.0

@@ -1,4 +1,4 @@
-"""Pieces joined to a path, and the proof that they are."""
+"""Joins segments to a path, and verifies the result."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -8,24 +8,30 @@ from ..readers.errors import BadInput
 
 Pose = tuple[float, float, float]
 
-CLOSE = 1e-9  # m and rad: how well a planned path holds together and reaches its goal
+CLOSE = 1e-9  # m and rad: largest gap in a planned path, and largest error at its goal
+
+
+def check_length(name: str, value: float) -> None:
+    """Raise BadInput for a length (m) that is not positive and finite."""
+    if not (math.isfinite(value) and value > 0):
+        raise BadInput(f"{name} = {value:g} m is not positive and finite")
 
 
 def pose(value: Sequence[float], where: str) -> Pose:
-    """A pose (x m, y m, heading rad) that was given. Raises BadInput when it is not three finite numbers."""
+    """Return a pose (x m, y m, heading rad). Raises BadInput unless it is three finite numbers."""
     try:
         x, y, heading = (float(number) for number in value)
     except (TypeError, ValueError) as error:
-        raise BadInput(f"{where} = {value!r} is no pose; give x, y (m) and heading (rad)") from error
+        raise BadInput(f"{where} = {value!r} is not a pose; give x, y (m) and heading (rad)") from error
     if not all(map(math.isfinite, (x, y, heading))):
         raise BadInput(f"{where} = {x:g} {y:g} {heading:g} is not finite")
     return x, y, heading
 
 
 def joined(start: Pose, pieces: Iterable[tuple[float, float]]) -> list[Segment]:
-    """Segments one after another from a pose of the vehicle; a piece is (curvature of the vehicle's path, signed length).
+    """Return consecutive segments from a pose of the vehicle; a piece is (curvature of the vehicle's path, signed length).
 
-    1/m, positive to the vehicle's left, and m, negative backward.
+    1/m, positive to the vehicle's left, and m, negative in reverse.
     """
     made, (x, y, heading) = [], start
     for curvature, length in pieces:

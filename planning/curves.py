@@ -1,4 +1,4 @@
-"""Smooth curves to be broken into arcs, through waypoints or given as functions, and samples that miss nothing of them."""
+"""Smooth curves, through waypoints or given as functions, and samples of them that are dense enough for fitting arcs."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -13,22 +13,24 @@ from ..readers.errors import BadInput
 
 Points = np.ndarray  # complex: x + i y, m
 
-SAME = 1e-9  # m: points nearer than that are one
-FAR = 1e100  # m: so far out, cubes of lengths would overflow
-BACK = 1e-6  # rad: so near to half a turn, a turn has no side
-STEP = 1e-6  # of the domain: for the derivative of a function that brings none
+SAME = 1e-9  # m: points with a smaller distance are equal
+FAR = 1e100  # m: beyond this, cubes of lengths would overflow
+BACK = 1e-6  # rad: a turn this close to half a turn has no defined side
+STEP = 1e-6  # of the domain: for the numerical derivative of a function
 
 TURN = 0.1  # rad between neighbouring samples, at most
-SHARE = 1 / 16  # of the tolerance: how far the curve bends away from the chord of neighbouring samples, at most
-PARTS = 4  # samples to a piece of a spline, at least
-MANY = 64  # pieces that a function counts as
-SHORTEST = 1e-6  # of the shortest piece: where samples would have to be closer, there is a corner
+SHARE = 1 / 16  # of the tolerance: largest distance of the curve from the chord of neighbouring samples
+PARTS = 4  # samples per part of a spline, at least
+MANY = 64  # number of parts assumed for a function
+SHORTEST = 1e-6  # of the shortest part: if samples would have to be closer, there is a corner
 MOST = 200_000  # samples
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Places (m) and velocities, complex, at times, (N,) -> (N,); the times where pieces of it meet; what a time is called."""
+    """Positions (m) and velocities, complex, as functions of the parameter, (N,) -> (N,); breakpoints; name of a parameter
+    value.
+    """
 
     place: Callable[[np.ndarray], Points]
     velocity: Callable[[np.ndarray], Points]
@@ -38,7 +40,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Samples:
-    """Places (m) and directions of travel (unit complex) along a curve, (N,)."""
+    """Positions (m) and directions of travel (unit complex) along a curve, (N,)."""
 
     curve: Curve
     times: np.ndarray
@@ -46,17 +48,17 @@ class Samples:
     directions: Points
 
     def near(self, k: SupportsIndex) -> str:
-        """Where sample k is, in words."""
+        """Return the location of sample k as text."""
         place = self.places[k]
         return f"near ({place.real:.6g}, {place.imag:.6g}), {self.curve.called(self.times[k])}"
 
 
 def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] | None, closed: bool) -> Curve:
-    """The cubic Hermite curve through waypoints (x, y) in m; its time is the length of the chords so far.
+    """Return the cubic Hermite curve through waypoints (x, y) in m, with the accumulated chord length as parameter.
 
-    Its velocity at a waypoint is that of the parabola through the waypoint and its neighbours, at an end that of the
-    parabola's end: where waypoints are collinear it is straight, and no waypoint matters more than two waypoints away.
-    Where a heading (rad) is given, the velocity is the unit vector in its direction. A first point that is repeated at the
+    The velocity at a waypoint is that of the parabola through the waypoint and its neighbours, at an end that of the
+    parabola's end: through collinear waypoints the curve is straight, and a waypoint affects it only up to two waypoints away.
+    If a heading (rad) is given, the velocity is the unit vector in its direction. A first point that is repeated at the
     end of a closed curve counts once. Raises BadInput.
     """
     places = _places(points)
@@ -65,7 +67,7 @@ def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] 
         headings = None if headings is None else headings[: len(places)]
     least = 3 if closed else 2
     if len(places) < least:
-        raise BadInput(f"waypoints: {len(places)} given, a {'closed path' if closed else 'path'} needs {least} or more")
+        raise BadInput(f"waypoints: {len(places)} given, a {'closed path' if closed else 'path'} requires {least} or more")
     given = _headings(headings, len(places))
     ring = np.concatenate([places[-1:], places, places[:2]]) if closed else places
     number = np.arange(len(ring)) - closed  # of the waypoint, from 0
@@ -78,7 +80,7 @@ def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] 
     for k in np.flatnonzero(math.pi - np.abs(phase(units[1:] / units[:-1])) < BACK) + 1:
         if given[number[k] % len(places)] is None:
             where = f"waypoint {number[k] % len(places) + 1} {_shown(ring[k])}"
-            raise BadInput(f"the path turns back at {where}; give a heading there, move it, or split the path in two")
+            raise BadInput(f"the path turns back at {where}; give a heading there, move it, or split the path")
     velocities = np.concatenate([units[:1], units])
     velocities[1:-1] = (lengths[1:] * units[:-1] + lengths[:-1] * units[1:]) / (lengths[1:] + lengths[:-1])
     for at, m in enumerate(number):
@@ -101,14 +103,14 @@ def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] 
 
 
 def of_function(function: Callable[[float], Sequence[float]], domain: tuple[float, float] | None) -> Curve:
-    """The curve t -> (x, y) in m: a spline of SciPy on the whole of its knots, another function on `domain` (0 to 1)."""
+    """Return the curve t -> (x, y) in m: a spline of SciPy on all its knots, another function on `domain` (0 to 1)."""
     knots = getattr(function, "x", None)  # PPoly
     if knots is None and hasattr(function, "t") and hasattr(function, "k"):  # BSpline
         knots = function.t[function.k : len(function.t) - function.k]
     if knots is None or domain is not None:
         start, end = (0.0, 1.0) if domain is None else domain
         if not (math.isfinite(start) and math.isfinite(end) and start < end):
-            raise BadInput(f"domain = ({start:g}, {end:g}) is no interval of t; give (start, end)")
+            raise BadInput(f"domain = ({start:g}, {end:g}) is not an interval of t; give (start, end)")
         knots = np.linspace(start, end, MANY + 1)
     knots = np.unique(knots)
 
@@ -116,7 +118,9 @@ def of_function(function: Callable[[float], Sequence[float]], domain: tuple[floa
         try:
             values = np.array([function(t) for t in times], float)
         except (TypeError, ValueError) as error:
-            raise BadInput(f"the curve is no t -> (x, y) between t = {times[0]:g} and {times[-1]:g}: {error}") from error
+            raise BadInput(
+                f"the curve is not a function t -> (x, y) between t = {times[0]:g} and {times[-1]:g}: {error}"
+            ) from error
         if values.shape != (len(times), 2):
             raise BadInput(f"the curve has values of shape {values.shape[1:]} instead of x, y")
         for k in np.flatnonzero(~np.isfinite(values).all(axis=1)):
@@ -124,7 +128,7 @@ def of_function(function: Callable[[float], Sequence[float]], domain: tuple[floa
         return values @ [1, 1j]
 
     def differences(times: np.ndarray) -> Points:
-        """The derivative of the parabola through three points that lie in the domain."""
+        """Return the derivative of the parabola through three points in the domain."""
         step = STEP * (knots[-1] - knots[0])
         middle = np.clip(times, knots[0] + step, knots[-1] - step)
         before, at, after = (place(middle + k * step) for k in (-1, 0, 1))
@@ -141,18 +145,18 @@ def of_function(function: Callable[[float], Sequence[float]], domain: tuple[floa
 
 
 def sampled(curve: Curve, tolerance: float) -> Samples:
-    """Samples so dense that between two neighbours there is nothing but their chord, to a share of the tolerance (m).
+    """Return samples so dense that between two neighbours the curve differs from their chord by a part of the tolerance (m) only.
 
-    Raises BadInput where the curve stands still or has a corner, and when there would be too many samples.
+    Raises BadInput if the velocity vanishes or the curve has a corner, and if there would be too many samples.
     """
     shares = np.arange(PARTS) / PARTS
     times = np.append((curve.knots[:-1, None] + np.diff(curve.knots)[:, None] * shares).ravel(), curve.knots[-1])
     made = _at(curve, times)
-    rough = np.ones(len(times) - 1, bool)  # intervals not known to be fine
+    rough = np.ones(len(times) - 1, bool)  # intervals that may need refinement
     while rough.any():
         left = np.flatnonzero(rough)
         if len(made.times) + len(left) > MOST:
-            raise BadInput(f"tolerance = {tolerance:g} m asks for more than {MOST} samples of the curve; make it larger")
+            raise BadInput(f"tolerance = {tolerance:g} m requires more than {MOST} samples of the curve; make it larger")
         new = _at(curve, (made.times[left] + made.times[left + 1]) / 2)
         chords = made.places[left + 1] - made.places[left]
         bent = bends(chords, (made.directions[left], new.directions, made.directions[left + 1]))
@@ -170,7 +174,9 @@ def sampled(curve: Curve, tolerance: float) -> Samples:
 
 
 def bends(chords: Points, directions: Sequence[Points]) -> np.ndarray:
-    """How far a curve that goes in the directions leaves its chords, m: for an arc exactly that, for an S less."""
+    """Return the largest distance of a curve with these directions from its chords, m: exact for an arc, an upper bound
+    otherwise.
+    """
     return size(chords) * np.max([np.abs(phase(product(d, chords.conj()))) for d in directions], axis=0) / 4
 
 
@@ -179,7 +185,7 @@ def _at(curve: Curve, times: np.ndarray) -> Samples:
     speeds = size(velocities)
     samples = Samples(curve, times, curve.place(times), velocities / np.where(speeds > 0, speeds, 1.0))
     for k in np.flatnonzero(speeds == 0):
-        raise BadInput(f"the curve stands still {samples.near(k)}; it has no direction there")
+        raise BadInput(f"the velocity of the curve vanishes {samples.near(k)}; its direction is undefined there")
     return samples
 
 
@@ -190,7 +196,7 @@ def _places(points: Sequence[Sequence[float]]) -> Points:
         if len(numbers) != 2 or not all(map(math.isfinite, numbers)):
             raise BadInput(f"waypoint {k} = {numbers} must be two finite numbers x, y")
         if max(map(abs, numbers)) > FAR:
-            raise BadInput(f"waypoint {k} = {numbers} is too far out; choose an origin nearer to the path")
+            raise BadInput(f"waypoint {k} = {numbers} is too far away; choose an origin nearer to the path")
         places.append(complex(*numbers))
     return np.array(places)
 

@@ -1,6 +1,5 @@
-"""Figures of planned paths."""
+"""Plots of planned paths."""
 
-import io
 import itertools
 import math
 from collections.abc import Sequence
@@ -12,20 +11,19 @@ from matplotlib.figure import Figure
 from ..model.segments import Segment
 
 LINE, LEFT, RIGHT, CUSP, GIVEN, VEHICLE = "#444444", "#0b61a4", "#c2570c", "#c00000", "#2e8b57", "#333333"
-BEND = 0.05  # rad between drawn points of an arc
-SIZE = 0.07  # length of a drawn vehicle, of the picture's
+BEND = 0.05  # rad between plotted points of an arc
+SIZE = 0.07  # length of a drawn vehicle, relative to the plot
 
 
-def picture(segments: Sequence[Segment], kind: str, title: str, waypoints: Sequence[Sequence[float]] = ()) -> bytes:
-    """A drawn path as the bytes of a file; `kind` is png, pdf or svg; `waypoints` (x, y) in m are marked."""
+def draw(segments: Sequence[Segment], title: str, waypoints: Sequence[Sequence[float]] = ()) -> Figure:
+    """Return a plot of a path; `waypoints` (x, y) in m are marked."""
     figure = Figure(figsize=(9, 7.5), layout="constrained")
     axes = figure.add_subplot()
     for segment in segments:
         colour, name = _look(segment)
         angle = abs(segment.curvature * segment.length)
-        places = np.linspace(0.0, segment.length, 2 + math.ceil(angle / BEND))
-        x, y, _ = zip(*(segment.pose(s) for s in places), strict=True)
-        axes.plot(x, y, color=colour, linestyle="--" if segment.backward else "-", linewidth=2.2, label=name)
+        places = np.transpose(segment.places(2 + math.ceil(angle / BEND)))
+        axes.plot(*places, color=colour, linestyle="--" if segment.backward else "-", linewidth=2.2, label=name)
     joins = np.array([segment.end[:2] for segment in segments[:-1]]).reshape(-1, 2)
     axes.plot(*joins.T, "o", color="black", markersize=4, linestyle="", label="join", zorder=3)
     cusps = [after for before, after in itertools.pairwise(segments) if before.backward != after.backward]
@@ -48,13 +46,11 @@ def picture(segments: Sequence[Segment], kind: str, title: str, waypoints: Seque
     axes.grid(alpha=0.3)
     named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # each kind once
     figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
-    made = io.BytesIO()
-    figure.savefig(made, format=kind, dpi=130)
-    return made.getvalue()
+    return figure
 
 
 def _look(segment: Segment) -> tuple[str, str]:
-    """Colour and name of a segment's kind."""
+    """Return colour and name of a segment's kind."""
     way = ", backward" if segment.backward else ""
     if not segment.curvature:
         return LINE, f"line{way}"
@@ -62,7 +58,7 @@ def _look(segment: Segment) -> tuple[str, str]:
 
 
 def _draw_vehicle(axes: Axes, travel: tuple[float, float, float], backward: bool, size: float, name: str, alpha: float) -> None:
-    """A pointed box about a pose, its nose where the vehicle heads."""
+    """Draw a pointed box at a pose, with its tip in the direction of the vehicle's heading."""
     x, y, heading = travel
     ahead = np.exp(1j * (heading + math.pi * backward))
     outline = np.array([-0.5 - 0.3j, 0.2 - 0.3j, 0.5, 0.2 + 0.3j, -0.5 + 0.3j]) * size * ahead + complex(x, y)

@@ -1,10 +1,10 @@
-"""Shortest paths from pose to pose for a vehicle that turns no tighter than a given radius: Dubins, and Reeds-Shepp.
+"""Shortest paths between poses for a vehicle with a minimum turning radius: Dubins, and Reeds-Shepp.
 
-Lengths are in turning radii here, points are complex numbers, and the start is the origin, heading along x. A path begins
-on one of the two circles at the start and ends on one of the two at the goal. What it does between them takes the centre of
-the first circle to the centre of the last by K e^{i theta}: theta is the heading where it leaves the first circle, K depends
-on nothing but what is done between. So |K|, the distance of the centres, fixes the one free length of the middle, and the
-direction from centre to centre then fixes theta and with it the arcs at both ends.
+Lengths are in turning radii, points are complex numbers, and the start is the origin with heading along x. A path begins
+on one of the two circles at the start and ends on one of the two at the goal. The middle part takes the centre of the first
+circle to the centre of the last by K e^{i theta}, where theta is the heading at the end of the first arc, and K depends on the
+middle part only. So |K|, the distance of the centres, determines the one free length of the middle part, and the direction from
+centre to centre then determines theta and with it the arcs at both ends.
 """
 
 import math
@@ -13,45 +13,44 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from ..model.algebra.trigonometry import arcsine, phase, unit
 from ..model.segments import Segment
 from ..readers.errors import BadInput
-from .chain import Pose, joined, pose, prove
+from .chain import Pose, check_length, joined, pose, prove
 
-Piece = tuple[int, float]  # steering (1 left, 0 straight, -1 right) and signed length (negative: backward)
+Piece = tuple[int, float]  # steering (1 left, 0 straight, -1 right) and signed length (negative: in reverse)
 Middles = Callable[[int, int, float], Iterator[list[Piece]]]
 
-SNAP = 1e-10  # m and rad: a piece that is shorter, or that little short of a full turn, is rounding
-FAR = 1e100  # turning radii: beyond, squares of distances overflow
-TIE = 1e-12  # paths whose lengths differ by less of their length are equally short: fewer cusps win, fewer pieces, forward first
+SNAP = 1e-10  # m and rad: shorter pieces, and arcs shorter than a full turn by less than this, are due to rounding
+FAR = 1e100  # turning radii: beyond this, squares of distances overflow
+TIE = 1e-12  # relative difference of lengths below which paths are equal: then fewer cusps, fewer pieces, forward first
 SIDES = (1, -1)
 
 
 def dubins(start: Sequence[float], goal: Sequence[float], radius: float) -> list[Segment]:
-    """The shortest way forward from pose to pose (x m, y m, heading rad) turning no tighter than `radius` (m).
+    """Return the shortest forward path between poses (x m, y m, heading rad) with turning radius at least `radius` (m).
 
-    L. E. Dubins, American Journal of Mathematics 79 (1957): arc, line, arc; or three arcs. Ends at the goal to 1e-9 (m and
-    rad). Raises BadInput for what is no pose or no radius, for equal poses, and where they are so far apart or the radius so
-    large that rounding forbids that precision.
+    L. E. Dubins, American Journal of Mathematics 79 (1957): arc, line, arc; or three arcs. The error at the goal is at most
+    1e-9 (m and rad). Raises BadInput for an invalid pose or radius, for equal poses, and for distances or a radius so large
+    that rounding prevents that accuracy.
     """
     return _plan(_dubins_middles, False, pose(start, "start"), pose(goal, "goal"), radius)
 
 
 def reeds_shepp(start: Sequence[float], goal: Sequence[float], radius: float) -> list[Segment]:
-    """The shortest way, forward and backward, between poses of the vehicle turning no tighter than `radius` (m).
+    """Return the shortest path, forward and in reverse, between poses of the vehicle with turning radius at least `radius` (m).
 
-    J. A. Reeds and L. A. Shepp, Pacific Journal of Mathematics 145 (1990): at most five pieces. A Segment's heading and
-    curvature are those of the direction of travel. Units, precision and errors as of `dubins`.
+    J. A. Reeds and L. A. Shepp, Pacific Journal of Mathematics 145 (1990): at most five pieces. Heading and
+    curvature of a Segment are those of the direction of travel. Units, accuracy and errors as for `dubins`.
     """
     return _plan(_reeds_shepp_middles, True, pose(start, "start"), pose(goal, "goal"), radius)
 
 
 def _plan(middles: Middles, reversing: bool, start: Pose, goal: Pose, radius: float) -> list[Segment]:
-    """The shortest path with one of the middles, on SI units."""
-    if not (math.isfinite(radius) and radius > 0):
-        raise BadInput(f"radius = {radius:g} m is not positive and finite")
+    """Return the shortest path with one of the middle parts, in SI units."""
+    check_length("radius", radius)
     target = complex(goal[0] - start[0], goal[1] - start[1]) / radius * unit(-start[2])
     if not abs(target) < FAR:
-        raise BadInput(f"start and goal are too far apart for a radius of {radius:g} m; move them together or widen it")
+        raise BadInput(f"start and goal are too far apart for a radius of {radius:g} m; move them together or increase it")
     turn = math.remainder(goal[2] - start[2], 2 * math.pi)
-    slack = SNAP / max(1.0, radius * (1 + abs(target)))  # rad, or radii: moves the end by less than SNAP
+    slack = SNAP / max(1.0, radius * (1 + abs(target)))  # rad, or radii: moves the end point by less than SNAP
     if abs(target) < slack and abs(turn) < slack:
         raise BadInput("start and goal are the same pose; there is no path to plan")
     paths = [_tidy(pieces, reversing, slack) for pieces in _paths(middles, target, turn, slack)]
@@ -64,7 +63,7 @@ def _plan(middles: Middles, reversing: bool, start: Pose, goal: Pose, radius: fl
 
 
 def _paths(middles: Middles, target: complex, turn: float, slack: float) -> Iterator[list[Piece]]:
-    """Every path to the target, heading there turned by `turn`, that has one of the middles."""
+    """Yield every path to the target, with the heading changed by `turn`, that has one of the middle parts."""
     for first in SIDES:
         for last in SIDES:
             apart = _centres(first, last, target, turn)
@@ -76,12 +75,14 @@ def _paths(middles: Middles, target: complex, turn: float, slack: float) -> Iter
 
 
 def _centres(first: int, last: int, end: complex, turned: float) -> complex:
-    """From the centre of a first circle, begun at the origin, to that of a last one through `end`."""
+    """Return the vector from the centre of the first circle, which begins at the origin, to that of the last circle through
+    `end`.
+    """
     return end + 1j * last * unit(turned) - 1j * first
 
 
 def _end(pieces: Iterable[Piece]) -> tuple[complex, float]:
-    """Place and heading after the pieces."""
+    """Return position and heading after the pieces."""
     place, heading = 0j, 0.0
     for steer, length in pieces:
         ahead = unit(heading)
@@ -91,17 +92,17 @@ def _end(pieces: Iterable[Piece]) -> tuple[complex, float]:
 
 
 def _straight(first: int, last: int, apart: float, before: list[Piece], after: list[Piece]) -> Iterator[list[Piece]]:
-    """Middles of a line between given pieces: the two lengths of the line that bring the centres `apart`."""
+    """Yield middle parts with a line between given pieces: the two lengths of the line for which the centres are `apart`."""
     fixed = _centres(first, last, *_end([*before, *after]))
     along = (fixed * unit(-sum(steer * length for steer, length in before))).real
     square = along**2 + apart**2 - abs(fixed) ** 2
-    if square >= -1e-14 * (1 + apart**2):  # where the line just vanishes, but for rounding
+    if square >= -1e-14 * (1 + apart**2):  # including a line whose length is zero up to rounding
         for root in SIDES:
             yield [*before, (0, root * math.sqrt(max(0.0, square)) - along), *after]
 
 
 def _dubins_middles(first: int, last: int, apart: float) -> Iterator[list[Piece]]:
-    """A line; or between circles of the same side one arc of the other side."""
+    """Yield a line; or, between circles of the same side, one arc of the other side."""
     yield from _straight(first, last, apart, [], [])
     if first == last and apart <= 4:
         for side in SIDES:
@@ -109,7 +110,7 @@ def _dubins_middles(first: int, last: int, apart: float) -> Iterator[list[Piece]
 
 
 def _reeds_shepp_middles(first: int, last: int, apart: float) -> Iterator[list[Piece]]:
-    """Those of Dubins; a line with quarter turns from or to a cusp; two arcs of equal length."""
+    """Yield those of Dubins; a line with quarter turns from or to a cusp; two arcs of equal length."""
     yield from _dubins_middles(first, last, apart)
     quarters = [side * math.pi / 2 for side in SIDES]
     for before in [[], *([(-first, quarter)] for quarter in quarters)]:
@@ -125,7 +126,9 @@ def _reeds_shepp_middles(first: int, last: int, apart: float) -> Iterator[list[P
 
 
 def _tidy(pieces: Iterable[Piece], reversing: bool, slack: float) -> list[Piece]:
-    """Pieces of the same steering merged, arcs gone the shorter way (forward, unless reversing), nothing of no length."""
+    """Return the pieces with equal steering merged, arcs taken the shorter way (forward, unless reversing), without empty
+    ones.
+    """
     made: list[Piece] = []
     for steer, length in pieces:
         if made and made[-1][0] == steer:

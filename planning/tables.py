@@ -1,4 +1,4 @@
-"""Composite paths as they stand in a file: a table for each line or arc, read and written."""
+"""Composite paths in a file: reads and writes a table for each line or arc."""
 
 import json
 import math
@@ -8,6 +8,7 @@ from typing import Any
 from ..codegen.printing.scalar import Scalar
 from ..model.algebra.trigonometry import angle_of
 from ..model.segments import Segment
+from ..readers import printing
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys, flag, number, one_of, point
 
@@ -15,16 +16,16 @@ READERS = {
     "line": {"from": point, "to": point, "length": number("positive")},
     "arc": {"from": point, "heading": number(), "radius": number("positive"), "angle": number()},
 }
-SURE = 1e-9  # rad: a line whose heading its ends, being rounded, leave less sure than that is written by its length
+SURE = 1e-9  # rad: a line whose rounded end points determine its heading less accurately is written by its length
 
 
 def segments_from_tables(tables: Any, where: str) -> list[Segment]:
-    """Segments from tables { kind = "line", from, to } and { kind = "arc", from, heading, radius, angle }, m and rad.
+    """Return segments from tables { kind = "line", from, to } and { kind = "arc", from, heading, radius, angle }, m and rad.
 
-    `angle` is positive to the left; `heading` is the direction of travel; `backward = true` where the vehicle travels in
-    reverse. After the first, a segment without `from`, or an arc without `heading`, goes on from the one before (where
-    `backward` changes, in the opposite direction); a line that does may have a `length` instead of `to`. Whether
-    the others join is not looked at. Raises BadInput, counting segments from 1, for anything else.
+    `angle` is positive to the left; `heading` is the direction of travel; `backward = true` for segments driven in reverse.
+    After the first, a segment without `from`, or an arc without `heading`, continues the previous one (in the opposite direction
+    where `backward` changes); such a line may have a `length` instead of `to`. Joins of other segments are not checked.
+    Raises BadInput, counting segments from 1, for anything else.
     """
     if not isinstance(tables, list) or not tables:
         raise BadInput(f"{where} = {tables!r} is not a list of lines and arcs")
@@ -55,25 +56,27 @@ def _read(table: Any, before: Segment | None, where: str) -> Segment:
         curvature = 0.0
         if "length" in given:
             if "from" in given or "to" in given:
-                raise BadInput(f"{where} length is for a line that goes on from the one before, without from and to")
+                raise BadInput(
+                    f"{where} length is allowed only for a line that continues the previous segment, without from and to"
+                )
             length = given["length"]
         else:
             _need(given, ["to"], where)
             dx, dy = given["to"][0] - x, given["to"][1] - y
             heading, length = angle_of(dy, dx), math.hypot(dx, dy)
     if not (0 < length < math.inf):
-        raise BadInput(f"{where} has length {length:g} m; leave it out" if length == 0 else f"{where} is too long")
+        raise BadInput(f"{where} has length {length:g} m; remove it" if length == 0 else f"{where} is too long")
     return Segment(x, y, math.remainder(heading, 2 * math.pi), curvature, length, backward)
 
 
 def _need(given: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
     for key in keys:
         if key not in given:
-            raise BadInput(f"{where} needs {key}")
+            raise BadInput(f"{where} requires {key}")
 
 
 def tables(segments: Sequence[Segment]) -> list[dict[str, Any]]:
-    """Tables that segments_from_tables reads back as the same segments, but for rounding."""
+    """Return tables that segments_from_tables reads back as the same segments, up to rounding."""
     return [_table(segment, first=k == 0) for k, segment in enumerate(segments)]
 
 
@@ -91,22 +94,21 @@ def _table(segment: Segment, first: bool) -> dict[str, Any]:
 
 
 def toml(segments: Sequence[Segment], closed: bool = False) -> str:
-    """The path as an entry of a SPEC's [output], one segment a line."""
+    """Return the path as an entry of a SPEC's [output], one segment per line."""
     rows = []
     for table in tables(segments):
-        entries = ", ".join(f"{key} = {json.dumps(value)}" for key, value in table.items())
-        rows.append(f"  {{ {entries} }},\n")
+        rows.append(f"  {printing.toml(table)},\n")
     return f'path = {{ kind = "composite", {"closed = true, " if closed else ""}segments = [\n{"".join(rows)}] }}\n'
 
 
 def as_json(segments: Sequence[Segment], closed: bool = False) -> str:
-    """The same path as JSON."""
+    """Return the same path as JSON."""
     path = {"kind": "composite", **({"closed": True} if closed else {}), "segments": tables(segments)}
     return json.dumps(path, indent=2) + "\n"
 
 
 def c_array(segments: Sequence[Segment], scalar: Scalar) -> str:
-    """The path as a C array of noslip_segment, or of its float twin."""
+    """Return the path as a C array of noslip_segment, or of noslip_segment_f."""
     rows = []
     for segment in segments:
         numbers = {name: getattr(segment, name) for name in ("x", "y", "heading", "curvature", "length")}

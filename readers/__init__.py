@@ -1,1 +1,1 @@
-"""What the user gives, read and checked: robot files and values of TOML; files written whole or not at all."""
+"""Reads and checks user input: robot files and TOML values; writes files completely or not at all."""

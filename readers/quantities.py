@@ -1,21 +1,21 @@
-"""Which numbers a file or an option may give: beyond, products and powers of them overflow or vanish."""
+"""The range of numbers in files and options; outside it, products and powers would overflow or underflow."""
 
 import argparse
 
-SMALLEST, LARGEST = 1e-30, 1e30  # in SI units; every size a robot can have lies well between
+SMALLEST, LARGEST = 1e-30, 1e30  # in SI units; physical sizes of a robot are well between
 
 
 def in_range(value: float) -> bool:
-    """Is the size of a finite number within the range? Zero is."""
+    """Return whether the absolute value of a finite number is zero or within the range."""
     return value == 0 or SMALLEST <= abs(value) <= LARGEST
 
 
 def quantity(text: str) -> float:
-    """A number on the command line, for argparse; one that is not finite is left to the option's own check."""
+    """Return a number on the command line, for argparse. The option itself must check that it is finite."""
     value = float(text)
     if value - value == 0 and not in_range(value):
-        raise argparse.ArgumentTypeError(f"{text} is out of range: sizes are 0 or between {SMALLEST:g} and {LARGEST:g}")
+        raise argparse.ArgumentTypeError(f"{text} is out of range: give 0 or a size between {SMALLEST:g} and {LARGEST:g}")
     return value
 
 
-quantity.__name__ = "float"  # which argparse names where the text is no number at all
+quantity.__name__ = "float"  # argparse prints this name if the text is not a number

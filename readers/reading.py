@@ -1,4 +1,4 @@
-"""Readers of values and sections of TOML: each checks its value and says where it stands when it is wrong."""
+"""Readers of values and sections of TOML. Each checks its value; the error message says where the value is."""
 
 import dataclasses
 import math
@@ -18,7 +18,7 @@ Reader = Callable[[Any, str], Any]
 
 
 def check_keys(given: Iterable[str], known: Iterable[str], where: str) -> None:
-    """Raise BadInput for a key that is not known, with the nearest known one."""
+    """Raise BadInput for an unknown key, suggesting the nearest known one."""
     known = list(known)
     for key in given:
         if key not in known:
@@ -26,7 +26,7 @@ def check_keys(given: Iterable[str], known: Iterable[str], where: str) -> None:
 
 
 def number(sign: str = "any") -> Reader:
-    """Reads a finite number of the given sign (any, positive, nonnegative)."""
+    """Return a reader of a finite number with a sign: any, positive or nonnegative."""
     holds, wanted = SIGNS[sign]
 
     def read(value: Any, where: str) -> float:
@@ -39,7 +39,7 @@ def number(sign: str = "any") -> Reader:
         if not math.isfinite(value):
             raise BadInput(f"{where} = {value} is not finite")
         if not in_range(value):
-            raise BadInput(f"{where} = {value:g} is out of range: sizes are 0 or between {SMALLEST:g} and {LARGEST:g}")
+            raise BadInput(f"{where} = {value:g} is out of range: give 0 or a size between {SMALLEST:g} and {LARGEST:g}")
         if not holds(value):
             raise BadInput(f"{where} = {value:g} must be {wanted}")
         return value
@@ -48,7 +48,7 @@ def number(sign: str = "any") -> Reader:
 
 
 def numbers(value: Any, where: str) -> tuple[float, ...]:
-    """Reads a list of finite numbers."""
+    """Read a list of finite numbers."""
     if not isinstance(value, list):
         raise BadInput(f"{where} = {value!r} is not a list of numbers")
     return tuple(number()(item, f"{where}[{k}]") for k, item in enumerate(value))
@@ -58,27 +58,27 @@ def point(value: Any, where: str) -> tuple[float, ...]:
     """Reads [x, y]."""
     made = numbers(value, where)
     if len(made) != 2:
-        raise BadInput(f"{where} has {len(made)} numbers, it must be [x, y]")
+        raise BadInput(f"{where} has {len(made)} numbers; it must be [x, y]")
     return made
 
 
 def pose(value: Any, where: str) -> tuple[float, ...]:
-    """Reads [x, y, heading]."""
+    """Read [x, y, heading]."""
     made = numbers(value, where)
     if len(made) != 3:
-        raise BadInput(f"{where} has {len(made)} numbers, it must be [x, y, heading]")
+        raise BadInput(f"{where} has {len(made)} numbers; it must be [x, y, heading]")
     return made
 
 
 def text(value: Any, where: str) -> str:
-    """Reads a string."""
+    """Read a string."""
     if not isinstance(value, str):
         raise BadInput(f"{where} = {value!r} is not a string")
     return value
 
 
 def one_of(*known: str) -> Reader:
-    """Reads one of the known words."""
+    """Return a reader of one of the known words."""
 
     def read(value: Any, where: str) -> str:
         if value not in known:
@@ -89,11 +89,11 @@ def one_of(*known: str) -> Reader:
 
 
 def whole(least: int) -> Reader:
-    """Reads an integer from `least` on."""
+    """Return a reader of an integer that is at least `least`."""
 
     def read(value: Any, where: str) -> int:
         if isinstance(value, bool) or not isinstance(value, int):
-            raise BadInput(f"{where} = {value!r} is not a whole number")
+            raise BadInput(f"{where} = {value!r} is not an integer")
         if value < least:
             raise BadInput(f"{where} = {value} must be {least} or more")
         return value
@@ -102,24 +102,24 @@ def whole(least: int) -> Reader:
 
 
 def flag(value: Any, where: str) -> bool:
-    """Reads true or false."""
+    """Read true or false."""
     if not isinstance(value, bool):
         raise BadInput(f"{where} = {value!r} is neither true nor false")
     return value
 
 
 def one_or_more(value: Any, where: str) -> tuple[float, ...]:
-    """Reads a number or a list of numbers."""
+    """Read a number or a list of numbers."""
     return numbers(value, where) if isinstance(value, list) else (number()(value, where),)
 
 
 def named_numbers(value: Any, where: str) -> dict[str, float]:
-    """Reads a table of finite numbers; which names it may have, the robot or law decides."""
+    """Read a table of finite numbers. The robot or law checks the names."""
     return {key: number()(item, f"{where} {key}") for key, item in _table(value, where).items()}
 
 
 def section(kind: type[Section]) -> Callable[[Any, str], Section]:
-    """Reads a table into the dataclass `kind`."""
+    """Return a reader of a table into the dataclass `kind`."""
 
     def read(value: Any, where: str) -> Section:
         given, entries = _table(value, where), dataclasses.fields(kind)
@@ -134,7 +134,7 @@ def section(kind: type[Section]) -> Callable[[Any, str], Section]:
 
 
 def entry(read: Reader, default: Any = dataclasses.MISSING) -> Any:
-    """An entry of a section: how its value is read, and what it is when absent (nothing: it must be there)."""
+    """Declare an entry of a section: its reader and its default; without a default the entry is required."""
     if isinstance(default, dict):
         return dataclasses.field(default_factory=lambda: dict(default), metadata={"read": read})
     return dataclasses.field(default=default, metadata={"read": read})

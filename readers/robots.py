@@ -1,13 +1,12 @@
-"""Robots and laws by name, as on the command line and in files."""
+"""Finds robots and laws by name, as given on the command line and in files."""
 
 import ast
-import difflib
 import inspect
 import re
 import sys
 import traceback
 import types
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -21,13 +20,13 @@ from ..model.mechanism import Mechanism
 from ..model.outputs import OFFSET, OUTPUTS, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import ROBOTS
-from .errors import BadInput
+from .errors import BadInput, suggestion
 from .files import read_input
 
 
 @dataclass(frozen=True)
 class Source:
-    """The user's code that made a robot: her file, its text, and the first and last line of what defines the robot's name."""
+    """The user's file that defines a robot: path, text, and first and last line of the statement that defines its name."""
 
     path: Path
     text: bytes
@@ -35,9 +34,10 @@ class Source:
     last: int
 
     def line_of(self, message: str) -> int:
-        """The line of the call that a message is about: one with a name quoted there, or of a method named there.
+        """Return the line of the call that a message is about: one that contains a name quoted there, or calls a method named
+        there.
 
-        Of several the first, those of the robot's own function before others.
+        If there are several, the first one; lines of the robot's own function take precedence.
         """
         calls = [node for node in ast.walk(ast.parse(self.text)) if isinstance(node, ast.Call)]
         calls.sort(key=lambda call: (not self.line <= call.lineno <= self.last, call.lineno))
@@ -57,12 +57,12 @@ _sources: WeakKeyDictionary[Mechanism, Source] = WeakKeyDictionary()
 
 @cache
 def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
-    """A shipped name, or "path/to/file.py:name" where name is a Mechanism, or another of `kinds`, or a function answering one.
+    """Return a robot: a shipped name, or "path/to/file.py:name", where name is a Mechanism (or another of `kinds`) or a function
+    that returns one.
 
-    Whole numbers after it, each with a colon before, are the function's arguments: "tractor_trailer:4". Who asks for the same
-    name gets the same object, which takes nothing but outputs once it has been reduced. Raises BadInput:
-    unknown name, no such file, numbers that the function does not take, or, with file and line, an error that the user's
-    own code raised.
+    Integers after the name, each preceded by a colon, are arguments of the function: "tractor_trailer:4". The same name always
+    returns the same object, which accepts only further outputs once it has been reduced. Raises BadInput for an unknown name, a
+    missing file, invalid arguments, or, with file and line, an error raised by the user's code.
     """
     whole, text = text, re.sub(r"(:-?\d{1,15})*\Z", "", text, count=1)
     numbers = [int(number) for number in whole[len(text) :].split(":")[1:]]
@@ -73,25 +73,25 @@ def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
         except ModelError as error:
             raise BadInput(f"robot {whole!r}: {error}") from error
     if "\0" in text:
-        raise BadInput(f"robot {text!r} is no name of a file")
+        raise BadInput(f"robot {text!r} is not a valid file name")
     file, colon, name = text.rpartition(":")
     if not colon and not text.endswith(".py"):
         raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, ROBOTS)}")
     if file in ROBOTS:
-        raise BadInput(f"robot {whole!r}: what follows a shipped name must be whole numbers")
+        raise BadInput(f"robot {whole!r}: the arguments after a shipped name must be integers")
     if not colon:
         file, name = text, ""
     return _robot_of_file(Path(file), name, kinds, numbers)
 
 
 def find_laws(system: ReducedSystem) -> tuple[str, ...]:
-    """Names of the laws that this robot can have, Types I to IV before its own; empty when none fits."""
+    """Return the names of the laws that this robot can have, Types I to IV first, then its own; empty if there are none."""
     return tuple(name for name in output_names(system.mechanism) if _fits(system, name))
 
 
 @cache
 def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
-    """The control law, built once per process. Raises BadInput for an unknown name, ModelError as `control_law` does."""
+    """Return the control law, built once per process. Raises BadInput for an unknown name, ModelError as `control_law` does."""
     mechanism = robot if isinstance(robot, Mechanism) else robot.mechanism
     check_law(mechanism, law_name)
     system = system_of(robot) if isinstance(robot, Mechanism) else robot
@@ -100,7 +100,7 @@ def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
 
 
 def check_law(robot: Mechanism, law_name: str) -> None:
-    """Raise BadInput for a name that is neither of Types I to IV nor of the robot's own outputs."""
+    """Raise BadInput unless the name is one of Types I to IV or of the robot's own outputs."""
     known = output_names(robot)
     if law_name not in known and law_name.removesuffix(OFFSET) not in OUTPUTS:
         raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, known)}")
@@ -108,14 +108,14 @@ def check_law(robot: Mechanism, law_name: str) -> None:
 
 @cache
 def system_of(robot: Mechanism) -> ReducedSystem:
-    """The reduced system, built once per process. Raises ModelError as `reduce` does."""
+    """Return the reduced system, built once per process. Raises ModelError as `reduce` does."""
     with placed(robot):
         return reduce(robot)
 
 
 @contextmanager
 def placed(robot: object, about: str = "") -> Iterator[None]:
-    """A ModelError about a robot of a user's file gets file and line of the call that it, or `about`, names."""
+    """Prefix a ModelError about a robot of a user's file with file and line of the call that it, or `about`, names."""
     try:
         yield
     except ModelError as error:
@@ -126,23 +126,18 @@ def placed(robot: object, about: str = "") -> Iterator[None]:
 
 
 def check_trust(robot: str, file: Path | str, trusted: bool) -> None:
-    """Raise BadInput where a `file` from elsewhere names a robot's file, which is code, and the user has not said --trust."""
+    """Raise BadInput if `file` names a robot file, which is Python code, and the user has not given --trust."""
     if not trusted and robot.split(":")[0] not in ROBOTS and (":" in robot or robot.endswith(".py")):
-        raise BadInput(f"{file} names the robot {robot!r}, a file whose code would run; read it, then add --trust")
+        raise BadInput(f"{file} names the robot {robot!r}, a file whose code would be executed; read it, then add --trust")
 
 
 def beside(robot: str, file: Path | str) -> str:
-    """A robot named in a file: "path/to/file.py:name" is looked for from that file's folder first, then from the current one."""
+    """Return a robot named in a file; "path/to/file.py:name" is looked up relative to that file first, then to the current
+    folder.
+    """
     stem, py, name = robot.partition(".py")
     near = Path(file).parent / (stem + py)
     return f"{near}{name}" if py and "\0" not in robot and near.is_file() else robot
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """The end of a message about an unknown name: the nearest one, or all."""
-    known = list(known)
-    near = difflib.get_close_matches(name, known, 1)
-    return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known) or 'none'}"
 
 
 def _fits(system: ReducedSystem, law_name: str) -> bool:
@@ -154,10 +149,10 @@ def _fits(system: ReducedSystem, law_name: str) -> bool:
 
 
 def _check_numbers(text: str, robot: Any, numbers: list[int]) -> None:
-    """Raise BadInput where the robot is a function that does not take these numbers, or none and there are some."""
+    """Raise BadInput if the robot does not accept these arguments."""
     try:
         taken = inspect.signature(robot)
-    except (TypeError, ValueError):  # no function, or one that does not say
+    except (TypeError, ValueError):  # not a function, or one without a signature
         taken = None
     try:
         if taken:
@@ -167,7 +162,7 @@ def _check_numbers(text: str, robot: Any, numbers: list[int]) -> None:
     except TypeError:
         pass
     names = ", ".join(taken.parameters) if taken else ""
-    raise BadInput(f"robot {text!r}: it takes {f'the numbers {names}' if names else 'no numbers'}, given are {len(numbers)}")
+    raise BadInput(f"robot {text!r}: it takes {f'the numbers {names}' if names else 'no numbers'}; {len(numbers)} are given")
 
 
 def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list[int]) -> Any:
@@ -178,7 +173,7 @@ def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list
         key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__ and callable(value)
     ]
     if name not in vars(module):
-        wanted = f"no robot {name!r} in it" if name else "say which robot"
+        wanted = f"it does not define a robot {name!r}" if name else "no robot is named"
         raise BadInput(f"{path}: {wanted}; give {path}:name{suggestion(name, made)}")
     given = robot = getattr(module, name)
     if callable(given) or numbers:
@@ -188,8 +183,8 @@ def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list
     if not isinstance(robot, kinds):
         what = f"it is {type(robot).__name__}"
         if callable(given):
-            what = f"it answers {type(robot).__name__}" + ("; is `return` missing?" if robot is None else "")
-        wanted = "no Mechanism nor a function without arguments that answers one"
+            what = f"it returns {type(robot).__name__}" + ("; is `return` missing?" if robot is None else "")
+        wanted = "neither a Mechanism nor a function without arguments that returns one"
         raise BadInput(f"{path}:{source.line}: {name} is {wanted}: {what}")
     if isinstance(robot, Mechanism):
         _sources[robot] = source
@@ -197,7 +192,7 @@ def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list
 
 
 def _lines(text: bytes, name: str) -> tuple[int, int]:
-    """First and last line of the statement of a module that binds a name; its first line where none does."""
+    """Return first and last line of the statement of a module that binds a name, or of its first line if there is none."""
     for node in ast.parse(text).body:
         names = [getattr(node, "name", None), *(getattr(target, "id", None) for target in getattr(node, "targets", ()))]
         if name in names:
@@ -206,7 +201,7 @@ def _lines(text: bytes, name: str) -> tuple[int, int]:
 
 
 def _run(path: Path, source: bytes) -> types.ModuleType:
-    """The user's file as a module; her own modules beside it can be imported."""
+    """Execute the user's file as a module; it can import modules in the same folder."""
     module = types.ModuleType(path.stem)
     module.__file__ = str(path)
     folder = str(path.resolve().parent)
@@ -219,7 +214,7 @@ def _run(path: Path, source: bytes) -> types.ModuleType:
 
 
 def _guarded(path: Path, call):
-    """Answer call(); whatever the user's code raises becomes BadInput with the last line of her file that took part."""
+    """Return call(). An exception of the user's code becomes BadInput with the last line of the user's file in its traceback."""
     try:
         return call()
     except (Exception, SystemExit) as error:

@@ -17,70 +17,70 @@
 #include "noslip_status.h"
 #include "noslip_trig.h"
 
-/* -- double: made from noslip_angle.inc by guarantees/headers.py ------------------------------------------------------- */
+/* -- double: generated from noslip_angle.inc by guarantees/headers.py -------------------------------------------------- */
 
 /*
- * The angle (rad) that differs from `wanted` by whole turns and is nearest to `actual`: not more than half a turn away. `wanted`
- * itself, unchanged, where that is so already. Half a turn away, either way is as short: rounding decides.
- * The error is that of rounding once or twice at the size of the angles: 1e-15 of the larger one in double, 2e-7 in float.
+ * Writes to `nearest` the angle (rad) that differs from `desired` by whole turns and from `actual` by at most half a turn. If
+ * `desired` itself is that angle, it is written unchanged. At exactly half a turn, rounding decides between the two candidates.
+ * The rounding error is at most 1e-15 times the larger angle in double, 2e-7 in float.
  *
- * NOSLIP_NULL; NOSLIP_NONFINITE; NOSLIP_RANGE where an angle is beyond the range of noslip_sincos. On an error the answer is 0.
+ * Errors: NOSLIP_NULL; NOSLIP_NONFINITE; NOSLIP_RANGE if an angle is outside the range of noslip_sincos. `nearest` is then 0.
  */
-static inline int noslip_nearest_angle(double wanted, double actual, double *nearest)
+static inline int noslip_nearest_angle(double desired, double actual, double *nearest)
 {
     double turns;
     int status = NOSLIP_OK;
     if (nearest == NULL) {
         return NOSLIP_NULL;
     }
-    if (!(noslip_is_finite(wanted) && noslip_is_finite(actual))) {
+    if (!(noslip_is_finite(desired) && noslip_is_finite(actual))) {
         status = NOSLIP_NONFINITE;
-    } else if (!(noslip_angle_ok(wanted) && noslip_angle_ok(actual))) {
+    } else if (!(noslip_angle_ok(desired) && noslip_angle_ok(actual))) {
         status = NOSLIP_RANGE;
     }
     if (status != NOSLIP_OK) {
         *nearest = 0;
         return status;
     }
-    turns = (wanted - actual) * (double)0.15915494309189535;
+    turns = (desired - actual) * (double)0.15915494309189535;
     turns = (double)(int32_t)(turns + (double)(turns < 0 ? -1 : 1) / 2);
-    /* a turn is cut in two, the first part so short that its product with `turns` is exact */
-    *nearest = (wanted - turns * (double)6.283203125) + turns * (double)1.7817820413527695e-05;
+    /* 2 pi in two parts; the first has so few bits that its product with `turns` is exact */
+    *nearest = (desired - turns * (double)6.283203125) + turns * (double)1.7817820413527695e-05;
     return NOSLIP_OK;
 }
 
-/* -- float: made from noslip_angle.inc by guarantees/headers.py -------------------------------------------------------- */
+/* -- float: generated from noslip_angle.inc by guarantees/headers.py --------------------------------------------------- */
 
 /*
- * The angle (rad) that differs from `wanted` by whole turns and is nearest to `actual`: not more than half a turn away. `wanted`
- * itself, unchanged, where that is so already. Half a turn away, either way is as short: rounding decides.
- * The error is that of rounding once or twice at the size of the angles: 1e-15 of the larger one in double, 2e-7 in float.
+ * Writes to `nearest` the angle (rad) that differs from `desired` by whole turns and from `actual` by at most half a turn. If
+ * `desired` itself is that angle, it is written unchanged. At exactly half a turn, rounding decides between the two candidates.
+ * The rounding error is at most 1e-15 times the larger angle in double, 2e-7 in float.
  *
- * NOSLIP_NULL; NOSLIP_NONFINITE; NOSLIP_RANGE where an angle is beyond the range of noslip_sincos. On an error the answer is 0.
+ * Errors: NOSLIP_NULL; NOSLIP_NONFINITE; NOSLIP_RANGE if an angle is outside the range of noslip_sincos. `nearest` is then 0.
  */
-static inline int noslip_nearest_angle_f(float wanted, float actual, float *nearest)
+static inline int noslip_nearest_angle_f(float desired, float actual, float *nearest)
 {
     float turns;
     int status = NOSLIP_OK;
     if (nearest == NULL) {
         return NOSLIP_NULL;
     }
-    if (!(noslip_is_finite_f(wanted) && noslip_is_finite_f(actual))) {
+    if (!(noslip_is_finite_f(desired) && noslip_is_finite_f(actual))) {
         status = NOSLIP_NONFINITE;
-    } else if (!(noslip_angle_ok_f(wanted) && noslip_angle_ok_f(actual))) {
+    } else if (!(noslip_angle_ok_f(desired) && noslip_angle_ok_f(actual))) {
         status = NOSLIP_RANGE;
     }
     if (status != NOSLIP_OK) {
         *nearest = 0;
         return status;
     }
-    turns = (wanted - actual) * (float)0.15915494309189535;
+    turns = (desired - actual) * (float)0.15915494309189535;
     turns = (float)(int32_t)(turns + (float)(turns < 0 ? -1 : 1) / 2);
-    /* a turn is cut in two, the first part so short that its product with `turns` is exact */
-    *nearest = (wanted - turns * (float)6.283203125) + turns * (float)1.7817820413527695e-05;
+    /* 2 pi in two parts; the first has so few bits that its product with `turns` is exact */
+    *nearest = (desired - turns * (float)6.283203125) + turns * (float)1.7817820413527695e-05;
     return NOSLIP_OK;
 }
 
-/* -- end of what is made ----------------------------------------------------------------------------------------------- */
+/* -- end of the generated part ----------------------------------------------------------------------------------------- */
 
 #endif

@@ -40,16 +40,17 @@ typedef enum noslip_on_limit {
 #define NOSLIP_HOT static inline
 #endif
 
-/* -- double: made from noslip_controller.inc by guarantees/headers.py -------------------------------------------------- */
+/* -- double: generated from noslip_controller.inc by guarantees/headers.py --------------------------------------------- */
 
-/* The vehicle seen from the foot of P_l on a path, x along the path and y to its left: all that a law has to know of it. */
+/* Position of the vehicle relative to the foot of P_l on a path (its closest point), in the frame with x along the path and y to
+ * its left. */
 typedef struct noslip_foot {
-    double distance;          /* m: of P_l from the path, positive to its left */
-    double cosine, sine;      /* of the angle from the path's direction to the vehicle's heading; in reverse the cosine is near -1 */
-    double curvature;         /* 1/m: k / (1 - k distance), that of the path's parallel through P_l; positive turns left */
+    double distance;          /* m: of P_l from the path, positive to the left */
+    double cosine, sine;      /* of the heading relative to the path's direction; in reverse the cosine is near -1 */
+    double curvature;         /* 1/m: k / (1 - k distance), that of the parallel curve through P_l; positive turns left */
 } noslip_foot;
 
-/* sum += part; what rounding puts too much into the sum is kept in `rounded` and taken out the next time (Kahan). */
+/* sum += part, compensated (Kahan): `rounded` is the rounding error of the sum so far, which the next addition corrects. */
 static inline void noslip_add(double *sum, double *rounded, double part)
 {
     const double rest = part - *rounded, before = *sum;
@@ -57,11 +58,11 @@ static inline void noslip_add(double *sum, double *rounded, double part)
     *rounded = (*sum - before) - rest;
 }
 
-/* 1 if all `count` values are finite. A sum is finite only if all its parts are, so that mostly one look is enough. */
+/* Returns 1 if all `count` values are finite. A sum is finite only if all its terms are, so that one test is usually enough. */
 static inline int noslip_all_finite(const double *values, int count)
 {
     int i;
-#if !defined(__FRAMAC__) /* which cannot tell the parts from the sum */
+#if !defined(__FRAMAC__) /* its intervals cannot infer the terms from the sum */
     double sum = 0;
     for (i = 0; i < count; i++) {
         sum += values[i];
@@ -78,7 +79,7 @@ static inline int noslip_all_finite(const double *values, int count)
     return 1;
 }
 
-/* 1 if all `count` limits can be used: finite, zero (none) or positive. */
+/* Returns 1 if all `count` limits are valid: finite and positive, or zero (no limit). */
 static inline int noslip_limits_ok(const double *limits, int count)
 {
     int i;
@@ -90,32 +91,32 @@ static inline int noslip_limits_ok(const double *limits, int count)
     return 1;
 }
 
-/* The limit to compare with: the largest number where there is none, so that what is within it is finite too. */
+/* Returns the limit to compare with: the largest finite number if there is no limit, so that a value within it is finite. */
 static inline double noslip_limit(double limit)
 {
     return limit > 0 ? limit : DBL_MAX;
 }
 
-/* 1 if x is not beyond a limit (from noslip_limit) on either side; 0 for NaN. */
+/* Returns 1 if |x| <= limit (from noslip_limit), else 0; 0 for NaN. */
 static inline int noslip_within(double x, double limit)
 {
-#if defined(__FRAMAC__) /* the same, in a form its intervals follow */
+#if defined(__FRAMAC__) /* equivalent, in a form that its intervals can follow */
     return noslip_is_finite(x) && x >= -limit && x <= limit;
 #else
     return noslip_abs(x) <= limit;
 #endif
 }
 
-/* Writes `count` values that an entry point has made. */
-static inline void noslip_write(const double *made, double *values, int count)
+/* Copies `count` results of an entry point to its output. */
+static inline void noslip_write(const double *results, double *values, int count)
 {
     int i;
     for (i = 0; i < count; i++) {
-        values[i] = made[i];
+        values[i] = results[i];
     }
 }
 
-/* Writes zeros in their place. */
+/* Writes `count` zeros to an output. */
 static inline void noslip_write_zeros(double *values, int count)
 {
     int i;
@@ -125,73 +126,76 @@ static inline void noslip_write_zeros(double *values, int count)
 }
 
 /*
- * Brings `count` inputs within their limits (from noslip_limit) by changing what is wanted of the speed as little as can
- * be; `slope` is their derivative by that, taken as zero below 1e-5 of the steepest. Where the other outputs alone ask
- * for more than the limits, takes the change that makes the largest |input| / limit least, and divides all inputs by it.
- * Answers NOSLIP_SATURATED where an input was beyond its limit; else, or where something is not finite, NOSLIP_OK and the
- * inputs as they were. What rounding leaves beyond a limit, or overflows, is for noslip_answer.
+ * Brings `count` inputs within their limits (from noslip_limit) by the smallest possible change of the virtual input of the
+ * speed. `gradient` is the derivative of the inputs with respect to it; entries below 1e-5 of the largest count as zero. If the
+ * other outputs alone require more than the limits, uses the change that minimizes the largest |input| / limit, and divides all
+ * inputs by that quotient. Returns NOSLIP_SATURATED if an input exceeded its limit. Otherwise, or if an argument is not finite,
+ * returns NOSLIP_OK and leaves the inputs unchanged. Inputs that rounding leaves slightly above a limit, and overflow, are
+ * handled by noslip_apply_limits.
  */
-static inline int noslip_slow(double *inputs, double *slope, const double *limits, int count)
+static inline int noslip_slow(double *inputs, double *gradient, const double *limits, int count)
 {
-    double steepest = 0, overload = 1, least = -DBL_MAX, most = DBL_MAX, change;
+    double largest = 0, overload = 1, least = -DBL_MAX, most = DBL_MAX, change;
     int i, j, beyond = 0;
     for (i = 0; i < count; i++) {
-        const double size = noslip_abs(slope[i]);
-        steepest = size > steepest ? size : steepest;
+        const double size = noslip_abs(gradient[i]);
+        largest = size > largest ? size : largest;
         beyond = beyond || noslip_abs(inputs[i]) > limits[i];
     }
-    if (!beyond || !noslip_all_finite(inputs, count) || !noslip_all_finite(slope, count)) {
+    if (!beyond || !noslip_all_finite(inputs, count) || !noslip_all_finite(gradient, count)) {
         return NOSLIP_OK;
     }
     for (i = 0; i < count; i++) {
-        if (!(noslip_abs(slope[i]) * 100000 > steepest)) {
-            slope[i] = 0;
+        if (!(noslip_abs(gradient[i]) * 100000 > largest)) {
+            gradient[i] = 0;
             if (noslip_abs(inputs[i]) > overload * limits[i]) {
                 overload = noslip_abs(inputs[i]) / limits[i];
             }
         }
     }
-    /* The changes that keep each input within `overload` times its limit are an interval; all meet where every two do. */
+    /* The changes that keep an input within `overload` times its limit form an interval. Intervals have a common point if every
+     * two of them intersect. */
     for (i = 1; i < count; i++) {
         for (j = 0; j < i; j++) {
-            const double apart = noslip_abs(inputs[i] * slope[j] - inputs[j] * slope[i]);
-            const double reach = limits[i] * noslip_abs(slope[j]) +
-                                      limits[j] * noslip_abs(slope[i]);
-            if (reach > 0 && apart > overload * reach) {
-                overload = apart / reach;
+            const double gap = noslip_abs(inputs[i] * gradient[j] - inputs[j] * gradient[i]);
+            const double width = limits[i] * noslip_abs(gradient[j]) +
+                                      limits[j] * noslip_abs(gradient[i]);
+            if (width > 0 && gap > overload * width) {
+                overload = gap / width;
             }
         }
     }
     for (i = 0; i < count; i++) {
-        if (noslip_abs(slope[i]) > 0) {
-            const double bound = slope[i] > 0 ? overload * limits[i] : -overload * limits[i];
-            const double low = (-bound - inputs[i]) / slope[i], high = (bound - inputs[i]) / slope[i];
+        if (noslip_abs(gradient[i]) > 0) {
+            const double bound = gradient[i] > 0 ? overload * limits[i] : -overload * limits[i];
+            const double low = (-bound - inputs[i]) / gradient[i], high = (bound - inputs[i]) / gradient[i];
             least = low > least ? low : least;
             most = high < most ? high : most;
         }
     }
     change = least > 0 ? least : most < 0 ? most : 0;
     for (i = 0; i < count; i++) {
-        inputs[i] = (inputs[i] + change * slope[i]) / overload;
+        inputs[i] = (inputs[i] + change * gradient[i]) / overload;
     }
     return NOSLIP_SATURATED;
 }
 
 /*
- * Ends a controller's step: cuts each of the inputs `made` to its limit (from noslip_limit), keeps it in `held` and writes it to
- * `inputs`; on an error writes zeros or what is held, as configured. Returns the status, NOSLIP_SATURATED where an input was cut.
+ * Ends a controller's step: limits each entry of `computed` (limits from noslip_limit), stores it in `held` and writes it to
+ * `inputs`. On an error writes zeros or the values in `held`, as `on_error` selects. Returns the status: NOSLIP_SATURATED if an
+ * input was limited, NOSLIP_NONFINITE if one is not finite.
  */
-static inline int noslip_answer(int status, int on_error, const double *limits, double *held,
-                      const double *made, double *inputs, int count)
+static inline int noslip_apply_limits(int status, int on_error, const double *limits, double *held,
+                            const double *computed, double *inputs, int count)
 {
     int i;
-    if (status >= 0 && !noslip_all_finite(made, count)) {
+    if (status >= 0 && !noslip_all_finite(computed, count)) {
         status = NOSLIP_NONFINITE;
     }
     for (i = 0; i < count; i++) {
         double input = on_error == NOSLIP_HOLD ? held[i] : 0;
         if (status >= 0) {
-            input = made[i];
+            input = computed[i];
             if (!noslip_within(input, limits[i])) {
                 input = input > 0 ? limits[i] : -limits[i];
                 status = NOSLIP_SATURATED;
@@ -203,16 +207,17 @@ static inline int noslip_answer(int status, int on_error, const double *limits, 
     return status;
 }
 
-/* -- float: made from noslip_controller.inc by guarantees/headers.py --------------------------------------------------- */
+/* -- float: generated from noslip_controller.inc by guarantees/headers.py ---------------------------------------------- */
 
-/* The vehicle seen from the foot of P_l on a path, x along the path and y to its left: all that a law has to know of it. */
+/* Position of the vehicle relative to the foot of P_l on a path (its closest point), in the frame with x along the path and y to
+ * its left. */
 typedef struct noslip_foot_f {
-    float distance;           /* m: of P_l from the path, positive to its left */
-    float cosine, sine;       /* of the angle from the path's direction to the vehicle's heading; in reverse the cosine is near -1 */
-    float curvature;          /* 1/m: k / (1 - k distance), that of the path's parallel through P_l; positive turns left */
+    float distance;           /* m: of P_l from the path, positive to the left */
+    float cosine, sine;       /* of the heading relative to the path's direction; in reverse the cosine is near -1 */
+    float curvature;          /* 1/m: k / (1 - k distance), that of the parallel curve through P_l; positive turns left */
 } noslip_foot_f;
 
-/* sum += part; what rounding puts too much into the sum is kept in `rounded` and taken out the next time (Kahan). */
+/* sum += part, compensated (Kahan): `rounded` is the rounding error of the sum so far, which the next addition corrects. */
 static inline void noslip_add_f(float *sum, float *rounded, float part)
 {
     const float rest = part - *rounded, before = *sum;
@@ -220,11 +225,11 @@ static inline void noslip_add_f(float *sum, float *rounded, float part)
     *rounded = (*sum - before) - rest;
 }
 
-/* 1 if all `count` values are finite. A sum is finite only if all its parts are, so that mostly one look is enough. */
+/* Returns 1 if all `count` values are finite. A sum is finite only if all its terms are, so that one test is usually enough. */
 static inline int noslip_all_finite_f(const float *values, int count)
 {
     int i;
-#if !defined(__FRAMAC__) /* which cannot tell the parts from the sum */
+#if !defined(__FRAMAC__) /* its intervals cannot infer the terms from the sum */
     float sum = 0;
     for (i = 0; i < count; i++) {
         sum += values[i];
@@ -241,7 +246,7 @@ static inline int noslip_all_finite_f(const float *values, int count)
     return 1;
 }
 
-/* 1 if all `count` limits can be used: finite, zero (none) or positive. */
+/* Returns 1 if all `count` limits are valid: finite and positive, or zero (no limit). */
 static inline int noslip_limits_ok_f(const float *limits, int count)
 {
     int i;
@@ -253,32 +258,32 @@ static inline int noslip_limits_ok_f(const float *limits, int count)
     return 1;
 }
 
-/* The limit to compare with: the largest number where there is none, so that what is within it is finite too. */
+/* Returns the limit to compare with: the largest finite number if there is no limit, so that a value within it is finite. */
 static inline float noslip_limit_f(float limit)
 {
     return limit > 0 ? limit : FLT_MAX;
 }
 
-/* 1 if x is not beyond a limit (from noslip_limit) on either side; 0 for NaN. */
+/* Returns 1 if |x| <= limit (from noslip_limit), else 0; 0 for NaN. */
 static inline int noslip_within_f(float x, float limit)
 {
-#if defined(__FRAMAC__) /* the same, in a form its intervals follow */
+#if defined(__FRAMAC__) /* equivalent, in a form that its intervals can follow */
     return noslip_is_finite_f(x) && x >= -limit && x <= limit;
 #else
     return noslip_abs_f(x) <= limit;
 #endif
 }
 
-/* Writes `count` values that an entry point has made. */
-static inline void noslip_write_f(const float *made, float *values, int count)
+/* Copies `count` results of an entry point to its output. */
+static inline void noslip_write_f(const float *results, float *values, int count)
 {
     int i;
     for (i = 0; i < count; i++) {
-        values[i] = made[i];
+        values[i] = results[i];
     }
 }
 
-/* Writes zeros in their place. */
+/* Writes `count` zeros to an output. */
 static inline void noslip_write_zeros_f(float *values, int count)
 {
     int i;
@@ -288,73 +293,76 @@ static inline void noslip_write_zeros_f(float *values, int count)
 }
 
 /*
- * Brings `count` inputs within their limits (from noslip_limit) by changing what is wanted of the speed as little as can
- * be; `slope` is their derivative by that, taken as zero below 1e-5 of the steepest. Where the other outputs alone ask
- * for more than the limits, takes the change that makes the largest |input| / limit least, and divides all inputs by it.
- * Answers NOSLIP_SATURATED where an input was beyond its limit; else, or where something is not finite, NOSLIP_OK and the
- * inputs as they were. What rounding leaves beyond a limit, or overflows, is for noslip_answer.
+ * Brings `count` inputs within their limits (from noslip_limit) by the smallest possible change of the virtual input of the
+ * speed. `gradient` is the derivative of the inputs with respect to it; entries below 1e-5 of the largest count as zero. If the
+ * other outputs alone require more than the limits, uses the change that minimizes the largest |input| / limit, and divides all
+ * inputs by that quotient. Returns NOSLIP_SATURATED if an input exceeded its limit. Otherwise, or if an argument is not finite,
+ * returns NOSLIP_OK and leaves the inputs unchanged. Inputs that rounding leaves slightly above a limit, and overflow, are
+ * handled by noslip_apply_limits.
  */
-static inline int noslip_slow_f(float *inputs, float *slope, const float *limits, int count)
+static inline int noslip_slow_f(float *inputs, float *gradient, const float *limits, int count)
 {
-    float steepest = 0, overload = 1, least = -FLT_MAX, most = FLT_MAX, change;
+    float largest = 0, overload = 1, least = -FLT_MAX, most = FLT_MAX, change;
     int i, j, beyond = 0;
     for (i = 0; i < count; i++) {
-        const float size = noslip_abs_f(slope[i]);
-        steepest = size > steepest ? size : steepest;
+        const float size = noslip_abs_f(gradient[i]);
+        largest = size > largest ? size : largest;
         beyond = beyond || noslip_abs_f(inputs[i]) > limits[i];
     }
-    if (!beyond || !noslip_all_finite_f(inputs, count) || !noslip_all_finite_f(slope, count)) {
+    if (!beyond || !noslip_all_finite_f(inputs, count) || !noslip_all_finite_f(gradient, count)) {
         return NOSLIP_OK;
     }
     for (i = 0; i < count; i++) {
-        if (!(noslip_abs_f(slope[i]) * 100000 > steepest)) {
-            slope[i] = 0;
+        if (!(noslip_abs_f(gradient[i]) * 100000 > largest)) {
+            gradient[i] = 0;
             if (noslip_abs_f(inputs[i]) > overload * limits[i]) {
                 overload = noslip_abs_f(inputs[i]) / limits[i];
             }
         }
     }
-    /* The changes that keep each input within `overload` times its limit are an interval; all meet where every two do. */
+    /* The changes that keep an input within `overload` times its limit form an interval. Intervals have a common point if every
+     * two of them intersect. */
     for (i = 1; i < count; i++) {
         for (j = 0; j < i; j++) {
-            const float apart = noslip_abs_f(inputs[i] * slope[j] - inputs[j] * slope[i]);
-            const float reach = limits[i] * noslip_abs_f(slope[j]) +
-                                      limits[j] * noslip_abs_f(slope[i]);
-            if (reach > 0 && apart > overload * reach) {
-                overload = apart / reach;
+            const float gap = noslip_abs_f(inputs[i] * gradient[j] - inputs[j] * gradient[i]);
+            const float width = limits[i] * noslip_abs_f(gradient[j]) +
+                                      limits[j] * noslip_abs_f(gradient[i]);
+            if (width > 0 && gap > overload * width) {
+                overload = gap / width;
             }
         }
     }
     for (i = 0; i < count; i++) {
-        if (noslip_abs_f(slope[i]) > 0) {
-            const float bound = slope[i] > 0 ? overload * limits[i] : -overload * limits[i];
-            const float low = (-bound - inputs[i]) / slope[i], high = (bound - inputs[i]) / slope[i];
+        if (noslip_abs_f(gradient[i]) > 0) {
+            const float bound = gradient[i] > 0 ? overload * limits[i] : -overload * limits[i];
+            const float low = (-bound - inputs[i]) / gradient[i], high = (bound - inputs[i]) / gradient[i];
             least = low > least ? low : least;
             most = high < most ? high : most;
         }
     }
     change = least > 0 ? least : most < 0 ? most : 0;
     for (i = 0; i < count; i++) {
-        inputs[i] = (inputs[i] + change * slope[i]) / overload;
+        inputs[i] = (inputs[i] + change * gradient[i]) / overload;
     }
     return NOSLIP_SATURATED;
 }
 
 /*
- * Ends a controller's step: cuts each of the inputs `made` to its limit (from noslip_limit), keeps it in `held` and writes it to
- * `inputs`; on an error writes zeros or what is held, as configured. Returns the status, NOSLIP_SATURATED where an input was cut.
+ * Ends a controller's step: limits each entry of `computed` (limits from noslip_limit), stores it in `held` and writes it to
+ * `inputs`. On an error writes zeros or the values in `held`, as `on_error` selects. Returns the status: NOSLIP_SATURATED if an
+ * input was limited, NOSLIP_NONFINITE if one is not finite.
  */
-static inline int noslip_answer_f(int status, int on_error, const float *limits, float *held,
-                      const float *made, float *inputs, int count)
+static inline int noslip_apply_limits_f(int status, int on_error, const float *limits, float *held,
+                            const float *computed, float *inputs, int count)
 {
     int i;
-    if (status >= 0 && !noslip_all_finite_f(made, count)) {
+    if (status >= 0 && !noslip_all_finite_f(computed, count)) {
         status = NOSLIP_NONFINITE;
     }
     for (i = 0; i < count; i++) {
         float input = on_error == NOSLIP_HOLD ? held[i] : 0;
         if (status >= 0) {
-            input = made[i];
+            input = computed[i];
             if (!noslip_within_f(input, limits[i])) {
                 input = input > 0 ? limits[i] : -limits[i];
                 status = NOSLIP_SATURATED;
@@ -366,6 +374,6 @@ static inline int noslip_answer_f(int status, int on_error, const float *limits,
     return status;
 }
 
-/* -- end of what is made ----------------------------------------------------------------------------------------------- */
+/* -- end of the generated part ----------------------------------------------------------------------------------------- */
 
 #endif

@@ -2,8 +2,8 @@
  * noslip_functions.h - the functions of friction laws, bearings and limits: exponential and hyperbolic functions, logarithm,
  * powers, inverse trigonometric functions, sign, minimum, maximum and choices, with the same bits on every target.
  *
- * Only + - * / and square roots, conversions between numbers and integers, comparisons, and the bits of one number. A float
- * function uses no double. Error in units of the last place (ulp) of the result, where that is a normal number:
+ * They use only + - * / and square roots, conversions from and to integers, comparisons, and the bits of one number. A float
+ * function uses no double. Errors in units in the last place (ulp) of the result, if it is a normal number:
  *
  *                       float           double
  *   exp, log            below 1 (0.92)  below 1 (0.90)
@@ -12,15 +12,14 @@
  *   asin, acos          below 3.5 (3.3) below 3.5 (2.9)
  *   pow                 below 2.5 (2.0) times (1 + |y log x|), both
  *
- * In parentheses what tests/c/trig_sweep.c found, for every float but those of pow and for samples of doubles. Exact:
+ * In parentheses the largest error that tests/c/trig_sweep.c measured, over every float (pow: samples) and over samples of doubles. Exact:
  * exp(0) = 1, log(1) = 0, f(-x) = -f(x) for tanh, sinh, atan and asin, cosh(-x) = cosh(x); |tanh| is never above 1.
  *
- * Outside its domain a function returns NaN (log and pow below 0, asin and acos beyond 1), beyond the largest number infinity
- * (exp, sinh, cosh), and log(0) is minus infinity. Every function here returns NaN for a NaN, and so do minimum, maximum,
- * comparison and choice, unlike the library's: an argument without meaning shows in the result, and a law then returns
- * NOSLIP_NONFINITE.
+ * Outside its domain a function returns NaN (log and pow for x < 0, asin and acos for |x| > 1). exp, sinh and cosh return infinity
+ * on overflow, and log(0) is minus infinity. Every function returns NaN for a NaN. Unlike those of the C library, so do minimum,
+ * maximum, comparison and choice: an invalid argument makes the result invalid, and the law then returns NOSLIP_NONFINITE.
  *
- * Constants come from tests/trig/fit_coefficients.py (minimax fits of our own).
+ * Constants come from tests/trig/fit_coefficients.py (minimax fits).
  */
 #ifndef NOSLIP_FUNCTIONS_H
 #define NOSLIP_FUNCTIONS_H
@@ -41,7 +40,7 @@ static inline double noslip_sign(double x)
     return x > 0 ? 1.0 : x < 0 ? -1.0 : x;
 }
 
-/* The smaller of the two; unlike the library's fmin, NaN where either is NaN. */
+/* Returns the smaller of the two; unlike fmin of the C library, NaN if either is NaN. */
 static inline float noslip_min_f(float x, float y)
 {
     return x <= y ? x : x > y ? y : x + y;
@@ -52,7 +51,7 @@ static inline double noslip_min(double x, double y)
     return x <= y ? x : x > y ? y : x + y;
 }
 
-/* The larger of the two; unlike the library's fmax, NaN where either is NaN. */
+/* Returns the larger of the two; unlike fmax of the C library, NaN if either is NaN. */
 static inline float noslip_max_f(float x, float y)
 {
     return x >= y ? x : x < y ? y : x + y;
@@ -63,7 +62,7 @@ static inline double noslip_max(double x, double y)
     return x >= y ? x : x < y ? y : x + y;
 }
 
-/* 1 where x < y, else 0; NaN where either is NaN. */
+/* Returns 1 if x < y, else 0; NaN if either is NaN. */
 static inline float noslip_less_f(float x, float y)
 {
     return x < y ? 1.0f : x >= y ? 0.0f : x + y;
@@ -74,7 +73,7 @@ static inline double noslip_less(double x, double y)
     return x < y ? 1.0 : x >= y ? 0.0 : x + y;
 }
 
-/* 1 where the condition is 0, else 0; NaN where it is NaN. */
+/* Returns 1 if the condition is 0, else 0; NaN if it is NaN. */
 static inline float noslip_not_f(float condition)
 {
     return condition > 0 || condition < 0 ? 0.0f : condition + 1.0f;
@@ -85,7 +84,7 @@ static inline double noslip_not(double condition)
     return condition > 0 || condition < 0 ? 0.0 : condition + 1.0;
 }
 
-/* x where the condition is not 0, else 0, whatever x is; NaN where the condition is NaN. */
+/* Returns x if the condition is not 0, else 0, even if x is not finite; NaN if the condition is NaN. */
 static inline float noslip_if_f(float condition, float x)
 {
     return condition > 0 || condition < 0 ? x : condition;
@@ -114,7 +113,7 @@ static inline double noslip_power_of_two(int32_t n)
 }
 
 /*
- * e^x = 2^n e^r with |r| <= ln(2)/2 or so: returns n, and e^r - 1 in two parts, high + low, with high - low = r. x is in the
+ * Reduces e^x = 2^n e^r with |r| <= ln(2)/2, approximately. Returns n and writes e^r - 1 in two parts, high + low. x must be in the
  * range in which e^x is neither infinite nor zero.
  */
 static inline int32_t noslip_reduced_exp_f(float x, float *high, float *low)
@@ -215,7 +214,7 @@ static inline double noslip_tanh(double x)
     return x < 0 ? -t : t;
 }
 
-/* e^x / 2 for x so large that it is sinh and cosh, which may be finite where e^x is not. */
+/* e^x / 2 for x so large that it equals sinh and cosh, which may be finite although e^x is not. */
 static inline float noslip_half_exp_f(float x)
 {
     const float root = noslip_exp_f(0.5f * x);
@@ -281,7 +280,7 @@ static inline double noslip_cosh(double x)
 /*
  * The natural logarithm; minus infinity for 0, NaN below.
  *
- * How: x = 2^n (1 + f) with 1 + f in [sqrt(1/2), sqrt(2)], s = f / (2 + f), h = f^2 / 2,
+ * Method: x = 2^n (1 + f) with 1 + f in [sqrt(1/2), sqrt(2)], s = f / (2 + f), h = f^2 / 2,
  * log(1 + f) = 2 s + s^3 P(s^2) = f - (h - s (h + s^2 P(s^2))).
  */
 static inline float noslip_log_f(float x)
@@ -337,7 +336,7 @@ static inline double noslip_log(double x)
     return k * 0.6931471805598903 - ((half - (s * (half + p) + k * 5.497923018708371e-14)) - f);
 }
 
-/* x^y = e^(y log x): for x >= 0; NaN below, as a power that is no whole number is there. */
+/* x^y = e^(y log x) for x >= 0; NaN for x < 0, where powers that are not integers are undefined. */
 static inline float noslip_pow_f(float x, float y)
 {
     return noslip_exp_f(y * noslip_log_f(x));
@@ -360,7 +359,7 @@ static inline double noslip_atan(double x)
     return noslip_atan2(x, 1.0);
 }
 
-/* In [-pi/2, pi/2]; NaN beyond -1 and 1. */
+/* In [-pi/2, pi/2]; NaN for |x| > 1. */
 static inline float noslip_asin_f(float x)
 {
     return noslip_atan2_f(x, noslip_sqrt_f((1.0f - x) * (1.0f + x)));
@@ -371,7 +370,7 @@ static inline double noslip_asin(double x)
     return noslip_atan2(x, noslip_sqrt((1.0 - x) * (1.0 + x)));
 }
 
-/* In [0, pi]; NaN beyond -1 and 1. */
+/* In [0, pi]; NaN for |x| > 1. */
 static inline float noslip_acos_f(float x)
 {
     return noslip_atan2_f(noslip_sqrt_f((1.0f - x) * (1.0f + x)), x);

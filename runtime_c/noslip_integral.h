@@ -30,22 +30,22 @@
 
 #include "noslip_controller.h"
 
-/* -- double: made from noslip_integral.inc by guarantees/headers.py ---------------------------------------------------- */
+/* -- double: generated from noslip_integral.inc by guarantees/headers.py ----------------------------------------------- */
 
-/* Integral action of one output: made by init, owned by the caller, to be read only. */
+/* Integral action of one output: initialized by init, owned by the caller, who may read it but not write to it. */
 typedef struct noslip_integral {
-    double ki;           /* 1/s^3 where it is added to a second derivative, 1/s^2 where to a first */
-    double limit;        /* largest value of ki |z| */
-    double z;            /* integral of wanted minus actual output, its unit times s */
-    double rounded;      /* what rounding has put too much into z */
-    double error;        /* of the last step: it counts until the next */
-    double added;        /* ki z, never beyond the limit */
+    double ki;           /* 1/s^3 if it is added to a second derivative, 1/s^2 if to a first */
+    double limit;        /* maximum of ki |z| */
+    double z;            /* integral of desired minus actual output, unit of the output times s */
+    double rounded;      /* rounding error of z (Kahan) */
+    double error;        /* of the last step: integrated over the time to the next */
+    double added;        /* ki z, within the limit */
     int ready;
 } noslip_integral;
 
 /*
- * Starts at z = 0, with a gain and the largest absolute value that it may add (0: no limit), in the unit of what it is added
- * to. NOSLIP_BAD_PARAMETER unless both are finite and not negative. With ki = 0 nothing is added.
+ * Initializes with z = 0, a gain ki and the maximum of ki |z| (0: no limit), in the unit of the derivative to which it is added.
+ * Returns NOSLIP_BAD_PARAMETER unless both are finite and not negative. With ki = 0 nothing is added.
  */
 static inline int noslip_integral_init(noslip_integral *self, double ki, double limit)
 {
@@ -67,10 +67,9 @@ static inline int noslip_integral_init(noslip_integral *self, double ki, double 
 }
 
 /*
- * Starts anew from z: the next step adds ki z, whatever time went by before it. Take z = 0 for a new task; to take over
- * without a bump what another controller added, that divided by ki.
- * On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER where ki |z| is beyond the
- * limit.
+ * Restarts from z: the next step adds ki z, independently of its dt. Use z = 0 for a new task. For a bumpless transfer from
+ * another controller, use the value that it added, divided by ki.
+ * On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER if ki |z| exceeds the limit.
  */
 static inline int noslip_integral_reset(noslip_integral *self, double z)
 {
@@ -96,10 +95,10 @@ static inline int noslip_integral_reset(noslip_integral *self, double z)
 }
 
 /*
- * What to `add`, ki z, at a call that sees an `error`, wanted minus actual output. The error of the call before counts for the
- * dt (s) since then; but it does not make |z| grow where `status`, what the law's step answered then, is not NOSLIP_OK, nor
- * beyond the limit.
- * On an error nothing changes, and what is added is as before (0 where there is none): NOSLIP_NULL, NOSLIP_NOT_READY,
+ * Writes ki z to `add`. `error` is the desired minus the actual output now. The error of the previous call is integrated over dt
+ * (s), the time since that call. |z| does not increase if `status`, which the step of the law returned at the previous call, is
+ * not NOSLIP_OK, nor if ki |z| would exceed the limit.
+ * On an error nothing changes, and `add` is the previous value, or 0 without `self`: NOSLIP_NULL, NOSLIP_NOT_READY,
  * NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER (negative dt).
  */
 static inline int noslip_integral_step(noslip_integral *self, double error, double dt,
@@ -124,13 +123,13 @@ static inline int noslip_integral_step(noslip_integral *self, double error, doub
     rounded = (next - self->z) - part;
     added = self->ki * next;
     shrinks = noslip_abs(next) <= noslip_abs(self->z);
-    /* what shrinks is within the limit anyway; `rounded` is not finite where `next` is not */
+    /* a smaller |z| is within the limit in any case; `rounded` is not finite if `next` is not */
     if ((shrinks || status == NOSLIP_OK) && noslip_within(added, self->limit) &&
         noslip_is_finite(rounded)) {
         self->z = next;
         self->rounded = rounded;
         self->added = added;
-    } else if ((self->z > 0) != (part > 0)) { /* back, but not beyond zero */
+    } else if ((self->z > 0) != (part > 0)) { /* decrease, but not past zero */
         self->z = 0;
         self->rounded = 0;
         self->added = 0;
@@ -140,22 +139,22 @@ static inline int noslip_integral_step(noslip_integral *self, double error, doub
     return NOSLIP_OK;
 }
 
-/* -- float: made from noslip_integral.inc by guarantees/headers.py ----------------------------------------------------- */
+/* -- float: generated from noslip_integral.inc by guarantees/headers.py ------------------------------------------------ */
 
-/* Integral action of one output: made by init, owned by the caller, to be read only. */
+/* Integral action of one output: initialized by init, owned by the caller, who may read it but not write to it. */
 typedef struct noslip_integral_f {
-    float ki;            /* 1/s^3 where it is added to a second derivative, 1/s^2 where to a first */
-    float limit;         /* largest value of ki |z| */
-    float z;             /* integral of wanted minus actual output, its unit times s */
-    float rounded;       /* what rounding has put too much into z */
-    float error;         /* of the last step: it counts until the next */
-    float added;         /* ki z, never beyond the limit */
+    float ki;            /* 1/s^3 if it is added to a second derivative, 1/s^2 if to a first */
+    float limit;         /* maximum of ki |z| */
+    float z;             /* integral of desired minus actual output, unit of the output times s */
+    float rounded;       /* rounding error of z (Kahan) */
+    float error;         /* of the last step: integrated over the time to the next */
+    float added;         /* ki z, within the limit */
     int ready;
 } noslip_integral_f;
 
 /*
- * Starts at z = 0, with a gain and the largest absolute value that it may add (0: no limit), in the unit of what it is added
- * to. NOSLIP_BAD_PARAMETER unless both are finite and not negative. With ki = 0 nothing is added.
+ * Initializes with z = 0, a gain ki and the maximum of ki |z| (0: no limit), in the unit of the derivative to which it is added.
+ * Returns NOSLIP_BAD_PARAMETER unless both are finite and not negative. With ki = 0 nothing is added.
  */
 static inline int noslip_integral_init_f(noslip_integral_f *self, float ki, float limit)
 {
@@ -177,10 +176,9 @@ static inline int noslip_integral_init_f(noslip_integral_f *self, float ki, floa
 }
 
 /*
- * Starts anew from z: the next step adds ki z, whatever time went by before it. Take z = 0 for a new task; to take over
- * without a bump what another controller added, that divided by ki.
- * On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER where ki |z| is beyond the
- * limit.
+ * Restarts from z: the next step adds ki z, independently of its dt. Use z = 0 for a new task. For a bumpless transfer from
+ * another controller, use the value that it added, divided by ki.
+ * On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER if ki |z| exceeds the limit.
  */
 static inline int noslip_integral_reset_f(noslip_integral_f *self, float z)
 {
@@ -206,10 +204,10 @@ static inline int noslip_integral_reset_f(noslip_integral_f *self, float z)
 }
 
 /*
- * What to `add`, ki z, at a call that sees an `error`, wanted minus actual output. The error of the call before counts for the
- * dt (s) since then; but it does not make |z| grow where `status`, what the law's step answered then, is not NOSLIP_OK, nor
- * beyond the limit.
- * On an error nothing changes, and what is added is as before (0 where there is none): NOSLIP_NULL, NOSLIP_NOT_READY,
+ * Writes ki z to `add`. `error` is the desired minus the actual output now. The error of the previous call is integrated over dt
+ * (s), the time since that call. |z| does not increase if `status`, which the step of the law returned at the previous call, is
+ * not NOSLIP_OK, nor if ki |z| would exceed the limit.
+ * On an error nothing changes, and `add` is the previous value, or 0 without `self`: NOSLIP_NULL, NOSLIP_NOT_READY,
  * NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER (negative dt).
  */
 static inline int noslip_integral_step_f(noslip_integral_f *self, float error, float dt,
@@ -234,13 +232,13 @@ static inline int noslip_integral_step_f(noslip_integral_f *self, float error, f
     rounded = (next - self->z) - part;
     added = self->ki * next;
     shrinks = noslip_abs_f(next) <= noslip_abs_f(self->z);
-    /* what shrinks is within the limit anyway; `rounded` is not finite where `next` is not */
+    /* a smaller |z| is within the limit in any case; `rounded` is not finite if `next` is not */
     if ((shrinks || status == NOSLIP_OK) && noslip_within_f(added, self->limit) &&
         noslip_is_finite_f(rounded)) {
         self->z = next;
         self->rounded = rounded;
         self->added = added;
-    } else if ((self->z > 0) != (part > 0)) { /* back, but not beyond zero */
+    } else if ((self->z > 0) != (part > 0)) { /* decrease, but not past zero */
         self->z = 0;
         self->rounded = 0;
         self->added = 0;
@@ -250,6 +248,6 @@ static inline int noslip_integral_step_f(noslip_integral_f *self, float error, f
     return NOSLIP_OK;
 }
 
-/* -- end of what is made ----------------------------------------------------------------------------------------------- */
+/* -- end of the generated part ----------------------------------------------------------------------------------------- */
 
 #endif

@@ -34,57 +34,58 @@ typedef enum noslip_correction {
     NOSLIP_CORRECTION_AS_INT = -0x7fffffff
 } noslip_correction;
 
-/* -- double: made from noslip_odometry.inc by guarantees/headers.py ---------------------------------------------------- */
+/* -- double: generated from noslip_odometry.inc by guarantees/headers.py ----------------------------------------------- */
 
-/* Where a point of the vehicle is, and its heading, counterclockwise from the x axis and not wrapped. */
+/* Position of a point of the vehicle, and heading, counterclockwise from the x axis and not wrapped. */
 typedef struct noslip_pose {
     double x;            /* m */
     double y;            /* m */
     double heading;      /* rad */
 } noslip_pose;
 
-/* What the vehicle is. Zeros are good for all but the wheels. */
+/* Kinematics of the vehicle. All fields except those of the wheels may be zero. */
 typedef struct noslip_odometry_options {
-    double forward[2];      /* m/rad: way forward per angle of each wheel */
-    double turn[2];         /* rad/rad: turn per angle of each wheel */
-    double ahead;           /* m: the vehicle's point lies so far ahead of the axle */
-    double release;         /* s: time over which a bumpless correction is let in; 0: at once */
+    double forward[2];      /* m/rad: forward distance per angle of each wheel */
+    double turn[2];         /* rad/rad: change of heading per angle of each wheel */
+    double ahead;           /* m: distance of the vehicle's point ahead of the axle */
+    double release;         /* s: time over which a bumpless correction is applied; 0: at once */
 } noslip_odometry_options;
 
-/* Where the axle is reckoned to be. */
+/* Dead reckoning: estimated pose of the axle. */
 typedef struct noslip_reckoning {
-    double at[3];           /* m, m, rad: x and y of the axle's middle, heading */
-    double rounded[3];      /* what rounding has put too much into them */
+    double at[3];           /* m, m, rad: x and y of the middle of the axle, heading */
+    double rounded[3];      /* rounding errors of these (Kahan) */
 } noslip_reckoning;
 
-/* The pose told is the one reckoned and, until a bumpless correction is let in, a part of what it differed by. */
+/* Dead reckoning of one vehicle. The returned pose is the estimated one plus the part of a bumpless correction that has not been
+ * applied yet. */
 typedef struct noslip_odometry {
     noslip_odometry_options options;
     noslip_reckoning now;
-    noslip_pose pose;              /* as told last */
+    noslip_pose pose;              /* last pose returned */
     double direction[2];           /* cosine and sine of its heading */
-    double pending[3];             /* m, m, rad: by what the pose differed at the correction */
-    double left;                   /* s until nothing of that is left */
-    int steady;                    /* NOSLIP_READY: nothing is left */
+    double pending[3];             /* m, m, rad: previous minus corrected pose at the last correction */
+    double left;                   /* s: remaining time until the correction is applied completely */
+    int steady;                    /* NOSLIP_READY: no correction is pending */
     int ready;
 } noslip_odometry;
 
-/* Counts of an encoder, whose counter wraps around, as angles of its wheel. */
+/* Converts the counter of an encoder, which wraps around, to angles of its wheel. */
 typedef struct noslip_encoder {
     double angle;      /* rad per count */
     double scale;      /* rad per count / full */
-    uint32_t mask;     /* the bits that the counter has */
-    uint32_t full;     /* 2 for each bit that it has not: brings its highest bit to the top */
-    uint32_t last;     /* the counter when last read */
-    int started;       /* NOSLIP_READY: it has been read */
+    uint32_t mask;     /* the bits of the counter */
+    uint32_t full;     /* 2^(32 - bits): shifts the highest bit of the counter to bit 31 */
+    uint32_t last;     /* last counter value read */
+    int started;       /* NOSLIP_READY: the counter has been read */
     int ready;
 } noslip_encoder;
 
-/* -- inside ------------------------------------------------------------------------------------------------------------ */
+/* -- internal ---------------------------------------------------------------------------------------------------------- */
 
 /*
- * Adds whole turns to the heading. A turn is cut in two, the first part so short that its product with `turns` is exact; where
- * turns are taken off, the difference is exact too.
+ * Adds whole turns to the heading. 2 pi is used in two parts; the first has so few bits that its product with `turns` is exact. If
+ * turns are subtracted, the difference is exact too.
  */
 static inline void noslip_add_turns(noslip_reckoning *reckoning, double turns)
 {
@@ -92,7 +93,7 @@ static inline void noslip_add_turns(noslip_reckoning *reckoning, double turns)
     noslip_add(&reckoning->at[2], &reckoning->rounded[2], turns * (double)-1.7817820413527695e-05);
 }
 
-/* NOSLIP_NONFINITE or NOSLIP_RANGE for a pose that the vehicle cannot have. */
+/* Returns NOSLIP_NONFINITE or NOSLIP_RANGE for an invalid pose. */
 static inline int noslip_check_pose(const noslip_pose *pose)
 {
     if (!noslip_sum_finite(pose->x, pose->y, pose->heading)) {
@@ -101,38 +102,39 @@ static inline int noslip_check_pose(const noslip_pose *pose)
     return noslip_angle_ok(pose->heading) ? NOSLIP_OK : NOSLIP_RANGE;
 }
 
-/* Makes the reckoning that gives a pose of this direction, the number of its whole turns changed by `turns`. */
-static inline void noslip_reckon_from(const noslip_odometry *self,
+/* Computes the pose of the axle for a pose of the vehicle's point, with `turns` whole turns added to the heading; `direction` is
+ * the cosine and sine of the heading. */
+static inline void noslip_axle_from(const noslip_odometry *self,
                          const noslip_pose *pose, const double direction[2],
-                         double turns, noslip_reckoning *made)
+                         double turns, noslip_reckoning *axle)
 {
     int i;
-    made->at[0] = pose->x - self->options.ahead * direction[0];
-    made->at[1] = pose->y - self->options.ahead * direction[1];
-    made->at[2] = pose->heading;
+    axle->at[0] = pose->x - self->options.ahead * direction[0];
+    axle->at[1] = pose->y - self->options.ahead * direction[1];
+    axle->at[2] = pose->heading;
     for (i = 0; i < 3; i++) {
-        made->rounded[i] = 0;
+        axle->rounded[i] = 0;
     }
-    noslip_add_turns(made, turns);
+    noslip_add_turns(axle, turns);
 }
 
-/* How far the axle moves along a long arc; see noslip_go. */
-NOSLIP_APART void noslip_long_arc(const noslip_reckoning *from, double way,
+/* Computes the displacement of the axle along an arc of more than 1/4 rad; see noslip_move_axle. */
+NOSLIP_APART void noslip_long_arc(const noslip_reckoning *from, double distance,
                              double turn, double moved[2])
 {
-    const double chord = way * noslip_sinc(turn / 2);
+    const double chord = distance * noslip_sinc(turn / 2);
     noslip_sincos(from->at[2] + (turn / 2 - from->rounded[2]), &moved[1], &moved[0]);
     moved[0] *= chord;
     moved[1] *= chord;
 }
 
 /*
- * Where the wheels bring the axle, and the direction there: along an arc. Its chord has the direction of the heading in between:
- * on a short arc that of the sum of the directions before and after, which is 2 cos(turn / 2) long. NOSLIP_RANGE where the
- * heading leaves the range of noslip_sincos, or is NaN.
+ * Moves the axle along an arc of length `distance` that turns by `turn`; `before` and `after` are cosine and sine of the heading.
+ * The chord of the arc has the direction of the mean heading. For a short arc this is the direction of the sum of `before` and
+ * `after`, whose length is 2 cos(turn / 2). Returns NOSLIP_RANGE if the heading is outside the range of noslip_sincos, or NaN.
  */
-NOSLIP_HOT int noslip_go(const noslip_reckoning *from, const double before[2],
-                     double way, double turn, noslip_reckoning *to,
+NOSLIP_HOT int noslip_move_axle(const noslip_reckoning *from, const double before[2],
+                     double distance, double turn, noslip_reckoning *to,
                      double after[2])
 {
     double x, y;
@@ -144,12 +146,12 @@ NOSLIP_HOT int noslip_go(const noslip_reckoning *from, const double before[2],
     }
     noslip_sincos(to->at[2], &after[1], &after[0]);
     if (noslip_abs(turn) <= (double)0.25) {
-        const double share = way * noslip_half_tanc(turn);
+        const double share = distance * noslip_half_tanc(turn);
         x = share * (before[0] + after[0]);
         y = share * (before[1] + after[1]);
     } else {
         double moved[2];
-        noslip_long_arc(from, way, turn, moved);
+        noslip_long_arc(from, distance, turn, moved);
         x = moved[0];
         y = moved[1];
     }
@@ -162,7 +164,7 @@ NOSLIP_HOT int noslip_go(const noslip_reckoning *from, const double before[2],
     return NOSLIP_OK;
 }
 
-/* The pose that a reckoning gives where nothing is pending. */
+/* Computes the pose of the vehicle's point from that of the axle, without pending corrections. */
 NOSLIP_HOT void noslip_pose_of(const noslip_odometry *self,
                                 const noslip_reckoning *reckoning,
                                 const double direction[2], noslip_pose *pose)
@@ -172,8 +174,8 @@ NOSLIP_HOT void noslip_pose_of(const noslip_odometry *self,
     pose->heading = reckoning->at[2];
 }
 
-/* Takes on a reckoning and its pose. */
-NOSLIP_HOT void noslip_settle(noslip_odometry *self,
+/* Stores the pose of the axle and that of the vehicle's point. */
+NOSLIP_HOT void noslip_store_pose(noslip_odometry *self,
                                const noslip_reckoning *next,
                                const noslip_pose *pose, const double direction[2])
 {
@@ -190,8 +192,8 @@ NOSLIP_HOT void noslip_settle(noslip_odometry *self,
     self->direction[1] = direction[1];
 }
 
-/* Goes on with a reckoning, `left` s until `pending` is let in, where that gives a pose; else stays with what was. */
-NOSLIP_APART int noslip_odometry_take(noslip_odometry *self,
+/* Stores a new pose of the axle, with `left` s until the correction `pending` is applied. On an error nothing changes. */
+NOSLIP_APART int noslip_odometry_store(noslip_odometry *self,
                                       const noslip_reckoning *next,
                                       const double direction[2], const double pending[3],
                                       double left)
@@ -212,7 +214,7 @@ NOSLIP_APART int noslip_odometry_take(noslip_odometry *self,
     if (status != NOSLIP_OK) {
         return status;
     }
-    noslip_settle(self, next, &pose, direction);
+    noslip_store_pose(self, next, &pose, direction);
     if (left > 0) {
         noslip_sincos(pose.heading, &self->direction[1], &self->direction[0]);
     }
@@ -227,10 +229,10 @@ NOSLIP_APART int noslip_odometry_take(noslip_odometry *self,
 /* -- dead reckoning ---------------------------------------------------------------------------------------------------- */
 
 /*
- * Options of a vehicle with two driven wheels on one axle, the right one first: wheel radius r, half the distance b between
- * the wheels, d of the vehicle's point ahead of the axle (all m). Forward speed r (w_r + w_l) / 2, yaw rate
- * r (w_r - w_l) / (2 b). Corrections are let in at once: set `release` afterwards.
- * NOSLIP_BAD_PARAMETER, and no options, unless r and b are positive and all are finite.
+ * Sets the options of a vehicle with two driven wheels on one axle, the right one first: wheel radius r, half the distance b
+ * between the wheels, distance d of the vehicle's point ahead of the axle (all m). The forward speed is r (w_r + w_l) / 2, the yaw
+ * rate r (w_r - w_l) / (2 b). `release` is set to 0: corrections are applied at once.
+ * Returns NOSLIP_BAD_PARAMETER and sets all options to 0 unless r and b are positive and all are finite.
  */
 static inline int noslip_odometry_differential(noslip_odometry_options *options, double r,
                              double b, double d)
@@ -251,8 +253,8 @@ static inline int noslip_odometry_differential(noslip_odometry_options *options,
 }
 
 /*
- * Starts at a pose, or at zeros where `start` is null. NOSLIP_BAD_PARAMETER unless all options are finite, the two wheels can
- * move the vehicle both forward and around, and `release` is not negative; NOSLIP_NONFINITE, NOSLIP_RANGE for the pose.
+ * Initializes the pose; a null `start` means zeros. Returns NOSLIP_BAD_PARAMETER unless all options are finite, forward distance
+ * and turn determine the angles of both wheels, and `release` is not negative; NOSLIP_NONFINITE or NOSLIP_RANGE for the pose.
  */
 static inline int noslip_odometry_init(noslip_odometry *self,
                           const noslip_odometry_options *options,
@@ -260,7 +262,7 @@ static inline int noslip_odometry_init(noslip_odometry *self,
 {
     double direction[2], pending[3];
     noslip_reckoning reckoning;
-    noslip_pose known;
+    noslip_pose initial;
     const double *forward, *turn;
     double determinant;
     int status, i;
@@ -280,10 +282,10 @@ static inline int noslip_odometry_init(noslip_odometry *self,
           options->release >= 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    known.x = start == NULL ? 0 : start->x;
-    known.y = start == NULL ? 0 : start->y;
-    known.heading = start == NULL ? 0 : start->heading;
-    status = noslip_check_pose(&known);
+    initial.x = start == NULL ? 0 : start->x;
+    initial.y = start == NULL ? 0 : start->y;
+    initial.heading = start == NULL ? 0 : start->heading;
+    status = noslip_check_pose(&initial);
     if (status == NOSLIP_OK) {
         for (i = 0; i < 2; i++) {
             self->options.forward[i] = forward[i];
@@ -292,15 +294,15 @@ static inline int noslip_odometry_init(noslip_odometry *self,
         self->options.ahead = options->ahead;
         self->options.release = options->release;
         pending[0] = pending[1] = pending[2] = 0;
-        noslip_sincos(known.heading, &direction[1], &direction[0]);
-        noslip_reckon_from(self, &known, direction, 0, &reckoning);
-        status = noslip_odometry_take(self, &reckoning, direction, pending, 0);
+        noslip_sincos(initial.heading, &direction[1], &direction[0]);
+        noslip_axle_from(self, &initial, direction, 0, &reckoning);
+        status = noslip_odometry_store(self, &reckoning, direction, pending, 0);
     }
     self->ready = status == NOSLIP_OK ? NOSLIP_READY : 0;
     return status;
 }
 
-/* The pose as told last; zeros with NOSLIP_NOT_READY. */
+/* Writes the last pose; zeros with NOSLIP_NOT_READY. */
 static inline int noslip_odometry_pose(const noslip_odometry *self, noslip_pose *pose)
 {
     if (pose == NULL) {
@@ -316,30 +318,30 @@ static inline int noslip_odometry_pose(const noslip_odometry *self, noslip_pose 
     return NOSLIP_OK;
 }
 
-/* Keeps cosine and sine of a heading. */
-NOSLIP_APART void noslip_odometry_face(noslip_odometry *self, double heading)
+/* Stores cosine and sine of a heading in `direction`. */
+NOSLIP_APART void noslip_odometry_set_direction(noslip_odometry *self, double heading)
 {
     noslip_sincos(heading, &self->direction[1], &self->direction[0]);
 }
 
-/* Why there is no move. The pose is the one told last. */
-NOSLIP_APART int noslip_odometry_refuse(noslip_odometry *self, const double angle[2],
+/* Returns the reason for which a move is rejected, and writes the last pose. */
+NOSLIP_APART int noslip_odometry_reject(noslip_odometry *self, const double angle[2],
                       double dt, noslip_pose *pose)
 {
-    double way, turn, heading, rounded;
+    double distance, turn, heading, rounded;
     const int status = noslip_odometry_pose(self, pose);
     if (status != NOSLIP_OK) {
         return status;
     }
     if (self->steady != NOSLIP_READY) {
-        noslip_odometry_face(self, self->pose.heading);
+        noslip_odometry_set_direction(self, self->pose.heading);
     }
     if (angle == NULL) {
         return NOSLIP_NULL;
     }
-    way = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
+    distance = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
     turn = self->options.turn[0] * angle[0] + self->options.turn[1] * angle[1];
-    if (!noslip_sum_finite(way, turn, dt)) {
+    if (!noslip_sum_finite(distance, turn, dt)) {
         return NOSLIP_NONFINITE;
     }
     if (dt < 0) {
@@ -351,25 +353,25 @@ NOSLIP_APART int noslip_odometry_refuse(noslip_odometry *self, const double angl
     return noslip_angle_ok(heading) ? NOSLIP_NONFINITE : NOSLIP_RANGE;
 }
 
-/* Goes on with a reckoning while a correction is let in. */
-NOSLIP_APART int noslip_odometry_let_in(noslip_odometry *self,
+/* Stores a new pose of the axle while a correction is being applied. */
+NOSLIP_APART int noslip_odometry_blend(noslip_odometry *self,
                            const noslip_reckoning *next,
                            const double direction[2], double dt,
                            noslip_pose *pose)
 {
     const double left = self->left > dt ? self->left - dt : 0;
-    const int status = noslip_odometry_take(self, next, direction, self->pending, left);
+    const int status = noslip_odometry_store(self, next, direction, self->pending, left);
     if (status != NOSLIP_OK) {
-        noslip_odometry_face(self, self->pose.heading);
+        noslip_odometry_set_direction(self, self->pose.heading);
     }
     *pose = self->pose;
     return status;
 }
 
 /*
- * Each wheel turned by `angle` (rad) within dt (s, 0 or more), evenly: answers the pose. On an error nothing moves, and the
- * pose is the one told last: NOSLIP_NULL, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER (negative dt), NOSLIP_RANGE where the heading
- * leaves the range of noslip_sincos: then call noslip_odometry_unwind, and make the same move again.
+ * Updates the pose after the wheels turned by `angle` (rad) at constant rates during dt (s, not negative), and writes it to `pose`.
+ * On an error nothing changes, and `pose` is the previous one: NOSLIP_NULL, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER (negative dt),
+ * NOSLIP_RANGE if the heading leaves the range of noslip_sincos: then call noslip_odometry_unwind and repeat the same move.
  */
 NOSLIP_HOT int noslip_odometry_move(noslip_odometry *self, const double angle[2],
                   double dt, noslip_pose *pose)
@@ -377,24 +379,24 @@ NOSLIP_HOT int noslip_odometry_move(noslip_odometry *self, const double angle[2]
     const int steady = self != NULL && self->steady == NOSLIP_READY;
     if (angle != NULL && pose != NULL && (steady || (self != NULL && self->ready == NOSLIP_READY)) && dt >= 0 &&
         noslip_is_finite(dt)) {
-        const double way = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
+        const double distance = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
         const double turn = self->options.turn[0] * angle[0] + self->options.turn[1] * angle[1];
         noslip_reckoning next;
         double direction[2];
-        if (!steady) { /* it is the direction of the pose told */
-            noslip_odometry_face(self, self->now.at[2]);
+        if (!steady) { /* `direction` includes the pending correction */
+            noslip_odometry_set_direction(self, self->now.at[2]);
         }
-        if (noslip_go(&self->now, self->direction, way, turn, &next, direction) == NOSLIP_OK) {
+        if (noslip_move_axle(&self->now, self->direction, distance, turn, &next, direction) == NOSLIP_OK) {
             noslip_pose reached;
             noslip_pose_of(self, &next, direction, &reached);
             if (noslip_sum_finite(reached.x, reached.y, reached.heading)) {
-                if (!steady) { /* copies: what is here stays in registers */
+                if (!steady) { /* pass copies, so that the originals stay in registers */
                     const noslip_reckoning to = {{next.at[0], next.at[1], next.at[2]},
                                                               {next.rounded[0], next.rounded[1], next.rounded[2]}};
                     const double towards[2] = {direction[0], direction[1]};
-                    return noslip_odometry_let_in(self, &to, towards, dt, pose);
+                    return noslip_odometry_blend(self, &to, towards, dt, pose);
                 }
-                noslip_settle(self, &next, &reached, direction);
+                noslip_store_pose(self, &next, &reached, direction);
                 pose->x = reached.x;
                 pose->y = reached.y;
                 pose->heading = reached.heading;
@@ -402,10 +404,10 @@ NOSLIP_HOT int noslip_odometry_move(noslip_odometry *self, const double angle[2]
             }
         }
     }
-    return noslip_odometry_refuse(self, angle, dt, pose);
+    return noslip_odometry_reject(self, angle, dt, pose);
 }
 
-/* The same for wheels that turned at a `rate` (rad/s) for dt (s). */
+/* Same as noslip_odometry_move, for wheels that turned at a `rate` (rad/s) during dt (s). */
 static inline int noslip_odometry_rates(noslip_odometry *self, const double rate[2],
                       double dt, noslip_pose *pose)
 {
@@ -416,9 +418,10 @@ static inline int noslip_odometry_rates(noslip_odometry *self, const double rate
 }
 
 /*
- * The true pose has become known. NOSLIP_RESET: the pose is this one from now on, the heading as given. NOSLIP_BUMPLESS: the
- * reckoning goes on from it, and by what the pose differed until now, the heading by the shorter way round, fades linearly over
- * the time `release` of the moves to come: the pose does not jump. A correction replaces one that is still being let in.
+ * Corrects the pose to a measured one, `truth`. NOSLIP_RESET: the pose is `truth` from now on, with the heading as given.
+ * NOSLIP_BUMPLESS: dead reckoning continues from `truth`, but the returned pose does not jump: the difference to the previous pose,
+ * of the heading within half a turn, decreases linearly to zero during the next moves, over the time `release`. A correction
+ * replaces one that is still being applied.
  * On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_BAD_PARAMETER (mode), NOSLIP_NONFINITE, NOSLIP_RANGE.
  */
 static inline int noslip_odometry_correct(noslip_odometry *self,
@@ -446,7 +449,7 @@ static inline int noslip_odometry_correct(noslip_odometry *self,
     }
     pending[0] = pending[1] = pending[2] = 0;
     noslip_sincos(truth->heading, &direction[1], &direction[0]);
-    noslip_reckon_from(self, truth, direction, turns, &next);
+    noslip_axle_from(self, truth, direction, turns, &next);
     noslip_pose_of(self, &next, direction, &after);
     status = noslip_check_pose(&after);
     if (status != NOSLIP_OK) {
@@ -458,10 +461,11 @@ static inline int noslip_odometry_correct(noslip_odometry *self,
         pending[2] = self->pose.heading - after.heading;
         left = self->options.release;
     }
-    return noslip_odometry_take(self, &next, direction, pending, left);
+    return noslip_odometry_store(self, &next, direction, pending, left);
 }
 
-/* Takes whole turns off the heading, which is then within half a turn of 0, but for what is pending. The place stays. */
+/* Subtracts whole turns from the heading, which is then between -pi and pi except for a pending correction. The position does not
+ * change. */
 static inline int noslip_odometry_unwind(noslip_odometry *self)
 {
     noslip_reckoning next;
@@ -477,16 +481,16 @@ static inline int noslip_odometry_unwind(noslip_odometry *self)
         next.at[i] = self->now.at[i];
         next.rounded[i] = self->now.rounded[i];
     }
-    noslip_sincos(next.at[2], &direction[1], &direction[0]);              /* before: the place is to stay to the last bit */
+    noslip_sincos(next.at[2], &direction[1], &direction[0]);              /* before unwinding, so that no bit of the position changes */
     noslip_add_turns(&next, -noslip_whole_turns(next.at[2]));
-    return noslip_odometry_take(self, &next, direction, self->pending, self->left);
+    return noslip_odometry_store(self, &next, direction, self->pending, self->left);
 }
 
 /* -- encoders ---------------------------------------------------------------------------------------------------------- */
 
 /*
- * An encoder that makes `counts_per_turn` of its wheel (negative where it counts down as the wheel rolls forward, as on a side
- * where it is mounted the other way round) with a counter of so many bits, 2 to 32. NOSLIP_BAD_PARAMETER for any other.
+ * Initializes an encoder with `counts_per_turn` of its wheel (negative if it counts down when the wheel rolls forward, for example
+ * because it is mounted the other way round) and a counter of 2 to 32 bits. Returns NOSLIP_BAD_PARAMETER for other values.
  */
 static inline int noslip_encoder_init(noslip_encoder *self, double counts_per_turn,
                     int counter_bits)
@@ -509,7 +513,7 @@ static inline int noslip_encoder_init(noslip_encoder *self, double counts_per_tu
     return NOSLIP_OK;
 }
 
-/* The first time a counter is read, or why it is not. */
+/* Handles the first reading of a counter, and errors. */
 NOSLIP_APART int noslip_encoder_start(noslip_encoder *self, uint32_t counter,
                                       double *angle)
 {
@@ -529,72 +533,74 @@ NOSLIP_APART int noslip_encoder_start(noslip_encoder *self, uint32_t counter,
 }
 
 /*
- * The angle (rad) by which the wheel turned since the counter was read last; 0 at the first time. In between less than half of
- * the counter's range may go by: from there on it looks like a turn the other way. Bits above the counter's do not count.
+ * Writes the angle (rad) by which the wheel turned since the last reading; 0 at the first one. Between two readings the counter
+ * must change by less than half its range; a larger change is taken as a rotation in the other direction. Bits above those of the
+ * counter are ignored.
  */
 static inline int noslip_encoder_read(noslip_encoder *self, uint32_t counter, double *angle)
 {
-    uint32_t up; /* with the counter's highest bit at the top */
+    uint32_t change; /* of the counter, shifted so that its highest bit is bit 31 */
     if (self == NULL || angle == NULL || self->started != NOSLIP_READY) {
         return noslip_encoder_start(self, counter, angle);
     }
-    up = (counter - self->last) * self->full;
-    *angle = (double)(int32_t)up * self->scale;
+    change = (counter - self->last) * self->full;
+    *angle = (double)(int32_t)change * self->scale;
     self->last = counter;
     return NOSLIP_OK;
 }
 
-/* -- float: made from noslip_odometry.inc by guarantees/headers.py ----------------------------------------------------- */
+/* -- float: generated from noslip_odometry.inc by guarantees/headers.py ------------------------------------------------ */
 
-/* Where a point of the vehicle is, and its heading, counterclockwise from the x axis and not wrapped. */
+/* Position of a point of the vehicle, and heading, counterclockwise from the x axis and not wrapped. */
 typedef struct noslip_pose_f {
     float x;             /* m */
     float y;             /* m */
     float heading;       /* rad */
 } noslip_pose_f;
 
-/* What the vehicle is. Zeros are good for all but the wheels. */
+/* Kinematics of the vehicle. All fields except those of the wheels may be zero. */
 typedef struct noslip_odometry_options_f {
-    float forward[2];       /* m/rad: way forward per angle of each wheel */
-    float turn[2];          /* rad/rad: turn per angle of each wheel */
-    float ahead;            /* m: the vehicle's point lies so far ahead of the axle */
-    float release;          /* s: time over which a bumpless correction is let in; 0: at once */
+    float forward[2];       /* m/rad: forward distance per angle of each wheel */
+    float turn[2];          /* rad/rad: change of heading per angle of each wheel */
+    float ahead;            /* m: distance of the vehicle's point ahead of the axle */
+    float release;          /* s: time over which a bumpless correction is applied; 0: at once */
 } noslip_odometry_options_f;
 
-/* Where the axle is reckoned to be. */
+/* Dead reckoning: estimated pose of the axle. */
 typedef struct noslip_reckoning_f {
-    float at[3];            /* m, m, rad: x and y of the axle's middle, heading */
-    float rounded[3];       /* what rounding has put too much into them */
+    float at[3];            /* m, m, rad: x and y of the middle of the axle, heading */
+    float rounded[3];       /* rounding errors of these (Kahan) */
 } noslip_reckoning_f;
 
-/* The pose told is the one reckoned and, until a bumpless correction is let in, a part of what it differed by. */
+/* Dead reckoning of one vehicle. The returned pose is the estimated one plus the part of a bumpless correction that has not been
+ * applied yet. */
 typedef struct noslip_odometry_f {
     noslip_odometry_options_f options;
     noslip_reckoning_f now;
-    noslip_pose_f pose;            /* as told last */
+    noslip_pose_f pose;            /* last pose returned */
     float direction[2];            /* cosine and sine of its heading */
-    float pending[3];              /* m, m, rad: by what the pose differed at the correction */
-    float left;                    /* s until nothing of that is left */
-    int steady;                    /* NOSLIP_READY: nothing is left */
+    float pending[3];              /* m, m, rad: previous minus corrected pose at the last correction */
+    float left;                    /* s: remaining time until the correction is applied completely */
+    int steady;                    /* NOSLIP_READY: no correction is pending */
     int ready;
 } noslip_odometry_f;
 
-/* Counts of an encoder, whose counter wraps around, as angles of its wheel. */
+/* Converts the counter of an encoder, which wraps around, to angles of its wheel. */
 typedef struct noslip_encoder_f {
     float angle;       /* rad per count */
     float scale;       /* rad per count / full */
-    uint32_t mask;     /* the bits that the counter has */
-    uint32_t full;     /* 2 for each bit that it has not: brings its highest bit to the top */
-    uint32_t last;     /* the counter when last read */
-    int started;       /* NOSLIP_READY: it has been read */
+    uint32_t mask;     /* the bits of the counter */
+    uint32_t full;     /* 2^(32 - bits): shifts the highest bit of the counter to bit 31 */
+    uint32_t last;     /* last counter value read */
+    int started;       /* NOSLIP_READY: the counter has been read */
     int ready;
 } noslip_encoder_f;
 
-/* -- inside ------------------------------------------------------------------------------------------------------------ */
+/* -- internal ---------------------------------------------------------------------------------------------------------- */
 
 /*
- * Adds whole turns to the heading. A turn is cut in two, the first part so short that its product with `turns` is exact; where
- * turns are taken off, the difference is exact too.
+ * Adds whole turns to the heading. 2 pi is used in two parts; the first has so few bits that its product with `turns` is exact. If
+ * turns are subtracted, the difference is exact too.
  */
 static inline void noslip_add_turns_f(noslip_reckoning_f *reckoning, float turns)
 {
@@ -602,7 +608,7 @@ static inline void noslip_add_turns_f(noslip_reckoning_f *reckoning, float turns
     noslip_add_f(&reckoning->at[2], &reckoning->rounded[2], turns * (float)-1.7817820413527695e-05);
 }
 
-/* NOSLIP_NONFINITE or NOSLIP_RANGE for a pose that the vehicle cannot have. */
+/* Returns NOSLIP_NONFINITE or NOSLIP_RANGE for an invalid pose. */
 static inline int noslip_check_pose_f(const noslip_pose_f *pose)
 {
     if (!noslip_sum_finite_f(pose->x, pose->y, pose->heading)) {
@@ -611,38 +617,39 @@ static inline int noslip_check_pose_f(const noslip_pose_f *pose)
     return noslip_angle_ok_f(pose->heading) ? NOSLIP_OK : NOSLIP_RANGE;
 }
 
-/* Makes the reckoning that gives a pose of this direction, the number of its whole turns changed by `turns`. */
-static inline void noslip_reckon_from_f(const noslip_odometry_f *self,
+/* Computes the pose of the axle for a pose of the vehicle's point, with `turns` whole turns added to the heading; `direction` is
+ * the cosine and sine of the heading. */
+static inline void noslip_axle_from_f(const noslip_odometry_f *self,
                              const noslip_pose_f *pose, const float direction[2],
-                             float turns, noslip_reckoning_f *made)
+                             float turns, noslip_reckoning_f *axle)
 {
     int i;
-    made->at[0] = pose->x - self->options.ahead * direction[0];
-    made->at[1] = pose->y - self->options.ahead * direction[1];
-    made->at[2] = pose->heading;
+    axle->at[0] = pose->x - self->options.ahead * direction[0];
+    axle->at[1] = pose->y - self->options.ahead * direction[1];
+    axle->at[2] = pose->heading;
     for (i = 0; i < 3; i++) {
-        made->rounded[i] = 0;
+        axle->rounded[i] = 0;
     }
-    noslip_add_turns_f(made, turns);
+    noslip_add_turns_f(axle, turns);
 }
 
-/* How far the axle moves along a long arc; see noslip_go. */
-NOSLIP_APART void noslip_long_arc_f(const noslip_reckoning_f *from, float way,
+/* Computes the displacement of the axle along an arc of more than 1/4 rad; see noslip_move_axle. */
+NOSLIP_APART void noslip_long_arc_f(const noslip_reckoning_f *from, float distance,
                                 float turn, float moved[2])
 {
-    const float chord = way * noslip_sinc_f(turn / 2);
+    const float chord = distance * noslip_sinc_f(turn / 2);
     noslip_sincos_f(from->at[2] + (turn / 2 - from->rounded[2]), &moved[1], &moved[0]);
     moved[0] *= chord;
     moved[1] *= chord;
 }
 
 /*
- * Where the wheels bring the axle, and the direction there: along an arc. Its chord has the direction of the heading in between:
- * on a short arc that of the sum of the directions before and after, which is 2 cos(turn / 2) long. NOSLIP_RANGE where the
- * heading leaves the range of noslip_sincos, or is NaN.
+ * Moves the axle along an arc of length `distance` that turns by `turn`; `before` and `after` are cosine and sine of the heading.
+ * The chord of the arc has the direction of the mean heading. For a short arc this is the direction of the sum of `before` and
+ * `after`, whose length is 2 cos(turn / 2). Returns NOSLIP_RANGE if the heading is outside the range of noslip_sincos, or NaN.
  */
-NOSLIP_HOT int noslip_go_f(const noslip_reckoning_f *from, const float before[2],
-                        float way, float turn, noslip_reckoning_f *to,
+NOSLIP_HOT int noslip_move_axle_f(const noslip_reckoning_f *from, const float before[2],
+                        float distance, float turn, noslip_reckoning_f *to,
                         float after[2])
 {
     float x, y;
@@ -654,12 +661,12 @@ NOSLIP_HOT int noslip_go_f(const noslip_reckoning_f *from, const float before[2]
     }
     noslip_sincos_f(to->at[2], &after[1], &after[0]);
     if (noslip_abs_f(turn) <= (float)0.25) {
-        const float share = way * noslip_half_tanc_f(turn);
+        const float share = distance * noslip_half_tanc_f(turn);
         x = share * (before[0] + after[0]);
         y = share * (before[1] + after[1]);
     } else {
         float moved[2];
-        noslip_long_arc_f(from, way, turn, moved);
+        noslip_long_arc_f(from, distance, turn, moved);
         x = moved[0];
         y = moved[1];
     }
@@ -672,7 +679,7 @@ NOSLIP_HOT int noslip_go_f(const noslip_reckoning_f *from, const float before[2]
     return NOSLIP_OK;
 }
 
-/* The pose that a reckoning gives where nothing is pending. */
+/* Computes the pose of the vehicle's point from that of the axle, without pending corrections. */
 NOSLIP_HOT void noslip_pose_of_f(const noslip_odometry_f *self,
                                     const noslip_reckoning_f *reckoning,
                                     const float direction[2], noslip_pose_f *pose)
@@ -682,8 +689,8 @@ NOSLIP_HOT void noslip_pose_of_f(const noslip_odometry_f *self,
     pose->heading = reckoning->at[2];
 }
 
-/* Takes on a reckoning and its pose. */
-NOSLIP_HOT void noslip_settle_f(noslip_odometry_f *self,
+/* Stores the pose of the axle and that of the vehicle's point. */
+NOSLIP_HOT void noslip_store_pose_f(noslip_odometry_f *self,
                                    const noslip_reckoning_f *next,
                                    const noslip_pose_f *pose, const float direction[2])
 {
@@ -700,8 +707,8 @@ NOSLIP_HOT void noslip_settle_f(noslip_odometry_f *self,
     self->direction[1] = direction[1];
 }
 
-/* Goes on with a reckoning, `left` s until `pending` is let in, where that gives a pose; else stays with what was. */
-NOSLIP_APART int noslip_odometry_take_f(noslip_odometry_f *self,
+/* Stores a new pose of the axle, with `left` s until the correction `pending` is applied. On an error nothing changes. */
+NOSLIP_APART int noslip_odometry_store_f(noslip_odometry_f *self,
                                           const noslip_reckoning_f *next,
                                           const float direction[2], const float pending[3],
                                           float left)
@@ -722,7 +729,7 @@ NOSLIP_APART int noslip_odometry_take_f(noslip_odometry_f *self,
     if (status != NOSLIP_OK) {
         return status;
     }
-    noslip_settle_f(self, next, &pose, direction);
+    noslip_store_pose_f(self, next, &pose, direction);
     if (left > 0) {
         noslip_sincos_f(pose.heading, &self->direction[1], &self->direction[0]);
     }
@@ -737,10 +744,10 @@ NOSLIP_APART int noslip_odometry_take_f(noslip_odometry_f *self,
 /* -- dead reckoning ---------------------------------------------------------------------------------------------------- */
 
 /*
- * Options of a vehicle with two driven wheels on one axle, the right one first: wheel radius r, half the distance b between
- * the wheels, d of the vehicle's point ahead of the axle (all m). Forward speed r (w_r + w_l) / 2, yaw rate
- * r (w_r - w_l) / (2 b). Corrections are let in at once: set `release` afterwards.
- * NOSLIP_BAD_PARAMETER, and no options, unless r and b are positive and all are finite.
+ * Sets the options of a vehicle with two driven wheels on one axle, the right one first: wheel radius r, half the distance b
+ * between the wheels, distance d of the vehicle's point ahead of the axle (all m). The forward speed is r (w_r + w_l) / 2, the yaw
+ * rate r (w_r - w_l) / (2 b). `release` is set to 0: corrections are applied at once.
+ * Returns NOSLIP_BAD_PARAMETER and sets all options to 0 unless r and b are positive and all are finite.
  */
 static inline int noslip_odometry_differential_f(noslip_odometry_options_f *options, float r,
                                 float b, float d)
@@ -761,8 +768,8 @@ static inline int noslip_odometry_differential_f(noslip_odometry_options_f *opti
 }
 
 /*
- * Starts at a pose, or at zeros where `start` is null. NOSLIP_BAD_PARAMETER unless all options are finite, the two wheels can
- * move the vehicle both forward and around, and `release` is not negative; NOSLIP_NONFINITE, NOSLIP_RANGE for the pose.
+ * Initializes the pose; a null `start` means zeros. Returns NOSLIP_BAD_PARAMETER unless all options are finite, forward distance
+ * and turn determine the angles of both wheels, and `release` is not negative; NOSLIP_NONFINITE or NOSLIP_RANGE for the pose.
  */
 static inline int noslip_odometry_init_f(noslip_odometry_f *self,
                               const noslip_odometry_options_f *options,
@@ -770,7 +777,7 @@ static inline int noslip_odometry_init_f(noslip_odometry_f *self,
 {
     float direction[2], pending[3];
     noslip_reckoning_f reckoning;
-    noslip_pose_f known;
+    noslip_pose_f initial;
     const float *forward, *turn;
     float determinant;
     int status, i;
@@ -790,10 +797,10 @@ static inline int noslip_odometry_init_f(noslip_odometry_f *self,
           options->release >= 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    known.x = start == NULL ? 0 : start->x;
-    known.y = start == NULL ? 0 : start->y;
-    known.heading = start == NULL ? 0 : start->heading;
-    status = noslip_check_pose_f(&known);
+    initial.x = start == NULL ? 0 : start->x;
+    initial.y = start == NULL ? 0 : start->y;
+    initial.heading = start == NULL ? 0 : start->heading;
+    status = noslip_check_pose_f(&initial);
     if (status == NOSLIP_OK) {
         for (i = 0; i < 2; i++) {
             self->options.forward[i] = forward[i];
@@ -802,15 +809,15 @@ static inline int noslip_odometry_init_f(noslip_odometry_f *self,
         self->options.ahead = options->ahead;
         self->options.release = options->release;
         pending[0] = pending[1] = pending[2] = 0;
-        noslip_sincos_f(known.heading, &direction[1], &direction[0]);
-        noslip_reckon_from_f(self, &known, direction, 0, &reckoning);
-        status = noslip_odometry_take_f(self, &reckoning, direction, pending, 0);
+        noslip_sincos_f(initial.heading, &direction[1], &direction[0]);
+        noslip_axle_from_f(self, &initial, direction, 0, &reckoning);
+        status = noslip_odometry_store_f(self, &reckoning, direction, pending, 0);
     }
     self->ready = status == NOSLIP_OK ? NOSLIP_READY : 0;
     return status;
 }
 
-/* The pose as told last; zeros with NOSLIP_NOT_READY. */
+/* Writes the last pose; zeros with NOSLIP_NOT_READY. */
 static inline int noslip_odometry_pose_f(const noslip_odometry_f *self, noslip_pose_f *pose)
 {
     if (pose == NULL) {
@@ -826,30 +833,30 @@ static inline int noslip_odometry_pose_f(const noslip_odometry_f *self, noslip_p
     return NOSLIP_OK;
 }
 
-/* Keeps cosine and sine of a heading. */
-NOSLIP_APART void noslip_odometry_face_f(noslip_odometry_f *self, float heading)
+/* Stores cosine and sine of a heading in `direction`. */
+NOSLIP_APART void noslip_odometry_set_direction_f(noslip_odometry_f *self, float heading)
 {
     noslip_sincos_f(heading, &self->direction[1], &self->direction[0]);
 }
 
-/* Why there is no move. The pose is the one told last. */
-NOSLIP_APART int noslip_odometry_refuse_f(noslip_odometry_f *self, const float angle[2],
+/* Returns the reason for which a move is rejected, and writes the last pose. */
+NOSLIP_APART int noslip_odometry_reject_f(noslip_odometry_f *self, const float angle[2],
                          float dt, noslip_pose_f *pose)
 {
-    float way, turn, heading, rounded;
+    float distance, turn, heading, rounded;
     const int status = noslip_odometry_pose_f(self, pose);
     if (status != NOSLIP_OK) {
         return status;
     }
     if (self->steady != NOSLIP_READY) {
-        noslip_odometry_face_f(self, self->pose.heading);
+        noslip_odometry_set_direction_f(self, self->pose.heading);
     }
     if (angle == NULL) {
         return NOSLIP_NULL;
     }
-    way = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
+    distance = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
     turn = self->options.turn[0] * angle[0] + self->options.turn[1] * angle[1];
-    if (!noslip_sum_finite_f(way, turn, dt)) {
+    if (!noslip_sum_finite_f(distance, turn, dt)) {
         return NOSLIP_NONFINITE;
     }
     if (dt < 0) {
@@ -861,25 +868,25 @@ NOSLIP_APART int noslip_odometry_refuse_f(noslip_odometry_f *self, const float a
     return noslip_angle_ok_f(heading) ? NOSLIP_NONFINITE : NOSLIP_RANGE;
 }
 
-/* Goes on with a reckoning while a correction is let in. */
-NOSLIP_APART int noslip_odometry_let_in_f(noslip_odometry_f *self,
+/* Stores a new pose of the axle while a correction is being applied. */
+NOSLIP_APART int noslip_odometry_blend_f(noslip_odometry_f *self,
                                const noslip_reckoning_f *next,
                                const float direction[2], float dt,
                                noslip_pose_f *pose)
 {
     const float left = self->left > dt ? self->left - dt : 0;
-    const int status = noslip_odometry_take_f(self, next, direction, self->pending, left);
+    const int status = noslip_odometry_store_f(self, next, direction, self->pending, left);
     if (status != NOSLIP_OK) {
-        noslip_odometry_face_f(self, self->pose.heading);
+        noslip_odometry_set_direction_f(self, self->pose.heading);
     }
     *pose = self->pose;
     return status;
 }
 
 /*
- * Each wheel turned by `angle` (rad) within dt (s, 0 or more), evenly: answers the pose. On an error nothing moves, and the
- * pose is the one told last: NOSLIP_NULL, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER (negative dt), NOSLIP_RANGE where the heading
- * leaves the range of noslip_sincos: then call noslip_odometry_unwind, and make the same move again.
+ * Updates the pose after the wheels turned by `angle` (rad) at constant rates during dt (s, not negative), and writes it to `pose`.
+ * On an error nothing changes, and `pose` is the previous one: NOSLIP_NULL, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER (negative dt),
+ * NOSLIP_RANGE if the heading leaves the range of noslip_sincos: then call noslip_odometry_unwind and repeat the same move.
  */
 NOSLIP_HOT int noslip_odometry_move_f(noslip_odometry_f *self, const float angle[2],
                      float dt, noslip_pose_f *pose)
@@ -887,24 +894,24 @@ NOSLIP_HOT int noslip_odometry_move_f(noslip_odometry_f *self, const float angle
     const int steady = self != NULL && self->steady == NOSLIP_READY;
     if (angle != NULL && pose != NULL && (steady || (self != NULL && self->ready == NOSLIP_READY)) && dt >= 0 &&
         noslip_is_finite_f(dt)) {
-        const float way = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
+        const float distance = self->options.forward[0] * angle[0] + self->options.forward[1] * angle[1];
         const float turn = self->options.turn[0] * angle[0] + self->options.turn[1] * angle[1];
         noslip_reckoning_f next;
         float direction[2];
-        if (!steady) { /* it is the direction of the pose told */
-            noslip_odometry_face_f(self, self->now.at[2]);
+        if (!steady) { /* `direction` includes the pending correction */
+            noslip_odometry_set_direction_f(self, self->now.at[2]);
         }
-        if (noslip_go_f(&self->now, self->direction, way, turn, &next, direction) == NOSLIP_OK) {
+        if (noslip_move_axle_f(&self->now, self->direction, distance, turn, &next, direction) == NOSLIP_OK) {
             noslip_pose_f reached;
             noslip_pose_of_f(self, &next, direction, &reached);
             if (noslip_sum_finite_f(reached.x, reached.y, reached.heading)) {
-                if (!steady) { /* copies: what is here stays in registers */
+                if (!steady) { /* pass copies, so that the originals stay in registers */
                     const noslip_reckoning_f to = {{next.at[0], next.at[1], next.at[2]},
                                                               {next.rounded[0], next.rounded[1], next.rounded[2]}};
                     const float towards[2] = {direction[0], direction[1]};
-                    return noslip_odometry_let_in_f(self, &to, towards, dt, pose);
+                    return noslip_odometry_blend_f(self, &to, towards, dt, pose);
                 }
-                noslip_settle_f(self, &next, &reached, direction);
+                noslip_store_pose_f(self, &next, &reached, direction);
                 pose->x = reached.x;
                 pose->y = reached.y;
                 pose->heading = reached.heading;
@@ -912,10 +919,10 @@ NOSLIP_HOT int noslip_odometry_move_f(noslip_odometry_f *self, const float angle
             }
         }
     }
-    return noslip_odometry_refuse_f(self, angle, dt, pose);
+    return noslip_odometry_reject_f(self, angle, dt, pose);
 }
 
-/* The same for wheels that turned at a `rate` (rad/s) for dt (s). */
+/* Same as noslip_odometry_move, for wheels that turned at a `rate` (rad/s) during dt (s). */
 static inline int noslip_odometry_rates_f(noslip_odometry_f *self, const float rate[2],
                          float dt, noslip_pose_f *pose)
 {
@@ -926,9 +933,10 @@ static inline int noslip_odometry_rates_f(noslip_odometry_f *self, const float r
 }
 
 /*
- * The true pose has become known. NOSLIP_RESET: the pose is this one from now on, the heading as given. NOSLIP_BUMPLESS: the
- * reckoning goes on from it, and by what the pose differed until now, the heading by the shorter way round, fades linearly over
- * the time `release` of the moves to come: the pose does not jump. A correction replaces one that is still being let in.
+ * Corrects the pose to a measured one, `truth`. NOSLIP_RESET: the pose is `truth` from now on, with the heading as given.
+ * NOSLIP_BUMPLESS: dead reckoning continues from `truth`, but the returned pose does not jump: the difference to the previous pose,
+ * of the heading within half a turn, decreases linearly to zero during the next moves, over the time `release`. A correction
+ * replaces one that is still being applied.
  * On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_BAD_PARAMETER (mode), NOSLIP_NONFINITE, NOSLIP_RANGE.
  */
 static inline int noslip_odometry_correct_f(noslip_odometry_f *self,
@@ -956,7 +964,7 @@ static inline int noslip_odometry_correct_f(noslip_odometry_f *self,
     }
     pending[0] = pending[1] = pending[2] = 0;
     noslip_sincos_f(truth->heading, &direction[1], &direction[0]);
-    noslip_reckon_from_f(self, truth, direction, turns, &next);
+    noslip_axle_from_f(self, truth, direction, turns, &next);
     noslip_pose_of_f(self, &next, direction, &after);
     status = noslip_check_pose_f(&after);
     if (status != NOSLIP_OK) {
@@ -968,10 +976,11 @@ static inline int noslip_odometry_correct_f(noslip_odometry_f *self,
         pending[2] = self->pose.heading - after.heading;
         left = self->options.release;
     }
-    return noslip_odometry_take_f(self, &next, direction, pending, left);
+    return noslip_odometry_store_f(self, &next, direction, pending, left);
 }
 
-/* Takes whole turns off the heading, which is then within half a turn of 0, but for what is pending. The place stays. */
+/* Subtracts whole turns from the heading, which is then between -pi and pi except for a pending correction. The position does not
+ * change. */
 static inline int noslip_odometry_unwind_f(noslip_odometry_f *self)
 {
     noslip_reckoning_f next;
@@ -987,16 +996,16 @@ static inline int noslip_odometry_unwind_f(noslip_odometry_f *self)
         next.at[i] = self->now.at[i];
         next.rounded[i] = self->now.rounded[i];
     }
-    noslip_sincos_f(next.at[2], &direction[1], &direction[0]);            /* before: the place is to stay to the last bit */
+    noslip_sincos_f(next.at[2], &direction[1], &direction[0]);            /* before unwinding, so that no bit of the position changes */
     noslip_add_turns_f(&next, -noslip_whole_turns_f(next.at[2]));
-    return noslip_odometry_take_f(self, &next, direction, self->pending, self->left);
+    return noslip_odometry_store_f(self, &next, direction, self->pending, self->left);
 }
 
 /* -- encoders ---------------------------------------------------------------------------------------------------------- */
 
 /*
- * An encoder that makes `counts_per_turn` of its wheel (negative where it counts down as the wheel rolls forward, as on a side
- * where it is mounted the other way round) with a counter of so many bits, 2 to 32. NOSLIP_BAD_PARAMETER for any other.
+ * Initializes an encoder with `counts_per_turn` of its wheel (negative if it counts down when the wheel rolls forward, for example
+ * because it is mounted the other way round) and a counter of 2 to 32 bits. Returns NOSLIP_BAD_PARAMETER for other values.
  */
 static inline int noslip_encoder_init_f(noslip_encoder_f *self, float counts_per_turn,
                        int counter_bits)
@@ -1019,7 +1028,7 @@ static inline int noslip_encoder_init_f(noslip_encoder_f *self, float counts_per
     return NOSLIP_OK;
 }
 
-/* The first time a counter is read, or why it is not. */
+/* Handles the first reading of a counter, and errors. */
 NOSLIP_APART int noslip_encoder_start_f(noslip_encoder_f *self, uint32_t counter,
                                           float *angle)
 {
@@ -1039,21 +1048,22 @@ NOSLIP_APART int noslip_encoder_start_f(noslip_encoder_f *self, uint32_t counter
 }
 
 /*
- * The angle (rad) by which the wheel turned since the counter was read last; 0 at the first time. In between less than half of
- * the counter's range may go by: from there on it looks like a turn the other way. Bits above the counter's do not count.
+ * Writes the angle (rad) by which the wheel turned since the last reading; 0 at the first one. Between two readings the counter
+ * must change by less than half its range; a larger change is taken as a rotation in the other direction. Bits above those of the
+ * counter are ignored.
  */
 static inline int noslip_encoder_read_f(noslip_encoder_f *self, uint32_t counter, float *angle)
 {
-    uint32_t up; /* with the counter's highest bit at the top */
+    uint32_t change; /* of the counter, shifted so that its highest bit is bit 31 */
     if (self == NULL || angle == NULL || self->started != NOSLIP_READY) {
         return noslip_encoder_start_f(self, counter, angle);
     }
-    up = (counter - self->last) * self->full;
-    *angle = (float)(int32_t)up * self->scale;
+    change = (counter - self->last) * self->full;
+    *angle = (float)(int32_t)change * self->scale;
     self->last = counter;
     return NOSLIP_OK;
 }
 
-/* -- end of what is made ----------------------------------------------------------------------------------------------- */
+/* -- end of the generated part ----------------------------------------------------------------------------------------- */
 
 #endif

@@ -92,195 +92,198 @@ typedef enum noslip_path_stage {
     NOSLIP_PATH_STAGE_AS_INT = -0x7fffffff
 } noslip_path_stage;
 
-/* -- double: made from noslip_path.inc by guarantees/headers.py -------------------------------------------------------- */
+/* -- double: generated from noslip_path.inc by guarantees/headers.py --------------------------------------------------- */
 
 /* A line or an arc. */
 typedef struct noslip_segment {
-    double x, y;           /* m: where it begins */
-    double heading;        /* rad: direction of travel there */
+    double x, y;           /* m: start point */
+    double heading;        /* rad: direction of travel at the start */
     double curvature;      /* 1/m: positive turns left, 0 is a line */
     double length;         /* m */
-    int backward;          /* the vehicle drives it in reverse: its own heading is opposite to the direction of travel */
+    int backward;          /* 1: driven in reverse, the heading of the vehicle being opposite to the direction of travel */
 } noslip_segment;
 
-/* How a path is followed. Zeros mean defaults, but a speed is wanted. */
+/* Options of path following. Zero selects the default, except for `speed`, which is required. */
 typedef struct noslip_path_options {
-    double speed;             /* m/s, positive: between stops */
-    double deceleration;      /* m/s^2: towards a stop; 0: none, the wanted speed falls to 0 at once at the stop */
-    double creep;             /* m/s: least wanted speed before a stop, and below it the vehicle stands; 0: 0.01 */
+    double speed;             /* m/s, positive: desired speed between stops */
+    double deceleration;      /* m/s^2: before a stop; 0: the desired speed drops to 0 at the stop */
+    double creep;             /* m/s: lowest desired speed before a stop; the vehicle counts as standing below it; 0: 0.01 */
     double gap;               /* m: largest gap between segments; 0: 1e-6, for float 1e-4 */
     double kink;              /* rad: largest change of direction between segments; 0: 1e-6, for float 1e-4 */
-    double L[2];              /* m: how far P_l lies ahead of the vehicle's point, going forward [0] and in reverse [1] */
-    double W;                 /* m: how far P_l lies to the left of it */
-    double ahead;             /* m: how far the vehicle's point lies ahead of the middle of the axle */
-    noslip_on_reversing reversing; /* NOSLIP_REFUSE: no segment may be driven in reverse; NOSLIP_SWITCH: then P_l changes sides */
+    double L[2];              /* m: distance of P_l ahead of the vehicle's point, driving forward [0] and in reverse [1] */
+    double W;                 /* m: distance of P_l to the left of the vehicle's point */
+    double ahead;             /* m: distance of the vehicle's point ahead of the middle of the axle */
+    noslip_on_reversing reversing; /* NOSLIP_REFUSE: segments in reverse are an error; NOSLIP_SWITCH: P_l changes sides for them */
     noslip_path_stop stop;    /* NOSLIP_STOP_POINT or NOSLIP_STOP_AXLE */
-    int closed;               /* 1: after the last segment comes the first; 0: it is the end */
+    int closed;               /* 1: the last segment is followed by the first; 0: the path ends there */
 } noslip_path_options;
 
-/* The first fault of a path, in the order of its segments; a run that is too short comes after all others. */
+/* The first fault of a path, in the order of its segments; runs that are too short are reported after all other faults. */
 typedef struct noslip_path_fault {
     noslip_path_fault_kind kind;
-    int segment;      /* from 0; of a fault between two segments the later one; -1: none of them */
-    double size;      /* how much, in the unit that the kind says */
+    int segment;      /* index from 0; the second one if the fault is between two segments; -1: no particular segment */
+    double size;      /* see noslip_path_fault_kind */
 } noslip_path_fault;
 
-/* What to follow and where the vehicle is on it. */
+/* The current segment, the position of the vehicle relative to it, and the desired speed. A segment here may also be the straight
+ * extension at the end of a run. */
 typedef struct noslip_guide {
-    int segment;                /* from 0; of a straight extension the segment it extends */
-    int backward;               /* 1: in reverse */
-    int changed;                /* 1: another piece than after the last update, or the first: make a law without `follow` for it */
+    int segment;                /* index from 0; for a straight extension that of the segment it extends */
+    int backward;               /* 1: driven in reverse */
+    int changed;                /* 1: the segment differs from the last update, or is the first: initialize a law without `follow` */
     int waiting;                /* 1: at a cusp, until |forward_speed| <= creep */
     int arrived;                /* 1: the end is reached */
-    double L;                   /* m: of P_l, to use now */
-    double x, y;                /* m: where the piece to follow begins, a segment or a straight extension */
-    double heading;             /* rad: direction of travel there */
+    double L;                   /* m: the L of P_l to use now */
+    double x, y;                /* m: start of the segment */
+    double heading;             /* rad: direction of travel at its start */
     double curvature;           /* 1/m: positive turns left, 0 is a line */
-    double progress;            /* m: of P_l on the piece; negative before its beginning */
-    double left;                /* m: until the piece ends, which it does at 0 or below; smooth. While waiting, m/s:
-                                   |forward_speed| - creep, which ends it alike. When arrived: the largest number */
-    double remaining;           /* m: until the stop, negative beyond; the largest number where there is none */
-    noslip_foot foot;              /* P_l seen from its foot on the piece, x in the direction of travel */
-    double speed;               /* m/s: wanted forward speed of the vehicle, negative in reverse */
-    double speed_rate;          /* m/s^2: its rate along the motion */
+    double progress;            /* m: of P_l from the start of the segment; may be negative */
+    double left;                /* m: from P_l to the end of the segment; it ends at 0 or below. A smooth function of the pose.
+                                   While waiting, m/s: |forward_speed| - creep. When arrived: the largest number */
+    double remaining;           /* m: from P_l to the stop, negative beyond it; the largest number if there is no stop */
+    noslip_foot foot;              /* position relative to the foot of P_l on the segment, x in the direction of travel */
+    double speed;               /* m/s: desired forward speed of the vehicle, negative in reverse */
+    double speed_rate;          /* m/s^2: derivative of `speed` along the motion */
 } noslip_guide;
 
-/* What is followed, beyond what the guide says of it. Part of noslip_path. */
-typedef struct noslip_place {
+/* Properties of the current segment that are not in the guide. Part of noslip_path. */
+typedef struct noslip_current {
     noslip_path_stage stage;
-    int bent;                 /* 1: an arc; 0: a line, or as good as one */
-    double cosine, sine;      /* of the heading where it begins */
+    int is_arc;               /* 1: an arc; 0: a line, or a curvature that has no effect */
+    double cosine, sine;      /* of the heading at its start */
     double radius;            /* m: of an arc, 1 / curvature */
     double length;            /* m */
-    double rest;              /* m: from its end to the stop; the largest number where there is none */
-    double rounded;           /* m: what rounding has put too much into it */
-    double cruise;            /* m/s: wanted forward speed far from a stop */
-    double slowing;           /* m/s^2: rate of the forward speed towards a stop */
-    double least;             /* m: it ends where so much is left; the largest number at a stop, which does not end so */
-    double slowest;           /* m/s: a stop ends at such a speed, the last one at none: -1; else the largest number */
-} noslip_place;
+    double rest;              /* m: from its end to the stop; the largest number if there is no stop */
+    double rounded;           /* m: rounding error of `rest` (Kahan) */
+    double cruise;            /* m/s: desired forward speed far from a stop */
+    double braking_rate;      /* m/s^2: rate of the forward speed before a stop */
+    double end_left;          /* m: it ends if at most this is left; at a stop the largest number: no condition */
+    double end_speed;         /* m/s: a stop ends at this |forward_speed|; -1 at the end of the path; else the largest number */
+} noslip_current;
 
-/* Where a path was before a step, to go back to where that fails; how many pieces have ended, count + 2: no more. Part of it. */
-typedef struct noslip_mark {
+/* State of a path before a step, which is restored if the step fails. `ended` is the number of segments that have ended in the
+ * step, or count + 2 if no more may end. Part of noslip_path. */
+typedef struct noslip_saved {
     int segment;
     noslip_path_stage stage;
     int ended, changed;
     double progress, rest, rounded;
-} noslip_mark;
+} noslip_saved;
 
-/* The path: made by init, owned by the caller, not to be written to. */
+/* The path: initialized by init, owned by the caller, who does not write to it. */
 typedef struct noslip_path {
     const noslip_segment *segments;
     int count;
     int closed;
     double speed, deceleration, creep;
     double brake;                    /* m/s^2: 2 deceleration */
-    double near;                     /* m: so far from a stop the wanted speed begins to fall, less what rounding could add */
+    double near;                     /* m: the desired speed decreases from this distance to a stop on; less a margin for rounding */
     double L[2];
     double W;
-    double run_on[2];                /* m: how far P_l runs on behind a run, going forward [0] and in reverse [1] */
-    noslip_place place;
-    noslip_mark before;
-    noslip_guide guide;              /* as told last: of the piece that is followed */
-    int under_way;                   /* NOSLIP_READY after the first update */
+    double extension[2];             /* m: length of the extension at the end of a run, driving forward [0] and in reverse [1] */
+    noslip_current current;
+    noslip_saved saved;
+    noslip_guide guide;              /* of the last update */
+    int started;                     /* NOSLIP_READY after the first update */
     int ready;                       /* set by init */
 } noslip_path;
 
 /*
- * Takes a path up, to begin with its first segment. `segments` stay the caller's and have to stay as they are.
- * NOSLIP_BAD_PARAMETER, NOSLIP_BAD_PATH: refused for the reason in `fault`, which may be NULL.
+ * Initializes a path at the start of its first segment. The array `segments` is not copied: the caller must keep it unchanged.
+ * Returns NOSLIP_BAD_PARAMETER (options) or NOSLIP_BAD_PATH (segments) with the reason in `fault`, which may be NULL.
  */
 int noslip_path_init(noslip_path *self, const noslip_segment *segments, int count,
         const noslip_path_options *options, noslip_path_fault *fault);
 
 /*
- * The guide at a pose of the vehicle's point (m, rad) and a forward speed (m/s) for the piece that is followed: nothing
- * changes, no piece ends.
- * NOSLIP_ARRIVED after an update that answered so. NOSLIP_RANGE: |heading|, or the angle gone round the centre of an arc,
- * is beyond NOSLIP_ANGLE_MAX. NOSLIP_SINGULAR: P_l is in the centre of the arc.
+ * Computes the guide for the current segment at a pose of the vehicle's point (m, rad) and a forward speed (m/s), without
+ * changing the path or switching to another segment.
+ * Returns NOSLIP_ARRIVED if the last update did. NOSLIP_RANGE: |heading|, or the angle travelled about the centre of an arc,
+ * exceeds NOSLIP_ANGLE_MAX. NOSLIP_SINGULAR: P_l is at the centre of the arc.
  */
 int noslip_path_look(const noslip_path *self, double x, double y, double heading,
         double forward_speed, noslip_guide *guide);
 
 /*
- * Goes on to the next piece where one has ended, and looks; to be called before every step of the law.
- * NOSLIP_ARRIVED: the end is reached. Errors as noslip_path_look.
+ * Switches to the next segment if the current one has ended, and computes the guide. Call it before every step of the law.
+ * Returns NOSLIP_ARRIVED if the end is reached. Errors as for noslip_path_look.
  */
 int noslip_path_update(noslip_path *self, double x, double y, double heading,
         double forward_speed, noslip_guide *guide);
 
-/* -- inside ------------------------------------------------------------------------------------------------------------ */
+/* -- internal ---------------------------------------------------------------------------------------------------------- */
 
-/* Where P_l is on a piece. */
-typedef struct noslip_found {
+/* Foot of P_l on a segment. */
+typedef struct noslip_projection {
     double progress, left;      /* as in the guide */
     noslip_foot foot;
-    double shown;      /* finite only if all but `left` is */
-} noslip_found;
+    double check;      /* finite only if all fields except `left` are */
+} noslip_projection;
 
-/* Begins the first step, or says why there is none. */
+/* Prepares the first step, or returns NOSLIP_NOT_READY. */
 NOSLIP_COLD int noslip_path_begin(noslip_path *self);
 
 /*
- * Where `status` says that P_l was not found, answers it, and the path is as it was. Else goes on where the piece has ended, not
- * for the first time in this step if `again`: 1 if another is to be looked at now, 0 if the same once more.
+ * If `status` is an error, restores the path and returns it. Otherwise handles the end of the current segment and returns 1 if
+ * the next one has become current, 0 if the same one has to be evaluated again. `again` is 0 at the first call of a step.
  */
-NOSLIP_COLD int noslip_path_go_on(noslip_path *self, int status, double forward_speed,
+NOSLIP_COLD int noslip_path_advance(noslip_path *self, int status, double forward_speed,
                 int again);
 
-/* Ends a step in which it went on. */
-NOSLIP_COLD void noslip_path_settle(noslip_path *self);
+/* Completes a step in which noslip_path_begin or noslip_path_advance was called. */
+NOSLIP_COLD void noslip_path_finish(noslip_path *self);
 
-/* What a guide says at a stop beyond where P_l is, `left` until there; NOSLIP_ARRIVED at the last one. */
-int noslip_path_stand(const noslip_path *self, double left, double forward_speed,
+/* Sets the distance and speed fields of the guide at a stop; `left` is the distance to it (m). NOSLIP_ARRIVED at the last stop. */
+int noslip_path_at_stop(const noslip_path *self, double left, double forward_speed,
         noslip_guide *guide);
 
-/* Finds P_l on the piece, at a pose of the vehicle's point. NOSLIP_SINGULAR, NOSLIP_RANGE, NOSLIP_NONFINITE: of an arc only. */
-NOSLIP_HOT int noslip_find(const noslip_path *self, double x, double y,
-        const double direction[2], noslip_found *found)
+/* Computes the foot of P_l on the current segment; `direction` is the cosine and sine of the heading. Errors occur on arcs only:
+ * NOSLIP_SINGULAR, NOSLIP_RANGE, NOSLIP_NONFINITE. */
+NOSLIP_HOT int noslip_project(const noslip_path *self, double x, double y,
+        const double direction[2], noslip_projection *projection)
 {
-    const noslip_place *place = &self->place;
+    const noslip_current *current = &self->current;
     const noslip_guide *guide = &self->guide;
     const double dx = x - guide->x, dy = y - guide->y;
-    const double cosine = place->cosine * direction[0] + place->sine * direction[1];
-    const double sine = place->cosine * direction[1] - place->sine * direction[0];
-    const double along = place->cosine * dx + place->sine * dy + (guide->L * cosine - self->W * sine);
-    const double left = place->cosine * dy - place->sine * dx + (guide->L * sine + self->W * cosine);
-    found->progress = along;
-    found->foot.distance = left;
-    found->foot.cosine = cosine;
-    found->foot.sine = sine;
-    found->foot.curvature = 0;
-    found->shown = left;
-    if (place->bent) {
-        /* P_l from the centre, in radii: (across, down) is (0, 1) where the arc begins, and points the way to the foot */
+    const double cosine = current->cosine * direction[0] + current->sine * direction[1];
+    const double sine = current->cosine * direction[1] - current->sine * direction[0];
+    const double along = current->cosine * dx + current->sine * dy + (guide->L * cosine - self->W * sine);
+    const double left = current->cosine * dy - current->sine * dx + (guide->L * sine + self->W * cosine);
+    projection->progress = along;
+    projection->foot.distance = left;
+    projection->foot.cosine = cosine;
+    projection->foot.sine = sine;
+    projection->foot.curvature = 0;
+    projection->check = left;
+    if (current->is_arc) {
+        /* vector from the centre to P_l in units of the radius, (across, down); (0, 1) at the start of the arc */
         const double curvature = guide->curvature, across = curvature * along, down = 1 - curvature * left;
         const double radii = noslip_sqrt(across * across + down * down);
-        double angle, apart, inverse;
+        double angle, difference, inverse;
         if (!(radii > 16 * DBL_EPSILON)) {
             return radii <= 16 * DBL_EPSILON ? NOSLIP_SINGULAR : NOSLIP_NONFINITE;
         }
         angle = noslip_angle_of(across, down, radii);
-        apart = curvature * guide->progress - angle;
-        if (!(noslip_abs(apart) <= (double)6.283185307179586 / 2)) {
-            angle += (double)6.283185307179586 * noslip_whole_turns(apart);
+        difference = curvature * guide->progress - angle;
+        if (!(noslip_abs(difference) <= (double)6.283185307179586 / 2)) {
+            angle += (double)6.283185307179586 * noslip_whole_turns(difference);
             if (!noslip_angle_ok(angle)) {
                 return noslip_is_finite(radii) ? NOSLIP_RANGE : NOSLIP_NONFINITE;
             }
         }
         inverse = 1 / radii;
-        found->progress = angle * place->radius;
-        found->foot.distance = (left * (1 + down) - across * along) / (1 + radii);
-        found->foot.cosine = (cosine * down + sine * across) * inverse;
-        found->foot.sine = (sine * down - cosine * across) * inverse;
-        found->foot.curvature = curvature * inverse;
-        found->shown = found->foot.distance + found->foot.curvature + radii;
+        projection->progress = angle * current->radius;
+        projection->foot.distance = (left * (1 + down) - across * along) / (1 + radii);
+        projection->foot.cosine = (cosine * down + sine * across) * inverse;
+        projection->foot.sine = (sine * down - cosine * across) * inverse;
+        projection->foot.curvature = curvature * inverse;
+        projection->check = projection->foot.distance + projection->foot.curvature + radii;
     }
-    found->left = place->length - found->progress;
+    projection->left = current->length - projection->progress;
     return NOSLIP_OK;
 }
 
-/* The wanted forward speed near a stop, and its rate. */
+/* Sets the desired forward speed and its rate near a stop. */
 NOSLIP_HOT void noslip_slow_down(const noslip_path *self, double forward_speed,
                noslip_guide *guide)
 {
@@ -291,54 +294,54 @@ NOSLIP_HOT void noslip_slow_down(const noslip_path *self, double forward_speed,
     }
     guide->speed = guide->backward ? -speed : speed;
     if (!creeps) {
-        /* so the error of the speed dies out by itself: a rate of -deceleration would hold back whoever is too slow */
+        /* with this factor the speed error decays; a rate of -deceleration would slow down a vehicle that is too slow already */
         share = forward_speed / guide->speed;
         share = share < 0 ? 0 : share > 2 ? 2 : share;
     }
-    guide->speed_rate = self->place.slowing * share;
+    guide->speed_rate = self->current.braking_rate * share;
 }
 
-/* 1 if all that was found is finite, and the speed too. */
-NOSLIP_HOT int noslip_found_finite(const noslip_found *found, double forward_speed)
+/* Returns 1 if the projection and the forward speed are finite. */
+NOSLIP_HOT int noslip_projection_finite(const noslip_projection *projection, double forward_speed)
 {
-#if defined(__FRAMAC__) /* which cannot tell the parts from the sum */
-    return noslip_is_finite(found->left) && noslip_is_finite(found->shown) &&
-           noslip_sum_finite(found->foot.distance, found->foot.curvature, forward_speed);
+#if defined(__FRAMAC__) /* its intervals cannot infer the terms from the sum */
+    return noslip_is_finite(projection->left) && noslip_is_finite(projection->check) &&
+           noslip_sum_finite(projection->foot.distance, projection->foot.curvature, forward_speed);
 #else
-    return noslip_sum_finite(found->left, found->shown, forward_speed);
+    return noslip_sum_finite(projection->left, projection->check, forward_speed);
 #endif
 }
 
-/* What a guide says of where P_l is. */
-NOSLIP_HOT void noslip_tell_foot(const noslip_found *found, noslip_guide *guide)
+/* Copies progress and foot to a guide. */
+NOSLIP_HOT void noslip_set_foot(const noslip_projection *projection, noslip_guide *guide)
 {
-    guide->progress = found->progress;
-    guide->foot.distance = found->foot.distance;
-    guide->foot.cosine = found->foot.cosine;
-    guide->foot.sine = found->foot.sine;
-    guide->foot.curvature = found->foot.curvature;
+    guide->progress = projection->progress;
+    guide->foot.distance = projection->foot.distance;
+    guide->foot.cosine = projection->foot.cosine;
+    guide->foot.sine = projection->foot.sine;
+    guide->foot.curvature = projection->foot.curvature;
 }
 
-/* What it says beyond that at a place that is not at a stop. */
-NOSLIP_HOT void noslip_tell_way(const noslip_path *self, double left,
+/* Sets the distance and speed fields of a guide, unless at a stop. */
+NOSLIP_HOT void noslip_set_remaining(const noslip_path *self, double left,
               double forward_speed, noslip_guide *guide)
 {
     guide->left = left;
-    guide->remaining = left + self->place.rest;
+    guide->remaining = left + self->current.rest;
     if (guide->remaining < self->near) {
         noslip_slow_down(self, forward_speed, guide);
     } else {
         if (!(guide->remaining < DBL_MAX)) {
             guide->remaining = DBL_MAX;
         }
-        guide->speed = self->place.cruise;
+        guide->speed = self->current.cruise;
         guide->speed_rate = 0;
     }
 }
 
 /*
- * noslip_path_update where cosine and sine of the heading are known, `direction`: the guide is self->guide, and on an error it
- * is as it was, as is the path. Errors as noslip_path_update, but none for the heading.
+ * Same as noslip_path_update, for a heading given by its cosine and sine, `direction`. The result is in self->guide; on
+ * an error it and the path do not change. Errors as for noslip_path_update, except those of the heading.
  */
 NOSLIP_HOT int noslip_path_step(noslip_path *self, double x, double y,
          const double direction[2], double forward_speed)
@@ -347,7 +350,7 @@ NOSLIP_HOT int noslip_path_step(noslip_path *self, double x, double y,
     if (self == NULL || direction == NULL) {
         return NOSLIP_NULL;
     }
-    if (self->under_way != NOSLIP_READY) {
+    if (self->started != NOSLIP_READY) {
         status = noslip_path_begin(self);
         if (status < 0) {
             return status;
@@ -355,20 +358,20 @@ NOSLIP_HOT int noslip_path_step(noslip_path *self, double x, double y,
         again = 1;
     }
     do {
-        noslip_found found;
+        noslip_projection projection;
         int finite;
         more = 0;
-        status = noslip_find(self, x, y, direction, &found);
-        finite = status == NOSLIP_OK && noslip_found_finite(&found, forward_speed);
-        if (finite && found.left > self->place.least) {
-            noslip_tell_foot(&found, &self->guide);
-            noslip_tell_way(self, found.left, forward_speed, &self->guide);
-        } else if (finite && noslip_abs(forward_speed) > self->place.slowest) {
-            noslip_tell_foot(&found, &self->guide);
-            status = noslip_path_stand(self, found.left, forward_speed, &self->guide);
+        status = noslip_project(self, x, y, direction, &projection);
+        finite = status == NOSLIP_OK && noslip_projection_finite(&projection, forward_speed);
+        if (finite && projection.left > self->current.end_left) {
+            noslip_set_foot(&projection, &self->guide);
+            noslip_set_remaining(self, projection.left, forward_speed, &self->guide);
+        } else if (finite && noslip_abs(forward_speed) > self->current.end_speed) {
+            noslip_set_foot(&projection, &self->guide);
+            status = noslip_path_at_stop(self, projection.left, forward_speed, &self->guide);
         } else {
             status = status == NOSLIP_OK && !finite ? NOSLIP_NONFINITE : status;
-            status = noslip_path_go_on(self, status, forward_speed, again);
+            status = noslip_path_advance(self, status, forward_speed, again);
             more = status >= 0;
             again = 1;
         }
@@ -376,201 +379,204 @@ NOSLIP_HOT int noslip_path_step(noslip_path *self, double x, double y,
     if (status >= 0) {
         self->guide.changed = 0;
         if (again) {
-            noslip_path_settle(self);
+            noslip_path_finish(self);
         }
     }
     return status;
 }
 
-/* -- float: made from noslip_path.inc by guarantees/headers.py --------------------------------------------------------- */
+/* -- float: generated from noslip_path.inc by guarantees/headers.py ---------------------------------------------------- */
 
 /* A line or an arc. */
 typedef struct noslip_segment_f {
-    float x, y;            /* m: where it begins */
-    float heading;         /* rad: direction of travel there */
+    float x, y;            /* m: start point */
+    float heading;         /* rad: direction of travel at the start */
     float curvature;       /* 1/m: positive turns left, 0 is a line */
     float length;          /* m */
-    int backward;          /* the vehicle drives it in reverse: its own heading is opposite to the direction of travel */
+    int backward;          /* 1: driven in reverse, the heading of the vehicle being opposite to the direction of travel */
 } noslip_segment_f;
 
-/* How a path is followed. Zeros mean defaults, but a speed is wanted. */
+/* Options of path following. Zero selects the default, except for `speed`, which is required. */
 typedef struct noslip_path_options_f {
-    float speed;              /* m/s, positive: between stops */
-    float deceleration;       /* m/s^2: towards a stop; 0: none, the wanted speed falls to 0 at once at the stop */
-    float creep;              /* m/s: least wanted speed before a stop, and below it the vehicle stands; 0: 0.01 */
+    float speed;              /* m/s, positive: desired speed between stops */
+    float deceleration;       /* m/s^2: before a stop; 0: the desired speed drops to 0 at the stop */
+    float creep;              /* m/s: lowest desired speed before a stop; the vehicle counts as standing below it; 0: 0.01 */
     float gap;                /* m: largest gap between segments; 0: 1e-6, for float 1e-4 */
     float kink;               /* rad: largest change of direction between segments; 0: 1e-6, for float 1e-4 */
-    float L[2];               /* m: how far P_l lies ahead of the vehicle's point, going forward [0] and in reverse [1] */
-    float W;                  /* m: how far P_l lies to the left of it */
-    float ahead;              /* m: how far the vehicle's point lies ahead of the middle of the axle */
-    noslip_on_reversing reversing; /* NOSLIP_REFUSE: no segment may be driven in reverse; NOSLIP_SWITCH: then P_l changes sides */
+    float L[2];               /* m: distance of P_l ahead of the vehicle's point, driving forward [0] and in reverse [1] */
+    float W;                  /* m: distance of P_l to the left of the vehicle's point */
+    float ahead;              /* m: distance of the vehicle's point ahead of the middle of the axle */
+    noslip_on_reversing reversing; /* NOSLIP_REFUSE: segments in reverse are an error; NOSLIP_SWITCH: P_l changes sides for them */
     noslip_path_stop stop;    /* NOSLIP_STOP_POINT or NOSLIP_STOP_AXLE */
-    int closed;               /* 1: after the last segment comes the first; 0: it is the end */
+    int closed;               /* 1: the last segment is followed by the first; 0: the path ends there */
 } noslip_path_options_f;
 
-/* The first fault of a path, in the order of its segments; a run that is too short comes after all others. */
+/* The first fault of a path, in the order of its segments; runs that are too short are reported after all other faults. */
 typedef struct noslip_path_fault_f {
     noslip_path_fault_kind kind;
-    int segment;      /* from 0; of a fault between two segments the later one; -1: none of them */
-    float size;       /* how much, in the unit that the kind says */
+    int segment;      /* index from 0; the second one if the fault is between two segments; -1: no particular segment */
+    float size;       /* see noslip_path_fault_kind */
 } noslip_path_fault_f;
 
-/* What to follow and where the vehicle is on it. */
+/* The current segment, the position of the vehicle relative to it, and the desired speed. A segment here may also be the straight
+ * extension at the end of a run. */
 typedef struct noslip_guide_f {
-    int segment;                /* from 0; of a straight extension the segment it extends */
-    int backward;               /* 1: in reverse */
-    int changed;                /* 1: another piece than after the last update, or the first: make a law without `follow` for it */
+    int segment;                /* index from 0; for a straight extension that of the segment it extends */
+    int backward;               /* 1: driven in reverse */
+    int changed;                /* 1: the segment differs from the last update, or is the first: initialize a law without `follow` */
     int waiting;                /* 1: at a cusp, until |forward_speed| <= creep */
     int arrived;                /* 1: the end is reached */
-    float L;                    /* m: of P_l, to use now */
-    float x, y;                 /* m: where the piece to follow begins, a segment or a straight extension */
-    float heading;              /* rad: direction of travel there */
+    float L;                    /* m: the L of P_l to use now */
+    float x, y;                 /* m: start of the segment */
+    float heading;              /* rad: direction of travel at its start */
     float curvature;            /* 1/m: positive turns left, 0 is a line */
-    float progress;             /* m: of P_l on the piece; negative before its beginning */
-    float left;                 /* m: until the piece ends, which it does at 0 or below; smooth. While waiting, m/s:
-                                   |forward_speed| - creep, which ends it alike. When arrived: the largest number */
-    float remaining;            /* m: until the stop, negative beyond; the largest number where there is none */
-    noslip_foot_f foot;            /* P_l seen from its foot on the piece, x in the direction of travel */
-    float speed;                /* m/s: wanted forward speed of the vehicle, negative in reverse */
-    float speed_rate;           /* m/s^2: its rate along the motion */
+    float progress;             /* m: of P_l from the start of the segment; may be negative */
+    float left;                 /* m: from P_l to the end of the segment; it ends at 0 or below. A smooth function of the pose.
+                                   While waiting, m/s: |forward_speed| - creep. When arrived: the largest number */
+    float remaining;            /* m: from P_l to the stop, negative beyond it; the largest number if there is no stop */
+    noslip_foot_f foot;            /* position relative to the foot of P_l on the segment, x in the direction of travel */
+    float speed;                /* m/s: desired forward speed of the vehicle, negative in reverse */
+    float speed_rate;           /* m/s^2: derivative of `speed` along the motion */
 } noslip_guide_f;
 
-/* What is followed, beyond what the guide says of it. Part of noslip_path. */
-typedef struct noslip_place_f {
+/* Properties of the current segment that are not in the guide. Part of noslip_path. */
+typedef struct noslip_current_f {
     noslip_path_stage stage;
-    int bent;                 /* 1: an arc; 0: a line, or as good as one */
-    float cosine, sine;       /* of the heading where it begins */
+    int is_arc;               /* 1: an arc; 0: a line, or a curvature that has no effect */
+    float cosine, sine;       /* of the heading at its start */
     float radius;             /* m: of an arc, 1 / curvature */
     float length;             /* m */
-    float rest;               /* m: from its end to the stop; the largest number where there is none */
-    float rounded;            /* m: what rounding has put too much into it */
-    float cruise;             /* m/s: wanted forward speed far from a stop */
-    float slowing;            /* m/s^2: rate of the forward speed towards a stop */
-    float least;              /* m: it ends where so much is left; the largest number at a stop, which does not end so */
-    float slowest;            /* m/s: a stop ends at such a speed, the last one at none: -1; else the largest number */
-} noslip_place_f;
+    float rest;               /* m: from its end to the stop; the largest number if there is no stop */
+    float rounded;            /* m: rounding error of `rest` (Kahan) */
+    float cruise;             /* m/s: desired forward speed far from a stop */
+    float braking_rate;       /* m/s^2: rate of the forward speed before a stop */
+    float end_left;           /* m: it ends if at most this is left; at a stop the largest number: no condition */
+    float end_speed;          /* m/s: a stop ends at this |forward_speed|; -1 at the end of the path; else the largest number */
+} noslip_current_f;
 
-/* Where a path was before a step, to go back to where that fails; how many pieces have ended, count + 2: no more. Part of it. */
-typedef struct noslip_mark_f {
+/* State of a path before a step, which is restored if the step fails. `ended` is the number of segments that have ended in the
+ * step, or count + 2 if no more may end. Part of noslip_path. */
+typedef struct noslip_saved_f {
     int segment;
     noslip_path_stage stage;
     int ended, changed;
     float progress, rest, rounded;
-} noslip_mark_f;
+} noslip_saved_f;
 
-/* The path: made by init, owned by the caller, not to be written to. */
+/* The path: initialized by init, owned by the caller, who does not write to it. */
 typedef struct noslip_path_f {
     const noslip_segment_f *segments;
     int count;
     int closed;
     float speed, deceleration, creep;
     float brake;                     /* m/s^2: 2 deceleration */
-    float near;                      /* m: so far from a stop the wanted speed begins to fall, less what rounding could add */
+    float near;                      /* m: the desired speed decreases from this distance to a stop on; less a margin for rounding */
     float L[2];
     float W;
-    float run_on[2];                 /* m: how far P_l runs on behind a run, going forward [0] and in reverse [1] */
-    noslip_place_f place;
-    noslip_mark_f before;
-    noslip_guide_f guide;            /* as told last: of the piece that is followed */
-    int under_way;                   /* NOSLIP_READY after the first update */
+    float extension[2];              /* m: length of the extension at the end of a run, driving forward [0] and in reverse [1] */
+    noslip_current_f current;
+    noslip_saved_f saved;
+    noslip_guide_f guide;            /* of the last update */
+    int started;                     /* NOSLIP_READY after the first update */
     int ready;                       /* set by init */
 } noslip_path_f;
 
 /*
- * Takes a path up, to begin with its first segment. `segments` stay the caller's and have to stay as they are.
- * NOSLIP_BAD_PARAMETER, NOSLIP_BAD_PATH: refused for the reason in `fault`, which may be NULL.
+ * Initializes a path at the start of its first segment. The array `segments` is not copied: the caller must keep it unchanged.
+ * Returns NOSLIP_BAD_PARAMETER (options) or NOSLIP_BAD_PATH (segments) with the reason in `fault`, which may be NULL.
  */
 int noslip_path_init_f(noslip_path_f *self, const noslip_segment_f *segments, int count,
         const noslip_path_options_f *options, noslip_path_fault_f *fault);
 
 /*
- * The guide at a pose of the vehicle's point (m, rad) and a forward speed (m/s) for the piece that is followed: nothing
- * changes, no piece ends.
- * NOSLIP_ARRIVED after an update that answered so. NOSLIP_RANGE: |heading|, or the angle gone round the centre of an arc,
- * is beyond NOSLIP_ANGLE_MAX. NOSLIP_SINGULAR: P_l is in the centre of the arc.
+ * Computes the guide for the current segment at a pose of the vehicle's point (m, rad) and a forward speed (m/s), without
+ * changing the path or switching to another segment.
+ * Returns NOSLIP_ARRIVED if the last update did. NOSLIP_RANGE: |heading|, or the angle travelled about the centre of an arc,
+ * exceeds NOSLIP_ANGLE_MAX. NOSLIP_SINGULAR: P_l is at the centre of the arc.
  */
 int noslip_path_look_f(const noslip_path_f *self, float x, float y, float heading,
         float forward_speed, noslip_guide_f *guide);
 
 /*
- * Goes on to the next piece where one has ended, and looks; to be called before every step of the law.
- * NOSLIP_ARRIVED: the end is reached. Errors as noslip_path_look.
+ * Switches to the next segment if the current one has ended, and computes the guide. Call it before every step of the law.
+ * Returns NOSLIP_ARRIVED if the end is reached. Errors as for noslip_path_look.
  */
 int noslip_path_update_f(noslip_path_f *self, float x, float y, float heading,
         float forward_speed, noslip_guide_f *guide);
 
-/* -- inside ------------------------------------------------------------------------------------------------------------ */
+/* -- internal ---------------------------------------------------------------------------------------------------------- */
 
-/* Where P_l is on a piece. */
-typedef struct noslip_found_f {
+/* Foot of P_l on a segment. */
+typedef struct noslip_projection_f {
     float progress, left;       /* as in the guide */
     noslip_foot_f foot;
-    float shown;       /* finite only if all but `left` is */
-} noslip_found_f;
+    float check;       /* finite only if all fields except `left` are */
+} noslip_projection_f;
 
-/* Begins the first step, or says why there is none. */
+/* Prepares the first step, or returns NOSLIP_NOT_READY. */
 NOSLIP_COLD int noslip_path_begin_f(noslip_path_f *self);
 
 /*
- * Where `status` says that P_l was not found, answers it, and the path is as it was. Else goes on where the piece has ended, not
- * for the first time in this step if `again`: 1 if another is to be looked at now, 0 if the same once more.
+ * If `status` is an error, restores the path and returns it. Otherwise handles the end of the current segment and returns 1 if
+ * the next one has become current, 0 if the same one has to be evaluated again. `again` is 0 at the first call of a step.
  */
-NOSLIP_COLD int noslip_path_go_on_f(noslip_path_f *self, int status, float forward_speed,
+NOSLIP_COLD int noslip_path_advance_f(noslip_path_f *self, int status, float forward_speed,
                    int again);
 
-/* Ends a step in which it went on. */
-NOSLIP_COLD void noslip_path_settle_f(noslip_path_f *self);
+/* Completes a step in which noslip_path_begin or noslip_path_advance was called. */
+NOSLIP_COLD void noslip_path_finish_f(noslip_path_f *self);
 
-/* What a guide says at a stop beyond where P_l is, `left` until there; NOSLIP_ARRIVED at the last one. */
-int noslip_path_stand_f(const noslip_path_f *self, float left, float forward_speed,
+/* Sets the distance and speed fields of the guide at a stop; `left` is the distance to it (m). NOSLIP_ARRIVED at the last stop. */
+int noslip_path_at_stop_f(const noslip_path_f *self, float left, float forward_speed,
         noslip_guide_f *guide);
 
-/* Finds P_l on the piece, at a pose of the vehicle's point. NOSLIP_SINGULAR, NOSLIP_RANGE, NOSLIP_NONFINITE: of an arc only. */
-NOSLIP_HOT int noslip_find_f(const noslip_path_f *self, float x, float y,
-        const float direction[2], noslip_found_f *found)
+/* Computes the foot of P_l on the current segment; `direction` is the cosine and sine of the heading. Errors occur on arcs only:
+ * NOSLIP_SINGULAR, NOSLIP_RANGE, NOSLIP_NONFINITE. */
+NOSLIP_HOT int noslip_project_f(const noslip_path_f *self, float x, float y,
+        const float direction[2], noslip_projection_f *projection)
 {
-    const noslip_place_f *place = &self->place;
+    const noslip_current_f *current = &self->current;
     const noslip_guide_f *guide = &self->guide;
     const float dx = x - guide->x, dy = y - guide->y;
-    const float cosine = place->cosine * direction[0] + place->sine * direction[1];
-    const float sine = place->cosine * direction[1] - place->sine * direction[0];
-    const float along = place->cosine * dx + place->sine * dy + (guide->L * cosine - self->W * sine);
-    const float left = place->cosine * dy - place->sine * dx + (guide->L * sine + self->W * cosine);
-    found->progress = along;
-    found->foot.distance = left;
-    found->foot.cosine = cosine;
-    found->foot.sine = sine;
-    found->foot.curvature = 0;
-    found->shown = left;
-    if (place->bent) {
-        /* P_l from the centre, in radii: (across, down) is (0, 1) where the arc begins, and points the way to the foot */
+    const float cosine = current->cosine * direction[0] + current->sine * direction[1];
+    const float sine = current->cosine * direction[1] - current->sine * direction[0];
+    const float along = current->cosine * dx + current->sine * dy + (guide->L * cosine - self->W * sine);
+    const float left = current->cosine * dy - current->sine * dx + (guide->L * sine + self->W * cosine);
+    projection->progress = along;
+    projection->foot.distance = left;
+    projection->foot.cosine = cosine;
+    projection->foot.sine = sine;
+    projection->foot.curvature = 0;
+    projection->check = left;
+    if (current->is_arc) {
+        /* vector from the centre to P_l in units of the radius, (across, down); (0, 1) at the start of the arc */
         const float curvature = guide->curvature, across = curvature * along, down = 1 - curvature * left;
         const float radii = noslip_sqrt_f(across * across + down * down);
-        float angle, apart, inverse;
+        float angle, difference, inverse;
         if (!(radii > 16 * FLT_EPSILON)) {
             return radii <= 16 * FLT_EPSILON ? NOSLIP_SINGULAR : NOSLIP_NONFINITE;
         }
         angle = noslip_angle_of_f(across, down, radii);
-        apart = curvature * guide->progress - angle;
-        if (!(noslip_abs_f(apart) <= (float)6.283185307179586 / 2)) {
-            angle += (float)6.283185307179586 * noslip_whole_turns_f(apart);
+        difference = curvature * guide->progress - angle;
+        if (!(noslip_abs_f(difference) <= (float)6.283185307179586 / 2)) {
+            angle += (float)6.283185307179586 * noslip_whole_turns_f(difference);
             if (!noslip_angle_ok_f(angle)) {
                 return noslip_is_finite_f(radii) ? NOSLIP_RANGE : NOSLIP_NONFINITE;
             }
         }
         inverse = 1 / radii;
-        found->progress = angle * place->radius;
-        found->foot.distance = (left * (1 + down) - across * along) / (1 + radii);
-        found->foot.cosine = (cosine * down + sine * across) * inverse;
-        found->foot.sine = (sine * down - cosine * across) * inverse;
-        found->foot.curvature = curvature * inverse;
-        found->shown = found->foot.distance + found->foot.curvature + radii;
+        projection->progress = angle * current->radius;
+        projection->foot.distance = (left * (1 + down) - across * along) / (1 + radii);
+        projection->foot.cosine = (cosine * down + sine * across) * inverse;
+        projection->foot.sine = (sine * down - cosine * across) * inverse;
+        projection->foot.curvature = curvature * inverse;
+        projection->check = projection->foot.distance + projection->foot.curvature + radii;
     }
-    found->left = place->length - found->progress;
+    projection->left = current->length - projection->progress;
     return NOSLIP_OK;
 }
 
-/* The wanted forward speed near a stop, and its rate. */
+/* Sets the desired forward speed and its rate near a stop. */
 NOSLIP_HOT void noslip_slow_down_f(const noslip_path_f *self, float forward_speed,
                   noslip_guide_f *guide)
 {
@@ -581,54 +587,54 @@ NOSLIP_HOT void noslip_slow_down_f(const noslip_path_f *self, float forward_spee
     }
     guide->speed = guide->backward ? -speed : speed;
     if (!creeps) {
-        /* so the error of the speed dies out by itself: a rate of -deceleration would hold back whoever is too slow */
+        /* with this factor the speed error decays; a rate of -deceleration would slow down a vehicle that is too slow already */
         share = forward_speed / guide->speed;
         share = share < 0 ? 0 : share > 2 ? 2 : share;
     }
-    guide->speed_rate = self->place.slowing * share;
+    guide->speed_rate = self->current.braking_rate * share;
 }
 
-/* 1 if all that was found is finite, and the speed too. */
-NOSLIP_HOT int noslip_found_finite_f(const noslip_found_f *found, float forward_speed)
+/* Returns 1 if the projection and the forward speed are finite. */
+NOSLIP_HOT int noslip_projection_finite_f(const noslip_projection_f *projection, float forward_speed)
 {
-#if defined(__FRAMAC__) /* which cannot tell the parts from the sum */
-    return noslip_is_finite_f(found->left) && noslip_is_finite_f(found->shown) &&
-           noslip_sum_finite_f(found->foot.distance, found->foot.curvature, forward_speed);
+#if defined(__FRAMAC__) /* its intervals cannot infer the terms from the sum */
+    return noslip_is_finite_f(projection->left) && noslip_is_finite_f(projection->check) &&
+           noslip_sum_finite_f(projection->foot.distance, projection->foot.curvature, forward_speed);
 #else
-    return noslip_sum_finite_f(found->left, found->shown, forward_speed);
+    return noslip_sum_finite_f(projection->left, projection->check, forward_speed);
 #endif
 }
 
-/* What a guide says of where P_l is. */
-NOSLIP_HOT void noslip_tell_foot_f(const noslip_found_f *found, noslip_guide_f *guide)
+/* Copies progress and foot to a guide. */
+NOSLIP_HOT void noslip_set_foot_f(const noslip_projection_f *projection, noslip_guide_f *guide)
 {
-    guide->progress = found->progress;
-    guide->foot.distance = found->foot.distance;
-    guide->foot.cosine = found->foot.cosine;
-    guide->foot.sine = found->foot.sine;
-    guide->foot.curvature = found->foot.curvature;
+    guide->progress = projection->progress;
+    guide->foot.distance = projection->foot.distance;
+    guide->foot.cosine = projection->foot.cosine;
+    guide->foot.sine = projection->foot.sine;
+    guide->foot.curvature = projection->foot.curvature;
 }
 
-/* What it says beyond that at a place that is not at a stop. */
-NOSLIP_HOT void noslip_tell_way_f(const noslip_path_f *self, float left,
+/* Sets the distance and speed fields of a guide, unless at a stop. */
+NOSLIP_HOT void noslip_set_remaining_f(const noslip_path_f *self, float left,
                  float forward_speed, noslip_guide_f *guide)
 {
     guide->left = left;
-    guide->remaining = left + self->place.rest;
+    guide->remaining = left + self->current.rest;
     if (guide->remaining < self->near) {
         noslip_slow_down_f(self, forward_speed, guide);
     } else {
         if (!(guide->remaining < FLT_MAX)) {
             guide->remaining = FLT_MAX;
         }
-        guide->speed = self->place.cruise;
+        guide->speed = self->current.cruise;
         guide->speed_rate = 0;
     }
 }
 
 /*
- * noslip_path_update where cosine and sine of the heading are known, `direction`: the guide is self->guide, and on an error it
- * is as it was, as is the path. Errors as noslip_path_update, but none for the heading.
+ * Same as noslip_path_update, for a heading given by its cosine and sine, `direction`. The result is in self->guide; on
+ * an error it and the path do not change. Errors as for noslip_path_update, except those of the heading.
  */
 NOSLIP_HOT int noslip_path_step_f(noslip_path_f *self, float x, float y,
            const float direction[2], float forward_speed)
@@ -637,7 +643,7 @@ NOSLIP_HOT int noslip_path_step_f(noslip_path_f *self, float x, float y,
     if (self == NULL || direction == NULL) {
         return NOSLIP_NULL;
     }
-    if (self->under_way != NOSLIP_READY) {
+    if (self->started != NOSLIP_READY) {
         status = noslip_path_begin_f(self);
         if (status < 0) {
             return status;
@@ -645,20 +651,20 @@ NOSLIP_HOT int noslip_path_step_f(noslip_path_f *self, float x, float y,
         again = 1;
     }
     do {
-        noslip_found_f found;
+        noslip_projection_f projection;
         int finite;
         more = 0;
-        status = noslip_find_f(self, x, y, direction, &found);
-        finite = status == NOSLIP_OK && noslip_found_finite_f(&found, forward_speed);
-        if (finite && found.left > self->place.least) {
-            noslip_tell_foot_f(&found, &self->guide);
-            noslip_tell_way_f(self, found.left, forward_speed, &self->guide);
-        } else if (finite && noslip_abs_f(forward_speed) > self->place.slowest) {
-            noslip_tell_foot_f(&found, &self->guide);
-            status = noslip_path_stand_f(self, found.left, forward_speed, &self->guide);
+        status = noslip_project_f(self, x, y, direction, &projection);
+        finite = status == NOSLIP_OK && noslip_projection_finite_f(&projection, forward_speed);
+        if (finite && projection.left > self->current.end_left) {
+            noslip_set_foot_f(&projection, &self->guide);
+            noslip_set_remaining_f(self, projection.left, forward_speed, &self->guide);
+        } else if (finite && noslip_abs_f(forward_speed) > self->current.end_speed) {
+            noslip_set_foot_f(&projection, &self->guide);
+            status = noslip_path_at_stop_f(self, projection.left, forward_speed, &self->guide);
         } else {
             status = status == NOSLIP_OK && !finite ? NOSLIP_NONFINITE : status;
-            status = noslip_path_go_on_f(self, status, forward_speed, again);
+            status = noslip_path_advance_f(self, status, forward_speed, again);
             more = status >= 0;
             again = 1;
         }
@@ -666,13 +672,13 @@ NOSLIP_HOT int noslip_path_step_f(noslip_path_f *self, float x, float y,
     if (status >= 0) {
         self->guide.changed = 0;
         if (again) {
-            noslip_path_settle_f(self);
+            noslip_path_finish_f(self);
         }
     }
     return status;
 }
 
-/* -- end of what is made ----------------------------------------------------------------------------------------------- */
+/* -- end of the generated part ----------------------------------------------------------------------------------------- */
 
 #ifdef __cplusplus
 }

@@ -30,11 +30,11 @@
 typedef char noslip_double_constants_are_double[sizeof(1.0) == sizeof(double) ? 1 : -1];
 
 /*
- * a * b + c must not become one operation, which is rounded once instead of twice: other bits. GCC fuses by itself in C++ and
- * under -std=gnu99, gnu11 ..., clang within an expression. From here to the end of the file that includes this neither does, in
- * whatever dialect: not in this package's functions, nor in those they are inlined into, link-time optimization included. (GCC
- * inlines a function with such a pragma only where the same holds. It does not know the standard pragma.)
- * What ends it: clang's -ffp-contract=fast, which overrides its pragmas and which no macro tells of. selftest.c finds it.
+ * a * b + c must not be fused into one operation, which is rounded once instead of twice and gives other bits. By default GCC fuses
+ * in C++ and with -std=gnu99, gnu11 ..., clang within an expression. The pragmas below prevent this up to the end of the file that
+ * includes this header, in every dialect: in this package's functions and in those that inline them, including link-time
+ * optimization. (GCC inlines a function with such a pragma only into functions with the same one. It ignores the standard pragma.)
+ * Not prevented: clang's -ffp-contract=fast, which overrides its pragmas and defines no macro. The self-test detects it.
  */
 #if defined(__clang__)
 #if defined(__cplusplus)
@@ -44,7 +44,7 @@ typedef char noslip_double_constants_are_double[sizeof(1.0) == sizeof(double) ? 
 #endif
 #elif defined(__GNUC__)
 #if !defined(__FRAMAC__)
-#pragma GCC optimize("fp-contract=off", "no-tree-loop-distribute-patterns") /* the second: no loop becomes a call of memset */
+#pragma GCC optimize("fp-contract=off", "no-tree-loop-distribute-patterns") /* the second: loops are not replaced by calls of memset */
 #endif
 #elif defined(_MSC_VER)
 #pragma fp_contract(off)
@@ -60,7 +60,7 @@ typedef char noslip_double_constants_are_double[sizeof(1.0) == sizeof(double) ? 
 #define NOSLIP_BUILTIN(name) name
 #endif
 
-/* 1 if x is neither infinite nor NaN, else 0. */
+/* Returns 1 if x is neither infinite nor NaN, else 0. */
 static inline int noslip_is_finite(double x)
 {
     return NOSLIP_BUILTIN(isfinite)(x) != 0;
@@ -71,10 +71,10 @@ static inline int noslip_is_finite_f(float x)
     return NOSLIP_BUILTIN(isfinite)(x) != 0;
 }
 
-/* 1 if x is finite and above zero. */
+/* Returns 1 if x is finite and positive, else 0. */
 static inline int noslip_is_positive(double x)
 {
-#if defined(__FRAMAC__) /* which keeps a NaN in the other form */
+#if defined(__FRAMAC__) /* the other form does not exclude NaN in its intervals */
     return noslip_is_finite(x) && x > 0;
 #else
     return x > 0 && x <= DBL_MAX;
@@ -90,10 +90,11 @@ static inline int noslip_is_positive_f(float x)
 #endif
 }
 
-/* 1 only if all are finite; 0 too where just their sum is not. One look instead of three. */
+/* Returns 1 if the sum of the three is finite, which implies that each is: one test instead of three. Returns 0 otherwise, also if
+ * only the sum overflows. */
 static inline int noslip_sum_finite(double x, double y, double z)
 {
-#if defined(__FRAMAC__) /* which cannot tell the parts from the sum */
+#if defined(__FRAMAC__) /* its intervals cannot infer the terms from the sum */
     return noslip_is_finite(x) && noslip_is_finite(y) && noslip_is_finite(z);
 #else
     return noslip_is_finite(x + y + z);
@@ -155,7 +156,7 @@ static inline float noslip_soft_sqrt_f(float x)
     fraction = v.bits & 0x7fffffu;
     if (exponent > 0) {
         fraction |= 0x800000u;
-    } else { /* subnormal: bring the leading bit into its place */
+    } else { /* subnormal: normalize the fraction */
         for (exponent = 1; fraction < 0x800000u; exponent--) {
             fraction <<= 1;
         }
@@ -213,11 +214,11 @@ static inline double noslip_soft_sqrt(double x)
     return v.value;
 }
 
-/* Which instruction this target has. */
+/* The square root instruction of the target. */
 #if defined(__FRAMAC__) /* analysis only: Frama-C knows sqrt exactly, but loses a float made from bits */
 #define NOSLIP_SQRT_SET_F(root, x) (root) = sqrtf(x)
 #define NOSLIP_SQRT_SET(root, x) (root) = sqrt(x)
-#elif defined(NOSLIP_SOFT_SQRT) /* to have the integer routines everywhere */
+#elif defined(NOSLIP_SOFT_SQRT) /* use the integer routines on every target */
 #elif defined(__SSE2__) && defined(__GNUC__) /* the intrinsics cost GCC two moves more */
 #if defined(__AVX__)
 #define NOSLIP_SQRT_SET_F(root, x) __asm__("vsqrtss %1, %1, %0" : "=x"(root) : "x"(x))

@@ -15,90 +15,92 @@
 #include "noslip_real.h"
 #include "noslip_status.h"
 
-/* -- double: made from noslip_reversing.inc by guarantees/headers.py --------------------------------------------------- */
+/* -- double: generated from noslip_reversing.inc by guarantees/headers.py ---------------------------------------------- */
 
-/* 1 if the heading diverges: a forward speed (m/s) and a distance ahead of the axle (m) with opposite signs. */
-static inline int noslip_diverges(double speed, double lever)
+/* Returns 1 if the heading diverges: forward speed (m/s) and lookahead L + d (m) have opposite signs. */
+static inline int noslip_diverges(double speed, double lookahead)
 {
-    return (speed > 0 && lever < 0) || (speed < 0 && lever > 0);
+    return (speed > 0 && lookahead < 0) || (speed < 0 && lookahead > 0);
 }
 
 /*
- * Which of two laws to use, number 0 or 1, at a wanted forward speed (m/s). `lever` is L + d (m) of each. `which` holds the
- * law in use and is changed to the other where mode is NOSLIP_SWITCH, the law in use diverges and the other does not. At speed
- * 0 nothing changes. Give it the speed wanted: a measured one changes its sign at a standstill as noise will have it. Switch at
- * a standstill: P_l jumps from one side of the axle to the other.
+ * Selects one of two laws, number 0 or 1, for a desired forward speed (m/s). `lookahead` is L + d (m) of each law. `which` is the
+ * law in use; it is replaced by the other if mode is NOSLIP_SWITCH and the law in use diverges but the other does not. At speed 0
+ * nothing changes. Use the desired speed: the sign of a measured speed near standstill is noise. Switch at standstill, because
+ * P_l jumps from one side of the axle to the other.
  *
- * NOSLIP_UNSTABLE where the law diverges and mode is NOSLIP_REFUSE, or NOSLIP_SWITCH and the other is no better; never where it
- * is NOSLIP_ALLOW. NOSLIP_NULL, NOSLIP_NONFINITE; NOSLIP_BAD_PARAMETER for another mode or law. On an error `which` stays.
+ * Returns NOSLIP_UNSTABLE if the law diverges and mode is NOSLIP_REFUSE, or NOSLIP_SWITCH and the other law does not help; never
+ * if mode is NOSLIP_ALLOW. Other errors: NOSLIP_NULL, NOSLIP_NONFINITE; NOSLIP_BAD_PARAMETER for an unknown mode or law. On an
+ * error `which` does not change.
  */
-static inline int noslip_reversing(int mode, double speed, const double lever[2], int *which)
+static inline int noslip_reversing(int mode, double speed, const double lookahead[2], int *which)
 {
     int other;
-    if (lever == NULL || which == NULL) {
+    if (lookahead == NULL || which == NULL) {
         return NOSLIP_NULL;
     }
     if ((mode != NOSLIP_REFUSE && mode != NOSLIP_SWITCH && mode != NOSLIP_ALLOW) || (*which != 0 && *which != 1)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    if (!(noslip_is_finite(speed) && noslip_is_finite(lever[0]) &&
-          noslip_is_finite(lever[1]))) {
+    if (!(noslip_is_finite(speed) && noslip_is_finite(lookahead[0]) &&
+          noslip_is_finite(lookahead[1]))) {
         return NOSLIP_NONFINITE;
     }
-    if (mode == NOSLIP_ALLOW || !noslip_diverges(speed, lever[*which])) {
+    if (mode == NOSLIP_ALLOW || !noslip_diverges(speed, lookahead[*which])) {
         return NOSLIP_OK;
     }
     other = 1 - *which;
-    /* a lever of 0 is no better: there the law is singular */
-    if (mode == NOSLIP_REFUSE || !noslip_diverges(-speed, lever[other])) {
+    /* a lookahead of 0 does not help: the law is singular there */
+    if (mode == NOSLIP_REFUSE || !noslip_diverges(-speed, lookahead[other])) {
         return NOSLIP_UNSTABLE;
     }
     *which = other;
     return NOSLIP_OK;
 }
 
-/* -- float: made from noslip_reversing.inc by guarantees/headers.py ---------------------------------------------------- */
+/* -- float: generated from noslip_reversing.inc by guarantees/headers.py ----------------------------------------------- */
 
-/* 1 if the heading diverges: a forward speed (m/s) and a distance ahead of the axle (m) with opposite signs. */
-static inline int noslip_diverges_f(float speed, float lever)
+/* Returns 1 if the heading diverges: forward speed (m/s) and lookahead L + d (m) have opposite signs. */
+static inline int noslip_diverges_f(float speed, float lookahead)
 {
-    return (speed > 0 && lever < 0) || (speed < 0 && lever > 0);
+    return (speed > 0 && lookahead < 0) || (speed < 0 && lookahead > 0);
 }
 
 /*
- * Which of two laws to use, number 0 or 1, at a wanted forward speed (m/s). `lever` is L + d (m) of each. `which` holds the
- * law in use and is changed to the other where mode is NOSLIP_SWITCH, the law in use diverges and the other does not. At speed
- * 0 nothing changes. Give it the speed wanted: a measured one changes its sign at a standstill as noise will have it. Switch at
- * a standstill: P_l jumps from one side of the axle to the other.
+ * Selects one of two laws, number 0 or 1, for a desired forward speed (m/s). `lookahead` is L + d (m) of each law. `which` is the
+ * law in use; it is replaced by the other if mode is NOSLIP_SWITCH and the law in use diverges but the other does not. At speed 0
+ * nothing changes. Use the desired speed: the sign of a measured speed near standstill is noise. Switch at standstill, because
+ * P_l jumps from one side of the axle to the other.
  *
- * NOSLIP_UNSTABLE where the law diverges and mode is NOSLIP_REFUSE, or NOSLIP_SWITCH and the other is no better; never where it
- * is NOSLIP_ALLOW. NOSLIP_NULL, NOSLIP_NONFINITE; NOSLIP_BAD_PARAMETER for another mode or law. On an error `which` stays.
+ * Returns NOSLIP_UNSTABLE if the law diverges and mode is NOSLIP_REFUSE, or NOSLIP_SWITCH and the other law does not help; never
+ * if mode is NOSLIP_ALLOW. Other errors: NOSLIP_NULL, NOSLIP_NONFINITE; NOSLIP_BAD_PARAMETER for an unknown mode or law. On an
+ * error `which` does not change.
  */
-static inline int noslip_reversing_f(int mode, float speed, const float lever[2], int *which)
+static inline int noslip_reversing_f(int mode, float speed, const float lookahead[2], int *which)
 {
     int other;
-    if (lever == NULL || which == NULL) {
+    if (lookahead == NULL || which == NULL) {
         return NOSLIP_NULL;
     }
     if ((mode != NOSLIP_REFUSE && mode != NOSLIP_SWITCH && mode != NOSLIP_ALLOW) || (*which != 0 && *which != 1)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    if (!(noslip_is_finite_f(speed) && noslip_is_finite_f(lever[0]) &&
-          noslip_is_finite_f(lever[1]))) {
+    if (!(noslip_is_finite_f(speed) && noslip_is_finite_f(lookahead[0]) &&
+          noslip_is_finite_f(lookahead[1]))) {
         return NOSLIP_NONFINITE;
     }
-    if (mode == NOSLIP_ALLOW || !noslip_diverges_f(speed, lever[*which])) {
+    if (mode == NOSLIP_ALLOW || !noslip_diverges_f(speed, lookahead[*which])) {
         return NOSLIP_OK;
     }
     other = 1 - *which;
-    /* a lever of 0 is no better: there the law is singular */
-    if (mode == NOSLIP_REFUSE || !noslip_diverges_f(-speed, lever[other])) {
+    /* a lookahead of 0 does not help: the law is singular there */
+    if (mode == NOSLIP_REFUSE || !noslip_diverges_f(-speed, lookahead[other])) {
         return NOSLIP_UNSTABLE;
     }
     *which = other;
     return NOSLIP_OK;
 }
 
-/* -- end of what is made ----------------------------------------------------------------------------------------------- */
+/* -- end of the generated part ----------------------------------------------------------------------------------------- */
 
 #endif

@@ -14,9 +14,9 @@
 #include "noslip_real.h"
 #include "noslip_status.h"
 
-/* -- double: made from noslip_solve.inc by guarantees/headers.py ------------------------------------------------------- */
+/* -- double: generated from noslip_solve.inc by guarantees/headers.py -------------------------------------------------- */
 
-/* The 1-norm of a matrix: the largest sum of sizes in a column. */
+/* Returns the 1-norm of a matrix: the largest column sum of absolute values. */
 static inline double noslip_norm(const double *matrix, int n)
 {
     double norm = 0;
@@ -32,9 +32,9 @@ static inline double noslip_norm(const double *matrix, int n)
 }
 
 /*
- * Puts the inverse in a matrix's place: Gauss and Jordan's elimination, the pivot being the largest entry left in its column.
- * `order` is room for n numbers. Answers the reciprocal condition 1 / (|matrix| |inverse|) in the 1-norm: 1 at best, 0 where
- * there is no inverse, it overflows, or an entry is not finite; what stands in the matrix is then of no use.
+ * Replaces a matrix by its inverse, by Gauss-Jordan elimination with partial pivoting. `order` is working memory for n numbers.
+ * Returns the reciprocal condition number 1 / (|matrix| |inverse|) in the 1-norm: at most 1; 0 if the matrix is singular, the
+ * inverse overflows, or an entry is not finite. In these cases the contents of the matrix are undefined.
  */
 static inline double noslip_invert(double *matrix, int *order, int n)
 {
@@ -53,7 +53,7 @@ static inline double noslip_invert(double *matrix, int *order, int n)
             return 0;
         }
         scale = 1 / matrix[best * n + k];
-        matrix[best * n + k] = 1; /* of the identity, column k of which is stored in the place of column k */
+        matrix[best * n + k] = 1; /* of the identity: its column k is stored in column k of the matrix */
         for (j = 0; j < n; j++) {
             const double entry = matrix[best * n + j];
             matrix[best * n + j] = row[j];
@@ -71,7 +71,7 @@ static inline double noslip_invert(double *matrix, int *order, int n)
             }
         }
     }
-    for (k = n - 1; k >= 0; k--) { /* exchanged rows of a matrix are exchanged columns of its inverse */
+    for (k = n - 1; k >= 0; k--) { /* exchanging rows of a matrix exchanges columns of its inverse */
         for (i = 0; i < n; i++) {
             const double entry = matrix[i * n + k];
             matrix[i * n + k] = matrix[i * n + order[k]];
@@ -83,9 +83,10 @@ static inline double noslip_invert(double *matrix, int *order, int n)
 }
 
 /*
- * Factors a symmetric positive definite matrix, of which only the diagonal and what is below it is read: L, whose diagonal is
- * ones, comes below the diagonal and 1 / D on it. NOSLIP_SINGULAR where a pivot is not above 1e-6 of what stood on its place
- * of the diagonal, in float as in double: the matrix is not positive definite, or so near to that that float has no digit left.
+ * Factorizes a symmetric positive definite matrix as L D L' in place, reading only its lower triangle. L, whose diagonal is 1, is
+ * stored below the diagonal and 1 / D on the diagonal. Returns NOSLIP_SINGULAR if a pivot is not above 1e-6
+ * times the original diagonal entry, in float as in double: the matrix is not positive definite, or so nearly singular that float
+ * has no correct digit left.
  */
 static inline int noslip_ldl(double *matrix, int n)
 {
@@ -110,7 +111,7 @@ static inline int noslip_ldl(double *matrix, int n)
     return NOSLIP_OK;
 }
 
-/* Puts the solution x of matrix x = right in the place of `right`, n numbers; `factors` come from noslip_ldl. */
+/* Replaces `right`, n numbers, by the solution x of matrix x = right; `factors` is the result of noslip_ldl. */
 static inline void noslip_ldl_solve(const double *factors, double *right, int n)
 {
     int i, j;
@@ -129,9 +130,9 @@ static inline void noslip_ldl_solve(const double *factors, double *right, int n)
     }
 }
 
-/* -- float: made from noslip_solve.inc by guarantees/headers.py -------------------------------------------------------- */
+/* -- float: generated from noslip_solve.inc by guarantees/headers.py --------------------------------------------------- */
 
-/* The 1-norm of a matrix: the largest sum of sizes in a column. */
+/* Returns the 1-norm of a matrix: the largest column sum of absolute values. */
 static inline float noslip_norm_f(const float *matrix, int n)
 {
     float norm = 0;
@@ -147,9 +148,9 @@ static inline float noslip_norm_f(const float *matrix, int n)
 }
 
 /*
- * Puts the inverse in a matrix's place: Gauss and Jordan's elimination, the pivot being the largest entry left in its column.
- * `order` is room for n numbers. Answers the reciprocal condition 1 / (|matrix| |inverse|) in the 1-norm: 1 at best, 0 where
- * there is no inverse, it overflows, or an entry is not finite; what stands in the matrix is then of no use.
+ * Replaces a matrix by its inverse, by Gauss-Jordan elimination with partial pivoting. `order` is working memory for n numbers.
+ * Returns the reciprocal condition number 1 / (|matrix| |inverse|) in the 1-norm: at most 1; 0 if the matrix is singular, the
+ * inverse overflows, or an entry is not finite. In these cases the contents of the matrix are undefined.
  */
 static inline float noslip_invert_f(float *matrix, int *order, int n)
 {
@@ -168,7 +169,7 @@ static inline float noslip_invert_f(float *matrix, int *order, int n)
             return 0;
         }
         scale = 1 / matrix[best * n + k];
-        matrix[best * n + k] = 1; /* of the identity, column k of which is stored in the place of column k */
+        matrix[best * n + k] = 1; /* of the identity: its column k is stored in column k of the matrix */
         for (j = 0; j < n; j++) {
             const float entry = matrix[best * n + j];
             matrix[best * n + j] = row[j];
@@ -186,7 +187,7 @@ static inline float noslip_invert_f(float *matrix, int *order, int n)
             }
         }
     }
-    for (k = n - 1; k >= 0; k--) { /* exchanged rows of a matrix are exchanged columns of its inverse */
+    for (k = n - 1; k >= 0; k--) { /* exchanging rows of a matrix exchanges columns of its inverse */
         for (i = 0; i < n; i++) {
             const float entry = matrix[i * n + k];
             matrix[i * n + k] = matrix[i * n + order[k]];
@@ -198,9 +199,10 @@ static inline float noslip_invert_f(float *matrix, int *order, int n)
 }
 
 /*
- * Factors a symmetric positive definite matrix, of which only the diagonal and what is below it is read: L, whose diagonal is
- * ones, comes below the diagonal and 1 / D on it. NOSLIP_SINGULAR where a pivot is not above 1e-6 of what stood on its place
- * of the diagonal, in float as in double: the matrix is not positive definite, or so near to that that float has no digit left.
+ * Factorizes a symmetric positive definite matrix as L D L' in place, reading only its lower triangle. L, whose diagonal is 1, is
+ * stored below the diagonal and 1 / D on the diagonal. Returns NOSLIP_SINGULAR if a pivot is not above 1e-6
+ * times the original diagonal entry, in float as in double: the matrix is not positive definite, or so nearly singular that float
+ * has no correct digit left.
  */
 static inline int noslip_ldl_f(float *matrix, int n)
 {
@@ -225,7 +227,7 @@ static inline int noslip_ldl_f(float *matrix, int n)
     return NOSLIP_OK;
 }
 
-/* Puts the solution x of matrix x = right in the place of `right`, n numbers; `factors` come from noslip_ldl. */
+/* Replaces `right`, n numbers, by the solution x of matrix x = right; `factors` is the result of noslip_ldl. */
 static inline void noslip_ldl_solve_f(const float *factors, float *right, int n)
 {
     int i, j;
@@ -244,6 +246,6 @@ static inline void noslip_ldl_solve_f(const float *factors, float *right, int n)
     }
 }
 
-/* -- end of what is made ----------------------------------------------------------------------------------------------- */
+/* -- end of the generated part ----------------------------------------------------------------------------------------- */
 
 #endif

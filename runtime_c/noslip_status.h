@@ -14,7 +14,7 @@
 
 #include "noslip_version.h"
 
-/* Each type of choices ends with ..._AS_INT, which is none of them: it makes the type an int on every compiler. */
+/* The last value of each enum type, ..._AS_INT, is not a valid choice: it makes the type an int on every compiler. */
 
 #ifdef __cplusplus
 extern "C" {

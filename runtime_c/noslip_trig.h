@@ -2,19 +2,19 @@
  * noslip_trig.h - sine and cosine together, sin(x) / x, tan(x / 2) / x, and the angle of a vector, with the same bits on every
  * target.
  *
- * Sine and cosine take only + - * and a look at the bits of one number: no division, fused operation, table, library call
- * or branch in the C.
+ * Sine and cosine use only + - * and the bits of one number: no division, fused operation, table, library call or branch in the
+ * C source.
  *
- *   float,  |x| <= NOSLIP_ANGLE_MAX_F:  absolute error below 1e-7 (every float was tried: 7.9e-8)
- *   double, |x| <= NOSLIP_ANGLE_MAX:    error below 1 ulp (0.90 found)
+ *   float,  |x| <= NOSLIP_ANGLE_MAX_F:  absolute error below 1e-7 (measured over every float: 7.9e-8)
+ *   double, |x| <= NOSLIP_ANGLE_MAX:    error below 1 ulp (largest measured: 0.90)
  *
- * Exact: sin(-x) = -sin(x), cos(-x) = cos(x), sin(0) = 0, cos(0) = 1, and the magnitude is never above 1. Check the angle
- * with noslip_angle_ok first: outside, the call is harmless, but its results mean nothing and may be infinite or NaN.
+ * Exact: sin(-x) = -sin(x), cos(-x) = cos(x), sin(0) = 0, cos(0) = 1, and the magnitude never exceeds 1. Check the angle with
+ * noslip_angle_ok first: outside this range the results are undefined and may be infinite or NaN.
  *
- * How: n = x / (pi/2) to the nearest integer, r = x - n pi/2, polynomials for sine and cosine of r in [-pi/4, pi/4], and n
- * quarter turns. pi/2 is cut into parts, all but the last so short that their product with n is exact.
- * The admit comments give Frama-C the bounds in range, which its intervals cannot find; trig_sweep checks them.
- * All constants come from tests/trig/fit_coefficients.py (minimax fits of our own); tests/c/trig_sweep.c measures the errors.
+ * Method: n = x / (pi/2) rounded to the nearest integer, r = x - n pi/2, polynomials for sine and cosine of r in [-pi/4, pi/4],
+ * and n quarter turns. pi/2 is split into parts, all but the last with so few bits that their product with n is exact.
+ * The admit comments give Frama-C the bounds for arguments in range, which its intervals cannot find; trig_sweep checks them.
+ * All constants come from tests/trig/fit_coefficients.py (minimax fits); tests/c/trig_sweep.c measures the errors.
  */
 #ifndef NOSLIP_TRIG_H
 #define NOSLIP_TRIG_H
@@ -24,7 +24,7 @@
 #define NOSLIP_ANGLE_MAX 1048576.0
 #define NOSLIP_ANGLE_MAX_F 8192.0f
 
-/* 1 if x is in the range of noslip_sincos, 0 if it is outside, infinite or NaN. */
+/* Returns 1 if x is in the range of noslip_sincos, 0 if it is outside, infinite or NaN. */
 static inline int noslip_angle_ok(double x)
 {
 #if defined(__FRAMAC__) /* the same, in a form its intervals follow */
@@ -44,8 +44,8 @@ static inline int noslip_angle_ok_f(float x)
 }
 
 /*
- * Whole turns in an angle (rad), to the nearest, up to 4e6 of them in float and 2e15 in double: a fraction has no room when
- * 1.5 * 2^23 or 2^52 is added.
+ * Returns the number of whole turns nearest to an angle (rad), up to 4e6 turns in float and 2e15 in double. Adding 1.5 * 2^23
+ * (double: 2^52) and subtracting it again rounds to an integer.
  */
 static inline float noslip_whole_turns_f(float angle)
 {
@@ -59,7 +59,7 @@ static inline double noslip_whole_turns(double angle)
 
 static inline void noslip_sincos_f(float x, float *sine, float *cosine)
 {
-    /* Adding 1.5 * 2^23 leaves no room for a fraction: the sum is rounded to an integer, found in its lowest bits. */
+    /* Adding 1.5 * 2^23 rounds the sum to an integer, which is in its lowest bits. */
     const float shifter = 12582912.0f;
     noslip_bits_f turns;
     float n, y, w, r, z, s, c, s_turned, c_turned;
@@ -68,13 +68,13 @@ static inline void noslip_sincos_f(float x, float *sine, float *cosine)
     n = turns.value - shifter;
 
     y = x - n * 1.5708008f; /* exact; this part is 3217/2048 */
-    w = n * 4.454455e-6f;   /* pi/2 lies below it by so much */
+    w = n * 4.454455e-6f;   /* the difference between this part and pi/2 */
     r = y + w;
     z = r * r;
 
-    /* sin r = y - (r^3 P(z) - w): from y, not r, so that the rounding of r does not count */
+    /* sin r = y - (r^3 P(z) - w): with y instead of r, so that the rounding error of r has no effect */
     s = y - (r * z * (0.16666651f + z * (-0.008331982f + z * 0.00019495949f)) - w);
-    /* cos r = 1 - (z/2 - z^2 Q(z)): halving is exact, one rounding less than in plain Horner form */
+    /* cos r = 1 - (z/2 - z^2 Q(z)): halving is exact, so this has one rounding less than the Horner form */
     c = 1.0f - (0.5f * z - z * z * (0.041666646f + z * (-0.0013887301f + z * 2.443067e-5f)));
 
     s_turned = (turns.bits & 1) ? c : s;
@@ -93,8 +93,8 @@ static inline void noslip_sincos(double x, double *sine, double *cosine)
     turns.value = x * 0.6366197723675814 + shifter;
     n = turns.value - shifter;
 
-    /* The first two steps are exact. r - tail is the reduced angle to 2^-120 or so: a double can come as near as 2^-60 to a
-     * multiple of pi/2, and its sine or cosine is to be good to the last bit there too. */
+    /* The first two steps are exact. r - tail is the reduced angle with an error of about 2^-120. A double can be as close as 2^-60
+     * to a multiple of pi/2, and its sine or cosine must be accurate there too. */
     y = x - n * 1.5707963267341256;
     y = y - n * 6.077094383272197e-11;
     w = n * 6.12323399538461e-17;
@@ -106,7 +106,7 @@ static inline void noslip_sincos(double x, double *sine, double *cosine)
     s = r - (r * z * (0.16666666666666632 + z * (-0.00833333333332249 + z * (0.00019841269829857798 +
         z * (-2.7557313706999946e-6 + z * (2.5050760240224308e-8 + z * -1.5896909079600978e-10))))) + tail);
 
-    /* cos(r - tail) = 1 - z/2 + z^2 Q(z) + r tail; what rounding takes from 1 - z/2 is put back */
+    /* cos(r - tail) = 1 - z/2 + z^2 Q(z) + r tail, with the rounding error of 1 - z/2 compensated */
     h = 0.5 * z;
     one_less_h = 1.0 - h;
     c = one_less_h + (((1.0 - one_less_h) - h) + (z * z * (0.0416666666666666 + z * (-0.0013888888888874474 +
@@ -149,8 +149,7 @@ static inline double noslip_sinc(double x)
 }
 
 /*
- * noslip_half_tanc - tan(x / 2) / x, and 1/2 at 0, for |x| <= 1/4, with the same bits on every target; farther out it means
- * nothing.
+ * noslip_half_tanc - tan(x / 2) / x, and 1/2 at 0, for |x| <= 1/4, with the same bits on every target. Undefined for larger |x|.
  *
  *   float:  absolute error below 7e-8 (3.5e-8 found)
  *   double: absolute error below 1.3e-16 (7.1e-17 found)
@@ -187,10 +186,10 @@ static inline double noslip_atan_rest(double t, double z)
  *   float:  absolute error below 3e-7 (1.8e-7 found)
  *   double: absolute error below 4e-16 (3.4e-16 found) and below 2.5 ulp (2.25 found)
  *
- * Exact: 0 for (0, 0), whose angle means nothing. The sign of a zero does not count: y = -0 is taken as 0, its angle is 0
- * or pi. Only + - *, one division, and comparisons. The arguments have to be finite.
+ * Returns 0 for (0, 0). The sign of a zero is ignored: y = -0 counts as 0, with the angle 0 or pi. Uses only + - *, one division,
+ * and comparisons. The arguments must be finite.
  *
- * How: the angle is m pi/4 + atan t with |t| <= tan(pi/8), a polynomial; m pi/4 is exact in its leading part.
+ * Method: the angle is m pi/4 + atan t with |t| <= tan(pi/8), a polynomial; the leading part of m pi/4 is exact.
  */
 static inline float noslip_atan2_f(float y, float x)
 {
@@ -256,12 +255,12 @@ static inline double noslip_atan2(double y, double x)
 
 /*
  * noslip_angle_of - angle of the vector (x, y) whose length is known and positive, in [-pi, pi], with the same bits on every
- * target. Cheaper than noslip_atan2 where the root has been taken anyway.
+ * target. Faster than noslip_atan2 if the length has been computed already.
  *
  *   float:  absolute error below 4e-7 (3.3e-7 found)
  *   double: absolute error below 7e-16 (5.8e-16 found)
  *
- * How: the angle is m pi/2 + 2 atan t with |t| <= tan(pi/8), which is the other part over the length and the larger part.
+ * Method: the angle is m pi/2 + 2 atan t with t = smaller component / (length + larger component), |t| <= tan(pi/8).
  */
 static inline float noslip_angle_of_f(float y, float x, float length)
 {

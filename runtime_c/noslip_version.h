@@ -1,7 +1,7 @@
 /*
- * noslip_version.h - which noslip this C runtime is of.
+ * noslip_version.h - version of this C runtime.
  *
- * Generated headers compare: they compile only with a runtime of the same major and minor version.
+ * Generated headers compile only with a runtime of the same major and minor version.
  */
 #ifndef NOSLIP_VERSION_H
 #define NOSLIP_VERSION_H

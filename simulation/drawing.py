@@ -3,13 +3,19 @@
 import io
 import textwrap
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import Any
 
+import casadi as ca
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..model.drawing import box
+from ..model.law import symbols
+from ..model.mechanism import Mechanism
+from ..model.outputs import OutputMap
 from ..readers.files import MARK
 
 WANTED, STOP, FAINT = "#9a9a9a", "#c00000", "#666666"
@@ -99,6 +105,52 @@ def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, 
         return {kind: encoded(figure, kind) for kind in METADATA}
 
 
+def outlines(robot: Mechanism, q: np.ndarray, parameters: np.ndarray) -> list[np.ndarray]:
+    """The lines that show a robot from above at coordinates q (N, n): each (N, points, 2), m. See `Mechanism.draws`.
+
+    A vehicle that draws none is shown as a small box.
+    """
+    return [line.full().T.reshape(len(q), -1, 2) for line in _lines(robot).call([q.T, parameters])]
+
+
+@lru_cache(maxsize=16)
+def _lines(robot: Mechanism) -> ca.Function:
+    lines, vehicle = list(robot.lines), robot.vehicle
+    if not lines and vehicle:
+        small = box((vehicle.x, vehicle.y), vehicle.heading, 0.5, 0.5, 0.25)
+        lines = [ca.horzcat(*[ca.vertcat(*point) for point in small])]
+    return ca.Function("lines", [robot.q, robot.p], [ca.densify(ca.vec(line)) for line in lines])
+
+
+def implicit_path(output: OutputMap) -> ca.Function:
+    """Of points (x, y) and the output's parameters: the signed distance from the path, m, and the path's nearest point."""
+    point = ca.SX.sym("point", 2)
+    distance = output.required_path.distance(point[0], point[1])
+    foot = point - distance * ca.gradient(distance, point)
+    return ca.Function("path", [point, symbols(output.parameters)], [distance, foot])
+
+
+def draw_implicit(
+    axes: Axes, function: ca.Function, config: np.ndarray, x: np.ndarray, y: np.ndarray, label: str, **style: Any
+) -> None:
+    """The curve at which the distance of an `implicit_path` is zero, looked for at places x and y, m."""
+    places = np.meshgrid(x, y)
+    values = function(np.vstack([place.ravel() for place in places]), config)[0].full().reshape(places[0].shape)
+    axes.contour(*places, values, [0.0], colors=style["color"], linewidths=style["linewidth"], alpha=style["alpha"], zorder=0)
+    axes.plot([], [], label=label, **style)
+
+
+def is_outline(line: np.ndarray) -> bool:
+    """Does the line (points, 2) enclose a body?"""
+    return len(line) > 2 and bool(np.allclose(line[0], line[-1]))
+
+
+def evenly_spread(points: np.ndarray, count: int) -> np.ndarray:
+    """Rows of points (N, 2) that are about equally far apart along the way through them."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    return np.searchsorted(way, np.linspace(0.0, way[-1], count)).clip(max=len(way) - 1)
+
+
 def _freeze(figure: Figure) -> None:
     """Lay out once and round the result: the solver's last bits differ from run to run, and SVG names clip paths by them."""
     figure.draw_without_rendering()
@@ -108,7 +160,7 @@ def _freeze(figure: Figure) -> None:
 
 
 def encoded(figure: Figure, kind: str) -> bytes:
-    """A figure as the bytes of a png or svg file."""
+    """A figure as the bytes of a file; `kind` is png, svg or pdf."""
     made = io.BytesIO()
-    figure.savefig(made, format=kind, dpi=130, metadata=METADATA[kind])
+    figure.savefig(made, format=kind, dpi=130, metadata=METADATA.get(kind))
     return made.getvalue()

@@ -48,9 +48,7 @@ class Side:
 
 @lru_cache(maxsize=16)
 def _determinant(law: ControlLaw) -> ca.Function:
-    groups = [symbols(law.state), symbols(law.parameters), symbols(law.config)]
-    determinant = ca.densify(law.linearization.determinant)
-    return portable(ca.Function("side", groups, [determinant, ca.densify(ca.sqrt(law.linearization.scale_squared))]))
+    return portable(law.at_state(law.linearization.determinant, ca.sqrt(law.linearization.scale_squared)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,5 +199,4 @@ def vehicle_motion(system: ReducedSystem) -> ca.Function:
 @lru_cache(maxsize=16)
 def outputs(law: ControlLaw) -> ca.Function:
     """Outputs y = h (14) of state, parameters and config."""
-    groups = [symbols(law.state), symbols(law.parameters), symbols(law.config)]
-    return portable(ca.Function("outputs", groups, [ca.densify(law.linearization.h)]))
+    return portable(law.at_state(law.linearization.h))

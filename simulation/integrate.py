@@ -1,11 +1,10 @@
 """The closed loop marched through time, the controller continuous or called at a period."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from ..readers.errors import BadInput
 from .loop import RUNNING, Loop
@@ -140,7 +139,7 @@ def _end_of_piece(loop: Loop, step: Step) -> tuple[float, np.ndarray] | None:
         def beyond(seconds: float) -> float:
             return guidance.left(step.begin + seconds, step.within(seconds)[:n]) + BEYOND
 
-        seconds = brentq(beyond, 0.0, end - step.begin, xtol=1e-15) if beyond(0.0) > 0 else 0.0
+        seconds = _root(beyond, end - step.begin, 1e-15) if beyond(0.0) > 0 else 0.0
         end, state = step.begin + seconds, step.within(seconds)
     guidance.update(end, state[:n])
     return None if left > 0 else (end, state)
@@ -171,7 +170,7 @@ def _crossing(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, h: float, to
     def after(s: float) -> np.ndarray:
         return loop.plant.step(x, tau, s, tolerance)[0]
 
-    s = brentq(lambda s: loop.guidance.leg.side(after(s)), 0.0, h, xtol=SHORTEST)
+    s = _root(lambda s: loop.guidance.leg.side(after(s)), h, SHORTEST)
     return _Refused("singular", t + s, after(s))
 
 
@@ -188,3 +187,10 @@ def _row_times(simulation: Simulation) -> list[float]:
     """Multiples of output_step, and the end."""
     step, end = simulation.output_step, simulation.duration
     return [*(k * step for k in range(int(np.ceil(end / step - 1e-9)))), end]
+
+
+def _root(function: Callable[[float], float], end: float, tolerance: float) -> float:
+    """Where a function of the time since a step's beginning, with opposite signs there and at its end, is zero, s."""
+    from scipy.optimize import brentq  # slow to import, and needed by few runs
+
+    return brentq(function, 0.0, end, xtol=tolerance)

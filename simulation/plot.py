@@ -1,19 +1,19 @@
 """Figures of runs: where the robot went, how far it was from what was wanted, how fast, with what torque."""
 
-import io
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..model.law import symbols
+from ..controllers.odometry import vehicle_wheels
 from ..model.paths import Path
 from ..model.segments import Segment
+from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries
+from .drawing import draw_implicit, evenly_spread, implicit_path, is_outline, outlines
 from .guidance import vehicle_motion
 from .run import Run
 
@@ -53,13 +53,6 @@ def draw(run: Run) -> Figure:
             _clip(axes)
             axes.axvline(run.t[-1], color=STOP, linestyle=":", linewidth=1.5)
     return figure
-
-
-def picture(figure: Figure, kind: str) -> bytes:
-    """A figure as the bytes of a file; `kind` is png, pdf or svg."""
-    made = io.BytesIO()
-    figure.savefig(made, format=kind, dpi=130)
-    return made.getvalue()
 
 
 def _clip(axes: Axes) -> None:
@@ -110,7 +103,6 @@ def _draw_plane(axes: Axes, run: Run) -> None:
     """The followed curve, the loci of P_l, of the vehicle's point and of the axle, and the vehicle now and then."""
     pose = _motion(run)
     p_l, vehicle, heading = pose[:, :2], pose[:, 2:4], pose[:, 4]
-    values = dict(zip([p.name for p in run.law.parameters], run.plant.parameters, strict=True))
     point = "the vehicle's point" if run.spec.output.own else "$P_l$"
     axes.plot(*p_l.T, color=POINT, linewidth=1.8, label=f"locus of {point}", zorder=2.5)
     if run.spec.sensors:
@@ -118,10 +110,11 @@ def _draw_plane(axes: Axes, run: Run) -> None:
         axes.plot(*believed.T, color=SENSED, linewidth=1.0, label="where it believes to be", zorder=2.4)
     if np.any(p_l != vehicle):
         axes.plot(*vehicle.T, ":", color=VEHICLE, linewidth=1.5, label="locus of the vehicle's point", zorder=2.6)
-    if {"b", "d"} <= values.keys():  # a platform with an axle, d behind its point
-        axle = vehicle - values["d"] * np.column_stack([np.cos(heading), np.sin(heading)])
+    ahead = _ahead_of_axle(run)
+    if ahead:
+        axle = vehicle - ahead * np.column_stack([np.cos(heading), np.sin(heading)])
         axes.plot(*axle.T, "--", color=AXLE, linewidth=1.5, label="locus of the axle's middle $P_o$", zorder=2.6)
-    _draw_vehicles(axes, run, vehicle, heading, values)
+    _draw_vehicles(axes, run, vehicle, heading)
     ring: dict[str, Any] = {"markersize": 9, "markerfacecolor": "white", "markeredgewidth": 2}
     axes.plot(*p_l[0], "o", color=POINT, **ring, label=f"start of {point}", zorder=5)
     if run.stopped:
@@ -180,25 +173,19 @@ def _make_square(axes: Axes) -> None:
 
 def _draw_followed(axes: Axes, run: Run, path: Path, p_l: np.ndarray) -> None:
     """The curve, where the signed distance is zero; its points next to the start and the end shall be in view."""
-    point = ca.SX.sym("point", 2)
-    distance = path.distance(point[0], point[1])
-    foot = point - distance * ca.gradient(distance, point)
-    function = ca.Function("distance", [point, symbols(run.law.config)], [distance, foot])
-    config = run.config[0]
+    function, config = implicit_path(run.law.output), run.config[0]
     axes.update_datalim(function(p_l[[0, -1]].T, config)[1].full().T)
     _make_square(axes)
-    x, y = np.meshgrid(np.linspace(*axes.get_xlim(), 400), np.linspace(*axes.get_ylim(), 400))
-    values = function(np.vstack([x.ravel(), y.ravel()]), config)[0].full().reshape(x.shape)
-    axes.contour(x, y, values, [0.0], colors=FOLLOWED, linewidths=4, alpha=0.6, zorder=0)
-    axes.plot([], [], color=FOLLOWED, linewidth=4, alpha=0.6, label=f"path to follow: {path.kind}")
+    x, y = np.linspace(*axes.get_xlim(), 400), np.linspace(*axes.get_ylim(), 400)
+    style = {"color": FOLLOWED, "linewidth": 4, "alpha": 0.6}
+    draw_implicit(axes, function, config, x, y, f"path to follow: {path.kind}", **style)
 
 
 def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:
     """Lines and arcs of a composite path, a mark at each join; those driven backward dashed."""
     for piece in segments:
-        points = np.array([piece.pose(s)[:2] for s in np.linspace(0.0, piece.length, 100)])
         style: Any = (0, (2, 1)) if piece.backward else "-"
-        axes.plot(*points.T, color=FOLLOWED, linestyle=style, linewidth=4, alpha=0.6, zorder=0)
+        axes.plot(*np.transpose(piece.places(100)), color=FOLLOWED, linestyle=style, linewidth=4, alpha=0.6, zorder=0)
     joins = np.array([piece.end[:2] for piece in segments])
     axes.plot(*joins.T, "|", color="#555555", markersize=9, zorder=1, label="join")
     backward = any(piece.backward for piece in segments)
@@ -207,32 +194,20 @@ def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:
     _make_square(axes)
 
 
-def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray, values: dict[str, float]) -> None:
-    """Outlines to scale at instants evenly spread over the way gone, the nose marked."""
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
-    count = int(np.clip(1 + way[-1] / APART, 2, OUTLINES))
-    instants = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], count)).clip(max=len(way) - 1))
-    body, wheels = _outline(values)
-    for k in instants:
-        turn = np.array([[np.cos(heading[k]), np.sin(heading[k])], [-np.sin(heading[k]), np.cos(heading[k])]])
-        axes.fill(*(body @ turn + place[k]).T, facecolor="#00000010", edgecolor="#333333", linewidth=1.0, zorder=3)
-        for wheel in wheels:
-            axes.plot(*(wheel @ turn + place[k]).T, color="#333333", linewidth=3, solid_capstyle="butt", zorder=3)
-        nose = np.array([[0.0, 0.0], [body[:, 0].max(), 0.0]]) @ turn + place[k]
-        axes.annotate("", nose[1], nose[0], arrowprops={"arrowstyle": "-|>", "color": "#333333"}, zorder=4)
-
-
-def _outline(values: Mapping[str, float]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Body and wheels, m, about the vehicle's point with the heading along x: to scale where the robot's parameters say so.
-
-    The paper's platform is 2 m long; that is no parameter of the dynamics. An unknown robot is a small box.
-    """
-    if {"b", "d", "r"} <= values.keys():
-        b, d, r, half = values["b"], values["d"], values["r"], 1.0
-        wheels = [np.array([[-d - r, side * b], [-d + r, side * b]]) for side in (-1, 1)]
-    else:
-        b, half, wheels = 0.25, 0.5, []
-    return np.array([[-half, -b], [half, -b], [half, b], [-half, b]]), wheels
+def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray) -> None:
+    """The robot to scale at instants evenly spread over the way gone, the nose marked."""
+    length = np.hypot(*np.diff(place, axis=0).T).sum()
+    instants = np.unique(evenly_spread(place, int(np.clip(1 + length / APART, 2, OUTLINES))))
+    forward = np.column_stack([np.cos(heading), np.sin(heading)])[instants]
+    lines = outlines(run.law.system.mechanism, run.q[instants], run.plant.parameters)
+    reach = np.max([((line - place[instants][:, None]) @ forward[..., None]).max(axis=(1, 2)) for line in lines], axis=0)
+    for line in (each for instant in lines for each in instant):
+        if is_outline(line):
+            axes.fill(*line.T, facecolor="#00000010", edgecolor="#333333", linewidth=1.0, zorder=3)
+        else:
+            axes.plot(*line.T, color="#333333", linewidth=3, solid_capstyle="butt", zorder=3)
+    for start, nose in zip(place[instants], place[instants] + reach[:, None] * forward, strict=True):
+        axes.annotate("", nose, start, arrowprops={"arrowstyle": "-|>", "color": "#333333"}, zorder=4)
 
 
 def _draw_errors(axes: Axes, run: Run) -> None:
@@ -283,6 +258,14 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
     units = {i.unit for i in inputs}
     axes.set_ylabel("inputs" if len(units) > 1 else f"{'torque' if units == {'N m'} else 'input'} ({inputs[0].unit})")
     axes.legend(loc="best", fontsize=9)
+
+
+def _ahead_of_axle(run: Run) -> float:
+    """How far the vehicle's point is ahead of the axle, m; 0 as well where there is no axle fixed to the vehicle."""
+    try:
+        return vehicle_wheels(run.law.system, run.plant.parameters)[2]
+    except BadInput:
+        return 0.0
 
 
 def _motion(run: Run) -> np.ndarray:

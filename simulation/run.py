@@ -13,8 +13,27 @@ from .plant import Plant
 from .specification.spec import Spec
 
 
+class Outputs:
+    """What follows from the outputs y, what was wanted of them, y_d, and the status of each row."""
+
+    y: np.ndarray
+    y_d: np.ndarray
+    status: np.ndarray
+
+    @property
+    def error(self) -> np.ndarray:
+        """y - y_d, (N, n-m)."""
+        return self.y - self.y_d
+
+    @property
+    def stopped(self) -> str | None:
+        """The status that ended the run before its time, None when nothing did."""
+        last = str(self.status[-1])
+        return None if last in RUNNING else last
+
+
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(Outputs):
     """What happened, a row for each output time: t (N), q (N, n), nu (N, n-m), tau (N, r), y and y_d (N, n-m), status (N).
 
     SI units, columns named by `law`; `spec` says how it was run (backend, tolerance). y are the true outputs, with the
@@ -62,17 +81,6 @@ class Run:
     def x(self) -> np.ndarray:
         """States [q; nu], (N, 2n-m)."""
         return np.hstack([self.q, self.nu])
-
-    @property
-    def error(self) -> np.ndarray:
-        """y - y_d, (N, n-m)."""
-        return self.y - self.y_d
-
-    @property
-    def stopped(self) -> str | None:
-        """The status that ended the run before its time, None when nothing did."""
-        last = str(self.status[-1])
-        return None if last in RUNNING else last
 
     def csv(self) -> str:
         """The run as CSV, 17 significant digits."""

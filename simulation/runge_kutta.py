@@ -4,15 +4,15 @@ Sums are formed term by term and powers by square roots: no BLAS and no libm, wh
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
-from scipy.integrate import DOP853  # its coefficients
 
 from ..readers.errors import BadInput
+from .dop853 import E3, E5, A, B, C
 
 Vector = TypeVar("Vector", np.ndarray, ca.SX)
 Scalar = TypeVar("Scalar", float, ca.SX)
@@ -30,11 +30,11 @@ def step(
     `tolerance`, relative and absolute. Of arrays, or as CasADi expressions."""
     numbers = ca if isinstance(x, ca.SX) else np
     slopes = [slope]
-    for share, row in zip(DOP853.C[1 : DOP853.n_stages], DOP853.A[1 : DOP853.n_stages], strict=True):
-        slopes.append(rate(t + float(share) * h, x + h * _weighted(row[: len(slopes)], slopes)))
-    after = x + h * _weighted(DOP853.B, slopes)
+    for share, weights in zip(C, A, strict=True):
+        slopes.append(rate(t + share * h, x + h * _weighted(weights, slopes)))
+    after = x + h * _weighted(B, slopes)
     scale = tolerance * (1 + numbers.fmax(numbers.fabs(x), numbers.fabs(after)))
-    fifth, third = (_sum_of_squares(_weighted(weights[:-1], slopes) / scale) for weights in (DOP853.E5, DOP853.E3))
+    fifth, third = (_sum_of_squares(_weighted(weights, slopes) / scale) for weights in (E5, E3))
     tiny = np.finfo(float).tiny  # both estimates vanish at rest
     return after, h * fifth / numbers.sqrt((fifth + 0.01 * third) * x.shape[0] + tiny)
 
@@ -100,8 +100,8 @@ class Integrator:
         self.t, self.x, self.h, self._slope = step.end, step.after, step.following, step.slope
 
 
-def _weighted(weights: np.ndarray, slopes: Sequence[Vector]) -> Vector:
-    terms = [float(w) * k for w, k in zip(weights, slopes, strict=True) if w]
+def _weighted(weights: Mapping[int, float], slopes: Sequence[Vector]) -> Vector:
+    terms = [weight * slopes[k] for k, weight in weights.items()]
     return sum(terms[1:], terms[0])
 
 

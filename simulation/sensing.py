@@ -5,6 +5,7 @@ import math
 import casadi as ca
 import numpy as np
 
+from ..controllers.angles import nearest_angle
 from ..controllers.direct import Direct
 from ..controllers.odometry import make_odometry, vehicle_wheels
 from ..model.algebra.exact import canonical
@@ -15,11 +16,14 @@ from .guidance import vehicle_motion
 from .noise import Noise
 from .specification.spec import Correction, Sensors
 
+UNWIND = 4.0  # rad: beyond it whole turns are taken off the heading seen, as in firmware/vehicle.c
+
 
 class Sensing:
     """Sensors and dead reckoning of one run. `state` is what the controller sees: [q; nu], SI.
 
-    The noise of a sample counts until the next: the dead-reckoned pose feels it for as long as the controller does.
+    The noise of a sample counts until the next: the dead-reckoned pose feels it for as long as the controller does. Its heading
+    is the true one but for whole turns.
     """
 
     def __init__(
@@ -60,10 +64,13 @@ class Sensing:
         self._turned += angle - self._true_angle + self._noise * dt
         self._true_angle = angle.copy()
         moved = self._counted() - before
+        if abs(self.state[self._pose[2]]) > UNWIND:
+            self._odometry.unwind()
         pose = self._odometry.move(moved, dt)
         if self._correction and (due := _count(t, 1 / self._correction.rate)) > self._corrected:
             self._corrected = due
-            pose = self._odometry.correct(self._true_pose(x), self._correction.mode)
+            *place, heading = self._true_pose(x)
+            pose = self._odometry.correct((*place, nearest_angle(heading, pose[2])), self._correction.mode)
         if (sample := _count(t, self._sensors.period)) > self._drawn:
             self._noise, self._drawn = self._draw(), sample
         self.state = x.copy()

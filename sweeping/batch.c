@@ -502,12 +502,18 @@ static int sense(loop *self, double t)
         moved[i] = counted(sensors->turned[i], sample->counts) - before;
         moved_seen[i] = (BATCH_REAL)moved[i];
     }
+    if (noslip_abs(sensors->state[pose_coordinate[2]]) > 4) { /* UNWIND of simulation/sensing.py */
+        (void)BATCH_RUNTIME(noslip_odometry_unwind)(&sensors->odometry);
+    }
     status = BATCH_RUNTIME(noslip_odometry_move)(&sensors->odometry, moved_seen, (BATCH_REAL)dt, &pose);
     now = status >= 0 && self->settings->corrected ? periods(t, 1 / sample->correction_rate) : 0;
     if (now > sensors->corrected) {
-        const BATCH_RUNTIME(noslip_pose) truth = true_pose(self->x);
+        BATCH_RUNTIME(noslip_pose) truth = true_pose(self->x);
+        double heading;
         sensors->corrected = now;
-        status = BATCH_RUNTIME(noslip_odometry_correct)(&sensors->odometry, &truth, self->settings->correction_mode);
+        status = noslip_nearest_angle(self->x[pose_coordinate[2]], (double)pose.heading, &heading);
+        truth.heading = (BATCH_REAL)heading;
+        status = status < 0 ? status : BATCH_RUNTIME(noslip_odometry_correct)(&sensors->odometry, &truth, self->settings->correction_mode);
         if (status >= 0) {
             status = BATCH_RUNTIME(noslip_odometry_pose)(&sensors->odometry, &pose);
         }

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from ..readers.errors import BadInput
+from ..readers.printing import toml
 from ..readers.robots import suggestion
 from ..simulation.specification.distributions import PERIOD, Margin, Sweep
 from ..simulation.specification.spec import Spec
@@ -105,7 +106,7 @@ class Plan:
         for name in (*self.margins, *([SEED] if SEED in row else [])):
             for key in _keys(name, spec):
                 made[key] = _value(spec, key)
-        return [f"{key}={_toml(value)}" for key, value in made.items()]
+        return [f"{key}={toml(value)}" for key, value in made.items()]
 
     @cached_property
     def _mixing(self) -> np.ndarray | None:
@@ -155,7 +156,3 @@ def _value(spec: Spec, key: str) -> Any:
         else:
             found = getattr(found, part) if hasattr(found, part) else found.parameters[part]
     return found
-
-
-def _toml(value: Any) -> str:
-    return "[" + ", ".join(map(repr, value)) + "]" if isinstance(value, tuple) else repr(value)

@@ -15,13 +15,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from ..readers.errors import BadInput
 from ..readers.files import create, replacing
 from .inputs import SEED
 from .study import Study
+
+try:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+except ImportError as error:
+    raise BadInput("a sweep is kept in a Parquet file, which needs pyarrow; python -m pip install 'noslip[sweep]'") from error
 
 LARGEST, SMALLEST, FEWEST = 4096, 32, 64  # samples in a part; parts, so that all cores have some until the end
 SPEC, IDENTITY = b"noslip.spec", b"noslip.sweep"  # in the file's metadata

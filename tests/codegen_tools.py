@@ -7,7 +7,7 @@ from functools import cache
 import mpmath
 import numpy as np
 from casadi import cos, sin
-from noslip.codegen.graph import Node, reachable
+from noslip.codegen.graph import Applied, Constant, Group, Leaf, Node, Operation, reachable
 from noslip.model import Mechanism, OutputMap, OutputRow, control_law
 from noslip.model.outputs import OUTPUTS, at_point, body_point, type_iv
 from noslip.model.paths import config, implicit
@@ -28,22 +28,22 @@ def evaluate(roots: Sequence[Node], leaf: Callable[[Node], object], number=mpmat
     value: dict[Node, object] = {}
     for node in reachable(roots):
         a = [value[argument] for argument in node.arguments]
-        match node.operation:
-            case "constant":
+        match node:
+            case Constant():
                 value[node] = number(node.value)
-            case "leaf":
+            case Leaf():
                 value[node] = leaf(node)
-            case "add":
+            case Applied(Operation.ADD):
                 value[node] = a[0] + a[1]
-            case "sub":
+            case Applied(Operation.SUB):
                 value[node] = a[0] - a[1]
-            case "mul":
+            case Applied(Operation.MUL):
                 value[node] = a[0] * a[1]
-            case "div":
+            case Applied(Operation.DIV):
                 value[node] = a[0] / a[1]
-            case "neg":
+            case Applied(Operation.NEG):
                 value[node] = -a[0]
-            case operation:
+            case Applied(operation):
                 value[node] = functions[operation](*a)
     return [value[root] for root in roots]
 
@@ -64,7 +64,7 @@ def with_foot(leaf: Callable[[Node], mpmath.mpf]) -> Callable[[Node], mpmath.mpf
     """The same leaves, and the foot of the LABMATE's P_l on the arc that they describe, from the arc's centre."""
 
     def at(group: str, name: str) -> mpmath.mpf:
-        return leaf(Node("leaf", group=group, name=name))
+        return leaf(Leaf(0, (), Group(group), name))
 
     def foot(name: str) -> mpmath.mpf:
         curvature, direction, heading = at("config", "curvature"), at("config", "direction"), at("state", "phi")

@@ -509,11 +509,11 @@ def test_report_of_what_has_no_outputs():
         (["labmate", "--output", "type_v"], "unknown output 'type_v'"),
         (["labmate", "--start", "none.toml"], "none.toml"),
         (["{file}:nothing"], "no robot 'nothing'"),
-        (["{file}:three"], "no Mechanism"),
+        (["{file}:three"], "neither a Mechanism"),
         (["{file}:broken"], "ValueError: no"),
         (["{file}:car", "--output", "type_i"], "no inputs"),
         (["{file}:unicycle", "--start", str(SPECS / "line.toml")], "is not unicycle"),
-        (["labmate", "--report", "{folder}/none/page.html"], "no folder"),
+        (["labmate", "--report", "{folder}/none/page.html"], "does not exist"),
     ],
 )
 def test_bad_input(bad_input, system_file, arguments, said):

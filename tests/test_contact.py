@@ -20,9 +20,11 @@ from noslip.simulation.contact import GRAVITY, ContactForce, Grip, contact_force
 from noslip.simulation.plant import Plant
 from noslip.simulation.run import Run, lambda_columns
 from noslip.simulation.specification.spec import Contact, Initial, read_spec
+from noslip.simulation.specification.vary import read_varied
 
 SPECS = File(__file__).parents[1] / "specs"
-LINE, CIRCLE = read_spec(SPECS / "line.toml"), read_spec(SPECS / "circle.toml")
+BESIDE_THE_LINE = {"initial": {"point": [0.0, 2.0], "heading": math.pi / 2, "speed": 0.0}}  # which asks much of the ground
+LINE, CIRCLE = read_varied(SPECS / "line.toml", BESIDE_THE_LINE), read_spec(SPECS / "circle.toml")
 STATES = 200
 RANGES = {
     **{"b": (0.3, 1.2), "d": (-0.5, 0.5), "r": (0.05, 0.3), "m_c": (5, 60), "m_w": (0.2, 3)},
@@ -387,7 +389,7 @@ def contact(robot: Mechanism, name="wheel", mass=1.0, **more) -> Mechanism:
 REFUSED = {
     "name": (lambda r: contact(r, "", along=0), "name"),
     "twice": (lambda r: contact(r, "blade", along=0), "'blade' is used twice"),
-    "no velocity": (lambda r: contact(r), "needs a velocity"),
+    "no velocity": (lambda r: contact(r), "requires a velocity"),
     "no expression": (lambda r: contact(r, along="fast"), "no expression"),
     "matrix": (lambda r: contact(r, along=r.qdot), "scalar"),
     "mass that moves": (lambda r: contact(r, mass=r.qdot[0], along=0), "uses rates"),

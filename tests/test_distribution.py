@@ -548,7 +548,7 @@ def test_refused_systems():
         Kinematics("bad", (), S=ca.SX(0, 1))
     with pytest.raises(ModelError, match="used twice"):
         Kinematics("bad", (x, y, quantity("x", "m")), S=unit[:3, :2])
-    with pytest.raises(ModelError, match="needs coordinates and constraints"):
+    with pytest.raises(ModelError, match="requires coordinates and constraints"):
         analyse(Mechanism("empty"))
 
 

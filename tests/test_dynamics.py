@@ -551,7 +551,7 @@ def test_numbers_after_a_robots_name(bad_input, tmp_path):
     for name, said in {
         "tractor_trailer:-1": "give 0 or more",
         "tractor_trailer:1:2": "it takes the numbers N, given are 2",
-        "tractor_trailer:two": "must be whole numbers",
+        "tractor_trailer:two": "must be integers",
         "labmate:3": "it takes no numbers",
         f"{file}:some": "it takes the numbers n, more, given are 0",
         f"{file}:one:1": "it takes no numbers",

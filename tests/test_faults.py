@@ -1,9 +1,12 @@
 """docs/faults.md is what happens, and its two tables can tell good from bad."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 from noslip.guarantees import faults
-from noslip.guarantees.tools import Failed, Task
+from noslip.guarantees.tools import ROOT, Failed, Task
 from noslip.guarantees.vehicle import Firmware
 
 
@@ -28,3 +31,39 @@ def test_a_flipped_bit_is_one_bit():
 def test_a_bad_answer_is_a_failure(status, tau):
     with pytest.raises(Failed):
         faults._kind("type_i", status, np.array(tau), np.zeros(2))
+
+
+# -- a defect of the firmware ------------------------------------------------------------------------------------------
+
+
+def planted(folder: Path, file: str, was: str, now: str) -> Path:
+    """A copy of what the page is made of, with one thing changed in the firmware."""
+    for name in ("firmware", "generated", "docs"):
+        shutil.copytree(ROOT / name, folder / name)
+    path = folder / "firmware" / file
+    text = path.read_text()
+    assert text.count(was) == 1
+    path.write_text(text.replace(was, now))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("words", "defect", "told"),
+    [
+        ("random numbers", ("vehicle.c", "state == WATCHDOG_HOLD", "state != WATCHDOG_RUN"), "after the watchdog has stopped"),
+        ("supplies of", ("motor.c", "within(voltage, self->supply)", "within(voltage, 2 * self->supply)"), "the supply"),
+    ],
+)
+def test_a_command_that_may_not_be_is_found(words, defect, told, tmp_path):
+    (fault,) = (fault for fault in faults.faults() if words in fault.name)
+    c = Firmware(tmp_path, planted(tmp_path / "root", *defect))
+    with pytest.raises(Failed, match=told):
+        faults.outcome(c, fault)
+
+
+@pytest.mark.nightly
+def test_another_response_is_found(tmp_path):
+    """The watchdog tolerates one tick more than it is set to."""
+    root = planted(tmp_path / "root", "watchdog.c", "tolerated - self->strikes)", "tolerated - self->strikes + 1)")
+    with pytest.raises(Failed, match="is not what happens now"):
+        faults.check(Task(tmp_path, root=root))

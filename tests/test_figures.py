@@ -435,7 +435,7 @@ def test_a_case_that_cannot_be_run_leaves_nothing(catalogued, tmp_path, bad_inpu
     [
         (["--only", "sampeld"], "did you mean 'sampled'?"),
         (["--only", "6", "8"], "unknown figure '8'"),
-        (["--jobs", "0"], "at least one"),
+        (["--jobs", "0"], "must be 1 or more"),
         (["--jobs", "many"], "see noslip"),
     ],
 )

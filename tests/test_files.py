@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from noslip.cli.main import main
 from noslip.controllers import build
+from noslip.readers import kept
 from noslip.readers.errors import BadInput
 from noslip.readers.files import MARK, replacing, write_folder, write_whole
 from noslip.sweeping.store import Parts
@@ -163,7 +164,7 @@ def test_a_manifest_of_another_program_is_not_overwritten(files, tmp_path, bad_i
     (tmp_path / "labmate/manifest.json").write_text(f'{{"files": {files}}}')
     (tmp_path / "labmate/labmate.h").write_text("mine")
     before = contents(tmp_path)
-    assert "not made by noslip; move it" in bad_input(["generate", "labmate", "-o", str(tmp_path), "--output", "type_i"])
+    assert "not written by noslip; move it" in bad_input(["generate", "labmate", "-o", str(tmp_path), "--output", "type_i"])
     assert contents(tmp_path) == before
 
 
@@ -233,7 +234,7 @@ def test_a_loop_of_links_is_refused(tmp_path, bad_input):
     (tmp_path / "a").symlink_to("b")
     (tmp_path / "b").symlink_to("a")
     (tmp_path / "s.toml").write_text(SPEC)
-    assert "leads back to itself" in bad_input(["simulate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "a")])
+    assert "is a link to itself" in bad_input(["simulate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "a")])
     bad_input(["simulate", str(tmp_path / "s.toml"), "-o", str(tmp_path / "a" / "r.csv")])
     with pytest.raises(OSError):
         write_whole(tmp_path / "a", "x")
@@ -274,7 +275,7 @@ def test_a_cache_that_others_can_write_is_refused(cache):
     for path, mode in ((cache, 0o777), (cache, 0o770), (library, 0o722), (library, 0o720)):
         before = path.stat().st_mode
         path.chmod(mode)
-        with pytest.raises(BadInput, match="can be written by others, whose programs noslip does not run; chmod go-w it"):
+        with pytest.raises(BadInput, match="can be written by others, and noslip does not execute programs of others"):
             build.shared_library(SOURCE)
         path.chmod(before)
     assert build.shared_library(SOURCE) == library
@@ -289,6 +290,34 @@ def test_a_cache_of_another_user_is_refused(what, cache, monkeypatch):
         monkeypatch.setattr(os, "geteuid", lambda: 65534)
     with pytest.raises(BadInput, match="belongs to another user"):
         build.shared_library(SOURCE)
+
+
+class Holder:
+    """A result that refers to something that was given."""
+
+    def __init__(self, given: object):
+        self.given, self.numbers = given, [1, 2, 3]
+
+
+def test_results_are_remembered_until_they_are_damaged(cache, monkeypatch):
+    given, made = object(), []
+
+    def ask(key: str) -> Holder:
+        return kept.remembered((key,), lambda: made.append(key) or Holder(given), given)
+
+    first, second = ask("a"), ask("a")
+    assert made == ["a"] and second is not first and second.given is given and second.numbers == [1, 2, 3]
+    ask("b")
+    assert made == ["a", "b"]
+    for file in cache.iterdir():
+        file.write_bytes(file.read_bytes()[:-1])
+    assert ask("a").given is given and made == ["a", "b", "a"]
+    monkeypatch.setattr(kept, "_digest_of_code", lambda: "of other code")
+    ask("a")
+    assert made == ["a", "b", "a", "a"]
+    cache.chmod(0o777)
+    ask("a")  # others can write there: what they wrote is not loaded
+    assert made == ["a", "b", "a", "a", "a"]
 
 
 def test_without_a_home_there_is_one_line(tmp_path):

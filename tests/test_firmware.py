@@ -31,10 +31,10 @@ SETTINGS = {  # a change of the settings that must be refused -> the status
     "start": (("start", "x"), (NAN, INF)),
     "heading": (("start", "heading"), (NAN, 1e5)),
     "no path": (("count",), (0, -1)),
-    "speed": (("way", "speed"), (0.0, -1.0, NAN, INF)),
-    "wrong side": (("way", "reversing"), (0, 7)),
-    "another point": (("way", "ahead"), (0.0, 0.29, NAN)),
-    "a point aside": (("way", "W"), (0.2, -0.01, NAN)),
+    "speed": (("path_options", "speed"), (0.0, -1.0, NAN, INF)),
+    "wrong side": (("path_options", "reversing"), (0, 7)),
+    "another point": (("path_options", "ahead"), (0.0, 0.29, NAN)),
+    "a point aside": (("path_options", "W"), (0.2, -0.01, NAN)),
     "mass": (("params", "m_c"), (0.0, -1.0, NAN)),
     "radius": (("params", "r"), (0.0, -0.15, NAN, INF)),
     "on the axle": (("params", "d"), (0.0, 0.6, NAN)),
@@ -378,7 +378,7 @@ def test_the_speed_loop_is_the_linear_recursion(c):
         loop.tick()
         radius = loop.settings.params.r
         assert abs(c.lib.rate[0] * radius - speed) < 2e-3
-        change_of_speed = gain * (loop.settings.way.speed - seen) * PERIOD
+        change_of_speed = gain * (loop.settings.path_options.speed - seen) * PERIOD
         speed, mean = speed + change_of_speed, speed + change_of_speed / 2
     assert 0.9 < speed < 1.1
 
@@ -653,7 +653,7 @@ def test_exit_codes(built, tmp_path, target, name):
 
 def test_the_real_board_checks_itself(built):
     """QEMU has no encoders at the timers of an STM32F405: they count by themselves, or not, and the vehicle stops."""
-    code, said = emulate("stm32f405", build(built, "stm32f405", defines="-DTOLD"))
+    code, said = emulate("stm32f405", build(built, "stm32f405", defines="-DHAS_HOST"))
     assert code == 2, said
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from noslip.codegen.derivation.foot import can_be_told
 from noslip.codegen.files import law_program
+from noslip.codegen.graph import Leaf
 from noslip.codegen.program import compile_law
 from noslip.controllers.compiled import library
 from noslip.controllers.controller import ON_LIMIT, Limits
@@ -147,7 +148,7 @@ def reachable_leaves(body) -> set:
         if (node := stack.pop()) not in seen:
             seen.add(node)
             stack.extend(node.arguments)
-    return {node for node in seen if node.operation == "leaf"}
+    return {node for node in seen if isinstance(node, Leaf)}
 
 
 def test_refusals():

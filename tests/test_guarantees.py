@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from noslip.guarantees import budget, eva, fuzz, memory
+from noslip.guarantees import budget, eva, fuzz, memory, tools
 from noslip.guarantees.__main__ import CHECKS, checked
 from noslip.guarantees.headers import headers
 from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Missing, Target, Task
@@ -34,6 +34,12 @@ def test_missing_tools_are_skipped_unless_required(monkeypatch, tmp_path):
         assert end == "skipped" and said.startswith("install "), name
     monkeypatch.setenv("NOSLIP_REQUIRE_FIRMWARE", "1")
     assert {checked(name, Task(tmp_path, short=True))[0] for name in CHECKS} == {"FAILED"}
+
+
+def test_a_tool_that_does_not_end_is_a_failure(monkeypatch):
+    monkeypatch.setattr(tools, "TIMEOUT", 0.1)
+    with pytest.raises(Failed, match=r"sleep has not ended after 0.1 s"):
+        tools.attempt(["sleep", "60"])
 
 
 # -- what must be refused ---------------------------------------------------------------------------------------------
@@ -126,12 +132,12 @@ def test_what_is_wrong_is_found(wrong, tmp_path):
         pytest.fail(f"{name} accepts {wrong}")
 
 
-def changed(folder: Path, file: str, was: str, now: str, laws: str = "") -> Task:
-    """A task on a copy of the C in which one thing is changed, with only those laws whose names begin so."""
-    for name in ("runtime_c", "generated", "tests/c"):
+def changed(folder: Path, file: str, was: str, now: str, laws: str | None = "") -> Task:
+    """A task on a copy of the C in which one thing is changed, with only the law of that name; None: with all."""
+    for name in ("runtime_c", "generated", "tests/c", "firmware/boards", "bench/target"):
         shutil.copytree(ROOT / name, folder / "root" / name)
     for path in (folder / "root/generated/labmate").glob("*_type_*"):
-        if not laws or not path.name.startswith((f"{laws}.", f"{laws}_f.")):
+        if laws is not None and not path.name.startswith((f"{laws}.", f"{laws}_f.")):
             path.unlink()
     path = folder / "root" / file
     text = path.read_text()
@@ -144,7 +150,7 @@ def changed(folder: Path, file: str, was: str, now: str, laws: str = "") -> Task
 
 EVA_FINDS = {
     "an angle beyond integers": (
-        ("noslip_angle.inc", "!(NOSLIP_NAME(noslip_angle_ok)(wanted) &&", "(NOSLIP_NAME(noslip_abs)(wanted) < 0 &&"),
+        ("noslip_angle.inc", "!(NOSLIP_NAME(noslip_angle_ok)(desired) &&", "(NOSLIP_NAME(noslip_abs)(desired) < 0 &&"),
         "overflow in conversion",
     ),
     "something added beyond its limit": (
@@ -258,6 +264,48 @@ def test_seeded_numbers_find(wrong, tmp_path):
             fuzz.sanitizers(task)
         except Missing as missing:
             pytest.skip(str(missing))
+
+
+SLOWER = ("            self->held[1] = made[1];\n", "            self->held[1] = made[0] * made[1] + made[1];\n")
+FUZZ_FINDS = {  # a change of the runtime, with all laws or none, and what is told
+    "an angle beyond integers": (EVA_FINDS["an angle beyond integers"][0], False, "outside the range of representable values"),
+    "an integral beyond its limit": (
+        ("noslip_integral.inc", "self->added = added;\n    }", "self->added = 2 * added;\n    }"),
+        False,
+        r"not isfinite\(added\)",
+    ),
+    "a speed that overflows, by an input of the corpus": (
+        ("noslip_path_code.inc", "self->near = self->near < most ? self->near : most;", "(void)most;"),
+        True,
+        "fuzz_is_guide",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "wrong", [pytest.param(wrong, marks=pytest.mark.nightly) if FUZZ_FINDS[wrong][1] else wrong for wrong in FUZZ_FINDS]
+)
+def test_fuzzing_finds(wrong, tmp_path):
+    (file, was, now), laws, told = FUZZ_FINDS[wrong]
+    task = changed(tmp_path, f"runtime_c/{file}", was, now, None if laws else "")
+    with pytest.raises(Failed, match=told):
+        try:
+            fuzz.fuzz(task)
+        except Missing as missing:
+            pytest.skip(str(missing))
+
+
+def test_a_law_that_takes_longer_is_found(tmp_path):
+    """One operation more in each good step."""
+    task = changed(tmp_path, "generated/labmate/labmate_type_i_f.c", *SLOWER, "labmate_type_i")
+    try:
+        said = CHECKS["instructions-m4f"](task)
+    except Missing as missing:
+        pytest.skip(str(missing))
+    except Failed as failed:
+        assert "labmate_type_i_f most good" in str(failed)
+    else:
+        assert "not compared" in said, said
 
 
 # -- the budget -------------------------------------------------------------------------------------------------------

@@ -162,7 +162,7 @@ def test_bad_paths_are_refused_before_anything_moves(name, backend):
 
 @pytest.mark.parametrize(
     ("start", "said"),
-    [({"point": (0.0, 5.0)}, "centre"), ({"heading": 2e6}, "cut whole turns"), ({"point": (1e300, 0.0)}, "far")],
+    [({"point": (0.0, 5.0)}, "centre"), ({"heading": 2e6}, "subtract whole turns"), ({"point": (1e300, 0.0)}, "far")],
 )
 @pytest.mark.parametrize("backend", ["c", "casadi"])
 def test_a_start_that_the_tracker_cannot_place_is_refused(backend, start, said):
@@ -213,6 +213,18 @@ def test_without_noise_dead_reckoning_finds_the_true_pose():
     assert np.abs(run.seen - run.x)[::1, :5].max() < 1e-4
     coarse = simulate(noisy(Sensors(counts=1000)))
     assert 1e-4 < np.abs(coarse.seen - coarse.x)[:, :2].max() < 0.1
+
+
+@pytest.mark.parametrize(("backend", "most", "near"), [("casadi", 2**20, 1e-6), ("c", 2**20, 1e-6), ("cf", 2**13, 5e-3)])
+@pytest.mark.parametrize("mode", ["reset", "bumpless"])
+def test_a_sensed_run_may_turn_for_ever(mode, backend, most, near):
+    """From a heading at the end of the range of sine and cosine the run goes on as from that heading without its whole turns."""
+    spec = noisy(Sensors(), Correction(rate=5.0, mode=mode, release=0.1 if mode == "bumpless" else 0.0), duration=12.0)
+    turns = 2 * math.pi * math.floor((most - 0.5 - spec.initial.heading) / (2 * math.pi))
+    spec = changed(spec, simulation={"backend": backend})
+    plain, far = (simulate(changed(spec, initial={"heading": spec.initial.heading + more})) for more in (0.0, turns))
+    assert far.stopped is None and far.q[-1, 2] > most and np.abs(far.seen[1:, 2]).max() < 4.1
+    assert np.abs(far.q[:, :2] - plain.q[:, :2]).max() < near and np.abs(far.q[:, 2] - turns - plain.q[:, 2]).max() < near
 
 
 def test_a_reset_makes_the_believed_pose_true_and_a_bumpless_one_gets_there_without_a_jump():

@@ -213,9 +213,9 @@ def test_overflow_is_no_way_out(scalar, ki):
 
 
 def test_what_python_is_told():
-    with pytest.raises(BadInput, match="integral action: init answers 'bad_parameter'"):
+    with pytest.raises(BadInput, match="integral action: init returns 'bad_parameter'"):
         CompiledIntegral(-1.0)
-    with pytest.raises(BadInput, match="integral action: step answers 'nonfinite'"):
+    with pytest.raises(BadInput, match="integral action: step returns 'nonfinite'"):
         CompiledIntegral(1.0).step(NAN, 0.1, "ok")
     with pytest.raises(BadInput, match="unknown backend 'm4f'"):
         make_integral("m4f", 1.0)
@@ -523,9 +523,9 @@ def test_columns_are_there_when_asked_for(tmp_path):
     ("gains", "said"),
     [
         ({"ki": -0.1}, "ki_distance = -0.1"),
-        ({"ki_distance": 2.5}, "ki_distance = 2.5 makes distance unstable: .* needs ki < kp kd = 2.5"),
-        ({"ki_distance": 0.1, "kd": 0.0}, "needs ki < kp kd = 0"),
-        ({"ki_speed": 0.1, "kv": 0.0}, "ki_speed needs kv_speed > 0"),
+        ({"ki_distance": 2.5}, "ki_distance = 2.5 makes distance unstable: .* requires ki < kp kd = 2.5"),
+        ({"ki_distance": 0.1, "kd": 0.0}, "requires ki < kp kd = 0"),
+        ({"ki_speed": 0.1, "kv": 0.0}, "ki_speed requires kv_speed > 0"),
         ({"ki_heading": 0.1}, "unknown gain 'ki_heading'"),
         ({"kii": 0.1}, "unknown gain 'kii'; did you mean 'ki'"),
     ],
@@ -542,7 +542,7 @@ BAD = {
     "delay too long": (toml(period="period = 0.01\ndelay = 0.011"), "must be at most the period, 0.01 s"),
     "negative delay": (toml(period="period = 0.01\ndelay = -0.001"), "[simulation] delay"),
     "limits, continuous": (toml(gains="gains = { ki = 0.1 }\nlimits = { torque = 5.0 }"), "needs [simulation] period > 0"),
-    "no integral": (toml(gains="limits = { torque = 5.0, integral = 1.0 }"), "needs integral action"),
+    "no integral": (toml(gains="limits = { torque = 5.0, integral = 1.0 }"), "requires integral action"),
     "limits of three": (
         toml(gains="gains = { ki = 0.1 }\nlimits = { torque = 5.0, integral = [1, 1, 1] }", period="period = 0.01"),
         "it must have 1 or 2: distance, speed",

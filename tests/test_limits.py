@@ -242,13 +242,13 @@ def test_values_are_written_and_nothing_beside_them(scalar, count):
 
 @cache
 def slow_in_c(scalar: str):
-    """noslip_slow, then noslip_answer: (inputs, slope, limits) to statuses of both, inputs after each."""
+    """noslip_slow, then noslip_apply_limits: (inputs, slope, limits) to statuses of both, inputs after each."""
     suffix = SCALARS[scalar].suffix
     declared = f"int slow({scalar} *inputs, {scalar} *slope, const {scalar} *limits, int count)"
     answer = f"int answer(int status, const {scalar} *limits, {scalar} *held, {scalar} *inputs, int count)"
     text = f'#include "noslip_controller.h"\n{declared}; {answer};\n'
     text += f"{declared} {{ return noslip_slow{suffix}(inputs, slope, limits, count); }}\n"
-    text += f"{answer} {{ return noslip_answer{suffix}(status, NOSLIP_ZERO, limits, held, inputs, inputs, count); }}\n"
+    text += f"{answer} {{ return noslip_apply_limits{suffix}(status, NOSLIP_ZERO, limits, held, inputs, inputs, count); }}\n"
     ffi = cffi.FFI()
     ffi.cdef(f"{declared}; {answer};")
     library = ffi.dlopen(str(shared_library({"slow.c": text})))

@@ -802,7 +802,7 @@ def test_names_that_c_or_python_cannot_take(name):
         lambda n: robot.input(n, "N", on=1),
     ]
     for make in (*add, lambda n: robot.quasi_velocity(n, "m", 1), lambda n: config(n, 0.0, "m", "")):
-        with pytest.raises(ModelError, match="cannot be used in C: letters, digits and _ only, no keyword of") as error:
+        with pytest.raises(ModelError, match="cannot be used in C: use letters, digits and _ only, no keyword of") as error:
             make(name)
         assert repr(name) in str(error.value)
 
@@ -932,7 +932,7 @@ REFUSED = {
     ),
     "dependent constraints": (
         having(lambda robot, s: robot.rolls("again", 2 * sin(s["h"]) * s["x_dot"] - 2 * cos(s["h"]) * s["y_dot"])),
-        "plain: the constraints are not independent: 'again' follows from the others; drop it",
+        "plain: the constraints are not independent: 'again' follows from the others; remove it",
     ),
     "constraint that says nothing": (having(lambda robot, s: robot.rolls("nothing", 0)), "'nothing' follows from the others"),
     "too few inputs": (
@@ -988,7 +988,7 @@ REFUSED = {
         having(quasi(lambda s: s["h_dot"], lambda s: 2 * s["h_dot"])),
         "plain: the quasi-velocities do not fix the motion: they depend on the constraints or on each other",
     ),
-    "S of the wrong shape": (having(null_space(lambda s: ca.SX.eye(3))), "plain: S is 3 x 3, it must be n x (n-m) = 3 x 2"),
+    "S of the wrong shape": (having(null_space(lambda s: ca.SX.eye(3))), "plain: S is 3 x 3; it must be n x (n-m) = 3 x 2"),
     "S with dependent columns": (having(null_space(lambda s: ca.SX(3, 2))), "plain: the columns of S are dependent"),
     "S off the constraint": (
         having(null_space(lambda s: ca.blockcat([[sin(s["h"]), 0], [cos(s["h"]), 0], [0, 1]]))),
@@ -998,12 +998,15 @@ REFUSED = {
         having(lambda robot, s: robot.kinetic_energy(ca.SX(2, 1))),
         "plain: kinetic energy must be a scalar, it is 2 x 1",
     ),
-    "MX energy": (having(lambda robot, s: robot.kinetic_energy(ca.MX.sym("a"))), "plain: kinetic energy is no expression: MX(a)"),
+    "MX energy": (
+        having(lambda robot, s: robot.kinetic_energy(ca.MX.sym("a"))),
+        "plain: kinetic energy is not an expression: MX(a)",
+    ),
     "text for an expression": (
         having(lambda robot, s: robot.rolls("c", "x_dot")),
-        "plain: constraint 'c' is no expression: 'x_dot'",
+        "plain: constraint 'c' is not an expression: 'x_dot'",
     ),
-    "MX rate": (having(lambda robot, s: robot.rate(ca.MX.sym("a"))), "plain: rate is no expression: MX(a)"),
+    "MX rate": (having(lambda robot, s: robot.rate(ca.MX.sym("a"))), "plain: rate is not an expression: MX(a)"),
     "potential energy of rates": (having(lambda robot, s: robot.potential_energy(s["x_dot"] ** 2)), "potential energy"),
     "force on a position": (having(lambda robot, s: robot.force(-s["x"], on=s["x"])), "force"),
     "force on a square": (having(lambda robot, s: robot.force(1, on=s["x_dot"] ** 2)), "force"),
@@ -1038,7 +1041,7 @@ REFUSED = {
     ),
     "nothing for an expression": (
         having(lambda robot, s: robot.force(None, on=s["x_dot"])),
-        "plain: force is no expression: None",
+        "plain: force is not an expression: None",
     ),
     "unit that ends a comment": (having(lambda robot, s: robot.coordinate("z", "*/")), "z: unit '*/' must be text"),
     "no name for a constraint": (having(lambda robot, s: robot.rolls(None, s["x_dot"])), "a constraint's name must be text"),

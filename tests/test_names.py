@@ -109,7 +109,7 @@ def test_outputs_that_would_share_a_name_in_c(name, says, tmp_path):
 
 
 def test_either_order_is_refused():
-    with pytest.raises(ModelError, match="output 'o_f' has a ..._o_f in C too"):
+    with pytest.raises(ModelError, match="output 'o_f' also defines ..._o_f in C"):
         robot(outputs=(("o_f", "ab"), ("o", "ab")))
     robot(outputs=(("tip", "ab"), ("tip_speed", "ab"), ("tip2", "ab")))
 

@@ -579,8 +579,8 @@ def test_command_without_a_steady_motion(capsys):
         (["--output", "type_i", "--settling", "4", "--lqr", "1,1,1"], "choose one"),
         (["--output", "type_i", "--settling", "4,5"], "takes one number"),
         (["--output", "type_i", "--settling", "1j"], "must be real"),
-        (["--output", "type_i", "--damping", "1"], "--damping is for --settling"),
-        (["--output", "type_i", "--integral"], "--integral needs a design"),
+        (["--output", "type_i", "--damping", "1"], "--damping requires --settling"),
+        (["--output", "type_i", "--integral"], "--integral requires a design"),
         (["--output", "type_i", "--delay"], "--delay needs --period"),
         (["--output", "type_i", "--discrete-poles", "0.9,0.8"], "--discrete-poles needs --period"),
         (["--output", "type_i", "--wrong", "1.5"], "between 0 and 1"),
@@ -589,6 +589,36 @@ def test_command_without_a_steady_motion(capsys):
 )
 def test_command_refuses(argv, reason, bad_input):
     assert reason in bad_input(["outer-loop", "labmate", *argv])
+
+
+VECTORS = {  # section and entry of a SPEC of Type I -> how many numbers the law or the robot takes
+    ("reference", "position"): (2,),
+    ("reference", "velocity"): (2,),
+    ("initial", "point"): (2,),
+    ("initial", "q"): (5,),
+    ("initial", "nu"): (2,),
+    ("limits", "torque"): (1, 2),
+    ("limits", "integral"): (1, 2),
+    ("sensors", "noise.mean"): (1, 2),
+    ("sensors", "noise.sd"): (1, 2),
+}
+
+
+@pytest.mark.parametrize("entry", VECTORS, ids=".".join)
+def test_vectors_of_a_wrong_length_are_refused(entry, tmp_path, bad_input):
+    """By each command that makes a loop of a SPEC, with the entry's name."""
+    section, name = entry
+    for length in {0, 1, 2, 3, 5, 7} - {*VECTORS[entry]}:
+        tables = {"output": {"type": '"I"', "L": 1.0}, "reference": {"position": [0.0, 0.0]}, "gains": {"kp": 1.0, "ki": 0.1}}
+        tables["initial"] = {"q": [0.0] * 5} if name in ("q", "nu") else {"point": [0.0, 0.0]}
+        tables |= {"limits": {"torque": 5.0, "mode": '"cut"'}, "simulation": {"duration": 0.1, "period": 0.01}}
+        tables.setdefault(section, {})[name] = [0.1] * length
+        lines = [line for key, table in tables.items() for line in (f"[{key}]", *(f"{k} = {v}" for k, v in table.items()))]
+        spec = tmp_path / "spec.toml"
+        spec.write_text("\n".join(['robot = "labmate"', *lines]))
+        for arguments in (["simulate", str(spec), "-o", str(tmp_path / "o.csv")], ["outer-loop", "labmate", "--spec", str(spec)]):
+            said = bad_input(arguments)
+            assert str(spec) in said and section in said and name.partition(".")[0] in said and str(length) in said
 
 
 def test_command_refuses_unknown_robot(bad_input):

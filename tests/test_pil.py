@@ -157,10 +157,10 @@ def test_a_call_that_is_refused(host):
     ("script", "said"),
     [
         ("exit 3", "has ended"),
-        ("exec 0<&-; head -c 20 /dev/zero; exec sleep 60", "sends what is no answer"),
+        ("exec 0<&-; head -c 20 /dev/zero; exec sleep 60", "sends an invalid answer"),
         ("echo it hurts >&2; exit 3", r"has ended \(it hurts\)"),
         ("exec sleep 60", "has not answered for 1 s"),
-        ("head -c 20 /dev/zero", "sends what is no answer"),
+        ("head -c 20 /dev/zero", "sends an invalid answer"),
         ("printf 'NPIL\\001\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\004\\0\\0\\0abcd'; exec sleep 60", "says hello with 4 bytes"),
         (
             "printf 'NPIL\\001\\0\\0\\0\\003\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0\\0'; exec sleep 60",

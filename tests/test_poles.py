@@ -195,6 +195,9 @@ def test_where_rank_is_lost(name):
     assert len(found) == len(expected) and all(line.startswith(start) for line, start in zip(found, expected, strict=True))
 
 
-def test_generate_says_where_rank_is_lost(tmp_path, capsys):
-    assert main(["generate", f"{__file__}:lever", "-o", str(tmp_path), "--scalar", "double"]) == 0
-    assert "warning: lever: the constraints lose rank where x = 0;" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    "command", [["generate"], ["generate", "--check"], ["export"], ["export", "--firmware", "generic"]], ids=" ".join
+)
+def test_the_commands_say_once_where_rank_is_lost(command, tmp_path, capsys):
+    main([*command, f"{__file__}:lever", "-o", str(tmp_path / "c"), "--scalar", "double"])
+    assert capsys.readouterr().err.count("warning: lever: the constraints lose rank where x = 0;") == 1

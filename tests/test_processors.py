@@ -11,8 +11,10 @@ import pytest
 from mpmath import mp
 from noslip.model.algebra.portable import portable
 from noslip.model.algebra.trigonometry import angle_of, arcsine, product, sine_cosine, size, unit
+from noslip.simulation.dop853 import E3, E5, A, B, C
 from noslip.simulation.starts import _least
 from noslip.tests.processors import SPECS, choices, digest_with
+from scipy.integrate import DOP853
 
 OLDEST = "all of the oldest"
 FEW = [spec for spec in SPECS if spec.stem in ("circle", "cusp")]  # a start that is searched; a wait
@@ -100,3 +102,11 @@ def test_no_test_is_at_the_edge(choice):
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", *(os.path.join(tests, f"test_{name}.py") for name in names)]
     done = subprocess.run(command, env={**os.environ, **choices()[choice]}, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-3000:]
+
+
+def test_coefficients_of_the_integrator():
+    """Against SciPy's, bit for bit."""
+    n = DOP853.n_stages
+    for row, other in zip((*A, B, E5, E3), (*DOP853.A[1:n], DOP853.B, DOP853.E5, DOP853.E3), strict=True):
+        assert [row.get(k, 0.0) for k in range(len(other))] == other.tolist()
+    assert list(C) == DOP853.C[1:n].tolist()

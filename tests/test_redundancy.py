@@ -142,7 +142,7 @@ def test_a_constraint_that_follows_from_others_is_refused_by_name(joints):
     made = four_wheel(joints)
     phi, x, y = made["phi"], made["x"], made["y"]
     made.rolls("no side slip of the front left wheel", ca.cos(phi) * made.rate(y) - ca.sin(phi) * made.rate(x))
-    message = "not independent: 'no side slip of the front left wheel' follows from the others; drop it"
+    message = "not independent: 'no side slip of the front left wheel' follows from the others; remove it"
     for ask in (reduce, kinematics) if joints == 0 else (reduce,):
         with pytest.raises(ModelError, match=message):
             ask(made)
@@ -301,7 +301,7 @@ REFUSED = {
     "negative": (dict(weight=-2.0), "must be a positive number"),
     "not a number": (dict(weight=np.nan), "weight: contains nan, which is not a finite number"),
     "no limit": (dict(weight=np.inf), "weight: contains inf, which is not a finite number"),
-    "no expression": (dict(weight="much"), "weight is no expression"),
+    "no expression": (dict(weight="much"), "weight is not an expression"),
     "no scalar": (dict(weight=ca.SX.ones(2)), "weight must be a scalar"),
     "nothing wanted": (dict(wanted=np.nan), "wanted: contains nan, which is not a finite number"),
     "a stranger": (dict(wanted=ca.SX.sym("stranger")), "uses stranger"),
@@ -320,7 +320,7 @@ def test_a_wrong_weight_or_wish_is_refused(why):
 
 def test_a_weight_must_stay_positive_and_fixed():
     made = ROBOTS["knife_edge"]()
-    with pytest.raises(ModelError, match="made of parameters"):
+    with pytest.raises(ModelError, match="expression in parameters"):
         made.input("oar", "N", on=made.rate(made["x"]), weight=made["x"])
     made.input("oar", "N", on=made.rate(made["phi"]), weight=made["m"] - 50.0)
     with pytest.raises(ModelError, match="'oar': its weight is not positive"):

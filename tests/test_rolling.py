@@ -530,15 +530,15 @@ BAD_SURFACES = [
     (lambda: Surface("typo", lambda u, v: (u, v, 0), at={"w": 1}), "unknown name 'w'"),
     (lambda: Surface("taken", lambda u, v: (u, v, ca.SX.sym("u"))), "'u' is a coordinate"),
     (lambda: Surface("side", lambda u, v: (u, v, 0), outward=0), "outward must be 1 or -1"),
-    (lambda: Surface("text", lambda u, v: "u"), "is no expression"),
+    (lambda: Surface("text", lambda u, v: "u"), "is not an expression"),
     (lambda: Surface("arity", lambda u: (u, u, u)), r"function of \(u, v\)"),
-    (lambda: Surface("entry", lambda u, v: (u, v, "w")), "is no expression"),
+    (lambda: Surface("entry", lambda u, v: (u, v, "w")), "is not an expression"),
     (lambda: sphere(0), "radius R = 0 must be positive"),
     (lambda: cylinder(-1), "must be positive"),
     (lambda: sphere(float("nan")), "must be positive"),
     (lambda: ellipsoid(1, 0, 1), "half axis b"),
     (lambda: torus(1, 2), "R - r"),
-    (lambda: sphere("R"), "is no expression"),
+    (lambda: sphere("R"), "is not an expression"),
 ]
 
 
@@ -658,7 +658,7 @@ def test_rolls_on_takes_expressions_and_refuses_a_wrong_number():
     x, theta = robot.coordinate("x", "m"), robot.coordinate("theta", "rad")
     with pytest.raises(ModelError, match=r"q must be \(u1, u2\), it has 3 entries"):
         rolls_on(robot, "wheel", PlanarContact(circle(R), line()), [theta, x, x])
-    with pytest.raises(ModelError, match="is no expression"):
+    with pytest.raises(ModelError, match="is not an expression"):
         rolls_on(robot, "wheel", PlanarContact(circle(R), line()), ["theta", x])
     rolls_on(robot, "wheel", PlanarContact(circle(R), line()), [-theta - ca.pi / 2, x])
     assert canonical(robot.A + ca.horzcat(1, R)).is_zero()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from casadi import cos, fabs, floor, fmax, fmin, sign, sin
 from noslip.cli.main import main
-from noslip.codegen.graph import Graph, Node, reachable
+from noslip.codegen.graph import Applied, Constant, Graph, Group, Leaf, Operation, reachable
 from noslip.codegen.program import compile_law
 from noslip.model import Mechanism, ModelError, control_law, reduce
 from noslip.model.algebra.exact import canonical
@@ -179,7 +179,7 @@ def test_plain_numbers_give_the_law_of_parameters(name, written, monkeypatch):
     truth, law = (control_law(each, output_map(each, "type_i")) for each in (by_name, system))
     body = next(body for entry, body in compile_law(law).entries.items() if entry.name == "step")
     roots = [node for row in body.quantities["tau"] for node in row]
-    constants = {abs(node.value) for node in reachable(body.roots) if node.operation == "constant"} - {0.0}
+    constants = {abs(node.value) for node in reachable(body.roots) if isinstance(node, Constant)} - {0.0}
     assert 1e-14 <= min(constants) and max(constants) <= 1e6
     groups = ("config", "gains", "state", "reference")
     expected = ca.Function(
@@ -187,7 +187,7 @@ def test_plain_numbers_give_the_law_of_parameters(name, written, monkeypatch):
     )
     for seed in range(5):
         leaf = random_leaves(seed)
-        given = [[float(leaf(Node("leaf", group=group, name=q.name))) for q in truth.groups[group]] for group in groups]
+        given = [[float(leaf(Leaf(0, (), Group(group), q.name))) for q in truth.groups[group]] for group in groups]
         wanted = expected(values, *given).full().ravel()
         double, single = (
             np.array(evaluate(roots, lambda node: kind(leaf(node)), kind, in_c(kind, lambda a: (math.sin(a), math.cos(a)))))  # noqa: B023
@@ -203,14 +203,14 @@ def test_powers_of_two_that_meet_are_one(scalar):
     graph, functions = Graph(), in_c(scalar, lambda angle: (math.sin(angle), math.cos(angle)))
     x, y = graph.leaf("state", "x"), graph.leaf("state", "y")
     powers = [graph.constant(c) for c in (0.5, 2, 0.25, 4, -8)]
-    small = [x, *powers] + [graph.make("mul", pair) for c in powers for pair in ((x, c), (c, y))]
+    small = [x, *powers] + [graph.make(Applied, pair, Operation.MUL) for c in powers for pair in ((x, c), (c, y))]
     values = {x: scalar(1.2345678), y: scalar(-7.6543211)}
-    for operation in ("mul", "div"):
+    for operation in (Operation.MUL, Operation.DIV):
         for pair in itertools.product(small, small):
-            simple, written = graph.apply(operation, *pair), graph.make(operation, pair)
+            simple, written = graph.apply(operation, *pair), graph.make(Applied, pair, operation)
             a, b = evaluate([simple, written], values.__getitem__, scalar, functions)
             assert a == b, (operation, pair)
-    assert graph.apply("mul", graph.apply("mul", graph.constant(0.5), x), graph.constant(2)) is x
+    assert graph.apply(Operation.MUL, graph.apply(Operation.MUL, graph.constant(0.5), x), graph.constant(2)) is x
 
 
 def test_a_number_that_no_float_can_hold_is_refused_with_its_line(tmp_path, capsys):

@@ -301,7 +301,7 @@ def test_a_bad_command_is_refused_in_one_line(spec, tmp_path, bad_input):
     assert "--jobs 0" in bad_input([*command, "9", "--jobs", "0"])
     assert "power of 2" in bad_input([*command, "9", "--indices", "100"])
     assert "at most" in bad_input([*command, str(2**33)])
-    assert "there is no folder" in bad_input(["sweep", spec(), "-o", str(tmp_path / "no/a.parquet"), "--samples", "9"])
+    assert "does not exist" in bad_input(["sweep", spec(), "-o", str(tmp_path / "no/a.parquet"), "--samples", "9"])
     sampled = spec(SWEPT.replace("seed = 7", "period = 0.02"), "p.toml", period="0.01")
     assert "period is for a continuous SPEC" in bad_input(["sweep", sampled, *command[2:], "9"])
     assert "not a finished noslip sweep" in bad_input(["simulate", sampled, "--sample", "1", "-o", str(tmp_path / "r.csv")])

@@ -342,6 +342,19 @@ SWITCH = TrackerOptions(speed=1, deceleration=0.5, creep=0.02, L=(0.2, -0.9), ah
 
 
 @each_backend
+def test_who_passes_the_end_has_arrived(backend):
+    """Where P_l is to stop at the end itself, it is there when the arc says so, however the line beyond is rounded."""
+    random, arrived = np.random.default_rng(222), []
+    for _ in range(200):
+        (arc,) = chain(tuple(random.uniform(-3, 3, 3)), [(random.choice([-1, 1]) / random.uniform(1, 4), random.uniform(0.5, 3))])
+        tracker = make_tracker(backend, [arc], TrackerOptions(speed=1, L=(0.2, 0)))
+        guide = tracker.update(*vehicle_at(beside(arc, arc.length, random.uniform(-0.5, 0.5)), 0.2, 0, False), 0.5)
+        assert guide.arrived == (guide.curvature == 0)
+        arrived.append(guide.arrived)
+    assert 20 < sum(arrived) < 180
+
+
+@each_backend
 @pytest.mark.parametrize(("stop", "run_on"), [("point", 0.0), ("axle", 0.5)])
 def test_hand_over_at_a_cusp(backend, stop, run_on):
     """Drives to the stop, is told to stand, and only then to reverse with the other P_l; at the end of that the same."""
@@ -477,6 +490,17 @@ def test_centre_of_an_arc(backend):
 
 
 @each_backend
+def test_error_on_the_next_segment_after_a_cusp(backend):
+    """Once the vehicle that waits has come to stand, P_l is in the centre of the arc in reverse. It goes on waiting."""
+    tracker, undisturbed = (make_tracker(backend, CUSP, replace(SWITCH, stop="axle")) for _ in range(2))
+    beyond, rolled_back = ((*vehicle_at(CUSP[0].pose(s), 0.2, 0, False), 0.5) for s in (3.6, 3.2))
+    assert tracker.update(*beyond) == undisturbed.update(*beyond)
+    assert tracker.update(*vehicle_at((3.0, -5.0, math.pi), -0.9, 0, True), 0.0) == Guide("singular")
+    guide = tracker.update(*rolled_back)
+    assert guide == undisturbed.update(*rolled_back) and guide.waiting and guide.speed == 0
+
+
+@each_backend
 def test_error_on_the_next_segment(backend):
     """P_l past the end of an arc and in the centre of the next: both are as before, the first one's turns too."""
     arc = Segment(0, 0, 0, 0.5, 9.0)
@@ -508,8 +532,8 @@ def test_too_many_turns():
 
 def state_of(c, path) -> bytes:
     """All of a path but what a step notes for itself."""
-    kept, note = bytearray(c.ffi.buffer(path)), path.before
-    at = c.ffi.offsetof(c.ffi.typeof(path).item, "before")
+    kept, note = bytearray(c.ffi.buffer(path)), path.saved
+    at = c.ffi.offsetof(c.ffi.typeof(path).item, "saved")
     kept[at : at + c.ffi.sizeof(note)] = bytes(c.ffi.sizeof(note))
     return bytes(kept)
 
@@ -604,7 +628,7 @@ REFUSED = {
     "gap given": ([LINE, Segment(1.03, 0.04, 0, 0, 1)], replace(ON, gap=0.04), ("gap", 1, 0.05), "0.05 m"),
     "kink": ([LINE, Segment(1, 0, -0.02, 0, 1)], ON, ("kink", 1, 0.02), "differs by 0.02 rad from that at the end of segment 1"),
     "turns round": ([LINE, Segment(1, 0, math.pi, 0, 1)], ON, ("kink", 1, math.pi), "3.14 rad"),
-    "no cusp": ([LINE, replace(R, heading=0)], ON, ("cusp", 1, math.pi), "travel must turn round by pi"),
+    "no cusp": ([LINE, replace(R, heading=0)], ON, ("cusp", 1, math.pi), "off a change by pi"),
     "half a cusp": ([LINE, replace(R, heading=3 * math.pi - 0.3)], ON, ("cusp", 1, 0.3), "misses that by 0.3 rad"),
     "tight": ([LINE, Segment(1, 0, 0, 4, 1)], ON, ("tight", 1, 0.05), "radius, 0.25 m, is not more than 0.3 m"),
     "just tight": ([replace(LINE, curvature=-2)], replace(ON, L=(0.5, -1), ahead=0.0), ("tight", 0, 0), "0.5 m"),
@@ -624,7 +648,7 @@ REFUSED = {
         there_and_back([replace(LINE, length=0.5)]), replace(ON, closed=True), ("short", 1, 0.1), "segment 2",
     ),
     "large angle": ([replace(LINE, heading=2e6)], ON, ("nonfinite", 0, 2e6), "2e+06 rad is too large"),
-    "many turns": ([replace(LINE, curvature=2.0, length=1e6)], ON, ("nonfinite", 0, 2e6), "cut whole turns off"),
+    "many turns": ([replace(LINE, curvature=2.0, length=1e6)], ON, ("nonfinite", 0, 2e6), "subtract whole turns"),
 }  # fmt: skip
 SIZE = {"casadi": 1e-12, "c": 1e-12, "cf": 1e-6}
 

@@ -146,7 +146,7 @@ WRONG = {  # body of the function -> which of its lines is wrong, and what is sa
     "bent": (["robot, s = parts()", "robot.rolls('a', s)", "robot.rolls('b', s * s)", "return robot"], 3, "is not linear"),
     "cubic": (["robot, s = parts()", "robot.rolls('a', s)", "robot.kinetic_energy(s**3)", "return robot"], 3, "is not quadratic"),
     "return": (["robot, s = parts()", "robot.rolls('a', s)"], 0, "is `return` missing?"),
-    "number": (["return 3"], 0, "it answers int"),
+    "number": (["return 3"], 0, "it returns int"),
 }
 
 

@@ -1,4 +1,4 @@
-"""Files of CASES in, OUT out: the JSON of `noslip evaluate`."""
+"""Reads files of CASES and writes OUT: the JSON of `noslip evaluate`."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -17,10 +17,10 @@ from ..readers.files import read_input, write_whole
 from ..readers.robots import beside, find_robot, law_of, suggestion
 
 DEFAULT_ROBOT = "labmate"
-MOST = 256  # MB of cases
+MOST = 256  # MB, limit of a file of cases
 FILE_KEYS = ("cases", "robot", "about", "seed")
 CASE_KEYS = ("params", "output", "q", "nu", "reference", "gains", "expect", "about")
-EXPECTED = (*QUANTITIES, *MODEL_QUANTITIES, "Sdot", "v")  # the last two are steps on the way that no backend answers
+EXPECTED = (*QUANTITIES, *MODEL_QUANTITIES, "Sdot", "v")  # the last two are intermediate results that no backend returns
 SHORT_GAINS = ("kp", "kd", "kv")
 INTEGRAL = "ki"
 
@@ -40,7 +40,7 @@ class Case:
 
 
 def read_cases(path: str) -> list[Case]:
-    """Read a file of cases. Raises BadInput naming file and case for anything malformed, OSError when it cannot be read."""
+    """Read a file of cases. Raises BadInput naming file and case for invalid entries, OSError if it cannot be read."""
     content = _read_json(path)
     _check_keys(content, FILE_KEYS, ("cases",), path)
     cases = content["cases"]
@@ -48,13 +48,13 @@ def read_cases(path: str) -> list[Case]:
         raise BadInput(f"{path}: `cases` must be a list of at least one case")
     name = content.get("robot", DEFAULT_ROBOT)
     if not isinstance(name, str):
-        raise BadInput(f"{path}: `robot` must be a name, it is {name!r}")
+        raise BadInput(f"{path}: `robot` must be a name, not {name!r}")
     robot = find_robot(beside(name, path))
     return [_case(robot, case, f"{path}: case {k}") for k, case in enumerate(cases)]
 
 
 def write_out(path: str, evaluations: Sequence[Evaluation]) -> None:
-    """Write OUT, a case a line, every number so that it reads back to the same bits (17 digits where they are needed)."""
+    """Write OUT, one case per line; every number reads back to the same bits (17 digits if needed)."""
     lines = []
     for evaluation in evaluations:
         values = {name: value.tolist() for name, value in evaluation.values.items()}
@@ -63,17 +63,17 @@ def write_out(path: str, evaluations: Sequence[Evaluation]) -> None:
 
 
 def read_output(output: Mapping[str, Any], where: str) -> tuple[str, dict[str, Any]]:
-    """An `output` table as the law's name and the entries for law.config, those of the path included.
+    """Return the law's name and the entries for law.config, including those of the path, of an `output` table.
 
-    `type` is I to IV, IV with the kind of its path; or the law's own name. Raises BadInput when it is none of these.
+    `type` is I to IV, IV with the kind of its path; or the name of a law. Raises BadInput for others.
     """
     kind, path = output.get("type"), output.get("path", {})
     if not isinstance(kind, str):
-        raise BadInput(f"{where}: needs a `type`: I, II, III, IV or the name of a law")
+        raise BadInput(f"{where}: `type` is missing: I, II, III, IV or the name of a law")
     if not isinstance(path, Mapping):
         raise BadInput(f"{where}: `path` must be a table")
     if kind == "IV" and not isinstance(path.get("kind"), str):
-        raise BadInput(f"{where}: type IV needs a `path` with a `kind`: {', '.join(PATHS)}")
+        raise BadInput(f"{where}: type IV requires a `path` with a `kind`: {', '.join(PATHS)}")
     own = {key: value for key, value in output.items() if key not in ("type", "path")}
     of_path = {key: value for key, value in path.items() if key != "kind"}
     for key in own:
@@ -86,9 +86,9 @@ def read_output(output: Mapping[str, Any], where: str) -> tuple[str, dict[str, A
 
 
 def gain_entries(law: ControlLaw, given: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Gains by the names of law.gains: kp, kd, kv stand for all gains of that kind, a gain named in full goes first.
+    """Return gains by the names of law.gains: kp, kd, kv apply to all gains of that kind; a full name takes precedence.
 
-    Those of integral action are left to `integral_entries`. Raises BadInput for a name that is none of these.
+    Those of integral action are left to `integral_entries`. Raises BadInput for an unknown name.
     """
     names = [gain.name for gain in law.gains]
     known = (*SHORT_GAINS, INTEGRAL, *names, *[f"{INTEGRAL}_{row.name}" for row in law.output.rows])
@@ -99,7 +99,7 @@ def gain_entries(law: ControlLaw, given: Mapping[str, Any], where: str) -> dict[
 
 
 def integral_entries(law: ControlLaw, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Gains ki_distance, ... of integral action, which is around a law and no part of it; ki stands for all of them."""
+    """Return gains ki_distance, ... of integral action, which is not part of the law; ki applies to all of them."""
     return _in_full([f"{INTEGRAL}_{row.name}" for row in law.output.rows], given)
 
 
@@ -110,14 +110,14 @@ def _in_full(names: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _read_json(path: str) -> Any:
     try:
-        # The format knows no integers; as floats, ones of any length can be read.
+        # JSON does not distinguish integers; as floats, numbers with any number of digits can be read.
         return json.loads(read_input(path, MOST).decode(), parse_int=float)
     except json.JSONDecodeError as error:
-        raise BadInput(f"{path}:{error.lineno}:{error.colno}: no JSON, or cut short: {error.msg}") from error
+        raise BadInput(f"{path}:{error.lineno}:{error.colno}: not valid JSON, or truncated: {error.msg}") from error
     except UnicodeDecodeError as error:
-        raise BadInput(f"{path}: no JSON: not UTF-8 text (byte {error.start})") from error
+        raise BadInput(f"{path}: not JSON: not UTF-8 text (byte {error.start})") from error
     except RecursionError as error:
-        raise BadInput(f"{path}: nested too deep to be a file of cases") from error
+        raise BadInput(f"{path}: nested too deeply for a file of cases") from error
 
 
 def _case(robot: Mechanism, case: Any, where: str) -> Case:
@@ -132,7 +132,7 @@ def _case(robot: Mechanism, case: Any, where: str) -> Case:
     gains = gain_entries(law, _table(case["gains"], f"{where}: gains"), f"{where}: gains")
     for name in case["gains"]:
         if name[:2] == INTEGRAL:
-            why = "a law has no memory, integral action is for `noslip simulate`"
+            why = "a law has no memory; integral action is available in `noslip simulate`"
             raise BadInput(f"{where}: gains: unknown gain {name!r}: {why}")
     q = _numbers(case["q"], len(law.system.mechanism.coordinates), f"{where}: q")
     nu = _numbers(case["nu"], law.system.freedom, f"{where}: nu")
@@ -149,14 +149,14 @@ def _case(robot: Mechanism, case: Any, where: str) -> Case:
 
 
 def _reference(law: ControlLaw, given: Any, where: str) -> np.ndarray:
-    """y, yd, ydd by row of the output: all three for relative degree 2; y and ydd, the wanted rate, for 1."""
+    """Return y, yd, ydd by row of the output: all three for relative degree 2; y and ydd, the desired rate, for 1."""
     rows = len(law.output.rows)
     _check_keys(given, ("y", "yd", "ydd"), ("y", "yd", "ydd"), where)
     y, yd, ydd = (_numbers(given[key], rows, f"{where}.{key}") for key in ("y", "yd", "ydd"))
     values: list[float] = []
     for row, degree in enumerate(law.linearization.relative_degree):
         values += [y[row], yd[row], ydd[row]] if degree == 2 else [y[row], ydd[row]]
-    if not np.all(np.isfinite([y, yd, ydd])):  # also where the law does not look
+    if not np.all(np.isfinite([y, yd, ydd])):  # also entries that the law does not use
         return np.full(len(values), np.nan)
     return np.array(values)
 
@@ -167,7 +167,7 @@ def _expect(given: Any, where: str) -> dict[str, np.ndarray]:
 
 
 def _array(value: Any, where: str) -> list:
-    """A vector or matrix of finite numbers."""
+    """Return a vector or matrix of finite numbers."""
     if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
         return [_numbers(row, len(value[0]), where, finite=True) for row in value]
     return _numbers(value, None, where, finite=True)
@@ -190,14 +190,14 @@ def _check_keys(given: Any, known: Sequence[str], needed: Sequence[str], where: 
 
 def _table(given: Any, where: str) -> Mapping[str, Any]:
     if not isinstance(given, dict):
-        raise BadInput(f"{where}: must be an object {{...}}, it is {_brief(given)}")
+        raise BadInput(f"{where}: must be an object {{...}}, not {_brief(given)}")
     return given
 
 
 def _numbers(given: Any, length: int | None, where: str, finite: bool = False) -> list[float]:
     if not isinstance(given, list) or length is not None and len(given) != length:
         wanted = "a list of numbers" if length is None else f"a list of {length} numbers"
-        raise BadInput(f"{where}: must be {wanted}, it is {_brief(given)}")
+        raise BadInput(f"{where}: must be {wanted}, not {_brief(given)}")
     numbers = [_number(value, where) for value in given]
     if finite and not np.all(np.isfinite(numbers)):
         raise BadInput(f"{where}: has a number that is not finite")
@@ -212,7 +212,7 @@ def _number(given: Any, where: str) -> float:
             return float(given)
     except ValueError:
         pass
-    raise BadInput(f"{where}: {_brief(given)} is no number")
+    raise BadInput(f"{where}: {_brief(given)} is not a number")
 
 
 def _brief(given: Any) -> str:

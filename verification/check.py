@@ -1,10 +1,10 @@
-"""The generated C against the symbolic reference, and both against expected values."""
+"""Compares the generated C with the symbolic reference, and both with expected values."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,21 +12,22 @@ import numpy as np
 from ..controllers.backends import make_controller
 from ..controllers.controller import MODEL_QUANTITIES, QUANTITIES, Evaluation
 from ..readers.errors import BadInput
+from ..readers.printing import columns, plain
 from .evaluate import evaluate_cases
 
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
     from .cases import Case
 
-SMALLEST = 1e-3  # errors are relative to the largest entry of the quantity, but to no less than this (SI)
+SMALLEST = 1e-3  # errors are relative to the largest entry of the quantity, but at least to this (SI)
 MOST_STATES = 10_000_000
-TYPICAL = 0.1  # at random states to no less than this part of the quantity's median size either: some cancel to nothing there
-FEW = 16  # the median of fewer errors says little: it is shown, not judged
+TYPICAL = 0.1  # at random states at least to this part of the median size of the quantity: some entries cancel there
+FEW = 16  # the median of fewer errors is shown but has no limit, because it is not significant
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Largest error allowed, in the worst case and in the median one."""
+    """Largest error allowed, in the worst case and in the median."""
 
     worst: float
     median: float = float("inf")
@@ -41,7 +42,7 @@ RANDOM_LIMITS = {"c": Limits(1e-11), "cf": Limits(1e-4, 1e-6)}  # c against casa
 
 @dataclass(frozen=True)
 class Summary:
-    """The errors of one quantity over many cases; `where` is the worst one."""
+    """The errors of one quantity over many cases; `where` is the case of the worst one."""
 
     worst: float
     median: float
@@ -49,13 +50,13 @@ class Summary:
     count: int
 
     def within(self, limits: Limits) -> bool:
-        """Are both at or below the limits? Of the median only when it is one of at least FEW errors."""
+        """Return whether both are at or below the limits; the median only if there are at least FEW errors."""
         return self.worst <= limits.worst and (self.median <= limits.median or self.count < FEW)
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """Largest difference of a quantity's entries from those wanted, the largest entry wanted, and where."""
+    """Largest difference between the entries of a quantity and those expected, the largest entry expected, and the case."""
 
     difference: float
     size: float
@@ -74,16 +75,16 @@ def check_files(paths: Sequence[str], backends: Sequence[str], as_json: bool) ->
         if not any(case.expect for case in cases):
             raise BadInput(f"{path}: nothing to compare: no case has `expect`")
         table = {backend: summarized(_against_expected(cases, backend), typical=0.0) for backend in backends}
-        answers.append({"file": path, "cases": len(cases), "backends": _plain(table)})
+        answers.append({"file": path, "cases": len(cases), "backends": plain(table)})
         failures += [line for backend, rows in table.items() for line in _exceeded(backend, rows, EXPECT_LIMITS[backend])]
         if not as_json:
-            print(f"{path}: {len(cases)} cases, error relative to each quantity's largest entry: worst (median)\n")
+            print(f"{path}: {len(cases)} cases, error relative to the largest entry of each quantity: worst (median)\n")
             print(_file_table(cases, table))
     return _conclude({"files": answers}, failures, as_json)
 
 
 def _against_expected(cases: Sequence[Case], backend: str) -> Deviations:
-    """Of the quantities that a backend answers; infinite where a case that has expected values cannot be evaluated."""
+    """Return the deviations of the quantities of a backend; infinite if a case with expected values cannot be evaluated."""
     deviations: Deviations = {}
     offered = (*QUANTITIES, *MODEL_QUANTITIES) if backend == "casadi" else QUANTITIES
     for case, evaluation in zip(cases, evaluate_cases(cases, backend), strict=True):
@@ -96,7 +97,7 @@ def _against_expected(cases: Sequence[Case], backend: str) -> Deviations:
                 continue
             value = evaluation.values[name]
             if wanted.shape != value.shape:
-                raise BadInput(f"{case.where}: expect.{name} has shape {list(wanted.shape)}, it must be {list(value.shape)}")
+                raise BadInput(f"{case.where}: expect.{name} has shape {list(wanted.shape)}; it must be {list(value.shape)}")
             found.append(deviation_of(value, wanted, case.where))
     return deviations
 
@@ -109,7 +110,7 @@ def _file_table(cases: Sequence[Case], table: dict[str, dict[str, Summary]]) -> 
             cells = [summaries.get(name) for summaries in table.values()]
             rows.append([name, *(f"{s.worst:.1e} ({s.median:.1e})" if s else "-" for s in cells)])
     rows.append(["limit", *(_limit_cell(EXPECT_LIMITS[backend]) for backend in table)])
-    return _columns(rows)
+    return "".join(f"  {line.rstrip()}\n" for line in columns(rows))
 
 
 def _limit_cell(limits: Limits) -> str:
@@ -123,10 +124,10 @@ def check_random(robot: str, only: str | None, states: int, seed: int, backends:
     system = system_of(find_robot(robot))
     names = [only] if only else find_laws(system)
     if not names:
-        raise BadInput(f"{robot}: no law fits this robot; ask for one with --output LAW to see why")
+        raise BadInput(f"{robot}: this robot can have none of the laws; name one with --output LAW to see why")
     laws = [law_of(system, name) for name in names]
     if not as_json:
-        print(f"{robot}: {states} random states a law, seed {seed}; h, ydot, Phi, Phidot, u, tau compared\n")
+        print(f"{robot}: {states} random states per law, seed {seed}; h, ydot, Phi, Phidot, u, tau compared\n")
     tables = {law.name: _compare(law, states, seed, backends) for law in laws}
     failures = []
     for name, table in tables.items():
@@ -134,12 +135,12 @@ def check_random(robot: str, only: str | None, states: int, seed: int, backends:
             failures += _exceeded(f"{name}, {backend}", summaries, RANDOM_LIMITS[backend])
     if not as_json:
         print(_random_table(tables, backends))
-    laws_answer = {name: _plain(table) for name, table in tables.items()}
+    laws_answer = plain(tables)
     return _conclude({"robot": robot, "states": states, "seed": seed, "laws": laws_answer}, failures, as_json)
 
 
 def _compare(law: ControlLaw, states: int, seed: int, backends: Sequence[str]) -> dict[str, dict[str, Summary]]:
-    """c against casadi; cf against c, both given what a float can hold."""
+    """Compare c with casadi, and cf with c, both at numbers representable in float."""
     from ..verification.sampling import as_held, random_plants
 
     deviations: dict[str, Deviations] = {backend: {} for backend in backends}
@@ -164,9 +165,7 @@ def _add(deviations: Deviations, evaluation: Evaluation, truth: Evaluation, wher
         if evaluation.status == truth.status == "ok":
             found = deviation_of(evaluation.values[name], truth.values[name], where)
         else:
-            found = Deviation(
-                float("inf"), 0.0, f"{where} (status {evaluation.status}, of what it is compared with {truth.status})"
-            )
+            found = Deviation(float("inf"), 0.0, f"{where} (status {evaluation.status}, reference {truth.status})")
         deviations.setdefault(name, []).append(found)
 
 
@@ -182,7 +181,7 @@ def _random_table(tables: dict[str, dict[str, dict[str, Summary]]], backends: Se
     for backend in backends:
         limits = RANDOM_LIMITS[backend]
         rows[-1] += [f"{limits.worst:.1e} {'':6}", f"{limits.median:.1e}" if np.isfinite(limits.median) else ""]
-    return _columns(rows)
+    return "".join(f"  {line.rstrip()}\n" for line in columns(rows))
 
 
 def deviation_of(value: np.ndarray, wanted: np.ndarray, where: str) -> Deviation:
@@ -191,13 +190,13 @@ def deviation_of(value: np.ndarray, wanted: np.ndarray, where: str) -> Deviation
 
 
 def relative(found: Sequence[Deviation], typical: float) -> list[float]:
-    """Errors relative to the largest entry wanted, but to no less than SMALLEST and `typical` times the median of those."""
+    """Return errors relative to the largest entry expected, but at least to SMALLEST and `typical` times the median of those."""
     least = max(SMALLEST, typical * float(np.median([deviation.size for deviation in found])))
     return [deviation.difference / max(deviation.size, least) for deviation in found]
 
 
 def summarized(deviations: Deviations, typical: float) -> dict[str, Summary]:
-    """The errors of each quantity, `relative` to its size."""
+    """Return the errors of each quantity, `relative` to its size."""
     summaries = {}
     for name, found in deviations.items():
         errors = relative(found, typical)
@@ -207,38 +206,20 @@ def summarized(deviations: Deviations, typical: float) -> dict[str, Summary]:
 
 
 def _exceeded(title: str, summaries: dict[str, Summary], limits: Limits) -> list[str]:
-    """A line for every quantity that is not within the limits."""
+    """Return a line for every quantity that exceeds the limits."""
     return [
-        f"{title}: {name} off by {s.worst:.1e} in {s.where}; median {s.median:.1e} (limits {limits})"
+        f"{title}: {name} has an error of {s.worst:.1e} in {s.where}; median {s.median:.1e} (limits {limits})"
         for name, s in summaries.items()
         if not s.within(limits)
     ]
 
 
-def _plain(table: dict[str, dict[str, Summary]]) -> dict:
-    """As JSON can hold it: an infinite error is null."""
-
-    def plain(summary: Summary) -> dict:
-        return {key: None if value == float("inf") else value for key, value in asdict(summary).items()}
-
-    return {backend: {name: plain(summary) for name, summary in summaries.items()} for backend, summaries in table.items()}
-
-
 def _conclude(answer: dict, failures: Sequence[str], as_json: bool) -> int:
-    """Print the verdict and answer the exit code."""
+    """Print the result and return the exit code."""
     if as_json:
         print(json.dumps({"ok": not failures, **answer, "failures": list(failures)}, indent=1, allow_nan=False))
     elif failures:
-        print("too far off:", *failures, sep="\n  ")
+        print("errors above the limits:", *failures, sep="\n  ")
     else:
-        print("all within the limits")
+        print("all errors are within the limits")
     return 1 if failures else 0
-
-
-def _columns(rows: Sequence[Sequence[str]]) -> str:
-    """A table: first column to the left, the others to the right."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = [
-        [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))] for row in rows
-    ]
-    return "".join(f"  {'  '.join(line).rstrip()}\n" for line in lines)

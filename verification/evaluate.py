@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 
 def evaluate_cases(cases: Sequence[Case], backend: str) -> list[Evaluation]:
-    """Evaluate each case; a parameter that the law refuses gives it the status bad_parameter, or nonfinite."""
-    controllers: dict[tuple, Controller | None] = {}  # None: refused
+    """Evaluate each case; a case with a parameter that the law rejects gets the status bad_parameter, or nonfinite."""
+    controllers: dict[tuple, Controller | None] = {}  # None: parameters rejected
     evaluations = []
     for case in cases:
         key = (case.law, case.params, case.config, case.gains)

@@ -1,4 +1,4 @@
-"""The model's own expressions in extended precision: what an exact evaluation gives, to judge rounded ones by."""
+"""Evaluation of the model's expressions in extended precision, as the exact value with which rounded ones are compared."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -58,7 +58,7 @@ FUNCTIONS: dict[int, Callable] = {
 
 
 def evaluate(expression: ca.SX, symbols: Sequence[ca.SX], values: Iterable[float]) -> list[mpmath.mpf]:
-    """The entries of `expression`, column by column, in DIGITS digits; `values` are those of `symbols`, taken as they are.
+    """Return the entries of `expression`, column by column, with DIGITS digits; `values` of `symbols` are taken as exact.
 
     Raises KeyError for an operation that is not in FUNCTIONS.
     """

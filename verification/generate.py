@@ -1,4 +1,4 @@
-"""The C of a robot's control laws, returned only if it computes what the model says."""
+"""The C of a robot's control laws, returned only if it agrees with the model."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from .verify import differences
 
 
 class Mismatch(Exception):
-    """The generated C does not compute what the model says: a line for each law that differs. This is a defect of noslip."""
+    """The generated C differs from the model: a line for each law that differs. This is a defect of noslip."""
 
 
 def generate(

@@ -1,4 +1,4 @@
-"""A firmware project of a robot's laws: what goes into the folder, golden vectors included, and what it costs there."""
+"""A firmware project of a robot's laws: its files, including golden vectors, and measured sizes and instruction counts."""
 
 from __future__ import annotations
 
@@ -28,18 +28,20 @@ from .sampling import as_held, random_plants
 from .verify import LIMIT
 
 FIRMWARE = {"cortex-m4f": TARGETS["cortex-m4f"], "rv32": TARGETS["rv32imafc"], "generic": HOST}  # --firmware
-STEPS, SEED = 12, 1992  # golden states of each law, and what they are drawn with
-COUNTING = {  # options with which QEMU's time is the number of instructions; what one tick of the stopwatch stands for
+STEPS, SEED = 12, 1992  # golden states of each law, and the seed of the random numbers
+COUNTING = {  # options that make QEMU's clock count instructions; instructions per tick of the stopwatch
     "cortex-m4f": (("-icount", "shift=0"), ("-DSTOPWATCH_INSTRUCTIONS=40u",)),  # 1 ns each, SysTick at 25 MHz
     "rv32": (("-icount", "shift=0"), ()),
 }
-TIMEOUT = 120  # s, of any one tool
+TIMEOUT = 120  # s, of each tool
 
 
 def project_files(
     name: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str
 ) -> tuple[dict[str, str], project.Board]:
-    """File name -> text of everything but README.md, for a target of FIRMWARE; `sources` are the laws' C and the runtime's."""
+    """Return file name -> text of everything but README.md, for a target of FIRMWARE; `sources`: C of the laws and the
+    runtime.
+    """
     target, robot = FIRMWARE[name], laws[0].system.mechanism.name
     board = _board(name, target)
     made = {f"noslip/{file}": text for file, text in sources.items()}
@@ -55,7 +57,7 @@ def project_files(
 
 
 def readme(name: str, manifest: str, laws: Sequence[ControlLaw], scalar: str, board: project.Board, folder: Path) -> str:
-    """README.md of the project in a folder, with what was measured there if the tools are here."""
+    """Return README.md of the project in a folder, with measured values if the tools are installed."""
     given = json.loads(manifest)
     rows = [_operations(law, scalar, given["laws"][law.name]["operations"]["feedback"]) for law in laws]
     head = f"| law, {scalar} | bytes of its struct | + − | × | ÷ | √ | sine and cosine |\n|---|---|---|---|---|---|---|"
@@ -77,7 +79,7 @@ def _board(name: str, target: Target) -> project.Board:
 
 
 def _needed(files: dict[str, str]) -> dict[str, str]:
-    """Without the board's headers that no file includes."""
+    """Return the files without the board's headers that no file includes."""
 
     def needed(name: str) -> bool:
         return not (name.startswith("board/") and name.endswith(".h")) or any(
@@ -88,9 +90,10 @@ def _needed(files: dict[str, str]) -> dict[str, str]:
 
 
 def _golden(law: ControlLaw, scalar: str) -> Golden:
-    """Random regular steps of a law made of random parameters, then one that is not finite.
+    """Return random regular steps of a law with random parameters, then one that is not finite.
 
-    What is right is the model's, in extended precision; the digest is of what the C returns on this machine. Raises BadInput as
+    The expected values are the model's, in extended precision; the digest is that of the C on this machine. Raises BadInput as
+    `random_plants` does.
     `random_plants` does.
     """
     plant = next(p for p in random_plants(law, 20 * STEPS, SEED) if len(p.points) >= STEPS)
@@ -112,7 +115,7 @@ def _golden(law: ControlLaw, scalar: str) -> Golden:
     points.append((broken, points[0][1]))
     controller = CompiledController(law, params, config, gains, scalar, Limits(tuple(limits), "slow" if slows(law) else "cut"))
     if controller.refused:
-        raise BadInput(f"{law.name}: the C refuses random parameters: {controller.refused}")
+        raise BadInput(f"{law.name}: the C rejects random parameters: {controller.refused}")
     codes = {library(law, scalar).status(n): n for n in range(-len(STATUS), len(STATUS))}
     steps = [Step(*point, codes[status], tau, off) for point, (status, tau, off) in zip(points, right, strict=True)]
     answers = [controller.step(*point) for point in points]
@@ -121,14 +124,14 @@ def _golden(law: ControlLaw, scalar: str) -> Golden:
 
 
 def _exact(expression: ca.SX, law: ControlLaw, *numbers: np.ndarray) -> np.ndarray:
-    """The model's plain expression, rounded once; `numbers` are params, config, gains, state and reference."""
+    """Return the model's plain expression, rounded once; `numbers` are params, config, gains, state and reference."""
     groups = [law.groups[name] for name in ("params", "config", "gains", "state", "reference")]
     places = [quantity.symbol for group in groups for quantity in group]
     return np.array(evaluate(expression, places, np.concatenate([np.ravel(group) for group in numbers])), float)
 
 
 def _limits(sizes: np.ndarray, off: float) -> np.ndarray:
-    """Limits (r,) that about half of the inputs of these sizes (N, r) exceed, no size being within `off` of its limit."""
+    """Return limits (r,) that about half of the inputs of these sizes (N, r) exceed; no size is within `off` of its limit."""
     limits = np.median(sizes, axis=0)
     while np.any(np.abs(sizes - limits) <= off):
         limits = 0.97 * limits
@@ -136,7 +139,7 @@ def _limits(sizes: np.ndarray, off: float) -> np.ndarray:
 
 
 def _limited(tau: np.ndarray, slope: np.ndarray, off: float, limits: np.ndarray) -> tuple[str, np.ndarray, float]:
-    """Status, inputs within the limits, and how far off these may be when tau and its slope are off by `off`."""
+    """Return status, inputs within the limits, and the tolerance of these if tau and its gradient have the tolerance `off`."""
     if np.all(np.abs(tau) <= limits):
         return "ok", tau, off
     if not len(slope):
@@ -148,7 +151,7 @@ def _limited(tau: np.ndarray, slope: np.ndarray, off: float, limits: np.ndarray)
 
 
 def _digests(golden: Sequence[Golden], sources: dict[str, str], scalar: str) -> dict[str, int]:
-    """The digests that the self-test has on this machine, by name."""
+    """Return the digests of the self-test on this machine, by name."""
     ffi = cffi.FFI()
     names = digests(golden, SCALARS[scalar])
     ffi.cdef("".join(f"uint32_t {name}(void);\n" for name in names))
@@ -168,14 +171,15 @@ def _operations(law: ControlLaw, scalar: str, count: dict[str, int]) -> str:
 
 
 def _measured(name: str, folder: Path) -> str:
-    """What `make test` and `make budget` say there, and then all is as it was; or why they were not asked.
+    """Return the output of `make test` and `make budget` in the folder, which is restored; or why they were not run.
 
-    Raises BadInput when the self-test fails.
+    Raises BadInput if the self-test fails.
     """
     absent = FIRMWARE[name].missing("make")
     if absent:
         return (
-            f"Bytes and instructions were not measured where this was written ({absent[0]} was not there): see `make budget`.\n"
+            f"Bytes and instructions were not measured on the computer that exported this ({absent[0]} is missing): see "
+            "`make budget`.\n"
         )
     said = []
     for goal in ("test", "budget"):
@@ -183,7 +187,7 @@ def _measured(name: str, folder: Path) -> str:
         done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT)
         if done.returncode:
             lines = (done.stderr + done.stdout).strip().splitlines()
-            worst = next((line for line in lines if "rror:" in line or "FAIL" in line), lines[-1] if lines else "it says nothing")
+            worst = next((line for line in lines if "rror:" in line or "FAIL" in line), lines[-1] if lines else "no output")
             raise BadInput(f"the exported project does not pass `make {goal}`: {worst}")
         said.append(done.stdout.strip())
     subprocess.run(["make", "-s", "-C", str(folder), "clean"], capture_output=True, timeout=TIMEOUT)

@@ -1,4 +1,4 @@
-"""Seeded random parameters, states and references at which a law can be tried."""
+"""Random parameters, states and references, from a seed, at which a law is evaluated."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,16 +17,16 @@ from ..readers.errors import BadInput
 
 STATES_PER_PLANT = 20  # states that share parameters, config and gains
 REGULAR = 1e-2  # |det Phi| is at or above this times the product of Phi's row norms
-LARGEST = 5.0  # times its median size, a row of S at most: beyond lies a pole, as where a wheel is steered across
-TYPICAL = 99  # states of which that is the median
+LARGEST = 5.0  # a row of S may have at most this times its median size: beyond lies a pole, as at a wheel steered across
+TYPICAL = 99  # number of states for the median
 HEAVY = 1e-4  # smallest eigenvalue of S'MS scaled to a diagonal of ones
-DRAWS = 100  # per wanted state, before giving up
-NEWTON_STEPS = 8  # to bring a point onto a path
+DRAWS = 100  # random states per state needed, before giving up
+NEWTON_STEPS = 8  # to move a point onto a path
 
 
 @dataclass(frozen=True, eq=False)
 class Plant:
-    """Parameters, config and gains in the order of the law's groups, and the points to try with them."""
+    """Parameters, config and gains in the order of the law's groups, and the points to evaluate with them."""
 
     params: tuple[float, ...]
     config: tuple[float, ...]
@@ -36,7 +36,7 @@ class Plant:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A state, a reference, and what CasADi says there. `number` counts the states of a law from 0."""
+    """A state, a reference, and CasADi's result. `number` counts the states of a law from 0."""
 
     number: int
     state: np.ndarray
@@ -54,7 +54,7 @@ class Motion:
 
 
 def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
-    """Plants with `states` regular points in all. Raises BadInput when hardly any state is regular."""
+    """Yield plants with `states` regular points in total. Raises BadInput if hardly any state is regular."""
     random = np.random.default_rng(seed)
     found = drawn = 0
     while found < states:
@@ -80,7 +80,7 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[Plant]:
 
 
 def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Motion]:
-    """Motions of a robot where S and S'MS are regular. Raises BadInput when hardly any random state is."""
+    """Yield motions of a robot where S and S'MS are regular. Raises BadInput if hardly any random state is."""
     random = np.random.default_rng(seed)
     found, n = 0, len(system.mechanism.coordinates)
     for drawn in range(DRAWS * count):
@@ -99,7 +99,7 @@ def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Mot
 
 
 def _values(quantities: Sequence[Quantity], random: np.random.Generator) -> tuple[float, ...]:
-    """Between half and twice the default, with either sign where any is allowed; up to 1 where the default is zero."""
+    """Return values between half and twice the default, with either sign if allowed; up to 1 if the default is zero."""
     values = []
     for quantity in quantities:
         size = quantity.default * random.uniform(0.5, 2) if quantity.default else random.uniform(0, 1)
@@ -108,7 +108,7 @@ def _values(quantities: Sequence[Quantity], random: np.random.Generator) -> tupl
 
 
 def _state(law: ControlLaw, config: Sequence[float], random: np.random.Generator) -> np.ndarray:
-    """Positions within 5 m, near the path if there is one; heading within pi, other angles 20, angular rates 15."""
+    """Return positions within 5 m, near the path if there is one; heading within pi, other angles 20, angular rates 15."""
     state = _uniform(law.system, law.state, random)
     place = _vehicle_place(law)
     if law.output.path and place:
@@ -121,7 +121,7 @@ def _uniform(system: ReducedSystem, quantities: Sequence[Quantity], random: np.r
 
 
 def _largest_rates(system: ReducedSystem, params: Sequence[float]) -> np.ndarray:
-    """The largest norm that each row of S may have, (n,): the median is over coordinates that are always the same."""
+    """Return the largest norm allowed for each row of S, (n,), from the median over a fixed set of coordinates."""
     ranges = [_range(system, quantity) for quantity in system.mechanism.coordinates]
     some = np.random.default_rng(0).uniform(-1, 1, (TYPICAL, len(ranges))) * ranges
     each = np.hsplit(_null_space(system)(some.T, params).full(), TYPICAL)
@@ -130,24 +130,24 @@ def _largest_rates(system: ReducedSystem, params: Sequence[float]) -> np.ndarray
 
 
 def _rates(S: np.ndarray) -> np.ndarray:
-    """How fast quasi-velocities of size 1 can make each coordinate, (n,)."""
+    """Return the largest rate of each coordinate for quasi-velocities of size 1, (n,)."""
     return np.linalg.norm(S, axis=1)
 
 
 def as_held(values: Sequence[float] | np.ndarray, scalar: str) -> np.ndarray:
-    """The nearest values that a scalar has, double or float."""
+    """Return the nearest values in a scalar, double or float."""
     return np.array(values, np.float32 if scalar == "float" else np.float64).astype(float)
 
 
 @cache
 def _null_space(system: ReducedSystem) -> ca.Function:
-    """(q, parameters) to S."""
+    """Return the function (q, parameters) to S."""
     return ca.Function("null_space", [system.mechanism.q, system.mechanism.p], [ca.densify(system.S)])
 
 
 @cache
 def _mass(system: ReducedSystem) -> ca.Function:
-    """(q, parameters) to S'MS."""
+    """Return the function (q, parameters) to S'MS."""
     return ca.Function("mass", [system.mechanism.q, system.mechanism.p], [ca.densify(system.Mbar)])
 
 
@@ -159,13 +159,13 @@ def _range(system: ReducedSystem, quantity: Quantity) -> float:
 
 @cache
 def _headings(system: ReducedSystem) -> frozenset[str]:
-    """The coordinates that the vehicle's heading is made of."""
+    """Return the coordinates on which the vehicle's heading depends."""
     vehicle = system.mechanism.vehicle
     return frozenset(map(str, ca.symvar(vehicle.heading)) if vehicle else ())
 
 
 def _vehicle_place(law: ControlLaw) -> list[int]:
-    """Where in the state the vehicle's x and y are; empty unless they are coordinates."""
+    """Return the indices of the vehicle's x and y in the state; empty unless they are coordinates."""
     vehicle, names = law.system.mechanism.vehicle, [quantity.name for quantity in law.state]
     point = [str(vehicle.x), str(vehicle.y)] if vehicle else []
     return [names.index(name) for name in point] if point and set(point) <= set(names) else []
@@ -173,7 +173,7 @@ def _vehicle_place(law: ControlLaw) -> list[int]:
 
 @cache
 def _onto_path(law: ControlLaw) -> ca.Function:
-    """(point, config) to a point on the path, by Newton's method across it."""
+    """Return the function (point, config) to a point on the path, by Newton's method across it."""
     start, config = ca.SX.sym("start", 2), symbols(law.config)
     distance = law.output.required_path.distance(start[0], start[1])
     gradient = ca.gradient(distance, start)

@@ -1,8 +1,9 @@
-"""Generated C against the model it is made from, before it is put in place.
+"""Compares generated C with the model before it is written.
 
 Every entry point, in double and in float, is compared with the plain expressions of the model (`ControlLaw`, `ReducedSystem`) at
-random states, and its status where Phi is singular. The expressions of codegen/derivation and codegen/dynamics.py take no part
-in what is right. An error counts unless the model itself, in extended precision, changes as much when its inputs are rounded.
+random states, and its status where Phi is singular. The expressions of codegen/derivation and codegen/dynamics.py are not used
+for the expected values. A difference is an error unless the model itself, in extended precision, changes as much if its inputs
+are rounded.
 """
 
 import sys
@@ -18,7 +19,8 @@ import numpy as np
 from ..codegen.dynamics import ENTRIES as DYNAMICS_ENTRIES
 from ..codegen.printing.dynamics_c import NAME as DYNAMICS_NAME
 from ..codegen.printing.scalar import SCALARS
-from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, keep, kept, runtime_files
+from ..codegen.program import EVALUATE, FOLLOW, STEP
+from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, identity, runtime_files
 from ..controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary, Library
 from ..controllers.controller import Limits
 from ..controllers.direct import Direct
@@ -29,24 +31,25 @@ from ..model.linearization import SINGULAR
 from ..model.outputs import body_offsets
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
+from ..readers.kept import keep, kept
 from .check import RANDOM_LIMITS, TYPICAL, deviation_of, relative
 from .extended import evaluate
 from .sampling import REGULAR, Plant, as_held, random_motions, random_plants
 
 STATES, SEED = 200, 1992
-MARK = ".compared"  # suffix of what remembers a comparison
+MARK = ".compared"  # suffix of the file that records a comparison
 LIMIT = {"double": RANDOM_LIMITS["c"].worst, "float": RANDOM_LIMITS["cf"].worst}  # as `noslip check`
 ROUNDING = {"double": 2.0**-53, "float": 2.0**-24}
-RESPONSE = 30.0  # times what the model changes by when its inputs are rounded, an error is no sign of a mistake
+RESPONSE = 30.0  # a difference up to this times the change of the model with rounded inputs is not an error
 SINGULAR_STATES = 8  # of each law, at most
-HALVINGS = 60  # to find one
+HALVINGS = 60  # bisections to find one
 SAYS_SINGULAR = "singular"  # a status
-SURELY = 0.1  # of the threshold: there Phi is singular in float as well
+SURELY = 0.1  # of the threshold: below it Phi is singular in float as well
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """What an entry point returned at a state, and the model's value there. `given` are the inputs by group, SI."""
+    """The result of an entry point at a state, and the model's value there. `given` are the inputs by group, SI."""
 
     what: str
     status: str
@@ -57,15 +60,15 @@ class Sample:
 
 
 def differences(system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str]) -> list[str]:
-    """Lines that say where the C of `files` (name -> text) differs from the model; none where it nowhere does.
+    """Return lines that describe where the C of `files` (name -> text) differs from the model; empty if it does not.
 
-    What has been compared once is remembered in the cache. Where there is no C compiler for this machine, nothing is compared and
-    a warning on standard error says so. Raises BadInput when the robot is regular at hardly any random state.
+    Successful comparisons are cached. Without a C compiler for this machine, nothing is compared and a warning on standard error
+    says so. Raises BadInput if the robot is regular at hardly any random state.
     """
     try:
         parts = list(_not_compared_before(system, laws, files))
         if parts:
-            load(cffi.FFI(), {})  # the runtime's status: does the compiler build for this machine?
+            load(cffi.FFI(), {})  # the runtime's status: checks that the compiler builds for this machine
     except (BadInput, OSError) as reason:
         print(f"noslip: warning: the C is not compared with the model: {reason}", file=sys.stderr)
         return []
@@ -75,19 +78,19 @@ def differences(system: ReducedSystem, laws: Sequence[ControlLaw], files: Mappin
 def _not_compared_before(
     system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str]
 ) -> Iterator[tuple["_InC", dict[str, str], tuple]]:
-    """Each law and the dynamics in each scalar of `files`, their files, and the key that remembers the comparison."""
+    """Yield each law and the dynamics in each scalar of `files`, their files, and the key of the comparison in the cache."""
     settings = (STATES, SEED, sorted(LIMIT.items()))
     for scalar in SCALARS:
         for part in (*(_LawInC(law, scalar) for law in laws), _DynamicsInC(system, scalar)):
             if part.names <= files.keys():
                 own = {name: files[name] for name in sorted(part.names)}
-                key = ((*compiler(), *FLAGS, *QUICK), settings, sorted({**runtime_files(), **own}.items()))
+                key = (*identity([*compiler(), *FLAGS, *QUICK]), settings, sorted({**runtime_files(), **own}.items()))
                 if not kept(key, MARK):
                     yield part, own, key
 
 
 def _compared(part: "_InC", files: Mapping[str, str], key: tuple) -> list[str]:
-    """A line about what differs, if anything does; if not, that is remembered by `key`."""
+    """Return a line about a difference, if there is one; otherwise record the comparison under `key`."""
     samples: dict[str, list[Sample]] = {}
     try:
         for sample in part.samples(files):
@@ -103,7 +106,7 @@ def _compared(part: "_InC", files: Mapping[str, str], key: tuple) -> list[str]:
 
 
 class _InC(ABC):
-    """The C of something in one scalar, and the model's expressions that it is compared with, by quantity."""
+    """The C of a law or dynamics in one scalar, and the model's expressions with which it is compared, by quantity."""
 
     def __init__(self, robot: str, own: str, scalar: str):
         name = SCALARS[scalar].name
@@ -114,7 +117,7 @@ class _InC(ABC):
     @property
     @abstractmethod
     def groups(self) -> dict[str, ca.SX]:
-        """Inputs of the model's function."""
+        """Inputs of the model's function, by group."""
 
     @property
     @abstractmethod
@@ -123,27 +126,27 @@ class _InC(ABC):
 
     @abstractmethod
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
-        """What the C of the files returns, beside the model's values."""
+        """Yield results of the C of the files, with the model's values."""
 
     @cached_property
     def model(self) -> Direct:
-        """The inputs by group to the expressions."""
+        """Return the function from the inputs by group to the expressions."""
         dense = [ca.densify(expression) for expression in self.expressions.values()]
         return Direct(ca.Function("model", list(self.groups.values()), dense))
 
     def right(self, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """The model's values, matrices of two dimensions."""
+        """Return the model's values; matrices have two dimensions."""
         values = self.model(*[given[group] for group in self.groups])
         shapes = [expression.shape for expression in self.expressions.values()]
         each = zip(self.expressions, values, shapes, strict=True)
         return {name: value.reshape(shape, order="F") for name, value, shape in each}
 
     def held(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
-        """The nearest that the scalar has."""
+        """Return the nearest values in the scalar."""
         return as_held(values, self.scalar)
 
     def first_wrong(self, samples: Sequence[Sample]) -> Sample | None:
-        """The sample that is off most, of those beyond the limit for which rounding is no excuse; None if there is none."""
+        """Return the sample with the largest error that exceeds the limit and is not due to rounding; None if there is none."""
         failed = next((s for s in samples if s.value is None or not np.isfinite(s.value).all()), None)
         if failed:
             return failed
@@ -157,7 +160,9 @@ class _InC(ABC):
         return None
 
     def _excused(self, sample: Sample, value: np.ndarray) -> bool:
-        """Is the value as near to the model's, in extended precision, as the model's at rounded inputs are to each other?"""
+        """Return whether the error is explained by rounding: the model at rounded inputs, in extended precision, differs as
+        much.
+        """
         if sample.quantity not in self.expressions:
             return False
         places = [symbol for group in self.groups.values() for symbol in ca.vertsplit(group)]
@@ -172,10 +177,11 @@ class _InC(ABC):
             response = max(response, np.abs(exact(rounded) - wanted).max(initial=0.0))
         off = np.abs(value.ravel(order="F") - sample.wanted.ravel(order="F")).max(initial=0.0)
         plain = self.right(sample.given)[sample.quantity].ravel(order="F")
-        return bool(off <= RESPONSE * response + 2 * np.abs(plain - wanted).max(initial=0.0))  # what the model in double is off
+        # the latter: error of the model in double
+        return bool(off <= RESPONSE * response + 2 * np.abs(plain - wanted).max(initial=0.0))
 
     def about(self, sample: Sample) -> str:
-        """What is said about a difference: both values, and the inputs that it depends on."""
+        """Return the description of a difference: both values, and the inputs on which it depends."""
         said = f"status {sample.status}" if sample.value is None else _listed(sample.value)
         wanted = _listed(sample.wanted) if sample.quantity else f"status {SAYS_SINGULAR}"
         model = self.expressions.get(sample.quantity, ca.vertcat(*self.groups.values()))
@@ -202,19 +208,17 @@ class _LawInC(_InC):
 
     @cached_property
     def groups(self) -> dict[str, ca.SX]:
-        """All that a law depends on."""
+        """All groups on which a law depends."""
         return {name: symbols(members) for name, members in self.law.groups.items()}
 
     @cached_property
     def expressions(self) -> dict[str, ca.SX]:
-        """The model's quantities, and the measure that tells whether Phi is singular."""
-        law, found = self.law, self.law.linearization
-        quantities = {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": law.u, "tau": law.tau}
-        more = {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": ca.vertcat(*found.measure)}
-        return quantities | more
+        """The model's quantities, and the measure of singularity of Phi."""
+        law, measure = self.law, ca.vertcat(*self.law.linearization.measure)
+        return law.quantities | {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": measure}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
-        """Every entry point at random regular states, and the step at singular ones."""
+        """Yield every entry point at random regular states, and the step at singular ones."""
         library = Library(self.law, self.scalar, files)
         random, singular = np.random.default_rng(SEED), 0
         for plant in _plants(self.law):
@@ -232,7 +236,7 @@ class _LawInC(_InC):
                     yield from self._refused(controller, given | {"state": state})
 
     def _at(self, controller: CompiledController, library: Library, given: Mapping) -> Iterator[Sample]:
-        """What each entry point returns that is given the state."""
+        """Yield the results of the entry points that take the state."""
         right = self.right(given)
         state, reference = given["state"], given["reference"]
         evaluation, (status, tau) = controller.evaluate(state, reference), controller.step(state, reference)
@@ -242,7 +246,7 @@ class _LawInC(_InC):
                 yield Sample(f"{name} by evaluate", evaluation.status, shaped, right[name], name, given)
         yield Sample("tau by step", status, tau[:, None] if status == "ok" else None, right["tau"], "tau", given)
         for entry, body in library.text.program.entries.items():
-            if entry.public and not entry.at_foot and entry.name not in ("evaluate", "step"):
+            if entry.public and not entry.at_foot and entry not in (EVALUATE, STEP):
                 (name,) = body.quantities
                 found = controller.entry(entry, state, more=given[entry.takes] if entry.takes else ())
                 yield Sample(f"{name} by {entry.name}", found.status, found.values.get(name), right[name], name, given)
@@ -251,7 +255,7 @@ class _LawInC(_InC):
     def _slowed(
         self, library: Library, given: Mapping, right: Mapping, entry: str, foot: Sequence[float] = ()
     ) -> Iterator[Sample]:
-        """The step where it gives up speed: the input that this changes most may be nine tenths of what it should."""
+        """Yield the step with reduced acceleration: the input that is most sensitive is limited to nine tenths."""
         tau, slope = right["tau"].ravel(), right["slope"].ravel()
         if not len(slope) or not np.abs(slope).max() or self.law.speed_row is None:
             return
@@ -271,8 +275,8 @@ class _LawInC(_InC):
     def _at_foot(
         self, controller: CompiledController, library: Library, given: Mapping, random: np.random.Generator
     ) -> Iterator[Sample]:
-        """The step that is given the foot of P_l, at a random one: the model with the path and the vehicle where that is."""
-        follow = next((entry for entry in library.text.program.entries if entry.name == "follow"), None)
+        """Yield `follow` at a random foot of P_l, and the model with a path and a vehicle in that relative position."""
+        follow = FOLLOW if FOLLOW in library.text.program.entries else None
         if follow is None:
             return
         distance, heading, curvature = self.held(random.uniform(-1, 1, 3) * (1, np.pi, 0.5))
@@ -295,11 +299,11 @@ class _LawInC(_InC):
         yield from self._slowed(library, moved, right, "follow", foot)
 
     def _place(self, config: Sequence[float], distance: float, heading: float, curvature: float) -> np.ndarray:
-        """The vehicle's x and y (m) and the path's parameters, in the frame of P_l's foot."""
+        """Return the vehicle's x and y (m) and the path's parameters, in the frame of P_l's foot."""
         return _place_function(self.law)(config, distance, heading, curvature).full().ravel()
 
     def _singular_states(self, plant: Plant, numbers: Mapping) -> Iterator[np.ndarray]:
-        """States between two random ones between which det Phi changes its sign."""
+        """Yield states between two random ones at which det Phi changes its sign."""
         Phi = _Phi_function(self.law)
         fixed = numbers["params"], numbers["config"]
 
@@ -320,7 +324,7 @@ class _LawInC(_InC):
                 return
 
     def _refused(self, controller: CompiledController, given: Mapping) -> Iterator[Sample]:
-        """The status at a state where Phi is singular, where there is no value."""
+        """Yield the status at a state where Phi is singular; there is no value."""
         for entry, status in (
             ("step", controller.step(given["state"], given["reference"])[0]),
             ("evaluate", controller.evaluate(given["state"], given["reference"]).status),
@@ -331,20 +335,22 @@ class _LawInC(_InC):
 
 @cache
 def _plants(law: ControlLaw) -> list[Plant]:
-    """Drawn once for both scalars."""
+    """Return the plants, created once for both scalars."""
     return [plant for plant in random_plants(law, STATES, SEED) if plant.points]
 
 
 @cache
 def _Phi_function(law: ControlLaw) -> ca.Function:
-    """(params, config, state) to Phi and its measure."""
+    """Return the function (params, config, state) to Phi and its measure."""
     groups = [symbols(law.groups[name]) for name in ("params", "config", "state")]
     return ca.Function("Phi", groups, [ca.densify(law.linearization.Phi), ca.vertcat(*law.linearization.measure)])
 
 
 @cache
 def _place_function(law: ControlLaw) -> ca.Function:
-    """(config, distance, heading, curvature) to the vehicle's x and y, and the path's parameters, in the frame of P_l's foot."""
+    """Return the function (config, distance, heading, curvature) to the vehicle's x and y, and the path's parameters, in the
+    frame of P_l's foot.
+    """
     distance, heading, curvature = ca.SX.sym("distance"), ca.SX.sym("heading"), ca.SX.sym("curvature")
     ahead, left = body_offsets(law.config)
     x = -ahead * ca.cos(heading) + left * ca.sin(heading)
@@ -362,7 +368,7 @@ class _DynamicsInC(_InC):
 
     @cached_property
     def groups(self) -> dict[str, ca.SX]:
-        """All that the dynamics depend on."""
+        """All groups on which the dynamics depend."""
         mechanism = self.system.mechanism
         return {"params": mechanism.p, "state": symbols(self.system.state), "input": symbols(mechanism.inputs)}
 
@@ -374,7 +380,7 @@ class _DynamicsInC(_InC):
         return found | {"nudot": system.acceleration(self.groups["input"])}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
-        """Every entry point at random states."""
+        """Yield every entry point at random states."""
         library = DynamicsLibrary(self.system, self.scalar, files)
         for motion in _motions(self.system):
             values = (motion.params, motion.state, motion.tau)
@@ -390,5 +396,5 @@ class _DynamicsInC(_InC):
 
 @cache
 def _motions(system: ReducedSystem) -> list:
-    """Drawn once for both scalars."""
+    """Return the motions, created once for both scalars."""
     return list(random_motions(system, STATES, SEED))

@@ -26,7 +26,7 @@ SHORTEST, TRIES = 1e-6, 8  # s, and guesses of a box for a step
 COLUMNS = 8  # times the dimension: columns of G that are kept
 GROW, SHRINK = 2.0, 0.5
 NARROW = 0.03  # of the radius: a box that grows by less is as good as any
-FOLD = 0.3  # of a time constant: longer steps have boxes that are too wide to be of use
+FOLD = 0.12  # of a time constant: longer steps have boxes that are too wide to be of use
 
 
 class Lost(Exception):

@@ -17,7 +17,7 @@ from ...model.rolling.kinematics import Kinematics, kinematics
 from ..exact.functions import Functions, TooLarge, Vector
 from ..exact.points import Point, refuse_dependent_roots
 from ..exact.real_points import RealPoint
-from ..exact.symbolic import symbol, symbolic
+from ..exact.symbolic import as_matrix, symbol, symbolic
 from .brackets import Filtration, Span, VectorField, filtration
 
 
@@ -133,10 +133,7 @@ def _distribution(given: Kinematics) -> Distribution:
 
 
 def _exact(matrix: ca.SX | None, quantities: Sequence, where: str) -> sp.Matrix | None:
-    if matrix is None:
-        return None
-    entries = symbolic(matrix, quantities, where)
-    return sp.Matrix(matrix.shape[1], matrix.shape[0], entries).T
+    return None if matrix is None else as_matrix(symbolic(matrix, quantities, where), matrix.shape)
 
 
 def _polynomial(functions: Functions, entries: list[sp.Expr], name: str) -> VectorField:

@@ -19,8 +19,9 @@ from sympy.ntheory import factorint
 from sympy.polys.matrices import DomainMatrix
 from sympy.polys.rings import PolyElement, PolyRing, ring
 
-from ...model.algebra.ratios import Ratio, factored, generators_of
+from ...model.algebra.ratios import Ratio, by_squares, conjugate, factored, generators_of
 from ...model.errors import ModelError
+from .symbolic import NOT_EXACT
 
 LARGEST_POWER = 32  # of a function in an expression
 LARGEST_PRODUCT = 100_000  # terms before they are collected; more take too long
@@ -162,7 +163,7 @@ class Functions:
             return self._lift(sine if isinstance(e, sp.sin) else cosine)
         if isinstance(e, sp.exp):
             return self._exponential(*self._in_exponents[e.args[0]])
-        raise ModelError(f"{self.name}: {e} cannot be treated exactly; use +, -, *, /, powers, sqrt, sin, cos, tan, exp")
+        raise ModelError(f"{self.name}: {e} {NOT_EXACT}")
 
     def _lift(self, ratio: Ratio) -> Ratio:
         return ratio[0].set_ring(self.ring), ratio[1].set_ring(self.ring)
@@ -334,14 +335,10 @@ class Functions:
         """The same ratio without common factors, no sine or root in its denominator, which has a positive leading term."""
         for place, _ in self.relations:
             if any(powers[place] for powers in denominator):
-                conjugate = self.conjugate(denominator, place)
-                numerator, denominator = self.times(numerator, conjugate), self.times(denominator, conjugate)
+                other = conjugate(denominator, place)
+                numerator, denominator = self.times(numerator, other), self.times(denominator, other)
         numerator, denominator = numerator.cancel(denominator)
         return (-numerator, -denominator) if denominator.LC < 0 else (numerator, denominator)
-
-    def conjugate(self, polynomial: PolyElement, place: int) -> PolyElement:
-        """The polynomial with the other sign of a sine or root."""
-        return self.ring.from_dict({powers: -c if powers[place] % 2 else c for powers, c in polynomial.items()})
 
     def primitive(self, vector: Vector) -> tuple[PolyElement, Vector]:
         """The greatest common factor of the entries that shows, and the vector without it; the vector is not zero."""
@@ -468,16 +465,9 @@ class Functions:
 
 def _without_squares(polynomial: PolyElement, place: int, square: PolyElement) -> PolyElement:
     """The polynomial with generator^2 replaced by `square`."""
-    most = max((powers[place] for powers in polynomial), default=0) // 2
-    if not most:
-        return polynomial
-    parts: list[dict] = [{} for _ in range(most + 1)]
-    for powers, coefficient in polynomial.items():
-        half, rest = divmod(powers[place], 2)
-        parts[half][(*powers[:place], rest, *powers[place + 1 :])] = coefficient
-    reduced = polynomial.ring.zero
-    for part in reversed(parts):
-        reduced = reduced * square + polynomial.ring.from_dict(part)
+    *lower, reduced = by_squares(polynomial, place)
+    for part in reversed(lower):
+        reduced = reduced * square + part
     return reduced
 
 

@@ -14,7 +14,7 @@ from math import prod
 import sympy as sp
 from sympy.polys.rings import PolyElement
 
-from ...model.algebra.ratios import factored, generators_of
+from ...model.algebra.ratios import conjugate, factored, generators_of
 from .functions import Angle, Functions
 
 LARGEST = 100  # terms of a form that is factored
@@ -111,7 +111,7 @@ def without_roots(functions: Functions, form: PolyElement) -> PolyElement:
         radicand = functions.roots[place]
         gens, angles = functions.ring.gens, _angles(functions, radicand)
         one = product(functions, [(gens[a.cosine] ** 2 + gens[a.sine] ** 2) ** _degree(radicand, a) for a in angles])
-        squared, radicand = form * functions.conjugate(form, place), halved(functions, radicand)
+        squared, radicand = form * conjugate(form, place), halved(functions, radicand)
         most, form = max(powers[place] for powers in squared) // 2, functions.ring.zero
         for powers, coefficient in squared.terms():
             rest, half = (*powers[:place], 0, *powers[place + 1 :]), powers[place] // 2

@@ -13,6 +13,7 @@ from ...model.algebra.ratios import DIGITS, SIMPLE, ULPS
 from ...model.errors import ModelError
 from ...model.mechanism import Quantity
 
+NOT_EXACT = "cannot be treated exactly; use +, -, *, /, powers, sqrt, sin, cos, tan, exp"
 RADICAND = 1000  # denominator of a fraction whose root is recognized
 
 FUNCTIONS: Mapping[int, Callable[..., sp.Expr]] = {
@@ -44,6 +45,11 @@ def symbol(quantity: Quantity) -> sp.Symbol:
     return sp.Symbol(quantity.name, positive=True) if quantity.sign == "positive" else sp.Symbol(quantity.name, real=True)
 
 
+def as_matrix(entries: Sequence[sp.Expr], shape: tuple[int, int]) -> sp.Matrix:
+    """A matrix from its entries, column-major."""
+    return sp.Matrix(shape[1], shape[0], entries).T
+
+
 def symbolic(expression: ca.SX, quantities: Sequence[Quantity], where: str) -> list[sp.Expr]:
     """The entries of `expression`, column-major, in the symbols of `quantities`.
 
@@ -65,7 +71,7 @@ def symbolic(expression: ca.SX, quantities: Sequence[Quantity], where: str) -> l
     def apply(code: int, arguments: tuple[sp.Expr, ...]) -> sp.Expr:
         if code not in FUNCTIONS:
             text = operate(code, *[ca.SX.sym("ab"[k]) for k in range(len(arguments))])
-            raise ModelError(f"{where}: {text} cannot be treated exactly; use +, -, *, /, powers, sqrt, sin, cos, tan, exp")
+            raise ModelError(f"{where}: {text} {NOT_EXACT}")
         return FUNCTIONS[code](*arguments)
 
     leaves = [symbol(q) for q in quantities]

@@ -23,7 +23,7 @@ from ..exact.half_angles import factors, halved, never_zero, product
 from ..exact.points import NoPoint, Point, random_point, refuse_dependent_roots
 from ..exact.readable import readable, unsigned
 from ..exact.real_points import RealPoint, real_point
-from ..exact.symbolic import symbol, symbolic, written
+from ..exact.symbolic import as_matrix, symbol, symbolic, written
 from .planar import Arm, Planar, arm, arm_quantities, planar, planar_quantities
 
 Slope = tuple[sp.Expr, sp.Expr]  # derivative by a point in the plane
@@ -288,10 +288,10 @@ def decouple(found: Linearization) -> Decoupling:
         functions=functions,
         q=tuple(symbol(q) for q in system.mechanism.coordinates),
         nu=tuple(symbol(q) for q in system.quasi_velocities),
-        S=_matrix(entries["S"], parts["S"].shape),
-        gradients=_matrix(entries["gradients"], parts["gradients"].shape),
+        S=as_matrix(entries["S"], parts["S"].shape),
+        gradients=as_matrix(entries["gradients"], parts["gradients"].shape),
         rates=dict(zip([k for k, degree in enumerate(found.relative_degree) if degree == 1], entries["rates"], strict=True)),
-        Phi=_matrix(entries["Phi"], parts["Phi"].shape),
+        Phi=as_matrix(entries["Phi"], parts["Phi"].shape),
         planar=vehicle,
         arms=tuple(arm(entries[f"arm {k}"], vehicle, functions) for k in range(len(output.rows))),
         slopes=tuple(_constant_slope(row) for row in output.rows),
@@ -376,8 +376,3 @@ def _fresh(name: str, taken: set[str]) -> Quantity:
     while name in taken:
         name += "_"
     return quantity(name, "")
-
-
-def _matrix(entries: list[sp.Expr], shape: tuple[int, int]) -> sp.Matrix:
-    """From its entries, column-major."""
-    return sp.Matrix(shape[1], shape[0], entries).T

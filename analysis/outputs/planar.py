@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import casadi as ca
 import sympy as sp
 
-from ...model.outputs import OutputRow, forward_speed
+from ...model.outputs import OutputRow, forward_speed, velocity
 from ...model.reduction import ReducedSystem
 from ..exact.functions import Functions
 
@@ -47,9 +47,7 @@ def planar_quantities(system: ReducedSystem) -> ca.SX:
     vehicle = system.mechanism.vehicle
     if vehicle is None:
         return ca.SX(0, 1)
-    cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
-    x_dot, y_dot = system.along_motion(vehicle.x), system.along_motion(vehicle.y)
-    rates = ca.vertcat(forward_speed(system), cosine * y_dot - sine * x_dot, system.along_motion(vehicle.heading))
+    rates = ca.vertcat(forward_speed(system), velocity(system)[1], system.along_motion(vehicle.heading))
     return ca.vertcat(vehicle.heading, ca.vec(ca.jacobian(rates, system.nu).T))
 
 

@@ -4,15 +4,17 @@ A vehicle that moves alike wherever it stands and whichever way it points needs 
 foot: one law for all pieces, and no sine or cosine where something else has taken them already.
 """
 
+from dataclasses import replace
+
 import casadi as ca
 
 from ...model.algebra.exact import canonical
 from ...model.algebra.expression import fold, operate
 from ...model.law import ControlLaw
 from ...model.outputs import FOOT, body_offsets
-from .stages import Stages, inner_velocities, staged
+from .stages import Result, Stages, inner_velocities, staged
 
-TOLD = ("tau", "slope", "singular", "regular")  # the quantities that there are by FOOT
+TOLD = (Result.INPUTS, Result.SLOPE, Result.SINGULAR, Result.REGULAR)  # the quantities that there are by FOOT
 DISTANCE, COSINE, SINE, CURVATURE = (q.symbol for q in FOOT)
 
 
@@ -46,7 +48,7 @@ def staged_at_foot(law: ControlLaw) -> Stages:
     """As `staged`, by FOOT, of the quantities TOLD."""
     stages = staged(law, law.output.at_foot)
     heading = law.system.mechanism.required_vehicle.heading
-    stages.steps = [(symbol, _told(expression, heading), *least) for symbol, expression, *least in stages.steps]
+    stages.steps = [replace(step, expression=_told(step.expression, heading)) for step in stages.steps]
     stages.quantities = {name: _told(stages.quantities[name], heading) for name in TOLD}
     return stages
 

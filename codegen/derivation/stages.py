@@ -8,6 +8,7 @@ cancels is gone, and what depends on parameters only stands by itself, to be com
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import lru_cache
 
 import casadi as ca
@@ -25,18 +26,62 @@ from ...model.vehicle import velocity_map
 from .taylor import Taylor
 
 MONOMIALS = 3  # quasi-velocities up to which what is quadratic in them is sorted by monomials; above, that is more to compute
-Step = tuple[ca.SX, ca.SX, *tuple[float, ...]]  # symbol, expression; or those of a matrix's inverse, matrix, least rcond
 Split = tuple[ca.SX, ca.SX | None]  # factor that init knows, rest; None where init knows the whole
 STEP, PART = "step.", "part."  # before the names of symbols made here, so that they differ from all others
 
 
+class Result(StrEnum):
+    """What is derived of a law or of the dynamics, by its name in C: what entry points return, and what they and init check."""
+
+    OUTPUTS = "h"
+    RATES = "ydot"
+    DECOUPLING = "Phi"
+    DECOUPLING_RATE = "Phidot"
+    ACCELERATION = "u"
+    INPUTS = "tau"
+    INPUTS_OF_DEMAND = "tau_of_demand"
+    SLOPE = "slope"
+
+    SINGULAR = "singular"
+    REGULAR = "regular"
+    CONDITIONS = "conditions"
+
+    COORDINATE_RATES = "qdot"
+    MASS = "Mbar"
+    BIAS = "bias"
+    INPUT_MAP = "input_map"
+    VELOCITY_RATES = "nudot"
+
+    @property
+    def in_c(self) -> str:
+        """The name of the argument or field that returns it."""
+        return "tau" if self is Result.INPUTS_OF_DEMAND else self.value
+
+
+@dataclass(frozen=True)
+class Step:
+    """A symbol for an expression in earlier symbols; `label` names it in C, empty for what init computes.
+
+    With `least`, symbols for the inverse of a matrix, which has a meaning where its reciprocal condition exceeds `least`.
+    """
+
+    symbol: ca.SX
+    expression: ca.SX
+    label: str = ""
+    least: float | None = None
+
+
 @dataclass
 class Stages:
-    """Named steps, each a symbol and an expression in earlier symbols, and the quantities built from them."""
+    """Named steps, each a symbol and an expression in earlier symbols, and the quantities built from them.
+
+    `at_foot`: some of the quantities a second time, by FOOT in place of the vehicle's position and heading.
+    """
 
     fixed: list[ca.SX]  # the symbols that init knows
     steps: list[Step] = field(default_factory=list)
-    quantities: dict[str, ca.SX] = field(default_factory=dict)
+    quantities: dict[Result, ca.SX] = field(default_factory=dict)
+    at_foot: dict[Result, ca.SX] = field(default_factory=dict)
     _parts: dict[tuple[int, ...], ca.SX] = field(default_factory=dict)
     _keys: dict[tuple[Hashable, ...], int] = field(default_factory=dict)
 
@@ -46,7 +91,7 @@ class Stages:
         if rest is None or rest.is_symbolic():
             return self._times(factor, rest)
         symbol = ca.SX.sym(STEP + name)
-        self.steps.append((symbol, rest))
+        self.steps.append(Step(symbol, rest, name))
         return self._times(factor, symbol)
 
     def variable(self, name: str, expression: ca.SX) -> ca.SX:
@@ -55,7 +100,7 @@ class Stages:
         if made.is_symbolic():
             return made
         symbol = ca.SX.sym(STEP + name)
-        self.steps.append((symbol, made))
+        self.steps.append(Step(symbol, made, name))
         return symbol
 
     def row(self, names: list[str], expressions: ca.SX) -> ca.SX:
@@ -91,7 +136,7 @@ class Stages:
         known = {symbol.element_hash() for symbol in self.fixed}
         if all(symbol.element_hash() in known for symbol in ca.symvar(block)):
             self.fixed.extend(ca.vertsplit(ca.vec(symbols)))
-        self.steps.append((symbols, block, least))
+        self.steps.append(Step(symbols, block, least=least))
         return symbols
 
     def key(self, matrix: ca.SX) -> tuple[int, ...]:
@@ -152,7 +197,7 @@ class Stages:
         key = self.key(factor)
         if key not in self._parts:
             self._parts[key] = ca.SX.sym(f"{PART}{len(self.steps)}")
-            self.steps.append((self._parts[key], factor))
+            self.steps.append(Step(self._parts[key], factor))
             self.fixed.append(self._parts[key])
         return self._parts[key]
 
@@ -163,7 +208,7 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
     inner, W = inner_velocities(law.system)
     to_inner, from_inner = stages.exact(W), stages.exact(solve(W, ca.SX.eye(law.system.freedom)))
     for q, speed in zip(inner.quasi_velocities, ca.vertsplit(to_inner @ law.system.nu), strict=True):
-        stages.steps.append((q.symbol, speed))
+        stages.steps.append(Step(q.symbol, speed, q.name))
     output = _in_velocities(outputs or law.output, law.system, inner, W)
     degree = law.linearization.relative_degree
     rows = [
@@ -183,16 +228,16 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
     feedback = _Feedback(stages, inner, rows)
     Phi = ca.vertcat(*[row.Phi for row in rows])
     quantities = {
-        "h": h,
-        "ydot": rate,
-        "Phi": Phi @ to_inner,
-        "Phidot": ca.vertcat(*[row.Phidot for row in rows]) @ to_inner,
-        "u": from_inner @ feedback.acceleration(loop, damping),
-        "tau": feedback.inputs(loop, damping),
-        "tau_of_demand": feedback.inputs(demand, ca.SX.zeros(inner.freedom)),
+        Result.OUTPUTS: h,
+        Result.RATES: rate,
+        Result.DECOUPLING: Phi @ to_inner,
+        Result.DECOUPLING_RATE: ca.vertcat(*[row.Phidot for row in rows]) @ to_inner,
+        Result.ACCELERATION: from_inner @ feedback.acceleration(loop, damping),
+        Result.INPUTS: feedback.inputs(loop, damping),
+        Result.INPUTS_OF_DEMAND: feedback.inputs(demand, ca.SX.zeros(inner.freedom)),
         **_singular(stages, Phi, W, feedback.inverse),
-        "conditions": ca.vertcat(*[expression for expression, _ in law.output.conditions]),
-        "slope": ca.SX(0, 1) if law.speed_row is None else feedback.slope(law.speed_row),
+        Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
+        Result.SLOPE: ca.SX(0, 1) if law.speed_row is None else feedback.slope(law.speed_row),
     }
     stages.quantities = {name: ca.densify(quantity) for name, quantity in quantities.items()}
     return stages
@@ -388,7 +433,7 @@ def _symbols(stages: Stages, name: str, matrix: ca.SX) -> ca.SX:
     return ca.reshape(ca.vertcat(*entries), matrix.shape)
 
 
-def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[str, ca.SX]:
+def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[Result, ca.SX]:
     """`singular`: up to 2 x 2 (det Phi)^2 and what it must exceed, both divided by (det W)^2 so that they are in w.
 
     Above, where w is nu, the condition in the 1-norm; nothing where the C runtime inverts Phi as a whole, and tells.
@@ -396,24 +441,25 @@ def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[str,
     """
     none = ca.SX(0, 1)
     if Phi.shape[0] > 2:
-        whole = any(least == [SINGULAR] and matrix.shape == Phi.shape for _, matrix, *least in stages.steps)
+        whole = any(step.least == SINGULAR and step.expression.shape == Phi.shape for step in stages.steps)
         singular = none if whole else ca.vertcat(1, SINGULAR * norm(Phi) * norm(inverse))
-        return {"singular": singular, "regular": none}
+        return {Result.SINGULAR: singular, Result.REGULAR: none}
     scale = ca.SX(SINGULAR_SQUARED)
     metric = canonical(W @ W.T)
     for k in range(Phi.shape[0]):
         scale *= stages.exact(Phi[k, :] @ metric @ Phi[k, :].T)
     square, bound = stages.exact(ca.det(Phi)) ** 2, scale / ca.det(W) ** 2
     shorter = _one_square(stages, square, bound)
-    return {"singular": ca.vertcat(square, bound), "regular": ca.SX(0, 1)} if shorter is None else shorter
+    return {Result.SINGULAR: ca.vertcat(square, bound), Result.REGULAR: ca.SX(0, 1)} if shorter is None else shorter
 
 
-def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[str, ca.SX] | None:
+def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[Result, ca.SX] | None:
     """a x^2 > b x^2 + c y^2 as x^2 > c / (a - b) y^2 with a - b > 0, if that is what it is."""
     known = {symbol.element_hash() for symbol in stages.fixed}
     variables = [symbol for symbol in ca.symvar(square) if symbol.element_hash() not in known]
     others = [symbol for symbol in ca.symvar(bound) if symbol.element_hash() not in known]
-    if len(variables) != 1 or any(not str(symbol).startswith(STEP) for symbol in others):
+    steps = {step.symbol.element_hash() for step in stages.steps if step.label}
+    if len(variables) != 1 or any(symbol.element_hash() not in steps for symbol in others):
         return None
     x = ca.vertcat(*variables, *[symbol for symbol in others if symbol.element_hash() != variables[0].element_hash()])
     factors = canonical(ca.hessian(square - bound, x)[0])
@@ -422,7 +468,7 @@ def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[str, ca.SX]
     if any(not factors[i, j].is_zero() for i in range(x.numel()) for j in range(i)):
         return None
     rest = [stages.exact(-factors[k, k] / factors[0, 0]) * x[k] ** 2 for k in range(1, x.numel())]
-    return {"singular": ca.vertcat(x[0] ** 2, sum(rest, start=ca.SX(0))), "regular": stages.exact(factors[0, 0] / 2)}
+    return {Result.SINGULAR: ca.vertcat(x[0] ** 2, sum(rest, start=ca.SX(0))), Result.REGULAR: stages.exact(factors[0, 0] / 2)}
 
 
 def _by_monomials(stages: Stages, expression: ca.SX, w: ca.SX) -> ca.SX:

@@ -11,9 +11,9 @@ import numpy as np
 
 from ...model.linearization import SINGULAR, SINGULAR_SQUARED
 from ..dynamics import DynamicsProgram
-from ..evaluation import FUNCTIONS, evaluate
-from ..graph import ENTRY, MATRIX_INVERSE, Node, reachable
-from ..program import Program, fixed_nodes
+from ..evaluation import evaluate
+from ..graph import Applied, Constant, Leaf, MatrixInverse, Node, Operation, reachable
+from ..program import Program
 from .layout import WIDTH, aside
 
 LONGEST = 80  # characters of a formula; in place of a longer one the names it is made of
@@ -72,7 +72,6 @@ class Meanings:
         steps = [part for leaf, node in self._stands.items() for part in (*reachable([node]), leaf)]
         roots = [root for body in program.entries.values() for root in body.roots]
         self._nodes = list(dict.fromkeys([*steps, *reachable([*roots, *program.constants, *self._labels])]))
-        self._fixed = fixed_nodes(self._nodes)
         self._products: dict[Node, Product | None] = {}
         self._sums: dict[str, list[Product]] = {}  # the terms of a sum, by its text
         self._known_units: dict[Node, Unit | None] = {}
@@ -80,7 +79,7 @@ class Meanings:
     def constant(self, node: Node) -> str:
         """A function of the parameters as `unit: formula`; the unit alone of a parameter itself."""
         unit = unit_text(self.unit(node))
-        if node.operation == "leaf":
+        if isinstance(node, Leaf):
             return self._units[node.group, node.name]
         return f"{unit}: {self.formula(node)}" if unit else self.formula(node)
 
@@ -90,14 +89,14 @@ class Meanings:
         text = str(product) if product is not None else ""
         if text and len(text) <= LONGEST:
             return text
-        return "of " + ", ".join(sorted({leaf.name for leaf in reachable([node]) if leaf.operation == "leaf"}))
+        return "of " + ", ".join(sorted({leaf.name for leaf in reachable([node]) if isinstance(leaf, Leaf)}))
 
     def legend(self, constants: Mapping[Node, str], lines: Sequence[str]) -> list[str]:
         """A comment for each numbered constant that these statements read."""
         read = set(re.findall(r"self->(\w+)", " ".join(lines)))
         told = []
         for node, field in constants.items():
-            if field in read and node.operation != "leaf":
+            if field in read and node.arguments:
                 unit, formula = unit_text(self.unit(node)), self.formula(node)
                 told.append(f"{field}{f' ({unit})' if unit else ''} {formula if formula.startswith('of ') else f'= {formula}'}")
         return ["\n".join(line for text in told for line in aside(text, WIDTH - 4))] if told else []
@@ -114,15 +113,14 @@ class Meanings:
 
     def product(self, node: Node) -> Product | None:
         """The node as a formula; None where that is too long."""
-        fixed = self._fixed.get(node, True)
-        for part in () if node in self._products else reachable([node]) if fixed else self._nodes:
+        for part in () if node in self._products else reachable([node]) if node.fixed else self._nodes:
             if part not in self._products:
                 self._products[part] = self._known(part) or self._made(part)
         return self._products[node]
 
     def _known(self, node: Node) -> Product | None:
         """A step of the derivation, or a multiple of one by a function of the parameters."""
-        if node.operation in ("leaf", "constant") or self._fixed.get(node, False):
+        if not node.arguments or node.fixed:
             return None
         if node in self._labels:
             return Product(Fraction(1), ((self._labels[node], 1),))
@@ -152,25 +150,24 @@ class Meanings:
 
     def _made(self, node: Node) -> Product | None:
         """The node from its arguments."""
-        arguments = node.arguments
-        if node.operation == "leaf":
-            return self._products[self._stands[node]] if node in self._stands else Product(Fraction(1), ((node.name, 1),))
-        if node.operation == "constant":
-            return Product(Fraction(repr(node.value)))
-        if node.operation == ENTRY or node.operation not in FUNCTIONS:
+        match node:
+            case Leaf():
+                return self._products[self._stands[node]] if node in self._stands else Product(Fraction(1), ((node.name, 1),))
+            case Constant(value):
+                return Product(Fraction(repr(value)))
+        products = [product for argument in node.arguments if (product := self._products[argument]) is not None]
+        if not isinstance(node, Applied) or len(products) < len(node.arguments):
             return None
-        products = [product for argument in arguments if (product := self._products[argument]) is not None]
-        if len(products) < len(arguments):
-            return None
-        if node.operation == "neg":
-            return Product(Fraction(-1)) * products[0]
-        if node.operation == "mul":
-            return products[0] * products[1]
-        if node.operation == "div":
-            return products[0] * products[1].inverse() if products[1].coefficient else None
-        if node.operation in ("add", "sub"):
-            sign = Product(Fraction(1 if node.operation == "add" else -1))
-            return self._sum([*self._terms(products[0]), *(sign * term for term in self._terms(products[1]))])
+        match node.operation, products:
+            case Operation.NEG, [one]:
+                return Product(Fraction(-1)) * one
+            case Operation.MUL, [one, other]:
+                return one * other
+            case Operation.DIV, [one, other]:
+                return one * other.inverse() if other.coefficient else None
+            case ((Operation.ADD | Operation.SUB), [one, other]):
+                sign = Product(Fraction(1 if node.operation is Operation.ADD else -1))
+                return self._sum([*self._terms(one), *(sign * term for term in self._terms(other))])
         text = f"{node.operation}({', '.join(map(str, products))})"
         return Product(Fraction(1), ((text, 1),)) if len(text) <= LONGEST else None
 
@@ -213,14 +210,14 @@ class Meanings:
     @cached_property
     def _steps(self) -> tuple[list[str], np.ndarray]:
         """Names of the derivation's steps, and their values row by row."""
-        found = [(name, self._values[node]) for node, name in self._labels.items() if not self._fixed[node]]
+        found = [(name, self._values[node]) for node, name in self._labels.items() if not node.fixed]
         found = [(name, values) for name, values in found if _usable(values)]
         return [name for name, _ in found], np.array([values for _, values in found])
 
     @cached_property
     def _fixed_values(self) -> tuple[np.ndarray, list[Node]]:
         """Values of functions of the parameters, the first made first."""
-        nodes = [node for node in self._nodes if self._fixed[node] and node.operation != MATRIX_INVERSE]
+        nodes = [node for node in self._nodes if node.fixed and not isinstance(node, MatrixInverse)]
         nodes = [node for node in nodes if _usable(self._values[node])]
         return np.array([self._values[node][0] for node in nodes]), nodes
 
@@ -234,22 +231,26 @@ class Meanings:
         return self._known_units[node]
 
     def _unit_of(self, node: Node) -> Unit | None:
-        if node.operation == "leaf":
-            return unit_of(self._units.get((node.group, node.name), "?"))
-        if node.operation == "constant":  # any other number may have one
-            return {} if node.value in PURE or Fraction(repr(node.value)).denominator in (1, 2, 4, 8, 16) else None
+        match node:
+            case Leaf():
+                return unit_of(self._units.get((node.group, node.name), "?"))
+            case Constant(value):  # any other number than these may have one
+                return {} if value in PURE or Fraction(repr(value)).denominator in (1, 2, 4, 8, 16) else None
         units = [unit for argument in node.arguments if (unit := self._known_units[argument]) is not None]
-        if len(units) < len(node.arguments):
+        if not isinstance(node, Applied) or len(units) < len(node.arguments):
             return None
-        if node.operation in ("neg", "abs"):
-            return units[0]
-        if node.operation in ("mul", "div"):
-            return _combined(units[0], units[1], 1 if node.operation == "mul" else -1)
-        if node.operation == "sqrt":
-            return {base: exponent / 2 for base, exponent in units[0].items()}
-        if node.operation in ("add", "sub"):
-            return units[0] if units[0] == units[1] else None
-        return {} if not any(units) and node.operation in FUNCTIONS else None
+        match node.operation, units:
+            case ((Operation.NEG | Operation.ABS), [one]):
+                return one
+            case Operation.MUL, [one, other]:
+                return _combined(one, other, 1)
+            case Operation.DIV, [one, other]:
+                return _combined(one, other, -1)
+            case Operation.SQRT, [one]:
+                return {base: exponent / 2 for base, exponent in one.items()}
+            case ((Operation.ADD | Operation.SUB), [one, other]):
+                return one if one == other else None
+        return None if any(units) else {}
 
 
 @lru_cache(maxsize=64)

@@ -4,17 +4,17 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable
 from itertools import count
-from math import isqrt
 
 from ...model.names import in_c
-from ..graph import ENTRY, FUNCTIONS, Node, free_name
+from ..graph import FUNCTIONS, SINCOS, Applied, Constant, Element, MatrixInverse, Node, Operation, free_name, is_operation
 from .layout import commented
 from .scalar import Scalar
 
 WIDEST = 100  # characters; a longer expression is broken into named steps
-PRECEDENCE = {"add": 1, "sub": 1, "mul": 2, "div": 2, "neg": 3}
-SIGN = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
-NAMED_OTHERWISE = ("constant", "sin", "cos", ENTRY)  # what is never given to a variable of its own
+PRECEDENCE = {Operation.ADD: 1, Operation.SUB: 1, Operation.MUL: 2, Operation.DIV: 2, Operation.NEG: 3}
+SIGN = {Operation.ADD: "+", Operation.SUB: "-", Operation.MUL: "*", Operation.DIV: "/"}
+TERMS, FACTORS = (Operation.ADD, Operation.SUB), (Operation.MUL, Operation.DIV)
+ATOM = 4  # the precedence of names, calls and literals
 Printed = tuple[str, int]  # text and how tightly it binds
 
 
@@ -61,7 +61,7 @@ class Statements:
 
     def value(self, node: Node) -> str:
         """An operand that stands for the node: its name, or its text in parentheses where needed."""
-        return self._operand(node, 4)
+        return self._operand(node, ATOM)
 
     def text(self, node: Node) -> str:
         """The node as the right-hand side of an assignment."""
@@ -69,13 +69,13 @@ class Statements:
 
     def assign(self, place: str, node: Node) -> None:
         """Write the node to a place that outlives the statements. What nothing else uses gets no name of its own."""
-        known = node in self.names or self.given(node) is not None or node.operation in NAMED_OTHERWISE
+        known = node in self.names or self.given(node) is not None or _named_otherwise(node)
         text = self._expression(node)[0] if not known and self.uses[node] <= 1 else self.text(node)
         self.lines.append(f"{place} = {text};")
 
     def named(self, node: Node) -> str:
         """A name or literal for the node, made now if it has none."""
-        if node not in self.names and self.given(node) is None and node.operation not in NAMED_OTHERWISE:
+        if node not in self.names and self.given(node) is None and not _named_otherwise(node):
             self._assign(node, self._expression(node)[0])
         return self._print(node)[0]
 
@@ -94,44 +94,46 @@ class Statements:
     def _print(self, node: Node) -> Printed:
         known = self.names.get(node) or self.given(node)
         if known is not None:
-            return known, 4
-        if node.operation == "constant":
-            return self.scalar.literal(node.value), 3 if node.value < 0 else 4
-        if node.operation in ("sin", "cos"):
-            self._sincos(node.arguments[0])
-            return self.names[node], 4
-        if node.operation == ENTRY:
-            self._inverse(node.arguments[0])
-            return self.names[node], 4
+            return known, ATOM
+        match node:
+            case Constant(value):
+                return self.scalar.literal(value), PRECEDENCE[Operation.NEG] if value < 0 else ATOM
+            case Applied(Operation.SIN | Operation.COS, (angle,)):
+                self._sincos(angle)
+                return self.names[node], ATOM
+            case Element(arguments=(MatrixInverse() as whole,)):
+                self._inverse(whole)
+                return self.names[node], ATOM
         printed = self._expression(node)
         if node in self.labels or self.uses[node] > 1 or len(printed[0]) > WIDEST:
             self._assign(node, printed[0])
-            return self.names[node], 4
+            return self.names[node], ATOM
         return printed
 
     def _expression(self, node: Node) -> Printed:
-        arguments = node.arguments
-        if node.operation in ("sqrt", "abs", *FUNCTIONS):
+        assert isinstance(node, Applied), "all else has a name or is a literal"
+        if is_operation(node, Operation.SQRT, Operation.ABS, *FUNCTIONS):
             call = self.scalar.name(f"noslip_{node.operation}")
-            return f"{call}({', '.join(self.text(argument) for argument in arguments)})", 4
-        if node.operation == "neg":
-            return f"-{self._operand(arguments[0], 4)}", 3
+            return f"{call}({', '.join(self.text(argument) for argument in node.arguments)})", ATOM
         binding = PRECEDENCE[node.operation]
-        first, second = arguments
-        if node.operation == "div":
+        if node.operation is Operation.NEG:
+            return f"-{self._operand(node.arguments[0], ATOM)}", binding
+        first, second = node.arguments
+        if node.operation is Operation.DIV:
             self._guard_division(second)
-        if node.operation == "mul" and PRECEDENCE.get(second.operation) == 2 and PRECEDENCE.get(first.operation) != 2:
-            first, second = second, first  # a * (b * c) reads better, and is the same, as b * c * a
-        if node.operation == "add" and second.operation in ("add", "sub") and first.operation not in ("add", "sub"):
+        # a * (b * c) reads better, and is the same, as b * c * a
+        if node.operation is Operation.MUL and is_operation(second, *FACTORS) and not is_operation(first, *FACTORS):
+            first, second = second, first
+        if node.operation is Operation.ADD and is_operation(second, *TERMS) and not is_operation(first, *TERMS):
             first, second = second, first
         return f"{self._operand(first, binding)} {SIGN[node.operation]} {self._operand(second, binding + 1)}", binding
 
     def _guard_division(self, denominator: Node) -> None:
-        if self.guard is None or denominator in self.guarded or denominator.operation == "constant":
+        if self.guard is None or denominator in self.guarded or isinstance(denominator, Constant):
             return
         self.guarded.update(factors(denominator))
         name = self.named(denominator)
-        size = name if denominator.operation == "sqrt" else f"{self.scalar.name('noslip_abs')}({name})"
+        size = name if is_operation(denominator, Operation.SQRT) else f"{self.scalar.name('noslip_abs')}({name})"
         self.lines.append(self.guard(f"!({size} > 0)"))
 
     def _sincos(self, angle: Node) -> None:
@@ -140,19 +142,13 @@ class Statements:
         sine, cosine = free_name(f"sin_{short}", self.taken), free_name(f"cos_{short}", self.taken)
         self.lines.append(f"{self.scalar.real} {sine}, {cosine};")
         self.lines.append(f"{self.scalar.name('noslip_sincos')}({name}, &{sine}, &{cosine});")
-        for node, text in self._pair(angle, sine, cosine):
-            self.names[node] = text
+        for node in self.uses:
+            if is_operation(node, *SINCOS) and node.arguments[0] is angle:
+                self.names[node] = sine if node.operation is Operation.SIN else cosine
 
-    def _pair(self, angle: Node, sine: str, cosine: str) -> list[tuple[Node, str]]:
-        return [
-            (node, sine if node.operation == "sin" else cosine)
-            for node in self.uses
-            if node.operation in ("sin", "cos") and node.arguments[0] is angle
-        ]
-
-    def _inverse(self, whole: Node) -> None:
+    def _inverse(self, whole: MatrixInverse) -> None:
         """Invert a matrix in an array, and leave where it has no inverse."""
-        size = isqrt(len(whole.arguments))
+        size = whole.size
         texts = [self.text(entry) for entry in whole.arguments]
         array, order, condition = (free_name(name, self.taken) for name in ("inverse", "order", "rcond"))
         real, call = self.scalar.real, f"{self.scalar.name('noslip_invert')}({array}, {order}, {size})"
@@ -160,10 +156,10 @@ class Statements:
         self.lines += [f"{array}[{k}] = {text};" for k, text in enumerate(texts)]
         self.lines.append(f"const {real} {condition} = {call};")
         if self.guard is not None:
-            self.lines.append(self.guard(f"!({condition} > {self.scalar.literal(whole.value)})"))
+            self.lines.append(self.guard(f"!({condition} > {self.scalar.literal(whole.least)})"))
         for node in self.uses:
-            if node.operation == ENTRY and node.arguments[0] is whole:
-                self.names[node] = f"{array}[{int(node.value)}]"
+            if isinstance(node, Element) and node.arguments[0] is whole:
+                self.names[node] = f"{array}[{node.number}]"
 
     def _assign(self, node: Node, text: str) -> None:
         own = in_c(self.labels.get(node, "")) or next(name for name in self.temporaries if name not in self.taken)
@@ -174,5 +170,10 @@ class Statements:
 
 def factors(node: Node) -> list[Node]:
     """The node and, of a product or a root, its factors: none is zero where the node is not, though it may underflow."""
-    inside = node.arguments if node.operation in ("mul", "neg", "sqrt") else ()
+    inside = node.arguments if is_operation(node, Operation.MUL, Operation.NEG, Operation.SQRT) else ()
     return [node, *(factor for argument in inside for factor in factors(argument))]
+
+
+def _named_otherwise(node: Node) -> bool:
+    """Is it none that is given a variable of its own?"""
+    return isinstance(node, Constant | Element) or is_operation(node, *SINCOS)

@@ -92,7 +92,7 @@ def claims_8a(runs: Runs) -> list[Claim]:
     settled = max(time_to_stay_within(run.t, distance(run), 0.01) for run in done.values())
     speed = max(np.abs(run.speed - 5.0).max() for run in done.values())
     turns = [np.sign(run.yaw_rate[-1]) for run in done.values()]
-    inner = max(abs(np.hypot(*(run.P_o[-1] - CENTRE)) - math.sqrt(RADIUS**2 - run.parameters["d"] ** 2)) for run in done.values())
+    inner = max(abs(np.hypot(*(run.P_o[-1] - CENTRE)) - math.sqrt(RADIUS**2 - run.ahead**2)) for run in done.values())
     singular = [label for label in refused if "singular" in runs[label].refused]
     return [
         Claim(

@@ -82,8 +82,7 @@ def deviations(runs: Runs) -> np.ndarray:
 
 
 def _draw_path(axes: Axes, segments: tuple[Segment, ...], label: str = "path to follow") -> None:
-    points = [np.array([segment.pose(s)[:2] for s in np.linspace(0, segment.length, 200)]) for segment in segments]
-    x, y = np.concatenate(points).T
+    x, y = np.transpose([place for segment in segments for place in segment.places(200)])
     to_follow(axes, x, y, label)
 
 
@@ -99,7 +98,7 @@ def draw_10(runs: Runs) -> matplotlib.figure.Figure:
     figure, axes = panels("desired path: arc A, line B, arc C", "its curvature", widths=(1.3, 1), height=4.4)
     way, joins = 0.0, []
     for name, segment, colour in zip(NAMES, _segments(runs), COLOURS, strict=False):
-        places = np.array([segment.pose(s)[:2] for s in np.linspace(0.0, segment.length, 200)])
+        places = np.array(segment.places(200))
         axes[0].plot(*places.T, color=colour, linewidth=3)
         text = (
             f"{name}: arc, R = {1 / abs(segment.curvature):g} m" if segment.curvature else f"{name}: line, {segment.length:g} m"
@@ -201,7 +200,7 @@ def claims_11(runs: Runs) -> list[Claim]:
     sampled = max(np.abs(runs[label].y[:, 0]).max() for label in SAMPLED)
     run = runs[CONTINUOUS]
     jumps = [torque_jump(run, k) for k in _joins(run)]
-    lever = run.parameters["d"]  # L = 0
+    lever = run.ahead  # L = 0
     before = [lever * segment.curvature for segment in _segments(runs)[:2]]
     wanted = [expected_jump(run.parameters, SPEED, *at) for at in zip(_steps(runs), before, strict=True)]
     off = max(abs(jump / closed - 1) for jump, closed in zip(jumps, wanted, strict=True))

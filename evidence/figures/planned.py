@@ -48,7 +48,7 @@ def normal_sine(run: Outcome) -> np.ndarray:
 
 def _draw_segments(axes: Axes, segments: tuple[Segment, ...], label: str) -> None:
     for k, segment in enumerate(segments):
-        x, y = np.array([segment.pose(s)[:2] for s in np.linspace(0.0, segment.length, 100)]).T
+        x, y = np.transpose(segment.places(100))
         to_follow(axes, x, y, label if k == 0 else None)
 
 
@@ -57,7 +57,7 @@ def _mark_sides(axes: Axes, run: Outcome) -> None:
     for k in hand_overs(run):
         axes.axvline(run.t[k], color=STOP, linestyle=":", linewidth=1.2)
     for begin, end in itertools.pairwise([0, *hand_overs(run), len(run.t) - 1]):
-        ahead = run.place[begin, 0] + run.parameters["d"]
+        ahead = run.place[begin, 0] + run.ahead
         if ahead < 0:
             axes.axvspan(run.t[begin], run.t[end], color=BACKWARD, alpha=0.1, linewidth=0)
         text = f"$P_l$\n{'ahead' if ahead > 0 else 'behind'}"
@@ -104,7 +104,7 @@ def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
 def claims_cusp(runs: Runs) -> list[Claim]:
     """What the hand-over is, and where the robot ends."""
     run = runs[DRIVEN]
-    cusps, levers = hand_overs(run), run.place[:, 0] + run.parameters["d"]
+    cusps, levers = hand_overs(run), run.place[:, 0] + run.ahead
     planned = [k for k, (a, b) in enumerate(itertools.pairwise(_segments(run)), 1) if a.backward != b.backward]
     speeds = [abs(float(run.speed[k])) for k in cusps]
     fitting = bool(np.all(np.sign(levers) == np.where(backward(run), -1, 1)))
@@ -224,7 +224,7 @@ def claims_waypoints(runs: Runs) -> list[Claim]:
     ]
     error = {label: float(np.abs(run.y[:, 0]).max()) for label, run in runs.items()}
     tightest = 1 / max(abs(segment.curvature) for segment in segments)
-    lever = runs[HELD].parameters["d"]
+    lever = runs[HELD].ahead
     end = float(np.hypot(*(runs[HELD].P_l[-1] - POINTS[-1])))
     return [
         Claim(

@@ -24,7 +24,7 @@ def sine(run: Outcome) -> np.ndarray:
 
 def predicted(run: Outcome) -> Callable[[np.ndarray | float], np.ndarray]:
     """s(t) in closed form from the start alone, for constant v: l ds/dt + v s = h1', h1 a sum of two exponentials."""
-    v, lever, s = float(run.speed[0]), float(run.place[0, 0]) + run.parameters["d"], float(sine(run)[0])
+    v, lever, s = float(run.speed[0]), float(run.place[0, 0]) + run.ahead, float(sine(run)[0])
     h, rate = float(run.P_l[0, 1]), float(run.speed[0]) * s  # not turning
     a, b = POLES
     first = (rate + b * h) / (b - a)  # h1 = first exp(-a t) + (h - first) exp(-b t)
@@ -83,7 +83,7 @@ def claims_reversing(runs: Runs) -> list[Claim]:
     unlike = {
         label: float(np.abs(sine(runs[label]) - predicted(runs[label])(runs[label].t)).max()) for label in (CONTINUOUS, RIGHT)
     }
-    levers = [float(run.place[0, 0]) + run.parameters["d"] for run in (wrong, right)]
+    levers = [float(run.place[0, 0]) + run.ahead for run in (wrong, right)]
     end, angle = float(np.abs(right.P_l[-1, 1])), math.degrees(abs(right.heading[-1]))
     speed = float(np.abs(continuous.speed + 1.0).max())
     return [

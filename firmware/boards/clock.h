@@ -1,13 +1,13 @@
-/* clock.h - what wakes a board at a fixed rate: boards/systick.c on Cortex-M, boards/clint.c on RISC-V. */
+/* clock.h - timer that wakes a board at a fixed rate: boards/systick.c on Cortex-M, boards/clint.c on RISC-V. */
 #ifndef CLOCK_H
 #define CLOCK_H
 
 #include <stdint.h>
 
-/* The first tick comes `period` (s) later. */
+/* Starts the timer; the first tick comes `period` (s) later. */
 void clock_start(float period);
 
-/* Sleeps until the next tick; answers how many came since the last one that were not waited for. */
+/* Sleeps until the next tick; returns the number of ticks missed since the last call. */
 uint32_t clock_wait(void);
 
 #endif

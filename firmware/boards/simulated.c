@@ -1,8 +1,8 @@
 /*
- * simulated.c - a board without a vehicle: encoders and motors of one that is simulated, as in robot.h, between two ticks.
+ * simulated.c - a board without hardware: encoders and motors of a simulated vehicle with the settings of robot.h.
  *
- * Written from the mechanics, not from the controller's code. With v the forward speed and w the yaw rate of the axle's middle,
- * torques T of right and left wheel, M all masses, J all inertia about the axle's middle:
+ * Derived from the mechanics, independently of the code of the controller. With forward speed v and yaw rate w of the middle of the
+ * axle, torques T of right and left wheel, total mass M, total inertia J about the middle of the axle:
  *     (M + 2 I_w / r^2) dv/dt = (T_r + T_l) / r + m_c d w^2
  *     (J + 2 I_w b^2 / r^2) dw/dt = (T_r - T_l) b / r - m_c d v w
  */
@@ -13,20 +13,20 @@
 #include "clock.h"
 #include "semihosting.h"
 
-#define STEPS 4      /* from tick to tick */
-#define DRIFT 0.005f /* m: so far the pose reckoned may be from the true one at the end */
+#define STEPS 4      /* integration steps per tick */
+#define DRIFT 0.005f /* m: largest allowed error of dead reckoning at the end */
 
 static vehicle_settings robot;
-static float x, y, heading, rate[2], command[2], fraction[2]; /* x, y: of the axle's middle; fraction: of a count */
+static float x, y, heading, rate[2], command[2], fraction[2]; /* x, y: middle of the axle; fraction: of a count */
 static uint32_t counter[2];
 static float elapsed; /* s: since the counters were last read */
 
-/* N m at the wheel, see motor.h. */
-static float torque_of(const motor_settings *of, float told, float wheel_rate)
+/* Returns the torque (N m) at the wheel for a motor command, see motor.h. */
+static float torque_of(const motor_settings *of, float command_value, float wheel_rate)
 {
     const float emf = of->torque_constant * of->gear;
-    const float current = of->mode == MOTOR_VOLTAGE ? (told - emf * wheel_rate) / of->resistance : told;
-    return of->mode == MOTOR_TORQUE ? told : emf * of->efficiency * current - of->friction * wheel_rate;
+    const float current = of->mode == MOTOR_VOLTAGE ? (command_value - emf * wheel_rate) / of->resistance : command_value;
+    return of->mode == MOTOR_TORQUE ? command_value : emf * of->efficiency * current - of->friction * wheel_rate;
 }
 
 static void turn(int wheel, float angle)
@@ -100,17 +100,17 @@ void board_read(uint32_t counts[2])
     counts[1] = counter[1] & mask;
 }
 
-void board_drive(const float told[2])
+void board_drive(const float commands[2])
 {
-    command[0] = told[0];
-    command[1] = told[1];
+    command[0] = commands[0];
+    command[1] = commands[1];
 }
 
 void board_alive(void)
 {
 }
 
-/* -- the last word ----------------------------------------------------------------------------------------------------- */
+/* -- report ------------------------------------------------------------------------------------------------------------ */
 
 static void say(const char *text)
 {

@@ -1,8 +1,8 @@
 /*
- * start_cortex_m.c - reset of a Cortex-M with an FPU: FPU on, memory as C expects it, main, and what comes after.
+ * start_cortex_m.c - reset of a Cortex-M with an FPU: enables the FPU, initializes memory, calls main.
  *
- * Where main ends, its answer becomes QEMU's exit code (semihosting). Where nobody listens, that call is a fault in a fault: the
- * processor stands still until a hardware watchdog resets it.
+ * The return value of main becomes the exit code of QEMU (semihosting). Without a debugger or QEMU this call causes a lockup, which
+ * lasts until a hardware watchdog resets the processor.
  */
 #include <stdint.h>
 
@@ -26,7 +26,7 @@ static void fault(void)
     leave(255);
 }
 
-/* The tick, for programs that have one. */
+/* Handler of the tick, replaced by programs that have one. */
 __attribute__((weak)) void sys_tick(void)
 {
     fault();
@@ -47,7 +47,7 @@ void reset(void)
     leave((uint32_t)main());
 }
 
-/* What the processor looks up: where the stack begins, then reset, eleven faults and calls that are none of ours, the tick. */
+/* Vector table: initial stack pointer, reset, faults and unused exceptions, tick. */
 __attribute__((section(".vectors"), used)) static const struct {
     uint32_t *stack;
     void (*handlers[15])(void);

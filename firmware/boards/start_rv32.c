@@ -1,4 +1,4 @@
-/* Reset of QEMU's RISC-V board: stack, FPU on where there is one, main, and its answer as QEMU's exit code. */
+/* Reset of QEMU's RISC-V board: sets the stack, enables the FPU if present, calls main, returns its result as QEMU's exit code. */
 #include <stdint.h>
 
 int main(void);
@@ -23,8 +23,8 @@ __attribute__((used)) static void run(void)
     leave((uint32_t)main());
 }
 
-/* The control registers' instructions as numbers: without zicsr in its name, which would choose other libraries, GCC's
- * assembler does not take them. QEMU itself has put data into place and zeroed the rest. */
+/* The instructions for control registers are given as numbers: the assembler of GCC rejects their names unless the architecture
+ * includes zicsr, which would select other libraries. QEMU itself initializes data and zeroes the rest. */
 __attribute__((naked, section(".reset"))) void reset(void)
 {
     __asm__ volatile("la sp, stack_top\n"

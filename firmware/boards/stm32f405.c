@@ -1,18 +1,18 @@
 /*
- * stm32f405.c - a real board: encoders on TIM2 and TIM3, motor bridges on TIM1, the independent watchdog. Clock: 16 MHz, the
- * internal one, as after reset; the tick is in systick.c.
+ * stm32f405.c - a real board: encoders on TIM2 and TIM3, motor bridges on TIM1, the independent watchdog. The clock is the internal
+ * one, 16 MHz, as after reset; the tick is in systick.c.
  *
  *     right encoder  PA0, PA1    bridge  PA8 (PWM), PB0 (high: backward)
  *     left encoder   PA6, PA7            PA9 (PWM), PB1 (high: backward)
  *
- * Until board_start all pins are inputs: the bridges want pull-downs, so that the motors have no power then.
+ * Until board_start all pins are inputs. The bridges require pull-down resistors, so that the motors are off until then.
  */
 #include "../board.h"
 #include "clock.h"
 
-#define SUPPLY 24.0f /* V, of the bridges: those that the battery has now, where somebody measures it */
-#define PWM 800      /* parts of a period of 20 kHz */
-#define LATE 5.0f    /* ticks without board_alive until the watchdog resets */
+#define SUPPLY 24.0f /* V, of the bridges; use the measured battery voltage if available */
+#define PWM 800      /* counts per period, 20 kHz */
+#define LATE 5.0f    /* ticks without board_alive after which the watchdog resets */
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 
@@ -50,8 +50,8 @@
 static void encoder_start(uint32_t timer)
 {
     TIM_ARR(timer) = 0xffff;   /* 16 bits, also of TIM2, which has 32 */
-    TIM_CCMR1(timer) = 0x3131; /* inputs 1 and 2, each from its own pin; a level counts that lasts 8 clocks */
-    TIM_SMCR(timer) = 3;       /* every edge of both counts */
+    TIM_CCMR1(timer) = 0x3131; /* inputs 1 and 2 from their own pins; filter: a level must last 8 clocks */
+    TIM_SMCR(timer) = 3;       /* count every edge of both */
     TIM_CR1(timer) = 1;
 }
 
@@ -59,36 +59,36 @@ static void bridges_start(void)
 {
     TIM_PSC(TIM1) = 0;
     TIM_ARR(TIM1) = PWM - 1;
-    TIM_CCMR1(TIM1) = 0x6868; /* outputs 1 and 2: high while the counter is below CCR, which changes between periods */
+    TIM_CCMR1(TIM1) = 0x6868; /* outputs 1 and 2: high while the counter is below CCR, which is updated between periods */
     TIM_CCR1(TIM1) = 0;
     TIM_CCR2(TIM1) = 0;
     TIM_CCER(TIM1) = 0x11;
     TIM_BDTR(TIM1) = 0x8000; /* all outputs on */
-    TIM_EGR(TIM1) = 1;       /* take that over */
+    TIM_EGR(TIM1) = 1;       /* load these values */
     TIM_CR1(TIM1) = 0x81;
 }
 
 static void pins_start(void)
 {
-    GPIOA_PUPDR |= 0x5005;                                    /* PA0, 1, 6, 7: pulled up, encoders with open collectors */
+    GPIOA_PUPDR |= 0x5005;                                    /* PA0, 1, 6, 7: pull-up, for encoders with open collectors */
     GPIOA_AFRL = (GPIOA_AFRL & ~0xff0000ffu) | 0x22000011u;   /* PA0, 1: TIM2; PA6, 7: TIM3 */
     GPIOA_AFRH = (GPIOA_AFRH & ~0x000000ffu) | 0x00000011u;   /* PA8, 9: TIM1 */
-    GPIOA_MODER = (GPIOA_MODER & ~0x000ff00fu) | 0x000aa00au; /* all six theirs */
+    GPIOA_MODER = (GPIOA_MODER & ~0x000ff00fu) | 0x000aa00au; /* all six: alternate function */
     GPIOB_MODER = (GPIOB_MODER & ~0x0000000fu) | 0x00000005u; /* PB0, 1: outputs */
 }
 
 static void watchdog_start(float period)
 {
-    IWDG_KR = 0x5555; /* may be written to */
-    IWDG_PR = 3;      /* 32 kHz / 32: counts ms */
+    IWDG_KR = 0x5555; /* enable writing */
+    IWDG_PR = 3;      /* 32 kHz / 32: counts in ms */
     IWDG_RLR = (uint32_t)(period * LATE * 1000) + 1;
     IWDG_KR = 0xcccc; /* on, until the next reset */
 }
 
 int board_start(float period)
 {
-    const int restarted = (RCC_CSR & 0x20000000u) != 0; /* the watchdog did the last reset */
-    RCC_CSR |= 0x01000000u;                             /* forget that */
+    const int restarted = (RCC_CSR & 0x20000000u) != 0; /* the last reset came from the watchdog */
+    RCC_CSR |= 0x01000000u;                             /* clear this flag */
     RCC_AHB1ENR |= 0x3;                                 /* GPIOA, B */
     RCC_APB1ENR |= 0x3;                                 /* TIM2, 3 */
     RCC_APB2ENR |= 0x1;                                 /* TIM1 */
@@ -125,10 +125,10 @@ void board_alive(void)
     IWDG_KR = 0xaaaa;
 }
 
-/* Nobody listens: stands by, so that the watchdog does not start it anew. With TOLD there is a debugger, or QEMU. */
+/* Waits for ever and feeds the watchdog, so that it does not restart the program. With HAS_HOST defined (a debugger or QEMU), returns. */
 int board_end(const board_report *report)
 {
-#if !defined(TOLD)
+#if !defined(HAS_HOST)
     for (;;) {
         (void)clock_wait();
         board_alive();

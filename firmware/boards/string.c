@@ -1,4 +1,4 @@
-/* string.c - volatile, so that no compiler makes the loops into calls of themselves. */
+/* string.c - memcpy and memset. volatile, so that compilers do not replace the loops by calls of these functions. */
 #include "string.h"
 
 void *memcpy(void *to, const void *from, size_t size)
@@ -20,7 +20,7 @@ void *memset(void *to, int value, size_t size)
     return to;
 }
 
-/* What clang calls on ARM in their place. */
+/* The names that clang calls on ARM. */
 #if defined(__clang__) && defined(__arm__)
 void *__aeabi_memcpy(void *to, const void *from, size_t size) __attribute__((alias("memcpy")));
 void *__aeabi_memcpy4(void *to, const void *from, size_t size) __attribute__((alias("memcpy")));

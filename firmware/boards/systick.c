@@ -1,9 +1,9 @@
-/* systick.c - ticks from a Cortex-M's own timer. CLOCK is its rate in Hz. */
+/* systick.c - ticks from the system timer of a Cortex-M. CLOCK is its rate in Hz. */
 #include "clock.h"
 
 #define SYST_CSR (*(volatile uint32_t *)0xe000e010u) /* control */
-#define SYST_RVR (*(volatile uint32_t *)0xe000e014u) /* counts down from here, 24 bits */
-#define SYST_CVR (*(volatile uint32_t *)0xe000e018u) /* where it is */
+#define SYST_RVR (*(volatile uint32_t *)0xe000e014u) /* reload value, 24 bits, counting down */
+#define SYST_CVR (*(volatile uint32_t *)0xe000e018u) /* current value */
 
 void sys_tick(void);
 
@@ -25,7 +25,7 @@ void clock_start(float period)
 uint32_t clock_wait(void)
 {
     uint32_t missed;
-    /* Interrupts wait between the look and the sleep: they end it all the same, and none comes just before it unseen. */
+    /* Interrupts are disabled between the test and the sleep, so that no tick is lost there; a pending one still ends the sleep. */
     __asm__ volatile("cpsid i" ::: "memory");
     while (ticks == taken) {
         __asm__ volatile("wfi\n\tcpsie i\n\tisb\n\tcpsid i" ::: "memory");

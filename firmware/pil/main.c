@@ -1,6 +1,6 @@
 /*
- * main.c - serves calls (see pil.h) that come in on standard input and are answered on standard output: by semihosting, where
- * these are QEMU's, or on a computer of its own. Ends with 0 where the input ends between two calls, with 1 elsewhere.
+ * main.c - reads requests (see pil.h) from standard input and writes answers to standard output: those of QEMU, by semihosting, or
+ * of a host computer. The exit code is 0 if the input ends between two requests, else 1.
  */
 #include "pil.h"
 
@@ -42,17 +42,17 @@ static int start(void)
     return opened;
 }
 
-/* Both answer how many bytes they did; semihosting answers how many it did not. */
+/* Both return the number of bytes transferred; semihosting returns the number not transferred. */
 static uint32_t get(void *to, uint32_t size)
 {
     uint32_t left = size;
     while (left > 0) {
         const uint32_t read[3] = {files[0], (uint32_t)(uintptr_t)to + (size - left), left};
-        const uint32_t still = (uint32_t)semihosting(SEMIHOSTING_READ, read);
-        if (still >= left) {
+        const uint32_t not_read = (uint32_t)semihosting(SEMIHOSTING_READ, read);
+        if (not_read >= left) {
             break;
         }
-        left = still;
+        left = not_read;
     }
     return size - left;
 }
@@ -66,7 +66,7 @@ static uint32_t put(const void *from, uint32_t size)
 
 static pil served;
 
-/* Answers one call; 0 where that cannot be done. */
+/* Handles one request; returns 0 on an error. */
 static int serve(void)
 {
     if (pil_check(&served) == PIL_FAULT_NONE) {

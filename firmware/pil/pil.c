@@ -5,13 +5,13 @@ static int hello(pil *self)
 {
     const pil_input *in = &self->input;
     const pil_output *out = &self->output;
-    const pil_hello found = {sizeof in->law.params,    sizeof in->law.config,       sizeof in->law.gains,
+    const pil_hello hello_answer = {sizeof in->law.params,    sizeof in->law.config,       sizeof in->law.gains,
                              sizeof in->law.options,   sizeof in->step.state,       sizeof in->step.reference,
                              sizeof out->evaluation,   sizeof out->tau,             sizeof in->segment.segment,
                              sizeof in->path.options,  sizeof out->guide,           sizeof in->odometry.options,
                              PIL_LAWS,                 PIL_PATHS,                   PIL_ODOMETRIES,
                              PIL_INTEGRALS,            PIL_SEGMENTS};
-    self->output.hello = found;
+    self->output.hello = hello_answer;
     return NOSLIP_OK;
 }
 
@@ -96,6 +96,11 @@ static int odometry_correct(pil *self)
                                      self->input.correction.mode);
 }
 
+static int odometry_unwind(pil *self)
+{
+    return noslip_odometry_unwind_f(&self->odometries[self->request.object]);
+}
+
 static int integral_init(pil *self)
 {
     return noslip_integral_init_f(&self->integrals[self->request.object], self->input.integral.ki,
@@ -136,6 +141,7 @@ static const operation operations[PIL_OPERATIONS] = {
     [PIL_OP_ODOMETRY_CORRECT] = {odometry_correct, TAKES(correction), 0, PIL_ODOMETRIES},
     [PIL_OP_INTEGRAL_INIT] = {integral_init, TAKES(integral), 0, PIL_INTEGRALS},
     [PIL_OP_INTEGRAL_STEP] = {integral_step, TAKES(sample), GIVES(integral), PIL_INTEGRALS},
+    [PIL_OP_ODOMETRY_UNWIND] = {odometry_unwind, 0, 0, PIL_ODOMETRIES},
 };
 
 static uint32_t fault_of(const pil_request *request)
@@ -162,9 +168,9 @@ uint32_t pil_check(pil *self)
 
 void pil_call(pil *self)
 {
-    const operation *asked = &operations[self->request.operation];
-    self->answer.status = asked->call(self);
+    const operation *requested = &operations[self->request.operation];
+    self->answer.status = requested->call(self);
     if (self->answer.fault == PIL_FAULT_NONE) {
-        self->answer.size = asked->gives;
+        self->answer.size = requested->gives;
     }
 }

@@ -1,11 +1,12 @@
 /*
- * pil.h - processor in the loop: a law, and what leads and surrounds it, called from another computer that simulates the rest.
+ * pil.h - processor in the loop: a law, paths, odometry and integral action on a target, called by a computer that simulates the
+ * vehicle.
  *
- * A call is a message in and a message out, of 32-bit words in the target's order of bytes, structs as they lie in memory. The
- * objects, laws and paths and so on, stay on the target; a call says by a number which it means.
+ * A call is a request and an answer, both of 32-bit words in the byte order of the target, with structs as they are in memory. The
+ * objects (laws, paths and so on) stay on the target; a request selects one by its number.
  *
- * The law is the one that pil_law.h includes; it defines PIL_ROBOT(name) and PIL_LAW(name), which make the C names of the
- * robot and the law, both in float.
+ * The law is the one included by pil_law.h, which defines PIL_ROBOT(name) and PIL_LAW(name), the C names of the robot and the law in
+ * float.
  */
 #ifndef PIL_H
 #define PIL_H
@@ -15,17 +16,17 @@
 #include "noslip_path.h"
 #include "pil_law.h"
 
-#define PIL_MAGIC 0x4c49504eu /* "NPIL" where the lowest byte comes first */
+#define PIL_MAGIC 0x4c49504eu /* "NPIL" in little-endian order */
 #define PIL_VERSION 1u
 
-/* How many objects of a kind there are, and segments of a path. */
+/* Number of objects of each kind, and of segments of a path. */
 #define PIL_LAWS 1024
 #define PIL_PATHS 16
 #define PIL_ODOMETRIES 16
 #define PIL_INTEGRALS 64
 #define PIL_SEGMENTS 512
 
-/* What can be called; words in -> words out beside the status that it answers. */
+/* Operations: input -> output, in addition to the status returned. */
 enum {
     PIL_OP_HELLO,            /* -> pil_hello */
     PIL_OP_LAW_INIT,         /* params, config, gains, options -> */
@@ -40,17 +41,18 @@ enum {
     PIL_OP_ODOMETRY_MOVE,    /* angle[2], dt -> pose */
     PIL_OP_ODOMETRY_CORRECT, /* truth, mode -> */
     PIL_OP_INTEGRAL_INIT,    /* ki, limit -> */
-    PIL_OP_INTEGRAL_STEP,    /* error, dt, status -> what to add, z */
+    PIL_OP_INTEGRAL_STEP,    /* error, dt, status -> ki z, z */
+    PIL_OP_ODOMETRY_UNWIND,  /* -> */
     PIL_OPERATIONS
 };
 
-/* What is wrong with a message; then nothing was called, and the program ends once it has said so. */
+/* Faults of a request. Nothing is called then, and the program ends after the answer. */
 enum {
     PIL_FAULT_NONE,
-    PIL_FAULT_MAGIC,     /* it does not begin with PIL_MAGIC and PIL_VERSION; what follows it cannot be trusted either */
-    PIL_FAULT_OPERATION, /* there is no such operation */
-    PIL_FAULT_SIZE,      /* the operation takes more bytes, or fewer */
-    PIL_FAULT_OBJECT     /* there is no object, or no segment, of this number */
+    PIL_FAULT_MAGIC,     /* it does not begin with PIL_MAGIC and PIL_VERSION */
+    PIL_FAULT_OPERATION, /* unknown operation */
+    PIL_FAULT_SIZE,      /* wrong number of bytes for the operation */
+    PIL_FAULT_OBJECT     /* no object or segment with this number */
 };
 
 typedef struct {
@@ -67,7 +69,7 @@ typedef struct {
     uint32_t size;  /* bytes that follow */
 } pil_answer;
 
-/* Bytes, to see that both sides mean the same structs; numbers. */
+/* Sizes of the structs (bytes), to check that both sides use the same ones, and numbers of objects. */
 typedef struct {
     uint32_t params, config, gains, options, state, reference, evaluation, inputs;
     uint32_t segment, path_options, guide, odometry_options;
@@ -128,7 +130,7 @@ typedef union {
     } integral;
 } pil_output;
 
-/* All there is. Read `request` and, if it passes pil_check, its bytes into `input`; then pil_call; then write `answer` and
+/* Complete state. Read `request`; if pil_check accepts it, read its bytes into `input` and call pil_call; then write `answer` and
  * its bytes of `output`. */
 typedef struct {
     pil_request request;
@@ -142,10 +144,10 @@ typedef struct {
     noslip_integral_f integrals[PIL_INTEGRALS];
 } pil;
 
-/* Prepares the answer to a request whose bytes are not read yet: PIL_FAULT_NONE, or what is wrong with it. */
+/* Checks a request before its input is read and prepares the answer. Returns the fault, or PIL_FAULT_NONE. */
 uint32_t pil_check(pil *self);
 
-/* Calls what a request asks for that was found right. */
+/* Executes a request that pil_check has accepted. */
 void pil_call(pil *self);
 
 #endif

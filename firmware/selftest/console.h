@@ -1,4 +1,4 @@
-/* console.h - where the self-test tells what it found: QEMU's or a debugger's console (semihosting), or standard output. */
+/* console.h - output of the self-test: the console of QEMU or a debugger (semihosting), or standard output. */
 #ifndef CONSOLE_H
 #define CONSOLE_H
 
@@ -10,7 +10,7 @@ static void say(const char *text)
     (void)fputs(text, stdout);
 }
 
-#else /* a board without a debugger stops at the first word: put your serial port's function here */
+#else /* without a debugger, a board stops at the first output: call the function of your serial port here instead */
 #include "semihosting.h"
 
 static void say(const char *text)

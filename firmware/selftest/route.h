@@ -1,9 +1,9 @@
 /*
- * route.h - a vehicle led along a path: encoders, dead reckoning with a correction let in, the path, integral action, and what
- * is inline in the headers, all compiled where this file is included, with the flags and in the dialect of that file.
+ * route.h - a vehicle on a path: encoders, dead reckoning with a correction, the path, integral action, and the other inline functions
+ * of the headers, compiled with the flags and in the C dialect of the file that includes this one.
  *
- * Before it is included, REAL is the scalar and OF(name) a name of the runtime for it. Each tick adds the bits of every output
- * to a digest, which is compared with that of the machine where the self-test was written.
+ * REAL must be defined as the scalar and OF(name) as the name of a runtime function for it. Each tick adds the bits of every output
+ * to a digest, which is compared with the one from the computer that generated the self-test.
  */
 #ifndef ROUTE_H
 #define ROUTE_H
@@ -15,7 +15,7 @@
 #include "noslip_reversing.h"
 #include "noslip_solve.h"
 
-#define ROUTE_TICKS 400u /* the vehicle arrives after some 330 */
+#define ROUTE_TICKS 400u /* the vehicle arrives after about 330 */
 #define ROUTE_PERIOD ((REAL)0.01)
 
 typedef struct {
@@ -76,7 +76,7 @@ static void route_begin(route *self)
     self->digest = digest_word(2166136261u, (uint32_t)status);
 }
 
-/* Numbers of the runtime that stand by themselves, at some pose. */
+/* Functions of the runtime that have no state, evaluated at a pose. */
 static void route_numbers(route *self, const OF(noslip_pose) *pose)
 {
     REAL found[6], matrix[9];
@@ -98,10 +98,10 @@ static void route_numbers(route *self, const OF(noslip_pose) *pose)
     self->digest = digest_word(digest_reals(self->digest, found, 3), (uint32_t)status);
 }
 
-/* Goes on by a tick; `tick` from 0. */
+/* Simulates one tick; `tick` counts from 0. */
 static void route_tick(route *self, unsigned tick)
 {
-    static const REAL levers[2] = {(REAL)0.35, (REAL)-0.25};
+    static const REAL lookaheads[2] = {(REAL)0.35, (REAL)-0.25};
     OF(noslip_pose) pose = {0, 0, 0};
     OF(noslip_guide) seen;
     REAL turned[2] = {0, 0}, added = 0, speed;
@@ -120,7 +120,7 @@ static void route_tick(route *self, unsigned tick)
     speed = (turned[0] + turned[1]) * 5;
     status += 10 * OF(noslip_path_step)(&self->path, pose.x, pose.y, self->odometry.direction, speed);
     status += 100 * OF(noslip_path_look)(&self->path, pose.x, pose.y, pose.heading, speed, &seen);
-    status += OF(noslip_reversing)(NOSLIP_SWITCH, self->path.guide.speed, levers, &self->which);
+    status += OF(noslip_reversing)(NOSLIP_SWITCH, self->path.guide.speed, lookaheads, &self->which);
     status += OF(noslip_integral_step)(&self->integral, self->path.guide.foot.distance, ROUTE_PERIOD, NOSLIP_OK, &added);
     {
         const REAL all[] = {pose.x, pose.y, pose.heading, self->odometry.direction[0], self->odometry.direction[1], added,

@@ -1,6 +1,6 @@
 /*
- * stopwatch.h - what a piece of code costs: instructions on RISC-V, cycles of the processor on a Cortex-M (SysTick), nothing
- * elsewhere. In QEMU, which has no cycles, STOPWATCH_INSTRUCTIONS says how many instructions a tick of SysTick stands for.
+ * stopwatch.h - measures the cost of code: instructions on RISC-V, processor cycles on a Cortex-M (SysTick), nothing elsewhere. QEMU
+ * does not count cycles; there STOPWATCH_INSTRUCTIONS is the number of instructions per tick of SysTick.
  */
 #ifndef STOPWATCH_H
 #define STOPWATCH_H

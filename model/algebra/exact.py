@@ -1,9 +1,9 @@
 """Exact simplification: rational functions in canonical form, modulo sin^2 + cos^2 = 1 and sqrt(a)^2 = a.
 
-Sines and cosines of sums are also tried with the addition theorems, without which sin(a + b) and sin(a) would be strangers.
+Sines and cosines of sums are also expanded by the addition theorems, because sin(a + b) and sin(a) are independent otherwise.
 
-What cancels is gone, and what does not matter (the heading in S'MS) is found and proved at once. Entries of a matrix that
-are equal as rational functions of the same symbols, sines, cosines and roots come out as one expression, K and -K as one
+Common factors cancel, and symbols without effect (such as the heading in S'MS) disappear with proof. Entries of a matrix that are
+equal as rational functions of the same symbols, sines, cosines and roots become the same expression, and K and -K one expression
 and its negative.
 """
 
@@ -16,11 +16,13 @@ from .expression import fold, free_symbols, operate
 from .field import Element, Field
 from .ratios import NotRational
 
-LARGEST = 400  # operations; above this a canonical form costs more than it brings
+LARGEST = 400  # operations; above this, a canonical form costs more than it saves
 
 
 def canonical(expression: ca.SX) -> ca.SX:
-    """The same matrix, each entry simplified exactly; one that is too large, or would only become longer, stays as it is."""
+    """Return the same matrix with each entry simplified exactly; an entry that is too large or would become longer is
+    unchanged.
+    """
     expression = ca.SX(expression)
     simplified = ca.SX(expression)
     found: dict[int, Element] = {}
@@ -42,10 +44,10 @@ def canonical(expression: ca.SX) -> ca.SX:
 
 
 def _simplify(entry: ca.SX) -> tuple[Element, ca.SX]:
-    """The entry's element, and its magnitude as an expression: the canonical one, or the entry's own if that is shorter.
+    """Return the entry's element, and its magnitude as an expression: the canonical one, or the entry's own if that is shorter.
 
-    The entry's own is not taken when it has a symbol that does not matter or a pole that cancels; it is when the canonical one
-    has a pole where the entry has none: 1 / (1 + sin) is (1 - sin) / cos^2, but not where the sine is 1.
+    The entry's own form is not used if it contains a symbol without effect or a removable pole. It is used if the canonical
+    form has a pole where the entry has none: 1 / (1 + sin) is (1 - sin) / cos^2, but not where the sine is 1.
     """
     found = [_tried(way) for way in (entry, by_addition_theorems(entry)) if way is not None]
     as_written, *expanded = found
@@ -58,7 +60,7 @@ def _simplify(entry: ca.SX) -> tuple[Element, ca.SX]:
 
 
 def _tried(entry: ca.SX) -> tuple[Element, ca.SX] | None:
-    """As `_as_written`; None for an entry that is too large for that."""
+    """Return the result of `_as_written`, or None for an entry that is too large."""
     if ca.n_nodes(entry) > LARGEST:
         return None
     try:
@@ -68,7 +70,7 @@ def _tried(entry: ca.SX) -> tuple[Element, ca.SX] | None:
 
 
 def _as_written(entry: ca.SX) -> tuple[Element, ca.SX]:
-    """As `_simplify`, sines and cosines of different arguments taken for independent."""
+    """As `_simplify`, treating sines and cosines of different arguments as independent."""
     field = Field(entry)
     element = field.simplify()
     magnitude = field.expression(element.magnitude)
@@ -82,7 +84,7 @@ def _cost(expression: ca.SX) -> tuple[int, int]:
 
 
 def by_addition_theorems(entry: ca.SX) -> ca.SX | None:
-    """The entry with sines and cosines of sums and whole multiples of symbols by those of the symbols; None without such sums."""
+    """Return the entry with sines and cosines of sums and integer multiples of symbols expanded; None if there are none."""
     symbols = free_symbols(entry)
     found = False
 
@@ -101,18 +103,18 @@ def by_addition_theorems(entry: ca.SX) -> ca.SX | None:
 
 @dataclass(frozen=True)
 class _Sum:
-    """An expression; where it is a sum of whole multiples of symbols also these, by the symbol's place."""
+    """An expression; if it is a sum of integer multiples of symbols, also these, by the index of the symbol."""
 
     expression: ca.SX
     terms: Mapping[int, int] | None = None
 
     @property
     def count(self) -> int:
-        """Of terms, a multiple for as many as it is; 0 where it is no such sum."""
+        """Return the number of terms, counting multiplicities; 0 if it is not such a sum."""
         return sum(map(abs, (self.terms or {}).values()))
 
     def combined(self, code: int, *others: "_Sum") -> Mapping[int, int] | None:
-        """The terms after an operation."""
+        """Return the terms after an operation."""
         known = [each.terms for each in (self, *others) if each.terms is not None]
         if len(known) <= len(others):
             return None
@@ -127,7 +129,7 @@ class _Sum:
 
 
 def _circle(symbols: Sequence[ca.SX], terms: Mapping[int, int]) -> tuple[ca.SX, ca.SX]:
-    """Cosine and sine of a sum."""
+    """Return cosine and sine of a sum."""
     cosine, sine = ca.SX(1), ca.SX(0)
     for k, multiple in terms.items():
         c, s = ca.cos(symbols[k]), ca.sin(symbols[k]) * (1 if multiple > 0 else -1)

@@ -1,4 +1,4 @@
-"""Walking CasADi expressions: the flat list of scalar operations behind a set of SX outputs."""
+"""Traversal of CasADi expressions: the list of scalar operations of a set of SX outputs."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +12,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class Operation:
-    """One scalar operation `code` (a casadi.OP_* number) on earlier `values`; `result` is its place in the work vector."""
+    """One scalar operation `code` (a casadi.OP_* number) on earlier `values`; `result` is its index in the work vector."""
 
     code: int
     arguments: tuple[int, ...]
@@ -21,7 +21,7 @@ class Operation:
 
 
 def operations(function: ca.Function) -> Iterator[Operation]:
-    """The operations of an SX function in order of execution, places as CasADi assigns them (they are reused)."""
+    """Yield the operations of an SX function in order of execution, with the indices assigned by CasADi (which are reused)."""
     for k in range(function.n_instructions()):
         code = function.instruction_id(k)
         if code == ca.OP_CONST:
@@ -42,9 +42,9 @@ def fold(
     constant: Callable[[float], Value],
     apply: Callable[[int, tuple[Value, ...]], Value],
 ) -> list[Value]:
-    """Rebuild the dense entries (column-major) of `outputs` in another algebra.
+    """Evaluate the dense entries (column-major) of `outputs` in another algebra.
 
-    `leaf(k)` stands for symbols[k], `constant` for a number, `apply` for one operation.
+    `leaf(k)` is the value of symbols[k], `constant` that of a number, `apply` that of one operation.
     """
     dense = ca.densify(ca.vec(outputs))
     function = ca.Function("walk", [ca.vertcat(*symbols)], [dense])
@@ -64,20 +64,29 @@ def fold(
 
 
 def operate(code: int, *arguments: ca.SX) -> ca.SX:
-    """One scalar operation, by its casadi.OP_* number."""
+    """Return the result of one scalar operation, given by its casadi.OP_* number."""
     return ca.SX.unary(code, *arguments) if len(arguments) == 1 else ca.SX.binary(code, *arguments)
 
 
 def free_symbols(expression: ca.SX) -> list[ca.SX]:
-    """The symbols `expression` depends on, each once."""
+    """Return the symbols on which `expression` depends, each once."""
     return ca.symvar(expression)
 
 
-def degree(expression: ca.SX, variables: ca.SX) -> float:
-    """Degree of the expression (the largest of a matrix's entries) as a polynomial in `variables`, read from its structure.
+def as_text(expression: ca.SX) -> str:
+    """Shape, symbols and operations of an expression, constants to their last bit; CasADi's own text has six digits of them."""
+    symbols, dense = free_symbols(expression), ca.densify(expression)
+    function = ca.Function("walk", [ca.vertcat(*symbols)], [ca.vec(dense)])
+    steps = [f"{o.code} {o.arguments} {o.result} {o.constant!r}" for o in operations(function)]
+    return "\n".join([f"{dense.shape} {symbols}", *steps])
 
-    Infinite where it is not written as a polynomial: as fabs(v), sqrt(v), fmax(v, 0) or 1/v. Derivatives cannot tell, for they
-    vanish almost everywhere for functions with corners or steps. The degree is an upper bound: terms may still cancel.
+
+def degree(expression: ca.SX, variables: ca.SX) -> float:
+    """Return the degree of an expression (the largest of a matrix's entries) as a polynomial in `variables`, from its structure.
+
+    The degree is infinite for expressions that are not written as polynomials, such as fabs(v), sqrt(v), fmax(v, 0) or 1/v.
+    Derivatives would not show this: they vanish almost everywhere for functions with corners or steps. The degree is an upper
+    bound, because terms may cancel.
     """
     chosen = {variables.nz[k].element_hash() for k in range(variables.nnz())}
     symbols = free_symbols(expression)
@@ -93,7 +102,7 @@ def degree(expression: ca.SX, variables: ca.SX) -> float:
 
 @dataclass(frozen=True)
 class _Power:
-    """The degree of an expression; `value` where it is a number."""
+    """The degree of an expression, and its `value` if it is a number."""
 
     degree: float
     value: float = math.nan
@@ -115,5 +124,5 @@ def _power_of_result(code: int, arguments: tuple[_Power, ...]) -> _Power:
 
 
 def time_derivative(expression: ca.SX, variables: ca.SX, rates: ca.SX) -> ca.SX:
-    """d/dt of `expression` (any shape) when `variables` move at `rates`: (d expression / d variables) * rates."""
+    """Return d/dt of `expression` (any shape) for `variables` with these rates: (d expression / d variables) rates."""
     return ca.reshape(ca.jtimes(ca.vec(expression), variables, rates), expression.shape)

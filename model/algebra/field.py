@@ -1,4 +1,4 @@
-"""The field of rational functions that one expression lives in, with its sines, cosines and roots."""
+"""The field of rational functions that contains one expression, with its sines, cosines and roots."""
 
 import math
 from collections.abc import Hashable, Sequence
@@ -21,6 +21,7 @@ from .ratios import (
     NotRational,
     Radical,
     Ratio,
+    conjugate,
     exact,
     factored,
     generators_of,
@@ -31,8 +32,8 @@ from .ratios import (
     without_squares,
 )
 
-Step = tuple[Any, ...]  # (operation, places of its arguments), (SYMBOL, k), (CONSTANT, value), (POWER, place, n)
-FACTORED = 15  # terms up to which a polynomial is factored; longer ones seldom have factors, and take long to show it
+Step = tuple[Any, ...]  # (operation, indices of its arguments), (SYMBOL, k), (CONSTANT, value), (POWER, index, n)
+FACTORED = 15  # terms up to which a polynomial is factored; longer ones rarely have factors, and factoring them is slow
 
 
 @dataclass(frozen=True)
@@ -42,18 +43,18 @@ class Element:
     key: Hashable
     negative: bool
     magnitude: Ratio
-    cancelled: bool  # did a common factor go?
-    pole: bool  # did rationalizing bring a factor into the denominator that vanishes where the expression has a value?
+    cancelled: bool  # whether a common factor was cancelled
+    pole: bool  # whether rationalizing introduced a denominator that vanishes where the expression is defined
 
 
 class Field:
-    """Rational functions over QQ of an expression's symbols and of its atoms, which are what is not rational in them.
+    """Rational functions over QQ of an expression's symbols and of its atoms, the subexpressions that are not rational.
 
-    Sines (with their cosines) and roots are atoms whose square is known; of any other function nothing is known.
+    Sines (with their cosines) and roots are atoms whose square is known; other functions are treated as independent.
     """
 
     def __init__(self, entry: ca.SX):
-        self.symbols = sorted(free_symbols(entry), key=str)  # one order everywhere, so that equal factors look equal
+        self.symbols = sorted(free_symbols(entry), key=str)  # the same order everywhere, so that equal factors are equal
         self.steps: list[Step] = []
         self.places: dict[Step, int] = {}
         self._expression_of: dict[int, ca.SX] = {}
@@ -69,15 +70,15 @@ class Field:
         self.expressions = [*self.symbols, *[self._rebuilt(self.places[atom]) for atom in atoms]]
         self.ring, *self.generators = ring([f"g{k}" for k in range(len(self.expressions))], QQ)
         self.radicals: list[Radical] = []
-        self.cosines: list[Radical] = []  # the sines among the radicals the other way round
-        self.floats: dict[QQ, float] = {}  # number -> the float that it was
+        self.cosines: list[Radical] = []  # the sines among the radicals, with the roles exchanged
+        self.floats: dict[QQ, float] = {}  # exact number -> the float from which it was made
         self.known: dict[Step, int] = {}  # function and canonical arguments -> generator
 
     def simplify(self) -> Element:
-        """The expression in canonical form.
+        """Return the expression in canonical form.
 
-        No sine or root in the denominator, no common factor; from there, where that has fewer terms, a sine or root moved
-        to the denominator and squares of cosines written as squares of sines.
+        The denominator has no sine or root, and there is no common factor. Then, if this has fewer terms, a sine or root is
+        moved to the denominator and squares of cosines are written as squares of sines.
         """
         given = self._evaluate()
         numerator, denominator = self._rationalize(*given)
@@ -91,7 +92,7 @@ class Field:
         return Element((names, magnitude), negative, magnitude, cancelled, pole and not self._divides(denominator, given[1]))
 
     def expression(self, ratio: Ratio) -> ca.SX:
-        """A ratio as an expression, numerator and denominator factored."""
+        """Return a ratio as an expression, with numerator and denominator factored."""
         if not ratio[0]:
             return ca.SX(0)
         (upper, above), (lower, below) = map(self._product, ratio)
@@ -106,14 +107,14 @@ class Field:
     # -- the expression as steps ----------------------------------------------------------------------------------
 
     def _step(self, *step: Any) -> int:
-        """The place of a step; equal steps are made once."""
+        """Return the index of a step; equal steps have the same index."""
         if step not in self.places:
             self.places[step] = len(self.steps)
             self.steps.append(step)
         return self.places[step]
 
     def _operation(self, code: int, arguments: tuple[int, ...]) -> int:
-        """A sine brings its cosine along; a tangent and a power become what they are made of."""
+        """Return the step of an operation. A sine also adds its cosine; tangents and powers are expanded."""
         if code in (ca.OP_SIN, ca.OP_COS, ca.OP_TAN):
             sine, cosine = self._step(ca.OP_SIN, *arguments), self._step(ca.OP_COS, *arguments)
             return sine if code == ca.OP_SIN else cosine if code == ca.OP_COS else self._step(ca.OP_DIV, sine, cosine)
@@ -126,7 +127,7 @@ class Field:
         return self._step(code, *arguments)
 
     def _rebuilt(self, place: int) -> ca.SX:
-        """A step as an expression again."""
+        """Return a step as an expression."""
         if place not in self._expression_of:
             kind, *arguments = self.steps[place]
             if kind == SYMBOL:
@@ -141,7 +142,7 @@ class Field:
         return self._expression_of[place]
 
     def _text(self, atom: Step) -> tuple[str, int]:
-        """By this atoms are sorted: their arguments, then sine before cosine."""
+        """Return the key by which atoms are sorted: their arguments, then sine before cosine."""
         code, *arguments = atom
         return " ".join(str(self._rebuilt(argument)) for argument in arguments), code
 
@@ -164,7 +165,7 @@ class Field:
         return values[self.result]
 
     def _number(self, value: float) -> QQ:
-        """The exact number that is meant by a float, which is remembered: it comes back as that float, to the last bit."""
+        """Return the exact number for a float, and store the float, so that converting back gives the same bits."""
         found = exact(value)
         self.floats.setdefault(abs(found), abs(value))
         return found
@@ -180,7 +181,7 @@ class Field:
         return value if exponent >= 0 else (value[1], value[0])
 
     def _atom(self, step: Step, arguments: list[Ratio]) -> Ratio:
-        """The generator of this function at these arguments, one for all arguments that are equal."""
+        """Return the generator of a function at these arguments, the same one for all equal arguments."""
         arguments = [self._lowest(ratio) for ratio in arguments]
         place = self.known.setdefault((step[0], *arguments), self.generator_of[step])
         if place == self.generator_of[step]:
@@ -193,13 +194,13 @@ class Field:
         return self.generators[place], self.ring.one
 
     def _lowest(self, ratio: Ratio) -> Ratio:
-        """The only way to write this ratio."""
+        """Return the unique representation of this ratio in lowest terms."""
         numerator, denominator = self._rationalize(*ratio)
         numerator, denominator = numerator.cancel(denominator)
         return numerator.quo_ground(denominator.LC), denominator.monic()
 
     def _reduce(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
-        """The same ratio without a square of a radical."""
+        """Return the same ratio without squares of radicals."""
         for radical in reversed(self.radicals):
             numerator, up = without_squares(numerator, radical)
             denominator, down = without_squares(denominator, radical)
@@ -211,30 +212,30 @@ class Field:
         return numerator, denominator
 
     def _rationalize(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
-        """The same ratio without radicals in the denominator."""
+        """Return the same ratio without radicals in the denominator."""
         for radical in reversed(self.radicals):
             if any(powers[radical.place] for powers in denominator):
-                conjugate = denominator.compose(self.generators[radical.place], -self.generators[radical.place])
-                numerator, denominator = self._reduce(times(numerator, conjugate), times(denominator, conjugate))
+                other = conjugate(denominator, radical.place)
+                numerator, denominator = self._reduce(times(numerator, other), times(denominator, other))
         if not denominator:
             raise NotRational
         return numerator, denominator
 
     def _divides(self, divisor: PolyElement, polynomial: PolyElement) -> bool:
-        """Does the divisor divide the polynomial's square, so that it vanishes only where the polynomial does?"""
+        """Return whether the divisor divides the square of the polynomial, so that it vanishes only where the polynomial does."""
         try:
             numerator, denominator = self._rationalize(*self._reduce(times(polynomial, polynomial), divisor))
             return numerator.cancel(denominator)[1].is_ground
-        except NotRational:  # too large to tell
+        except NotRational:  # too large to decide
             return False
 
-    # -- the shorter of two ways ----------------------------------------------------------------------------------
+    # -- the shorter of two forms ---------------------------------------------------------------------------------
 
     def _roots_below(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
-        """a/(b sqrt(c)) rather than a sqrt(c)/(b c), radical by radical."""
+        """Return a/(b sqrt(c)) instead of a sqrt(c)/(b c) where this is shorter, for each radical."""
         for radical in self.radicals:
             if generators_of(denominator).isdisjoint(generators_of(radical.numerator)):
-                continue  # no common factor to come
+                continue  # no common factor possible
             generator = self.generators[radical.place]
             upper, lower = self._reduce(times(numerator, generator), denominator)
             upper, lower = upper.cancel(lower)
@@ -244,7 +245,7 @@ class Field:
         return numerator, denominator
 
     def _by_sines(self, polynomial: PolyElement) -> PolyElement:
-        """cos^2 as 1 - sin^2, angle by angle, where that has fewer terms."""
+        """Replace cos^2 by 1 - sin^2, for each angle for which this has fewer terms."""
         for cosine in self.cosines:
             other, _ = without_squares(polynomial, cosine)
             polynomial = other if len(other) < len(polynomial) else polynomial
@@ -253,7 +254,7 @@ class Field:
     # -- back to expressions --------------------------------------------------------------------------------------
 
     def _product(self, polynomial: PolyElement) -> tuple[QQ, ca.SX]:
-        """A number and the polynomial without it as its factors, each a sum of products."""
+        """Return a number, and the polynomial divided by it as a product of its factors, each a sum of products."""
         if len(polynomial) == 1:
             return polynomial.LC, self._sum(polynomial.monic())
         content, factors = _factors(polynomial)
@@ -281,10 +282,11 @@ class Field:
 
 
 def _factors(polynomial: PolyElement) -> tuple[QQ, Sequence[tuple[PolyElement, int]]]:
-    """Content and irreducible factors, as `factored`, which is slow where many symbols meet.
+    """Return content and irreducible factors, as `factored` does, which is slow for many symbols.
 
-    Without its common monomial, a polynomial that is linear in some generator, with one term there, is irreducible; one that is
-    long is taken for it.
+    After division by its common monomial, a polynomial that is linear in some generator, with a single term in it, is
+    irreducible.
+    Long polynomials are treated as irreducible.
     """
     common = tuple(map(min, zip(*polynomial, strict=True)))
     rest = polynomial.quo_term((common, QQ(1)))

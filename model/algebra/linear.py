@@ -1,4 +1,4 @@
-"""Linear equations in symbols: solved in closed form, block by block, or by elimination with exact pivots."""
+"""Symbolic linear equations: solved in closed form, block by block, or by elimination with exact pivots."""
 
 from collections.abc import Callable
 
@@ -8,13 +8,13 @@ from ..errors import ModelError
 from .exact import canonical
 from .poles import added_pole, quotient
 
-COFACTORS = 5  # rows of a matrix up to which its inverse is found by cofactors
+COFACTORS = 5  # largest matrix, in rows, that is inverted by cofactors
 
 
 def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right, n x any, without a pivot that could vanish before the determinant does.
+    """Return matrix^-1 right, n x any, without a pivot that can vanish unless the determinant does.
 
-    Through cofactors up to n = 3, above that block by block, blocks above 3 by orthogonalization.
+    Uses cofactors up to n = 3; larger matrices are solved block by block, blocks above 3 by orthogonalization.
     """
     n = matrix.shape[0]
     if n > 3:
@@ -24,7 +24,7 @@ def solve(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right for a symmetric positive definite matrix: as `solve` up to 3 x 3, by L D L' above."""
+    """Return matrix^-1 right for a symmetric positive definite matrix: as `solve` up to 3 x 3, by L D L' above."""
     if matrix.shape[0] <= 3:
         return solve(matrix, right)
     D, U, order = ca.ldl(matrix)
@@ -32,9 +32,9 @@ def solve_symmetric(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def solve_by_blocks(matrix: ca.SX, right: ca.SX, solve_block: Callable[[ca.SX, ca.SX], ca.SX]) -> ca.SX:
-    """matrix^-1 right, where rows and columns can be put in an order that makes the matrix block triangular.
+    """Return matrix^-1 right, after permuting rows and columns to a block triangular form.
 
-    `solve_block` solves for one block of the diagonal; what is zero in the matrix must be so by structure.
+    `solve_block` solves for one diagonal block. Zeros of the matrix must be structural.
     """
     matrix = ca.sparsify(matrix)
     count, rows, columns, starts, *_ = matrix.sparsity().btf()
@@ -50,13 +50,14 @@ def _solve_block(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def _orthogonally(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right by Gram and Schmidt's process on the columns of [matrix right], each kept orthogonal to all before.
+    """Return matrix^-1 right by the modified Gram-Schmidt process on the columns of [matrix right].
 
-    No pivots, so no branches; as accurate as elimination with pivots, because `right` goes the same way as the columns.
+    There are no pivots and hence no branches. The accuracy is that of elimination with pivoting, because `right` is treated
+    like the columns of the matrix.
     """
     n = matrix.shape[0]
     columns = ca.horzsplit(ca.densify(ca.horzcat(matrix, right)))
-    table = ca.SX.zeros(n, len(columns))  # U with ones on its diagonal, and beside it what U x equals
+    table = ca.SX.zeros(n, len(columns))  # U with a diagonal of ones, followed by U x
     for k in range(n):
         square = ca.sumsqr(columns[k])
         for j in range(k + 1, len(columns)):
@@ -69,11 +70,11 @@ def _orthogonally(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def eliminate(matrix: ca.SX, right: ca.SX, moving: ca.SX, name: str) -> ca.SX:
-    """matrix^-1 right in canonical form, with poles only where the determinant vanishes.
+    """Return matrix^-1 right in canonical form, with poles only where the determinant vanishes.
 
-    By elimination with pivots that are as simple as possible; where one of them stays in the result as a pole, by cofactors,
-    block by block. `moving` are the symbols that may have any value, zero too; the others are positive. Raises ModelError, which
-    has the robot's name, where that leaves a pole too.
+    Uses elimination with pivots that are as simple as possible; if one of them remains in the result as a pole, cofactors,
+    block by block. `moving` are the symbols that may have any value including zero; the others are positive. Raises ModelError
+    with the name of the robot if a pole remains.
     """
     for solve_so in (_by_pivots, _by_cofactors):
         found = solve_so(matrix, right)
@@ -87,7 +88,7 @@ def eliminate(matrix: ca.SX, right: ca.SX, moving: ca.SX, name: str) -> ca.SX:
 
 
 def _by_cofactors(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right, blocks up to COFACTORS by cofactors and larger ones by elimination."""
+    """Return matrix^-1 right, blocks up to COFACTORS by cofactors, larger ones by elimination."""
 
     def solve_block(block: ca.SX, side: ca.SX) -> ca.SX:
         if block.shape[0] > COFACTORS:
@@ -99,10 +100,10 @@ def _by_cofactors(matrix: ca.SX, right: ca.SX) -> ca.SX:
 
 
 def _by_pivots(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """matrix^-1 right by elimination with exact simplification after every step.
+    """Return matrix^-1 right by elimination with exact simplification after every step.
 
-    A pivot that vanishes somewhere cancels from the result unless the determinant vanishes there too, or the simplification
-    does not find that.
+    A pivot that vanishes somewhere cancels from the result unless the determinant vanishes there too, or the simplification does
+    not detect it.
     """
     n = matrix.shape[0]
     table = canonical(ca.densify(ca.horzcat(matrix, right)))

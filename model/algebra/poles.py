@@ -1,4 +1,4 @@
-"""Poles of an expression, looked for numerically: where a denominator that it still has vanishes."""
+"""Numerical search for poles of an expression: zeros of denominators that it still contains."""
 
 from collections.abc import Callable, Iterator, Sequence
 
@@ -8,16 +8,16 @@ import numpy as np
 from .exact import canonical
 from .expression import free_symbols
 
-LINES, STEPS, BISECTIONS = 6, 200, 60  # straight lines in the space of all symbols, on which zeros are bracketed and bisected
+LINES, STEPS, BISECTIONS = 6, 200, 60  # straight lines in the space of all symbols on which zeros are bracketed and bisected
 BESIDE = 1e-9  # distance from a zero at which values are compared
-LARGEST_BLOCK = 5  # rows of a matrix whose determinant is written out
-REGULAR = 1e-3  # smallest singular value, rows scaled to length 1, above which a matrix counts as regular there
-DEVIATION = 1e-8  # relative; a removable pole of order 1 leaves about 1e-16 / BESIDE
-ROUNDING = 1e-12  # of the product of the largest values given: what rounding may make of their combination
+LARGEST_BLOCK = 5  # largest block, in rows, whose determinant is computed symbolically
+REGULAR = 1e-3  # smallest singular value, with rows scaled to length 1, above which a matrix is regarded as regular
+DEVIATION = 1e-8  # relative; a removable pole of order 1 has about 1e-16 / BESIDE
+ROUNDING = 1e-12  # relative to the product of the largest given values: bound of the rounding error of their combination
 
 
 def denominators(expression: ca.SX) -> list[ca.SX]:
-    """The factors by which the expression divides somewhere and that are not constant, each once."""
+    """Return the factors, each once, by which the expression divides somewhere and that are not constant."""
     found: dict[int, ca.SX] = {}
     seen: set[int] = set()
     stack = [expression.nz[k] for k in range(expression.nnz())]
@@ -34,7 +34,7 @@ def denominators(expression: ca.SX) -> list[ca.SX]:
 
 
 def _factors(node: ca.SX) -> Iterator[ca.SX]:
-    """Of a product, power or root; a power of 2 has the zeros of its base, but changes no sign there."""
+    """Yield the factors of a product, power or root; a power of 2 has the zeros of its base, but no change of sign there."""
     if node.is_constant():
         return
     if not node.is_leaf() and node.op() in (ca.OP_MUL, ca.OP_SQ, ca.OP_SQRT, ca.OP_NEG, ca.OP_TWICE, ca.OP_CONSTPOW, ca.OP_DIV):
@@ -45,11 +45,11 @@ def _factors(node: ca.SX) -> Iterator[ca.SX]:
 
 
 def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX) -> ca.SX | None:
-    """A denominator of `found`, and of none of `given`, where `found` is wrong and `given` is regular; None where there is none.
+    """Return a denominator of `found`, not of `given`, where `found` is wrong although `given` is regular; None if there is none.
 
-    `found` is to equal `combined` of the values of `given`, which returns None where these are singular. Both are compared a
-    distance of BESIDE away from zeros of each denominator on random lines in the space of the `moving` symbols, and where some of
-    these are exactly 0, as joints often are. The other symbols are random positive numbers.
+    `found` must equal `combined` of the values of `given`, which returns None where these are singular. Both are compared at a
+    distance of BESIDE from zeros of each denominator, on random lines in the space of the `moving` symbols, and where some of
+    these are exactly 0, a common position of joints. The other symbols are random positive numbers.
     """
     known = {each.element_hash() for expression in given for each in denominators(ca.SX(expression))}
     below = [each for each in denominators(found) if each.element_hash() not in known]
@@ -70,7 +70,7 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
             return False
         size = np.prod([np.abs(each).max(initial=0.0) for each in others])
         allowed = DEVIATION * np.abs(truth).max(initial=0.0) + ROUNDING * size
-        return not np.abs(value - truth).max(initial=0.0) <= allowed  # NaN is wrong, too
+        return not np.abs(value - truth).max(initial=0.0) <= allowed  # true for NaN
 
     def start() -> np.ndarray:
         return np.where(moves, random.uniform(-1.5, 1.5, len(moves)), random.uniform(0.5, 1.5, len(moves)))
@@ -99,12 +99,12 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
 
 
 def quotient(matrix: np.ndarray, right: np.ndarray) -> np.ndarray | None:
-    """matrix^-1 right; None where the matrix is singular, or nearly."""
+    """Return matrix^-1 right, or None if the matrix is nearly singular."""
     return np.linalg.solve(matrix, right) if _is_regular(matrix) else None
 
 
 def determinant(matrix: np.ndarray) -> np.ndarray | None:
-    """Of a square matrix, 1 x 1; None where the matrix is singular, or nearly."""
+    """Return the determinant of a square matrix as 1 x 1, or None if the matrix is nearly singular."""
     return np.array([[np.linalg.det(matrix)]]) if _is_regular(matrix) else None
 
 
@@ -114,10 +114,10 @@ def _is_regular(matrix: np.ndarray) -> bool:
 
 
 def singular_sets(matrix: ca.SX, rows: int, states: ca.SX, parameters: ca.SX, values: Sequence[float]) -> list[tuple[str, bool]]:
-    """Sets on which a square matrix is singular: a text "f = 0" each, and whether its first `rows` rows lose rank there.
+    """Return sets on which a square matrix is singular: a text "f = 0" each, and whether its first `rows` rows lose rank there.
 
-    From the determinants of its diagonal blocks, up to LARGEST_BLOCK; a factor that changes no sign on random lines is not
-    reported, and neither is what larger blocks do.
+    The sets are those of the determinants of its diagonal blocks, up to LARGEST_BLOCK. Factors without a change of sign on random
+    lines, and larger blocks, are not reported.
     """
     count, i, j, first, _, *_ = (matrix := ca.sparsify(matrix)).sparsity().btf()
     found: dict[str, bool] = {}

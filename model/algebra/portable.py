@@ -7,11 +7,11 @@ from .trigonometry import sine_cosine
 
 
 def portable(function: ca.Function) -> ca.Function:
-    """The same function of the same name, arguments and results, its sines, cosines and tangents taken from here."""
+    """Return the same function (name, arguments, results) with portable sines, cosines and tangents."""
     arguments, shapes = function.sx_in(), [function.size_out(k) for k in range(function.n_out())]
     results = function.call(arguments)
     leaves = [entry for argument in arguments for entry in ca.vertsplit(ca.vec(argument))]
-    known: dict[int, tuple[ca.SX, tuple[ca.SX, ca.SX]]] = {}  # with the angle itself, which keeps its hash its own
+    known: dict[int, tuple[ca.SX, tuple[ca.SX, ca.SX]]] = {}  # by hash; stores the angle too, so that its hash stays unique
 
     def apply(code: int, parts: tuple[ca.SX, ...]) -> ca.SX:
         if code not in (ca.OP_SIN, ca.OP_COS, ca.OP_TAN):

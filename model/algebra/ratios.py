@@ -1,4 +1,4 @@
-"""Ratios of polynomials with exact coefficients: the rational operations, within bounds that keep them quick."""
+"""Ratios of polynomials with exact coefficients: rational operations, with size limits that keep them fast."""
 
 import math
 import sys
@@ -12,23 +12,23 @@ from sympy import QQ
 from sympy.polys.polyconfig import using
 from sympy.polys.rings import PolyElement
 
-TERMS, DEGREE = 100, 64  # of a polynomial; more take too long to divide and to factor
-SIMPLE = 10**5  # denominator up to which a number is taken for a fraction
-DIGITS = 12  # of a number that is taken as it is written
-ULPS = 4  # rounding that a number may carry
-NOISE = QQ(1, 10**14)  # a sum of decimals that is less of its largest term is the rounding of these
+TERMS, DEGREE = 100, 64  # of a polynomial; larger ones take too long to divide and to factor
+SIMPLE = 10**5  # largest denominator of a float that is interpreted as a fraction
+DIGITS = 12  # significant digits of a float that is interpreted as a decimal
+ULPS = 4  # assumed rounding error of a float
+NOISE = QQ(1, 10**14)  # a sum of decimals below this, relative to its largest term, is regarded as rounding error
 LARGEST_WHOLE = 1000  # as a coefficient
-PLACES = 12  # random ones at which a polynomial is factored first
+PLACES = 12  # random evaluation points for factoring
 Ratio = tuple[PolyElement, PolyElement]
 
 
 class NotRational(Exception):
-    """Not an element of a field of rational functions, or one too large to be worth the trouble."""
+    """Not an element of a field of rational functions, or too large for exact simplification."""
 
 
 @dataclass(frozen=True)
 class Radical:
-    """A generator whose square is known: numerator / denominator, in generators found before it."""
+    """A generator whose square is known: numerator / denominator, in earlier generators."""
 
     place: int
     numerator: PolyElement
@@ -36,9 +36,9 @@ class Radical:
 
 
 def exact(value: float) -> QQ:
-    """The rational number that a float stands for.
+    """Return the rational number that a float represents.
 
-    It is a simple fraction such as 1/3 or a decimal of at most DIGITS digits, where there is one within the rounding of a few
+    It is a simple fraction such as 1/3 or a decimal of at most DIGITS digits, if there is one within the rounding error of a few
     operations (0.2 is 1/5, and so is 0.1 * 2; 0.1 + 0.2 is 3/10), else the shortest decimal that rounds to the float. Raises
     NotRational for a value that is not finite.
     """
@@ -51,7 +51,7 @@ def exact(value: float) -> QQ:
 
 
 def number(coefficient: QQ) -> float:
-    """The nearest float. Raises NotRational when the exact number is too large or too small for one."""
+    """Return the nearest float. Raises NotRational if the exact number is too large or too small for one."""
     try:
         value = float(Fraction(int(coefficient.numerator), int(coefficient.denominator)))
     except OverflowError as error:
@@ -62,9 +62,9 @@ def number(coefficient: QQ) -> float:
 
 
 def normalized(polynomial: PolyElement) -> tuple[QQ, PolyElement]:
-    """A factor, and the polynomial divided by it, so that its coefficients are short and of a size with 1.
+    """Return a factor, and the polynomial divided by it, with short coefficients of magnitude near 1.
 
-    Whole coefficients stay as they are up to LARGEST_WHOLE; else the polynomial is divided by one of them.
+    Integer coefficients up to LARGEST_WHOLE are unchanged; otherwise the polynomial is divided by one of its coefficients.
     """
     coefficients = list(polynomial.values())
     if all(c.denominator == 1 and abs(c) <= LARGEST_WHOLE for c in coefficients):
@@ -74,7 +74,7 @@ def normalized(polynomial: PolyElement) -> tuple[QQ, PolyElement]:
 
 
 def plus(a: PolyElement, b: PolyElement) -> PolyElement:
-    """The sum, without what is left of decimals that cancel but for their rounding."""
+    """Return the sum, without terms that are only rounding errors of decimals that cancel."""
     total = a + b
     if _is_simple(total):
         return total
@@ -82,7 +82,7 @@ def plus(a: PolyElement, b: PolyElement) -> PolyElement:
 
 
 def times(a: PolyElement, b: PolyElement) -> PolyElement:
-    """The product, as `plus`. Raises NotRational when it is too large."""
+    """Return the product, as `plus` does. Raises NotRational if it is too large."""
     if len(a) * len(b) > TERMS * TERMS:
         raise NotRational
     product = a * b
@@ -103,21 +103,22 @@ def _sizes(polynomial: PolyElement) -> PolyElement:
 
 
 def _without_noise(total: PolyElement, size: Callable[[tuple[int, ...]], QQ]) -> PolyElement:
-    """The polynomial without coefficients that are negligible beside the size of what they are sums of."""
+    """Return the polynomial without coefficients that are negligible relative to the terms of which they are sums."""
     return total.ring.from_dict({powers: c for powers, c in total.items() if abs(c) >= NOISE * size(powers)})
 
 
 def size(numerator: PolyElement, denominator: PolyElement) -> tuple[int, int]:
-    """Terms, then degrees."""
+    """Return (number of terms, total degree)."""
     return len(numerator) + len(denominator), sum(map(sum, numerator)) + sum(map(sum, denominator))
 
 
 @lru_cache(maxsize=4096)
 def factored(polynomial: PolyElement) -> tuple[QQ, tuple[tuple[PolyElement, int], ...]]:
-    """Content and irreducible factors with their powers.
+    """Return the content and the irreducible factors with their powers.
 
-    Factors are built up from those at a random place. Where it has more there, that takes a minute and is in vain: with the
-    three places that SymPy looks at, once in some hundred polynomials of 40 terms; with PLACES not in many thousand.
+    Factors are found from those at a random evaluation point. If the polynomial has more factors there, this takes a minute
+    without result: with the three points that SymPy tries, once in some hundred polynomials of 40 terms; with PLACES, not in
+    many thousand.
     """
     with using(EEZ_NUMBER_OF_CONFIGS=PLACES):
         content, factors = polynomial.factor_list()
@@ -125,26 +126,38 @@ def factored(polynomial: PolyElement) -> tuple[QQ, tuple[tuple[PolyElement, int]
 
 
 def generators_of(polynomial: PolyElement) -> set[int]:
-    """Places of the generators that the polynomial has."""
+    """Return the indices of the generators in the polynomial."""
     return {k for powers in polynomial for k, power in enumerate(powers) if power}
 
 
 def without_squares(polynomial: PolyElement, radical: Radical) -> tuple[PolyElement, int]:
-    """A polynomial with at most the first power of the radical, and the power of radical.denominator to divide it by."""
-    most = max((powers[radical.place] for powers in polynomial), default=0) // 2
+    """Return a polynomial with at most the first power of the radical, and the power of radical.denominator to divide it by."""
+    parts = by_squares(polynomial, radical.place)
+    most = len(parts) - 1
     if not most:
         return polynomial, 0
     reduced = polynomial.ring.zero
-    for half in range(most + 1):
-        terms = {
-            (*powers[: radical.place], powers[radical.place] % 2, *powers[radical.place + 1 :]): coefficient
-            for powers, coefficient in polynomial.items()
-            if powers[radical.place] // 2 == half
-        }
-        if terms:
+    for half, part in enumerate(parts):
+        if part:
             square = radical.numerator**half * radical.denominator ** (most - half)
-            reduced = plus(reduced, times(polynomial.ring.from_dict(terms), square))
+            reduced = plus(reduced, times(part, square))
     return reduced, most
+
+
+def by_squares(polynomial: PolyElement, place: int) -> list[PolyElement]:
+    """Polynomials with at most the first power of a generator: the given one is their sum, the k-th times generator^(2 k)."""
+    parts: list[dict[tuple[int, ...], QQ]] = [
+        {} for _ in range(max((powers[place] for powers in polynomial), default=0) // 2 + 1)
+    ]
+    for powers, coefficient in polynomial.items():
+        half, rest = divmod(powers[place], 2)
+        parts[half][(*powers[:place], rest, *powers[place + 1 :])] = coefficient
+    return [polynomial.ring.from_dict(part) for part in parts]
+
+
+def conjugate(polynomial: PolyElement, place: int) -> PolyElement:
+    """The polynomial with the other sign of a generator."""
+    return polynomial.ring.from_dict({powers: -c if powers[place] % 2 else c for powers, c in polynomial.items()})
 
 
 def _add(a: Ratio, b: Ratio) -> Ratio:
@@ -153,7 +166,7 @@ def _add(a: Ratio, b: Ratio) -> Ratio:
     return plus(times(a[0], b[1]), times(b[0], a[1])), times(a[1], b[1])
 
 
-# Steps that are no operation of CasADi's.
+# Steps that are not operations of CasADi.
 SYMBOL, CONSTANT, POWER = "symbol", "constant", "power"
 
 RATIONAL: dict[int, Callable[..., Ratio]] = {

@@ -1,4 +1,4 @@
-"""Random states and parameters, at which generic properties (ranks, relative degrees, signs) are looked at."""
+"""Random states and parameters for evaluating generic properties: ranks, relative degrees, signs."""
 
 from collections.abc import Sequence
 
@@ -8,14 +8,14 @@ import numpy as np
 from ..errors import ModelError
 from ..mechanism import Quantity
 
-SAMPLES = 8  # every other one with all parameters at their defaults
-RANK_TOLERANCE = 1e-9  # of the largest singular value
+SAMPLES = 8  # every second one with all parameters at their defaults
+RANK_TOLERANCE = 1e-9  # relative to the largest singular value
 
 
 class Sampled:
-    """A matrix at a few random states, parameters at and around their defaults: generic rank and size.
+    """A matrix at a few random states, with parameters at and around their defaults: generic rank and size.
 
-    Raises ModelError when it is finite at none of them.
+    Raises ModelError if it is not finite at any of them.
     """
 
     def __init__(self, matrix: ca.SX, states: ca.SX, parameters: Sequence[Quantity], where: str):
@@ -31,34 +31,34 @@ class Sampled:
         self.values = [value for value in values if np.all(np.isfinite(value))]
         self.at_defaults = [value for value in values[::2] if np.all(np.isfinite(value))]
         if not self.values:
-            raise ModelError(f"{where}: not finite at any of {SAMPLES} random states; look for a division by zero")
+            raise ModelError(f"{where}: not finite at any of {SAMPLES} random states; check for a division by zero")
 
     def rank(self) -> int:
-        """The largest rank seen: the generic one."""
+        """Return the largest rank in the samples, which is the generic rank."""
         return max(rank(value) for value in self.values)
 
     def largest(self) -> float:
-        """The largest absolute entry seen."""
+        """Return the largest absolute value of an entry in the samples."""
         return max(float(np.abs(value).max(initial=0.0)) for value in self.values)
 
     def largest_row(self) -> int:
-        """The row of that entry."""
+        """Return the row of the largest entry."""
         return int(np.argmax(np.max(np.abs(self.values), axis=(0, 2))))
 
     def dependent_row(self) -> int:
-        """The first row that adds nothing to those before it."""
+        """Return the first row that depends linearly on the rows before it."""
         value = max(self.values, key=rank)
         return next(k for k in range(value.shape[0]) if rank(value[: k + 1]) <= k)
 
 
 def rank(value: np.ndarray) -> int:
-    """Number of singular values that are not negligible."""
+    """Return the number of singular values that are not negligible."""
     singular = np.linalg.svd(value, compute_uv=False)
     return int(np.sum(singular > RANK_TOLERANCE * max(singular.max(initial=0.0), np.finfo(float).tiny)))
 
 
 def smallest_eigenvalue(value: np.ndarray) -> float:
-    """Of a symmetric matrix scaled to a diagonal of ones, so that units and sizes do not matter."""
+    """Return the smallest eigenvalue of a symmetric matrix, scaled to a diagonal of ones, so that units have no effect."""
     diagonal = np.diag(value)
     if diagonal.min() <= 0.0:
         return -1.0 if diagonal.min() < 0.0 else 0.0
@@ -67,7 +67,7 @@ def smallest_eigenvalue(value: np.ndarray) -> float:
 
 
 def _near(parameter: Quantity, change: float) -> float:
-    """A value near the default, of the sign it must have; one near zero where the default is zero and may be negative."""
+    """Return a value near the default with the required sign; near zero if the default is zero and may have either sign."""
     size = abs(parameter.default) or 1.0
     middle = parameter.default if parameter.sign == "any" or not change else size
     return middle + change * size

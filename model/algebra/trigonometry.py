@@ -1,9 +1,8 @@
 """Sine, cosine and the angle of a vector with the same bits on every processor.
 
-The C library chooses its sine and cosine by processor, with fused operations where there are some, and so does NumPy: their
-last bits differ from one machine to the next. Here only + - * /, floor and the square root are used, which IEEE 754 defines to
-the last bit. The series are those of Taylor, so that the fitted polynomials of runtime_c/noslip_trig.h are compared with
-something else.
+The C library and NumPy choose their sine and cosine by processor, some with fused operations, so that the last bits differ
+between machines. Here only + - * /, floor and the square root are used, which IEEE 754 defines exactly. The series are Taylor
+series, so that the fitted polynomials of runtime_c/noslip_trig.h are compared with an independent computation.
 """
 
 import math
@@ -29,14 +28,15 @@ EIGHTHS = np.array(  # atan(k/8)
 
 
 def whole(x: Number) -> Number:
-    """The largest whole number not above x; NaN of infinity."""
+    """Return the largest integer not above x; NaN for infinity."""
     return x // 1.0
 
 
 def sine_cosine(x: Number, floor: Callable[[Number], Number] = whole) -> tuple[Number, Number]:
-    """sin x and cos x, x in rad: of a float or an array, and with CasADi's floor of an expression. NaN of infinity.
+    """Return sin x and cos x, x in rad, for a float, an array, or with CasADi's floor for an expression. NaN for infinity.
 
-    Absolute error below 3e-16 for |x| <= 2^20; beyond, that of an angle which differs from x by a rounding error.
+    The absolute error is below 3e-16 for |x| <= 2^20; for larger |x| it is that of an angle which differs from x by a rounding
+    error.
     """
     n = floor(x * (2 / math.pi) + 0.5)
     r = ((x - n * HALF_PI[0]) - n * HALF_PI[1]) - n * HALF_PI[2]
@@ -47,17 +47,17 @@ def sine_cosine(x: Number, floor: Callable[[Number], Number] = whole) -> tuple[N
 
 
 def sine(x: Number) -> Number:
-    """sin x, as of `sine_cosine`."""
+    """Return sin x as computed by `sine_cosine`."""
     return sine_cosine(x)[0]
 
 
 def cosine(x: Number) -> Number:
-    """cos x, as of `sine_cosine`."""
+    """Return cos x as computed by `sine_cosine`."""
     return sine_cosine(x)[1]
 
 
 def unit(heading: float) -> complex:
-    """exp(i heading)."""
+    """Return exp(i heading)."""
     s, c = sine_cosine(heading)
     return complex(c, s)
 
@@ -71,9 +71,9 @@ def angle_of(y: np.ndarray, x: np.ndarray) -> np.ndarray: ...
 
 
 def angle_of(y: float | np.ndarray, x: float | np.ndarray) -> float | np.ndarray:
-    """Angle in [-pi, pi] of the finite vector (x, y), 0 of (0, 0); absolute error below 1e-15.
+    """Return the angle in [-pi, pi] of the finite vector (x, y), 0 for (0, 0); the absolute error is below 1e-15.
 
-    The angle of the vector turned back by the nearest atan(k/8) to one of at most 1/16 is a short series.
+    The vector is rotated by the nearest atan(k/8); the remaining angle of at most 1/16 is a short series.
     """
     a, b = np.abs(y), np.abs(x)
     long, short = np.maximum(a, b), np.minimum(a, b)
@@ -90,7 +90,7 @@ def angle_of(y: float | np.ndarray, x: float | np.ndarray) -> float | np.ndarray
 
 
 def arcsine(x: float) -> float:
-    """Angle in [-pi/2, pi/2] whose sine is x, |x| <= 1."""
+    """Return the angle in [-pi/2, pi/2] whose sine is x, |x| <= 1."""
     return angle_of(x, math.sqrt((1 - x) * (1 + x)))
 
 
@@ -103,22 +103,22 @@ def phase(z: np.ndarray) -> np.ndarray: ...
 
 
 def phase(z: Any) -> Any:
-    """Angle of a complex number, or of each of an array."""
+    """Return the angle of a complex number, or of each element of an array."""
     return angle_of(z.imag, z.real)
 
 
 def size(z: np.ndarray) -> np.ndarray:
-    """Absolute values of complex numbers."""
+    """Return the absolute values of complex numbers."""
     return np.sqrt(z.real * z.real + z.imag * z.imag)
 
 
 def product(z: np.ndarray, w: np.ndarray | complex) -> np.ndarray:
-    """Products of complex numbers: those of NumPy are fused operations where the processor has them."""
+    """Return products of complex numbers; NumPy's own product uses fused operations on some processors."""
     return (z.real * w.real - z.imag * w.imag) + 1j * (z.real * w.imag + z.imag * w.real)
 
 
 def _polynomial(coefficients: list[float], z: Number) -> Number:
-    """c0 + c1 z + c2 z^2 + ... by Horner's scheme."""
+    """Return c0 + c1 z + c2 z^2 + ... by Horner's scheme."""
     made = coefficients[-2] + z * coefficients[-1]
     for coefficient in reversed(coefficients[:-2]):
         made = coefficient + z * made
@@ -126,5 +126,5 @@ def _polynomial(coefficients: list[float], z: Number) -> Number:
 
 
 def _odd(n: Number, floor: Callable[[Number], Number]) -> Number:
-    """1 of odd whole numbers, 0 of even ones."""
+    """Return 1 for odd integers, 0 for even ones."""
     return n - 2 * floor(n * 0.5)

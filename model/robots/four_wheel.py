@@ -1,23 +1,25 @@
 """A platform of two bodies on one axle each, joined by a vertical pin, with a motor on each of its four wheels.
 
 The kinematics are those of P. I. Corke and P. Ridley, Steering kinematics for a center-articulated mobile robot (2001), and of
-C. Altafini, A path-tracking criterion for an LHD articulated vehicle (1999). There a cylinder bends the joint; here nothing
-does but the wheels, whose four torques share two degrees of freedom. That their differences act on the constraint forces
-alone is the internal force of V. Kumar and K. J. Waldron, Force distribution in closed kinematic chains (1988). All sizes are
-assumed, and that each body has its centre of mass above its axle, so that the joint carries no weight.
+C. Altafini, A path-tracking criterion for an LHD articulated vehicle (1999). There a cylinder bends the joint; here only the
+wheels do, and their four torques act on two degrees of freedom. That their differences affect the constraint forces only is the
+internal force of V. Kumar and K. J. Waldron, Force distribution in closed kinematic chains (1988). All sizes are assumed, and so
+is that each body has its centre of mass above its axle, so that the joint carries no weight.
 """
 
 from casadi import SX, cos, sin
 
+from ..drawing import box, placed
+from ..drawing import wheels as on_axle
 from ..errors import ModelError
 from ..mechanism import Mechanism
 
 
 def four_wheel(joints: int = 1) -> Mechanism:
-    """8 coordinates, 6 constraints, 4 wheel torques; without a joint 7 coordinates and 1 degree of freedom: it goes straight.
+    """8 coordinates, 6 constraints, 4 wheel torques; without a joint 7 coordinates and 1 degree of freedom: it drives straight.
 
-    Torques are shared by the weights w_.., less to a wheel of more weight. `squeeze` is wanted of the rear wheels and its
-    negative of the front wheels, as far as that does not change the motion: it presses on the joint.
+    The weights w_.. distribute the torques: a wheel with a larger weight gets less. `squeeze` is the preferred torque of the rear
+    wheels, and its negative that of the front wheels; it does not change the motion but loads the joint.
     """
     if joints not in (0, 1):
         raise ModelError(f"four_wheel: {joints} joints; give 1, or 0 for a frame with two fixed axles")
@@ -35,7 +37,7 @@ def four_wheel(joints: int = 1) -> Mechanism:
     def size(name: str, value: float, unit: str, about: str, sign: str = "positive") -> SX:
         return robot.parameter(name, value, unit, f"{about} (assumed)", sign)
 
-    # With l_f = l_r one more function of q would never change: the turns of all wheels would be bound to the joint.
+    # With l_f = l_r one more function of q would be constant: the rotations of all wheels would depend on the joint.
     b = size("b", 0.4, "m", "half the distance between the wheels of an axle")
     l_f, l_r = size("l_f", 0.5, "m", "from the front axle to the joint"), size("l_r", 0.7, "m", "from the joint to the rear axle")
     r = size("r", 0.2, "m", "radius of the wheels")
@@ -62,13 +64,19 @@ def four_wheel(joints: int = 1) -> Mechanism:
         robot.rolls(f"{where} wheel rolls", slip)
         robot.contact(f"{where} wheel", mass / 2, along=slip, across=across, left=beside)
 
-    squeeze = robot.parameter("squeeze", 0.0, "N m", "wanted of the rear wheels, its negative of the front ones", "any")
+    squeeze = robot.parameter(
+        "squeeze", 0.0, "N m", "preferred torque of the rear wheels; its negative for the front ones", "any"
+    )
     for at, where in wheels.items():
-        weight = robot.parameter(f"w_{at}", 1.0, "1", f"weight of the {where} torque, the greater the less of it")
+        weight = robot.parameter(f"w_{at}", 1.0, "1", f"weight of the {where} torque; a larger weight reduces it")
         wanted = -squeeze if at[0] == "f" else squeeze
         robot.input(f"tau_{at}", "N m", robot.rate(angles[at]), f"{where} wheel torque", weight=weight, wanted=wanted)
     robot.quasi_velocity("speed", "m/s", forward, "forward speed of the front axle's middle")
     if joints:
         robot.quasi_velocity("yaw_rate", "rad/s", turning, "yaw rate of the front body")
     robot.moves_in_plane(x, y, phi)
+    joint = placed((x, y), phi, [(-l_f, 0)])[0]
+    rear = placed(joint, phi - gamma, [(-l_r, 0)])[0]
+    robot.draws(box((x, y), phi, 0.3, 0.35, 0.8 * b), *on_axle((x, y), phi, b, r), [(x, y), joint])
+    robot.draws(box(rear, phi - gamma, 0.35, 0.4, 0.8 * b), *on_axle(rear, phi - gamma, b, r), [rear, joint])
     return robot

@@ -1,7 +1,7 @@
-"""A planar arm of two links in a vertical plane, each driven by a motor through gears: nothing here is nonholonomic.
+"""A planar arm of two links in a vertical plane, each driven by a motor through gears: all constraints are holonomic.
 
 The arm is that of M. W. Spong, S. Hutchinson and M. Vidyasagar, Robot Modeling and Control (2006), sections 6.4 and 7.3. Each
-pair of gears rolls without slip, which is a constraint C(q) = const (1): the method takes it as it takes any other.
+pair of gears rolls without slip, which is a constraint C(q) = const (1), treated like any other.
 """
 
 from casadi import SX, cos, sin, vertcat
@@ -26,7 +26,7 @@ def geared_arm() -> Mechanism:
     I_1 = size("I_1", 0.1, "kg m^2", "link 1 about its centre of mass")
     I_2 = size("I_2", 0.04, "kg m^2", "link 2 about its centre of mass")
     J = size("J", 1e-4, "kg m^2", "each rotor about its axis")
-    N = size("N", 50.0, "1", "turns of a rotor for one of its joint")
+    N = size("N", 50.0, "1", "gear ratio: turns of a rotor per turn of its joint")
     g = robot.parameter("g", 9.81, "m/s^2", "acceleration of gravity", "nonnegative")
 
     def along(angle: SX) -> SX:
@@ -47,6 +47,7 @@ def geared_arm() -> Mechanism:
     robot.input("tau_2", "N m", on=robot.rate(theta_2), about="torque of motor 2")
     robot.quasi_velocity("qdot_1", "rad/s", robot.rate(q_1), "rate of joint 1")
     robot.quasi_velocity("qdot_2", "rad/s", robot.rate(q_2), "rate of joint 2")
-    robot.output("tip", "place of the tip", [("x_t", "m", tip[0], "x of the tip"), ("z_t", "m", tip[1], "height of the tip")])
+    robot.output("tip", "position of the tip", [("x_t", "m", tip[0], "x of the tip"), ("z_t", "m", tip[1], "height of the tip")])
     robot.output("joints", "angles of the joints", [("angle_1", "rad", q_1, "joint 1"), ("angle_2", "rad", q_2, "joint 2")])
+    robot.draws([(0, 0), (elbow[0], elbow[1]), (tip[0], tip[1])])
     return robot

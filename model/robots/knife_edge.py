@@ -1,11 +1,12 @@
-"""A knife edge on a level plane, the smallest robot that rolls: a unicycle, a blade on ice.
+"""A knife edge on a level plane, the smallest robot that rolls: a unicycle, or a blade on ice.
 
-The example with which J. I. Neimark and N. A. Fufaev, Dynamics of Nonholonomic Systems (1972), and A. M. Bloch,
-Nonholonomic Mechanics and Control (2003), section 1.6, begin; sizes here are those of a small cart, assumed.
+The first example of J. I. Neimark and N. A. Fufaev, Dynamics of Nonholonomic Systems (1972), and of A. M. Bloch,
+Nonholonomic Mechanics and Control (2003), section 1.6; the sizes are those of a small cart, assumed.
 """
 
 from casadi import cos, sin
 
+from ..drawing import placed
 from ..mechanism import Mechanism
 
 
@@ -29,4 +30,5 @@ def knife_edge() -> Mechanism:
     robot.quasi_velocity("speed", "m/s", forward, "forward speed")
     robot.quasi_velocity("yaw_rate", "rad/s", turning, "yaw rate")
     robot.moves_in_plane(x, y, phi)
+    robot.draws(placed((x, y), phi, [(-0.2, 0), (0.2, 0), (0.1, 0.05), (0.1, -0.05), (0.2, 0)]))
     return robot

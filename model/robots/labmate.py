@@ -2,6 +2,7 @@
 
 from casadi import SX, cos, sin
 
+from ..drawing import box, wheels
 from ..mechanism import Mechanism
 
 
@@ -19,8 +20,8 @@ def labmate() -> Mechanism:
 
     b = robot.parameter("b", 0.75, "m", "half the distance between the wheels")
     d = robot.parameter("d", 0.30, "m", "distance of P_c ahead of the axle", sign="any")
-    # The scan lost the wheel radius: 0.15 is the value of the later literature, the inertias suggest 0.10.
-    r = robot.parameter("r", 0.15, "m", "wheel radius (assumed: lost in the scan)")
+    # The wheel radius is illegible in the scan: 0.15 is the value of later literature; the inertias suggest 0.10.
+    r = robot.parameter("r", 0.15, "m", "wheel radius (assumed: illegible in the scan)")
     m_c = robot.parameter("m_c", 30.0, "kg", "mass of the platform without wheels")
     m_w = robot.parameter("m_w", 1.0, "kg", "mass of one wheel with its motor", sign="nonnegative")
     I_c = robot.parameter("I_c", 15.625, "kg m^2", "platform about the vertical through P_c")
@@ -28,7 +29,7 @@ def labmate() -> Mechanism:
     I_m = robot.parameter("I_m", 0.0025, "kg m^2", "wheel with motor about a vertical diameter", sign="nonnegative")
 
     def body(expression: tuple[SX, SX]) -> tuple[SX, SX]:
-        """Velocity components along the body's X (forward) and Y (left) axes of a point given in the world."""
+        """Return the components along the body's X (forward) and Y (left) axes of the velocity of a point given in the world."""
         x_dot, y_dot = (robot.rate(component) for component in expression)
         return x_dot * cos(phi) + y_dot * sin(phi), y_dot * cos(phi) - x_dot * sin(phi)
 
@@ -43,7 +44,7 @@ def labmate() -> Mechanism:
     for wheel, angle in ((right, theta_r), (left, theta_l)):
         robot.kinetic_energy(kinetic(m_w, I_m, wheel) + I_w * robot.rate(angle) ** 2 / 2)
 
-    # (22) to (24): P_o does not move sideways; each wheel's centre moves as fast as the wheel turns.
+    # (22) to (24): P_o does not move sideways; the velocity of each wheel's centre equals that of its rim.
     robot.rolls("no side slip of P_o", body(axle)[1])
     robot.rolls("right wheel rolls", r * robot.rate(theta_r) - body(right)[0])
     robot.rolls("left wheel rolls", r * robot.rate(theta_l) - body(left)[0])
@@ -58,4 +59,5 @@ def labmate() -> Mechanism:
     robot.quasi_velocity("thetadot_r", "rad/s", robot.rate(theta_r), "right wheel rate")
     robot.quasi_velocity("thetadot_l", "rad/s", robot.rate(theta_l), "left wheel rate")
     robot.moves_in_plane(x_c, y_c, phi)
+    robot.draws(box((x_c, y_c), phi, 1.0, 1.0, b), *wheels(axle, phi, b, r))  # the paper's platform is 2 m long
     return robot

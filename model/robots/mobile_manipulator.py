@@ -1,13 +1,14 @@
 """The LABMATE with a planar arm of two links on it: the end point follows a trajectory, the platform follows the arm.
 
 After Y. Yamamoto and X. Yun, Coordinating locomotion and manipulation of a mobile manipulator (1994): the end point tracks,
-and the platform moves so that the arm keeps the posture in which it reaches best. The sizes of the arm are assumed.
+and the platform moves so that the arm keeps its preferred posture. The sizes of the arm are assumed.
 """
 
 from dataclasses import replace
 
 from casadi import SX, cos, sin, vertcat
 
+from ..drawing import placed
 from ..mechanism import Mechanism
 from .labmate import labmate
 
@@ -37,7 +38,7 @@ def mobile_manipulator() -> Mechanism:
         forward, left = cos(angle) * forward + sin(angle) * left, cos(angle) * left - sin(angle) * forward
         yaw_rate, to_joint = yaw_rate + robot.rate(angle), length
         robot.body(name, mass, inertia, forward, left + length / 2 * yaw_rate, yaw_rate)
-    # The arm's weight, too, rests on the driven wheels, half on each wherever it reaches.
+    # The weight of the arm also rests on the driven wheels, half on each in every posture.
     robot.contacts = [replace(contact, mass=contact.mass + (m_1 + m_2) / 2) for contact in robot.contacts]
 
     robot.input("tau_1", "N m", on=robot.rate(q_1), about="torque of joint 1")
@@ -51,7 +52,7 @@ def mobile_manipulator() -> Mechanism:
     reach = a * along(0) + l_1 * along(q_1) + l_2 * along(q_1 + q_2)  # from P_c to the end point, in the platform's axes
     robot.output(
         "end_point",
-        "place of the end point, and where the platform keeps itself behind it",
+        "position of the end point, and position of the end point relative to the platform",
         [
             ("x_e", "m", robot["x_c"] + cos(phi) * reach[0] - sin(phi) * reach[1], "x of the end point"),
             ("y_e", "m", robot["y_c"] + sin(phi) * reach[0] + cos(phi) * reach[1], "y of the end point"),
@@ -59,4 +60,5 @@ def mobile_manipulator() -> Mechanism:
             ("left", "m", reach[1], "distance of the end point to the left of the platform's axis"),
         ],
     )
+    robot.draws(placed((robot["x_c"], robot["y_c"]), phi, [(a, 0), (a + l_1 * cos(q_1), l_1 * sin(q_1)), (reach[0], reach[1])]))
     return robot

@@ -5,6 +5,7 @@ A. M. Bloch, Nonholonomic Mechanics and Control (2003), section 1.4; the sizes o
 
 from casadi import cos, sin
 
+from ..drawing import box
 from ..mechanism import Mechanism
 
 
@@ -13,8 +14,8 @@ def rolling_disk() -> Mechanism:
     robot = Mechanism("rolling_disk", "vertical rolling disk, driven and turned")
     x = robot.coordinate("x", "m", "centre of the disk")
     y = robot.coordinate("y", "m", "centre of the disk")
-    phi = robot.coordinate("phi", "rad", "heading, from the x axis to the way it rolls")
-    theta = robot.coordinate("theta", "rad", "rolling, positive forward")
+    phi = robot.coordinate("phi", "rad", "heading, from the x axis to the direction of rolling")
+    theta = robot.coordinate("theta", "rad", "rotation about the axle, positive forward")
     m = robot.parameter("m", 2.0, "kg", "mass (assumed)")
     R = robot.parameter("R", 0.3, "m", "radius (assumed)")
     I = robot.parameter("I", 0.15, "kg m^2", "inertia about the axle (assumed)")  # noqa: E741
@@ -31,4 +32,5 @@ def rolling_disk() -> Mechanism:
     robot.quasi_velocity("thetadot", "rad/s", rolling, "rolling rate")
     robot.quasi_velocity("phidot", "rad/s", turning, "yaw rate")
     robot.moves_in_plane(x, y, phi)
+    robot.draws(box((x, y), phi, R, R, 0.015))
     return robot

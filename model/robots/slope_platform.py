@@ -1,6 +1,6 @@
-"""The LABMATE on a slope, with viscous friction in its bearings: gravity and damping in the method.
+"""The LABMATE on a slope, with viscous friction in its bearings: an example with gravity and damping.
 
-What the level platform is, `labmate` says; gravity and damping are added. Slope and damping are assumed.
+The level platform is `labmate`; gravity and damping are added. Slope and damping are assumed.
 """
 
 from dataclasses import replace
@@ -24,5 +24,5 @@ def slope_platform() -> Mechanism:
     for wheel in ("theta_r", "theta_l"):
         rate = robot.rate(robot[wheel])
         robot.force(-c * rate, on=rate)
-    robot.contacts = [replace(contact, mass=contact.mass * cos(slope)) for contact in robot.contacts]  # what presses on the plane
+    robot.contacts = [replace(contact, mass=contact.mass * cos(slope)) for contact in robot.contacts]  # the normal component
     return robot

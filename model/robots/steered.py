@@ -1,29 +1,30 @@
-"""Vehicles with one steered and one fixed axle, each seen as one wheel in its middle (the bicycle model).
+"""Vehicles with one steered and one fixed axle, each represented by one wheel in its middle (the bicycle model).
 
 A. De Luca, G. Oriolo and C. Samson, Feedback control of a nonholonomic car-like robot (1998), for the kinematics and for a
-point ahead of the steered wheel as output: a point fixed to the body does not feel the steering, so Phi is singular there.
+point ahead of the steered wheel as output: a point fixed to the body does not depend on the steering rate, so Phi is singular.
 G. Campion, G. Bastin and B. d'Andrea-Novel, Structural properties ... of wheeled mobile robots (1996), for the tricycle.
 """
 
 from casadi import SX, cos, sin, vertcat
 
+from ..drawing import box, placed, wheels
 from ..mechanism import Mechanism
 
 
 def car() -> Mechanism:
     """Driven at the rear axle through a differential, steered in front; P_l is a point ahead of the front wheel, L > 0."""
     robot = Mechanism("car", "car, driven at the rear, steered in front")
-    return _steered(robot, driven_in_front=False, m=1200.0, l=2.6, c=1.3, r=0.3, I_c=1800.0, I_s=4.0, I_w=3.0)
+    return _steered(robot, driven_in_front=False, half=0.8, m=1200.0, l=2.6, c=1.3, r=0.3, I_c=1800.0, I_s=4.0, I_w=3.0)
 
 
 def tricycle() -> Mechanism:
     """Driven and steered at the front wheel: it can turn about its rear axle, where a car is locked."""
     robot = Mechanism("tricycle", "tricycle, driven and steered in front")
-    return _steered(robot, driven_in_front=True, m=80.0, l=1.0, c=0.4, r=0.15, I_c=10.0, I_s=0.1, I_w=0.1)
+    return _steered(robot, driven_in_front=True, half=0.35, m=80.0, l=1.0, c=0.4, r=0.15, I_c=10.0, I_s=0.1, I_w=0.1)
 
 
-def _steered(robot: Mechanism, driven_in_front: bool, **sizes: float) -> Mechanism:
-    """5 coordinates, 3 constraints, a drive and a steering torque; all sizes are assumed."""
+def _steered(robot: Mechanism, driven_in_front: bool, half: float, **sizes: float) -> Mechanism:
+    """5 coordinates, 3 constraints, a drive and a steering torque; all sizes are assumed, `half` (m) the width."""
     x = robot.coordinate("x", "m", "middle of the rear axle")
     y = robot.coordinate("y", "m", "middle of the rear axle")
     phi = robot.coordinate("phi", "rad", "heading of the body")
@@ -39,11 +40,11 @@ def _steered(robot: Mechanism, driven_in_front: bool, **sizes: float) -> Mechani
     c = size("c", "m", "distance of the centre of mass ahead of the rear axle", "any")
     r = size("r", "m", f"radius of the {driven}")
     I_c = size("I_c", "kg m^2", "body about the vertical through the centre of mass")
-    I_s = size("I_s", "kg m^2", "what is steered, about the steering axis")
+    I_s = size("I_s", "kg m^2", "steered part about the steering axis")
     I_w = size("I_w", "kg m^2", f"{driven} with motor, about the axle", "nonnegative")
 
     def velocity(point: SX, heading: SX) -> tuple[SX, SX]:
-        """Of a point of the body, along a heading and to the left of it."""
+        """Return the velocity of a point of the body, along a heading and to its left."""
         x_dot, y_dot = robot.rate(point[0]), robot.rate(point[1])
         return cos(heading) * x_dot + sin(heading) * y_dot, cos(heading) * y_dot - sin(heading) * x_dot
 
@@ -65,5 +66,7 @@ def _steered(robot: Mechanism, driven_in_front: bool, **sizes: float) -> Mechani
     robot.input("tau_s", "N m", on=steering, about="steering torque, against the body")
     robot.quasi_velocity("thetadot", "rad/s", rolling, f"rate of the {driven}")
     robot.quasi_velocity("deltadot", "rad/s", steering, "steering rate")
-    robot.moves_in_plane(front[0], front[1], steered)  # the steered wheel moves as a unicycle does
+    robot.moves_in_plane(front[0], front[1], steered)  # the steered wheel moves like a unicycle
+    robot.draws(box((x, y), phi, 0.2 * l, 1.15 * l, half), *wheels((x, y), phi, half, r))
+    robot.draws(placed((front[0], front[1]), steered, [(-1.3 * r, 0), (1.3 * r, 0)]))
     return robot

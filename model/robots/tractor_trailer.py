@@ -7,6 +7,7 @@ tractor is driven as the LABMATE is. All sizes are assumed.
 
 from casadi import cos, sin
 
+from ..drawing import Place, box, placed, wheels
 from ..errors import ModelError
 from ..mechanism import Mechanism
 
@@ -16,12 +17,12 @@ MOST = 16  # trailers
 def tractor_trailer(N: int = 1) -> Mechanism:
     """N trailers: 5 + N coordinates, 3 + N rolling constraints, 2 wheel torques; P_l is on the tractor.
 
-    Each body's velocity is that of the body before it, seen along its own axes. The trailers' wheels have no spin of their own.
+    The velocity of each body is that of the body before it, in its own axes. Rotation of the trailers' wheels is not modelled.
     """
     if N < 0:
         raise ModelError(f"tractor_trailer: {N} trailers; give 0 or more")
     if N > MOST:
-        raise ModelError(f"tractor_trailer: {N} trailers; give at most {MOST}, the derivation of more takes minutes to hours")
+        raise ModelError(f"tractor_trailer: {N} trailers; give at most {MOST}: the derivation of more takes minutes to hours")
     name = "tractor_trailer" if N == 1 else f"tractor_trailer_{N}"
     robot = Mechanism(name, f"tractor with two driven wheels and {N} trailer{'s' * (N != 1)}, hitched on the axles")
     x = robot.coordinate("x", "m", "middle of the tractor's axle")
@@ -47,11 +48,13 @@ def tractor_trailer(N: int = 1) -> Mechanism:
     robot.rolls("right wheel rolls", r * robot.rate(theta_r) - (forward + b * turning))
     robot.rolls("left wheel rolls", r * robot.rate(theta_l) - (forward - b * turning))
 
-    # Half of the tractor's weight rests on each driven wheel, a trailer's on its axle: castors and hitches bear nothing.
+    # Half of the tractor's weight rests on each driven wheel, that of a trailer on its axle: castors and hitches carry none.
     for side, angle, across in (("right", theta_r, -b), ("left", theta_l, b)):
         slip = forward - across * turning - r * robot.rate(angle)
         robot.contact(f"{side} wheel", m / 2, along=slip, across=left, left=across)
 
+    robot.draws(box((x, y), phi, 0.35, 0.6, 0.8 * b), *wheels((x, y), phi, b, r))
+    hitch: Place = (x, y)
     before = phi
     for k in range(1, N + 1):
         heading = robot.coordinate(f"phi_{k}", "rad", f"heading of trailer {k}")
@@ -64,7 +67,9 @@ def tractor_trailer(N: int = 1) -> Mechanism:
         robot.body(f"trailer_{k}", mass, inertia, forward, left + ahead * turning, turning)
         robot.rolls(f"no side slip of trailer {k}", left)
         robot.contact(f"trailer {k}", mass, across=left)
-        before = heading
+        axle = placed(hitch, heading, [(-length, 0)])[0]
+        robot.draws([hitch, axle], box(axle, heading, 0.35, 0.45, 0.4), *wheels(axle, heading, 0.45, 0.2))
+        before, hitch = heading, axle
 
     robot.input("tau_r", "N m", on=robot.rate(theta_r), about="right wheel torque")
     robot.input("tau_l", "N m", on=robot.rate(theta_l), about="left wheel torque")

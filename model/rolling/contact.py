@@ -1,8 +1,8 @@
 """Rolling contact of two rigid bodies: Montana's kinematics from any two surfaces, paper section 2.2, (4) and (5).
 
 Frames at the contact: body i has its Gauss frame x_i, y_i, z_i (x along the u-curve, z the outward normal). z_2 = -z_1, and
-psi turns x_1 into x_2: x_2 = cos(psi) x_1 - sin(psi) y_1, a turn by -psi about the outward normal of body 1. So a vector
-of the tangent plane with components w in frame 1 has R_psi w in frame 2, and R_psi is its own inverse.
+psi rotates x_1 into x_2: x_2 = cos(psi) x_1 - sin(psi) y_1, a rotation by -psi about the outward normal of body 1. A vector
+in the tangent plane with components w in frame 1 has the components R_psi w in frame 2, and R_psi is its own inverse.
 """
 
 import itertools
@@ -28,7 +28,7 @@ SIGNS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 
 @dataclass(frozen=True, eq=False)
 class _Contact(ABC):
-    """What contacts in space and in the plane share."""
+    """Common base of contacts in space and in the plane."""
 
     first: Surface | Curve
     second: Surface | Curve
@@ -38,7 +38,7 @@ class _Contact(ABC):
     @property
     @abstractmethod
     def constraint_names(self) -> tuple[str, ...]:
-        """One for each row of A."""
+        """One name for each row of A."""
 
     @property
     @abstractmethod
@@ -53,11 +53,13 @@ class _Contact(ABC):
     @property
     @abstractmethod
     def relative_curvature(self) -> ca.SX:
-        """Of body 1 and body 2 at the contact, 1/m: positive definite where the bodies touch at a point and nowhere near it."""
+        """Relative curvature of the bodies at the contact, 1/m: positive definite if they touch at a point and nowhere near
+        it.
+        """
 
     @property
     def name(self) -> str:
-        """Both bodies."""
+        """Names of both bodies."""
         return f"{self.first.name} on {self.second.name}"
 
     @cached_property
@@ -67,13 +69,13 @@ class _Contact(ABC):
 
     @cached_property
     def parameters(self) -> list[ca.SX]:
-        """Symbols of both bodies' sizes. Raises ModelError when two of them, or one and a coordinate, have one name."""
+        """Symbols of the sizes of both bodies. Raises ModelError if two of them, or one and a coordinate, have the same name."""
         found = {symbol.element_hash(): symbol for body in (self.first, self.second) for symbol in body.parameters}
         refuse_twice([*self.names, *[symbol.name() for symbol in found.values()]], self.name)
         return list(found.values())
 
     def kinematics(self) -> Kinematics:
-        """For the analysis: q, the sizes as parameters (positive where they must be), A, and the basis as S."""
+        """Return the kinematics for the analysis: q, the sizes as parameters (with their signs), A, and the basis as S."""
         positive = {symbol.element_hash() for c in self.conditions for symbol in (c.expression,) if symbol.is_symbolic()}
         return Kinematics(
             self.name,
@@ -89,12 +91,12 @@ class _Contact(ABC):
 
     @cached_property
     def size(self) -> ca.SX:
-        """Of the curvatures, 1/m: positive unless both bodies are flat."""
+        """Size of the curvatures, 1/m: positive unless both bodies are flat."""
         return ca.norm_fro(self._at(0, self.first.K)) + ca.norm_fro(self._at(1, self.second.K))
 
     @cached_property
     def formal(self) -> str:
-        """Why the kinematics hold only formally at every q; empty when they do not."""
+        """The reason why the kinematics hold only formally at every q; empty if they hold."""
         curvature = self.relative_curvature
         if vanishes(ca.det(curvature), self.size ** curvature.shape[0], f"{self.name}: relative curvature"):
             return (
@@ -105,7 +107,7 @@ class _Contact(ABC):
 
     @cached_property
     def conditions(self) -> tuple[Condition, ...]:
-        """What must be positive: where the coordinates are regular; then the relative curvature's determinant and trace."""
+        """Conditions for regular coordinates, then determinant and trace of the relative curvature; all must be positive."""
         regular = [
             Condition(self._at(k, condition.expression), f"body {k + 1}, {body.name}: {condition.about}")
             for k, body in enumerate((self.first, self.second))
@@ -119,7 +121,7 @@ class _Contact(ABC):
         return (*regular, *curved)
 
     def refuse(self, q: Sequence[float], parameters: Mapping[str, float]) -> None:
-        """Raise ModelError where coordinates are singular, the bodies touch along a line or overlap, at this q and parameters."""
+        """Raise ModelError if, at this q and parameters, coordinates are singular or the bodies overlap or touch along a line."""
         for k, body in enumerate((self.first, self.second)):
             body.refuse(q[self._slice(k)], parameters)
         sizes = [parameters[symbol.name()] for symbol in self.parameters]
@@ -147,9 +149,9 @@ class _Contact(ABC):
 
 @dataclass(frozen=True, eq=False)
 class RollingContact(_Contact):
-    """Body 1 and body 2 touch at a point and roll on each other; `spin` says whether they may also turn about the normal.
+    """Two bodies that touch at a point and roll on each other; `spin` tells whether they may also rotate about the normal.
 
-    q = (u1, v1, u2, v2, psi) (4): the contact on body 1, on body 2, and the angle between the u-curves.
+    q = (u1, v1, u2, v2, psi) (4): the contact point on body 1 and on body 2, and the angle between the u-curves.
     """
 
     first: Surface
@@ -160,26 +162,26 @@ class RollingContact(_Contact):
 
     @cached_property
     def forms(self) -> tuple[tuple[ca.SX, ca.SX, ca.SX], ...]:
-        """Metric, curvature and torsion form (M, K, T) of both bodies at q."""
+        """Metric, curvature and torsion forms (M, K, T) of both bodies at q."""
         bodies = (self.first, self.second)
         return tuple((self._at(k, body.M), self._at(k, body.K), self._at(k, body.T)) for k, body in enumerate(bodies))
 
     @cached_property
     def R(self) -> ca.SX:
-        """R_psi of (5), 2 x 2: components in frame 1 to components in frame 2 and back."""
+        """R_psi of (5), 2 x 2: maps components in frame 1 to components in frame 2 and back."""
         c, s = ca.cos(self.q[4]), ca.sin(self.q[4])
         return ca.blockcat([[c, -s], [-s, -c]])
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
-        """One for each row of A."""
+        """One name for each row of A."""
         return ("no slip along x_2", "no slip along y_2", *(() if self.spin else ("no spin",)))
 
     @cached_property
     def A(self) -> ca.SX:
         """Constraint matrix (2), m x 5, m = 2 with spin, 3 without: R M1 (u1', v1')' - M2 (u2', v2')' = 0  (5), m/s.
 
-        Without spin also psi' - T1 M1 (u1', v1')' - T2 M2 (u2', v2')' = 0, rad/s.
+        Without spin there is also psi' - T1 M1 (u1', v1')' - T2 M2 (u2', v2')' = 0, rad/s.
         """
         (M1, _, _), (M2, _, _) = self.forms
         slip = ca.horzcat(self.R @ M1, -M2, ca.SX(2, 1))
@@ -188,9 +190,9 @@ class RollingContact(_Contact):
 
     @cached_property
     def basis(self) -> ca.SX:
-        """S(q) with A S = 0, 5 x (5-m), without a division by the relative curvature: it serves contacts along a line too.
+        """S(q) with A S = 0, 5 x (5-m), without division by the relative curvature, so that it is also valid for line contacts.
 
-        Its quasi-velocities: those of the contact along x_1 and y_1 on body 1, m/s; with spin also omega_z, rad/s.
+        The quasi-velocities are those of the contact point along x_1 and y_1 on body 1, m/s; with spin also omega_z, rad/s.
         """
         (_, _, T1), (_, _, T2) = self.forms
         rolls = ca.vertcat(self._at(0, self.first.inverse), self._at(1, self.second.inverse) @ self.R, T1 + T2 @ self.R)
@@ -202,15 +204,17 @@ class RollingContact(_Contact):
 
         omega is the angular velocity of body 1 relative to body 2 in frame 1, rad/s:
         (u1', v1')' = M1^-1 (K1 + R K2 R)^-1 (-omega_y, omega_x)', (5), psi' = omega_z + T1 M1 (u1', v1')' + T2 M2 (u2', v2')'.
-        Raises ModelError when the contact is along a line everywhere.
+        Raises ModelError if the contact is a line everywhere.
         """
         if self.formal:
-            raise ModelError(f"{self.formal}; take the basis instead of S")
+            raise ModelError(f"{self.formal}; use the basis instead of S")
         turned = canonical(ca.inv(self.relative_curvature)) @ ca.DM([[0, -1], [1, 0]])
         return canonical(ca.horzcat(self.basis[:, :2] @ turned, self.basis[:, 2:]))
 
     def angular_velocity(self, rates: ca.SX) -> ca.SX:
-        """Of body 1 relative to body 2, 3 x 1, in frame 1, rad/s, at these rates of q, whether or not the contact slips."""
+        """Return the angular velocity of body 1 relative to body 2, 3 x 1, in frame 1, rad/s, at these rates of q, with or
+        without slip.
+        """
         (M1, K1, T1), (M2, K2, T2) = self.forms
         along = K1 @ M1 @ rates[:2] + self.R @ K2 @ M2 @ rates[2:4]
         return ca.vertcat(along[1], -along[0], rates[4] - T1 @ M1 @ rates[:2] - T2 @ M2 @ rates[2:4])
@@ -245,10 +249,10 @@ class RollingContact(_Contact):
 
 @dataclass(frozen=True, eq=False)
 class PlanarContact(_Contact):
-    """Two outlines in a plane roll on each other, q = (u1, u2): m1 u1' = m2 u2', the planar (5). Always holonomic.
+    """Two outlines in a plane that roll on each other, q = (u1, u2): m1 u1' = m2 u2', the planar (5). Always holonomic.
 
-    Both run the same way at the contact, body 1 on the left, body 2 on the right: outline 1 counterclockwise, outline 2
-    clockwise (`backward`), or counterclockwise when body 2 is a ring around body 1.
+    Both have the same direction at the contact, with body 1 on the left and body 2 on the right: outline 1 counterclockwise,
+    outline 2 clockwise (`backward`), or counterclockwise if body 2 is a ring around body 1.
     """
 
     first: Curve
@@ -276,17 +280,18 @@ class PlanarContact(_Contact):
 def rolls_on(
     mechanism: Mechanism, name: str, contact: RollingContact | PlanarContact, q: Sequence[ca.SX] | ca.SX, formal: bool = False
 ) -> None:
-    """Add the rows of a rolling contact to the mechanism's constraints (2); `q` is the contact's, in the mechanism's coordinates.
+    """Add the rows of a rolling contact to the mechanism's constraints (2); `q` is that of the contact in the mechanism's
+    coordinates.
 
-    A contact along a line is refused unless `formal` says to take it all the same. Raises ModelError.
+    Raises ModelError for a contact along a line unless `formal` is true.
     """
     entries = ca.vertsplit(q) if isinstance(q, ca.SX) else q
     place = ca.vertcat(*[matrix(entry, f"{mechanism.name}: {name}: q") for entry in entries])
     if place.numel() != contact.q.numel():
         names = ", ".join(symbol.name() for symbol in ca.vertsplit(contact.q))
-        raise ModelError(f"{mechanism.name}: {name}: q must be ({names}), it has {place.numel()} entries")
+        raise ModelError(f"{mechanism.name}: {name}: q must be ({names}); it has {place.numel()} entries")
     if contact.formal and not formal:
-        raise ModelError(f"{mechanism.name}: {name}: {contact.formal}; formal=True takes it all the same")
+        raise ModelError(f"{mechanism.name}: {name}: {contact.formal}; use formal=True to accept this")
     for condition in () if formal else contact.conditions:
         _refuse_defaults(mechanism, f"{mechanism.name}: {name}", condition)
     velocities = ca.substitute(contact.A, contact.q, place) @ mechanism.rate(place)
@@ -295,7 +300,7 @@ def rolls_on(
 
 
 def _refuse_defaults(mechanism: Mechanism, where: str, condition: Condition) -> None:
-    """Raise ModelError when a condition on sizes alone is not met by the mechanism's parameters at their defaults."""
+    """Raise ModelError if a condition on sizes alone does not hold for the mechanism's parameters at their defaults."""
     if {symbol.element_hash() for symbol in free_symbols(condition.expression)} <= {
         p.symbol.element_hash() for p in mechanism.parameters
     }:
@@ -310,23 +315,23 @@ def _refuse_defaults(mechanism: Mechanism, where: str, condition: Condition) -> 
 
 @dataclass(frozen=True)
 class RollingGrowth:
-    """Growth vector of the distribution of a rolling contact, generic, and where it is another."""
+    """Growth vector of the distribution of a rolling contact: the generic one, and where it differs."""
 
     vector: tuple[int, ...]
     holonomic: int
-    determinant: ca.SX | None  # of the vector fields that fill the space; None when Delta is involutive
-    drops_where: ca.SX | None  # this is zero; None: nowhere on the patches
-    special: tuple[str, ...]  # orbits of dimension 2 all the same
+    determinant: ca.SX | None  # of the vector fields that span the space; None if Delta is involutive
+    drops_where: ca.SX | None  # the set where this is zero; None: nowhere on the patches
+    special: tuple[str, ...]  # orbits that have dimension 2 nevertheless
     reason: str
 
 
 def rolling_growth(contact: RollingContact | PlanarContact) -> RollingGrowth:
-    """Growth vector and number k of holonomic constraints of any two surfaces, exact, from the structure equations.
+    """Return growth vector and number k of holonomic constraints for any two surfaces, exact, from the structure equations.
 
     With e_1, e_2 the pure-rolling columns of `basis`, kappa_i the Gaussian curvatures and E = d/dpsi,
     [e_1, e_2] = -T1 (e_1, e_2)' + (kappa_2 - kappa_1) E and [E, e_i] = dR/dpsi's columns on body 2, so that
     det[e_1, e_2, b, [e_1, b], [e_2, b]] = (kappa_1 - kappa_2)^3 / (det M1 det M2), b = [e_1, e_2], and
-    det[e_1, e_2, E, [E, e_1], [E, e_2]] = -1 / (det M1 det M2). No root of a metric has to be treated.
+    det[e_1, e_2, E, [E, e_1], [E, e_2]] = -1 / (det M1 det M2). No root of a metric occurs.
     """
     if isinstance(contact, PlanarContact):
         return RollingGrowth(
@@ -334,7 +339,7 @@ def rolling_growth(contact: RollingContact | PlanarContact) -> RollingGrowth:
         )
     difference, volume = contact.curvature_difference, contact.volume
     if contact.spin:
-        return RollingGrowth((3, 5), 0, canonical(-1 / volume), None, (), "the spin makes it fill the space everywhere")
+        return RollingGrowth((3, 5), 0, canonical(-1 / volume), None, (), "with the spin it spans the space everywhere")
     if vanishes(difference, contact.size**2, f"{contact.name}: difference of the Gaussian curvatures"):
         reason = "both surfaces have the same constant Gaussian curvature: the distribution is involutive"
         return RollingGrowth((2,), 3, None, None, (), reason)
@@ -343,7 +348,7 @@ def rolling_growth(contact: RollingContact | PlanarContact) -> RollingGrowth:
         where = difference if free_symbols(difference) else None
         return RollingGrowth((2, 3, 5), 0, determinant, where, (), "both Gaussian curvatures are constant and differ")
     special = mirrors(contact)
-    reason = "it fills the space in three steps wherever the Gaussian curvatures at the contact differ"
+    reason = "it spans the space in three steps wherever the Gaussian curvatures at the contact differ"
     if special:
         reason += (
             "; mirror configurations (one orbit up to the symmetries of the surfaces) are never left, nor reached from others"
@@ -352,13 +357,13 @@ def rolling_growth(contact: RollingContact | PlanarContact) -> RollingGrowth:
 
 
 def mirrors(contact: RollingContact) -> tuple[str, ...]:
-    """The orbits of dimension 2 of two congruent bodies, in words, as far as reflections of the coordinates give them.
+    """Return the orbits of dimension 2 of two congruent bodies, as text, as far as reflections of the coordinates give them.
 
     Every orbit of pure rolling has dimension 2 or 5 (A. Agrachev, Yu. Sachkov, Control theory from the geometric viewpoint,
-    2004, chapter 24); where it is 2, the contact follows an isometry (u2, v2) = s(u1, v1) of the surfaces with ds = R_psi in
-    their frames: M2 ds = R_psi M1, psi constant. That is what is proved here; the metric determines T, so the row of the spin
-    follows. Tried are s = (+-u1, +-v1), with a free shift of one coordinate (surfaces of revolution) or none, and psi = 0 or
-    pi. The symmetries of the surfaces carry these orbits to others of their kind.
+    2004, chapter 24). If it is 2, the contact follows an isometry (u2, v2) = s(u1, v1) of the surfaces with ds = R_psi in
+    their frames: M2 ds = R_psi M1, psi constant. This is what is proved here; since the metric determines T, the row of the spin
+    follows. Candidates are s = (+-u1, +-v1), with a free shift of one coordinate (surfaces of revolution) or none, and psi = 0 or
+    pi. The symmetries of the surfaces map these orbits to others of the same kind.
     """
     u, v, shift = ca.SX.sym("u"), ca.SX.sym("v"), ca.SX.sym("const")
     (M1, _, _), (M2, _, _) = contact.forms
@@ -378,7 +383,7 @@ def mirrors(contact: RollingContact) -> tuple[str, ...]:
 
 
 def _without_signs(expression: ca.SX) -> ca.SX:
-    """The same with cos(-a) as cos(a) and sin(-a) as -sin(a), which `canonical` takes for functions of their own."""
+    """Return the same expression with cos(-a) as cos(a) and sin(-a) as -sin(a), which `canonical` treats as independent."""
 
     def apply(code: int, arguments: tuple[ca.SX, ...]) -> ca.SX:
         if code in (ca.OP_SIN, ca.OP_COS) and arguments[0].is_op(ca.OP_NEG):
@@ -391,9 +396,10 @@ def _without_signs(expression: ca.SX) -> ca.SX:
 
 
 def vanishes(expression: ca.SX, size: ca.SX, where: str) -> bool:
-    """Is it zero everywhere? Yes when that is proved exactly, no when at some place it is not small beside `size`.
+    """Return whether an expression is zero everywhere: proved exactly, or disproved at a place where it is not small relative
+    to `size`.
 
-    Raises ModelError when it is neither.
+    Raises ModelError if neither is possible.
     """
     if _differs(expression, size):
         return False
@@ -405,7 +411,7 @@ def vanishes(expression: ca.SX, size: ca.SX, where: str) -> bool:
 
 
 def _differs(expression: ca.SX, size: ca.SX) -> bool:
-    """Is it at some place not small beside `size`? Quicker than to prove that it is zero."""
+    """Return whether it is, at some place, not small relative to `size`. Faster than a proof that it is zero."""
     both = ca.vertcat(expression, size)
     symbols = free_symbols(both)
     function = ca.Function("both", [ca.vertcat(*symbols)], [both])
@@ -417,6 +423,6 @@ def _differs(expression: ca.SX, size: ca.SX) -> bool:
 
 
 def _shifted(sign: int, name: str, shift: ca.SX | int) -> str:
-    """The text of sign * name + shift."""
+    """Return the text of sign * name + shift."""
     signed = name if sign > 0 else f"-{name}"
     return f"{signed} + const" if isinstance(shift, ca.SX) else signed

@@ -1,4 +1,4 @@
-"""A system seen only through its velocities: coordinates, constraints A(q) qdot = 0 (2), or qdot = S(q) nu (9)."""
+"""A system given by its velocities only: coordinates and constraints A(q) qdot = 0 (2), or qdot = S(q) nu (9)."""
 
 from dataclasses import dataclass
 
@@ -14,8 +14,8 @@ from ..reduction import ReducedSystem, check_constraints
 class Kinematics:
     """n coordinates with m constraints, given by A(q), m x n, by S(q), n x (n-m), or by both.
 
-    Entries are exact: a number stands for the simplest fraction, multiple of pi or root that it is to rounding. Raises
-    ModelError for matrices of the wrong shape, strange symbols, and names used twice.
+    Entries are exact: a number represents the simplest fraction, multiple of pi or root that equals it up to rounding. Raises
+    ModelError for matrices of the wrong shape, unknown symbols, and names used twice.
     """
 
     name: str
@@ -65,15 +65,17 @@ class Kinematics:
 
 
 def kinematics(system: Kinematics | Mechanism | ReducedSystem) -> Kinematics:
-    """The kinematics of a mechanism: its A, and S for its quasi-velocities where it has some; energy and inputs are not needed.
+    """Return the kinematics of a mechanism: its A, and S for its quasi-velocities if it has some; energy and inputs are not used.
 
-    Raises ModelError when there are no coordinates or constraints, or when the quasi-velocities are not n - m.
+    Raises ModelError if there are no coordinates or constraints, or if the number of quasi-velocities is not n - m.
     """
     if isinstance(system, Kinematics):
         return system
     mechanism, S = (system.mechanism, system.S) if isinstance(system, ReducedSystem) else (system, system.given_null_space)
     if not mechanism.coordinates or not mechanism.constraint_names:
-        raise ModelError(f"{mechanism.name}: the analysis needs coordinates and constraints; add them with coordinate and rolls")
+        raise ModelError(
+            f"{mechanism.name}: the analysis requires coordinates and constraints; add them with coordinate and rolls"
+        )
     A, gamma = mechanism.A, mechanism.quasi_velocity_rows
     if A.shape[0] >= len(mechanism.coordinates):
         check_constraints(mechanism)
@@ -84,7 +86,9 @@ def kinematics(system: Kinematics | Mechanism | ReducedSystem) -> Kinematics:
 
 
 def _null_space(mechanism: Mechanism, gamma: ca.SX) -> ca.SX | None:
-    """S with A S = 0 and gamma S = 1; None when the two together are singular, as with dependent constraints."""
+    """Return S with A S = 0 and gamma S = 1; None if the two together are singular, for example because of dependent
+    constraints.
+    """
     A, name = mechanism.A, mechanism.name
     m, n = A.shape
     if gamma.shape[0] != n - m:

@@ -1,8 +1,8 @@
 """Surfaces and curves that roll on each other: metric, curvature and torsion forms from any parametrization.
 
-D. J. Montana, The kinematics of contact and grasp, IJRR 7(3), 1988, which the paper's section 2.2 uses. Montana asks for
+D. J. Montana, The kinematics of contact and grasp, IJRR 7(3), 1988, used in the paper's section 2.2. Montana requires
 orthogonal coordinates, M = diag(|f_u|, |f_v|). Here M is the triangular root of the metric, which is the same for
-orthogonal coordinates and serves oblique ones (an ellipsoid of three axes) as well.
+orthogonal coordinates and also valid for oblique ones (an ellipsoid of three axes).
 """
 
 import math
@@ -23,13 +23,13 @@ from ..algebra.ratios import NotRational, factored, number
 from ..errors import ModelError
 from ..mechanism import matrix
 
-SHORT = 1024  # numbers below it in whole parts of 1/SHORT are exact in what follows
-SMALLEST = 1e-9  # of its size at the regular place: a condition below that is not met
+SHORT = 1024  # multiples of 1/SHORT below this number are exact in the following operations
+SMALLEST = 1e-9  # relative to its value at the regular place: a condition below this does not hold
 
 
 @dataclass(frozen=True)
 class Condition:
-    """`expression` must be positive: where the coordinates are regular and the sizes make sense."""
+    """`expression` must be positive, so that the coordinates are regular and the sizes are valid."""
 
     expression: ca.SX
     about: str
@@ -37,11 +37,11 @@ class Condition:
 
 @dataclass(frozen=True, eq=False)
 class _Patch(ABC):
-    """What curves and surfaces share: coordinates, parameters, a place where all is regular, conditions.
+    """Common base of curves and surfaces: coordinates, parameters, a regular place, conditions.
 
-    Parameters are the symbols of `position` that are no coordinates. `at` names a regular place on the patch, coordinates
-    (0 unless named) and parameters (1 unless named): there every root is positive. `singular` says in words where the
-    coordinates are not regular.
+    Parameters are the symbols of `position` that are not coordinates. `at` defines a regular place on the patch, by coordinates
+    (default 0) and parameters (default 1); every root is positive there. `singular` describes where the coordinates are not
+    regular.
     """
 
     name: str
@@ -56,7 +56,7 @@ class _Patch(ABC):
     @property
     @abstractmethod
     def conditions(self) -> tuple[Condition, ...]:
-        """What must be positive for the forms to hold."""
+        """Expressions that must be positive for the forms to hold."""
 
     @cached_property
     def coordinates(self) -> ca.SX:
@@ -80,9 +80,9 @@ class _Patch(ABC):
         return parameters
 
     def refuse(self, place: Sequence[float], parameters: Mapping[str, float]) -> None:
-        """Raise ModelError where a condition is not met at these coordinates and parameters (by name).
+        """Raise ModelError if a condition does not hold at these coordinates and parameters (by name).
 
-        A value below 1e-9 of that at the regular place counts as zero: cos(pi/2) is no zero in floating point.
+        A value below 1e-9 times that at the regular place counts as zero: cos(pi/2) is not exactly zero in floating point.
         """
         missing = [symbol.name() for symbol in self.parameters if symbol.name() not in parameters]
         if missing:
@@ -96,21 +96,21 @@ class _Patch(ABC):
                 where = ", ".join(f"{name} = {number:g}" for name, number in zip(self.names, place, strict=True))
                 raise ModelError(f"{self.name}: {condition.about} (here {where}: {condition.expression} = {value:.3g})")
 
-    # -- inside -------------------------------------------------------------------------------------------------
+    # -- internal -----------------------------------------------------------------------------------------------
 
     @cached_property
     def _numbers(self) -> dict[float, ca.SX]:
-        """Numbers that arithmetic would round, each with the symbol that stands for it until a form is finished."""
+        """Numbers that arithmetic would round, each with the symbol that represents it until a form is complete."""
         return {}
 
     def _number(self, value: float) -> ca.SX:
-        """The number, or the symbol for one that is no short binary fraction."""
+        """Return the number, or the symbol for one that is not a short binary fraction."""
         if not math.isfinite(value) or value == round(value * SHORT) / SHORT and abs(value) < SHORT:
             return ca.SX(value)
         return self._numbers.setdefault(value, ca.SX.sym(f"number_{len(self._numbers)}"))
 
     def _given(self, expression: ca.SX) -> ca.SX:
-        """The expression with its numbers in their places."""
+        """Return the expression with its numbers substituted."""
         if not self._numbers:
             return expression
         return ca.substitute(expression, ca.vertcat(*self._numbers.values()), ca.SX(ca.DM(list(self._numbers))))
@@ -129,20 +129,20 @@ class _Patch(ABC):
 
         def apply(code: int, arguments: tuple[ca.SX, ...]) -> ca.SX:
             if code in KINKS:
-                raise ModelError(f"{self.name}: not smooth, its position uses {KINKS[code]}; give one smooth piece")
+                raise ModelError(f"{self.name}: not smooth, its position uses {KINKS[code]}; give one smooth part of the surface")
             return operate(code, *arguments)
 
         symbols = free_symbols(point)
         return ca.vertcat(*fold(point, symbols, symbols.__getitem__, self._number, apply))
 
     def _root(self, square: ca.SX, what: str) -> tuple[ca.SX, tuple[Condition, ...]]:
-        """The root of a sum of squares, positive at the regular place, and what must be positive for it to be smooth.
+        """Return the root of a sum of squares, positive at the regular place, and what must be positive for it to be smooth.
 
-        Squares leave the root: sqrt(R^2 cos(u)^2) is R cos(u), smooth where |cos(u)| has a kink. A root in a denominator
-        becomes one in the numerator, so that one radicand is one radical.
+        Squares are taken out of the root: sqrt(R^2 cos(u)^2) becomes R cos(u), smooth where |cos(u)| has a kink. A root in a
+        denominator is moved to the numerator, so that one radicand is one radical.
         """
         if square.is_zero():
-            raise ModelError(f"{self.name}: {what} is zero everywhere: no {type(self).__name__.lower()}")
+            raise ModelError(f"{self.name}: {what} is zero everywhere: not a {type(self).__name__.lower()}")
         try:
             known = Field(square)
             above, below = known.simplify().magnitude
@@ -162,7 +162,7 @@ class _Patch(ABC):
         )
 
     def _root_of(self, known: Field, polynomial: PolyElement, what: str) -> tuple[ca.SX, list[ca.SX]]:
-        """The root of a polynomial's magnitude, and its factors and radicand, each positive at the regular place."""
+        """Return the root of a polynomial's magnitude, and its factors and radicand, each positive at the regular place."""
         content, powers = factored(polynomial) if not polynomial.is_ground else (polynomial.LC, [])
         root, radicand, factors = self._number(math.sqrt(number(abs(content)))), known.ring.one, []
         for factor, power in powers:
@@ -178,11 +178,11 @@ class _Patch(ABC):
         return root, factors
 
     def _upright(self, known: Field, factor: PolyElement, what: str) -> PolyElement:
-        """The factor or its negative, whichever is positive at the regular place."""
+        """Return the factor or its negative, whichever is positive at the regular place."""
         return factor if self._value(known.expression((factor, known.ring.one)), what) > 0 else -factor
 
     def _value(self, expression: ca.SX, what: str) -> float:
-        """At the regular place. Raises ModelError when it is zero there, or not finite."""
+        """Return the value at the regular place. Raises ModelError if it is zero or not finite."""
         values = {**dict.fromkeys(self.names, 0.0), **{s.name(): value for value, s in self._numbers.items()}, **self.at}
         symbols = free_symbols(expression)
         numbers = [values.get(s.name(), 1.0) for s in symbols]
@@ -200,9 +200,10 @@ class _Patch(ABC):
 class Surface(_Patch):
     """A patch f(u, v) of a body's surface, in the body's frame, m.
 
-    `outward` is 1 where f_u x f_v points out of the body and -1 where it points into it.
+    `outward` is 1 if f_u x f_v points out of the body and -1 if it points into it.
 
-    Raises ModelError, from whatever is asked first: not smooth, not three components, no surface, a singular `at`.
+    The first use of a property raises ModelError if the surface is not smooth, does not have three components, or `at` is
+    singular.
     """
 
     outward: int = 1
@@ -217,7 +218,7 @@ class Surface(_Patch):
 
     @cached_property
     def orthogonal(self) -> bool:
-        """Do the coordinate lines meet at right angles, as Montana asks?"""
+        """Whether the coordinate lines are orthogonal, as Montana requires."""
         return ca.SX(self._metric[0, 1]).is_zero()
 
     @cached_property
@@ -262,13 +263,13 @@ class Surface(_Patch):
 
     @cached_property
     def conditions(self) -> tuple[Condition, ...]:
-        """What must be positive for all of the above to hold."""
+        """Expressions that must be positive for all of the above to hold."""
         found: dict[str, Condition] = {}
         for condition in (*self.needs, *self._roots[0][1], *self._roots[1][1]):
             found.setdefault(str(condition.expression), condition)
         return tuple(found.values())
 
-    # -- inside -------------------------------------------------------------------------------------------------
+    # -- internal -----------------------------------------------------------------------------------------------
 
     @cached_property
     def _roots(self) -> tuple[tuple[ca.SX, tuple[Condition, ...]], ...]:
@@ -323,7 +324,7 @@ class Surface(_Patch):
 
 
 def _sum(known: Field, polynomial: PolyElement) -> ca.SX:
-    """A polynomial as a sum: the radicand of a root keeps its sign, which a common factor -1 would hide."""
+    """Return a polynomial as a sum: the radicand of a root keeps its sign, which a common factor -1 would hide."""
     terms = [
         ca.SX(number(coefficient))
         * math.prod((known.expressions[k] ** power for k, power in enumerate(powers) if power), start=ca.SX(1))
@@ -333,7 +334,7 @@ def _sum(known: Field, polynomial: PolyElement) -> ca.SX:
 
 
 def hollow(surface: Surface) -> Surface:
-    """The same surface with the body on its other side: a bowl, the inside of a tube."""
+    """Return the same surface with the body on its other side: a bowl, the inside of a tube."""
     return replace(surface, name=f"hollow {surface.name}", outward=-surface.outward)
 
 
@@ -358,7 +359,7 @@ class Curve(_Patch):
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
-        """What must be positive for all of the above to hold."""
+        """Expressions that must be positive for all of the above to hold."""
         return (*self.needs, *self._root_and_conditions[1])
 
     @cached_property
@@ -367,21 +368,23 @@ class Curve(_Patch):
 
 
 def backward(curve: Curve) -> Curve:
-    """The same outline run the other way."""
+    """Return the same outline with the opposite direction."""
     at = {**curve.at, "u": -curve.at.get("u", 0.0)}
     return replace(curve, name=f"{curve.name} backward", position=lambda u: curve.position(-u), at=at)
 
 
-# -- the shipped ones ---------------------------------------------------------------------------------------------------
+# -- shipped surfaces and curves ------------------------------------------------------------------------------------------
 
 
 def plane() -> Surface:
-    """(u, v, 0), the body below: z is the outward normal. u, v in m."""
+    """Return (u, v, 0) with the body below: z is the outward normal. u, v in m."""
     return Surface("plane", lambda u, v: (u, v, 0))
 
 
 def sphere(R: ca.SX | float) -> Surface:
-    """Radius R about the origin: u latitude, v longitude (rad), growing clockwise seen from above. Montana's example."""
+    """Return a sphere of radius R about the origin: u latitude, v longitude (rad), clockwise seen from above. Montana's
+    example.
+    """
     R, needs = _size(R, "sphere: radius R")
     return Surface(
         "sphere",
@@ -392,15 +395,16 @@ def sphere(R: ca.SX | float) -> Surface:
 
 
 def cylinder(R: ca.SX | float) -> Surface:
-    """Radius R about the z axis: u angle (rad), v along the axis (m)."""
+    """Return a cylinder of radius R about the z axis: u angle (rad), v along the axis (m)."""
     R, needs = _size(R, "cylinder: radius R")
     return Surface("cylinder", lambda u, v: (R * ca.cos(u), R * ca.sin(u), v), needs=needs)
 
 
 def ellipsoid(a: ca.SX | float, b: ca.SX | float, c: ca.SX | float) -> Surface:
-    """Half axes a, b, c along x, y, z: u, v (rad) are latitude and longitude of the sphere it is stretched from.
+    """Return an ellipsoid with half axes a, b, c along x, y, z; u, v (rad): latitude and longitude of the sphere before
+    stretching.
 
-    Orthogonal when a = b.
+    The coordinates are orthogonal if a = b.
     """
     (a, of_a), (b, of_b), (c, of_c) = (_size(size, f"ellipsoid: half axis {n}") for size, n in ((a, "a"), (b, "b"), (c, "c")))
     return Surface(
@@ -412,7 +416,7 @@ def ellipsoid(a: ca.SX | float, b: ca.SX | float, c: ca.SX | float) -> Surface:
 
 
 def torus(R: ca.SX | float, r: ca.SX | float) -> Surface:
-    """A tube of radius r around a circle of radius R > r about the z axis: u around the tube, v along it (rad)."""
+    """Return a tube of radius r around a circle of radius R > r about the z axis: u around the tube, v along it (rad)."""
     (R, of_R), (r, of_r) = _size(R, "torus: radius R"), _size(r, "torus: radius r of the tube")
     _, of_both = _size(R - r, "torus: R - r")
     return Surface(
@@ -428,13 +432,13 @@ def line() -> Curve:
 
 
 def circle(R: ca.SX | float) -> Curve:
-    """Radius R about the origin, u rad, counterclockwise."""
+    """Return a circle of radius R about the origin, u in rad, counterclockwise."""
     R, needs = _size(R, "circle: radius R")
     return Curve("circle", lambda u: (R * ca.cos(u), R * ca.sin(u)), needs=needs)
 
 
 def _size(size: ca.SX | float, what: str) -> tuple[ca.SX, tuple[Condition, ...]]:
-    """A length, number or symbol, and that it is positive. Raises ModelError for a number that is not."""
+    """Return a length, number or symbol, and the condition that it is positive. Raises ModelError for a number that is not."""
     made = matrix(size, what)
     if made.shape != (1, 1):
         raise ModelError(f"{what} must be a number or a symbol")

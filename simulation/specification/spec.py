@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...model.outputs import OFFSET
 from ...model.segments import Segment
-from ...readers.errors import BadInput
+from ...readers.errors import BadInput, suggestion
 from ...readers.files import read_input
 from ...readers.reading import (
     _table,
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .distributions import Sweep
 
 
+SPECS = File(__file__).resolve().parents[2] / "specs"
 TYPES = ("I", "II", "III", "IV")
 TOLERANCES = (1e-13, 1e-2)  # below, rounding is larger than the tolerance; above, it is no simulation
 MOST_ROWS = 10_000_000
@@ -324,10 +325,21 @@ class Spec:
                 raise BadInput(f"[reference] {name} is missing; type {self.output.type} needs it")
 
 
+def shipped() -> dict[str, File]:
+    """Return the SPECs that come with noslip: name -> file, such as line, circle, figure_8."""
+    return {file.stem: file for file in sorted(SPECS.rglob("*.toml"))}
+
+
 def read_text(file: File | str) -> str:
-    """What a file says. Raises BadInput, naming the file, when it cannot be read."""
+    """Return the text of a file, or of a shipped SPEC by its name. Raises BadInput, naming the file, if it cannot be read."""
+    place = File(file)
+    if place.name == str(file) and not place.suffix and not place.exists():
+        known = shipped()
+        if str(file) not in known:
+            raise BadInput(f"{file}: neither a file nor a shipped SPEC{suggestion(str(file), known)}")
+        place = known[str(file)]
     try:
-        return read_input(file).decode()
+        return read_input(place).decode()
     except OSError as error:
         raise BadInput(f"{file}: {error.strerror}") from error
     except UnicodeDecodeError as error:

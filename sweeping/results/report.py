@@ -1,12 +1,12 @@
 """What `noslip sweep` prints."""
 
-import math
 import shlex
 from dataclasses import dataclass
 from typing import Any
 
+from ...readers.printing import columns, plain
 from ..study import STOPPED, Study
-from .statistics import CONFIDENCE, LEVELS, Indices, Summary
+from .statistics import CONFIDENCE, ENDED, LEVELS, Indices, Summary
 from .verify import TIME, Verified
 from .worst import Worst
 
@@ -73,7 +73,7 @@ class Report:
             }
         if self.verified:
             made["verified"] = {**vars(self.verified), "holds": self.verified.holds}
-        return _finite(made)
+        return plain(made)
 
     def _head(self) -> str:
         study, summary = self.study, self.summary
@@ -95,10 +95,10 @@ class Report:
         return "" if self.study.plan.sweep.design == "random" else ", as if the samples were independent"
 
     def _sizes(self) -> str:
-        ended = sum(self.summary.statuses.get(name, 0) for name in ("ok", "saturated", "arrived"))
+        ended = sum(self.summary.statuses.get(name, 0) for name in ENDED)
         heads = [*(f"{level:.0%}" for level in LEVELS), "largest"]
         rows = [[name, *(f"{value:.3g}" for value in values)] for name, values in self.summary.sizes.items()]
-        return _table([f"size, of {ended} runs to the end (SI)", *heads], rows)
+        return "\n".join(columns([[f"size, of {ended} runs to the end (SI)", *heads], *rows]))
 
     def _ranks(self) -> str:
         """What each outcome goes with, the strongest first."""
@@ -114,7 +114,7 @@ class Report:
         for outcome, values in indices.values.items():
             ranked = sorted(values.items(), key=lambda item: -item[1][1])
             rows = [[name, f"{first:.2f} ± {a:.2f}", f"{total:.2f} ± {b:.2f}"] for name, (first, total, a, b) in ranked]
-            blocks.append(_table([outcome, "first order", "total"], rows))
+            blocks += columns([[outcome, "first order", "total"], *rows])
         return "\n".join(blocks)
 
     def _worst_samples(self) -> str:
@@ -142,20 +142,5 @@ class Report:
         return line
 
 
-def _table(heads: list[str], rows: list[list[str]]) -> str:
-    widths = [max(len(row[k]) for row in [heads, *rows]) for k in range(len(heads))]
-    lines = [[row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))] for row in
-             [heads, *rows]]  # fmt: skip
-    return "\n".join("  ".join(line) for line in lines)
-
-
 def _part(value: float) -> str:
     return f"{100 * value:.3g} %"
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

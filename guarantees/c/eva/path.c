@@ -17,7 +17,7 @@ void check_is_sound(const OF(noslip_path) *self, int count)
 {
     /*@ assert self->segments == &segments[0] && self->count == count; */
     /*@ assert 0 <= self->guide.segment < count; */
-    /*@ assert NOSLIP_ALONG <= self->place.stage <= NOSLIP_AT_STOP; */
+    /*@ assert NOSLIP_ALONG <= self->current.stage <= NOSLIP_AT_STOP; */
     /*@ assert self->guide.backward == 0 || self->guide.backward == 1; */
 }
 
@@ -28,7 +28,7 @@ void make_path(OF(noslip_path) *self, int count, int closed, int segment)
     self->segments = segments;
     self->count = count;
     self->closed = closed;
-    self->place.stage = Frama_C_interval(NOSLIP_ALONG, NOSLIP_AT_STOP);
+    self->current.stage = Frama_C_interval(NOSLIP_ALONG, NOSLIP_AT_STOP);
     self->guide.segment = segment;
     self->guide.backward = Frama_C_interval(0, 1);
     self->creep = BETWEEN(0, LARGEST);
@@ -61,7 +61,7 @@ void check_init(int count, int closed)
         check_is_sound(&self, count);
     } else {
         REACHED(init_refused);
-        /*@ assert self.ready == 0 && self.under_way == 0 && fault.kind != NOSLIP_FAULT_NONE; */
+        /*@ assert self.ready == 0 && self.started == 0 && fault.kind != NOSLIP_FAULT_NONE; */
     }
 }
 

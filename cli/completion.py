@@ -1,0 +1,31 @@
+"""`noslip completion`: prints a script that completes noslip's commands and options in a shell."""
+
+import argparse
+
+EXAMPLE = """examples:
+  noslip completion bash > ~/.local/share/bash-completion/completions/noslip
+  noslip completion zsh > ~/.zfunc/_noslip"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add `noslip completion`."""
+    parser = subparsers.add_parser(
+        "completion",
+        help="print a completion script for a shell",
+        description="Print a script with which a shell completes the commands and options of noslip.",
+        epilog=EXAMPLE,
+    )
+    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"), help="the shell")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run `noslip completion`. Return 0."""
+    import shtab
+
+    from .codes import COMMANDS
+    from .commands import parser_of
+
+    parser, _ = parser_of(COMMANDS)
+    print(shtab.complete(parser, args.shell))
+    return 0

@@ -1,0 +1,142 @@
+"""What the C of a law and that of the dynamics have in common: names, the frame of a file, checks, what is returned where."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Generic, TypeVar
+
+from ...model.mechanism import Quantity
+from ...model.names import in_c
+from ...model.reduction import ReducedSystem
+from ..derivation.stages import Result
+from ..dynamics import DynamicsProgram
+from ..graph import Group, Leaf, Node, count, executed
+from ..program import Entry, Program
+from .layout import c_linkage, comment, guard_name, version_check
+from .meaning import meanings
+from .scalar import Scalar
+
+AnyProgram = TypeVar("AnyProgram", bound=Program | DynamicsProgram)
+
+
+class ProgramC(ABC, Generic[AnyProgram]):
+    """Text of a program in one scalar; `title` is the first line of its files, `name` comes after the robot's in C."""
+
+    title: str
+
+    local = "made"  # the array in which an entry point makes a quantity before it is written
+
+    def __init__(self, program: AnyProgram, system: ReducedSystem, name: str, scalar: Scalar, banner: Sequence[str]):
+        self.program: AnyProgram = program
+        self.system, self.scalar, self.banner = system, scalar, list(banner)
+        self.entries = list(program.entries)
+        self.robot = system.mechanism.name
+        self.inputs = len(system.mechanism.inputs)
+        self.prefix = f"{self.robot}_{name}"
+        self.type = scalar.name(self.prefix)
+        self.state_type = scalar.name(f"{self.robot}_state")
+        self.evaluation_type = scalar.name(f"{self.prefix}_evaluation")
+        self.meanings = meanings(program)
+
+    def files(self) -> dict[str, str]:
+        """File name -> text."""
+        return {f"{self.type}.h": self.header(), f"{self.type}.c": self.source()}
+
+    def header(self) -> str:
+        """The whole header."""
+        file_name = f"{self.type}.h"
+        guard = guard_name(file_name)
+        lines = [self._head(file_name), f"#ifndef {guard}", f"#define {guard}", ""]
+        lines += [f'#include "{self.scalar.name(self.robot)}.h"', "", *version_check(file_name), ""]
+        lines += [*c_linkage(self.declarations()), "", "#endif", ""]
+        return "\n".join(lines)
+
+    @abstractmethod
+    def declarations(self) -> str:
+        """Types and prototypes, without anything for the preprocessor."""
+
+    @abstractmethod
+    def source(self) -> str:
+        """The whole source."""
+
+    @abstractmethod
+    def shape(self, entry: Entry, quantity: Result) -> str:
+        """C array bounds of a quantity: a column has one, a matrix two (row major)."""
+
+    @abstractmethod
+    def parameters(self, entry: Entry, public: bool = False) -> dict[str, str]:
+        """Names and declarations of the arguments of an entry point, or of the static function that computes for it."""
+
+    @abstractmethod
+    def array(self, leaf: Leaf) -> tuple[str, Sequence[Quantity]] | None:
+        """Name and members of the array that the leaf is in; None where it is in a struct."""
+
+    def answered(self, entry: Entry) -> Sequence[Result]:
+        """The quantities an entry point returns."""
+        return entry.answers
+
+    def place(self, entry: Entry, quantity: Result) -> str:
+        """Where a quantity is written to."""
+        return f"all->{quantity.in_c}" if entry.whole else quantity.in_c
+
+    def operations(self, entry: Entry) -> dict[str, int]:
+        """Operations of an entry point's mathematics, without its checks and limits; the runtime's loops not counted."""
+        return count(executed(self.program.entries[entry].roots))
+
+    def cost(self, entry: Entry) -> str:
+        """The operations as a line of a comment."""
+        counted = ", ".join(f"{number} {operation}" for operation, number in self.operations(entry).items() if number)
+        return f"Operations: {counted or 'none'}."
+
+    def function(self, name: str) -> str:
+        """The C name of a function."""
+        return self.scalar.name(f"{self.prefix}_{name}")
+
+    def signature(self, entry: Entry) -> str:
+        """The head of an entry point."""
+        return f"int {self.function(entry.name)}({', '.join(self.parameters(entry, public=True).values())})"
+
+    def places(self, entry: Entry) -> list[tuple[Node, str]]:
+        """What an entry point computes, and where it is written."""
+        return [
+            (node, self.place(entry, quantity) + (f"[{i}][{j}]" if "][" in self.shape(entry, quantity) else f"[{i}]"))
+            for quantity, matrix in self.program.entries[entry].quantities.items()
+            for i, row in enumerate(matrix)
+            for j, node in enumerate(row)
+        ]
+
+    def pieces(self, entry: Entry) -> list[tuple[str, str, int]]:
+        """The arrays an entry point returns, as made and as given by the caller, each with its length; a matrix row by row."""
+        pieces = []
+        for quantity in self.answered(entry):
+            place = self.place(entry, quantity)
+            made = place if entry.whole else self.local.format(quantity)
+            first, *second = map(int, self.shape(entry, quantity)[1:-1].split("]["))
+            rows = [(f"{made}[{i}]", f"{place}[{i}]", second[0]) for i in range(first)] if second else [(made, place, first)]
+            pieces += rows
+        return pieces
+
+    def leave(self, condition: str, answer: str = "NOSLIP_SINGULAR") -> str:
+        """A statement that leaves the function on a condition."""
+        return f"if ({condition}) {{\n    return {answer};\n}}"
+
+    def in_range(self, angle: str) -> str:
+        """The condition under which an angle has a sine and a cosine."""
+        return f"{self.scalar.name('noslip_angle_ok')}({angle})"
+
+    def step_given(self, node: Node) -> str | None:
+        """The C that stands for a node that an entry point need not compute."""
+        if node in self.program.constants:
+            return f"self->{self.program.constants[node]}"
+        if not isinstance(node, Leaf) or node.group is Group.STEP:
+            return None
+        array = self.array(node)
+        return f"{array[0]}[{[q.name for q in array[1]].index(node.name)}]" if array else init_given(node)
+
+    def _head(self, file_name: str, includes: Sequence[str] = ()) -> str:
+        lines = [comment([f"{file_name} - {self.title}, {self.scalar.real}", *self.banner])]
+        return "\n".join([*lines, *(f'#include "{name}.h"' for name in includes)])
+
+
+def init_given(node: Node) -> str | None:
+    """A leaf as the member of its struct."""
+    return f"{node.group}->{in_c(node.name)}" if isinstance(node, Leaf) else None

@@ -1,0 +1,129 @@
+"""Results kept between runs: compiled laws, and what laws are derived to, each under the digest of what determines it.
+
+A kept file's name also has the digest of its content, so that a damaged file is found and made anew.
+"""
+
+import hashlib
+import io
+import os
+import pickle
+import stat
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+from .errors import BadInput
+from .files import create, replacing
+
+Result = TypeVar("Result")
+DERIVES = ("model", "codegen")  # rooms whose code determines what is remembered
+
+
+def remembered(key: tuple, make: Callable[[], Result], *given: Any) -> Result:
+    """Returns make(), or a copy of what it returned in an earlier run for the same `key` and the same code of noslip.
+
+    `given`: objects that the result refers to; a copy refers to them too. Without a folder to keep results in, nothing is kept.
+    """
+    whole = ("remembered", _digest_of_code(), *key)
+    with suppress(BadInput, OSError):
+        if found := kept(whole, ".pickle"):
+            return _Unpickler(io.BytesIO(found.read_bytes()), given).load()
+    made = make()
+    data = io.BytesIO()
+    _Pickler(data, given).dump(made)
+    with suppress(BadInput, OSError):
+        keep(whole, ".pickle", data.getvalue())
+    return made
+
+
+class _Pickler(pickle.Pickler):
+    def __init__(self, file: io.BytesIO, given: tuple):
+        super().__init__(file, pickle.HIGHEST_PROTOCOL)
+        self._places = {id(one): place for place, one in enumerate(given)}
+
+    def persistent_id(self, obj: Any) -> int | None:
+        return self._places.get(id(obj))
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, file: io.BytesIO, given: tuple):
+        super().__init__(file)
+        self._given = given
+
+    def persistent_load(self, pid: Any) -> Any:
+        return self._given[pid]
+
+
+@cache
+def _digest_of_code() -> str:
+    root = Path(__file__).resolve().parent.parent
+    files = sorted(file for room in DERIVES for file in (root / room).rglob("*.py"))
+    return _short_digest(b"".join(file.read_bytes() for file in files))
+
+
+def kept(key: tuple, suffix: str) -> Path | None:
+    """The file kept for `key`, which `repr` tells apart from others; None where there is none, or it is damaged.
+
+    Raises BadInput when the folder of results cannot be made, or is not this user's own.
+    """
+    for path in folder_of_results().glob(f"{_digest_of(key)}-*{suffix}"):
+        if _is_sound(path):
+            return path
+        path.unlink(missing_ok=True)  # damaged: it is made anew
+    return None
+
+
+def keep(key: tuple, suffix: str, data: bytes) -> Path:
+    """Writes a file for `kept` to find. Raises BadInput as that does."""
+    target = folder_of_results() / f"{_digest_of(key)}-{_short_digest(data)}{suffix}"
+    with replacing(target) as new:
+        create(new, data)
+        new.chmod(0o700)
+    return target
+
+
+def _digest_of(key: tuple) -> str:
+    return _short_digest(repr(key).encode())
+
+
+def _is_sound(path: Path) -> bool:
+    """Does a kept result hold what its name, the digest of its command and that of its content, says?
+
+    Raises BadInput where it is another user's, or others may write it: it would run with this user's rights.
+    """
+    with suppress(OSError):  # removed meanwhile, or unreadable
+        check_private(path)
+        return path.stem.rpartition("-")[2] == _short_digest(path.read_bytes())
+    return False
+
+
+def _short_digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:32]
+
+
+def folder_of_results() -> Path:
+    """Where results are kept: $NOSLIP_CACHE, else the user's cache folder."""
+    base = os.environ.get("NOSLIP_CACHE")
+    try:
+        folder = Path(base or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "noslip").absolute()
+    except RuntimeError as error:  # this user has no home
+        raise BadInput("there is no home folder for compiled laws; set NOSLIP_CACHE to a folder of your own") from error
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"cannot make the folder for compiled laws {folder}: {error.strerror}; set NOSLIP_CACHE") from error
+    check_private(folder)
+    return folder
+
+
+def check_private(path: Path) -> None:
+    """Raise BadInput where a folder or file whose programs are to run is another user's, or others may write it."""
+    found = path.stat()
+    advice = "set NOSLIP_CACHE to a folder of your own"
+    if found.st_uid != os.geteuid():
+        raise BadInput(f"{path} belongs to another user, whose programs noslip does not run; {advice}")
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise BadInput(f"{path} can be written by others, whose programs noslip does not run; chmod go-w it, or {advice}")
