@@ -19,7 +19,7 @@ from ..readers.robots import check_law, find_robot, placed, system_of
 from ..simulation.loop import make_loop
 from ..simulation.specification.vary import read_varied
 from .certification.safe_offsets import Offsets, safe_offsets
-from .certification.safety import SAFE, Verdict, certify, of_each
+from .certification.safety import BASIS, SAFE, Verdict, certify, of_each
 from .distributions import analysis as structure
 from .distributions.distribution import distribution
 from .distributions.properties import Check
@@ -147,6 +147,7 @@ def as_json(answer: Answer) -> dict[str, Any]:
         "refused": answer.refused,
         **({"no_outputs": answer.no_outputs} if answer.no_outputs else {}),
         "starts": {file: _verdict_json(verdict) for file, verdict in answer.starts.items()},
+        **({"starts_basis": BASIS} if answer.starts else {}),
         **({"tables": {file: asdict(table) for file, table in answer.tables.items()}} if answer.tables else {}),
         **(_verdict_json(*answer.starts.values()) if len(answer.starts) == 1 else {}),
     }

@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Iterable
 
 from .answers import Answer, driven_straight, singular_when, uncontrolled
+from .certification.safety import BASIS
 from .exact.symbolic import written
 from .outputs.normal_form import SYMBOLS, NormalForm
 
@@ -19,6 +20,7 @@ def as_text(answer: Answer) -> str:
     lines += ["", *outputs(answer)]
     if answer.starts:
         lines += ["", "Starts", *[line for file, verdict in answer.starts.items() for line in labelled(file, [str(verdict)])]]
+        lines += [line for word, what in BASIS.items() for line in labelled(word, [what])]
     for file, table in answer.tables.items():
         lines += ["", f"Largest offset proved to be safe on both sides of the path, {file}", *table.lines()]
     return "\n".join(lines) + "\n"

@@ -75,7 +75,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--table",
         action="store_true",
-        help="with --start, also compute the largest safe offset by speed and heading; takes minutes",
+        help="with --start, also compute the largest safe offset by speed and heading; takes a minute or two",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--report", metavar="FILE.html", help="also write an HTML page with formulas and drawings")

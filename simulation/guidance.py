@@ -149,14 +149,18 @@ class Route:
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference: on the path, at the tracker's speed."""
-        guide = self._tracker.look(*self._seen(x))
+        guide = self.guide(x)
         wanted = self._zeros.copy()
         wanted[self._speed : self._speed + 2] = guide.speed, guide.speed_rate
         return wanted
 
+    def guide(self, x: np.ndarray) -> Guide:
+        """Where on the path the robot is."""
+        return self._tracker.look(*self._seen(x))
+
     def left(self, t: float, x: np.ndarray) -> float:
         """Return the distance left, m, or m/s while waiting for a standstill."""
-        return np.inf if self.arrived else self._tracker.look(*self._seen(x)).left
+        return np.inf if self.arrived else self.guide(x).left
 
     def update(self, t: float, x: np.ndarray) -> None:
         """Switch segments, and build the controller for the new one."""
@@ -168,7 +172,7 @@ class Route:
 
     def faces(self, x: np.ndarray) -> float:
         """Return the cosine of the angle between the vehicle's heading and its desired heading there."""
-        guide, heading = self._tracker.look(*self._seen(x)), self._seen(x)[2]
+        guide, heading = self.guide(x), self._seen(x)[2]
         return cosine(float(heading - guide.heading - guide.curvature * guide.progress - np.pi * guide.backward))
 
     def _config(self, guide: Guide) -> np.ndarray:

@@ -7,17 +7,19 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from noslip.analysis.certification.certificate import Settled
 from noslip.analysis.certification.enclosed_loop import kink
 from noslip.analysis.certification.enclosure import Enclosure
 from noslip.analysis.certification.safe_offsets import safe_offsets
 from noslip.analysis.certification.safety import NOT_PROVED, SAFE, SINGULAR, Verdict, certify
+from noslip.analysis.certification.tube import Tube
 from noslip.readers.errors import BadInput
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.loop import make_loop
 from noslip.simulation.specification.spec import Spec, read_spec, spec_of_table
 
 ERROR = 0.01  # of every parameter of the robot
-KINDS = ("line", "circle", "ellipse", "segment")
+KINDS = ("line", "circle", "ellipse", "segment", "composite")
 
 
 def spec_of(**sections) -> Spec:
@@ -25,12 +27,11 @@ def spec_of(**sections) -> Spec:
     return spec_of_table({"robot": "labmate", **sections}, "test.toml")
 
 
-def random_start(random: np.random.Generator) -> dict:
-    """Tables of a SPEC: path, gains, speeds, limits, period and start at random.
+def random_start(random: np.random.Generator, kind: str) -> dict:
+    """Tables of a SPEC for a kind of path: the path, gains, speeds, limits, period and start at random.
 
     Of two starts one is moderate, P_l at most 1.5 m beside the path; about four in ten of the others become singular.
     """
-    kind = KINDS[random.integers(len(KINDS))]
     wild = random.random() < 0.5
     offset, turned = (4.0, 1.45) if wild else (1.5, 1.2)
     offset, turned, along = random.uniform(-offset, offset), random.uniform(-turned, turned), random.uniform(-math.pi, math.pi)
@@ -38,6 +39,10 @@ def random_start(random: np.random.Generator) -> dict:
     left = np.array([-math.sin(direction), math.cos(direction)])
     if kind == "line":
         path, point = {"A": left[0], "B": left[1], "C": 0.0}, offset * left + 3.0 * np.array([left[1], -left[0]])
+    elif kind == "composite":
+        curvatures = random.uniform(-0.3, 0.3, 5)
+        curvatures[random.integers(1, 5)] = 0.0
+        path, point = {"segments": _pieces(random, direction, curvatures)}, _outside(offset, curvatures[0]) * left
     elif kind == "segment":
         curvature = random.uniform(-0.3, 0.3)
         offset = _outside(offset, curvature)
@@ -68,6 +73,16 @@ def random_start(random: np.random.Generator) -> dict:
     return made
 
 
+def _pieces(random: np.random.Generator, heading: float, curvatures: np.ndarray) -> list[dict]:
+    """Lines and arcs that join, of 1 to 6 m; the last is longer."""
+    tables = []
+    for k, curvature in enumerate(curvatures):
+        length = 30.0 if k + 1 == len(curvatures) else random.uniform(1.0, 6.0)
+        arc = {"kind": "arc", "radius": 1 / abs(curvature), "angle": curvature * length} if curvature else None
+        tables.append((arc or {"kind": "line", "length": length}) | ({} if k else {"from": [0.0, 0.0], "heading": heading}))
+    return tables
+
+
 def _outside(offset: float, curvature: float) -> float:
     """An offset to the left, moved away from the centres of curvature."""
     return offset if offset * curvature < 0.8 else 0.8 / curvature
@@ -76,7 +91,7 @@ def _outside(offset: float, curvature: float) -> float:
 def judged(seed: int) -> tuple[Verdict, str] | None:
     """The verdict on a random start, and how a run with a robot within ERROR ends; None for a start that is none."""
     random = np.random.default_rng([1992, seed])
-    tables = random_start(random)
+    tables = random_start(random, KINDS[seed % len(KINDS)])
     spec = spec_of(**tables)
     loop = make_loop(spec)
     names = [q.name for q in loop.law.parameters]
@@ -196,8 +211,58 @@ def test_a_limit_that_is_perhaps_met_is_followed_by_one_line():
         assert abs(max(0, centre) - max(0, over) - slope * (centre - over)) <= off_moved + 1e-15
 
 
+COMPOSITE = {
+    "gains": {"kp": 1.0, "kd": 2.5, "kv": 2.0},
+    "output": {
+        "type": "IV",
+        "L": 0.0,
+        "path": {
+            "kind": "composite",
+            "segments": [
+                {"kind": "arc", "from": [0.0, 0.0], "heading": 0.0, "radius": 5.0, "angle": 0.5},
+                {"kind": "line", "length": 1.0},
+                {"kind": "arc", "radius": 3.0, "angle": -2.6},
+            ],
+        },
+    },
+    "reference": {"speed": 1.4},
+    "initial": {"point": [0.0, 0.2], "heading": 0.1, "speed": 1.0},
+    "simulation": {"duration": 5.0, "output_step": 0.05, "backend": "casadi"},
+}
+
+
+@pytest.mark.parametrize("period", [0.0, 0.05])
+def test_all_runs_along_a_composite_path_are_within_what_is_proved(period):
+    """Runs of robots at the corners of what their parameters may be, over two joints; sampled, with several calls near each."""
+    tables = {**COMPOSITE, "simulation": {**COMPOSITE["simulation"], "period": period}}
+    spec = spec_of(**tables)
+    loop, random = make_loop(spec), np.random.default_rng(7)
+    names = [q.name for q in loop.law.parameters]
+    verdict = certify(loop, spec, dict.fromkeys(names, ERROR))
+    assert verdict.kind == SAFE and verdict.until == pytest.approx(5.0)
+    for _ in range(3):
+        signs = random.choice([-1.0, 1.0], len(names))
+        plant = {name: v * (1 + ERROR * sign) for name, v, sign in zip(names, loop.plant.parameters, signs, strict=True)}
+        run = simulate(spec_of(**tables, plant=plant))
+        assert run.stopped is None and max(run.piece) == 2
+
+
+def test_a_composite_path_is_not_proved_beyond_where_its_speed_changes():
+    tables = {**COMPOSITE, "reference": {"speed": 1.4, "deceleration": 0.25}}
+    tables["simulation"] = {**tables["simulation"], "duration": 8.0}
+    verdict = certify(make_loop(spec_of(**tables)), spec_of(**tables))
+    assert verdict.kind == NOT_PROVED and "speed changes" in verdict.reason and verdict.until > 1.0
+
+
+def test_a_set_that_is_known_to_settle_holds_what_is_in_it():
+    tube = Tube(np.zeros(2), np.eye(2), np.zeros((2, 1)), np.array([0.1, 0.1]))
+    known = Settled(tube, np.array([0.02, 0.02]))
+    assert known.holds(tube) and not known.holds(Tube(tube.centre + 0.03, tube.S, tube.G, tube.spread))
+    assert not known.holds(Tube(tube.centre, 1.3 * tube.S, tube.G, tube.spread))
+
+
 def test_no_verdict_is_wrong():
-    counts = compare(range(6))
+    counts = compare(range(5))
     assert counts[SAFE] >= 3
 
 

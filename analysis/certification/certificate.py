@@ -17,8 +17,10 @@ from .tube import Flow, Lost, Step, Tube
 LONGEST, STEPS = 0.05, 6000  # s, of a step of a continuous loop, and how many are taken
 SETTLED = 1e-3  # of 1 + |x|: a set of motions that may be found to return into itself is at least that wide
 SOON = 0.5  # s: motions that approach the singular set would be there within this time, as fast as they do
+WIDER = 4  # times a set that settles is made four times as wide
 STILL = 1e-9  # of 1 + |x|: how little a motion at rest moves
 PROBE = 1e-6  # a deviation whose growth tells whether an equilibrium is stable
+NEAR_JOINT = 1e-4  # m: within so much of a joint of the path it is crossed
 AGAIN = 1.2  # how much later it is tried again
 
 
@@ -44,76 +46,141 @@ class Course:
     approach: np.ndarray | None = None
 
 
+@dataclass(frozen=True)
+class Settled:
+    """The motions whose deviation differs by at most `width` from what is linear in the parameters in `tube`."""
+
+    tube: Tube
+    width: np.ndarray
+
+    @property
+    def start(self) -> Tube:
+        """All of them."""
+        return Tube(self.tube.centre, self.tube.S, np.diag(self.width), self.tube.spread)
+
+    def holds(self, tube: Tube) -> bool:
+        """Does it contain all motions of a tube?"""
+        reach = np.abs(tube.centre - self.tube.centre) + np.abs(tube.S - self.tube.S) @ tube.spread + tube.rest
+        return bool((reach <= self.width).all())
+
+
 class _Stop(Exception):
     """Nothing more is proved."""
 
 
-class _Held:
+class _Standing(_Stop):
+    """A motion may stand where two pieces of a path join."""
+
+    def __init__(self) -> None:
+        super().__init__("a motion may stand where two pieces of the path join")
+
+
+class _Field:
+    """A rate of change along a path whose curvature may be any of those within reach."""
+
+    def __init__(self, loop: EnclosedLoop):
+        self.loop = loop
+        self.bend = np.zeros(0 if loop.along is None else 1)  # the curvature of the nominal motion, where it is an argument
+
+    def bent(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, bool]:
+        """By how much the curvature may differ from `bend` for motions that advance, and whether they have to."""
+        loop = self.loop
+        if loop.along is None:
+            return self.bend, False
+        place, far = tube.centre[loop.along], tube.radius[loop.along]
+        reach = far + (growth + moved)[loop.along]
+        middle, half = loop.bends.within(place - far, place + reach)
+        self.bend = np.array([middle])
+        return np.array([half]), loop.bends.within(place - reach, place + reach) != (middle, half)
+
+    def advancing(self, found: Bounds, has_to: bool) -> bool:
+        """Do all motions advance along the path, where they have to?"""
+        at = self.loop.along
+        return not has_to or bool(found.value[at] > found.moved[at] + found.radius[at])
+
+
+class _Held(_Field):
     """The plant with its inputs held: x = [z; integrals; held; next], of which the inputs from `first` on act."""
 
     def __init__(self, loop: EnclosedLoop, first: int):
-        self._loop, self._first = loop, first
+        super().__init__(loop)
+        self._first = first
 
     def _arguments(self, *parts: np.ndarray) -> list[np.ndarray]:
-        n, r = len(self._loop.z), len(self._loop.most)
+        n, r = len(self.loop.z), len(self.loop.most)
         return [np.concatenate([part[:n], part[self._first : self._first + r]]) for part in parts]
 
     def tangent(self, x: np.ndarray, found: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As a Field's."""
-        n, r = len(self._loop.z), len(self._loop.most)
-        value, slope = self._loop.plant.tangent(np.concatenate([*self._arguments(x), self._loop.nominal]))
-        rate, A, B = np.zeros(len(x)), np.zeros((len(x), len(x))), np.zeros((len(x), slope.shape[1] - n - r))
-        rate[:n], A[:n, :n], B[:n] = value, slope[:, :n], slope[:, n + r :]
+        n, r, count = len(self.loop.z), len(self.loop.most), len(self.loop.spread)
+        value, slope = self.loop.plant.tangent(np.concatenate([*self._arguments(x), self.loop.nominal, self.bend]))
+        rate, A, B = np.zeros(len(x)), np.zeros((len(x), len(x))), np.zeros((len(x), count))
+        rate[:n], A[:n, :n], B[:n] = value, slope[:, :n], slope[:, n + r : n + r + count]
         A[:n, self._first : self._first + r] = slope[:, n : n + r]
         return rate, A, B
 
     def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
         """As a Field's."""
-        loop, n, count = self._loop, len(self._loop.z), len(tube.spread)
+        loop, n, count = self.loop, len(self.loop.z), len(tube.spread)
+        half, has_to = self.bent(tube, moved, growth)
         parts = (tube.centre, moved, tube.radius + growth, growth, tube.S, tube.G)
         x, moved, radius, growth, S, G = self._arguments(*parts)
         none = np.zeros(count)
-        found = loop.plant.bounds(*map(np.concatenate, ([x, loop.nominal], [moved, none], [radius, tube.spread])))
-        S, G = np.vstack([S, np.eye(count)]), _padded(G, count)
-        found = found.of(S, G, tube.spread, np.concatenate([growth, none]))
+        found = loop.plant.bounds(
+            np.concatenate([x, loop.nominal, self.bend]),
+            np.concatenate([moved, none, 0 * half]),
+            np.concatenate([radius, tube.spread, half]),
+            np.concatenate([0 * x, none, half]),
+        )
+        S, G = np.vstack([S, np.eye(count), np.zeros((len(half), count))]), _padded(G, count + len(half))
+        found = found.of(S, G, tube.spread, np.concatenate([growth, none, half]))
+        if not self.advancing(found, has_to):
+            raise _Standing
         entries = (found.value, found.slope, found.moved, found.radius, found.rest, found.turned)
         return Bounds(*[_padded(entry, len(tube.centre) - n) for entry in entries])
 
 
-class _Closed:
+class _Closed(_Field):
     """Plant and law together: x = [z; integrals]."""
 
     def __init__(self, loop: EnclosedLoop, fixed: np.ndarray):
-        self._loop, self._fixed = loop, fixed
+        super().__init__(loop)
+        self._fixed = fixed
         self._inputs: Inputs | None = None
 
     def tangent(self, x: np.ndarray, found: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As a Field's."""
-        loop, m, n, r = self._loop, len(x), len(self._loop.z), len(self._loop.most)
-        value, slope = loop.law.tangent(x, self._fixed)
+        loop, m, n, r, count = self.loop, len(x), len(self.loop.z), len(self.loop.most), len(self.loop.spread)
+        value, slope = loop.law.tangent(np.concatenate([x, self.bend]), self._fixed)
         tau = loop.limited(value)
-        rate, by = loop.plant.tangent(np.concatenate([x[:n], tau, loop.nominal]))
+        rate, by = loop.plant.tangent(np.concatenate([x[:n], tau, loop.nominal, self.bend]))
+        rate = np.concatenate([rate, value[r : r + m - n]])
         if found is None or self._inputs is None:
-            return np.concatenate([rate, value[r : r + m - n]]), np.zeros((m, m)), np.zeros((m, by.shape[1] - n - r))
+            return rate, np.zeros((m, m)), np.zeros((m, count))
         A = np.vstack([by[:, n : n + r] @ self._inputs.slope(slope)[:, :m], slope[r : r + m - n, :m]])
         A[:n, :n] += by[:, :n]
-        return np.concatenate([rate, value[r : r + m - n]]), A, _padded(by[:, n + r :], m - n)
+        return rate, A, _padded(by[:, n + r : n + r + count], m - n)
 
     def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
         """As a Field's."""
-        loop, n, r, m, count = self._loop, len(self._loop.z), len(self._loop.most), len(tube.centre), len(tube.spread)
-        law = loop.law.bounds(tube.centre, moved, tube.radius + growth, fixed=self._fixed)
-        self._inputs = loop.inputs(law.of(tube.S, tube.G, tube.spread, growth))
+        loop, n, r, m, count = self.loop, len(self.loop.z), len(self.loop.most), len(tube.centre), len(tube.spread)
+        half, has_to = self.bent(tube, moved, growth)
+        law = loop.asked(tube, self.bend, half, moved, growth, self._fixed)
+        self._inputs = loop.inputs(law)
         tau, errors, none = self._inputs.bounds, law.rows(slice(r, r + m - n)), np.zeros(count)
         plant = loop.plant.bounds(
-            np.concatenate([tube.centre[:n], tau.value, loop.nominal]),
-            np.concatenate([moved[:n], tau.moved, none]),
-            np.concatenate([tube.radius[:n] + growth[:n], tau.radius, tube.spread]),
-            np.concatenate([np.zeros(n), tau.rest, none]),
+            np.concatenate([tube.centre[:n], tau.value, loop.nominal, self.bend]),
+            np.concatenate([moved[:n], tau.moved, none, 0 * half]),
+            np.concatenate([tube.radius[:n] + growth[:n], tau.radius, tube.spread, half]),
+            np.concatenate([np.zeros(n), tau.rest, none, half]),
         )
-        S = np.vstack([tube.S[:n], tau.slope @ tube.S, np.eye(count)])
-        G = np.vstack([tube.G[:n], tau.slope @ tube.G, np.zeros((count, tube.G.shape[1]))])
-        plant = plant.of(S, G, tube.spread, np.concatenate([growth[:n], np.abs(tau.slope) @ growth + tau.turned, none]))
+        slope = tau.slope[:, :m]
+        S = np.vstack([tube.S[:n], slope @ tube.S, np.eye(count), np.zeros((len(half), count))])
+        G = np.vstack([tube.G[:n], slope @ tube.G, np.zeros((count + len(half), tube.G.shape[1]))])
+        apart = np.abs(tau.slope) @ np.concatenate([growth, half]) + tau.turned
+        plant = plant.of(S, G, tube.spread, np.concatenate([growth[:n], apart, none, half]))
+        if not self.advancing(plant, has_to):
+            raise _Standing
         parts = ("value", "moved", "radius", "rest", "turned")
         value, *rest = (np.concatenate([getattr(plant, name), getattr(errors, name)]) for name in parts)
         return Bounds(value, np.zeros((m, 0)), *rest)
@@ -124,24 +191,26 @@ def _padded(part: np.ndarray, rows: int) -> np.ndarray:
 
 
 class Certificate:
-    """Follows an EnclosedLoop."""
+    """Follows an EnclosedLoop. `known`: sets of motions that stay regular for ever."""
 
-    def __init__(self, loop: EnclosedLoop, simulation: Simulation):
+    def __init__(self, loop: EnclosedLoop, simulation: Simulation, known: tuple[Settled, ...] = ()):
         self._loop, self._simulation, self._found = loop, simulation, Course()
         self._t, self._steps, self._count = 0.0, 0, len(loop.loop.integral.rows)
-        self._tried: tuple[Tube, np.ndarray] | None = None
+        self._known, self._tried = known, known[:0]
         self._kept: tuple[Tube, float, Course] | None = None  # before a set was widened
         self._flows: dict[Any, Flow] = {}
         self._before: Tube | None = None
         self._deadline = -np.inf
         self._next = 0.0
 
-    def run(self) -> Course:
-        """All that is proved."""
-        start, inputs = self._loop.start, len(self._loop.most)
-        count = self._count + (2 * inputs if self._simulation.period else 0)
-        centre = np.concatenate([start.value, np.zeros(count)])
-        tube = Tube(centre, _padded(start.slope, count), _padded(np.diag(start.rest), count), self._loop.spread)
+    @property
+    def settled(self) -> tuple[Settled, ...]:
+        """The set that was found to return into itself."""
+        return self._tried if self._found.invariant else ()
+
+    def run(self, tube: Tube | None = None) -> Course:
+        """All that is proved of the motions from the start, or from a tube."""
+        tube = tube or self._first()
         try:
             self._rest(tube)
             self._guard(tube.centre, 0 * tube.centre, tube.radius)
@@ -151,6 +220,13 @@ class Certificate:
         except _Stop as stop:
             self._found.lost = str(stop)
         return self._found
+
+    def _first(self) -> Tube:
+        """At the start."""
+        start, inputs = self._loop.start, len(self._loop.most)
+        count = self._count + (2 * inputs if self._simulation.period else 0)
+        centre = np.concatenate([start.value, np.zeros(count)])
+        return Tube(centre, _padded(start.slope, count), _padded(np.diag(start.rest), count), self._loop.spread)
 
     def _follow(self, tube: Tube) -> None:
         """Up to the end, or until the set of motions returns into itself. Raises Lost and _Stop."""
@@ -166,7 +242,7 @@ class Certificate:
                     raise
                 self._next = 2 * self._t
                 tube, self._t, self._found = self._kept  # the set that was widened was too wide
-                self._kept, self._tried = None, None
+                self._kept, self._tried = None, ()
 
     # -- marching ---------------------------------------------------------------------------------------------------------
 
@@ -175,7 +251,7 @@ class Certificate:
         loop, simulation = self._loop, self._simulation
         if not simulation.period:
             end = min((int(self._t / LONGEST + 1e-9) + 1) * LONGEST, simulation.duration)  # so that courses have times in common
-            return passed(self._flow(_Closed, self._fixed()).step(tube, end - self._t))
+            return passed(self._flow(_Closed, self._fixed()).step(tube, min(end - self._t, self._to_joint(tube))))
         first, r = len(loop.z) + self._count, len(loop.most)
         tube = self._called(tube)
         for begin, duration in ((first, simulation.delay), (first + r, simulation.period - simulation.delay)):
@@ -184,6 +260,16 @@ class Certificate:
                 step = flow.step(tube, duration)
                 tube, duration = passed(step), duration - step.h
         return _handed_on(tube, first, r)
+
+    def _to_joint(self, tube: Tube) -> float:
+        """A duration in which most motions stay on their piece of the path, or change it together; s."""
+        loop = self._loop
+        if loop.along is None:
+            return np.inf
+        place, far = tube.centre[loop.along], tube.radius[loop.along]
+        speed = max(abs(tube.centre[loop.first]), STILL)
+        left = loop.bends.left(place - far)
+        return max(0.7 * (left - 2 * far) if left > 2 * far else far / 3, NEAR_JOINT) / speed
 
     def _flow(self, kind: type, argument: Any) -> Flow:
         """Kept from step to step: it knows the length of its steps."""
@@ -196,10 +282,10 @@ class Certificate:
         """The tube with what the controller asks for, and the integrals of the next call."""
         loop, r, n, fixed = self._loop, len(self._loop.most), len(self._loop.z), self._fixed()
         m = n + self._count
-        radius = tube.radius
-        self._guard(tube.centre, 0 * tube.centre, radius)
-        law = loop.law.bounds(tube.centre[:m], np.zeros(m), radius[:m], fixed=fixed)
-        law = law.of(tube.S[:m], tube.G[:m], tube.spread, np.zeros(m))
+        part, none = Tube(tube.centre[:m], tube.S[:m], tube.G[:m], tube.spread), np.zeros(m)
+        seen = _Field(loop)
+        half, _ = seen.bent(part, none, none)
+        law = loop.asked(part, seen.bend, half, none, none, fixed)
         inputs, errors = loop.inputs(law), law.rows(slice(r, r + self._count))
         if not (inputs.bounds.finite and errors.finite):
             raise Lost
@@ -232,14 +318,15 @@ class Certificate:
 
     def _fixed(self) -> np.ndarray:
         """Config and reference of the law now."""
-        return np.concatenate([self._loop.config, self._loop.loop.guidance.reference(self._t, self._loop.loop.start)])
+        loop = self._loop
+        wanted = loop.loop.guidance.reference(self._t, loop.loop.start) if loop.reference is None else loop.reference
+        return np.concatenate([loop.constants, wanted])
 
     # -- what is looked at ------------------------------------------------------------------------------------------------
 
     def _passed(self, step: Step) -> Tube:
         """What a step leads to, the states in between being regular."""
-        self._guard(step.centre, step.moved, step.radius)
-        self._approach(step)
+        self._approach(step, self._guard(step.centre, step.moved, step.radius))
         self._t += step.h
         self._steps += 1
         if self._steps > STEPS:
@@ -247,25 +334,32 @@ class Certificate:
         self._found.until = self._t
         return step.tube
 
-    def _guard(self, centre: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> None:
-        """Is every state regular? Raises _Stop where that is not proved."""
+    def _guard(self, centre: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> Bounds:
+        """Is every state regular? The guard's bounds. Raises _Stop where that is not proved."""
         loop, n, found = self._loop, len(self._loop.z), self._found
-        bounds = loop.guard.bounds(centre[:n], moved[:n], radius[:n], fixed=loop.config)
+        bend = half = np.zeros(0)
+        if loop.along is not None:
+            place, reach = centre[loop.along], (moved + radius)[loop.along]
+            if place + reach >= loop.stop:
+                raise _Stop("the desired speed changes along the path from here on, which this proof does not cover")
+            bend, half = (np.array([part]) for part in loop.bends.within(place - reach, place + reach))
+        near = np.concatenate([moved[:n], 0 * half]), np.concatenate([radius[:n], half])
+        bounds = loop.guard.bounds(np.concatenate([centre[:n], bend]), *near, fixed=loop.constants)
         size, scale, determinant, s = bounds.value
         spread = bounds.moved + bounds.radius
-        least = (size - spread[0]) / (scale + spread[1])
-        if not (bounds.finite and abs(determinant) > spread[2] and least > SINGULAR):
+        if not (bounds.finite and abs(determinant) > spread[2] and size - spread[0] > SINGULAR * (scale + spread[1])):
             raise _Stop("a motion may become singular")
+        least = (size - spread[0]) / (scale + spread[1])
         found.margin, found.largest = min(found.margin, float(least)), max(found.largest, float(abs(s) + spread[3]))
         found.t.append(self._t)
         found.s.append(float(s))
+        return bounds
 
-    def _approach(self, step: Step) -> None:
+    def _approach(self, step: Step, guard: Bounds) -> None:
         """Note whether all motions of a step approach the singular set, near which they are."""
         n, found = len(self._loop.z), self._found
-        guard = self._loop.guard.bounds(step.centre[:n], step.moved[:n], step.radius[:n], fixed=self._loop.config)
         side = np.sign(guard.value[2])
-        slope, rate = side * guard.slope[2], step.rate
+        slope, rate = side * guard.slope[2, :n], step.rate
         nearer = -(slope @ rate.value[:n]) - np.abs(slope) @ (rate.moved + rate.radius)[:n]
         farthest = abs(guard.value[2]) + guard.moved[2] + guard.radius[2]
         if farthest < SOON * nearer:
@@ -284,12 +378,9 @@ class Certificate:
         """Where a motion has settled: is the set of states contained in one that was passed? Else a wider set may be later."""
         if not self._loop.settles:
             return tube
-        if self._tried:
-            before, width = self._tried
-            reach = np.abs(tube.centre - before.centre) + np.abs(tube.S - before.S) @ tube.spread + tube.rest
-            if (reach <= width).all():
-                self._found.invariant = True
-                return tube
+        if any(each.holds(tube) for each in (*self._known, *self._tried)):
+            self._found.invariant = True
+            return tube
         if self._t < self._next:
             return tube
         self._next = AGAIN * self._t + 0.1
@@ -302,9 +393,8 @@ class Certificate:
             return tube
         found = self._found
         self._kept = self._kept or (tube, self._t, replace(found, t=found.t[:], s=found.s[:]))
-        tube = Tube(tube.centre, tube.S, np.diag(width), tube.spread)
-        self._tried = tube, width
-        return tube
+        self._tried = (Settled(tube, width),)
+        return self._tried[0].start
 
 
 def _handed_on(tube: Tube, first: int, r: int) -> Tube:
@@ -314,3 +404,16 @@ def _handed_on(tube: Tube, first: int, r: int) -> Tube:
     for part in (centre, S, G):
         part[acting], part[asked] = part[asked], 0.0
     return Tube(centre, S, G, tube.spread)
+
+
+def widest(loop: EnclosedLoop, simulation: Simulation) -> tuple[Settled, ...]:
+    """A set of motions, as wide as is found, that stay regular for ever; none where the start does not lead into one."""
+    certificate = Certificate(loop, simulation)
+    certificate.run()
+    known = certificate.settled
+    for _ in range(WIDER if known else 0):
+        wider = Settled(known[0].tube, 4 * known[0].width)
+        if not Certificate(loop, simulation, known).run(wider.start).invariant:
+            break
+        known = (wider,)
+    return known

@@ -4,14 +4,16 @@ Along a line or a circle the place on the path does not matter. There the vehicl
 by h, the distance of P_l to the left, and psi, its heading against the direction of travel. With the curvature k of the path
 (positive to the left), P_l' = (x', y') seen from the foot, the foot advances at sigma' = x' / (1 - k h), h' = y' and
 psi' = heading' - k sigma'. Along an ellipse k depends on the foot: there the direction theta of the path at the foot is a further
-coordinate, theta' = k sigma'. On a composite path, and where forces depend on the pose, the coordinates are the robot's own.
+coordinate, theta' = k sigma'. On a composite path the distance along it is one, and k changes where two pieces join; h and psi do
+not, whichever piece they are seen from. Where forces depend on the pose, the coordinates are the robot's own.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -23,36 +25,30 @@ from ...model.outputs import body_point, forward_speed, reference_point
 from ...model.reduction import ReducedSystem
 from ...model.segments import Segment
 from ...readers.errors import BadInput
+from ...simulation.guidance import Route
 from ...simulation.loop import Loop
 from ...simulation.sensing import pose_coordinates
 from ...simulation.specification.spec import Spec
 from .enclosure import Bounds, Enclosure
+from .tube import Tube
 
 SIDES = (-1.0, 1.0)
+AT_START = 1e-9  # m
+LAPS = 20  # of a closed path that are laid out
 FLAT = 1e-4  # of a slope of the inputs by the demand of the speed; below ten times what the controller takes for zero
 
 
 @dataclass(frozen=True)
 class Foot:
-    """The path as seen from a foot on it: `config` of the law there, `curvature` (1/m) to the left, `distance` h (m) and
-    `heading` psi (rad).
-
-    Where the path is not the same everywhere along itself, `curvature` and the `place` of the foot (m) are functions of the
-    path's direction `theta` there (rad), whose value is `direction`; else the foot is the origin and theta zero.
+    """A start seen from its foot on the path: `config` of the law there, `curvature` (1/m) to the left, `distance` h (m),
+    `heading` psi (rad); `along` is the coordinate that tells the foot's place, where this matters.
     """
 
     config: np.ndarray
-    curvature: ca.SX
+    curvature: float
     distance: float
     heading: float
-    direction: float = 0.0
-    theta: ca.SX = field(default_factory=lambda: ca.SX(0))
-    place: ca.SX = field(default_factory=lambda: ca.SX.zeros(2))
-
-    @property
-    def uniform(self) -> bool:
-        """Is the path the same everywhere along itself?"""
-        return not self.theta.is_symbolic()
+    along: tuple[float, ...] = ()
 
 
 def foot_of(kind: str, names: list[str], config: np.ndarray, pose: tuple[float, float, float]) -> Foot | None:
@@ -77,11 +73,11 @@ def foot_of(kind: str, names: list[str], config: np.ndarray, pose: tuple[float, 
     else:
         return None
     psi = math.remainder(heading - direction, 2 * math.pi)
-    return Foot(np.array([given[name] for name in names]), ca.SX(curvature), distance, psi)
+    return Foot(np.array([given[name] for name in names]), curvature, distance, psi)
 
 
 def _foot_on_ellipse(a: float, b: float, config: np.ndarray, pose: tuple[float, float, float]) -> Foot | None:
-    """With the normal n outwards and G = |(a n_x, b n_y)|: foot (a^2 n_x, b^2 n_y) / G, radius of curvature (a b)^2 / G^3."""
+    """Where the distance is least."""
     x, y, heading = pose
     u = math.atan2(y / b, x / a)  # eccentric angle of the foot
     for _ in range(50):  # Newton's method on the derivative of the squared distance
@@ -96,12 +92,16 @@ def _foot_on_ellipse(a: float, b: float, config: np.ndarray, pose: tuple[float, 
     normal = math.atan2(math.sin(u) / b, math.cos(u) / a)
     direction = normal - math.pi / 2
     distance = (x - a * math.cos(u)) * math.cos(normal) + (y - b * math.sin(u)) * math.sin(normal)
-    theta = ca.SX.sym("theta")
+    return Foot(config, 0.0, distance, math.remainder(heading - direction, 2 * math.pi), (direction,))
+
+
+def _ellipse(a: ca.SX, b: ca.SX, theta: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Curvature and foot where the direction of travel is theta: with the normal n outwards and G = |(a n_x, b n_y)|, the foot
+    is (a^2 n_x, b^2 n_y) / G, the radius of curvature (a b)^2 / G^3.
+    """
     n = ca.vertcat(-ca.sin(theta), ca.cos(theta))
     G = ca.sqrt((a * n[0]) ** 2 + (b * n[1]) ** 2)
-    place = ca.vertcat(a * a * n[0], b * b * n[1]) / G
-    psi = math.remainder(heading - direction, 2 * math.pi)
-    return Foot(config, -(G**3) / (a * b) ** 2, distance, psi, direction, theta, place)
+    return -(G**3) / (a * b) ** 2, ca.vertcat(a * a * n[0], b * b * n[1]) / G
 
 
 @dataclass(frozen=True)
@@ -148,15 +148,16 @@ class EnclosedPlant:
 
     def __init__(self, parts: Enclosure, freedom: int):
         self._parts, self._freedom = parts, freedom
+        self.fixed = np.zeros(0)  # what else the parts are functions of
 
     def tangent(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Value and slope at x."""
-        value, slope = self._parts.tangent(x)
+        value, slope = self._parts.tangent(x, self.fixed)
         return self._solved(value, slope)[:2]
 
     def bounds(self, x: np.ndarray, moved: np.ndarray, radius: np.ndarray, rest: np.ndarray | float = 0.0) -> Bounds:
         """As an Enclosure's."""
-        found, f = self._parts.bounds(x, moved, radius, rest), self._freedom
+        found, f = self._parts.bounds(x, moved, radius, rest, self.fixed), self._freedom
         value, slope, inverse = self._solved(found.value, found.slope)
         size, k = np.abs(value[-f:]), len(value) - f
         (mN, mF), (RN, RF), (rN, rF) = (self._split(part)[1:] for part in (found.moved, found.radius, found.rest))
@@ -192,13 +193,34 @@ class EnclosedPlant:
         return np.concatenate([rates, w]), np.vstack([slope[:k], inverse @ by]), inverse
 
 
+@dataclass(frozen=True)
+class Bends:
+    """Curvatures (1/m) of the pieces of a path, and the places `ends` (m along it) where each but the last ends."""
+
+    ends: np.ndarray
+    curvatures: np.ndarray
+
+    def within(self, low: float, high: float) -> tuple[float, float]:
+        """Middle and half the spread of the curvatures between two places."""
+        first, last = np.searchsorted(self.ends, (low, high), side="right")
+        found = self.curvatures[first : last + 1]
+        return (found.max() + found.min()) / 2, (found.max() - found.min()) / 2
+
+    def left(self, place: float) -> float:
+        """How far the next joint is from there, m; infinite where none follows."""
+        following = np.searchsorted(self.ends, place, side="right")
+        return float(self.ends[following] - place) if following < len(self.ends) else np.inf
+
+
 class EnclosedLoop:
     """z (n): the coordinates and quasi-velocities that matter; p: the uncertain parameters, of value `nominal` and +- `spread`.
 
     `plant`: z' of [z; tau; p]. `law`: what the controller asks for, its errors with integral action and, where it may slow down,
-    the inputs with each limit met, of [z; integrals; config; reference]. `guard`: |det Phi|, the product of Phi's row norms,
-    det Phi and s, the cosine of the angle between heading and normal, of [z; config]. `start`: z of p.
-    `settles`: a motion may come to rest in these coordinates.
+    the inputs with each limit met, of [z; integrals] with `constants` and the reference. `guard`: |det Phi|, the product of Phi's
+    row norms, det Phi and s, the cosine of the angle between heading and normal, of z with `constants`. `start`: z of p.
+    `settles`: a motion may come to rest in these coordinates. On a composite path `bends` are its curvatures, z[along] the place
+    on it, `stop` (m) where the desired speed changes; all three functions then depend on the curvature besides, their last
+    argument.
     """
 
     def __init__(self, loop: Loop, spec: Spec, uncertainty: Mapping[str, float]):
@@ -212,29 +234,84 @@ class EnclosedLoop:
         self.slows = loop.limits is not None and loop.limits.mode == "slow"
         self.most = np.array([most or np.inf for most in loop.limits.torque] if loop.limits else [np.inf] * len(mechanism.inputs))
         parameters = ca.vertsplit(mechanism.p)
-        p = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in uncertain])
         known = [k for k in range(len(names)) if k not in uncertain]
-        numbers = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in known]), ca.SX(loop.plant.parameters[known])
+        self._p = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in uncertain])
+        self._known = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in known]), ca.SX(loop.plant.parameters[known])
+        self._of_nu = _velocities(law.system, loop.believed)
+        self._build(spec)
+        self._begin(loop, spec)
 
-        tau = ca.SX.sym("tau", len(mechanism.inputs))
-        z, x_of_z, rates, start = self._speeds(*self._chart())
-        system = law.system
+    def started(self, loop: Loop, spec: Spec) -> EnclosedLoop:
+        """The same loop from another start."""
+        other = copy(self)
+        other._begin(loop, spec)
+        return other
+
+    def _build(self, spec: Spec) -> None:
+        """All that does not depend on the start, the gains and the place of the path."""
+        law, system, loop = self.loop.law, self.loop.law.system, self.loop
+        tau, limits, curvature = (ca.SX.sym(name, n) for name, n in (("tau", len(self.most)), ("most", len(self.most)), ("k", 1)))
+        pose = _pose(system)
+        acting = ca.vertcat(ca.vec(system.Mbar), ca.vec(system.input_map), system.bias)
+        state, kind = symbols(law.state), law.output.required_path.kind
+        level = not ca.depends_on(acting, ca.vertcat(*[state[k] for k in pose]))  # the same forces in each pose
+        self._kind = kind if pose and level and foot_of(kind, *self._pose_of(loop, pose)) else ""
+        if loop.composite and not self._kind:
+            raise BadInput("the forces depend on the pose, which is not covered along a composite path")
+        self._pose = pose
+        self.settles = self._kind in ("line", "circle", "segment") and not loop.composite
+        z, x_of_z, rates = self._speeds(*self._chart(curvature))
         by_nu = ca.inv(ca.DM(self._of_nu))
         self._forces = self._plain_inputs(by_nu)
         acting = ca.solve(self._forces, tau)
         mass, force = by_nu.T @ system.Mbar @ by_nu, by_nu.T @ (system.input_map @ acting - system.bias)
-        motion = ca.substitute(ca.vertcat(ca.vec(mass), force), symbols(law.state), x_of_z)
-        rates, motion = (ca.substitute(part, *numbers) for part in (rates, motion))
-        law_of_z, guard = self._controller(x_of_z)
-        keep = _relevant(z, rates, ca.vertcat(motion, law_of_z, guard))
-        z, self.z = ca.vertcat(*[z[k] for k in keep]), start[keep]
-        self._keep, self._count = keep, len(start)
-        fixed = ca.vertcat(symbols(law.config), symbols(law.reference))
+        motion = ca.substitute(ca.vertcat(ca.vec(mass), force), state, x_of_z)
+        rates, motion = (ca.substitute(part, *self._known) for part in (rates, motion))
+        law_of_z, guard = self._controller(x_of_z, limits, curvature)
+        needed = ca.vertcat(motion, law_of_z, guard)
+        keep = _relevant(z, rates, ca.vertcat(needed, z[2]) if loop.composite else needed)
+        self._keep, self.along = keep, keep.index(2) if loop.composite else None
+        self.first = len(keep) - system.freedom
+        bend, other = (curvature, ca.SX(0, 1)) if loop.composite else (ca.SX(0, 1), curvature)
+        constants = ca.vertcat(symbols(law.config), symbols(law.gains), limits, other)
+        z = ca.vertcat(*[z[k] for k in keep])
         kept = ca.vertcat(*[rates[k] for k in keep[: -system.freedom]])
-        self.plant = EnclosedPlant(Enclosure(ca.vertcat(kept, motion), ca.vertcat(z, tau, p)), system.freedom)
-        self.law = Enclosure(law_of_z, ca.vertcat(z, self._integrals), fixed)
-        self.guard = Enclosure(guard, z, symbols(law.config))
-        self.start = self._start(spec, p, numbers)
+        parts = Enclosure(ca.vertcat(kept, motion), ca.vertcat(z, tau, self._p, bend), constants)
+        self.plant = EnclosedPlant(parts, system.freedom)
+        fixed = ca.vertcat(constants, symbols(law.reference))
+        self.law = Enclosure(law_of_z, ca.vertcat(z, self._integrals, bend), fixed)
+        self.guard = Enclosure(guard, ca.vertcat(z, bend), constants)
+
+    def _pose_of(self, loop: Loop, pose: list[int]) -> tuple[list[str], np.ndarray, tuple[float, float, float]]:
+        """Names and values of the path's config, P_l and the heading at the start."""
+        names, config, x = [c.name for c in loop.law.config], np.asarray(loop.guidance.leg.config), loop.start
+        given = dict(zip(names, config, strict=True))
+        ahead, left, c, s = given["L"], given.get("W", 0.0), math.cos(x[pose[2]]), math.sin(x[pose[2]])
+        return names, config, (x[pose[0]] + ahead * c - left * s, x[pose[1]] + ahead * s + left * c, x[pose[2]])
+
+    def _begin(self, loop: Loop, spec: Spec) -> None:
+        """The start, and the numbers of the path and the controller."""
+        self.loop, x = loop, loop.start
+        config, begin, curvature = np.asarray(loop.guidance.leg.config), x[: self._first], [0.0]
+        self.reference: np.ndarray | None = None
+        self.bends, self.stop = Bends(np.zeros(0), np.zeros(1)), np.inf
+        if self._kind:
+            foot = foot_of(self._kind, *self._pose_of(loop, self._pose))
+            if foot is None:
+                raise BadInput("the start has no foot on the path")
+            along = foot.along
+            if isinstance(loop.guidance, Route):
+                self.bends, self.stop, place = _pieces(loop.guidance, spec, x)
+                along, self.reference = (place,), loop.guidance.reference(0.0, x)
+            others = [k for k in range(self._first) if k not in self._pose]
+            config, curvature = foot.config, [] if loop.composite else [foot.curvature]
+            begin = np.array([foot.distance, foot.heading, *along, *x[others]])
+        most = np.where(np.isfinite(self.most), self.most, 0.0)
+        self.constants = np.concatenate([config, loop.gains, most, curvature])
+        self.plant.fixed = self.constants
+        start = np.concatenate([begin, self._of_nu @ x[self._first :]])
+        self.z = start[self._keep]
+        self.start = self._start(spec)
 
     def plant_at(self, deviation: np.ndarray) -> dict[str, float]:
         """The uncertain parameters by name, deviating by parts of their spread."""
@@ -249,6 +326,19 @@ class EnclosedLoop:
         if self.slows:
             tau = slowed(tau, value[-r:], self.most)
         return np.clip(tau, -self.most, self.most)
+
+    def asked(
+        self, tube: Tube, bend: np.ndarray, half: np.ndarray, moved: np.ndarray, growth: np.ndarray, fixed: np.ndarray
+    ) -> Bounds:
+        """Bounds of `law` for the states [z; integrals] of a tube and what they may become, as a Field's; the curvature `bend`,
+        where it is an argument, may be off by `half`.
+        """
+        none, columns = np.zeros(len(half)), np.zeros((len(half), tube.G.shape[1]))
+        apart = np.concatenate([0 * growth, half])
+        radius = np.concatenate([tube.radius + growth, half])
+        found = self.law.bounds(np.concatenate([tube.centre, bend]), np.concatenate([moved, none]), radius, apart, fixed)
+        S, G = np.vstack([tube.S, np.zeros((len(half), len(tube.spread)))]), np.vstack([tube.G, columns])
+        return found.of(S, G, tube.spread, np.concatenate([growth, half]))
 
     def inputs(self, found: Bounds) -> Inputs:
         """The limited inputs from the bounds of `law`; where it is open which limit holds, `rest` covers all that may be."""
@@ -294,58 +384,49 @@ class EnclosedLoop:
         anything, none = self.most + np.abs(value), np.zeros(r)
         return Inputs(Bounds(value, np.zeros((r, found.slope.shape[1])), none, anything, anything, none), np.zeros((r, n)))
 
-    def _chart(self) -> tuple[ca.SX, ca.SX, ca.SX, np.ndarray]:
-        """z with all coordinates, the state [q; nu] by z, the rates of what is no quasi-velocity, and z at the start."""
-        law, system, x = self.loop.law, self.loop.law.system, self.loop.start
-        state = symbols(law.state)
-        rates, count = system.qdot, system.mechanism.q.numel()
-        pose = _pose(system)
-        self.config = np.asarray(self.loop.guidance.leg.config)
-        names = [c.name for c in law.config]
-        given = dict(zip(names, self.config, strict=True))
-        ahead, left = given["L"], given.get("W", 0.0)
-        foot = None
-        acting = ca.vertcat(ca.vec(system.Mbar), ca.vec(system.input_map), system.bias)
-        level = not ca.depends_on(acting, ca.vertcat(*[state[k] for k in pose]))  # the same forces in each pose
-        if pose and level and not self.loop.composite:
-            c, s = math.cos(x[pose[2]]), math.sin(x[pose[2]])
-            place = (x[pose[0]] + ahead * c - left * s, x[pose[1]] + ahead * s + left * c, x[pose[2]])
-            foot = foot_of(law.output.required_path.kind, names, self.config, place)
-        self.settles = foot is not None and foot.uniform
-        if foot is None:
-            return state, state, rates, x.copy()
-        self.config = foot.config
+    def _chart(self, curvature: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The coordinates of z, the state [q; nu] by z, and the rates of these coordinates."""
+        law, system = self.loop.law, self.loop.law.system
+        state, rates, pose = symbols(law.state), system.qdot, self._pose
+        self._first = system.mechanism.q.numel()
+        if not self._kind:
+            return state[: self._first], state, rates
+        given = {c.name: c.symbol for c in law.config}
+        ahead, left = given["L"], given.get("W", ca.SX(0))
+        h, psi, along = ca.SX.sym("h"), ca.SX.sym("psi"), ca.SX.sym("along")
+        direction, place, lengthwise = ca.SX(0), ca.SX.zeros(2), ca.SX(0, 1)
+        if self._kind == "line":
+            curvature = ca.SX(0)
+        elif self._kind == "ellipse":
+            (curvature, place), direction = _ellipse(given["a"], given["b"], along), along
+        if self._kind == "ellipse" or self.loop.composite:
+            lengthwise = along
         point = body_point(offset=True)
-        offsets = ca.vertcat(*[q.symbol for q in point]), ca.SX([ahead, left])
+        offsets = ca.vertcat(*[q.symbol for q in point]), ca.vertcat(ahead, left)
         velocity = system.along_motion(ca.substitute(ca.vertcat(*reference_point(system, point)), *offsets))
-        h, psi = ca.SX.sym("h"), ca.SX.sym("psi")
-        cosine, sine = ca.cos(foot.theta), ca.sin(foot.theta)
-        along, across = left * ca.sin(psi) - ahead * ca.cos(psi), h - ahead * ca.sin(psi) - left * ca.cos(psi)
-        places = foot.place + ca.vertcat(cosine * along - sine * across, sine * along + cosine * across)
-        others = [k for k in range(len(x)) if k not in pose]
+        cosine, sine = ca.cos(direction), ca.sin(direction)
+        behind, across = left * ca.sin(psi) - ahead * ca.cos(psi), h - ahead * ca.sin(psi) - left * ca.cos(psi)
+        places = place + ca.vertcat(cosine * behind - sine * across, sine * behind + cosine * across)
+        others = [k for k in range(self._first) if k not in pose]
         from_foot, x_of_z = state[:], state[:]  # the foot as origin, and in the world
-        for k, here, there in zip(pose, (along, across, psi), (*ca.vertsplit(places), foot.theta + psi), strict=True):
+        for k, here, there in zip(pose, (behind, across, psi), (*ca.vertsplit(places), direction + psi), strict=True):
             from_foot[k], x_of_z[k] = here, there
         ahead_, aside = ca.vertsplit(ca.substitute(velocity, state, from_foot))
-        turned = foot.curvature * ahead_ / (1 - foot.curvature * h)
-        moved = ca.vertcat(aside, ca.substitute(rates[pose[2]], state, from_foot) - turned)
-        first, begin = ca.vertcat(h, psi), [foot.distance, foot.heading]
-        if not foot.uniform:
-            moved, first, begin = ca.vertcat(moved, turned), ca.vertcat(first, foot.theta), [*begin, foot.direction]
-        moved = ca.vertcat(moved, *[ca.substitute(rates[k], state, from_foot) for k in others if k < count])
-        z = ca.vertcat(first, *[state[k] for k in others])
-        return z, x_of_z, moved, np.array([*begin, *x[others]])
+        advance = ahead_ / (1 - curvature * h)
+        moved = ca.vertcat(aside, ca.substitute(rates[pose[2]], state, from_foot) - curvature * advance)
+        if lengthwise.numel():
+            moved = ca.vertcat(moved, curvature * advance if self._kind == "ellipse" else advance)
+        moved = ca.vertcat(moved, *[ca.substitute(rates[k], state, from_foot) for k in others])
+        self._first_of_z = 2 + lengthwise.numel() + len(others)
+        return ca.vertcat(h, psi, lengthwise, *[state[k] for k in others]), x_of_z, moved
 
-    def _speeds(self, z: ca.SX, x_of_z: ca.SX, rates: ca.SX, start: np.ndarray) -> tuple[ca.SX, ca.SX, ca.SX, np.ndarray]:
-        """The same with forward speed and yaw rate, as the controller reckons them, instead of wheels' rates."""
-        system, others = self.loop.law.system, len(start) - self.loop.law.system.freedom
-        self._of_nu = _velocities(system, self.loop.believed)
-        moving = ca.SX.sym("moving", system.freedom)
-        change = z[others:], ca.SX(ca.inv(ca.DM(self._of_nu))) @ moving
-        start = np.concatenate([start[:others], self._of_nu @ start[others:]])
-        return ca.vertcat(z[:others], moving), ca.substitute(x_of_z, *change), ca.substitute(rates, *change), start
+    def _speeds(self, coordinates: ca.SX, x_of_z: ca.SX, rates: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """z with forward speed and yaw rate, as the controller reckons them, for the quasi-velocities; the rest by this z."""
+        nu, moving = self.loop.law.system.nu, ca.SX.sym("moving", self.loop.law.system.freedom)
+        change = nu, ca.SX(ca.inv(ca.DM(self._of_nu))) @ moving
+        return ca.vertcat(coordinates, moving), ca.substitute(x_of_z, *change), ca.substitute(rates, *change)
 
-    def _controller(self, x_of_z: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def _controller(self, x_of_z: ca.SX, limits: ca.SX, curvature: ca.SX) -> tuple[ca.SX, ca.SX]:
         """What `law` and `guard` are made of."""
         law, action, found = self.loop.law, self.loop.integral, self.loop.law.linearization
         wanted = symbols(law.reference)
@@ -353,10 +434,12 @@ class EnclosedLoop:
         added = ca.SX.zeros(wanted.numel())
         for k, entry in enumerate(action.highest):
             added[entry] = action.ki[k] * self._integrals[k]
-        numbers = ca.vertcat(symbols(law.parameters), symbols(law.gains)), ca.SX([*self.loop.believed, *self.loop.gains])
+        numbers = symbols(law.parameters), ca.SX(self.loop.believed)
+        bent = {c.name: c.symbol for c in law.config}.get("curvature") if self.loop.composite else None
 
         def seen(expression: ca.SX) -> ca.SX:
-            return ca.substitute(ca.substitute(expression, *numbers), symbols(law.state), x_of_z)
+            seen = ca.substitute(ca.substitute(expression, *numbers), symbols(law.state), x_of_z)
+            return seen if bent is None else ca.substitute(seen, bent, curvature)
 
         through, heading = law.output.rows[0].through, law.system.mechanism.required_vehicle.heading
         if through is None:
@@ -367,8 +450,8 @@ class EnclosedLoop:
         tau = self._forces @ seen(ca.substitute(law.tau, wanted, wanted + added))
         slope = seen(law.slope)
         met = []
-        for i, most in enumerate(self.most if self.slows else ()):
-            met += [tau + (side * most - tau[i]) / slope[i] * slope for side in SIDES]
+        for i in range(len(self.most) if self.slows else 0):
+            met += [tau + (side * limits[i] - tau[i]) / slope[i] * slope for side in SIDES]
         flat = slope if self.slows else ca.SX(0, 1)
         return ca.vertcat(tau, *map(seen, errors), *met, flat), seen(ca.vertcat(*found.measure, found.determinant, s))
 
@@ -380,27 +463,45 @@ class EnclosedLoop:
             return ca.DM.eye(r)
         return by_nu.T @ ca.evalf(ca.densify(map_))
 
-    def _start(self, spec: Spec, p: ca.SX, numbers: tuple[ca.SX, ca.SX]) -> Bounds:
+    def _start(self, spec: Spec) -> Bounds:
         """z of p: a start given by its speed has quasi-velocities that depend on the parameters."""
-        n, count = len(self.z), p.numel()
+        n, count = len(self.z), len(self.spread)
         rest = Bounds(self.z, np.zeros((n, count)), *np.zeros((4, n)))
         initial = spec.initial
         if not count or initial is None or initial.q is not None or not initial.speed:
             return rest
-        system, x = self.loop.law.system, self.loop.start
-        freedom = system.freedom
+        system = self.loop.law.system
+        freedom, q, speed = system.freedom, system.mechanism.q, ca.SX.sym("speed")
         motion = ca.vertcat(forward_speed(system), system.along_motion(system.mechanism.required_vehicle.heading))
-        M = ca.substitute(ca.jacobian(motion, system.nu), *numbers)
-        M = ca.substitute(M, ca.vertcat(system.mechanism.q, system.nu), ca.SX(x))
-        wanted = ca.SX([initial.speed, 0.0])
+        M = ca.substitute(ca.jacobian(motion, system.nu), *self._known)
+        wanted = ca.vertcat(speed, 0.0)
         nu = ca.solve(M, wanted) if freedom == 2 else M.T @ ca.solve(M @ M.T, wanted)
-        rates = Enclosure(ca.SX(self._of_nu) @ nu, p).bounds(self.nominal, np.zeros(count), self.spread)
-        first = self._count - freedom
-        for place, k in enumerate(self._keep):
-            if k >= first:
-                for name in ("slope", "radius", "rest"):
-                    getattr(rest, name)[place] = getattr(rates, name)[k - first]
+        rates = Enclosure(ca.SX(self._of_nu) @ nu, self._p, ca.vertcat(q, speed))
+        fixed = np.append(self.loop.start[: self._first], initial.speed)
+        found = rates.bounds(self.nominal, np.zeros(count), self.spread, fixed=fixed)
+        for name in ("slope", "radius", "rest"):
+            getattr(rest, name)[-freedom:] = getattr(found, name)
         return rest
+
+
+def _pieces(route: Route, spec: Spec, start: np.ndarray) -> tuple[Bends, float, float]:
+    """The curvatures of a composite path, the place where the desired speed begins to change, and that of the start.
+
+    Raises BadInput where the start is behind the last piece.
+    """
+    options, segments = route.options, spec.output.segments
+    changes = [k for k in range(1, len(segments)) if segments[k].backward != segments[k - 1].backward]
+    turns = options.closed and not changes
+    laps = LAPS if turns else 1
+    pieces = [segments[k] for k in range(changes[0] if changes else len(segments))] * laps
+    ends = np.cumsum([piece.length for piece in pieces])
+    slowing = options.speed**2 / (2 * options.deceleration) if options.deceleration else 0.0
+    stop = float(ends[-1]) - (0.0 if turns else slowing)
+    guide = route.guide(start)
+    if not abs(segments[guide.segment].length - guide.progress - guide.left) < AT_START:
+        raise BadInput("the start is behind the last piece of the path")
+    before = [piece.length for piece in segments[: guide.segment]]
+    return Bends(ends[:-1], np.array([piece.curvature for piece in pieces])), stop, float(guide.progress + sum(before))
 
 
 def _velocities(system: ReducedSystem, believed: np.ndarray) -> np.ndarray:

@@ -75,7 +75,8 @@ class Enclosure:
         made = _made(ca.Function("f", [symbols, fixed], [ca.cse(ca.densify(ca.vec(expression)))]).serialize())
         self._shape, self._tangent, self._bounds, places = made
         self._output, self._first, self._second = places
-        self._twice = np.where(self._first == self._second, 1.0, 2.0)
+        self._half = np.where(self._first == self._second, 0.5, 1.0)
+        self._curved, self._begins = np.unique(self._output, return_index=True)
 
     def tangent(self, x: np.ndarray, fixed: np.ndarray = NONE) -> tuple[np.ndarray, np.ndarray]:
         """Value (n) and slope (n, inputs) at x."""
@@ -94,29 +95,29 @@ class Enclosure:
         box = moved + radius
         value, slope, at, around, far = self._bounds(x, fixed, box)
         slope = slope.reshape(self._shape, order="F")
-        size, a, b, most = np.abs(slope), self._first, self._second, np.abs(at) + around
-
-        def share(part: np.ndarray) -> float:
-            """Of the box, the largest."""
-            return float(np.divide(part, box, out=np.zeros(len(box)), where=box > 0).max(initial=0.0))
-
-        def curved(one: np.ndarray, other: np.ndarray, second: np.ndarray = most) -> np.ndarray:
-            both = (one[a] * other[b] + one[b] * other[a]) / 2 * self._twice
-            return np.bincount(self._output, second * both, len(value)) + far * share(one) * share(other)
-
+        size, a, b = np.abs(slope), self._first, self._second
+        apart = rest if isinstance(rest, np.ndarray) else np.full(len(x), rest)
+        pairs = np.array([moved, moved, moved, radius]), np.array([moved, radius, apart, radius])
+        shares = np.divide(pairs, box, out=np.zeros((2, *pairs[0].shape)), where=box > 0).max(axis=2, initial=0.0)
+        both = (pairs[0][:, a] * pairs[1][:, b] + pairs[0][:, b] * pairs[1][:, a]) * self._half
         bend = np.zeros((len(value), len(x), len(x)))
         bend[self._output, a, b] = bend[self._output, b, a] = at
         with np.errstate(invalid="ignore", over="ignore"):
-            squared, apart = curved(radius, radius) / 2, np.broadcast_to(rest, radius.shape)
+            most = np.vstack([both * (np.abs(at) + around), both[3] * around])
+            curved = np.outer(np.append(shares[0] * shares[1], shares[0, 3] * shares[1, 3]), far)
+            if len(self._curved):
+                curved[:, self._curved] += np.add.reduceat(most, self._begins, axis=1)  # each output's pairs are neighbours
+            from_moved, turned, from_apart, squared, loose = curved
+            linear = size @ np.array([moved, radius, apart]).T
             return Bounds(
                 value,
                 slope,
-                size @ moved + curved(moved, moved) / 2,
-                size @ radius + curved(moved, radius) + squared,
-                size @ apart + curved(moved, apart) + squared,
-                curved(moved, radius),
+                linear[:, 0] + from_moved / 2,
+                linear[:, 1] + turned + squared / 2,
+                linear[:, 2] + from_apart + squared / 2,
+                turned,
                 bend,
-                size @ apart + curved(moved, apart) + curved(radius, radius, around) / 2,
+                linear[:, 2] + from_apart + loose / 2,
             )
 
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ...readers.errors import BadInput
-from ...simulation.loop import make_loop
+from ...simulation.loop import Loop, make_loop
 from ...simulation.specification.spec import Initial, Spec
-from .certificate import Certificate
+from .certificate import Certificate, widest
 from .enclosed_loop import EnclosedLoop
 from .safety import check_uncertainty
 
@@ -55,7 +55,7 @@ def safe_offsets(
     initial, desired = spec.initial or Initial(), spec.reference.speed
     if loop.law.output.path is None or loop.composite or loop.sensing or initial.point is None or desired is None:
         raise BadInput("a table of safe offsets needs one path, a start given by its point, and no [sensors]")
-    enclosed = EnclosedLoop(loop, spec, {})
+    enclosed = EnclosedLoop(loop, spec, uncertainty)
     if not enclosed.settles:
         raise BadInput("a table of safe offsets needs a line, a circle or an arc as path")
     h, psi = enclosed.z[:2]
@@ -65,14 +65,19 @@ def safe_offsets(
     speeds = tuple(speeds or (part * desired for part in SPEEDS))
     headings = tuple(headings or map(math.radians, HEADINGS))
 
+    def beside(offset: float, speed: float, heading: float) -> tuple[Loop, Spec]:
+        point = tuple(float(coordinate + offset * n) for coordinate, n in zip(foot, left, strict=True))
+        moved = replace(spec, initial=Initial(point=point, heading=float(direction + heading), speed=speed))
+        return make_loop(moved), moved
+
+    known = widest(enclosed.started(*beside(0.0, desired, 0.0)), spec.simulation)
+
     def safe(offset: float, speed: float, heading: float) -> bool:
         return all(_safe(side * offset, speed, heading) for side in ((1.0, -1.0) if offset else (1.0,)))
 
     def _safe(offset: float, speed: float, heading: float) -> bool:
-        point = tuple(float(coordinate + offset * n) for coordinate, n in zip(foot, left, strict=True))
-        moved = replace(spec, initial=Initial(point=point, heading=float(direction + heading), speed=speed))
         try:
-            found = Certificate(EnclosedLoop(make_loop(moved), moved, uncertainty), moved.simulation).run()
+            found = Certificate(enclosed.started(*beside(offset, speed, heading)), spec.simulation, known).run()
         except BadInput:  # a start that is singular
             return False
         return not found.lost

@@ -8,6 +8,8 @@ in the loop that `simulate` runs: sampled or continuous, delayed, limited, with 
   instant that is enclosed, and so do the runs at the two ends of what the parameters may be;
 - an unstable equilibrium, where the nominal motion rests at one: when it leaves is decided by rounding;
 - not proved otherwise.
+
+`BASIS` says what is bounded and what is estimated.
 """
 
 from collections.abc import Mapping
@@ -24,6 +26,11 @@ from .certificate import Certificate, Course
 from .enclosed_loop import EnclosedLoop
 
 SAFE, SINGULAR, NOT_PROVED, UNSTABLE = KINDS = ("safe", "singular", "not proved", "unstable equilibrium")
+BASIS = {
+    "bounded": "every state between the steps, the uncertain parameters, limits, and where pieces of a path join",
+    "estimated": "the error of each step of integration, by the embedded method, and rounding; both are added in full",
+    "neglected": "the error of integration of the derivatives of the motion by its start and by the parameters",
+}
 NEAR = 0.5  # s: a motion that would still need longer to become singular, as fast as it approaches, may yet turn away
 
 
@@ -59,7 +66,6 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
         (loop.law.output.path is None, "the outputs are not those of path following"),
         (loop.sensing is not None, "the controller does not see the true state"),
         (loop.limits is not None and bool(loop.integral.rows), "limits decide when integral action stops"),
-        (loop.composite, "path and wanted speed change along a composite path"),
     ]
     for applies, why in doubts:
         if applies:

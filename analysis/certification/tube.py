@@ -5,7 +5,8 @@ S the sensitivity of the motion to them, and b unknown numbers in [-1, 1]. S and
 the tangent leaves out (`Enclosure`), the error of each step of integration and what a limit or the next piece of a path
 makes uncertain become further columns of G. A step is good when a box is found that no motion leaves during it (Picard).
 
-Rounding is covered by the error allowed for each step; the tangent itself is taken to be exact along the nominal motion.
+Each step adds the error that the embedded method estimates, which is no bound, and an allowance for rounding; the tangent itself
+is taken to be exact along the nominal motion.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ ROUNDING = 1e-13  # of a step, relative and absolute
 SHORTEST, TRIES = 1e-6, 8  # s, and guesses of a box for a step
 COLUMNS = 8  # times the dimension: columns of G that are kept
 GROW, SHRINK = 2.0, 0.5
+NARROW = 0.03  # of the radius: a box that grows by less is as good as any
+FOLD = 0.12  # of a time constant: longer steps have boxes that are too wide to be of use
 
 
 class Lost(Exception):
@@ -97,11 +100,12 @@ class Flow:
     """Integrates a Field and everything near its nominal motion."""
 
     def __init__(self, field: Field):
-        self._field, self._h = field, np.inf
+        self._field, self._h, self._longest = field, np.inf, np.inf
+        self._speeds: tuple[np.ndarray, np.ndarray] | None = None  # at which the last box grew
 
     def step(self, tube: Tube, longest: float) -> Step:
         """Go on by at most `longest` s. Raises Lost."""
-        h = min(self._h, longest)
+        h = min(self._h, self._longest, longest)
         if longest - h < SHORTEST:
             h = longest
         while True:
@@ -122,15 +126,23 @@ class Flow:
     def _box(self, tube: Tube, h: float) -> tuple[np.ndarray, np.ndarray, Bounds] | None:
         """A box that no motion leaves within h, and f's bounds in it; None where none is found."""
         radius = tube.radius
-        value = self._field.tangent(tube.centre, None)[0]
-        moved, growth = 1.2 * h * np.abs(value) + ROUNDING, 1e-6 * radius + ROUNDING
-        for _ in range(TRIES):
+        if self._speeds is None:
+            self._speeds = np.abs(self._field.tangent(tube.centre, None)[0]), 0 * radius
+        moved, growth = (1.2 * h * speed + ROUNDING for speed in self._speeds)
+        growth += 1e-6 * radius
+        for tried in range(TRIES):
             found = self._field.bounds(tube, moved, growth)
             if not found.finite:
                 return None
             farthest, grown = h * (np.abs(found.value) + found.moved), h * found.radius
             if (farthest <= moved).all() and (grown <= growth).all():
+                self._speeds = farthest / h, grown / h
+                if (growth > NARROW * radius).any():  # once more, in the box of what was found
+                    moved, growth = farthest, grown
+                    found = self._field.bounds(tube, moved, growth)
                 return moved, radius + growth, found
+            if tried >= 3 and max((farthest / moved).max(), (grown / growth).max()) > 1.5:
+                return None  # it keeps growing
             moved = np.maximum(moved, 1.1 * farthest + ROUNDING)
             growth = np.maximum(growth, 1.1 * grown + ROUNDING)
         return None
@@ -157,6 +169,8 @@ class Flow:
         X = start + h * sum(w * K for w, K in zip(WEIGHTS, tangents, strict=True))
         if not (np.isfinite(after).all() and np.isfinite(X).all()):
             return None
+        if 4 * h * size.sum(axis=1).max() > FOLD:
+            self._longest = FOLD / max(1e-9, np.abs(np.linalg.eigvals(size)).max())
         last = self._field.tangent(after, found)[0]
         error = np.abs(h * sum(w * k for w, k in zip(ERROR, [*slopes, last], strict=True)))
         term = rest = 1.01 * h * found.rest
