@@ -11,7 +11,7 @@ import numpy as np
 
 from .algebra.exact import canonical
 from .algebra.expression import degree as degree_in
-from .algebra.linear import solve
+from .algebra.linear import condition, solve
 from .algebra.poles import determinant, quotient
 from .algebra.samples import Sampled, rank
 from .errors import ModelError
@@ -62,7 +62,7 @@ class Linearization:
         """
         if self.Phi.shape[0] <= 2:
             return ca.fabs(self.determinant), ca.sqrt(self.scale_squared)
-        return ca.SX(1), norm(self.Phi) * norm(solve(self.Phi, ca.SX.eye(self.Phi.shape[0])))
+        return ca.SX(1), condition(self.Phi)
 
     def second_feedback(self, v: ca.SX) -> ca.SX:
         """Return u = Phi^-1 (v - drift) (20), (n-m) x 1, which makes the highest derivatives equal to v."""
@@ -70,16 +70,6 @@ class Linearization:
         small = self.Phi.shape[0] <= 3
         found = ca.adj(self.Phi) @ right / self.determinant if small else solve(self.Phi, right)
         return self.system.checked("u", found, (self.Phi, right), quotient)
-
-
-def norm(matrix: ca.SX) -> ca.SX:
-    """Return the 1-norm, the largest column sum of absolute values. NaN if an entry is NaN, unlike with fmax; without
-    branches.
-    """
-    largest, *others = ca.horzsplit(ca.densify(ca.sum1(ca.fabs(matrix))))
-    for other in others:
-        largest = (largest + other + ca.fabs(largest - other)) / 2
-    return largest
 
 
 def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:

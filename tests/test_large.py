@@ -1,5 +1,6 @@
 """Laws of robots that are not the LABMATE: freedom 1 to 5, more inputs than motions, gravity, damping, no angle, no parameter."""
 
+import math
 import re
 import shutil
 import subprocess
@@ -19,7 +20,7 @@ from noslip.controllers.runtime import runtime
 from noslip.controllers.symbolic import CasadiController
 from noslip.model import Mechanism, ModelError, OutputMap, OutputRow, control_law, reduce
 from noslip.model.algebra.exact import canonical
-from noslip.model.algebra.linear import solve, solve_symmetric
+from noslip.model.algebra.linear import condition, solve, solve_symmetric
 from noslip.model.law import symbols
 from noslip.model.linearization import linearize
 from noslip.model.outputs import at_point, body_point, type_iv
@@ -228,6 +229,36 @@ def test_outputs_do_what_the_outer_loop_asks(name):
             assert np.abs(answered - np.asarray(v).ravel()).max() <= 1e-8 * scale
 
 
+@pytest.mark.parametrize("name", ["arm_4", "arm_5"])
+def test_singular_exactly(name):
+    """A stretched arm cannot move its end along itself: a row of Phi is zero, though rounding hides that from an inverse."""
+    made, random = law(name), np.random.default_rng(8)
+    for plant in plants(name)[:3]:
+        for direction in (0.0, math.pi / 2, math.pi):
+            state = np.zeros(len(made.state))
+            state[0] = direction
+            state[-made.system.nu.numel() :] = random.uniform(-2, 2, made.system.nu.numel())
+            for controller in (CasadiController, CompiledController):
+                found = controller(made, plant.params, plant.config, plant.gains)
+                assert found.evaluate(state, random.uniform(-2, 2, len(made.reference))).status == "singular"
+
+
+def test_condition_numbers():
+    """Against NumPy's; of matrices whose columns or rows depend on each other at least 1e12."""
+    random = np.random.default_rng(4)
+    for n in (2, 3, 4, 5, 7):
+        matrix = ca.SX.sym("matrix", n, n)
+        found = ca.Function("condition", [matrix], [condition(matrix)])
+        for _ in range(50):
+            value = random.normal(size=(n, n))
+            assert found(value) == pytest.approx(np.linalg.cond(value, 1), rel=1e-9)
+            row, other = random.permutation(n)[:2]
+            for singular in (value.copy(), value.copy()):
+                singular[row] = random.choice([0.0, 2.0]) * singular[other]
+                for each in (singular, singular.T):
+                    assert not found(each) < 1e12
+
+
 def test_least_inputs():
     """With six inputs for four motions: no other inputs of the same effect have a smaller sum of squares."""
     made = law("manipulator")
@@ -354,9 +385,9 @@ def test_the_models_solutions(n):
     """As accurate as elimination with pivots, up to the condition at which Phi counts as singular."""
     M, b, random = ca.SX.sym("M", n, n), ca.SX.sym("b", n, 2), np.random.default_rng(n)
     f = ca.Function("f", [M, b], [solve(M, b), solve_symmetric(M, b)])
-    for condition in (1.0, 1e3, 1e5):
+    for size in (1.0, 1e3, 1e5):
         for _ in range(20):
-            x, A, P = random.normal(size=(n, 2)), matrix(n, condition, random), matrix(n, condition, random, symmetric=True)
+            x, A, P = random.normal(size=(n, 2)), matrix(n, size, random), matrix(n, size, random, symmetric=True)
             error = max(np.abs(np.asarray(f(A, A @ x)[0]) - x).max(), np.abs(np.asarray(f(P, P @ x)[1]) - x).max())
             assert error <= 1e-14 * condition * np.abs(x).max() * (100 if n == 3 else 1)  # cofactors lose more
 

@@ -16,7 +16,7 @@ from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 
 STATES_PER_PLANT = 20  # states that share parameters, config and gains
-REGULAR = 1e-2  # |det Phi| is at or above this times the product of Phi's row norms
+REGULAR = 1e-2  # |det Phi| is above this times the product of Phi's row norms
 LARGEST = 5.0  # a row of S may have at most this times its median size: beyond lies a pole, as at a wheel steered across
 TYPICAL = 99  # number of states for the median
 HEAVY = 1e-4  # smallest eigenvalue of S'MS scaled to a diagonal of ones
@@ -185,4 +185,4 @@ def _onto_path(law: ControlLaw) -> ca.Function:
 
 
 def _regular(Phi: np.ndarray) -> bool:
-    return abs(np.linalg.det(Phi)) >= REGULAR * np.prod(np.linalg.norm(Phi, axis=1))
+    return abs(np.linalg.det(Phi)) > REGULAR * np.prod(np.linalg.norm(Phi, axis=1))

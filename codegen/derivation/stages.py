@@ -15,10 +15,10 @@ import casadi as ca
 
 from ...model.algebra.exact import canonical
 from ...model.algebra.expression import degree, fold, operate, operations, time_derivative
-from ...model.algebra.linear import solve, solve_by_blocks
+from ...model.algebra.linear import norm, solve, solve_by_blocks
 from ...model.algebra.operations import is_polynomial
 from ...model.law import ControlLaw, outer_loop
-from ...model.linearization import SINGULAR, SINGULAR_SQUARED, derivative, norm
+from ...model.linearization import SINGULAR, SINGULAR_SQUARED, derivative
 from ...model.mechanism import Quantity, quantity
 from ...model.outputs import OutputMap, OutputRow, Through
 from ...model.reduction import ReducedSystem

@@ -1,6 +1,7 @@
 """Symbolic linear equations: solved in closed form, block by block, or by elimination with exact pivots."""
 
 from collections.abc import Callable
+from functools import reduce
 
 import casadi as ca
 
@@ -66,6 +67,37 @@ def _orthogonally(matrix: ca.SX, right: ca.SX) -> ca.SX:
     for k in reversed(range(n)):
         found[k, :] -= table[k, k + 1 : n] @ found[k + 1 :, :]
     return found
+
+
+def condition(matrix: ca.SX) -> ca.SX:
+    """Return the condition number |matrix| |matrix^-1| in the 1-norm; large, infinite or NaN for a singular matrix.
+
+    Where the matrix is exactly singular, `solve` may return numbers of ordinary size: the part r of a column a that does not
+    depend on the columns before it is then rounding, in the numerator as well as in the denominator. Therefore the lower bound
+    |a| / (sqrt(n) |r|) is taken into account: the matrix is singular at the distance |r|.
+    """
+    n = matrix.shape[0]
+    found = norm(matrix) * norm(solve(matrix, ca.SX.eye(n)))
+    if n <= 3:  # by cofactors, whose determinant is zero there
+        return found
+    columns = ca.horzsplit(ca.densify(matrix))
+    for k in range(n):
+        rest = columns[k]
+        for column in columns[:k]:
+            rest -= ca.dot(column, rest) / ca.sumsqr(column) * column
+        found = larger(found, ca.norm_2(columns[k]) / (ca.norm_2(rest) * n**0.5))
+        columns[k] = rest
+    return found
+
+
+def norm(matrix: ca.SX) -> ca.SX:
+    """Return the 1-norm, the largest column sum of absolute values; NaN if an entry is NaN."""
+    return reduce(larger, ca.horzsplit(ca.densify(ca.sum1(ca.fabs(matrix)))))
+
+
+def larger(a: ca.SX, b: ca.SX) -> ca.SX:
+    """Return the larger of two numbers, without branches; NaN if one of them is NaN, unlike with fmax."""
+    return (a + b + ca.fabs(a - b)) / 2
 
 
 def eliminate(matrix: ca.SX, right: ca.SX, moving: ca.SX, name: str) -> ca.SX:
