@@ -47,6 +47,11 @@ def takes_one_velocity_for_another(stages_, expression, w, original=stages._by_m
     return original(stages_, ca.substitute(expression, w[0], w[1]), w)
 
 
+def wrong_at_standstill(stages_, expression, w, original=stages._by_monomials):
+    """A factor that cancels everywhere except where the vehicle does not turn."""
+    return original(stages_, expression, w) * (w[1] + 2 * w[1] ** 3) / (w[1] * (1 + 2 * w[1] ** 2))
+
+
 def other_curvature(law, outputs=None, original=stages.staged):
     made = original(law, outputs)
     if outputs is not None:  # at the foot
@@ -85,6 +90,7 @@ robot.moves_in_plane(x, y, heading)
 DEFECTS = {
     "optimizer": (optimize.Optimizer, "_chain", all_sums, ""),
     "monomials": (stages, "_by_monomials", takes_one_velocity_for_another, "tau by step"),
+    "standstill": (stages, "_by_monomials", wrong_at_standstill, "tau by step"),
     "foot": ("noslip.codegen.derivation.foot", "staged", other_curvature, "tau by follow"),
     "slope": (stages._Feedback, "slope", wrong_slope, "tau by step, slowed"),
     "singular": (stages, "_singular", never_singular, "status of step differs: the C gives status ok"),

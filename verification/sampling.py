@@ -20,6 +20,8 @@ REGULAR = 1e-2  # |det Phi| is above this times the product of Phi's row norms
 LARGEST = 5.0  # a row of S may have at most this times its median size: beyond lies a pole, as at a wheel steered across
 TYPICAL = 99  # number of states for the median
 HEAVY = 1e-4  # smallest eigenvalue of S'MS scaled to a diagonal of ones
+SPECIAL = 4  # one of so many states has exact zeros and quarter turns, where a factor that should have cancelled shows
+QUARTER = np.pi / 2  # rad
 DRAWS = 100  # random states per state needed, before giving up
 NEWTON_STEPS = 8  # to move a point onto a path
 
@@ -68,12 +70,14 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[RandomPla
             controller = make_controller("casadi", law, params, config, gains)
         except ParameterRefused:
             continue
-        largest = _largest_rates(law.system, params)
+        regular = _Regular(law.system, params)
         points: list[RandomPoint] = []
-        for _ in range(min(STATES_PER_PLANT, states - found)):
+        for k in range(min(STATES_PER_PLANT, states - found)):
             state, reference = _state(law, config, random), random.uniform(-2, 2, len(law.reference))
+            if k % SPECIAL == SPECIAL - 1:
+                state = _special(law.state, state, random)
             truth = controller.evaluate(state, reference)
-            if truth.status == "ok" and _regular(truth.values["Phi"]) and np.all(_rates(truth.values["S"]) <= largest):
+            if truth.status == "ok" and _regular(truth.values["Phi"]) and regular.moves(state) and regular.driven(state):
                 points.append(RandomPoint(found + len(points), state, reference, truth))
         found += len(points)
         yield RandomPlant(params, config, gains, tuple(points))
@@ -82,20 +86,46 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[RandomPla
 def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Motion]:
     """Yield motions of a robot where S and S'MS are regular. Raises BadInput if hardly any random state is."""
     random = np.random.default_rng(seed)
-    found, n = 0, len(system.mechanism.coordinates)
+    found = 0
     for drawn in range(DRAWS * count):
         if drawn % STATES_PER_PLANT == 0:
             params = _values(system.mechanism.parameters, random)
-            largest = _largest_rates(system, params)
+            regular = _Regular(system, params)
         state, tau = _uniform(system, system.state, random), random.uniform(-5, 5, len(system.mechanism.inputs))
-        S, mass = _null_space(system)(state[:n], params).full(), _mass(system)(state[:n], params).full()
-        finite = np.isfinite(S).all() and np.isfinite(mass).all()
-        if finite and np.all(_rates(S) <= largest) and smallest_eigenvalue(mass) > HEAVY:
+        if drawn % SPECIAL == SPECIAL - 1:
+            state = _special(system.state, state, random)
+        if regular.moves(state):
             found += 1
             yield Motion(params, state, tau)
         if found == count:
             return
     raise BadInput(f"{system.mechanism.name}: the mass matrix S'MS is regular at hardly any random state: {found} of {drawn + 1}")
+
+
+class _Regular:
+    """Whether a system with these parameters is far from poles of S, S'MS and S'E at a state [q; nu].
+
+    Sizes are compared with their medians over a fixed set of coordinates.
+    """
+
+    def __init__(self, system: ReducedSystem, params: Sequence[float]):
+        self._at, self._n = lambda q: tuple(m.full() for m in _matrices(system)(q, params)), len(system.mechanism.coordinates)
+        ranges = [_range(system, quantity) for quantity in system.mechanism.coordinates]
+        some = np.random.default_rng(0).uniform(-1, 1, (TYPICAL, len(ranges))) * ranges
+        rates, reached = zip(*((_rates(S), _reached(SE)) for S, _, SE in map(self._at, some)), strict=True)
+        typical = np.median(rates, axis=0)
+        self._largest = np.where(typical > 0, LARGEST * typical, np.inf)
+        self._least = REGULAR * np.median(reached)
+
+    def moves(self, state: np.ndarray) -> bool:
+        """Whether S and S'MS are regular."""
+        S, mass, _ = self._at(state[: self._n])
+        finite = np.isfinite(S).all() and np.isfinite(mass).all()
+        return bool(finite and np.all(_rates(S) <= self._largest) and smallest_eigenvalue(mass) > HEAVY)
+
+    def driven(self, state: np.ndarray) -> bool:
+        """Whether the inputs reach every quasi-velocity: S'E has full rank."""
+        return _reached(self._at(state[: self._n])[2]) >= self._least
 
 
 def _values(quantities: Sequence[Quantity], random: np.random.Generator) -> tuple[float, ...]:
@@ -116,22 +146,25 @@ def _state(law: ControlLaw, config: Sequence[float], random: np.random.Generator
     return state
 
 
+def _special(quantities: Sequence[Quantity], state: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """Return the state with some or all entries zero, and some angles at whole quarter turns."""
+    zero, quarter = random.random((2, len(state))) < random.uniform(0.2, 1.2, 2)[:, None]
+    turned = np.where([quantity.unit == "rad" for quantity in quantities] & quarter, QUARTER * np.round(state / QUARTER), state)
+    return np.where(zero, 0.0, turned)
+
+
 def _uniform(system: ReducedSystem, quantities: Sequence[Quantity], random: np.random.Generator) -> np.ndarray:
     return np.array([random.uniform(-1, 1) * _range(system, quantity) for quantity in quantities])
-
-
-def _largest_rates(system: ReducedSystem, params: Sequence[float]) -> np.ndarray:
-    """Return the largest norm allowed for each row of S, (n,), from the median over a fixed set of coordinates."""
-    ranges = [_range(system, quantity) for quantity in system.mechanism.coordinates]
-    some = np.random.default_rng(0).uniform(-1, 1, (TYPICAL, len(ranges))) * ranges
-    each = np.hsplit(_null_space(system)(some.T, params).full(), TYPICAL)
-    typical = np.median([_rates(S) for S in each], axis=0)
-    return np.where(typical > 0, LARGEST * typical, np.inf)
 
 
 def _rates(S: np.ndarray) -> np.ndarray:
     """Return the largest rate of each coordinate for quasi-velocities of size 1, (n,)."""
     return np.linalg.norm(S, axis=1)
+
+
+def _reached(SE: np.ndarray) -> float:
+    """Return the smallest singular value of S'E; 0 if an entry is not finite."""
+    return float(np.linalg.svd(SE, compute_uv=False)[-1]) if np.isfinite(SE).all() else 0.0
 
 
 def as_held(values: Sequence[float] | np.ndarray, scalar: str) -> np.ndarray:
@@ -140,15 +173,10 @@ def as_held(values: Sequence[float] | np.ndarray, scalar: str) -> np.ndarray:
 
 
 @cache
-def _null_space(system: ReducedSystem) -> ca.Function:
-    """Return the function (q, parameters) to S."""
-    return ca.Function("null_space", [system.mechanism.q, system.mechanism.p], [ca.densify(system.S)])
-
-
-@cache
-def _mass(system: ReducedSystem) -> ca.Function:
-    """Return the function (q, parameters) to S'MS."""
-    return ca.Function("mass", [system.mechanism.q, system.mechanism.p], [ca.densify(system.Mbar)])
+def _matrices(system: ReducedSystem) -> ca.Function:
+    """Return the function (q, parameters) to S, S'MS and S'E."""
+    matrices = [ca.densify(matrix) for matrix in (system.S, system.Mbar, system.input_map)]
+    return ca.Function("matrices", [system.mechanism.q, system.mechanism.p], matrices)
 
 
 def _range(system: ReducedSystem, quantity: Quantity) -> float:
