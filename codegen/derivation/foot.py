@@ -34,7 +34,7 @@ def has_foot_form(law: ControlLaw) -> bool:
     cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
     motion = [cosine * x_rate + sine * y_rate, cosine * y_rate - sine * x_rate, turning]
     others = [row.expression for row in law.output.rows if row.through is None]
-    dynamics = ca.vertcat(ca.vec(inner.Mbar), inner.bias, ca.vec(inner.input_map), inner.wanted, *others, *motion)
+    dynamics = ca.vertcat(ca.vec(inner.Mbar), inner.bias, ca.vec(inner.input_map), inner.preferred, *others, *motion)
     return not ca.depends_on(canonical(dynamics), place)
 
 

@@ -362,7 +362,7 @@ class _Feedback:
     """Both feedbacks in w: u = Phi^-1 (v - residual) - rest - damping, tau = K u + bias (12), (20).
 
     `damping` is the part of the outer loop that has been taken past the inverse, see _damped_alone. With more inputs than
-    n-m, K u + bias is what S'E (tau - wanted) must be, and is shared out last: that takes less than the r rows of (S'E)^+.
+    n-m, K u + bias is what S'E (tau - preferred) must be, and is shared out last: that takes less than the r rows of (S'E)^+.
     """
 
     def __init__(self, stages: Stages, inner: ReducedSystem, rows: list[_Row]):
@@ -373,7 +373,7 @@ class _Feedback:
         self.residual = ca.vertcat(*[self._residual(row) for row in rows])
         self.K, self.bias = stages.exact(inner.Mbar), stages.exact(inner.bias)
         if inner.redundant:
-            self.bias -= inner.input_map @ inner.wanted
+            self.bias -= inner.input_map @ inner.preferred
             self.spread = stages.exact(inner.spread())
             self.square = stages.inverse(_symbols(stages, "square", stages.exact(inner.input_map @ self.spread)))
         else:
@@ -389,7 +389,7 @@ class _Feedback:
         rest = self.bias - self.K @ (self.rest + damping)
         if self.inner.freedom <= MONOMIALS:
             rest = _by_monomials(self.stages, rest, self.inner.nu)
-        return self.inner.wanted + self._shared(self.K @ self._solved(v) + rest)
+        return self.inner.preferred + self._shared(self.K @ self._solved(v) + rest)
 
     def slope(self, row: int) -> ca.SX:
         """Derivative of tau by the demand of a row."""
