@@ -1,6 +1,7 @@
 """The command line itself: help, errors in one line, exit codes."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -18,10 +19,18 @@ RUN = [sys.executable, "-c", "import sys; from noslip.cli.main import main; sys.
 CASES = os.path.join(os.path.dirname(__file__), "reference", "labmate_paper.json")
 
 
-def test_alone_prints_help(capsys):
-    assert main([]) == 0
+def test_help_lists_the_commands(capsys):
+    assert main(["--help"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("usage: noslip") and all(command in out for command in COMMANDS)
+
+
+def test_alone_says_how_to_begin(capsys):
+    """Every command that it names exists."""
+    assert main([]) == 2
+    said = capsys.readouterr().err
+    named = re.findall(r"^  noslip (\S+)", said, re.MULTILINE)
+    assert len(named) > 2 and set(named) <= {*COMMANDS, "--help"}
 
 
 def test_version(capsys):
@@ -39,7 +48,6 @@ def test_help_has_an_example(command, capsys):
 @pytest.mark.parametrize(
     "argv",
     [
-        ["evaluat"],
         ["--backend"],
         ["evaluate"],
         ["evaluate", "a", "b"],
@@ -49,6 +57,13 @@ def test_help_has_an_example(command, capsys):
 )
 def test_wrong_command_line(argv, bad_input):
     assert "see noslip" in bad_input(argv)
+
+
+@pytest.mark.parametrize(
+    ("argv", "nearest"), [(["evaluat"], "evaluate"), (["simulate", "line", "--plto", "x.png", "-o", "x.csv"], "--plot")]
+)
+def test_the_nearest_name_is_suggested(argv, nearest, bad_input):
+    assert f"did you mean {nearest!r}?" in bad_input(argv)
 
 
 @pytest.mark.parametrize("command", ["evaluate", "check"])

@@ -554,7 +554,7 @@ def test_powers(exponent):
     value = mpmath.mpf("1.37")
     (ours,) = evaluate([node], lambda _: value)
     assert abs(ours - value ** mpmath.mpf(exponent)) <= EXACT * ours
-    assert ("pow" in {each.operation for each in reachable([node])}) == (2 * exponent % 1 != 0)
+    assert ("pow" in {getattr(each, "operation", "") for each in reachable([node])}) == (2 * exponent % 1 != 0)
 
 
 def test_tangent():

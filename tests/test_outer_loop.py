@@ -27,11 +27,13 @@ from noslip.simulation.guidance import ShortWay
 from noslip.simulation.loop import Loop, make_loop
 from noslip.simulation.specification.spec import Initial, OutputSection, Reference, Simulation, Spec, read_spec
 from noslip.simulation.specification.spec import PathSection as Curve
+from noslip.simulation.specification.vary import read_varied
 from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, need, run
 from scipy.linalg import expm
 
 ROOT = Path(noslip.__file__).parent
-LINE, CIRCLE = (read_spec(ROOT / "specs" / f"{name}.toml") for name in ("line", "circle"))
+BESIDE_THE_LINE = {"initial": {"point": [0.0, 2.0], "heading": math.pi / 2, "speed": 0.0}}
+LINE, CIRCLE = read_varied(ROOT / "specs/line.toml", BESIDE_THE_LINE), read_spec(ROOT / "specs/circle.toml")
 DOUBLED = {"m_c": 60.0, "m_w": 2.0}
 EXACT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12}
 NAN, INF = math.nan, math.inf
