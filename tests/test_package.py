@@ -91,6 +91,22 @@ def test_readme_firmware(cc, exported, tmp_path):
     assert all(0 < abs(torque) < 20 for torque in first)
 
 
+def test_readme_names_the_files_to_compile(tmp_path):
+    """The command as printed, in a folder that has what it names."""
+    (tmp_path / "main.c").write_text(block("c"))
+    (tmp_path / "board.c").write_text('#include "labmate_type_iv_circle_f.h"\n' + BOARD)
+    for name in ("generated", "runtime_c"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    run(["sh", "-ec", block("sh")], cwd=tmp_path)
+    assert len(run([tmp_path / "vehicle"]).splitlines()) == 3
+
+
+def test_citation():
+    """The version in CITATION.cff and in README's BibTeX is that of the package."""
+    assert f"\nversion: {noslip.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    assert f"  version = {{{noslip.__version__}}}\n" in (ROOT / "README.md").read_text()
+
+
 ROLLING_BOARD = """
 #include <stdio.h>
 #include <stdlib.h>
