@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import venv
 from pathlib import Path
@@ -361,6 +362,16 @@ def test_wheel_holds_the_packages(wheel):
     inside = {name.rpartition("/")[0].replace("/", ".") for name in names if name.startswith("noslip/")}
     assert inside == packages  # no tests, generated C, benchmarks, pages
     assert any(name.endswith("LICENSE") for name in names)
+
+
+def test_sdist_holds_what_git_has(wheel):
+    (sdist,) = wheel.parent.glob("noslip-*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip("no git here")
+    assert not set(listed.stdout.splitlines()) - names
 
 
 COMMANDS = """
