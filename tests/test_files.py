@@ -174,7 +174,7 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path):
     write_folder(folder, {"x": MARK + "2", "y/z": b"1"}, stale=["w"])
     assert contents(folder) == {"x": (MARK + "2").encode(), "y/z": b"1"}
     (folder / "mine").write_text("mine")
-    with pytest.raises(BadInput, match="mine exists and was not made by noslip"):
+    with pytest.raises(BadInput, match="mine exists and was not written by noslip"):
         write_folder(folder, {"x": MARK + "3", "mine": MARK})
     assert contents(folder)["x"] == (MARK + "2").encode() and contents(folder)["mine"] == b"mine"
     (folder / "link").symlink_to(folder / "x")
@@ -207,7 +207,7 @@ def test_pictures_of_others_are_not_overwritten(sweep, tmp_path, capsys):
     folder.mkdir()
     (folder / "cloud.png").write_bytes(b"\x89PNG mine")
     assert main(command) == 2
-    assert "cloud.png exists and was not made by noslip" in capsys.readouterr().err
+    assert "cloud.png exists and was not written by noslip" in capsys.readouterr().err
     assert contents(folder) == {"cloud.png": b"\x89PNG mine"}
     (folder / "cloud.png").unlink()
     assert main(command) == 0
