@@ -400,7 +400,7 @@ def test_installed_wheel(installed, tmp_path):
     """generate, then in one process export, evaluate and check from an empty folder."""
     cases, env = tmp_path / "cases.json", {**os.environ, "NOSLIP_CACHE": str(tmp_path / "cache")}
     env.pop("PYTHONPATH", None)
-    whole = json.loads((ROOT / "tests" / "reference" / "labmate_paper.json").read_text())
+    whole = json.loads((ROOT / "specs" / "reference" / "labmate_paper.json").read_text())
     cases.write_text(json.dumps({**whole, "cases": whole["cases"][:4:3]}))  # Type I, and IV on a line
     empty = tmp_path / "empty"
     empty.mkdir()
