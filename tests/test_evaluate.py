@@ -21,7 +21,7 @@ from noslip.verification.evaluate import evaluate_cases
 from noslip.verification.sampling import random_plants
 from scipy.optimize import brentq
 
-REFERENCE = Path(__file__).parent / "reference"
+REFERENCE = Path(__file__).parents[1] / "specs" / "reference"
 FILES = ("labmate_paper.json", "labmate_random.json")
 WORST = {"casadi": 1e-12, "c": 1e-11, "cf": 1e-4}  # of each quantity's largest entry
 MEDIAN = {"casadi": 1e-14, "c": 1e-14, "cf": 2e-6}

@@ -185,7 +185,7 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path):
 def test_what_is_read_is_not_overwritten(tmp_path, bad_input):
     spec, cases, points = tmp_path / "s.toml", tmp_path / "c.json", tmp_path / "p.csv"
     spec.write_text(SPEC)
-    shutil.copy(ROOT / "tests/reference/labmate_paper.json", cases)
+    shutil.copy(ROOT / "specs/reference/labmate_paper.json", cases)
     points.write_text("0,0\n1,0\n2,1\n")
     (tmp_path / "link").symlink_to("s.toml")
     before = contents(tmp_path)
@@ -324,7 +324,7 @@ def test_without_a_home_there_is_one_line(tmp_path):
     """Where no folder is known, and where it cannot be made."""
     environment = {k: v for k, v in os.environ.items() if k not in ("HOME", "NOSLIP_CACHE", "XDG_CACHE_HOME")}
     code = f"import pathlib; pathlib.Path.home = lambda: (_ for _ in ()).throw(RuntimeError('no home')); {RUN[2]}"
-    cases = str(ROOT / "tests/reference/labmate_paper.json")
+    cases = str(ROOT / "specs/reference/labmate_paper.json")
     done = subprocess.run([RUN[0], "-c", code, "evaluate", cases], env=environment, capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.startswith("noslip: there is no home folder") and done.stderr.count("\n") == 1
 
