@@ -6,7 +6,7 @@ from ..controllers.controller import BACKENDS, ON_TARGET
 from ..readers.files import check_targets
 
 EXAMPLE = """example:
-  noslip evaluate tests/reference/labmate_paper.json --backend c -o out.json"""
+  noslip evaluate labmate_paper --backend c -o out.json"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:

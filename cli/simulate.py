@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..simulation.specification.spec import Spec
 
 EXAMPLE = """example:
-  noslip simulate specs/line.toml -o run.csv --plot run.png"""
+  noslip simulate line -o run.csv --plot run.png"""
 
 
 class RunProgress:
