@@ -305,6 +305,6 @@ def _moving_json(form: NormalForm, moving: StraightMotion) -> dict[str, Any]:
         "rate": None if moving.rate is None else written(moving.rate),
         "shape": {each.name: written(sp.Symbol("V") * each.rate) for each in moving.shape.followers},
         "not_examined": [] if moving.shape.decided else list(moving.shape.names),
-        "lever": None if moving.lever is None else written(moving.lever),
-        "lever_default": None if moving.lever is None else form.decoupling.at_defaults(moving.lever),
+        "lever": None if moving.lookahead is None else written(moving.lookahead),
+        "lever_default": None if moving.lookahead is None else form.decoupling.at_defaults(moving.lookahead),
     }

@@ -187,9 +187,9 @@ def _faults(segments: Sequence[Segment], options: TrackerOptions) -> Iterator[tu
         yield "options", -1, 0.0
     if not segments:
         yield "empty", -1, 0.0
-    levers = [L + options.ahead for L in options.L]
+    lookaheads = [L + options.ahead for L in options.L]
     for k, segment in enumerate(segments):
-        yield from ((kind, k, size) for kind, size in _segment_faults(segment, options, levers[segment.backward]))
+        yield from ((kind, k, size) for kind, size in _segment_faults(segment, options, lookaheads[segment.backward]))
         if k:
             yield from ((kind, k, size) for kind, size in _join_faults(segments[k - 1], segment, options))
     if options.closed:
@@ -198,12 +198,12 @@ def _faults(segments: Sequence[Segment], options: TrackerOptions) -> Iterator[tu
         first, *others = _runs(segments, options.closed)
         after_cusps = [*others, first] if options.closed and others else others
         for run in sorted(after_cusps, key=lambda run: (run[0] - 1) % len(segments)):
-            missing = levers[0] - levers[1] - sum(segments[k].length for k in run)
+            missing = lookaheads[0] - lookaheads[1] - sum(segments[k].length for k in run)
             if missing >= 0:
                 yield "short", run[0], missing
 
 
-def _segment_faults(segment: Segment, options: TrackerOptions, lever: float) -> Iterator[tuple[str, float]]:
+def _segment_faults(segment: Segment, options: TrackerOptions, lookahead: float) -> Iterator[tuple[str, float]]:
     if not all(map(math.isfinite, (segment.x, segment.y, segment.heading, segment.curvature, segment.length))):
         yield "nonfinite", 0.0
     turned = segment.curvature * segment.length
@@ -214,13 +214,13 @@ def _segment_faults(segment: Segment, options: TrackerOptions, lever: float) -> 
         yield "length", segment.length
     if segment.backward and options.reversing == "refuse":
         yield "reversing", 0.0
-    ahead_in_travel = -lever if segment.backward else lever
+    ahead_in_travel = -lookahead if segment.backward else lookahead
     if ahead_in_travel <= 0:
-        yield "lever", lever
+        yield "lever", lookahead
     if segment.curvature:
         left_in_travel = -options.W if segment.backward else options.W
         outward = -left_in_travel if segment.curvature > 0 else left_in_travel
-        radius, least = 1 / abs(segment.curvature), math.hypot(lever, max(0.0, outward))
+        radius, least = 1 / abs(segment.curvature), math.hypot(lookahead, max(0.0, outward))
         if radius <= least:
             yield "tight", least - radius
 

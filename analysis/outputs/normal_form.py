@@ -36,7 +36,7 @@ class StraightMotion:
     """The zero dynamics while the reference moves at the speed V: the equation, and the steady state if it is stable.
 
     `stable_when` is empty if it is never stable; it applies to the heading and all of `shape`, or to the heading alone if the
-    shape is unknown. `rate`, 1/s, is that of the linearized heading; the sign of `lever` (m) determines the stability of the
+    shape is unknown. `rate`, 1/s, is that of the linearized heading; the sign of `lookahead` (m) determines the stability of the
     heading.
     """
 
@@ -45,7 +45,7 @@ class StraightMotion:
     settles: str
     stable_when: str = ""
     rate: sp.Expr | None = None
-    lever: sp.Expr | None = None
+    lookahead: sp.Expr | None = None
     shape: Shape = Shape((), ())
 
     def __str__(self) -> str:
@@ -194,16 +194,16 @@ def _along_a_path(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Stra
     if not followed or speed is None or made.slopes[followed[0].row] is not None:
         return ()
     arm, V = followed[0].arm, sp.Symbol("V")
-    lever, rate, chi = _factor(arm.ahead), -V / arm.ahead, made.normal.chi
+    lookahead, rate, chi = _factor(arm.ahead), -V / arm.ahead, made.normal.chi
     stable_when = _stable_when(shape, V, arm.ahead)
     if arm.left:
         reference, settles = "V along a straight path", "the heading is along it"
         equation = f"small deviations of the heading change at the rate {written(rate)}"
     else:
         reference = "V along a path of small curvature" if shape.followers and chi != 0 else "V along the path"
-        equation = f"{lever}*s' = -V*(s - {lever}*chi)"
+        equation = f"{lookahead}*s' = -V*(s - {lookahead}*chi)"
         if chi is None:
-            settles = f"s follows {lever}*chi, and |s| < 1 while |{lever}*chi| < 1"
+            settles = f"s follows {lookahead}*chi, and |s| < 1 while |{lookahead}*chi| < 1"
         elif not chi:
             settles = "s -> 0 (chi = 0)"
         else:
@@ -244,12 +244,12 @@ def _heading_held(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Stra
     return (StraightMotion(f"{name} at V, heading held", equation, settles, shape=shape),)
 
 
-def _stable_when(shape: Shape, V: sp.Symbol, lever: sp.Expr) -> str:
-    """Return the condition that all rates of straight driving are negative: -V/lever and those of the shape. Empty: never."""
+def _stable_when(shape: Shape, V: sp.Symbol, lookahead: sp.Expr) -> str:
+    """Return the condition that all rates of straight driving are negative: -V/lookahead and those of the shape. Empty: never."""
     ways = {each.way for each in shape.followers}
     if not ways:
-        return f"{written(V * lever)} > 0"
-    return "" if len(ways) > 1 else " and ".join(f"{written(e)} {'>' if ways == {1} else '<'} 0" for e in (V, lever))
+        return f"{written(V * lookahead)} > 0"
+    return "" if len(ways) > 1 else " and ".join(f"{written(e)} {'>' if ways == {1} else '<'} 0" for e in (V, lookahead))
 
 
 def _losing(names: Sequence[str]) -> str:

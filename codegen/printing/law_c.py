@@ -32,7 +32,7 @@ class LawC(ProgramC[Program]):
         super().__init__(program, self.law.system, self.law.name, scalar, banner)
         self.title = f"{self.law.output.about}, {self.robot}"
 
-    def answered(self, entry: Entry) -> list[Result]:
+    def returned(self, entry: Entry) -> list[Result]:
         """Return the quantities of the law that an entry point returns."""
         return list(self.program.entries[entry].quantities)
 
@@ -55,7 +55,7 @@ class LawC(ProgramC[Program]):
             struct(
                 self.evaluation_type,
                 "All quantities of the law at one state.",
-                [(f"{real} {q.in_c}{self.shape(EVALUATE, q)};", self._meaning(q)) for q in self.answered(EVALUATE)],
+                [(f"{real} {q.in_c}{self.shape(EVALUATE, q)};", self._meaning(q)) for q in self.returned(EVALUATE)],
             ),
             struct(
                 self.type,
@@ -110,7 +110,7 @@ class LawC(ProgramC[Program]):
         return self._about(entry) + "\n" + "\n".join(fill(self.signature(entry) + ";", ""))
 
     def _about(self, entry: Entry) -> str:
-        answers = [f"{q.in_c}{self.shape(entry, q)}: {self._meaning(q)}" for q in self.answered(entry) if not entry.whole]
+        answers = [f"{q.in_c}{self.shape(entry, q)}: {self._meaning(q)}" for q in self.returned(entry) if not entry.whole]
         demand = ", ".join(f"{q.name} ({q.unit})" for q in self.law.demand)
         wanted = [f"v[{len(self.law.demand)}]: {demand}"] if entry.takes is Group.DEMAND else []
         return comment([entry.about + ".", *wanted, *answers, *self._read(entry), self.cost(entry)])
@@ -430,7 +430,7 @@ class LawC(ProgramC[Program]):
         if entry.whole:
             declared["all"] = f"{self.evaluation_type} *all"
         else:
-            (quantity,) = self.answered(entry)
+            (quantity,) = self.returned(entry)
             declared[quantity.in_c] = f"{real} {quantity.in_c}{self.shape(entry, quantity)}"
         return declared
 

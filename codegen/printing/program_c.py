@@ -70,7 +70,7 @@ class ProgramC(ABC, Generic[AnyProgram]):
     def array(self, leaf: Leaf) -> tuple[str, Sequence[Quantity]] | None:
         """Return name and members of the array that contains the leaf; None if it is in a struct."""
 
-    def answered(self, entry: Entry) -> Sequence[Result]:
+    def returned(self, entry: Entry) -> Sequence[Result]:
         """Return the quantities that an entry point returns."""
         return entry.answers
 
@@ -107,7 +107,7 @@ class ProgramC(ABC, Generic[AnyProgram]):
     def pieces(self, entry: Entry) -> list[tuple[str, str, int]]:
         """Return the result arrays of an entry point, the local one and the caller's, with their lengths; matrices by rows."""
         pieces = []
-        for quantity in self.answered(entry):
+        for quantity in self.returned(entry):
             place = self.place(entry, quantity)
             made = place if entry.whole else self.local.format(quantity)
             first, *second = map(int, self.shape(entry, quantity)[1:-1].split("]["))
