@@ -1,4 +1,4 @@
-"""Everything that `noslip analyse` answers about a system, and the same as JSON."""
+"""The complete result of `noslip analyse` for a system, also as JSON."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +30,7 @@ from .outputs.normal_form import NormalForm, StraightMotion, normal_form
 
 Contact = RollingContact | PlanarContact
 System = Mechanism | Kinematics | Contact
-ROLLING_BRACKETS = {  # that fill the space, by the dimension of Delta, without spin and with it
+ROLLING_BRACKETS = {  # brackets that span the space, by the dimension of Delta, without spin and with it
     2: (("s1", "s2"), ("[s1,s2]",), ("[s1,[s1,s2]]", "[s2,[s1,s2]]")),
     3: (("s1", "s2", "s3"), ("[s1,s3]", "[s2,s3]")),
 }
@@ -41,7 +41,7 @@ NO_INPUTS = "kinematics alone have no inputs, so nothing can be controlled"
 class Constraints:
     """n coordinates, m constraints, k of them holonomic. `levels`: the brackets that each step adds; `notes` by title.
 
-    `json`: the documented keys, and more. `S` and the `proof` of the growth are not given for every rolling contact.
+    `json`: the documented keys and further ones. Some rolling contacts have no `S` and no `proof` of the growth.
     """
 
     n: int
@@ -54,12 +54,12 @@ class Constraints:
     json: dict[str, Any]
     S: sp.Matrix | None = None
     proof: tuple[str, ...] = ()
-    controlled: str = ""  # the system that the checks are about
+    controlled: str = ""  # the system to which the checks apply
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """`outputs` by law; `refused`: why a law is none of this system's; `no_outputs`: why there is none; `starts` by file."""
+    """`outputs` by law; `refused`: reason by law that does not apply; `no_outputs`: why there is none; `starts` by file."""
 
     name: str
     about: str
@@ -72,7 +72,7 @@ class Answer:
 
     @property
     def refused_by_reason(self) -> dict[str, list[str]]:
-        """Reason -> the laws that are refused for it."""
+        """Reason -> the laws that are rejected for it."""
         found: dict[str, list[str]] = {}
         for law, reason in self.refused.items():
             found.setdefault(reason, []).append(law)
@@ -80,7 +80,7 @@ class Answer:
 
     @property
     def fails(self) -> bool:
-        """Is a start not proved to be safe?"""
+        """Whether some start is not proved to be safe."""
         return any(verdict.kind != SAFE for verdict in self.starts.values())
 
 
@@ -92,8 +92,8 @@ def analyse(
     table: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Answer:
-    """Analyse a system with these of its laws, or all, and the starts in these files; `uncertainty` as for `start_verdict`;
-    `table`: find the safe offsets of each start too; `progress` as `safe_offsets` calls it.
+    """Analyse a system with the given laws, or all, and the starts in the given files; `uncertainty` as for `start_verdict`;
+    `table`: also compute the safe offsets of each start; `progress` as for `safe_offsets`.
 
     Raises ModelError and BadInput for what cannot be analysed, for a named law that is none of the system's, and for files that
     are no SPEC of it.
@@ -110,9 +110,9 @@ def analyse(
 
 
 def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float = 0.0) -> Verdict:
-    """Whether the start of a SPEC of this robot stays away from the singular set; nothing is compiled for it.
+    """Return whether the start of a SPEC of this robot avoids the singular set; nothing is compiled.
 
-    `uncertainty`: relative, of the robot's parameters by name, or of all of them. Raises BadInput for a file that is no SPEC
+    `uncertainty`: relative, of the robot's parameters by name, or one for all. Raises BadInput for a file that is no SPEC
     of it.
     """
     spec = read_varied(file, {"simulation.backend": "casadi"})
@@ -128,9 +128,9 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
 def start_offsets(
     file: str, uncertainty: Mapping[str, float] | float = 0.0, progress: Callable[[int, int], None] | None = None
 ) -> Offsets:
-    """The table of safe offsets of a SPEC; `progress` as `safe_offsets` calls it.
+    """Return the table of safe offsets of a SPEC; `progress` as for `safe_offsets`.
 
-    Raises BadInput for a file that is no SPEC, or has a path without a table.
+    Raises BadInput for a file that is not a SPEC, and for a path without such a table.
     """
     spec = read_varied(file, {"simulation.backend": "casadi"})
     try:
@@ -140,7 +140,7 @@ def start_offsets(
 
 
 def as_json(answer: Answer) -> dict[str, Any]:
-    """The documented keys, and more."""
+    """Return the documented keys and further ones."""
     return {
         **answer.constraints.json,
         "outputs": {law: _output_json(form) for law, form in answer.outputs.items()},
@@ -159,12 +159,12 @@ def _verdict_json(verdict: Verdict) -> dict[str, Any]:
 
 
 def singular_when(form: NormalForm) -> list[str]:
-    """Where Phi is singular: a condition each; empty where it never is."""
+    """Return the conditions under which Phi is singular, one per component; empty if it never is."""
     return [f"{c}{'' if c.confirmed else ' [not tried at a point]'}" for c in form.decoupling.conditions]
 
 
 def driven_straight(answer: Answer) -> list[str]:
-    """How what follows the vehicle beside its heading does so, the same for all outputs; empty where nothing does."""
+    """Describe the motion of trailers and other joints, the same for all outputs; empty if there are none."""
     shape = next((form.shape for form in answer.outputs.values() if form.moving and form.shape.names), None)
     if shape is None:
         return []
@@ -173,9 +173,9 @@ def driven_straight(answer: Answer) -> list[str]:
 
 
 def uncontrolled(form: NormalForm) -> str:
-    """The coordinates that are not controlled, the zero dynamics and their stability, in a line.
+    """Return the coordinates that are not controlled, the zero dynamics and their stability, in a line.
 
-    Where no choice of coordinates serves everywhere there are two, such as y where a line is not parallel to the x axis, else x.
+    If no choice of coordinates is valid everywhere, there are two, such as y where a line is not parallel to the x axis, else x.
     """
     first, *others = form.charts
     kept = ", ".join(form.T[2])
@@ -202,7 +202,7 @@ def _of_distribution(system: Mechanism | Kinematics) -> Constraints:
 
 
 def _of_contact(contact: Contact) -> Constraints:
-    """As any distribution; where metrics have roots, by the structure equations alone, which serve any two surfaces."""
+    """Analyse as any distribution; if metrics have roots, by the structure equations only, which hold for any two surfaces."""
     found, kinematics = rolling_growth(contact), contact.kinematics()
     rough = bool(distribution(kinematics).functions.roots)
     made = _by_structure_equations(kinematics, found) if rough else _of_distribution(kinematics)
@@ -230,7 +230,7 @@ def _by_structure_equations(system: Kinematics, found: RollingGrowth) -> Constra
 
 
 def _outputs(system: System, laws: Sequence[str]) -> tuple[dict[str, NormalForm], dict[str, str], str]:
-    """Laws with their normal forms, those refused with the reason, and why there is none at all."""
+    """Return laws with their normal forms, rejected laws with the reason, and the reason if there is none."""
     if not isinstance(system, Mechanism):
         if laws:
             raise BadInput(f"{system.name}: {NO_INPUTS}; leave --output out")
@@ -259,7 +259,7 @@ def _form(system: ReducedSystem, law: str) -> NormalForm:
 
 
 def _reason(error: ModelError, system: Mechanism) -> str:
-    """What an error says, without the place in a user's file, the robot's name and the law's."""
+    """Return an error message without the place in a user's file and the names of robot and law."""
     said = error.__cause__ if isinstance(error.__cause__, ModelError) else error
     message = str(said).removeprefix(system.name).removeprefix(": ").removeprefix(", output ")
     law, colon, rest = message.partition(": ")
@@ -292,7 +292,7 @@ def _output_json(form: NormalForm) -> dict[str, Any]:
 
 
 def _driven_straight(form: NormalForm) -> list[str]:
-    """What the lines of `moving` do not say already."""
+    """Return what the lines of `moving` do not contain."""
     return form.shape.lines() if form.moving and form.shape.decided else []
 
 

@@ -24,9 +24,9 @@ def simulate(spec: Spec, backend: str | None = None, progress: Callable[[float],
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
     loop = make_loop(spec)
-    march = sampled if spec.simulation.period else continuous
+    integrate = sampled if spec.simulation.period else continuous
     rows = []
-    for row in march(loop, spec.simulation):
+    for row in integrate(loop, spec.simulation):
         rows.append(row)
         if progress:
             progress(row.t)

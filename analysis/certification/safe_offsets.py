@@ -1,4 +1,4 @@
-"""How far beside its path may a vehicle start? The largest offset that is proved to be safe, by speed and heading."""
+"""The largest offset from the path from which a start is proved to be safe, by speed and heading."""
 
 import itertools
 import math
@@ -14,7 +14,7 @@ from .safety import check_uncertainty
 
 SPEEDS = (0.0, 0.5, 1.0)  # of the desired speed
 HEADINGS = (-45.0, 0.0, 45.0)  # degrees, from the direction of travel
-FIRST, MOST, HALVINGS = 0.5, 8.0, 3  # m: the first offset tried, the largest; it is doubled, then halved between
+FIRST, MOST, HALVINGS = 0.5, 8.0, 3  # m: first and largest offset tried; it is doubled, then bisected
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Offsets:
     offsets: tuple[tuple[float | None, ...], ...]
 
     def lines(self) -> list[str]:
-        """As a table."""
+        """Return the table as text."""
         head = "speed m/s".rjust(10) + "".join(f"{math.degrees(heading):9.0f} deg" for heading in self.headings)
         rows = []
         for speed, offsets in zip(self.speeds, self.offsets, strict=True):
@@ -46,9 +46,9 @@ def safe_offsets(
 ) -> Offsets:
     """Of the loop of a SPEC whose path is a line, a circle or an arc; `speeds` in m/s, `headings` in rad, else some of each.
 
-    `progress` is called after each entry of the table with the number of entries that are done and of all.
+    `progress` is called after each entry of the table with the number of finished entries and of all.
 
-    Raises BadInput for another path, and as `make_loop` does.
+    Raises BadInput for other paths, and as `make_loop` does.
     """
     loop = make_loop(spec)
     check_uncertainty(uncertainty, loop)
@@ -78,7 +78,7 @@ def safe_offsets(
     def _safe(offset: float, speed: float, heading: float) -> bool:
         try:
             found = Certificate(enclosed.started(*beside(offset, speed, heading)), spec.simulation, known).run()
-        except BadInput:  # a start that is singular
+        except BadInput:  # the start is singular
             return False
         return not found.lost
 
@@ -92,7 +92,7 @@ def safe_offsets(
 
 
 def _largest(safe) -> float | None:
-    """The largest offset found with which, and with all smaller ones tried, `safe` holds."""
+    """Return the largest offset tried for which, and for all smaller ones tried, `safe` holds."""
     if not safe(0.0):
         return None
     good, bad = 0.0, FIRST
