@@ -44,19 +44,22 @@ class Margin:
 
 
 _PAIR = {"type": "array", "items": number().schema(), "minItems": 2, "maxItems": 2}
-_BOUNDED = [
-    {"type": "object", "properties": {kind: _PAIR, "within": _PAIR}, "required": [kind], "additionalProperties": False}
-    if kind == "normal"
-    else {"type": "object", "properties": {kind: _PAIR}, "required": [kind], "additionalProperties": False}
+_OF_KIND = [
+    {
+        "type": "object",
+        "properties": dict.fromkeys((kind, "within") if kind == "normal" else (kind,), _PAIR),
+        "required": [kind],
+        "additionalProperties": False,
+    }
     for kind in KINDS
 ]
 DEFINITIONS["distribution"] = {
     "anyOf": [
-        *_BOUNDED,
+        *_OF_KIND,
         {"type": "array", "items": {"anyOf": [*number().schema()["anyOf"], ref("distribution")]}},
         {
             "type": "object",
-            "properties": {name: False for name in (*KINDS, "within")},
+            "properties": dict.fromkeys((*KINDS, "within"), False),
             "additionalProperties": ref("distribution"),
         },
     ]

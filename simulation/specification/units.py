@@ -19,8 +19,9 @@ def check_units(spec: Spec, law: ControlLaw) -> None:
 
     Unknown names are left to the checks of names.
     """
-    known = _units(spec, law)
-    for name, value in _measured(spec):
+    given = list(_measured(spec))
+    known = _units(spec, law) if given else {}
+    for name, value in given:
         for unit in known.get(name.removeprefix("sweep."), ()):
             check_unit(value, unit, name)
         if name.removeprefix("sweep.") not in known and not name.startswith(NAMED):
