@@ -3,6 +3,7 @@
 import argparse
 import errno
 import importlib
+import json
 import os
 import sys
 import traceback
@@ -47,6 +48,17 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Report an invalid command line and exit with code 2."""
         self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}; see {self.prog} --help\n")
+
+
+class PrintSchema(argparse.Action):
+    """An option that prints the JSON Schema of a command's input file, which `const` returns, and exits."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        """Print the schema and exit."""
+        assert callable(self.const)
+        print(json.dumps(self.const(), indent=1))
+        sys.stdout.flush()
+        parser.exit()
 
 
 def run(argv: list[str]) -> int:

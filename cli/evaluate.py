@@ -1,9 +1,11 @@
 """`noslip evaluate`: evaluates the quantities of a control law at given states."""
 
 import argparse
+from typing import Any
 
 from ..controllers.controller import BACKENDS, ON_TARGET
 from ..readers.files import check_targets
+from .commands import PrintSchema
 
 EXAMPLE = """example:
   noslip evaluate labmate_paper --backend c -o out.json"""
@@ -26,7 +28,16 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help="casadi; the generated C in double (c, the default) or float (cf); the float C on an emulated Cortex-M4F or RV32",
     )
     parser.add_argument("-o", dest="out", metavar="OUT.json", default="-", help="output file; - (the default) is standard output")
+    parser.add_argument(
+        "--schema", action=PrintSchema, nargs=0, const=_schema, help="print the JSON Schema of CASES.json and exit"
+    )
     parser.set_defaults(run=run)
+
+
+def _schema() -> dict[str, Any]:
+    from ..verification.cases import schema  # slow to import
+
+    return schema()
 
 
 def run(args: argparse.Namespace) -> int:

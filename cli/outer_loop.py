@@ -42,10 +42,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument("--output", metavar="LAW", help="name of the law, for example type_iv_circle")
     parser.add_argument("--spec", metavar="SPEC.toml", help="take path, reference, gains, parameters and plant from a SPEC")
     parser.add_argument(
-        "--L", type=quantity, metavar="M", help="distance of P_l ahead of the vehicle's point, m (default: from SPEC, else 0)"
+        "--L",
+        type=quantity("m"),
+        metavar="M",
+        help="distance of P_l ahead of the vehicle's point, m (default: from SPEC, else 0)",
     )
     parser.add_argument(
-        "--speed", type=quantity, metavar="V", help="speed of the steady motion, m/s (default: from SPEC, else 1)"
+        "--speed", type=quantity("m/s"), metavar="V", help="speed of the steady motion, m/s (default: from SPEC, else 1)"
     )
     design = parser.add_argument_group("design")
     for name, metavar, text in (
@@ -57,17 +60,16 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     ):
         design.add_argument(f"--{name}", metavar=metavar, action="append", default=[], help=text)
     design.add_argument("--integral", action="store_true", help="design integral action too")
+    plain = quantity("1")
     sampled = parser.add_argument_group("on a processor")
     sampled.add_argument(
-        "--period", type=quantity, metavar="S", help="sampling period with zero-order hold, s (default: continuous)"
+        "--period", type=quantity("s"), metavar="S", help="sampling period with zero-order hold, s (default: continuous)"
     )
     sampled.add_argument("--delay", action="store_true", help="apply the torque one period after the state was measured")
-    sampled.add_argument("--gain-margin", type=quantity, default=6.0, metavar="DB", help="required at the longest period (6)")
-    sampled.add_argument("--phase-margin", type=quantity, default=45.0, metavar="DEG", help="required at the longest period (45)")
-    sampled.add_argument("--peak", type=quantity, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)")
-    parser.add_argument(
-        "--wrong", type=quantity, default=0.2, metavar="PART", help="relative error of each parameter (0.2: 20 %%)"
-    )
+    sampled.add_argument("--gain-margin", type=plain, default=6.0, metavar="DB", help="required at the longest period (6)")
+    sampled.add_argument("--phase-margin", type=plain, default=45.0, metavar="DEG", help="required at the longest period (45)")
+    sampled.add_argument("--peak", type=plain, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)")
+    parser.add_argument("--wrong", type=plain, default=0.2, metavar="PART", help="relative error of each parameter (0.2: 20 %%)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--figures", metavar="DIR", help="write Bode, Nyquist, step and eigenvalue plots into a folder")
     parser.set_defaults(run=run)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, read_input, write_whole
-from ..readers.quantities import quantity
+from ..readers.quantities import Measured, quantity
+from ..readers.reading import number, point, pose
 
 if TYPE_CHECKING:
     from ..model.segments import Segment
@@ -38,9 +39,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     ):
         way = ways.add_parser(name, help=about, description=f"Plan {about} (x, y in m, heading of the vehicle).", epilog=EXAMPLE)
         way._negative_number_matcher = re.compile(r"-\.?\d")  # argparse of Python < 3.13 takes -1e-3 for an option
-        way.add_argument("--from", dest="start", nargs=3, type=quantity, metavar=("X", "Y", "HEADING"), required=True)
-        way.add_argument("--to", dest="goal", nargs=3, type=quantity, metavar=("X", "Y", "HEADING"), required=True)
-        way.add_argument("--radius", type=quantity, metavar="R", required=True, help="smallest turning radius, m")
+        way.add_argument("--from", dest="start", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True)
+        way.add_argument("--to", dest="goal", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True)
+        way.add_argument("--radius", type=quantity("m"), metavar="R", required=True, help="smallest turning radius, m")
         _add_common(way)
         way.set_defaults(way=name, plan=_between_poses)
     way = ways.add_parser(
@@ -50,9 +51,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         epilog=EXAMPLE,
     )
     way.add_argument("points", metavar="POINTS.csv", help="rows of x, y (m) and, optionally, heading; a header is allowed")
-    way.add_argument("--tolerance", type=quantity, metavar="M", required=True, help="largest distance from the curve, m")
+    way.add_argument("--tolerance", type=quantity("m"), metavar="M", required=True, help="largest distance from the curve, m")
     way.add_argument("--closed", action="store_true", help="return to the first waypoint")
-    way.add_argument("--min-radius", type=quantity, metavar="R", help="reject curves with a smaller radius, m")
+    way.add_argument("--min-radius", type=quantity("m"), metavar="R", help="reject curves with a smaller radius, m")
     _add_common(way)
     way.set_defaults(way="waypoints", plan=_through_waypoints)
 
@@ -92,10 +93,17 @@ def run(arguments: argparse.Namespace) -> int:
 def _between_poses(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
     from ..planning import dubins, reeds_shepp  # slow to import
 
-    unit = math.pi / 180 if arguments.degrees else 1.0
     plan = dubins if arguments.way == "dubins" else reeds_shepp
-    (x, y, heading), (to_x, to_y, to_heading) = arguments.start, arguments.goal
-    return plan((x, y, heading * unit), (to_x, to_y, to_heading * unit), arguments.radius), []
+    start, goal = (_pose(*given, arguments.degrees) for given in ((arguments.start, "--from"), (arguments.goal, "--to")))
+    return plan(start, goal, arguments.radius), []
+
+
+def _pose(given: list[float], option: str, degrees: bool) -> tuple[float, ...]:
+    """Return a pose, m and rad. Raises BadInput for a wrong unit, or a heading of more than a turn in rad."""
+    x, y, heading = given
+    if degrees and not isinstance(heading, Measured):
+        return (*point([x, y], option), number()(math.radians(heading), f"{option}[2]"))
+    return pose(given, option)
 
 
 def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:

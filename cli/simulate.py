@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, write_whole
+from .commands import PrintSchema
 
 if TYPE_CHECKING:
     from ..simulation.run import Run
@@ -57,13 +58,22 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="change an entry of the SPEC, for example initial.heading=0.5 or output.type='\"I\"'; may be repeated",
+        help="change an entry of the SPEC, for example initial.heading='90 deg' or output.type='\"I\"'; may be repeated",
     )
     parser.add_argument("--sample", metavar="K", type=int, help="SPEC.toml is the OUT.parquet of a sweep: simulate its sample K")
     parser.add_argument(
         "--trust", action="store_true", help="allow to execute the robot file named in OUT.parquet, which is Python code"
     )
+    parser.add_argument(
+        "--schema", action=PrintSchema, nargs=0, const=_schema, help="print the JSON Schema of SPEC.toml and exit"
+    )
     parser.set_defaults(run=run)
+
+
+def _schema() -> dict[str, Any]:
+    from ..simulation.specification.spec import schema  # slow to import
+
+    return schema()
 
 
 def run(arguments: argparse.Namespace) -> int:
