@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ...model.segments import Segment
-from ...simulation.drawing import COLOURS, FAINT, STOP, over_time, panels, plane, start, to_follow
+from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, start, to_follow
 from ..framework import Case, Claim, Figure, Outcome, Runs
 from ..vehicle import draw_vehicle
 
@@ -165,6 +165,11 @@ def draw_11(runs: Runs) -> matplotlib.figure.Figure:
     _mark_joins(axes[0], _segments(runs))
     plane(axes[0], np.array([[-1.0, -1.0], [10.5, 14.0]]))
     axes[0].legend(loc="upper left")
+    k, l = _joins(run)[1] + 100, slice(_joins(run)[1], _joins(run)[1] + 250)
+    inset = zoom(axes[0], (0.62, 0.05, 0.36, 0.42), run.P_l[k], 0.5)
+    _draw_path(inset, _segments(runs))
+    inset.plot(*run.P_l[l].T, color=COLOURS[0])
+    inset.plot(*run.P_o[l].T, "--", color=COLOURS[1], linewidth=1.6)
     for label in SAMPLED:
         axes[1].plot(
             runs[label].t,
