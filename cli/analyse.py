@@ -1,19 +1,17 @@
 """`noslip analyse`: holonomic constraints, controllability, singularities of the outputs and zero dynamics of a robot."""
 
 import argparse
-import json
-import sys
-import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, write_whole
+from ..readers.progress import Progress
+from .commands import rendered
 
 if TYPE_CHECKING:
     from ..analysis.answers import System
 
-PAUSE = 2.0  # s, between two progress messages
 EXAMPLE = """ROBOT may also be a Kinematics or a rolling contact in a file; these have no outputs.
 The exit code is 1 if a start is not proved to be safe.
 
@@ -23,20 +21,6 @@ examples:
   noslip analyse labmate --start specs/line.toml --report labmate.html
   noslip analyse labmate --start specs/line.toml --uncertainty 0.01 --uncertainty m_c=0.2
   noslip analyse labmate --output type_iv_line --start specs/line.toml --table"""
-
-
-class TableProgress:
-    """Prints progress of the table of safe offsets to stderr, at most every 2 s."""
-
-    def __init__(self) -> None:
-        self._begin = self._last = time.monotonic()
-
-    def __call__(self, done: int, of: int) -> None:
-        """Report that `done` of `of` entries are finished."""
-        now = time.monotonic()
-        if done < of and now - self._last > PAUSE:
-            self._last = now
-            print(f"noslip: {done} of {of} safe offsets found after {now - self._begin:.0f} s", file=sys.stderr, flush=True)
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -77,7 +61,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         action="store_true",
         help="with --start, also compute the largest safe offset by speed and heading; takes a minute or two",
     )
-    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--report", metavar="FILE.html", help="also write an HTML page with formulas and drawings")
     parser.add_argument("-o", dest="out", metavar="FILE", default="-", help="output file; default: standard output")
     parser.set_defaults(run=run)
@@ -86,23 +69,20 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run `noslip analyse`. Return 0, or 1 if a start is not proved to be safe. Raises BadInput, ModelError, OSError."""
     from ..analysis.answers import analyse, as_json  # slow to import
+    from ..analysis.text import as_text
 
     inputs = [*arguments.start, arguments.robot.split(":")[0]]
     check_targets([arguments.out, *([arguments.report] if arguments.report else [])], inputs=inputs)
     system = find_system(arguments.robot)
     uncertainty = read_uncertainty(arguments.uncertainty, system)
-    answer = analyse(system, arguments.output, arguments.start, uncertainty, arguments.table, TableProgress())
-    if arguments.json:
-        written = json.dumps(as_json(answer), indent=2, ensure_ascii=False) + "\n"
-    else:
-        from ..analysis.text import as_text
-
-        written = as_text(answer)
+    with Progress() as progress:
+        answer = analyse(system, arguments.output, arguments.start, uncertainty, arguments.table, progress)
+    written = rendered(arguments, lambda: as_text(answer), lambda: as_json(answer))
     if arguments.report:
         from ..analysis.report import report
 
         write_whole(arguments.report, report(answer))
-    write_whole(arguments.out, written)
+    write_whole(arguments.out, written + "\n")
     return 1 if answer.fails else 0
 
 
