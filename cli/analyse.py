@@ -18,9 +18,9 @@ The exit code is 1 if a start is not proved to be safe.
 examples:
   noslip analyse labmate
   noslip analyse labmate --output type_iv_circle --json
-  noslip analyse labmate --start specs/line.toml --report labmate.html
-  noslip analyse labmate --start specs/line.toml --uncertainty 0.01 --uncertainty m_c=0.2
-  noslip analyse labmate --output type_iv_line --start specs/line.toml --table"""
+  noslip analyse labmate --start line --report labmate.html
+  noslip analyse labmate --start line --uncertainty 0.01 --uncertainty m_c=0.2
+  noslip analyse labmate --output type_iv_line --start line --table"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:

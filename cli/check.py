@@ -18,7 +18,7 @@ random parameters. The exit code is 1 if an error exceeds its limit. Errors are 
 EXAMPLE = """examples:
   noslip check                                       compare the C with the model, every law of the LABMATE
   noslip check --output type_i --states 100 --seed 7
-  noslip check tests/reference/labmate_paper.json    compare all backends with expected values"""
+  noslip check labmate_paper                         compare all backends with expected values"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:

@@ -7,7 +7,7 @@ from ..readers.files import check_targets
 from .commands import show
 
 EXAMPLE = """example:
-  noslip evaluate tests/reference/labmate_paper.json --backend c -o out.json"""
+  noslip evaluate labmate_paper --backend c -o out.json"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:

@@ -16,7 +16,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         description="Repeat the calls of the generated float C in a record and compare every bit of the results.\n"
         "Exit codes: 0 if all are equal, 1 at the first difference, 2 if the file is not a record of this model.\n\n"
         + replay.__doc__.split("\n\n", 1)[1],
-        epilog="example:\n  noslip simulate specs/line.toml --set 'simulation.backend=\"m4f\"' -o run.csv --record run.txt\n"
+        epilog="example:\n  noslip simulate line --set 'simulation.backend=\"m4f\"' -o run.csv --record run.txt\n"
         "  noslip replay run.txt",
     )
     parser.add_argument(

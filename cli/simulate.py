@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..simulation.specification.spec import Spec
 
 EXAMPLE = """example:
-  noslip simulate specs/line.toml -o run.csv --plot run.png"""
+  noslip simulate line -o run.csv --plot run.png"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:

@@ -106,7 +106,7 @@ def matrix(expression: ca.SX | float, where: str) -> ca.SX:
         return ca.SX(expression)
     except (NotImplementedError, TypeError, RuntimeError) as error:
         text = " ".join(repr(expression).split())
-        raise ModelError(f"{where} is not an expression: {text[:60]}") from error
+        raise ModelError(f"{where} is not an expression: {text[:60]}; use numbers and CasADi SX") from error
 
 
 def refuse_strangers(expression: ca.SX, known: ca.SX, where: str, belongs: str) -> None:

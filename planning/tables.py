@@ -57,7 +57,7 @@ def _read(table: Any, before: Segment | None, where: str) -> Segment:
         if "length" in given:
             if "from" in given or "to" in given:
                 raise BadInput(
-                    f"{where} length is allowed only for a line that continues the previous segment, without from and to"
+                    f"{where} length is only for a line that continues the previous segment; remove length, or from and to"
                 )
             length = given["length"]
         else:

@@ -14,7 +14,7 @@ from ..model.mechanism import Mechanism, Quantity
 from ..model.names import TYPES, LawName
 from ..model.paths import PATHS
 from ..readers.errors import BadInput
-from ..readers.files import read_input, write_whole
+from ..readers.files import file_or_shipped, read_input, write_whole
 from ..readers.robots import beside, find_robot, law_of, suggestion
 
 DEFAULT_ROBOT = "labmate"
@@ -112,7 +112,7 @@ def _in_full(names: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
 def _read_json(path: str) -> Any:
     try:
         # JSON does not distinguish integers; as floats, numbers with any number of digits can be read.
-        return json.loads(read_input(path, MOST).decode(), parse_int=float)
+        return json.loads(read_input(file_or_shipped(path, ".json"), MOST).decode(), parse_int=float)
     except json.JSONDecodeError as error:
         raise BadInput(f"{path}:{error.lineno}:{error.colno}: not valid JSON, or truncated: {error.msg}") from error
     except UnicodeDecodeError as error:

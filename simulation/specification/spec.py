@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from ...model.names import TYPES, LawName
 from ...model.segments import Segment
-from ...readers.errors import BadInput, suggestion
-from ...readers.files import read_input
+from ...readers.errors import BadInput
+from ...readers.files import file_or_shipped, read_input
 from ...readers.reading import (
     _table,
     check_keys,
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from .distributions import Sweep
 
 
-SPECS = Path(__file__).resolve().parents[2] / "specs"
 TOLERANCES = (1e-13, 1e-2)  # below, rounding exceeds the tolerance; above, the result is not meaningful
 MOST_ROWS = 10_000_000
 DEEPEST = 16  # nesting of tables and lists
@@ -322,19 +321,9 @@ class Spec:
                 raise BadInput(f"[reference] {name} is missing; type {self.output.type} requires it")
 
 
-def shipped() -> dict[str, Path]:
-    """Return the SPECs that come with noslip: name -> file, such as line, circle, figure_8."""
-    return {file.stem: file for file in sorted(SPECS.rglob("*.toml"))}
-
-
 def read_text(file: Path | str) -> str:
     """Return the text of a file, or of a shipped SPEC by its name. Raises BadInput, naming the file, if it cannot be read."""
-    place = Path(file)
-    if place.name == str(file) and not place.suffix and not place.exists():
-        known = shipped()
-        if str(file) not in known:
-            raise BadInput(f"{file}: neither a file nor a shipped SPEC{suggestion(str(file), known)}")
-        place = known[str(file)]
+    place = file_or_shipped(file, ".toml")
     try:
         return read_input(place).decode()
     except OSError as error:
