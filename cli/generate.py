@@ -116,7 +116,7 @@ def selected_laws(args: argparse.Namespace) -> list["ControlLaw"]:
     names = names or find_laws(system)
     if not names:
         names = [next(iter(OUTPUTS))]  # building it raises the error that states the reason
-    laws: list["ControlLaw"] = []
+    laws: list[ControlLaw] = []
     names = list(dict.fromkeys(names))
     with Progress() as progress:
         for name in names:
