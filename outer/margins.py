@@ -7,7 +7,7 @@ found on a grid of frequencies and refined between its points, which needs no sl
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -40,7 +40,7 @@ class Broken:
 if TYPE_CHECKING:
     import control
 
-    Linear = Broken | control.StateSpace
+    Linear: TypeAlias = Broken | control.StateSpace
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,16 @@ from .errors import BadInput
 from .files import create, replacing
 
 Result = TypeVar("Result")
-DERIVES = ("model", "codegen")  # rooms whose code determines what is remembered
+DERIVES = ("model", "codegen")  # rooms whose code determines a derived program
 
 
-def remembered(key: tuple, make: Callable[[], Result], *given: Any) -> Result:
+def remembered(key: tuple, make: Callable[[], Result], *given: Any, rooms: tuple[str, ...] = DERIVES) -> Result:
     """Returns make(), or a copy of what it returned in an earlier run for the same `key` and the same code of noslip.
 
-    `given`: objects that the result refers to; a copy refers to them too. Without a folder to keep results in, nothing is kept.
+    `given`: objects that the result refers to; a copy refers to them too. `rooms`: folders of the code meant.
+    Without a folder to keep results in, nothing is kept.
     """
-    whole = ("remembered", _digest_of_code(), *key)
+    whole = ("remembered", _digest_of_code(rooms), *key)
     with suppress(BadInput, OSError):
         if found := kept(whole, ".pickle"):
             return _Unpickler(io.BytesIO(found.read_bytes()), given).load()
@@ -57,9 +58,9 @@ class _Unpickler(pickle.Unpickler):
 
 
 @cache
-def _digest_of_code() -> str:
+def _digest_of_code(rooms: tuple[str, ...]) -> str:
     root = Path(__file__).resolve().parent.parent
-    files = sorted(file for room in DERIVES for file in (root / room).rglob("*.py"))
+    files = sorted(file for room in rooms for file in (root / room).rglob("*.py"))
     return _short_digest(b"".join(file.read_bytes() for file in files))
 
 
