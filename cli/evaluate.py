@@ -5,7 +5,7 @@ from typing import Any
 
 from ..controllers.controller import BACKENDS, ON_TARGET
 from ..readers.files import check_targets
-from .commands import PrintSchema
+from .commands import PrintSchema, show
 
 EXAMPLE = """example:
   noslip evaluate labmate_paper --backend c -o out.json"""
@@ -46,5 +46,9 @@ def run(args: argparse.Namespace) -> int:
     from ..verification.evaluate import evaluate_cases
 
     check_targets([args.out], inputs=[args.cases])
-    write_out(args.out, evaluate_cases(read_cases(args.cases), args.backend))
+    found = evaluate_cases(read_cases(args.cases), args.backend)
+    write_out(args.out, found)
+    if args.out != "-":  # else the JSON is printed already
+        statuses = [evaluation.status for evaluation in found]
+        show(args, str, lambda: {"backend": args.backend, "statuses": statuses, "files": [args.out]})
     return 0

@@ -1,7 +1,6 @@
 """`noslip outer-loop`: designs gains of a law and computes margins, sampling limits and sensitivity to model errors."""
 
 import argparse
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 from ..readers.errors import BadInput
 from ..readers.files import check_folder, write_folder
 from ..readers.quantities import in_range, quantity
+from .commands import rendered
 
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
@@ -70,7 +70,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     sampled.add_argument("--phase-margin", type=plain, default=45.0, metavar="DEG", help="required at the longest period (45)")
     sampled.add_argument("--peak", type=plain, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)")
     parser.add_argument("--wrong", type=plain, default=0.2, metavar="PART", help="relative error of each parameter (0.2: 20 %%)")
-    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--figures", metavar="DIR", help="write Bode, Nyquist, step and eigenvalue plots into a folder")
     parser.set_defaults(run=run)
 
@@ -104,12 +103,12 @@ def run(args: argparse.Namespace) -> int:
         from ..outer.pictures import pictures_of
 
         pictures = pictures_of(report)
-    text = json.dumps(report.as_json(), indent=1, allow_nan=False) if args.json else report.text()
+    result = rendered(args, report.text, report.as_json)
     if pictures:
         folder = Path(args.figures)
         write_folder(folder, pictures)
-        text += "" if args.json else "\n\n" + "\n".join(str(folder / name) for name in pictures)
-    print(text)
+        result += "" if args.json else "\n\n" + "\n".join(str(folder / name) for name in pictures)
+    print(result)
     return 0
 
 

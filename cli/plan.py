@@ -14,6 +14,7 @@ from ..readers.errors import BadInput
 from ..readers.files import check_targets, read_input, write_whole
 from ..readers.quantities import Measured, quantity
 from ..readers.reading import number, point, pose
+from .commands import show
 
 if TYPE_CHECKING:
     from ..model.segments import Segment
@@ -86,7 +87,11 @@ def run(arguments: argparse.Namespace) -> int:
     write_whole(arguments.output, written)
     if arguments.plot:
         write_whole(arguments.plot, drawn)
-    print(about, file=sys.stderr if arguments.output == "-" else sys.stdout)
+    files = [file for file in (arguments.output, arguments.plot) if file and file != "-"]
+    if arguments.output == "-":  # the path itself is printed, as JSON if desired
+        print(about, file=sys.stderr)
+    else:
+        show(arguments, lambda: about, lambda: {"way": arguments.way, **_measures(segments), "files": files})
     return 0
 
 
@@ -161,10 +166,17 @@ def _written(segments: list["Segment"], arguments: argparse.Namespace) -> str:
     return write(segments, arguments.closed)
 
 
-def _summary(segments: list["Segment"], way: str) -> str:
+def _measures(segments: list["Segment"]) -> dict[str, float]:
+    """Return number of segments, length (m), number of cusps and smallest radius (m, infinite without an arc)."""
     cusps = sum(before.backward != after.backward for before, after in itertools.pairwise(segments))
     tightest = max(abs(segment.curvature) for segment in segments)
-    parts = [f"{len(segments)} segment{'s' if len(segments) > 1 else ''}", f"{sum(s.length for s in segments):.6g} m"]
+    length, radius = sum(s.length for s in segments), 1 / tightest if tightest else math.inf
+    return {"segments": len(segments), "length": length, "cusps": cusps, "smallest_radius": radius}
+
+
+def _summary(segments: list["Segment"], way: str) -> str:
+    count, length, cusps, radius = _measures(segments).values()
+    parts = [f"{count} segment{'s' if count > 1 else ''}", f"{length:.6g} m"]
     parts += [f"{cusps} cusp{'s' if cusps > 1 else ''}"] if cusps else []
-    parts += [f"smallest radius {1 / tightest:.4g} m"] if tightest else []
+    parts += [f"smallest radius {radius:.4g} m"] if math.isfinite(radius) else []
     return f"{way}: {', '.join(parts)}"
