@@ -1,7 +1,7 @@
 """The complete result of `noslip analyse` for a system, also as JSON."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -15,7 +15,10 @@ from ..model.reduction import ReducedSystem
 from ..model.rolling.contact import PlanarContact, RollingContact, RollingGrowth, rolling_growth
 from ..model.rolling.kinematics import Kinematics
 from ..readers.errors import BadInput
+from ..readers.progress import Reported, silent
 from ..readers.robots import check_law, find_robot, placed, system_of
+from ..simulation.closed_loop import simulate
+from ..simulation.contact import Grip, grip
 from ..simulation.loop import make_loop
 from ..simulation.specification.vary import read_varied
 from .certification.safe_offsets import Offsets, safe_offsets
@@ -59,7 +62,9 @@ class Constraints:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """`outputs` by law; `refused`: reason by law that does not apply; `no_outputs`: why there is none; `starts` by file."""
+    """`outputs` by law; `refused`: why a law is none of this system's; `no_outputs`: why there is none; by file, `starts` and
+    whether the wheels roll in the run from there.
+    """
 
     name: str
     about: str
@@ -68,6 +73,7 @@ class Answer:
     refused: dict[str, str] = field(default_factory=dict)
     no_outputs: str = ""
     starts: dict[str, Verdict] = field(default_factory=dict)
+    rolling: dict[str, Grip] = field(default_factory=dict)
     tables: dict[str, Offsets] = field(default_factory=dict)
 
     @property
@@ -90,10 +96,10 @@ def analyse(
     starts: Sequence[str] = (),
     uncertainty: Mapping[str, float] | float = 0.0,
     table: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Reported = silent,
 ) -> Answer:
-    """Analyse a system with the given laws, or all, and the starts in the given files; `uncertainty` as for `start_verdict`;
-    `table`: also compute the safe offsets of each start; `progress` as for `safe_offsets`.
+    """Analyse a system with these of its laws, or all, and the starts in these files; `uncertainty` as for `start_verdict`;
+    `table`: find the safe offsets of each start too.
 
     Raises ModelError and BadInput for what cannot be analysed, for a named law that is none of the system's, and for files that
     are no SPEC of it.
@@ -104,9 +110,10 @@ def analyse(
     verdicts = {file: start_verdict(system.name, file, uncertainty) for file in starts}
     with placed(system):
         found = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
-    outputs, refused, nothing = _outputs(system, laws)
+    outputs, refused, nothing = _outputs(system, laws, progress)
     tables = {file: start_offsets(file, uncertainty, progress) for file in starts} if table else {}
-    return Answer(system.name, getattr(system, "about", ""), found, outputs, refused, nothing, verdicts, tables)
+    rolling = {file: start_rolling(file) for file in starts}
+    return Answer(system.name, getattr(system, "about", ""), found, outputs, refused, nothing, verdicts, rolling, tables)
 
 
 def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float = 0.0) -> Verdict:
@@ -125,10 +132,17 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
         raise BadInput(f"{file}: {error}") from error
 
 
-def start_offsets(
-    file: str, uncertainty: Mapping[str, float] | float = 0.0, progress: Callable[[int, int], None] | None = None
-) -> Offsets:
-    """Return the table of safe offsets of a SPEC; `progress` as for `safe_offsets`.
+def start_rolling(file: str) -> Grip:
+    """Whether the wheels roll in the run of a SPEC, as `noslip simulate` states it. Raises BadInput if it cannot be run."""
+    spec = read_varied(file, {"simulation.backend": "casadi"})
+    try:
+        return grip(simulate(spec))
+    except (BadInput, ModelError) as error:
+        raise BadInput(f"{file}: {error}") from error
+
+
+def start_offsets(file: str, uncertainty: Mapping[str, float] | float = 0.0, progress: Reported = silent) -> Offsets:
+    """The table of safe offsets of a SPEC.
 
     Raises BadInput for a file that is not a SPEC, and for a path without such a table.
     """
@@ -140,16 +154,19 @@ def start_offsets(
 
 
 def as_json(answer: Answer) -> dict[str, Any]:
-    """Return the documented keys and further ones."""
+    """The documented keys, and more."""
+    starts = {
+        file: _verdict_json(verdict) | {"rolling": answer.rolling[file].as_json()} for file, verdict in answer.starts.items()
+    }
     return {
         **answer.constraints.json,
         "outputs": {law: _output_json(form) for law, form in answer.outputs.items()},
         "refused": answer.refused,
         **({"no_outputs": answer.no_outputs} if answer.no_outputs else {}),
-        "starts": {file: _verdict_json(verdict) for file, verdict in answer.starts.items()},
+        "starts": starts,
         **({"starts_basis": BASIS} if answer.starts else {}),
         **({"tables": {file: asdict(table) for file, table in answer.tables.items()}} if answer.tables else {}),
-        **(_verdict_json(*answer.starts.values()) if len(answer.starts) == 1 else {}),
+        **(next(iter(starts.values())) if len(starts) == 1 else {}),
     }
 
 
@@ -229,8 +246,8 @@ def _by_structure_equations(system: Kinematics, found: RollingGrowth) -> Constra
 # -- outputs ------------------------------------------------------------------------------------------------------------
 
 
-def _outputs(system: System, laws: Sequence[str]) -> tuple[dict[str, NormalForm], dict[str, str], str]:
-    """Return laws with their normal forms, rejected laws with the reason, and the reason if there is none."""
+def _outputs(system: System, laws: Sequence[str], progress: Reported) -> tuple[dict[str, NormalForm], dict[str, str], str]:
+    """Laws with their normal forms, those refused with the reason, and why there is none at all."""
     if not isinstance(system, Mechanism):
         if laws:
             raise BadInput(f"{system.name}: {NO_INPUTS}; leave --output out")
@@ -242,7 +259,9 @@ def _outputs(system: System, laws: Sequence[str]) -> tuple[dict[str, NormalForm]
             raise
         return {}, {}, _reason(error, system)
     found, refused = {}, {}
-    for law in laws or output_names(system):
+    wanted = laws or output_names(system)
+    for done, law in enumerate(wanted):
+        progress(done, len(wanted), "outputs analysed")
         try:
             found[law] = _form(reduced, law)
         except ModelError as error:

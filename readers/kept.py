@@ -18,15 +18,16 @@ from .errors import BadInput
 from .files import create, replacing
 
 Result = TypeVar("Result")
-DERIVES = ("model", "codegen")  # folders whose code determines the cached results
+DERIVES = ("model", "codegen")  # folders whose code determines a derived program
 
 
-def remembered(key: tuple, make: Callable[[], Result], *given: Any) -> Result:
+def remembered(key: tuple, make: Callable[[], Result], *given: Any, rooms: tuple[str, ...] = DERIVES) -> Result:
     """Return make(), or a copy of its result in an earlier run with the same `key` and the same code of noslip.
 
-    `given`: objects to which the result refers; a copy refers to them too. Without a usable cache folder nothing is cached.
+    `given`: objects to which the result refers; a copy refers to them too. `rooms`: the folders of that code. Without a usable
+    cache folder nothing is cached.
     """
-    whole = ("remembered", _digest_of_code(), *key)
+    whole = ("remembered", _digest_of_code(rooms), *key)
     with suppress(BadInput, OSError):
         if found := kept(whole, ".pickle"):
             return _Unpickler(io.BytesIO(found.read_bytes()), given).load()
@@ -57,9 +58,9 @@ class _Unpickler(pickle.Unpickler):
 
 
 @cache
-def _digest_of_code() -> str:
+def _digest_of_code(rooms: tuple[str, ...]) -> str:
     root = Path(__file__).resolve().parent.parent
-    files = sorted(file for room in DERIVES for file in (root / room).rglob("*.py"))
+    files = sorted(file for room in rooms for file in (root / room).rglob("*.py"))
     return _short_digest(b"".join(file.read_bytes() for file in files))
 
 

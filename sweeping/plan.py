@@ -11,6 +11,7 @@ from scipy.special import ndtr, ndtri
 
 from ..readers.errors import BadInput
 from ..readers.printing import toml
+from ..readers.reading import MOST_ANGLE
 from ..readers.robots import suggestion
 from ..simulation.specification.distributions import PERIOD, Margin, Sweep
 from ..simulation.specification.spec import Spec
@@ -107,6 +108,8 @@ class Plan:
         for name in (*self.margins, *([SEED] if SEED in row else [])):
             for key in _keys(name, spec):
                 made[key] = _value(spec, key)
+        if abs(made.get("initial.heading", 0.0)) > MOST_ANGLE:
+            made["initial.heading"] = f"{made['initial.heading']!r} rad"
         return [f"{key}={toml(value)}" for key, value in made.items()]
 
     @cached_property

@@ -2,10 +2,11 @@
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ...readers.errors import BadInput
+from ...readers.progress import Reported, silent
 from ...simulation.loop import Loop, make_loop
 from ...simulation.specification.spec import Initial, Spec
 from .certificate import Certificate, widest
@@ -42,13 +43,11 @@ def safe_offsets(
     uncertainty: Mapping[str, float],
     speeds: Sequence[float] | None = None,
     headings: Sequence[float] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Reported = silent,
 ) -> Offsets:
     """Of the loop of a SPEC whose path is a line, a circle or an arc; `speeds` in m/s, `headings` in rad, else some of each.
 
-    `progress` is called after each entry of the table with the number of finished entries and of all.
-
-    Raises BadInput for other paths, and as `make_loop` does.
+    Raises BadInput for another path, and as `make_loop` does.
     """
     loop = make_loop(spec)
     check_uncertainty(uncertainty, loop)
@@ -86,8 +85,7 @@ def safe_offsets(
     columns = len(headings)
     for v, a in itertools.product(speeds, headings):
         offsets.append(_largest(lambda d, v=v, a=a: safe(d, v, a)))
-        if progress:
-            progress(len(offsets), len(speeds) * columns)
+        progress(len(offsets), len(speeds) * columns, "safe offsets found")
     return Offsets(speeds, headings, tuple(tuple(offsets[k : k + columns]) for k in range(0, len(offsets), columns)))
 
 
