@@ -49,7 +49,7 @@ WRONG = {
     "a static variable": (
         "symbols",
         "int noslip_count_f(void);\nint noslip_count_f(void) { static int count; return count++; }",
-        "written to",
+        "writable data",
     ),
     "the heap": (
         "symbols",
