@@ -192,7 +192,7 @@ def test_eva_finds_in_a_path(tmp_path, monkeypatch):
         pytest.skip("install frama-c-base")
     task = changed(tmp_path, "runtime_c/noslip_path_code.inc", "segment + 1 < self->count", "segment + 1 <= self->count")
     monkeypatch.setattr(eva, "PROGRAMS", programs(tmp_path / "eva", "path.c", *SEGMENTS))
-    _, found = eva.analyse(task, eva.Program("path", "float"))
+    _, found = eva.analyse(task, eva.AnalysedProgram("path", "float"))
     assert any("out of bounds read" in line for line in found), found
 
 
