@@ -464,7 +464,7 @@ def near_singular(law, plant, point, random):
         states[heading] = angle
         return determinant(law)(plant.params, plant.config, states).full().ravel()
 
-    angles = point.state[heading] + np.linspace(0, 2 * np.pi, 33)
+    angles = point.state[heading] + 0.1 + np.linspace(0, 2 * np.pi, 33)  # not quarter turns, where det Phi may be exactly 0
     values = at(angles)
     change = np.flatnonzero(values[:-1] * values[1:] < 0)[0]
     root = brentq(lambda angle: at(angle)[0], angles[change], angles[change + 1])
