@@ -18,6 +18,7 @@ def explain(law: ControlLaw) -> str:
     rows = [("the model as CasADi has it", plain), ("in short steps", staged)]
     optimizer = Optimizer(program.graph, {})
     rows += list(optimizer.passes(program.entries[STEP].roots))
+    rows.append(("in the C, where entry points share nodes", compile_law(law).entries[STEP].roots))
     width = max(len(name) for name, _ in rows)
     lines = [f"{law.name}: {law.output.about}", *(f"  {line}" for line in _facts(law)), ""]
     lines.append("  " + "step, operations after".ljust(width) + "".join(column.rjust(7) for column in COLUMNS) + "    sum")

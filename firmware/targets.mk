@@ -23,7 +23,6 @@ cpu_stm32f405 := -mcpu=cortex-m4 -mfpu=fpv4-sp-d16 -mthumb -mfloat-abi=hard
 board_stm32f405 := start_cortex_m.c string.c systick.c stm32f405.c
 script_stm32f405 := stm32f405.ld
 clock_stm32f405 := 16000000
-machine_stm32f405 := qemu-system-arm -M mps2-an386
 cross_stm32f405 := arm-none-eabi-
 clang_stm32f405 := thumbv7em-none-eabihf
 
