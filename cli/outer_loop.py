@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
 from ..readers.files import check_folder, write_folder
+from ..readers.progress import Progress
 from ..readers.quantities import in_range, quantity
 from .commands import rendered
 
@@ -97,13 +98,16 @@ def run(args: argparse.Namespace) -> int:
     )
     if args.figures:
         check_folder(args.figures)
-    report = OuterLoopReport(law, spec, _gains(args, law, spec), Loops(args.period, args.delay), required, args.wrong)
     pictures = {}
-    if args.figures:
-        from ..outer.pictures import pictures_of
+    with Progress() as progress:
+        report = OuterLoopReport(
+            law, spec, _gains(args, law, spec), Loops(args.period, args.delay), required, args.wrong, progress
+        )
+        if args.figures:
+            from ..outer.pictures import pictures_of
 
-        pictures = pictures_of(report)
-    result = rendered(args, report.text, report.as_json)
+            pictures = pictures_of(report)
+        result = rendered(args, report.text, report.as_json)
     if pictures:
         folder = Path(args.figures)
         write_folder(folder, pictures)

@@ -11,6 +11,7 @@ import numpy as np
 from ..model.law import ControlLaw
 from ..readers.errors import BadInput
 from ..readers.printing import plain
+from ..readers.progress import Reported, silent
 from ..simulation.specification.spec import Spec
 from .channel import Channel, Required, last_kept, longest_period, longest_period_with
 from .design import Gains, by_speed, settling_time, show
@@ -36,6 +37,7 @@ class OuterLoopReport:
     loops: Loops
     required: Required
     spread: float
+    progress: Reported = silent
 
     def __post_init__(self):
         for channel in self.channels.values():
@@ -83,12 +85,12 @@ class OuterLoopReport:
     @cached_property
     def ranking(self) -> list[Harm]:
         """The effect of each error alone, the largest first."""
-        return ranking(self.motion, self.spread, self.loops)
+        return ranking(self.motion, self.spread, self.loops, self.progress)
 
     @cached_property
     def corners(self) -> list[Wrong]:
         """Combinations of all errors."""
-        return list(corners(self.motion, self.spread, self.loops))
+        return list(corners(self.motion, self.spread, self.loops, progress=self.progress))
 
     @cached_property
     def at_once(self) -> Margins:

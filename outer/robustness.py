@@ -8,6 +8,7 @@ import numpy as np
 
 from ..controllers.odometry import vehicle_wheels
 from ..readers.errors import BadInput
+from ..readers.progress import Reported, silent
 from .margins import margins
 from .motion import Setting, SteadyMotion, steady_motion
 
@@ -123,7 +124,13 @@ def one_by_one(
             yield with_errors(nominal, {name: amount}, loops)
 
 
-def corners(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS, names: Sequence[str] = ()) -> Iterator[Wrong]:
+def corners(
+    nominal: SteadyMotion,
+    spread: float,
+    loops: Loops = CONTINUOUS,
+    names: Sequence[str] = (),
+    progress: Reported = silent,
+) -> Iterator[Wrong]:
     """Yield all errors at once, -spread or +spread each, in every combination; MOST_CORNERS random ones, from a fixed seed,
     if there
     are more."""
@@ -132,17 +139,18 @@ def corners(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS, nam
     if len(signs) > MOST_CORNERS:
         chosen = np.random.default_rng(0).choice(len(signs), MOST_CORNERS, replace=False)
         signs = [signs[k] for k in chosen]
-    for each in signs:
+    for done, each in enumerate(signs):
+        progress(done, len(signs), "combinations of errors")
         yield with_errors(nominal, dict(zip(names, (spread * sign for sign in each), strict=True)), loops)
 
 
-def ranking(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS) -> list[Harm]:
+def ranking(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS, progress: Reported = silent) -> list[Harm]:
     """Return the effect of each error of +-spread alone, the largest first (`Harm.hurt`)."""
     right = _harm("", [with_errors(nominal, {}, loops)], loops, None)
-    found = [
-        _harm(name, list(one_by_one(nominal, (-spread, spread), loops, [name])), loops, right)
-        for name in errors_of(nominal.setting)
-    ]
+    names, found = errors_of(nominal.setting), list[Harm]()
+    for name in names:
+        progress(len(found), len(names), "errors")
+        found.append(_harm(name, list(one_by_one(nominal, (-spread, spread), loops, [name])), loops, right))
     return sorted(found, key=lambda harm: -harm.hurt)
 
 

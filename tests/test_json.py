@@ -64,7 +64,7 @@ def test_of_a_run(tmp_path, capsys, slippery):
 
 
 def test_of_a_run_that_stops(tmp_path, capsys):
-    argv = ["simulate", "line", "-o", str(tmp_path / "run.csv"), "--set", "initial.heading=2.3", "--set", "initial.speed=3.0"]
+    argv = ["simulate", "line", "-o", str(tmp_path / "run.csv"), "--set", "output.L=-0.5", "--set", "initial.heading=1.0"]
     found, err = printed(capsys, argv, 1)
     assert found["status"] == "singular" and 0 < found["duration"] < 15 and "stopped at" in err and err.count("\n") == 1
 
