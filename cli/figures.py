@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip figures`. Return 0, or 1 if a claim fails. Raises BadInput, ModelError, OSError."""
     from ..evidence.catalogue import chosen  # slow to import
     from ..evidence.production import Made, produce
-    from ..evidence.report import as_json, report, summary
+    from ..evidence.report import as_json, by_whom, report, summary
 
     if args.jobs < 1:
         raise BadInput(f"--jobs {args.jobs} must be 1 or more")
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(as_json(made), indent=1, ensure_ascii=False))
     where = os.path.join(args.out, "report.html")
     print(
-        f"{where}: {len(made)} figure{'s' if len(made) > 1 else ''}; {summary(made)}",
+        f"{where}: {len(made)} figure{'s' if len(made) > 1 else ''}; {'; '.join(by_whom(made))}",
         file=sys.stderr if args.json else sys.stdout,
     )
     return 0 if all(claim.as_expected for each in made for claim in each.claims) else 1
