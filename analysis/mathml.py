@@ -1,12 +1,14 @@
 """Formulas as MathML, which browsers typeset by themselves."""
 
 import html
+from itertools import pairwise
 
 import sympy as sp
 from markupsafe import Markup
 from sympy.printing.mathml import MathMLPresentationPrinter
 
 TIMES, SPACE = "\u2062", '<mspace width="0.12em"/>'  # between factors: as the printer puts it, and as it is shown
+KEPT = "\u00a0"  # a space that is kept at the ends of words
 
 
 class _Printer(MathMLPresentationPrinter):
@@ -33,11 +35,14 @@ class _Printer(MathMLPresentationPrinter):
 def mathml(*parts: sp.Expr | sp.Matrix | str, display: bool = False) -> Markup:
     """Formulas, with signs and words between them, as an element of a page; on a line of its own if `display`."""
     block = ' display="block"' if display else ""
-    return Markup(f"<math{block}><mrow>{''.join(map(_part, parts))}</mrow></math>")
+    rows = (_part(part, k > 0, isinstance(after, sp.Basic | sp.MatrixBase)) for k, (part, after) in enumerate(pairwise((*parts, ""))))
+    return Markup(f"<math{block}><mrow>{''.join(rows)}</mrow></math>")
 
 
-def _part(part: sp.Expr | sp.Matrix | str) -> str:
-    if isinstance(part, str):
-        tag = "mtext" if any(map(str.isalpha, part)) else "mo"
-        return f"<{tag}>{html.escape(part)}</{tag}>"
-    return _Printer({"mul_symbol": TIMES}).doprint(part).replace("<mo>&#8290;</mo>", SPACE)
+def _part(part: sp.Expr | sp.Matrix | str, after: bool, before: bool) -> str:
+    """A formula, sign or words, these `after` or `before` a formula with a space that MathML keeps."""
+    if not isinstance(part, str):
+        return _Printer({"mul_symbol": TIMES}).doprint(part).replace("<mo>&#8290;</mo>", SPACE)
+    if any(map(str.isalpha, part)):
+        return f"<mtext>{KEPT * after}{html.escape(part)}{KEPT * before}</mtext>"
+    return f"<mo>{html.escape(part)}</mo>"

@@ -1,6 +1,7 @@
 """The result of `noslip analyse` as a self-contained HTML page."""
 
 import math
+import re
 from collections.abc import Iterable
 
 import numpy as np
@@ -27,7 +28,7 @@ def report(answer: Answer) -> str:
         "report.html",
         answer=answer,
         growth=_growth(answer.constraints),
-        straight=driven_straight(answer) if answer.outputs else [],
+        straight=[_typeset(line) for line in driven_straight(answer)] if answer.outputs else [],
         legend=[(_symbol(name), about) for name, about in SYMBOLS.items() if name in used],
         normal_form=_normal_form,
         course=_course,
@@ -54,12 +55,24 @@ def _normal_form(form: NormalForm) -> list[tuple[str, str]]:
         ("singular", BREAK.join(conditions or ["nowhere"])),
         ("not defined", BREAK.join(mathml("where", expression, "=", sp.Integer(0)) for expression in made.undefined)),
         ("T(x)", BREAK.join(Markup("z<sub>{}</sub> = ({})").format(k + 1, names) for k, names in enumerate(z))),
-        ("regular", mathml("where", form.charts[0].minor, "≠", sp.Integer(0), "and det Φ ≠ 0")),
+        ("regular", _regular(form.charts[0].minor)),
         (z3, BREAK.join(mathml(sp.Symbol(f"{name}_dot"), "=", rate) for name, rate in form.equations.items())),
-        ("zero dynamics", uncontrolled(form)),
-        ("reference at speed V", BREAK.join(str(each) for each in form.moving)),
+        ("zero dynamics", _typeset(uncontrolled(form))),
+        ("reference at speed V", BREAK.join(_typeset(str(each)) for each in form.moving)),
     ]
     return [row for row in rows if row[1]]
+
+
+def _typeset(text: str) -> Markup:
+    """Text with its names that have an index, such as theta_r, as in the formulas."""
+    parts = re.split(r"\b([A-Za-z]+_\w+)", text)
+    return Markup("").join(_symbol(part) if k % 2 else escape(part) for k, part in enumerate(parts))
+
+
+def _regular(minor: sp.Expr) -> Markup:
+    """Where the coordinates are regular; a constant minor is no condition."""
+    nonzero = (sp.Symbol("Phi"), "≠", sp.Integer(0))
+    return mathml("where det", *nonzero) if minor.is_number else mathml("where", minor, "≠", sp.Integer(0), "and det", *nonzero)
 
 
 def _symbol(name: str) -> Markup:

@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip figures`. Return 0, or 1 if a claim fails. Raises BadInput, ModelError, OSError."""
     from ..evidence.catalogue import chosen  # slow to import
     from ..evidence.production import Made, produce
-    from ..evidence.report import as_json, report, summary
+    from ..evidence.report import as_json, by_whom, report, summary
 
     if args.jobs < 1:
         raise BadInput(f"--jobs {args.jobs} must be 1 or more")
@@ -58,5 +58,6 @@ def run(args: argparse.Namespace) -> int:
     drawn = {f"figure_{each.figure.name}.{kind}": picture for each in made for kind, picture in each.pictures.items()}
     write_folder(Path(args.out), drawn | {"report.html": report(made)})
     where = os.path.join(args.out, "report.html")
-    show(args, lambda: f"{where}: {len(made)} figure{'s' if len(made) > 1 else ''}; {summary(made)}", lambda: as_json(made))
+    claims = "; ".join(by_whom(made))
+    show(args, lambda: f"{where}: {len(made)} figure{'s' if len(made) > 1 else ''}; {claims}", lambda: as_json(made))
     return 0 if all(claim.as_expected for each in made for claim in each.claims) else 1

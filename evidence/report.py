@@ -5,6 +5,7 @@ import importlib.metadata
 import platform
 import subprocess
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from markupsafe import Markup, escape
@@ -34,6 +35,7 @@ def report(made: Sequence[Made]) -> str:
         digests=dict(sorted({name: digest for run in runs for name, digest in run.sources.items()}.items())),
         versions=_versions(),
         summary=summary,
+        by_whom=by_whom,
         image=lambda each: base64.b64encode(each.pictures["svg"]).decode(),
         friction=lambda run: "–" if (needed := _friction(run)) is None else f"μ ≥ {needed:.2g}",
         ending=_ending,
@@ -54,6 +56,15 @@ def summary(made: Iterable[Made]) -> str:
     said += [_count(len(found), "does not (as found here)", "do not (as found here)")] if found else []
     said += [_count(len(failing), "FAILS", "FAIL") + ": " + "; ".join(claim.text for claim in failing)] if failing else []
     return ", ".join(said)
+
+
+def by_whom(made: Iterable[Made]) -> list[str]:
+    """Return the summaries of the paper's claims and of this project's, apart."""
+    made = list(made)
+    return [
+        f"{whose}: {summary([replace(each, claims=[claim for claim in each.claims if claim.paper == paper]) for each in made])}"
+        for whose, paper in (("claims of the paper", True), ("claims of this project", False))
+    ]
 
 
 def as_json(made: Iterable[Made]) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..simulation.drawing import COLOURS, FAINT, STOP, STYLE, encoded, say
+from ..simulation.drawing import COLOURS, FAINT, STOP, STYLE, encoded, legend_below, say
 from .channel import Channel, longest_period
 from .design import settling_time
 from .margins import Margins, Response, frequencies
@@ -23,6 +23,8 @@ CONTINUOUS, SAMPLED = COLOURS[0], COLOURS[1]
 AMOUNTS = 21  # plotted sizes of each error
 PERIODS = 160
 SHOWN = 3.2  # range of the Nyquist plot
+MARKERS = "osD^vP*X"
+OUTLIERS = 0.02  # part of the fastest eigenvalues that may be left of the view
 
 
 def pictures_of(report: OuterLoopReport) -> dict[str, bytes]:
@@ -36,18 +38,19 @@ def pictures_of(report: OuterLoopReport) -> dict[str, bytes]:
 
 def draw_loops(report: OuterLoopReport) -> Figure:
     """Bode plots and Nyquist plot of each channel, broken at v."""
-    figure, rows = _grid(report, len(report.channels), 3, "the loop of each channel, broken at v")
+    figure, rows = _grid(report, len(report.channels), 3, "the loop of each channel, broken at v", 4.8)
     for (magnitude, phase, nyquist), channel in zip(rows, report.channels.values(), strict=True):
         for each, colour, label in _versions(channel):
             loop, found = each.loop(), each.margins()
             omega = frequencies(loop)
             omega = omega[np.isfinite(omega)]
             L = Response(loop)(omega)[:, 0, 0]
-            magnitude.semilogx(omega, 20 * np.log10(np.abs(L)), color=colour, label=label)
-            phase.semilogx(omega, np.degrees(_phase(L)), color=colour, label=label)
+            of_gain, of_phase = _said(found)
+            magnitude.semilogx(omega, 20 * np.log10(np.abs(L)), color=colour, label=f"{label}: {of_gain}")
+            phase.semilogx(omega, np.degrees(_phase(L)), color=colour, label=f"{label}: {of_phase}")
             nyquist.plot(L.real, L.imag, color=colour, label=label)
             nyquist.plot(L.real, -L.imag, color=colour, linewidth=0.8, alpha=0.6)
-            _annotate(magnitude, phase, found, colour, low=each is channel and channel.period is not None)
+            _mark_crossover(magnitude, phase, found, colour)
             for axes in (magnitude, phase):
                 axes.set_xlim(0.1 * min(abs(channel.gains.poles)), 40 * max(abs(channel.gains.poles)))
         _finish_bode(magnitude, phase, channel)
@@ -57,7 +60,7 @@ def draw_loops(report: OuterLoopReport) -> Figure:
 
 def draw_steps(report: OuterLoopReport) -> Figure:
     """Draw the response of each output to a unit step of its reference, and v."""
-    figure, rows = _grid(report, len(report.channels), 2, "response to a unit step of each reference, its derivatives zero")
+    figure, rows = _grid(report, len(report.channels), 2, "response to a unit step of each reference, its derivatives zero", 4.6)
     for (output, effort), channel in zip(rows, report.channels.values(), strict=True):
         end = 1.6 * settling_time(channel.gains)
         for each, colour, label in _versions(channel):
@@ -65,7 +68,8 @@ def draw_steps(report: OuterLoopReport) -> Figure:
             times = np.linspace(0, end, 600) if period is None else period * np.arange(int(end / period) + 2)
             found = control.step_response(each.closed(), times, squeeze=False)
             y, v = found.outputs[0, 0], found.outputs[-1, 0]
-            output.plot(times, y, "-" if period is None else ".-", color=colour, label=label, markersize=3, linewidth=1.2)
+            style = "-" if period is None else ".-"
+            output.plot(times, y, style, color=colour, label=f"{label}: {_response(times, y)}", markersize=3, linewidth=1.2)
             effort.plot(
                 times, v, color=colour, label=label, linewidth=1.2, drawstyle="default" if period is None else "steps-post"
             )
@@ -75,14 +79,22 @@ def draw_steps(report: OuterLoopReport) -> Figure:
         output.set(title=channel.name, xlabel="time t (s)", ylabel=f"{channel.name} ({channel.unit})")
         unit = f"{channel.unit}/s$^2$" if channel.gains.degree == 2 else f"{channel.unit}/s"
         effort.set(title=f"v of {channel.name}", xlabel="time t (s)", ylabel=f"v ({unit.replace('m/s/s', 'm/s$^2$')})")
-        output.legend(loc="center right")
-        effort.legend(loc="upper right")
+        legend_below(output)
+        legend_below(effort)
     return figure
+
+
+def _response(times: np.ndarray, y: np.ndarray) -> str:
+    """Overshoot of a response to a unit step, and when it stays within 2 % of it, as text."""
+    outside = np.flatnonzero(np.abs(y - 1) > 0.02)
+    settled = f"within 2 % from {times[outside[-1] + 1]:.3g} s" if outside[-1] + 1 < len(y) else "not within 2 % yet"
+    over = y.max() - 1
+    return ("no overshoot" if over < 5e-4 else f"overshoot {100 * over:.1f} %") + f", {settled}"
 
 
 def draw_period(report: OuterLoopReport) -> Figure:
     """Draw the eigenvalues of the whole loop from call to call over the period, and the largest of them."""
-    figure, ((plane, size),) = _grid(report, 1, 2, "the whole loop, torque held between calls", height=5.2)
+    figure, ((plane, size),) = _grid(report, 1, 2, "the whole loop, torque held between calls", 5.4)
     motion, limits = report.motion, report.longest
     end = 1.25 * limits["stable"] if math.isfinite(limits["stable"]) and limits["stable"] else 10 / motion.decay()
     periods = np.linspace(1e-3, 1, PERIODS) * end
@@ -94,8 +106,8 @@ def draw_period(report: OuterLoopReport) -> Figure:
     )
     figure.colorbar(dots, ax=plane, label="period T (ms)", shrink=0.8)
     plane.set(xlabel="Re z", ylabel="Im z", title="eigenvalues of the map over a period")
-    plane.set_aspect("equal", adjustable="datalim")
-    plane.legend(loc="lower left")
+    plane.set_aspect("equal")
+    legend_below(plane)
     late = np.array([np.abs(motion.eigenvalues(period, True)[0]) for period in periods])
     size.plot(1e3 * periods, np.abs(values[:, 0]), color=CONTINUOUS, label="whole loop")
     size.plot(1e3 * periods, late, color=SAMPLED, label="with a delay of one sample")
@@ -106,37 +118,41 @@ def draw_period(report: OuterLoopReport) -> Figure:
             size.annotate(
                 f"{1e3 * limit:.4g} ms", (1e3 * limit, 1), (0, 10), textcoords="offset points", ha="right", color=colour
             )
-    for k, channel in enumerate(report.channels.values()):
+    for channel in report.channels.values():
         limit = longest_period(channel.gains)
         where = f"{1e3 * limit:.4g} ms" + (", beyond the right edge" if limit > end else "")
-        say(size, f"channel {channel.name} alone, exact model: {where}", (0.03, 0.1 - 0.06 * k))
         size.axvline(1e3 * limit, color=FAINT, linewidth=0.8, linestyle=":") if limit <= end else None
+        size.plot([], [], ":", color=FAINT, linewidth=0.8, label=f"channel {channel.name} alone, exact model: {where}")
     size.set(xlabel="period T (ms)", ylabel="largest |z|", title="stable while below 1", xlim=(0, 1e3 * end), ylim=(0.5, 1.6))
-    size.legend(loc="lower right")
+    legend_below(size)
     return figure
 
 
 def draw_wrong(report: OuterLoopReport) -> Figure:
     """Draw the eigenvalues with model errors, one at a time and all at once, and the effect of each."""
     title = f"model errors up to {report.spread:.0%} (L: of its distance from the axle; heading: rad)"
-    figure, ((plane, bars),) = _grid(report, 1, 2, title, height=6.2, widths=(1.5, 1))
+    figure, ((plane, bars),) = _grid(report, 1, 2, title, 6.6, (1.5, 1))
     loops, ranked = report.loops, [harm.name for harm in report.ranking]
     together = np.concatenate([_rates(case.eigenvalues, loops) for case in report.corners])
     plane.scatter(together.real, together.imag, s=5, color="#c4c4c4", label="all errors at once", zorder=1)
     amounts = report.spread * np.linspace(-1, 1, AMOUNTS)
-    for name, colour in zip(ranked[: len(COLOURS)], COLOURS, strict=False):
+    for name, colour, marker in zip(ranked, COLOURS, MARKERS, strict=False):
         found = np.concatenate([_rates(case.eigenvalues, loops) for case in one_by_one(report.motion, amounts, loops, [name])])
-        plane.scatter(found.real, found.imag, s=9, color=colour, label=name, zorder=3)
+        plane.scatter(found.real, found.imag, s=16, color=colour, marker=marker, linewidth=0.8, label=name, zorder=3)
     exact = _rates(report.motion.eigenvalues(loops.period, loops.delay), loops)
     plane.plot(exact.real, exact.imag, "+", color="black", markersize=13, markeredgewidth=2, label="exact model", zorder=4)
-    _draw_limit(plane, loops)
-    outside = "right of" if loops.period is None else "outside"
-    say(plane, f"unstable {outside} the red line", (0.98, 0.02), STOP, ha="right")
+    shown = np.quantile(together.real, OUTLIERS)
+    left = min(shown, exact.real.min()) - 0.05 * np.ptp(together.real[together.real >= shown])
+    plane.set_xlim(left=left)
+    _draw_limit(plane, loops, f"unstable {'right of' if loops.period is None else 'outside'} it")
+    beyond = int((together.real < left).sum())
+    if beyond:
+        say(plane, f"{beyond} of {len(together)} grey points are further left", (0.02, 0.02))
     of = "s" if loops.period is None else "(z - 1)/T"
     plane.set(
         xlabel=f"Re {of} (1/s)", ylabel=f"Im {of} (rad/s)", title="eigenvalues of the whole loop; the eight largest effects"
     )
-    plane.legend(loc="upper left", ncols=2)
+    legend_below(plane, 5)
     harms = report.ranking[::-1]
     bars.barh([harm.name for harm in harms], [100 * harm.loss for harm in harms], color=COLOURS[0])
     for k, harm in enumerate(harms):
@@ -149,9 +165,9 @@ def draw_wrong(report: OuterLoopReport) -> Figure:
 
 
 def _grid(
-    report: OuterLoopReport, rows: int, columns: int, about: str, height: float = 0.0, widths: Sequence[float] = ()
+    report: OuterLoopReport, rows: int, columns: int, about: str, height: float, widths: Sequence[float] = ()
 ) -> tuple[Figure, np.ndarray]:
-    figure = Figure(figsize=(13.0, height or 3.9 * rows + 0.6), layout="constrained")
+    figure = Figure(figsize=(13.0, height * rows + 0.6), layout="constrained")
     loops = report.loops
     run = (
         "continuous"
@@ -177,16 +193,20 @@ def _phase(L: np.ndarray) -> np.ndarray:
     return phase - 2 * np.pi * math.ceil(phase[0] / (2 * np.pi))
 
 
-def _annotate(magnitude: Axes, phase: Axes, found: Margins, colour: str, low: bool) -> None:
-    place = 0.04 if low else 0.14
+def _said(found: Margins) -> tuple[str, str]:
+    """The margins of gain and phase as text."""
+    gain = "unlimited" if found.gain == math.inf else f"{20 * math.log10(found.gain):.1f} dB"
+    phase = "unlimited"
+    if math.isfinite(found.phase):
+        phase = f"{math.degrees(found.phase):.1f}° at {found.crossover:.3g} rad/s"
+    return f"gain margin {gain}, Ms {found.Ms:.3f}, Mt {found.Mt:.3f}", f"phase margin {phase}"
+
+
+def _mark_crossover(magnitude: Axes, phase: Axes, found: Margins, colour: str) -> None:
     if math.isfinite(found.phase):
         phase.axvline(found.crossover, color=colour, linewidth=0.8, linestyle=":")
-        text = f"phase margin {math.degrees(found.phase):.1f} deg at {found.crossover:.3g} rad/s"
-        say(phase, text, (0.03, place), colour)
         magnitude.plot(found.crossover, 0, "o", color=colour, markersize=5)
         phase.plot(found.crossover, math.degrees(found.phase) - 180, "o", color=colour, markersize=5)
-    gain = "unlimited" if found.gain == math.inf else f"{20 * math.log10(found.gain):.1f} dB"
-    say(magnitude, f"gain margin {gain}, Ms {found.Ms:.3f}, Mt {found.Mt:.3f}", (0.03, place), colour)
 
 
 def _finish_bode(magnitude: Axes, phase: Axes, channel: Channel) -> None:
@@ -194,8 +214,8 @@ def _finish_bode(magnitude: Axes, phase: Axes, channel: Channel) -> None:
     phase.axhline(-180, color=STOP, linewidth=0.8)
     magnitude.set(title=f"{channel.name}: gain", xlabel="frequency (rad/s)", ylabel="|L| (dB)", ylim=(-50, 50))
     phase.set(title=f"{channel.name}: phase", xlabel="frequency (rad/s)", ylabel="angle of L (deg)", ylim=(-285, -60))
-    magnitude.legend(loc="upper right")
-    phase.legend(loc="upper right")
+    for axes in (magnitude, phase):
+        legend_below(axes)
 
 
 def _finish_nyquist(axes: Axes, channel: Channel) -> None:
@@ -204,7 +224,7 @@ def _finish_nyquist(axes: Axes, channel: Channel) -> None:
     axes.fill(around.real, around.imag, color=STOP, alpha=0.12, label="|S| > 2")
     axes.plot(-1, 0, "+", color=STOP, markersize=11, markeredgewidth=2, label="-1")
     axes.set(title=f"{channel.name}: Nyquist", xlabel="Re L", ylabel="Im L", xlim=(-SHOWN, 1), ylim=(-SHOWN / 1.6, SHOWN / 1.6))
-    axes.legend(loc="lower left")
+    legend_below(axes, 2)
 
 
 def _rates(values: np.ndarray, loops: Loops) -> np.ndarray:
@@ -212,12 +232,12 @@ def _rates(values: np.ndarray, loops: Loops) -> np.ndarray:
     return values if loops.period is None else (values - 1) / loops.period
 
 
-def _draw_limit(axes: Axes, loops: Loops) -> None:
+def _draw_limit(axes: Axes, loops: Loops, label: str) -> None:
     """The edge of stability among `_rates`: the imaginary axis, or a circle that touches it; the view stays as it is."""
     view = axes.get_xlim(), axes.get_ylim()
     if loops.period is None:
-        axes.axvline(0, color=STOP, linewidth=1.5)
+        axes.axvline(0, color=STOP, linewidth=1.5, label=label)
     else:
         edge = (np.exp(1j * np.linspace(-np.pi, np.pi, 2000)) - 1) / loops.period
-        axes.plot(edge.real, edge.imag, color=STOP, linewidth=1.5)
+        axes.plot(edge.real, edge.imag, color=STOP, linewidth=1.5, label=label)
     axes.set(xlim=view[0], ylim=view[1])

@@ -171,7 +171,7 @@ def evenly_spread(points: np.ndarray, count: int) -> np.ndarray:
 
 def _freeze(figure: Figure) -> None:
     """Compute the layout once and round it: the solver's last bits vary, and SVG derives names of clip paths from them."""
-    for _ in range(2):  # equal scales change the ticks for which the first layout made room
+    for _ in range(2):  # as in `encoded`
         figure.draw_without_rendering()
     figure.set_layout_engine(None)  # not "none": with that each file would be drawn twice
     for axes in figure.axes:
@@ -181,5 +181,7 @@ def _freeze(figure: Figure) -> None:
 def encoded(figure: Figure, kind: str) -> bytes:
     """Return a figure as the bytes of a file; `kind` is png, svg or pdf."""
     made = io.BytesIO()
+    if figure.get_layout_engine():
+        figure.draw_without_rendering()  # once more: equal scales change the ticks for which the first layout makes room
     figure.savefig(made, format=kind, dpi=130, metadata=METADATA.get(kind))
     return made.getvalue()

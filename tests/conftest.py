@@ -66,6 +66,23 @@ def pytest_collection_finish():
     gc.set_threshold(10_000)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def legible():
+    """Every figure that a test of this process writes to a file has text that can be read."""
+    import matplotlib.figure
+    from noslip.tests.legible import unreadable
+
+    write = matplotlib.figure.Figure.savefig
+
+    def checked(figure, *args, **options):
+        write(figure, *args, **options)
+        assert unreadable(figure) == []
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(matplotlib.figure.Figure, "savefig", checked)
+        yield
+
+
 @pytest.fixture(scope="session")
 def built(tmp_path_factory):
     """Objects of all sources by compiler and level, made once: without a warning, for a shared library, without a library."""

@@ -16,9 +16,13 @@ SLACK = 1.0  # pixels by which boxes may overlap: they include room around the g
 def unreadable(figure: Figure) -> list[str]:
     """Return what is wrong with the text of a figure, a sentence for each pair of boxes that overlap and each that is cut.
 
-    Boxes are those that Matplotlib's Agg renderer computes after the layout. The text of a legend is taken with its legend.
+    The figure has been drawn, and its layout is kept: another one could mend what was seen. Boxes are those of Matplotlib's Agg
+    renderer; the text of a legend is taken with its legend.
     """
+    engine = figure.get_layout_engine()
+    figure.set_layout_engine(None)
     figure.draw_without_rendering()
+    figure.set_layout_engine(engine)
     renderer = RendererAgg(*figure.bbox.size, figure.dpi)
     boxes = [(name, box) for name, box in _boxes(figure, renderer) if box.width > 0 and box.height > 0]
     found = [f"{name} is cut at the edge of the figure" for name, box in boxes if not _within(box, figure.bbox)]
@@ -34,7 +38,7 @@ def _boxes(figure: Figure, renderer: RendererAgg) -> Iterator[tuple[str, Bbox]]:
         yield f"the legend of {legend.get_texts()[0].get_text()!r}", legend.get_window_extent(renderer)
     for text in [*_labels(figure), *(text for text in figure.findobj(Text) if text not in hidden)]:
         if text.get_visible() and text.get_text().strip():
-            yield repr(text.get_text()), text.get_window_extent(renderer)
+            yield repr(text.get_text()), Text.get_window_extent(text, renderer)  # of an annotation, without its arrow
 
 
 def _labels(figure: Figure) -> Iterator[Text]:
@@ -43,10 +47,9 @@ def _labels(figure: Figure) -> Iterator[Text]:
         for axis in (axes.xaxis, axes.yaxis) if axes.axison and axes.get_visible() else ():
             yield from (axis.label, axis.offsetText)
             low, high = sorted(axis.get_view_interval())
-            for minor in (False, True):
-                for place, label in zip(axis.get_ticklocs(minor=minor), axis.get_ticklabels(minor=minor), strict=True):
-                    if low <= place <= high:
-                        yield label
+            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+                if low <= tick.get_loc() <= high:
+                    yield from (tick.label1, tick.label2)
 
 
 def _within(box: Bbox, edges: Bbox) -> bool:

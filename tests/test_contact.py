@@ -21,6 +21,7 @@ from noslip.simulation.plant import Plant
 from noslip.simulation.run import Run, lambda_columns
 from noslip.simulation.specification.spec import ContactSection, Initial, read_spec
 from noslip.simulation.specification.vary import read_varied
+from noslip.tests.legible import unreadable
 
 SPECS = File(__file__).parents[1] / "specs"
 BESIDE_THE_LINE = {"initial": {"point": [0.0, 2.0], "heading": math.pi / 2, "speed": 0.0}}  # which asks much of the ground
@@ -220,6 +221,7 @@ def test_figure(options):
     assert circle.get_aspect() == 1.0 and "(N)" in circle.get_xlabel() and "(N)" in circle.get_ylabel()
     assert use.get_ylim()[1] > 1.0 and np.all(np.isfinite(use.get_ylim()))
     figure.draw_without_rendering()
+    assert unreadable(figure) == []
 
 
 # -- other robots -----------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, NullLocator
 
 from ...model.mechanism import Quantity
 from ...model.outputs import OutputRow
@@ -89,7 +89,7 @@ def _cloud(report: SweepReport) -> matplotlib.figure.Figure:
     here = abs(nominal[study.batch.outcomes.index(outcome)])
     rows = -(-len(names) // COLUMNS)
     figure = matplotlib.figure.Figure(figsize=(12.0, 1.2 + 3.4 * rows), layout="constrained")
-    axes = figure.subplots(rows, min(COLUMNS, len(names)), squeeze=False).ravel()
+    axes = figure.subplots(rows, min(COLUMNS, len(names)), squeeze=False, sharey=True).ravel()
     decades = size[ended & (size > 0)]
     logarithmic = len(decades) > 0 and np.quantile(decades, 0.99) > 30 * np.quantile(decades, 0.01)
     unit = _unit(study, outcome)
@@ -113,17 +113,19 @@ def _cloud(report: SweepReport) -> matplotlib.figure.Figure:
             panel.set_ylim(bottom=0.0)
         if study.plan.margins[name].kind == "log_uniform":
             panel.set_xscale("log")
-            panel.xaxis.set_minor_formatter(NullFormatter())
             low, high = study.plan.margins[name].quantile(np.array([0.0, 1.0]))
             panel.set_xticks(np.geomspace(low, high, 5))
-            panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+            panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.2g}"))
+            panel.xaxis.set_minor_locator(NullLocator())
         rank = f": rank correlation {ranks[name]:+.2f}" if name in ranks else ""
         panel.set_title(f"{name}{rank}", loc="left")
-        panel.set(xlabel=f"{name}{_input_unit(study, name)}", ylabel=f"|{outcome}| ({unit})" if unit else f"|{outcome}|")
+        panel.set_xlabel(f"{name}{_input_unit(study, name)}")
+    for panel in axes[: len(names) : COLUMNS]:
+        panel.set_ylabel(f"|{outcome}| ({unit})" if unit else f"|{outcome}|")
     for panel in axes[len(names) :]:
         panel.set_axis_off()
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    named = {label: handle for panel in axes for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)}
+    figure.legend(named.values(), named.keys(), loc="outside lower center", ncols=len(named), markerscale=1.6)
     return figure
 
 
@@ -170,14 +172,15 @@ def _starts(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: i
     singular = np.ma.masked_where(names != "singular", t_end)
     if singular.count():
         drawn = axes.pcolormesh(x, y, singular, cmap="YlOrRd_r", vmin=0.0, shading="nearest", rasterized=True)
-        figure.colorbar(drawn, ax=axes, label="becomes singular at t (s); 0: initially singular")
+        figure.colorbar(drawn, ax=axes, label="time when the run becomes singular (s); 0: at its start")
+        axes.scatter([], [], s=90, marker="s", color=drawn.cmap(0.3), label="becomes singular")
     _draw_samples(axes, report, one, other)
     axes.scatter(study.batch.nominal[one], study.batch.nominal[other], label="SPEC", **NOMINAL)
     axes.set(xlabel=f"{one}{_input_unit(study, one)}", ylabel=f"{other}{_input_unit(study, other)}")
     axes.set(xlim=ranges[one], ylim=ranges[other])
     axes.set_title(f"{np.mean(names == 'singular'):.1%} of {names.size} starts shown become singular", loc="left")
     axes.grid(False)
-    figure.legend(loc="outside lower center", ncols=4)
+    figure.legend(loc="outside lower center", ncols=6)
     return figure
 
 
@@ -190,7 +193,7 @@ def _draw_samples(axes: Axes, report: SweepReport, one: str, other: str) -> None
     part = next(open_sweep(report.output)[0].iter_batches(batch_size=STARTS, columns=[*varies, "status"]))
     x, y = (part[n].to_numpy() if n in varies else np.full(len(part), study.batch.nominal[n]) for n in (one, other))
     stopped = ~np.isin(part["status"].to_numpy(zero_copy_only=False), ENDED)
-    axes.scatter(x[~stopped], y[~stopped], s=4, color="#33506b", alpha=0.6, linewidth=0, label="samples", rasterized=True)
+    axes.scatter(x[~stopped], y[~stopped], s=7, color="#33506b", alpha=0.7, linewidth=0, label="samples", rasterized=True)
     if stopped.any():
         axes.scatter(x[stopped], y[stopped], s=30, marker="x", color="black", linewidth=1.2, label="samples that stop")
 
