@@ -5,6 +5,7 @@ import argparse
 from ..controllers.controller import ON_TARGET
 from ..simulation import replay
 from ..simulation.replay import first_difference, read_record
+from .commands import show
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -40,5 +41,7 @@ def run(args: argparse.Namespace) -> int:
         difference = first_difference(record, session, args.backend)
     finally:
         session.close()
-    print(f"{args.record}: {difference or f'{len(record.calls)} calls, the same bits on {args.backend}'}")
+    values = {"file": args.record, "backend": args.backend, "calls": len(record.calls), "difference": difference}
+    same = f"{len(record.calls)} calls, the same bits on {args.backend}"
+    show(args, lambda: f"{args.record}: {difference or same}", lambda: {"ok": difference is None, **values})
     return int(difference is not None)

@@ -154,7 +154,7 @@ def file_or_shipped(name: Path | str, suffix: str) -> Path:
     path = Path(name)
     if path.name != str(name) or path.suffix or path.exists():
         return path
-    shipped = {file.stem: file for file in sorted(SHIPPED.rglob(f"*{suffix}"))}
+    shipped = {file.stem: file for file in sorted(SHIPPED.rglob(f"*{suffix}")) if "." not in file.stem}  # no schemas
     if str(name) not in shipped:
         raise BadInput(f"{name}: neither a file nor a file that comes with noslip{suggestion(str(name), shipped)}")
     return shipped[str(name)]

@@ -11,6 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
 from ..model.drawing import box
 from ..model.law import symbols
@@ -43,6 +44,7 @@ STYLE = matplotlib.RcParams(
 def panels(*titles: str, height: float = 4.6, widths: Iterable[float] = ()) -> tuple[Figure, np.ndarray]:
     """Return a figure with a row of panels, one for each title, and the panels."""
     figure = Figure(figsize=(12.0, height), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.08)  # inches: equal scales may widen the labels of an axis after the layout
     axes = figure.subplots(1, len(titles), squeeze=False, width_ratios=tuple(widths) or None)[0]
     for panel, title in zip(axes, titles, strict=True):
         panel.set_title(title, loc="left")
@@ -68,14 +70,27 @@ def over_time(axes: Axes, quantity: str) -> None:
 
 
 def start(axes: Axes, place: np.ndarray, label: str | None = "start") -> None:
-    """Mark the start of a run by a ring."""
-    ring: dict[str, Any] = {"markersize": 8, "markerfacecolor": "white", "markeredgecolor": "black", "markeredgewidth": 1.5}
+    """Mark the start of a run by a ring, which hides nothing."""
+    ring: dict[str, Any] = {"markersize": 9, "markerfacecolor": "none", "markeredgecolor": "black", "markeredgewidth": 1.5}
     axes.plot(*place, "o", color="none", label=label, zorder=5, **ring)
 
 
 def to_follow(axes: Axes, x: np.ndarray, y: np.ndarray, label: str | None = "path to follow") -> None:
     """Draw the desired path, wide and grey, behind the runs."""
     axes.plot(x, y, color=WANTED, linewidth=5, alpha=0.45, solid_capstyle="round", label=label, zorder=0)
+
+
+def legend_below(axes: Axes, ncols: int = 1, **options: Any) -> Legend:
+    """Put the legend below a panel and its label, where it covers no curve; the layout makes room for it."""
+    return axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=ncols, **options)
+
+
+def at_times(axes: Axes, times: np.ndarray, places: np.ndarray, away: np.ndarray) -> None:
+    """Write times (N,), s, beside places (N, 2), each on the side to which `away` (N, 2) points."""
+    for t, place, (dx, dy) in zip(times, places, away, strict=True):
+        side = {"ha": "left" if dx > 0.3 else "right" if dx < -0.3 else "center"}
+        side |= {"va": "bottom" if dy > 0.3 else "top" if dy < -0.3 else "center"}
+        axes.annotate(f"{t:.3g} s", place, 7 * np.array([dx, dy]), textcoords="offset points", fontsize=9, color=FAINT, **side)
 
 
 def zoom(axes: Axes, place: tuple[float, float, float, float], around: np.ndarray, half: float) -> Axes:
@@ -85,6 +100,7 @@ def zoom(axes: Axes, place: tuple[float, float, float, float], around: np.ndarra
         xlim=(around[0] - half, around[0] + half), ylim=(around[1] - half, around[1] + half), aspect="equal", autoscale_on=False
     )
     inset.tick_params(labelsize=7)
+    inset.locator_params(nbins=4)
     inset.spines[:].set(visible=True, color=FAINT)
     axes.indicate_inset_zoom(inset, edgecolor=FAINT, alpha=0.8)
     return inset
@@ -155,7 +171,8 @@ def evenly_spread(points: np.ndarray, count: int) -> np.ndarray:
 
 def _freeze(figure: Figure) -> None:
     """Compute the layout once and round it: the solver's last bits vary, and SVG derives names of clip paths from them."""
-    figure.draw_without_rendering()
+    for _ in range(2):  # equal scales change the ticks for which the first layout made room
+        figure.draw_without_rendering()
     figure.set_layout_engine(None)  # not "none": with that each file would be drawn twice
     for axes in figure.axes:
         axes.set_position(np.round(axes.get_position(original=True).bounds, 6))

@@ -13,7 +13,7 @@ from ..model.paths import Path
 from ..model.segments import Segment
 from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries
-from .drawing import draw_implicit, evenly_spread, implicit_path, is_outline, outlines
+from .drawing import at_times, draw_implicit, evenly_spread, implicit_path, is_outline, outlines
 from .guidance import vehicle_motion
 from .run import Run
 
@@ -23,6 +23,7 @@ SECOND = "#8a4fa3"  # second colour beside POINT
 COLOURS = (POINT, SECOND, AXLE, VEHICLE)
 WIDE = 170  # characters per line of the title
 OUTLINES, APART = 6, 2.5  # largest number of drawn vehicles, and their smallest distance, m
+TURN = 1.6 * np.pi  # rad by which the vehicle may turn while it is drawn: after a full turn it is where it was before
 
 
 def draw(run: Run) -> Figure:
@@ -58,7 +59,10 @@ def draw(run: Run) -> Figure:
 
 def _clip(axes: Axes) -> None:
     """Limit the view to the run without the last instants before it stopped, when values grow without bound."""
-    values = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.get_lines() if np.size(line.get_xdata()) > 2])
+    drawn = [np.asarray(line.get_ydata(), float) for line in axes.get_lines() if np.size(line.get_xdata()) > 2]
+    if not drawn:
+        return
+    values = np.concatenate(drawn)
     low, high = np.nanpercentile(values, [2, 98])
     room = max(0.3 * (high - low), 0.1 * max(abs(low), abs(high)), 1e-3)
     axes.set_ylim(low - room, high + room)
@@ -118,13 +122,16 @@ def _draw_plane(axes: Axes, run: Run) -> None:
     _draw_vehicles(axes, run, vehicle, heading)
     ring: dict[str, Any] = {"markersize": 9, "markerfacecolor": "white", "markeredgewidth": 2}
     axes.plot(*p_l[0], "o", color=POINT, **ring, label=f"start of {point}", zorder=5)
+    rounds = abs(heading[-1] - heading[0]) / (2 * np.pi)
+    if rounds > 1 and not run.stopped:
+        axes.plot(*p_l[-1], "s", color=POINT, **ring, label=f"end at {run.t[-1]:.4g} s, {rounds:.1f} turns", zorder=5)
     if run.stopped:
         label = f"stopped at {run.t[-1]:.4g} s: {run.stopped}"
         axes.plot(*p_l[-1], "X", color=STOP, markersize=11, label=label, zorder=6)
     if run.spec.output.own and _are_places(run):
         _draw_places(axes, run, SECOND)
     if run.spec.output.type == "I":
-        axes.plot(*run.y_d.T, color=FOLLOWED, linewidth=4, alpha=0.6, label="wanted $P_l$", zorder=0)
+        axes.plot(*run.y_d.T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired $P_l$", zorder=0)
     if run.composite:
         _draw_pieces(axes, run.spec.output.segments)
     elif run.law.output.path:
@@ -144,7 +151,7 @@ def _draw_outputs(axes: Axes, run: Run) -> None:
         _make_square(axes)
     else:
         for row, y, y_d, colour in zip(rows, run.y.T, run.y_d.T, COLOURS, strict=False):
-            axes.plot(run.t, y_d, color=FOLLOWED, linewidth=4, alpha=0.6, label="wanted" if row is rows[0] else None, zorder=0)
+            axes.plot(run.t, y_d, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired" if row is rows[0] else None, zorder=0)
             axes.plot(run.t, y, color=colour, label=f"{row.about} ({row.unit})")
         axes.set(xlabel="time t (s)", ylabel="outputs")
     axes.grid(alpha=0.3)
@@ -158,7 +165,7 @@ def _are_places(run: Run) -> bool:
 def _draw_places(axes: Axes, run: Run, colour: str) -> None:
     """Draw the first two outputs against each other, and their desired values."""
     first, second, *_ = run.law.output.rows
-    axes.plot(*run.y_d[:, :2].T, color=FOLLOWED, linewidth=4, alpha=0.6, label="wanted", zorder=0)
+    axes.plot(*run.y_d[:, :2].T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired", zorder=0)
     axes.plot(*run.y[:, :2].T, color=colour, label=f"{first.name}, {second.name}", zorder=2.7)
     square: dict[str, Any] = {"markersize": 7, "markerfacecolor": "white", "markeredgewidth": 2}
     axes.plot(*run.y[0, :2], "s", color=colour, **square, label=f"start of {first.name}, {second.name}")
@@ -196,19 +203,26 @@ def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:
 
 
 def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray) -> None:
-    """Draw outlines to scale at equal distances along the path driven, with the front marked."""
-    length = np.hypot(*np.diff(place, axis=0).T).sum()
-    instants = np.unique(evenly_spread(place, int(np.clip(1 + length / APART, 2, OUTLINES))))
+    """Draw outlines to scale at equal distances along the path driven, each with its time and the front marked; the first turn only."""
+    turned = np.flatnonzero(np.abs(heading - heading[0]) > TURN)
+    way = place[: turned[0]] if len(turned) else place
+    length = np.hypot(*np.diff(way, axis=0).T).sum()
+    instants = np.unique(evenly_spread(way, int(np.clip(1 + length / APART, 2, OUTLINES))))
     forward = np.column_stack([np.cos(heading), np.sin(heading)])[instants]
+    left = forward[:, ::-1] * (-1.0, 1.0)
     lines = outlines(run.law.system.mechanism, run.q[instants], run.plant.parameters)
-    reach = np.max([((line - place[instants][:, None]) @ forward[..., None]).max(axis=(1, 2)) for line in lines], axis=0)
+    ahead, aside = (
+        np.max([((line - place[instants][:, None]) @ side[..., None]).max(axis=(1, 2)) for line in lines], axis=0)
+        for side in (forward, left)
+    )
     for line in (each for instant in lines for each in instant):
         if is_outline(line):
             axes.fill(*line.T, facecolor="#00000010", edgecolor="#333333", linewidth=1.0, zorder=3)
         else:
             axes.plot(*line.T, color="#333333", linewidth=3, solid_capstyle="butt", zorder=3)
-    for start, nose in zip(place[instants], place[instants] + reach[:, None] * forward, strict=True):
+    for start, nose in zip(place[instants], place[instants] + ahead[:, None] * forward, strict=True):
         axes.annotate("", nose, start, arrowprops={"arrowstyle": "-|>", "color": "#333333"}, zorder=4)
+    at_times(axes, run.t[instants], place[instants] + aside[:, None] * left, left)
 
 
 def _draw_errors(axes: Axes, run: Run) -> None:
@@ -230,7 +244,7 @@ def _draw_speed(axes: Axes, run: Run) -> None:
     axes.plot(run.t, speed, color=VEHICLE, label="forward speed")
     for row, wanted in zip(run.law.output.rows, run.y_d.T, strict=True):
         if row.name == "speed":
-            axes.plot(run.t, wanted, color=FOLLOWED, linewidth=3, alpha=0.6, label="wanted", zorder=0)
+            axes.plot(run.t, wanted, color=FOLLOWED, linewidth=3, alpha=0.6, label="desired", zorder=0)
     low, high = axes.get_ylim()
     spread = 0.05 * np.abs(speed).max()  # so that a constant speed looks constant
     axes.set_ylim(min(low, speed.min() - spread), max(high, speed.max() + spread))

@@ -455,3 +455,34 @@ def test_export_of_one_scalar_has_no_source_of_the_other(scalar, there, not_ther
     folder = tmp_path / "one"
     assert main(["export", "labmate", "--output", "type_i", "--scalar", scalar, "-o", str(folder)]) == 0
     assert (folder / f"noslip_path{there}").exists() and not (folder / f"noslip_path{not_there}").exists()
+
+
+LONG = re.compile(r"^noslip figures|--scheduler|--table|--worst")  # figures and large sweeps have tests of their own
+
+
+def printed_commands() -> list[tuple[str, str]]:
+    """The commands of noslip that the pages print: page, command line; those of the tutorial are run by test_tutorial."""
+    found = []
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        for text in re.findall(r"^```sh\n(.*?)^```", page.read_text(), re.S | re.M):
+            lines = text.replace("\\\n", "").splitlines()
+            found += [(page.name, re.sub(r"\s+# .*", "", line)) for line in lines if line.startswith("noslip ")]
+    return [(page, line) for page, line in found if not LONG.search(line) and page != "your_robot.md"]
+
+
+@pytest.mark.nightly
+def test_printed_commands_work_from_the_wheel(installed, tmp_path):
+    """Page by page in an empty folder, with the README's robot beside."""
+    on_target = not TARGETS["cortex-m4f"].missing()
+    env = {**os.environ, "NOSLIP_CACHE": str(tmp_path / "cache"), "PATH": f"{installed}:{os.environ['PATH']}"}
+    env.pop("PYTHONPATH", None)
+    ran = 0
+    for page, line in printed_commands():
+        folder = tmp_path / page
+        folder.mkdir(exist_ok=True)
+        (folder / "cart.py").write_text(block("python"))
+        if on_target or not re.search("m4f|replay", line):
+            stops = " || [ $? = 1 ]" if "--sample" in line else ""  # as a sample of a sweep may
+            run(["bash", "-c", line + stops], cwd=folder, env=env)
+            ran += 1
+    assert ran > 12

@@ -563,7 +563,7 @@ def test_draws(kind, points, capsys, tmp_path):
         ([*DUBINS, "--plot", "path.bmp"], ".png, .pdf and .svg"),
         ([*DUBINS, "-o", "no/such/folder/path.toml"], "does not exist"),
         ([*DUBINS[:7], "0", "0", "0", "--radius", "1"], "same pose"),
-        ([*DUBINS[:7], "1", "inf", "0", "--radius", "1"], "goal = 1 inf 0 is not finite"),
+        ([*DUBINS[:7], "1", "inf", "0", "--radius", "1"], "--to[1] = inf is not finite"),
         (["plan", "waypoints", "nowhere.csv", "--tolerance", "1"], "nowhere.csv: No such file"),
     ],
 )

@@ -6,7 +6,7 @@ import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
 
-from ...simulation.drawing import COLOURS, STOP, over_time, panels, plane, start, to_follow
+from ...simulation.drawing import COLOURS, STOP, legend_below, over_time, panels, plane, start, to_follow
 from ..framework import Case, Claim, Figure, Outcome, Runs
 from ..measures import time_to_stay_within
 
@@ -40,16 +40,17 @@ def _degrees(heading: float) -> str:
 def draw_8a(runs: Runs) -> matplotlib.figure.Figure:
     """Paths of P_l, whole and near the start, and the distance from the circle; the refused headings as arrows."""
     figure, axes = panels(
-        "paths of $P_l$, 5 m/s", "near the start, arrows: initial heading", "distance from the circle", widths=(1, 1.1, 1)
+        "paths of $P_l$, 5 m/s", "near the start, arrows: initial heading", "distance from the circle", height=5.4
     )
     done = {label: run for label, run in runs.items() if not run.refused}
     for panel in axes[:2]:
         draw_circle(panel)
     for (label, run), colour in zip(done.items(), COLOURS, strict=False):
-        axes[0].plot(*run.P_l.T, color=colour, label=label, alpha=0.8)
+        axes[0].plot(*run.P_l.T, color=colour, alpha=0.8)
         axes[1].plot(*run.P_l[run.t < FIRST].T, color=colour)
         _arrow(axes[1], run.P_l[0], run.heading[0], colour, "-")
-        axes[2].plot(run.t, distance(run), color=colour)
+        turn = "clockwise" if run.yaw_rate[-1] < 0 else "counterclockwise"
+        axes[2].plot(run.t, distance(run), color=colour, label=f"{label}, {turn}")
     place = run.P_l[0]
     for label, run in runs.items():
         if run.refused and run.spec.initial:
@@ -68,10 +69,11 @@ def draw_8a(runs: Runs) -> matplotlib.figure.Figure:
         start(panel, place, "start (30, 15) m")
     plane(axes[0], np.array([[8.5, 8.5], [33.0, 31.5]]))
     plane(axes[1], np.array([[27.2, 11.8], [33.2, 19.5]]))
-    axes[0].legend(loc="center", ncols=1, fontsize=8.5)
-    over_time(axes[2], "distance (m)")
+    legend_below(axes[0])
+    over_time(axes[2], "distance (m), outside positive")
     axes[2].set_xlim(0, 6)
     axes[2].axhline(0.0, color="black", linewidth=0.8)
+    axes[2].legend(loc="upper right", title="initial heading, way round")
     return figure
 
 

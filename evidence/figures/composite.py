@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ...model.segments import Segment
-from ...simulation.drawing import COLOURS, FAINT, STOP, over_time, panels, plane, start, to_follow
+from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, start, to_follow, zoom
 from ..framework import Case, Claim, Figure, Outcome, Runs
 from ..vehicle import draw_vehicle
 
@@ -17,7 +17,6 @@ RADIUS = 5.0  # m, of A, as in the spec
 PHASES = 5
 CONTINUOUS = "continuous"
 AFTER, NEAR = 3.0, 2.2  # s after a join within which its effect is looked for; s before and after it that are magnified
-EXAGGERATED = 200
 ASSUMED = (
     "radii 5 and 3 m, angles and lengths, which way C turns; start at rest on A; gains kp 1, kd 2.5 (poles −0.5, −2), kv 2; "
     "wheel radius 0.15 m (torques depend on it)"
@@ -155,16 +154,20 @@ def claims_10(runs: Runs) -> list[Claim]:
 
 def draw_11(runs: Runs) -> matplotlib.figure.Figure:
     """The path driven, the distance from it, the torques."""
-    figure, axes = panels("path of $P_l$ at 1.414 m/s", "distance from the path", "torques, controller continuous", height=4.4)
+    figure, axes = panels("path of $P_l$ at 1.414 m/s", "distance from the path", "torques, controller continuous", height=5.0)
     run = runs[CONTINUOUS]
     _draw_path(axes[0], _segments(runs))
     axes[0].plot(*run.P_l.T, color=COLOURS[0], label="path of $P_l$")
-    axes[0].plot(*run.P_o.T, "--", color=COLOURS[2], linewidth=1.2, label="path of $P_o$")
+    axes[0].plot(*run.P_o.T, "--", color=COLOURS[1], linewidth=1.2, label="path of $P_o$")
     for t in (0.0, 3.2, 6.04, 8.3, 11.5, 14.5):
         draw_vehicle(axes[0], run, int(np.searchsorted(run.t, t - 1e-9)), FAINT)
     _mark_joins(axes[0], _segments(runs))
     plane(axes[0], np.array([[-1.0, -1.0], [10.5, 14.0]]))
     axes[0].legend(loc="upper left")
+    inset = zoom(axes[0], (0.66, 0.06, 0.33, 0.4), run.P_l[np.searchsorted(run.t, 11.0)], 0.1)
+    _draw_path(inset, _segments(runs))
+    for points, style, colour in ((run.P_l, "-", COLOURS[0]), (run.P_o, "--", COLOURS[1])):
+        inset.plot(*points.T, style, color=colour)
     for label in SAMPLED:
         axes[1].plot(
             runs[label].t,
@@ -178,8 +181,8 @@ def draw_11(runs: Runs) -> matplotlib.figure.Figure:
     worst = np.abs(run.y[:, 0]).max()
     axes[1].plot(run.t, run.y[:, 0] * 1e3, color=COLOURS[0], label=f"continuous: at most {worst * 1e3:.0e} mm")
     over_time(axes[1], "distance (mm), left positive")
-    axes[1].set_ylim(-3, 2.5)
-    axes[1].legend(loc=(0.02, 0.08))
+    axes[1].set_ylim(-1.2, 1.8)
+    legend_below(axes[1])
     for k, (wheel, colour) in enumerate((("right", COLOURS[0]), ("left", COLOURS[3]))):
         axes[2].plot(run.t, run.tau[:, k], color=colour, label=wheel)
     over_time(axes[2], "torque (N m)")
@@ -190,7 +193,7 @@ def draw_11(runs: Runs) -> matplotlib.figure.Figure:
         for panel in axes[1:]:
             panel.axvline(t, color=STOP, linestyle=":", linewidth=1.2)
             panel.text(t, panel.get_ylim()[0], f" {join}", color=STOP, fontsize=9, va="bottom")
-        axes[2].annotate(f"∓{abs(jump):.2f} N m", (t, run.tau[k + 1, 0]), (8, -4), textcoords="offset points", color=STOP)
+        axes[2].annotate(f"∓{abs(jump):.2f} N m", (t, run.tau[k + 1, 0]), (-4, -4), textcoords="offset points", color=STOP, ha="right")
     return figure
 
 
@@ -222,28 +225,20 @@ def claims_11(runs: Runs) -> list[Claim]:
 
 
 def draw_12(runs: Runs) -> matplotlib.figure.Figure:
-    """Either join magnified, the distance exaggerated; the distance over time after either."""
-    figure, axes = panels(
-        f"first join, A to B\n(distance from the path × {EXAGGERATED})",
-        f"second join, B to C\n(distance from the path × {EXAGGERATED})",
-        "what a join adds to the distance",
-        height=4.8,
-    )
+    """The distance from the path along the way past either join, and over time what either join adds to it."""
+    figure, axes = panels("first join, A to B", "second join, B to C", "what a join adds to the distance", height=4.8)
     for panel, colour, number in zip(axes, COLOURS, (0, 1), strict=False):
-        before, after = _segments(runs)[number : number + 2]
-        _draw_path(panel, (before, after))
-        _mark_joins(panel, (before, after))
         for label in SAMPLED:
-            panel.plot(*_exaggerated(runs[label], _joins(runs[label])[number]).T, color=colour, linewidth=1.0)
-        panel.plot(*runs[CONTINUOUS].P_l.T, color="black", linewidth=1.2, label="continuous")
-        panel.plot([], [], color=colour, label=f"{PHASES} runs, every 10 ms")
-        around = np.array([after.x, after.y])
-        plane(panel, around + np.array([[-1.3, -1.3], [1.3, 1.3]]))
-        panel.annotate("join", around, (30, -3), textcoords="offset points", color=STOP)
-        panel.legend(loc="lower left" if number else "lower right", fontsize=8)
-        for label in SAMPLED:
+            way, distance = _past(runs[label], _joins(runs[label])[number])
+            said = f"{PHASES} runs, every 10 ms" if label == SAMPLED[0] else None
+            panel.plot(way, distance * 1e3, color=colour, linewidth=1.0, label=said)
             t, change = _after(runs[label], _joins(runs[label])[number])
             axes[2].plot(t, change * 1e3, color=colour, linewidth=1.2, label=_name(number) if label == SAMPLED[0] else None)
+        way, distance = _past(runs[CONTINUOUS], _joins(runs[CONTINUOUS])[number])
+        panel.plot(way, distance * 1e3, color="black", linewidth=1.2, label="continuous")
+        panel.axvline(0.0, color=STOP, linestyle=":", linewidth=1.2, label="join")
+        panel.set(xlabel="way along the path from the join (m)", ylabel="distance (mm), left positive", ylim=(-0.7, 1.6))
+        panel.legend(loc="upper left")
     axes[2].axhline(0.0, color="black", linewidth=0.8)
     axes[2].set(xlabel="time since the join (s)", ylabel="change of the distance (mm)", xlim=(0, AFTER))
     axes[2].legend(loc="upper right")
@@ -254,15 +249,15 @@ def _name(number: int) -> str:
     return f"{('first', 'second')[number]} join, {JOINS[number]}"
 
 
-def _exaggerated(run: Outcome, k: int) -> np.ndarray:
-    """P_l near the join after row k, with its distance from the path made larger."""
-    near = np.abs(run.t - run.t[k]) < NEAR
-    feet = []
-    for place, distance, piece in zip(run.P_l[near], run.y[near, 0], run.piece[near], strict=True):
-        segment = run.spec.output.segments[piece]
-        heading = segment.pose(segment.progress(*place, segment.length / 2))[2]
-        feet.append(place + (EXAGGERATED - 1) * distance * np.array([-math.sin(heading), math.cos(heading)]))
-    return np.array(feet)
+def _past(run: Outcome, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Way along the path from the join after row k, and distance from the path, m, near that join."""
+    rows = np.flatnonzero(np.abs(run.t - run.t[k]) < NEAR)
+    before, after = (run.spec.output.segments[run.piece[row]] for row in (k, k + 1))
+    way = [
+        before.progress(*run.P_l[row], before.length) - before.length if row <= k else after.progress(*run.P_l[row])
+        for row in rows
+    ]
+    return np.array(way), run.y[rows, 0]
 
 
 def claims_12(runs: Runs) -> list[Claim]:

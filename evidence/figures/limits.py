@@ -3,7 +3,7 @@
 import matplotlib.figure
 import numpy as np
 
-from ...simulation.drawing import COLOURS, FAINT, STOP, over_time, panels, plane, say, start, to_follow, zoom
+from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, say, start, to_follow, zoom
 from ..framework import Case, Claim, Figure, Outcome, Runs
 
 RADIUS, SPEED, LIMIT, TOO_LOW = 5.0, 5.0, 6.0, 4.5  # m, m/s, N m, N m
@@ -20,13 +20,13 @@ def _off(run: Outcome) -> np.ndarray:
 def draw_limits(runs: Runs) -> matplotlib.figure.Figure:
     """Path, distance, speed, torques."""
     figure, axes = panels(
-        "path of $P_l$", "distance from the circle", "forward speed", "torque of either motor", height=4.4, widths=(1.25, 1, 1, 1)
+        "path of $P_l$", "distance from the circle", "forward speed", "torque of either motor", height=5.0, widths=(1.25, 1, 1, 1)
     )
     angle = np.linspace(0, 2 * np.pi, 361)
     x, y = circle = RADIUS * np.array([np.cos(angle), np.sin(angle)])
     to_follow(axes[0], x, y, "circle to follow")
     worst = int(np.abs(_off(runs[CUT])).argmax())
-    inset = zoom(axes[0], (0.32, 0.5, 0.34, 0.3), runs[CUT].P_l[worst], 0.5)
+    inset = zoom(axes[0], (0.32, 0.4, 0.34, 0.3), runs[CUT].P_l[worst], 0.5)
     to_follow(inset, x, y)
     for (label, name), colour, style in zip(NAMES.items(), (FAINT, COLOURS[1], COLOURS[0]), (":", "-", "--"), strict=True):
         run = runs[label]
@@ -48,7 +48,7 @@ def draw_limits(runs: Runs) -> matplotlib.figure.Figure:
             axes[3].plot(run.t, run.tau[:, wheel], style, color=colour, label=label if wheel == 0 else None)
     start(axes[0], np.array([RADIUS, 0.0]), "start, at rest")
     plane(axes[0], 1.1 * circle.T)
-    axes[0].legend(loc=(0.24, 0.2), fontsize=7.5)
+    legend_below(axes[0])
     over_time(axes[1], "distance (cm), outside positive")
     over_time(axes[2], "speed (m/s)")
     over_time(axes[3], "torque (N m)")

@@ -51,14 +51,14 @@ def draw_1(runs: Runs) -> matplotlib.figure.Figure:
         start(panel, first, "start of $P_o$")
         plane(panel, np.array([[-0.8, 0.2], [4.2, 4.2]]))
         panel.legend(loc="lower right")
-        inset = zoom(panel, (0.03, 0.6, 0.34, 0.38), first, 0.12)
+        inset = zoom(panel, (0.03, 0.6, 0.34, 0.38), first - (0, 0.03), 0.15)
         _loci(inset, runs, kind, "P_o")
         start(inset, first)
         for name, colour in zip(SPEEDS, COLOURS, strict=False):
             run = runs[f"{kind} {name}"]
             for k in cusps(run):
                 inset.plot(*run.P_o[k], "o", color=STOP, markersize=4, zorder=6)
-                inset.annotate(f"cusp of {name}", run.P_o[k], (8, -3), textcoords="offset points", color=colour, fontsize=9)
+                inset.annotate(f"cusp of {name}", run.P_o[k], (8, -9), textcoords="offset points", color=colour, fontsize=9)
     return figure
 
 
@@ -113,16 +113,14 @@ def draw_6(runs: Runs) -> matplotlib.figure.Figure:
         start(panel, runs[f"{kind} C"].P_l[0], "start of $P_l$")
         plane(panel, np.array([[-0.4, 0.3], [4.0, 4.2]]))
         panel.legend(loc="lower right")
-    for kind, options in (("IV", {"alpha": 0.3, "linewidth": 5.0}), ("I", {"linestyle": (0, (4, 4))})):
-        for (name, colour), shift in zip(zip(SPEEDS, COLOURS, strict=False), (0, 4, 8), strict=True):
-            run = runs[f"{kind} {name}"]
-            style = {**options, "linestyle": (shift, (4, 8))} if kind == "I" else options
-            axes[2].plot(run.t, distance(run.P_l), color=colour, label=f"{kind}, {name}", **style)
+    for k, (label, run) in enumerate(runs.items()):  # all on one curve: a mark of each run in turn
+        marks = {"marker": "os^"[k % 3], "markevery": (20 * k, 120), "markersize": 5, "fillstyle": "none" if k < 3 else "full"}
+        axes[2].plot(run.t, distance(run.P_l), color=COLOURS[k % 3], linewidth=1.0, label=label, **marks)
     over_time(axes[2], "distance (m)")
     axes[2].set_xlim(0, 12)
     axes[2].axhline(0.0, color="black", linewidth=0.8)
     axes[2].legend(loc="lower right", ncols=2)
-    say(axes[2], "all six coincide: the same approach at\nevery speed and in both types", (0.36, 0.55))
+    say(axes[2], "all six coincide: the same approach at\nevery speed and in both types", (0.3, 0.55))
     return figure
 
 

@@ -3,7 +3,7 @@
 import matplotlib.figure
 import numpy as np
 
-from ...simulation.drawing import COLOURS, over_time, panels, plane, start, to_follow, zoom
+from ...simulation.drawing import COLOURS, legend_below, over_time, panels, plane, start, to_follow, zoom
 from ..framework import Case, Claim, Figure, Outcome, Runs
 from ..measures import time_to_stay_within
 from . import circle, line
@@ -85,9 +85,9 @@ def _decay(t: np.ndarray, distance: np.ndarray) -> float:
 
 def draw_9b(runs: Runs) -> matplotlib.figure.Figure:
     """Paths round the circle, magnified at one place, and the distance over time."""
-    figure, axes = panels("desired and actual path of $P_l$, 5 m/s", "distance from the circle", height=4.8)
+    figure, axes = panels("desired and actual path of $P_l$, 5 m/s", "distance from the circle", height=5.4)
     circle.draw_circle(axes[0])
-    inset = zoom(axes[0], (0.38, 0.48, 0.28, 0.4), circle.CENTRE - (circle.RADIUS, 0), 0.25)
+    inset = zoom(axes[0], (0.4, 0.3, 0.24, 0.4), circle.CENTRE - (circle.RADIUS, 0), 0.25)
     circle.draw_circle(inset)
     for (label, run), colour, style in zip(runs.items(), COLOURS, ("-", "--", "-."), strict=False):
         axes[0].plot(*run.P_l.T, style, color=colour, label=label)
@@ -97,7 +97,7 @@ def draw_9b(runs: Runs) -> matplotlib.figure.Figure:
         axes[1].plot(run.t, off * 100, style, color=colour, label=f"{label}: {end} in the end")
     start(axes[0], run.P_l[0], "start (30, 15) m, heading 90°")
     plane(axes[0], np.array([[8.5, 8.5], [31.5, 31.5]]))
-    axes[0].legend(loc=(0.33, 0.14), fontsize=8)
+    legend_below(axes[0], 2)
     over_time(axes[1], "distance (cm)")
     axes[1].set_ylim(-15, 30)
     axes[1].axhline(0.0, color="black", linewidth=0.8)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from ...model.segments import Segment
 from ...planning.curves import sampled, through
-from ...simulation.drawing import COLOURS, FAINT, STOP, over_time, panels, plane, start, to_follow
+from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, start, to_follow
 from ..framework import Case, Claim, Figure, Outcome, Runs
 from ..vehicle import draw_vehicle
 
@@ -69,7 +69,7 @@ def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
     """The path with its cusps and the robot there; speed, L and distance over time."""
     run = runs[DRIVEN]
     titles = ("path of the axle's middle", "forward speed", "distance of $P_l$ from the path", "s, sine of the angle to it")
-    figure, axes = panels(*titles, height=4.8, widths=(1.25, 1, 1, 1))
+    figure, axes = panels(*titles, height=5.4, widths=(1.25, 1, 1, 1))
     _draw_segments(axes[0], _segments(run), "planned: shortest, radius ≥ 2.5 m")
     for reverse, colour, label in ((False, FORWARD, "driven forward"), (True, BACKWARD, "driven in reverse")):
         places = np.where((backward(run) == reverse)[:, None], run.P_o, np.nan)
@@ -79,12 +79,12 @@ def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
         draw_vehicle(axes[0], run, k, colour, 0.06)
     axes[0].plot(*run.P_o[cusps].T, "X", color=STOP, markersize=9, label="cusp: direction and $P_l$ change sides", zorder=5)
     start(axes[0], run.P_o[0])
-    axes[0].annotate("goal", GOAL[:2], (14, 34), textcoords="offset points")
+    axes[0].annotate("goal", GOAL[:2], (14, 40), textcoords="offset points")
     axes[0].plot(*GOAL[:2], "+", color="black", markersize=12, markeredgewidth=2, zorder=6)
-    axes[0].update_datalim([[-2.3, -1.7], [3.0, 8.2]])  # room for robots and legend
+    axes[0].update_datalim([[-2.3, -1.7], [3.0, 5.4]])  # room for the robots
     plane(axes[0], axes[0].dataLim.get_points())
-    axes[0].legend(loc="upper right", fontsize=8.5)
-    axes[1].plot(run.t, run.y_d[:, 1], color=FAINT, linewidth=3, alpha=0.5, label="wanted")
+    legend_below(axes[0])
+    axes[1].plot(run.t, run.y_d[:, 1], color=FAINT, linewidth=3, alpha=0.5, label="desired")
     axes[1].plot(run.t, run.speed, color=FORWARD, label="driven")
     axes[2].plot(run.t, run.y[:, 0] * 1e3, color=FORWARD)
     axes[3].plot(run.t, normal_sine(run), color=FORWARD)
@@ -96,8 +96,8 @@ def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
         _mark_sides(panel, run)
     for k in cusps:
         text = f"{run.speed[k] * 1e3:+.1f} mm/s".replace("-", "−")
-        axes[1].annotate(text, (run.t[k], 0.0), (4, 6), textcoords="offset points", color=STOP, fontsize=8)
-    axes[1].legend(loc="center", bbox_to_anchor=(0.44, 0.76))
+        axes[1].annotate(text, (run.t[k], 0.0), (4, 6 if backward(run)[k] else -12), textcoords="offset points", color=STOP, fontsize=8)
+    legend_below(axes[1])
     return figure
 
 
@@ -190,27 +190,28 @@ def draw_waypoints(runs: Runs) -> matplotlib.figure.Figure:
         "waypoints, path of arcs, $P_l$",
         "curvature of the path",
         "distance from the path, every 10 ms",
-        height=4.2,
+        height=4.8,
         widths=(1.7, 1, 1),
     )
     _draw_segments(axes[0], _segments(run), f"{len(_segments(run))} arcs, within {TOLERANCE * 100:g} cm of a smooth curve")
     axes[0].plot(*run.P_l.T, color=FORWARD, label="path of $P_l$")
     joins = np.array([(segment.x, segment.y) for segment in _segments(run)[1:]])
     axes[0].plot(*joins.T, "|", color="black", markersize=9, label="join")
-    axes[0].plot(*POINTS.T, "o", color=STOP, markersize=7, fillstyle="none", markeredgewidth=1.8, label="waypoint")
+    axes[0].plot(*POINTS.T, "o", color=STOP, markersize=9, fillstyle="none", markeredgewidth=1.8, label="waypoint (given)")
     for k in np.searchsorted(run.t, (0.0, 3.5, 6.5, 10.5, 20.0)):
         draw_vehicle(axes[0], run, min(int(k), len(run.t) - 1), FAINT, 0.06)
-    plane(axes[0], POINTS, np.array([[-1.0, -2.5], [18.0, 6.5]]))
-    axes[0].legend(loc="lower left", fontsize=8.5)
+    plane(axes[0], POINTS, np.array([[-1.0, -1.5], [18.0, 6.0]]))
+    legend_below(axes[0], 2)
     ends = np.cumsum([0.0, *(segment.length for segment in _segments(run))])
     axes[1].stairs([segment.curvature for segment in _segments(run)], ends, baseline=None, color=FORWARD, linewidth=1.8)
     axes[1].axhline(0.0, color="black", linewidth=0.8)
     axes[1].set(xlabel="way along the path (m)", ylabel="curvature (1/m), left positive")
     axes[2].plot(run.t, run.y[:, 0] * 1e3, color=FORWARD)
     axes[2].axhline(0.0, color="black", linewidth=0.8)
-    for k in np.flatnonzero(np.diff(run.piece)):
-        axes[2].axvline(run.t[k], color=STOP, linestyle=":", linewidth=0.8)
+    for n, k in enumerate(np.flatnonzero(np.diff(run.piece))):
+        axes[2].axvline(run.t[k], color=STOP, linestyle=":", linewidth=0.8, label="" if n else "join")
     over_time(axes[2], "distance (mm), left positive")
+    legend_below(axes[2])
     return figure
 
 

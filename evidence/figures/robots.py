@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from ...model.outputs import output_map
 from ...readers.robots import system_of
 from ...simulation import drawing
-from ...simulation.drawing import COLOURS, FAINT, STOP, WANTED, over_time, panels, plane, start, to_follow
+from ...simulation.drawing import COLOURS, FAINT, STOP, WANTED, legend_below, over_time, panels, plane, start, to_follow
 from ..framework import Case, Claim, Figure, Outcome, Runs
 
 LEFT_OVER, LEFT_OVER_WRONG = 0.03, 0.2  # of what an output was off at most, at the end; where the plant is believed another
@@ -19,6 +19,10 @@ BALANCE = 1e-6  # of the most that the energy differs from its start: what it ma
 DRAWN = 5  # times that a robot is drawn on its way
 FINE = 200  # places each way between which the path is drawn
 RUN = "run"
+PARTS = {  # lines of a robot's drawing that its figure names, by their place in `Mechanism.lines`
+    "ball_plate": {0: "ball", 1: "middle of the plate above"},
+    "mobile_manipulator": {0: "platform", 3: "arm"},
+}
 
 TITLES = {  # name -> title, why it is here
     "knife_edge": ("Knife edge round a circle", "The smallest robot that rolls."),
@@ -41,7 +45,7 @@ def draw(runs: Runs) -> matplotlib.figure.Figure:
     """The way with the robot on it, what the outputs are off, the inputs, and where the energy goes."""
     run = runs[RUN]
     robot = run.robot
-    figure, axes = panels("way", "outputs less what is wanted", "inputs", "energy", height=4.6, widths=(1.5, 1, 1, 1))
+    figure, axes = panels("path", "error: output − desired", "inputs", "energy", height=5.0, widths=(1.5, 1, 1, 1))
     _draw_way(axes[0], run)
     output = output_map(system_of(robot), run.spec.output.law)
     for row, error, colour in zip(output.rows, run.error.T, COLOURS, strict=False):
@@ -56,12 +60,12 @@ def draw(runs: Runs) -> matplotlib.figure.Figure:
     over_time(axes[3], "energy (J)")
     for panel in axes[1:]:
         panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-        panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=1)
+        legend_below(panel)
     return figure
 
 
 def _draw_way(axes: Axes, run: Outcome) -> None:
-    """What was wanted, where the vehicle's point or the controlled place went, and the robot at instants spread over its way."""
+    """The desired path, where the vehicle's point or the controlled place went, and the robot at instants spread over its way."""
     robot = run.robot
     output = output_map(system_of(robot), run.spec.output.law)
     if output.path:
@@ -69,13 +73,16 @@ def _draw_way(axes: Axes, run: Outcome) -> None:
     else:
         point, label = run.y[:, :2], ", ".join(row.name for row in output.rows[:2])
         x, y = run.y_d[:, :2].T
-        to_follow(axes, x, y, "wanted")
+        to_follow(axes, x, y, "desired")
     axes.plot(*point.T, color=COLOURS[1], label=f"locus of {label}", zorder=2)
     start(axes, point[0])
-    instants, everything = drawing.evenly_spread(point, DRAWN), [point]
-    for line in drawing.outlines(robot, run.q[instants], run.plant):
+    instants, everything = _apart(run, point), [point]
+    named = PARTS.get(robot.name, {})
+    for n, line in enumerate(drawing.outlines(robot, run.q[instants], run.plant)):
+        style = {"color": COLOURS[(0, 3)[n > 0]] if n in named else "#333333", "linewidth": 2.2 if n in named and n else 1.1}
         for k, part in zip(instants, line, strict=True):
-            axes.plot(*part.T, color="#333333", linewidth=1.1, alpha=0.4 + 0.6 * (k / (len(point) - 1)), zorder=3)
+            axes.plot(*part.T, alpha=0.4 + 0.6 * (k / (len(point) - 1)), zorder=3, **style)
+        axes.plot([], [], label=named.get(n), **style) if n in named else None
         everything += [*line]
     if output.path:
         path = drawing.implicit_path(output)
@@ -84,7 +91,14 @@ def _draw_way(axes: Axes, run: Outcome) -> None:
     plane(axes, *everything)
     vertical = [row.about.split()[0] for row in output.rows[:2]] == ["x", "height"]
     axes.set(ylabel="height z (m)" if vertical else "y (m)")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=3)
+    legend_below(axes, 2)
+
+
+def _apart(run: Outcome, point: np.ndarray) -> np.ndarray:
+    """Instants at which the robot is drawn: as many up to DRAWN as fit along its way without covering one another."""
+    across = float(np.ptp(np.vstack([line[0] for line in drawing.outlines(run.robot, run.q[:1], run.plant)]), axis=0).max())
+    length = float(np.hypot(*np.diff(point, axis=0).T).sum())
+    return np.unique(drawing.evenly_spread(point, int(np.clip(1 + length / across, 2, DRAWN))))
 
 
 def _draw_path(axes: Axes, path: ca.Function, config: np.ndarray, shown: Sequence[np.ndarray]) -> None:

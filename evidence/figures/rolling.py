@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from ...readers.robots import find_robot
 from ...simulation.contact import GRAVITY, Grip
-from ...simulation.drawing import COLOURS, FAINT, STOP, over_time, panels, say
+from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, say
 from ..framework import Case, Claim, Figure, Runs
 from . import circle, line
 
@@ -61,20 +61,20 @@ def draw_rolling(runs: Runs) -> matplotlib.figure.Figure:
         "forces / (μ load)",
         "figure 8 (a): friction needed",
         "round the circle, steadily",
-        height=4.4,
+        height=4.8,
     )
     for (label, name), colour in zip(SHOWN.items(), (COLOURS[1], COLOURS[3], COLOURS[0]), strict=True):
         grip = runs[label].grip
-        axes[0].plot(grip.t, needs(grip) / MU, color=colour, label=f"{name}:\nup to {needs(grip).max() / MU:.2f}")
+        axes[0].plot(grip.t, needs(grip) / MU, color=colour, label=f"{name}: up to {needs(grip).max() / MU:.2f}")
         for contact, style in zip(grip.contacts, ("-", "--"), strict=True):
             limit = contact.mu * contact.load
             axes[1].plot(contact.lateral / limit, contact.longitudinal / limit, style, color=colour)
             axes[1].plot(contact.lateral[0] / limit[0], contact.longitudinal[0] / limit[0], "o", color=colour, markersize=5)
-    axes[0].axhspan(1.0, 4.2, color=STOP, alpha=0.08)
+    axes[0].axhspan(1.0, 2.6, color=STOP, alpha=0.08)
     axes[0].axhline(1.0, color=STOP, linewidth=1.2)
     over_time(axes[0], "|F| / (μ load)")
-    axes[0].set(xlim=(0, 4), ylim=(0, 4.2))
-    axes[0].legend(loc="upper right", fontsize=8.5)
+    axes[0].set(xlim=(0, 4), ylim=(0, 2.6))
+    legend_below(axes[0])
     _friction_circle(axes[1])
     _draw_headings(axes[2], runs)
     v = np.linspace(0.0, 10.0, 101)
@@ -89,7 +89,7 @@ def draw_rolling(runs: Runs) -> matplotlib.figure.Figure:
     axes[3].set(xlabel="speed (m/s)", ylabel="friction coefficient needed", xlim=(0, 10), ylim=(0, 1.2))
     axes[3].plot([], [], "o", color=COLOURS[0], label="runs that roll")
     axes[3].plot([], [], "o", color=STOP, label="runs that would slip")
-    axes[3].legend(loc="upper left")
+    axes[3].legend(loc="upper left", fontsize=8)
     return figure
 
 
@@ -99,21 +99,20 @@ def _friction_circle(axes: Axes) -> None:
     axes.plot(np.cos(angle), np.sin(angle), color=STOP, linewidth=1.2)
     axes.set(xlim=(2.9, -2.9), ylim=(-3.2, 2.6), aspect="equal", xlabel="sideways, left positive", ylabel="forward")
     axes.text(0.92, -0.45, "rolls", color=COLOURS[2])
-    say(axes, "solid: right wheel, dashed: left\ndots: at the start", (0.03, 0.03))
+    say(axes, "solid: right wheel\ndashed: left wheel\ndots: at the start", (0.03, 0.03))
 
 
 def _draw_headings(axes: Axes, runs: Runs) -> None:
-    """Bars of what each heading of figure 8 (a) needs."""
+    """What each heading of figure 8 (a) needs, as dots: the scale is logarithmic, where a bar would begin nowhere."""
     needed = [float(needs(runs[label].grip).max()) for label in CIRCLES]
-    axes.barh(list(CIRCLES), needed, color=[STOP if value > MU else COLOURS[0] for value in needed], alpha=0.7)
+    axes.scatter(needed, list(CIRCLES), color=[STOP if value > MU else COLOURS[0] for value in needed], zorder=3)
     for k, value in enumerate(needed):
-        axes.text(value * 1.1, k, f"{value:.1f}", va="center", fontsize=9)
+        axes.annotate(f"{value:.1f}", (value, k), (8, 0), textcoords="offset points", va="center", fontsize=9)
     axes.axvline(MU, color=STOP, linewidth=1.2)
     axes.text(MU * 1.08, len(CIRCLES) - 0.45, f"μ = {MU:g}", color=STOP, va="bottom")
-    axes.set(
-        xscale="log", xlim=(0.3, 200), ylim=(-0.7, len(CIRCLES) + 0.1), xlabel="friction coefficient", ylabel="initial heading"
-    )
-    axes.grid(visible=False, axis="y")
+    axes.set(xscale="log", xlim=(0.5, 100), ylim=(-0.7, len(CIRCLES) + 0.1), xlabel="friction coefficient")
+    axes.set_ylabel("initial heading")
+    axes.set_xticks([1, 10, 100], ["1", "10", "100"])
 
 
 def claims_rolling(runs: Runs) -> list[Claim]:

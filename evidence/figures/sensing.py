@@ -1,12 +1,14 @@
 """Figures 13 to 16: noisy wheel rates, dead reckoning from them, and setting the pose right now and then."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import NullLocator
 
-from ...simulation.drawing import COLOURS, STOP, over_time, panels, plane, start
+from ...simulation.drawing import COLOURS, STOP, legend_below, over_time, panels, plane, start
 from ..framework import Case, Claim, Figure, Outcome, Runs
 from . import circle
 
@@ -42,7 +44,9 @@ def _rms(values: np.ndarray) -> float:
 def draw_13(runs: Runs) -> matplotlib.figure.Figure:
     """Sensed and true rate of either wheel."""
     figure, axes = panels(
-        "(a) right wheel", *(f"(b) left wheel, its mean read as {mean:g} rad/s" for mean in LEFT_MEANS.values()), height=4.0
+        "(a) right wheel",
+        *(f"({'bc'[k]}) left wheel, its mean read as {mean:g} rad/s" for k, mean in enumerate(LEFT_MEANS.values())),
+        height=4.0,
     )
     for panel, (label, wheel) in zip(axes, ((FIRST, 0), (FIRST, 1), (SECOND, 1)), strict=True):
         run = runs[label]
@@ -51,7 +55,7 @@ def draw_13(runs: Runs) -> matplotlib.figure.Figure:
         panel.plot(run.t, true, color=TRUE, linewidth=2.2, label="true")
         mean = (sensed - true).mean()
         panel.axhline(
-            true.mean() + mean, color="black", linestyle="--", linewidth=1.2, label=f"mean of sensed: {mean:+.2f} rad/s off"
+            true.mean() + mean, color="black", linestyle="--", linewidth=1.2, label=f"mean of the sensed: {mean:+.2f} rad/s off"
         )
         over_time(panel, "wheel rate (rad/s)")
         panel.set_ylim(20, 62)
@@ -108,19 +112,24 @@ def _draw_paths(axes: Axes, run: Outcome, sensed: str = "sensed path of $P_l$") 
 
 def draw_14(runs: Runs) -> matplotlib.figure.Figure:
     """True and sensed path for both readings of the left mean, and the distances."""
-    figure, axes = panels(f"(a) {FIRST} rad/s", f"(b) {SECOND} rad/s", "distance from the circle", height=4.8)
+    figure, axes = panels(f"(a) {FIRST} rad/s", f"(b) {SECOND} rad/s", "distance from the circle", height=5.2)
     for panel, label in zip(axes, LEFT_MEANS, strict=False):
         _draw_paths(panel, runs[label])
         plane(panel, runs[label].P_l, np.array([[9.0, 9.0], [31.0, 31.0]]))
-        panel.legend(loc="center left" if label == FIRST else "center")
+        legend_below(panel, 2)
     for label, style in zip(LEFT_MEANS, ("-", "--"), strict=True):
         run = runs[label]
-        axes[2].plot(run.t, circle.distance(run), style, color=TRUE, label=f"true, {label}: {circle.distance(run)[-1]:+.1f} m")
+        axes[2].plot(run.t, circle.distance(run), style, color=TRUE, label=f"true, {label}: {_worst(circle.distance(run))}")
         axes[2].plot(run.t, sensed_distance(run), style, color=SENSED, label=f"sensed, {label}")
     over_time(axes[2], "distance (m), outside positive")
     axes[2].set_ylim(-8, 45)
     axes[2].legend(loc="upper left")
     return figure
+
+
+def _worst(values: np.ndarray) -> str:
+    """The value of largest size, m, as text."""
+    return f"up to {values[np.abs(values).argmax()]:+.2f} m".replace("-", "−")
 
 
 def claims_14(runs: Runs) -> list[Claim]:
@@ -186,13 +195,13 @@ def draw_reset(runs: Runs) -> matplotlib.figure.Figure:
     """True and sensed path, distances with the jumps, and how far P_l moves from sample to sample."""
     run = runs[FIRST]
     figure, axes = panels(
-        f"paths, {FIRST} rad/s", "distance from the circle", "change of the position in 10 ms", height=4.8, widths=(1.1, 1, 1)
+        f"paths, {FIRST} rad/s", "distance from the circle", "change of the position in 10 ms", height=5.2, widths=(1.1, 1, 1)
     )
     _draw_paths(axes[0], run)
     set_right = _corrections(run)
     axes[0].plot(*run.P_l[set_right].T, "o", color=STOP, markersize=4, label="pose set to the true one", zorder=5)
     plane(axes[0], run.P_l, run.seen[:, :2])
-    axes[0].legend(loc="center")
+    legend_below(axes[0], 2)
     for label, style in zip(LEFT_MEANS, ("-", "--"), strict=True):
         other = runs[label]
         off = circle.distance(other)
@@ -204,11 +213,15 @@ def draw_reset(runs: Runs) -> matplotlib.figure.Figure:
     axes[1].legend(loc="upper left", fontsize=8.5)
     for moved, colour, label in zip(steps(run), (SENSED, TRUE), ("sensed", "true"), strict=True):
         axes[2].semilogy(
-            run.t[1:], moved, color=colour, linewidth=1.2, label=f"{label}: up to {moved[set_right[0] - 1 :].max() * 100:.1f} cm"
+            run.t[1:],
+            moved * 100,
+            color=colour,
+            linewidth=1.2,
+            label=f"{label}: up to {moved[set_right[0] - 1 :].max() * 100:.1f} cm",
         )
-    over_time(axes[2], "step (m)")
+    over_time(axes[2], "change (cm)")
     axes[2].legend(loc="upper right")
-    axes[2].set_ylim(0.02, 4.0)
+    _plain(axes[2], (2, 500), (2, 5, 10, 20, 50, 100, 200))
     return figure
 
 
@@ -236,6 +249,13 @@ def _late_growth(run: Outcome) -> float:
     """RMS distance in the second half of the settled time over that in the first: 1.7 where it grows evenly from the start."""
     off, half = circle.distance(run), (SETTLED + run.t[-1]) / 2
     return _rms(off[run.t > half]) / _rms(off[_late(run) & (run.t <= half)])
+
+
+def _plain(axes: Axes, limits: tuple[float, float], levels: Sequence[float]) -> None:
+    """Limits and ticks of a logarithmic axis, as plain numbers."""
+    axes.set_yticks(levels, [f"{level:g}" for level in levels])
+    axes.set_ylim(limits)
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def _continuity(run: Outcome, label: str) -> list[Claim]:
@@ -289,18 +309,22 @@ def draw_rates(runs: Runs) -> matplotlib.figure.Figure:
         for left, colour in zip(LEFT_MEANS, COLOURS, strict=False):
             rms = [_rms(circle.distance(run)[_late(run)]) for run in (runs[_rate(rate, mode, left)] for rate in RATES)]
             axes[1].loglog(RATES, rms, f"o{style}", color=colour, label=f"{mode}, {left}")
-    axes[1].set(xlabel="rate of corrections (Hz)", ylabel=f"rms distance from {SETTLED:g} s on (m)", ylim=(0.1, 12))
-    axes[1].set_xticks(RATES, [f"{rate:g}" for rate in RATES])
-    axes[1].set_yticks(LEVELS, [f"{level:g}" for level in LEVELS])
-    axes[1].minorticks_off()
+    axes[1].set(xlabel="rate of corrections (Hz)", ylabel=f"rms distance from {SETTLED:g} s on (m)")
+    axes[1].set_xticks(RATES, [f"{rate:g}" for rate in RATES], minor=False)
+    axes[1].xaxis.set_minor_locator(NullLocator())
+    _plain(axes[1], (0.1, 12), LEVELS)
     axes[1].legend(loc="upper right")
     for mode, colour in (("reset", SENSED), (BUMPLESS, COLOURS[2])):
         run = runs[_rate(1.0, mode, FIRST)]
         axes[2].semilogy(
-            run.t[1:], steps(run)[0], color=colour, linewidth=1.0, label=f"{mode}, 1 Hz: up to {steps(run)[0].max() * 100:.1f} cm"
+            run.t[1:],
+            steps(run)[0] * 100,
+            color=colour,
+            linewidth=1.0,
+            label=f"{mode}, 1 Hz: up to {steps(run)[0].max() * 100:.1f} cm",
         )
-    over_time(axes[2], "step (m)")
-    axes[2].set_ylim(0.01, 4.0)
+    over_time(axes[2], "change (cm)")
+    _plain(axes[2], (1, 500), (1, 2, 5, 10, 20, 50, 100, 200))
     axes[2].legend(loc="upper right")
     return figure
 
