@@ -172,7 +172,8 @@ def as_json(answer: Answer) -> dict[str, Any]:
 
 def _verdict_json(verdict: Verdict) -> dict[str, Any]:
     until = verdict.until if math.isfinite(verdict.until) else None
-    return {"verdict": verdict.kind, "t": verdict.t, "margin": verdict.margin, "until": until, "reason": verdict.reason}
+    found = {"verdict": verdict.kind, "t": verdict.t, "margin": verdict.margin, "until": until}
+    return {**found, "parts": verdict.parts, "reason": verdict.reason}
 
 
 def singular_when(form: NormalForm) -> list[str]:

@@ -7,12 +7,13 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
-from noslip.analysis.certification.certificate import Settled
-from noslip.analysis.certification.enclosed_loop import kink
+from noslip.analysis.certification.certificate import Certificate, Settled
+from noslip.analysis.certification.enclosed_loop import EnclosedLoop, kink
 from noslip.analysis.certification.enclosure import Enclosure
 from noslip.analysis.certification.safe_offsets import safe_offsets
 from noslip.analysis.certification.safety import NOT_PROVED, SAFE, SINGULAR, Verdict, certify
 from noslip.analysis.certification.tube import Tube
+from noslip.model.law import symbols
 from noslip.readers.errors import BadInput
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.loop import make_loop
@@ -259,6 +260,62 @@ def test_a_set_that_is_known_to_settle_holds_what_is_in_it():
     known = Settled(tube, np.array([0.02, 0.02]))
     assert known.holds(tube) and not known.holds(Tube(tube.centre + 0.03, tube.S, tube.G, tube.spread))
     assert not known.holds(Tube(tube.centre, 1.3 * tube.S, tube.G, tube.spread))
+
+
+def robots(spec: Spec, tables: dict, error: dict[str, float], corners: np.ndarray) -> list[Spec]:
+    """SPECs with the named parameters of the plant at these corners of what they may be."""
+    loop = make_loop(spec)
+    values = {q.name: v for q, v in zip(loop.law.parameters, loop.plant.parameters, strict=True)}
+    plants = [
+        {name: values[name] * (1 + e) for name, e in zip(error, corner * [*error.values()], strict=True)} for corner in corners
+    ]
+    return [spec_of(**tables, plant=plant) for plant in plants]
+
+
+def test_a_start_that_is_proved_in_parts_only():
+    """Runs with the robot at random corners stay regular, and as far from singular as is proved."""
+    random = np.random.default_rng([1992, 92])
+    tables = random_start(random, "ellipse")
+    spec = spec_of(**tables)
+    loop = make_loop(spec)
+    error = {q.name: ERROR for q in loop.law.parameters}
+    enclosed = EnclosedLoop(loop, spec, error)
+    assert Certificate(enclosed, spec.simulation).run().lost
+    verdict = certify(loop, spec, error)
+    assert verdict.kind == SAFE and verdict.parts == 4 and "4 parts" in str(verdict)
+    arguments = [symbols(group) for group in (loop.law.state, loop.law.config, loop.law.parameters)]
+    measure = ca.Function("measure", arguments, [ca.vertcat(*loop.law.linearization.measure)])
+    for robot in robots(spec, tables, error, random.choice([-1.0, 1.0], (6, len(error)))):
+        run = simulate(robot)
+        size, scale = measure(np.hstack([run.q, run.nu]).T, loop.guidance.leg.config, loop.believed).full()
+        assert run.stopped is None and (size / scale).min() >= verdict.margin
+
+
+def test_a_start_that_is_singular_at_one_corner_only_is_not_proved():
+    """However the range of the parameters is split; the motions with the given parameters and at three corners are regular."""
+    tables = {**FAST, "initial": {**FAST["initial"], "heading": -1.07}}
+    spec, error = spec_of(**tables), {"b": 0.02, "r": 0.02}
+    corners = np.array([[b, r] for b in (-1.0, 1.0) for r in (-1.0, 1.0)])
+    ends = [simulate(robot).stopped for robot in (spec, *robots(spec, tables, error, corners))]
+    assert ends.count("singular") == 1 and ends.count(None) == 4
+    verdict = certify(make_loop(spec), spec, error)
+    assert verdict.kind == NOT_PROVED and verdict.parts == 1
+
+
+def test_halves_make_up_the_whole():
+    """Of each parameter; what the controller believes stays, and so does the start."""
+    spec = spec_of(**ELLIPSE, plant={"m_c": 31.0})
+    loop = make_loop(spec)
+    whole = EnclosedLoop(loop, spec, {"m_c": 0.1, "r": 0.01, "b": 0.02})
+    for which in range(3):
+        halves = [whole.half(spec, which, side)[0] for side in (-1.0, 1.0)]
+        low, high = (np.array([half.nominal + sign * half.spread for half in halves]) for sign in (-1, 1))
+        assert (low.min(axis=0) <= whole.nominal - whole.spread).all()
+        assert (high.max(axis=0) >= whole.nominal + whole.spread).all()
+        assert low[1, which] <= high[0, which] and (halves[0].spread <= whole.spread).all()
+        assert halves[0].spread[which] == pytest.approx(whole.spread[which] / 2)
+        for half in halves:
+            assert (half.loop.believed == loop.believed).all() and np.abs(half.loop.start[:3] - loop.start[:3]).max() == 0
 
 
 def test_no_verdict_is_wrong():

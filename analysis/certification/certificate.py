@@ -32,7 +32,8 @@ class Course:
     `largest`: upper bound of |s|; `lost`: why no more is proved, empty if the end was reached; `t` (s) and `s` of the nominal
     motion. `unstable`: it rests at an equilibrium that is not stable. `approaching`: all motions approach the singular set, and
     as fast as they do they would not have been there yet; `approach`: which deviations of the parameters (1: the largest) bring
-    them nearer.
+    them nearer; `shares`: what each parameter's spread contributes to the width of the set in its coordinates, relative to that
+    width and summed. Both are None before the first step.
     """
 
     until: float = 0.0
@@ -45,6 +46,7 @@ class Course:
     unstable: bool = False
     approaching: bool = False
     approach: np.ndarray | None = None
+    shares: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -367,6 +369,8 @@ class Certificate:
             self._deadline = self._t + farthest / nearer
         found.approaching = self._t <= self._deadline
         found.approach = -np.sign(slope @ step.tube.S[:n])
+        width = np.maximum(step.tube.radius[:n], np.finfo(float).tiny)
+        found.shares = step.tube.spread * (np.abs(step.tube.S[:n]) / width[:, None]).sum(axis=0)
 
     def _ended(self) -> bool:
         return self._found.invariant or self._t >= self._end

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -26,7 +26,7 @@ from ...model.reduction import ReducedSystem
 from ...model.segments import Segment
 from ...readers.errors import BadInput
 from ...simulation.guidance import Route
-from ...simulation.loop import Loop
+from ...simulation.loop import Loop, make_loop
 from ...simulation.sensing import pose_coordinates
 from ...simulation.specification.spec import Spec
 from .enclosure import Bounds, Enclosure
@@ -34,6 +34,7 @@ from .tube import Tube
 
 SIDES = (-1.0, 1.0)
 AT_START = 1e-9  # m
+OVERLAP = 1e-12  # relative; the halves of a range overlap so that rounding leaves no gap
 LAPS = 20  # of a closed path, written as a sequence of segments
 FLAT = 1e-4  # relative; ten times the value below which the controller takes a derivative for zero
 
@@ -228,9 +229,8 @@ class EnclosedLoop:
         law, mechanism = loop.law, loop.law.system.mechanism
         names = [q.name for q in law.parameters]
         uncertain = [k for k, name in enumerate(names) if uncertainty.get(name)]
-        self.loop, self._uncertain = loop, [names[k] for k in uncertain]
-        self.nominal = loop.plant.parameters[uncertain]
-        self.spread = np.array([uncertainty[names[k]] for k in uncertain]) * np.abs(self.nominal)
+        self.loop, self._uncertain = loop, uncertain
+        self.spread = np.array([uncertainty[names[k]] for k in uncertain]) * np.abs(loop.plant.parameters[uncertain])
         self.slows = loop.limits is not None and loop.limits.mode == "slow"
         self.most = np.array([most or np.inf for most in loop.limits.torque] if loop.limits else [np.inf] * len(mechanism.inputs))
         parameters = ca.vertsplit(mechanism.p)
@@ -246,6 +246,16 @@ class EnclosedLoop:
         other = copy(self)
         other._begin(loop, spec)
         return other
+
+    def half(self, spec: Spec, which: int, side: float) -> tuple[EnclosedLoop, Spec]:
+        """Return the loop and the SPEC with one uncertain parameter restricted to the half of its range above (side 1) or below
+        (-1) its value. `spec` is that of this loop; the plant gets the middle of the half, the controller's value is unchanged.
+        """
+        middle, other = np.zeros(len(self.spread)), copy(self)
+        middle[which], other.spread = side / 2, self.spread.copy()
+        other.spread[which] *= 0.5 + OVERLAP
+        changed = replace(spec, plant={**spec.plant, **self.plant_at(middle)})
+        return other.started(make_loop(changed), changed), changed
 
     def _build(self, spec: Spec) -> None:
         """Build the parts that do not depend on the start, the gains and the position of the path."""
@@ -291,7 +301,7 @@ class EnclosedLoop:
 
     def _begin(self, loop: Loop, spec: Spec) -> None:
         """Set the start and the numbers of path and controller."""
-        self.loop, x = loop, loop.start
+        self.loop, self.nominal, x = loop, loop.plant.parameters[self._uncertain], loop.start
         config, begin, curvature = np.asarray(loop.guidance.leg.config), x[: self._first], [0.0]
         self.reference: np.ndarray | None = None
         self.bends, self.stop = Bends(np.zeros(0), np.zeros(1)), np.inf
@@ -315,7 +325,8 @@ class EnclosedLoop:
 
     def plant_at(self, deviation: np.ndarray) -> dict[str, float]:
         """Return the uncertain parameters by name, with deviations in units of their spread."""
-        return dict(zip(self._uncertain, map(float, self.nominal + deviation * self.spread), strict=True))
+        names = [self.loop.law.parameters[k].name for k in self._uncertain]
+        return dict(zip(names, map(float, self.nominal + deviation * self.spread), strict=True))
 
     def limited(self, value: np.ndarray) -> np.ndarray:
         """Return the limited inputs from the value of `law`."""

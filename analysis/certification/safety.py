@@ -9,6 +9,9 @@ in the loop that `simulate` runs: sampled or continuous, delayed, limited, with 
 - an unstable equilibrium, where the nominal motion rests at one: when it leaves is decided by rounding;
 - not proved otherwise.
 
+A start that is not proved is tried again in parts: the range of the parameter that widens the enclosure most is halved, and each
+half again where needed. It is safe or singular if all parts are.
+
 `BASIS` says what is bounded and what is estimated.
 """
 
@@ -31,6 +34,7 @@ BASIS = {
     "estimated": "the error of each step of integration, by the embedded method, and rounding; both are added in full",
     "neglected": "the error of integration of the derivatives of the motion by its start and by the parameters",
 }
+HALVINGS = 3  # of the range of the parameters, at most 8 parts
 NEAR = 0.5  # s: a motion that needs longer to become singular at its present rate may still turn away
 
 
@@ -39,7 +43,8 @@ class Verdict:
     """`kind` is one of KINDS; `reason` a sentence; `t` (s) when the nominal motion will be singular.
 
     `margin`: a lower bound of |det Phi| over the product of its row norms, of all motions up to `until` (s; infinite: for ever).
-    `course`: t (s) and s of the nominal motion as far as it was followed, 2 x N.
+    `parts`: into how many the range of the parameters was split for the proof. `course`: t (s) and s of the nominal motion as far
+    as it was followed with the whole range, 2 x N.
     """
 
     kind: str
@@ -47,6 +52,7 @@ class Verdict:
     t: float | None = None
     margin: float | None = None
     until: float = 0.0
+    parts: int = 1
     course: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)), compare=False, repr=False)
 
     def __str__(self) -> str:
@@ -74,18 +80,67 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
         enclosed = EnclosedLoop(loop, spec, uncertainty)
     except BadInput as error:
         return Verdict(NOT_PROVED, str(error))
-    certificate = Certificate(enclosed, spec.simulation)
-    found = certificate.run()
+    found = Certificate(enclosed, spec.simulation).run()
+    verdict = _verdict(enclosed, spec, found)
+    parts = _parts(enclosed, spec, found, HALVINGS) if verdict.kind == NOT_PROVED else {}
+    return _together(spec, parts, verdict) if len(parts) == 1 else verdict
+
+
+def _verdict(enclosed: EnclosedLoop, spec: Spec, found: Course) -> Verdict:
+    """Return the verdict that follows from one course."""
     course = np.array([found.t, found.s])
     if found.unstable:
         reason = "the motion rests at an equilibrium of the loop that is not stable; when it leaves is decided by rounding"
-        return Verdict(UNSTABLE, reason, None, found.margin, found.until, course)
-    if not found.lost:
-        until = np.inf if found.invariant else found.until
-        when = "for ever" if found.invariant else f"for the {found.until:.6g} s of the run"
-        reason = f"|s| stays below {np.ceil(1e4 * found.largest) / 1e4:.4f} {when}"
-        return Verdict(SAFE, reason, None, found.margin, until, course)
-    return _lost(enclosed, spec, found, course)
+        return Verdict(UNSTABLE, reason, None, found.margin, found.until, course=course)
+    return _lost(enclosed, spec, found, course) if found.lost else _safe([found], course)
+
+
+def _safe(courses: list[Course], course: np.ndarray) -> Verdict:
+    """Return the verdict if no course is lost; there is one for each part of the range of the parameters."""
+    until = min(np.inf if found.invariant else found.until for found in courses)
+    when = "for ever" if np.isinf(until) else f"for the {until:.6g} s of the run"
+    reason = f"|s| stays below {np.ceil(1e4 * max(found.largest for found in courses)) / 1e4:.4f} {when}{_split(len(courses))}"
+    return Verdict(SAFE, reason, None, min(found.margin for found in courses), until, len(courses), course)
+
+
+def _split(parts: int) -> str:
+    """Return the number of parts as text."""
+    return f", proved for {parts} parts of the range of the parameters one by one" if parts > 1 else ""
+
+
+def _parts(enclosed: EnclosedLoop, spec: Spec, found: Course, halvings: int) -> dict[str, list[Course]]:
+    """Return the courses of parts that cover the range of the parameters, by their verdict, SAFE or SINGULAR. Unless all have the
+    same verdict, the result is empty or has both. `found` is the course that is not proved for the whole range.
+    """
+    if not halvings or found.shares is None or found.approach is None or not found.shares.any():
+        return {}
+    which = int(np.argmax(found.shares))
+    first = found.approach[which] or 1.0  # the half nearer to the singular set, which fails sooner
+    parts: dict[str, list[Course]] = {}
+    for side in (first, -first):
+        half, changed = enclosed.half(spec, which, side)
+        course = Certificate(half, changed.simulation).run()
+        kind = _verdict(half, changed, course).kind
+        more = {kind: [course]} if kind in (SAFE, SINGULAR) else _parts(half, changed, course, halvings - 1)
+        if len(more) != 1:
+            return {}
+        for kind, courses in more.items():
+            parts.setdefault(kind, []).extend(courses)
+        if len(parts) != 1:
+            break
+    return parts
+
+
+def _together(spec: Spec, parts: dict[str, list[Course]], whole: Verdict) -> Verdict:
+    """Return the verdict from parts of one kind; `whole` is that of the whole range, not proved."""
+    ((kind, courses),) = parts.items()
+    if kind == SAFE:
+        return _safe(courses, whole.course)
+    last, until = _run(spec, {}, spec.simulation.duration), min(found.until for found in courses)
+    if last.status != "singular":
+        return whole
+    reason = f"the heading becomes normal to the path at t = {last.t:.4g} s, with other parameters after {until:.4g} s"
+    return Verdict(SINGULAR, reason + _split(len(courses)), last.t, 0.0, until, len(courses), whole.course)
 
 
 def check_uncertainty(uncertainty: Mapping[str, float], loop: Loop) -> None:
@@ -109,7 +164,7 @@ def _lost(enclosed: EnclosedLoop, spec: Spec, found: Course, course: np.ndarray)
     proved = f"|s| stays below {np.ceil(1e4 * found.largest) / 1e4:.4f} up to t = {found.until:.4g} s" if found.t else "nothing"
     if last.status != "singular":
         reason = f"{found.lost}; what is proved is that {proved}" if found.t else found.lost
-        return Verdict(NOT_PROVED, reason, None, found.margin, found.until, course)
+        return Verdict(NOT_PROVED, reason, None, found.margin, found.until, course=course)
     ends = [last]
     if len(enclosed.spread) and found.approach is not None:
         ends += [_run(spec, enclosed.plant_at(side * found.approach), found.until + NEAR) for side in (-1.0, 1.0)]
@@ -117,9 +172,9 @@ def _lost(enclosed: EnclosedLoop, spec: Spec, found: Course, course: np.ndarray)
         times = [row.t for row in ends]
         spread = "" if len(ends) == 1 else f", with other parameters between {found.until:.4g} and {max(times):.4g} s"
         reason = f"the heading becomes normal to the path at t = {last.t:.4g} s{spread}"
-        return Verdict(SINGULAR, reason, last.t, 0.0, found.until, course)
+        return Verdict(SINGULAR, reason, last.t, 0.0, found.until, course=course)
     reason = f"with the given parameters the heading becomes normal to the path at t = {last.t:.4g} s, with others it may not"
-    return Verdict(NOT_PROVED, reason, None, 0.0, found.until, course)
+    return Verdict(NOT_PROVED, reason, None, 0.0, found.until, course=course)
 
 
 def _run(spec: Spec, plant: Mapping[str, float], end: float) -> Row:
