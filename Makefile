@@ -9,6 +9,7 @@
 # make firmware the images of every target whose tools are here, into build/firmware
 # make firmware-test   runs them, every law's bits and closed loops in QEMU, and compares with this host
 # make guarantees   what holds of the C and what shows it, checked; see guarantees/README.md
+# make dist    wheel, sdist, and a zip of the C that is committed, into dist/
 # make clean   leaves what git has
 PYTHON ?= python3
 VENV := .venv
@@ -26,7 +27,7 @@ RUNS := line circle
 
 include firmware/targets.mk # standard: the flags with which all targets compute the same bits
 
-.PHONY: all setup generate check-generated check simulate figures lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep clean
+.PHONY: all setup generate check-generated check simulate figures lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -131,6 +132,13 @@ trig-sweep:
 	build/trig_sweep atan2 50000000 1992
 	build/trig_sweep functions 1 20000000 1992
 
+dist: $(READY_DEV)
+	rm -rf dist
+	$(VENV)/bin/python -m build --quiet --outdir dist .
+	version=$$($(VENV)/bin/noslip --version | cut -d' ' -f2); git archive --format=zip --prefix=noslip-c-$$version/ \
+	  -o dist/noslip-c-$$version.zip HEAD LICENSE README.md docs/paths.md docs/firmware.md generated runtime_c
+	@ls dist
+
 clean:
-	rm -rf build $(VENV) *.egg-info .pytest_cache .ruff_cache
+	rm -rf dist build $(VENV) *.egg-info .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,7 +1,7 @@
-"""Everything that `noslip analyse` answers about a system, and the same as JSON."""
+"""The complete result of `noslip analyse` for a system, also as JSON."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -15,7 +15,10 @@ from ..model.reduction import ReducedSystem
 from ..model.rolling.contact import PlanarContact, RollingContact, RollingGrowth, rolling_growth
 from ..model.rolling.kinematics import Kinematics
 from ..readers.errors import BadInput
+from ..readers.progress import Reported, silent
 from ..readers.robots import check_law, find_robot, placed, system_of
+from ..simulation.closed_loop import simulate
+from ..simulation.contact import Grip, grip
 from ..simulation.loop import make_loop
 from ..simulation.specification.vary import read_varied
 from .certification.safe_offsets import Offsets, safe_offsets
@@ -30,7 +33,7 @@ from .outputs.normal_form import NormalForm, StraightMotion, normal_form
 
 Contact = RollingContact | PlanarContact
 System = Mechanism | Kinematics | Contact
-ROLLING_BRACKETS = {  # that fill the space, by the dimension of Delta, without spin and with it
+ROLLING_BRACKETS = {  # brackets that span the space, by the dimension of Delta, without spin and with it
     2: (("s1", "s2"), ("[s1,s2]",), ("[s1,[s1,s2]]", "[s2,[s1,s2]]")),
     3: (("s1", "s2", "s3"), ("[s1,s3]", "[s2,s3]")),
 }
@@ -41,7 +44,7 @@ NO_INPUTS = "kinematics alone have no inputs, so nothing can be controlled"
 class Constraints:
     """n coordinates, m constraints, k of them holonomic. `levels`: the brackets that each step adds; `notes` by title.
 
-    `json`: the documented keys, and more. `S` and the `proof` of the growth are not given for every rolling contact.
+    `json`: the documented keys and further ones. Some rolling contacts have no `S` and no `proof` of the growth.
     """
 
     n: int
@@ -54,12 +57,14 @@ class Constraints:
     json: dict[str, Any]
     S: sp.Matrix | None = None
     proof: tuple[str, ...] = ()
-    controlled: str = ""  # the system that the checks are about
+    controlled: str = ""  # the system to which the checks apply
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """`outputs` by law; `refused`: why a law is none of this system's; `no_outputs`: why there is none; `starts` by file."""
+    """`outputs` by law; `refused`: why a law is none of this system's; `no_outputs`: why there is none; by file, `starts` and
+    whether the wheels roll in the run from there.
+    """
 
     name: str
     about: str
@@ -68,11 +73,12 @@ class Answer:
     refused: dict[str, str] = field(default_factory=dict)
     no_outputs: str = ""
     starts: dict[str, Verdict] = field(default_factory=dict)
+    rolling: dict[str, Grip] = field(default_factory=dict)
     tables: dict[str, Offsets] = field(default_factory=dict)
 
     @property
     def refused_by_reason(self) -> dict[str, list[str]]:
-        """Reason -> the laws that are refused for it."""
+        """Reason -> the laws that are rejected for it."""
         found: dict[str, list[str]] = {}
         for law, reason in self.refused.items():
             found.setdefault(reason, []).append(law)
@@ -80,7 +86,7 @@ class Answer:
 
     @property
     def fails(self) -> bool:
-        """Is a start not proved to be safe?"""
+        """Whether some start is not proved to be safe."""
         return any(verdict.kind != SAFE for verdict in self.starts.values())
 
 
@@ -90,10 +96,10 @@ def analyse(
     starts: Sequence[str] = (),
     uncertainty: Mapping[str, float] | float = 0.0,
     table: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Reported = silent,
 ) -> Answer:
     """Analyse a system with these of its laws, or all, and the starts in these files; `uncertainty` as for `start_verdict`;
-    `table`: find the safe offsets of each start too; `progress` as `safe_offsets` calls it.
+    `table`: find the safe offsets of each start too.
 
     Raises ModelError and BadInput for what cannot be analysed, for a named law that is none of the system's, and for files that
     are no SPEC of it.
@@ -104,15 +110,16 @@ def analyse(
     verdicts = {file: start_verdict(system.name, file, uncertainty) for file in starts}
     with placed(system):
         found = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
-    outputs, refused, nothing = _outputs(system, laws)
+    outputs, refused, nothing = _outputs(system, laws, progress)
     tables = {file: start_offsets(file, uncertainty, progress) for file in starts} if table else {}
-    return Answer(system.name, getattr(system, "about", ""), found, outputs, refused, nothing, verdicts, tables)
+    rolling = {file: start_rolling(file) for file in starts}
+    return Answer(system.name, getattr(system, "about", ""), found, outputs, refused, nothing, verdicts, rolling, tables)
 
 
 def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float = 0.0) -> Verdict:
-    """Whether the start of a SPEC of this robot stays away from the singular set; nothing is compiled for it.
+    """Return whether the start of a SPEC of this robot avoids the singular set; nothing is compiled.
 
-    `uncertainty`: relative, of the robot's parameters by name, or of all of them. Raises BadInput for a file that is no SPEC
+    `uncertainty`: relative, of the robot's parameters by name, or one for all. Raises BadInput for a file that is no SPEC
     of it.
     """
     spec = read_varied(file, {"simulation.backend": "casadi"})
@@ -125,12 +132,19 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
         raise BadInput(f"{file}: {error}") from error
 
 
-def start_offsets(
-    file: str, uncertainty: Mapping[str, float] | float = 0.0, progress: Callable[[int, int], None] | None = None
-) -> Offsets:
-    """The table of safe offsets of a SPEC; `progress` as `safe_offsets` calls it.
+def start_rolling(file: str) -> Grip:
+    """Whether the wheels roll in the run of a SPEC, as `noslip simulate` states it. Raises BadInput if it cannot be run."""
+    spec = read_varied(file, {"simulation.backend": "casadi"})
+    try:
+        return grip(simulate(spec))
+    except (BadInput, ModelError) as error:
+        raise BadInput(f"{file}: {error}") from error
 
-    Raises BadInput for a file that is no SPEC, or has a path without a table.
+
+def start_offsets(file: str, uncertainty: Mapping[str, float] | float = 0.0, progress: Reported = silent) -> Offsets:
+    """The table of safe offsets of a SPEC.
+
+    Raises BadInput for a file that is not a SPEC, and for a path without such a table.
     """
     spec = read_varied(file, {"simulation.backend": "casadi"})
     try:
@@ -141,15 +155,18 @@ def start_offsets(
 
 def as_json(answer: Answer) -> dict[str, Any]:
     """The documented keys, and more."""
+    starts = {
+        file: _verdict_json(verdict) | {"rolling": answer.rolling[file].as_json()} for file, verdict in answer.starts.items()
+    }
     return {
         **answer.constraints.json,
         "outputs": {law: _output_json(form) for law, form in answer.outputs.items()},
         "refused": answer.refused,
         **({"no_outputs": answer.no_outputs} if answer.no_outputs else {}),
-        "starts": {file: _verdict_json(verdict) for file, verdict in answer.starts.items()},
+        "starts": starts,
         **({"starts_basis": BASIS} if answer.starts else {}),
         **({"tables": {file: asdict(table) for file, table in answer.tables.items()}} if answer.tables else {}),
-        **(_verdict_json(*answer.starts.values()) if len(answer.starts) == 1 else {}),
+        **(next(iter(starts.values())) if len(starts) == 1 else {}),
     }
 
 
@@ -159,12 +176,12 @@ def _verdict_json(verdict: Verdict) -> dict[str, Any]:
 
 
 def singular_when(form: NormalForm) -> list[str]:
-    """Where Phi is singular: a condition each; empty where it never is."""
+    """Return the conditions under which Phi is singular, one per component; empty if it never is."""
     return [f"{c}{'' if c.confirmed else ' [not tried at a point]'}" for c in form.decoupling.conditions]
 
 
 def driven_straight(answer: Answer) -> list[str]:
-    """How what follows the vehicle beside its heading does so, the same for all outputs; empty where nothing does."""
+    """Describe the motion of trailers and other joints, the same for all outputs; empty if there are none."""
     shape = next((form.shape for form in answer.outputs.values() if form.moving and form.shape.names), None)
     if shape is None:
         return []
@@ -173,9 +190,9 @@ def driven_straight(answer: Answer) -> list[str]:
 
 
 def uncontrolled(form: NormalForm) -> str:
-    """The coordinates that are not controlled, the zero dynamics and their stability, in a line.
+    """Return the coordinates that are not controlled, the zero dynamics and their stability, in a line.
 
-    Where no choice of coordinates serves everywhere there are two, such as y where a line is not parallel to the x axis, else x.
+    If no choice of coordinates is valid everywhere, there are two, such as y where a line is not parallel to the x axis, else x.
     """
     first, *others = form.charts
     kept = ", ".join(form.T[2])
@@ -202,7 +219,7 @@ def _of_distribution(system: Mechanism | Kinematics) -> Constraints:
 
 
 def _of_contact(contact: Contact) -> Constraints:
-    """As any distribution; where metrics have roots, by the structure equations alone, which serve any two surfaces."""
+    """Analyse as any distribution; if metrics have roots, by the structure equations only, which hold for any two surfaces."""
     found, kinematics = rolling_growth(contact), contact.kinematics()
     rough = bool(distribution(kinematics).functions.roots)
     made = _by_structure_equations(kinematics, found) if rough else _of_distribution(kinematics)
@@ -229,7 +246,7 @@ def _by_structure_equations(system: Kinematics, found: RollingGrowth) -> Constra
 # -- outputs ------------------------------------------------------------------------------------------------------------
 
 
-def _outputs(system: System, laws: Sequence[str]) -> tuple[dict[str, NormalForm], dict[str, str], str]:
+def _outputs(system: System, laws: Sequence[str], progress: Reported) -> tuple[dict[str, NormalForm], dict[str, str], str]:
     """Laws with their normal forms, those refused with the reason, and why there is none at all."""
     if not isinstance(system, Mechanism):
         if laws:
@@ -242,7 +259,9 @@ def _outputs(system: System, laws: Sequence[str]) -> tuple[dict[str, NormalForm]
             raise
         return {}, {}, _reason(error, system)
     found, refused = {}, {}
-    for law in laws or output_names(system):
+    wanted = laws or output_names(system)
+    for done, law in enumerate(wanted):
+        progress(done, len(wanted), "outputs analysed")
         try:
             found[law] = _form(reduced, law)
         except ModelError as error:
@@ -259,7 +278,7 @@ def _form(system: ReducedSystem, law: str) -> NormalForm:
 
 
 def _reason(error: ModelError, system: Mechanism) -> str:
-    """What an error says, without the place in a user's file, the robot's name and the law's."""
+    """Return an error message without the place in a user's file and the names of robot and law."""
     said = error.__cause__ if isinstance(error.__cause__, ModelError) else error
     message = str(said).removeprefix(system.name).removeprefix(": ").removeprefix(", output ")
     law, colon, rest = message.partition(": ")
@@ -292,7 +311,7 @@ def _output_json(form: NormalForm) -> dict[str, Any]:
 
 
 def _driven_straight(form: NormalForm) -> list[str]:
-    """What the lines of `moving` do not say already."""
+    """Return what the lines of `moving` do not contain."""
     return form.shape.lines() if form.moving and form.shape.decided else []
 
 

@@ -19,11 +19,13 @@ def as_text(answer: Answer) -> str:
     lines += constraints(answer)
     lines += ["", *outputs(answer)]
     if answer.starts:
-        lines += ["", "Starts", *[line for file, verdict in answer.starts.items() for line in labelled(file, [str(verdict)])]]
+        lines += ["", "Starts"]
+        for file, verdict in answer.starts.items():
+            lines += labelled(file, [str(verdict), *answer.rolling[file].summary().splitlines()])
         lines += [line for word, what in BASIS.items() for line in labelled(word, [what])]
     for file, table in answer.tables.items():
         lines += ["", f"Largest offset proved to be safe on both sides of the path, {file}", *table.lines()]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
 
 
 def constraints(answer: Answer) -> list[str]:

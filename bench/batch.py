@@ -1,4 +1,5 @@
-"""Closed loops a second and core: the batch simulator beside SciPy and CasADi, at equal accuracy; what a second thread brings.
+"""Closed loops per second and core: the batch simulator compared with SciPy and CasADi at equal accuracy; gain by a second
+thread.
 
 The LABMATE on the line of specs/line.toml, 10 s, the controller called at 100 Hz and its torque held. SciPy integrates the plant
 in NumPy from call to call and is given the compiled law; CasADi runs all calls as one function, cvodes from call to call. Of
@@ -28,16 +29,16 @@ from noslip.sweeping.batch import Batch
 from scipy.integrate import solve_ivp
 
 ROOT = Path(__file__).resolve().parent.parent
-ACCURACY = 1e-8  # greatest error of the state at the end, SI
+ACCURACY = 1e-8  # largest error of the state at the end, SI
 DURATION, PERIOD = 10.0, 0.01  # s
 SAMPLES = 1000
 GROWTH = (10, 100, 1000, 4000)
-REPEATS = 3  # the least time counts
+REPEATS = 3  # the shortest time counts
 WANTED = {"scipy": 100.0, "cvodes": 5.0, "threads": 1.8}
 
 
 def main() -> int:
-    """Measure, print, add to bench.json; answers 0."""
+    """Measure, print, and add the results to bench.json; return 0."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", dest="out", metavar="DIR", default="build", help="where bench.json is (default: build)")
     file = Path(parser.parse_args().out) / "bench.json"
@@ -49,7 +50,7 @@ def main() -> int:
 
 
 def measure() -> dict:
-    """Rates in runs a second, errors, multiples of ours."""
+    """Return rates in runs per second, errors, and ratios to ours."""
     spec = read_spec(ROOT / "specs/line.toml")
     spec = replace(spec, simulation=replace(spec.simulation, duration=DURATION, period=PERIOD))
     truth, loop, batch = simulate(spec).x[-1], make_loop(spec), Batch(spec)
@@ -76,7 +77,7 @@ def measure() -> dict:
 
 
 def table(result: dict) -> str:
-    """For a reader."""
+    """Return the results as text."""
     each = f"{DURATION:g} s at {1 / PERIOD:g} Hz"
     lines = [f"batch: {result['runs_per_second']:.0f} runs/s and core ({each}), error {result['error']:.0e}"]
     for name, found in result["peers"].items():
@@ -95,7 +96,7 @@ def table(result: dict) -> str:
 
 
 def _threads(batch: Batch, samples: np.ndarray) -> dict[str, float]:
-    """How much faster two threads are: by the clock, and by processor time, as if no other work were on the machine."""
+    """Return the speed-up by two threads, by the clock and by processor time, as on an otherwise idle machine."""
     halves = np.array_split(samples, 2)
     with ThreadPoolExecutor(2) as pool:
         clock, processor = [], []
@@ -112,7 +113,7 @@ def _threads(batch: Batch, samples: np.ndarray) -> dict[str, float]:
 
 
 def _least(action: Callable[[], object]) -> float:
-    """Seconds of processor time of one action, the least of some."""
+    """Return the processor time of an action, s, the shortest of several."""
     times = []
     for _ in range(REPEATS):
         begin = time.process_time()
@@ -127,7 +128,7 @@ def _error(x: np.ndarray, truth: np.ndarray) -> float:
 
 
 def _ways(spec: Spec) -> dict[str, Callable[[float], Callable[[], np.ndarray]]]:
-    """Name -> from a tolerance to a run that answers the last state."""
+    """Return name -> function from a tolerance to a run that returns the last state."""
     loop = make_loop(spec)
     wanted, controller = loop.guidance.reference(0.0, loop.start), loop.guidance.leg.controller
     rate = _numpy_rate(loop.plant.parameters)
@@ -145,7 +146,7 @@ def _scipy(rate: Callable, controller: Controller, wanted: np.ndarray, x: np.nda
 
 
 def _cvodes(loop, spec: Spec, wanted: np.ndarray, tol: float) -> Callable[[], np.ndarray]:
-    """All calls as one CasADi function, made beforehand."""
+    """Return all calls as one CasADi function, built beforehand."""
     law: ControlLaw = loop.law
     system, count = law.system, round(DURATION / PERIOD)
     x, tau = ca.SX.sym("x", len(law.state)), ca.SX.sym("tau", len(system.mechanism.inputs))
@@ -163,7 +164,7 @@ def _cvodes(loop, spec: Spec, wanted: np.ndarray, tol: float) -> Callable[[], np
 
 
 def _numpy_rate(parameters: np.ndarray) -> Callable[[float, np.ndarray, np.ndarray], np.ndarray]:
-    """The plant (11) as one writes it in NumPy, what the parameters give made beforehand."""
+    """Return the plant (11) as commonly written in NumPy, with constants computed beforehand."""
     b, d, r, m_c, m_w, I_c, I_w, I_m = parameters
     c = r / (2 * b)
     mass, inertia = m_c + 2 * m_w + 2 * I_w / r**2, I_c + m_c * d**2 + 2 * (I_m + m_w * b**2 + I_w * b**2 / r**2)

@@ -1,4 +1,4 @@
-"""Who calls whom, and how much stack each needs: from the files that GCC's -fcallgraph-info=su,da writes."""
+"""Call graph and stack use, from the files that GCC writes with -fcallgraph-info=su,da."""
 
 import re
 from collections.abc import Iterable
@@ -8,9 +8,9 @@ Graph = dict[str, tuple[int, set[str]]]
 
 
 def call_graph(files: Iterable[Path]) -> Graph:
-    """Function -> bytes of its own frame, callees; of functions with one name the larger frame, the callees of all.
+    """Return function -> bytes of its own frame, callees; for functions of the same name the largest frame and all callees.
 
-    Functions of libraries are callees only. RuntimeError: a frame that grows.
+    Functions of libraries are callees only. Raises RuntimeError for a frame of variable size.
     """
     graph: Graph = {}
     for file in files:
@@ -26,7 +26,7 @@ def call_graph(files: Iterable[Path]) -> Graph:
 
 
 def reached(graph: Graph, name: str) -> set[str]:
-    """The function and all it calls, directly or not."""
+    """Return the function and all functions it calls, directly or indirectly."""
     found, left = set(), [name]
     while left:
         if (function := left.pop()) not in found:
@@ -36,7 +36,7 @@ def reached(graph: Graph, name: str) -> set[str]:
 
 
 def deepest(graph: Graph, name: str, callers: tuple[str, ...] = ()) -> int:
-    """Bytes of stack of the dearest chain of calls. RuntimeError: recursion, which has no dearest."""
+    """Return the bytes of stack of the deepest call chain. Raises RuntimeError for recursion."""
     if name in callers:
         raise RuntimeError(f"recursion: {' -> '.join((*callers, name))}")
     own, callees = graph.get(name, (0, ()))

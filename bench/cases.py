@@ -1,4 +1,4 @@
-"""The seeded states every program steps through, and what each must answer, as C."""
+"""The seeded states for all programs, and the expected results, as C."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -10,9 +10,9 @@ from noslip.model.law import ControlLaw
 
 COUNT = 256
 SEED = 1992
-REGULAR = 0.1  # least |det Phi| over the product of its row norms: no program leaves through a guard
+REGULAR = 0.1  # smallest |det Phi| over the product of its row norms, so that no program leaves at a guard
 QUANTITIES = ("tau", "Phi", "Phidot")
-TOLERANCE = {"double": 1e-9, "float": 3e-3}  # of 1 + |expected|: a wrong program is refused, rounding is tested elsewhere
+TOLERANCE = {"double": 1e-9, "float": 3e-3}  # relative to 1 + |expected|: rejects a wrong program; rounding is tested elsewhere
 
 
 @dataclass
@@ -58,13 +58,13 @@ def _random(law: ControlLaw) -> Iterator[tuple[np.ndarray, np.ndarray]]:
 
 
 def header(cases: list[Cases], scalar: str) -> str:
-    """Declarations of all arrays."""
+    """Return declarations of all arrays."""
     arrays = [f"extern const {scalar} {name}{shape};" for case in cases for name, shape, _ in _arrays(case)]
     return "\n".join(["#pragma once", *arrays, ""])
 
 
 def source(case: Cases, scalar: str) -> str:
-    """The arrays of one law."""
+    """Return the arrays of a law."""
     literal = SCALARS[scalar].literal
     lines = [f'#include "cases_{scalar}.h"']
     for name, shape, values in _arrays(case):

@@ -1,4 +1,4 @@
-"""The chart: instructions per call, ours beside the others."""
+"""Charts of instructions per call, ours compared with others."""
 
 from pathlib import Path
 
@@ -16,11 +16,11 @@ BARS = {  # key in the results -> legend, colour
     "casadi": ("CasADi as emitted", "#4d7aa8"),
     "sympy": ("SymPy", "#a9c8a4"),
 }
-TOP = 1000  # what is higher is cut, and its number written into it
+TOP = 1000  # higher bars are cut off and labelled with their number
 
 
 def draw(panels: dict[str, dict], laws: list[str], path: Path) -> None:
-    """A panel for each title -> {law: results}; writes a PNG."""
+    """Write a PNG with a panel for each title -> {law: results}."""
     figure, axes = plt.subplots(len(panels), 1, figsize=(13, 4.4 * len(panels)), squeeze=False, layout="constrained")
     for axis, (title, results) in zip(axes[:, 0], panels.items(), strict=True):
         _panel(axis, {law: results[law] for law in laws})
@@ -54,7 +54,7 @@ def _panel(axis, results: dict[str, dict]) -> None:
 
 
 def _title(law: str) -> str:
-    """type_iv_line -> Type IV line."""
+    """Return the title of a law: type_iv_line -> Type IV line."""
     name = LawName.parse(law)
     return f"Type {name.type} {name.path}".rstrip()
 
@@ -69,7 +69,7 @@ LINES = {  # key in the results -> legend, colour
 
 
 def draw_growth(results: dict, path: Path) -> None:
-    """Instructions against the number of trailers, a panel for each scalar; writes a PNG."""
+    """Write a PNG of instructions against the number of trailers, with a panel for each scalar."""
     scalars = [scalar for scalar in ("double", "float") if scalar in results]
     figure, axes = plt.subplots(1, len(scalars), figsize=(6.5 * len(scalars), 4.8), squeeze=False, layout="constrained")
     for axis, scalar in zip(axes[0], scalars, strict=True):

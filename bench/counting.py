@@ -1,17 +1,17 @@
-"""Executed instructions of functions in an image for QEMU, by the plugin in target/count.c."""
+"""Executed instructions of functions in an image for QEMU, counted by the plugin in target/count.c."""
 
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parent / "target/count.c"
-TIMEOUT = 120  # s, of any one tool
+TIMEOUT = 120  # s, of each tool
 
 Symbols = Mapping[str, tuple[int, int]]  # function -> address, bytes
 
 
 def run(command: Sequence[str], folder: Path, check: bool = True) -> subprocess.CompletedProcess:
-    """Run a tool, its input closed, for TIMEOUT at most."""
+    """Run a tool without input, for TIMEOUT at most."""
     done = subprocess.run(command, cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT)
     if check and done.returncode:
         raise RuntimeError(f"{' '.join(command)}\n{done.stderr}")
@@ -19,7 +19,7 @@ def run(command: Sequence[str], folder: Path, check: bool = True) -> subprocess.
 
 
 def symbols_of(image: Path, prefix: str) -> dict[str, tuple[int, int]]:
-    """Function -> address and bytes, by the nm of a toolchain."""
+    """Return function -> address and bytes, by the nm of a toolchain."""
     rows = [line.split() for line in run([f"{prefix}nm", "-S", str(image)], image.parent).stdout.splitlines()]
     found = [(row[3], int(row[0], 16), int(row[1], 16)) for row in rows if len(row) == 4 and row[2] in "tTW"]
     return {name.split(".")[0] if name.endswith(".isra.0") else name: (at, size) for name, at, size in found}
@@ -28,10 +28,10 @@ def symbols_of(image: Path, prefix: str) -> dict[str, tuple[int, int]]:
 def count_calls(
     machine: Sequence[str], image: Path, symbols: Symbols, calls: Sequence[tuple[str, str]], folder: Path
 ) -> tuple[subprocess.CompletedProcess, dict[str, tuple[int, int, int, int]]]:
-    """Runs an image on a machine, the emulator's command, and counts functions as called by others: (function, caller).
+    """Run an image on a machine (the command of the emulator) and count functions called by given callers: (function, caller).
 
-    Answers how it ended, and function -> calls, instructions of all, of the shortest and of the longest, with all that they
-    call. Where one of the functions calls another, only the outer one is counted. The plugin is built in the folder.
+    Returns the exit status, and function -> calls, instructions of all, of the shortest and of the longest call, including
+    callees. If one of the functions calls another, only the outer one is counted. The plugin is built in the folder.
     """
     log = image.with_suffix(".count")
     asked = []

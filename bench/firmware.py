@@ -1,4 +1,4 @@
-"""What the firmware costs on a Cortex-M4F: instructions of a tick, bytes of stack and of the image.
+"""Cost of the firmware on a Cortex-M4F: instructions of a tick, bytes of stack and of the image.
 
     python bench/firmware.py [--json] [--build DIR] [--optimize=-Os]
 
@@ -19,8 +19,8 @@ from noslip.controllers.targets import QUIET, SEMIHOSTING, TARGETS, missing
 
 FIRMWARE = Path(__file__).resolve().parent.parent / "firmware"
 TARGET, PREFIX = "cortex-m4f", "arm-none-eabi-"
-CLOCK = ("-icount", "shift=5,sleep=off")  # time passes with the instructions, and at once while the processor sleeps
-PARTS = {  # function -> who calls it; odometry, path and motors are inline in the first
+CLOCK = ("-icount", "shift=5,sleep=off")  # time advances with the instructions, and immediately while the processor sleeps
+PARTS = {  # function -> its caller; odometry, path and motors are inline in the first
     "vehicle_step": "main",
     "labmate_type_iv_segment_follow_f": "vehicle_step",
     "watchdog_step": "vehicle_step",
@@ -30,10 +30,10 @@ ENTRIES = ("vehicle_step", "vehicle_init", "main")
 
 
 def measure(folder: Path, optimize: str = "-O2") -> dict:
-    """Builds the image in a folder and runs it.
+    """Build the image in a folder and run it.
 
-    Answers `instructions`: function -> calls, mean, least and most of one; `stack_bytes`: entry point -> worst chain of calls;
-    `text_bytes`: of the image and of each source's part in it. RuntimeError where the run does not arrive.
+    Returns `instructions`: function -> calls, mean, minimum and maximum of a call; `stack_bytes`: entry point -> worst chain of
+    calls; `text_bytes`: of the image and of the part of each source. Raises RuntimeError if the run does not arrive.
     """
     make = ["make", "-s", "-C", str(FIRMWARE), f"TARGET={TARGET}", f"BUILD={folder}", f"OPTIMIZE={optimize}"]
     run(make, folder)
@@ -62,7 +62,7 @@ def _text(files: list[Path]) -> int:
 
 
 def _kept(built: Path, symbols: dict) -> dict[str, int]:
-    """Source -> bytes of its functions that the image has."""
+    """Return source -> bytes of its functions in the image."""
     kept = {}
     for made in sorted(built.glob("*.o")):
         own = symbols_of(made, PREFIX)
@@ -71,7 +71,7 @@ def _kept(built: Path, symbols: dict) -> dict[str, int]:
 
 
 def text(result: dict) -> str:
-    """The result as tables."""
+    """Return the result as tables."""
     lines = [f"{'function':32}{'calls':>7}{'mean':>9}{'least':>7}{'most':>7}   instructions, {TARGET}"]
     for name, row in result["instructions"].items():
         lines.append(f"{name:32}{row['calls']:7}{row['mean']:9.1f}{row['least']:7}{row['most']:7}")
@@ -81,7 +81,7 @@ def text(result: dict) -> str:
 
 
 def main() -> int:
-    """Prints the tables."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.add_argument("--build", metavar="DIR", type=Path, help="where images are built, and kept (default: nowhere)")

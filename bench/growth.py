@@ -1,4 +1,4 @@
-"""How the reduced mass matrix and the bias of a tractor with N trailers grow with N: instructions of a call, sines included.
+"""Growth of the cost of the reduced mass matrix and the bias of a tractor with N trailers: instructions of a call, with sines.
 
 Beside ours: a loop written by hand, CasADi's C of S'MS, and SymPy's cse of Lagrange's equations (derived here up to four
 trailers, on request for all: its derivation grows with N^3).
@@ -30,23 +30,23 @@ from programs import ONCE
 from sympy.printing.c import C99CodePrinter
 
 TRAILERS = (1, 2, 4, 8, 16)
-DERIVED = 4  # trailers up to which SymPy is run unless asked for more
+DERIVED = 4  # default of the largest number of trailers for SymPy
 COUNT, SEED = 256, 1992
-TOLERANCE = {"double": 1e-11, "float": 1e-4}  # of the largest entry: a wrong program is refused, rounding is tested elsewhere
+TOLERANCE = {"double": 1e-11, "float": 1e-4}  # relative to the largest entry; only rejects wrong programs
 WITHIN = 1.15  # of the hand-written loop
 STEEPEST = 1.1  # exponent of N
-LONGEST = 1.0  # s to generate for most trailers, imports left out
+LONGEST = 1.0  # s, to generate the C for the largest number of trailers, without imports
 
 
 class Unguarded(DynamicsC):
-    """The dynamics themselves: what the guards would leave through is not there."""
+    """Return the dynamics without guards."""
 
     def leave(self, condition: str, answer: str = "NOSLIP_SINGULAR") -> str:
         return "" if answer in ("NOSLIP_SINGULAR", "NOSLIP_RANGE") else super().leave(condition, answer)
 
 
 def ours(system: ReducedSystem, scalar: str, guarded: bool = False) -> dict[str, str]:
-    """The generated entry point; without guards its mathematics alone."""
+    """Return the generated entry point; without guards only its computation."""
     kind = DynamicsC if guarded else Unguarded
     text = kind(compile_dynamics(system), SCALARS[scalar], ["for the bench"])
     name, robot = SCALARS[scalar].name, system.mechanism.name
@@ -62,7 +62,7 @@ def ours(system: ReducedSystem, scalar: str, guarded: bool = False) -> dict[str,
 
 
 def hand(system: ReducedSystem, scalar: str) -> dict[str, str]:
-    """The loop of bench/hand/trailers.inc."""
+    """Return the loop of bench/hand/trailers.inc."""
     name, n = SCALARS[scalar].name, len(system.mechanism.coordinates) - 5
     return {
         "declare": f'#include "trailers.h"\nstatic {name("hand_trailers")} dynamics;',
@@ -72,7 +72,7 @@ def hand(system: ReducedSystem, scalar: str) -> dict[str, str]:
 
 
 def casadi(system: ReducedSystem, scalar: str) -> dict[str, str]:
-    """CasADi's C of the textbook's matrices, common subexpressions eliminated."""
+    """Return CasADi's C of the textbook matrices, common subexpressions eliminated."""
     mechanism = system.mechanism
     state = ca.vertcat(mechanism.q, system.nu)
     function = ca.Function("reduced", [mechanism.p, state], ca.cse([ca.densify(x) for x in textbook(system)]))
@@ -83,7 +83,7 @@ def casadi(system: ReducedSystem, scalar: str) -> dict[str, str]:
 
 
 def sympy_cse(system: ReducedSystem, scalar: str) -> dict[str, str]:
-    """SymPy: Lagrange's equations from the kinetic energy, S'MS, cse, the C99 printer."""
+    """Return the C by SymPy: Lagrange's equations from the kinetic energy, S'MS, cse, the C99 printer."""
     mechanism = system.mechanism
     given = [*ca.vertsplit(mechanism.q), *ca.vertsplit(mechanism.qdot), *ca.vertsplit(system.nu), *ca.vertsplit(mechanism.p)]
     symbols = [sympy.Symbol(str(one)) for one in given]
@@ -109,7 +109,7 @@ def sympy_cse(system: ReducedSystem, scalar: str) -> dict[str, str]:
 
 
 def textbook(system: ReducedSystem) -> tuple[ca.SX, ca.SX]:
-    """S'MS and S'(M Sdot nu + V) (10) by matrices, from the Lagrangian."""
+    """Return S'MS and S'(M Sdot nu + V) (10) by matrices, from the Lagrangian."""
     M = system.mechanism.M
     return system.S.T @ M @ system.S, system.S.T @ (M @ system.Sdot @ system.nu + system.V)
 
@@ -124,7 +124,8 @@ WAYS: dict[str, Callable[[ReducedSystem, str], dict[str, str]]] = {
 
 
 def growth(folder: Path, scalars: Sequence[str] = ("double", "float"), everything: bool = False) -> dict:
-    """Instructions of a call for each scalar, way and N, the exponents of N, and seconds of the processor to generate ours."""
+    """Return instructions of a call for each scalar, method and N, the exponents of N, and the processor time to generate
+    ours."""
     result: dict = {scalar: {} for scalar in scalars}
     seconds: dict[str, float] = {}
     for n in TRAILERS:
@@ -149,7 +150,7 @@ def growth(folder: Path, scalars: Sequence[str] = ("double", "float"), everythin
 
 
 def _from_process_start(trailers: int) -> float:
-    """Seconds of the processor until both scalars of our C are there, with all that Python has to import for it."""
+    """Return the processor time (s) to generate our C for both scalars, including imports."""
     code = (
         "import time; from noslip.codegen.dynamics import compile_dynamics; "
         "from noslip.codegen.printing.dynamics_c import DynamicsC; "
@@ -162,7 +163,7 @@ def _from_process_start(trailers: int) -> float:
 
 
 def table(result: dict) -> str:
-    """The instructions as text."""
+    """Return the instructions as text."""
     lines = []
     for scalar in (key for key in SCALARS if key in result):
         found = result[scalar]
@@ -181,7 +182,7 @@ def table(result: dict) -> str:
 
 
 def missed(result: dict) -> list[str]:
-    """The goals that are not met."""
+    """Return the goals that are not met."""
     longest = result["generation_seconds"][str(TRAILERS[-1])]
     found = [f"generation takes {longest} s at N = {TRAILERS[-1]}"] if longest > LONGEST else []
     for scalar in (key for key in SCALARS if key in result):
@@ -193,7 +194,7 @@ def missed(result: dict) -> list[str]:
 
 
 def _exponents(counts: dict[str, float]) -> list[float]:
-    """Of N, from 1 and from 8 to 16 trailers, as far as there are counts."""
+    """Return the exponents of N, from 1 and from 8 to 16 trailers, if counted."""
     pairs = [(a, b) for a, b in ((1, 16), (8, 16)) if str(a) in counts and str(b) in counts]
     return [round(math.log(counts[str(b)] / counts[str(a)]) / math.log(b / a), 3) for a, b in pairs]
 
@@ -208,7 +209,7 @@ def _cases(system: ReducedSystem) -> dict[str, np.ndarray]:
 
 
 def _instructions(place: Path, parts: dict[str, str], system: ReducedSystem, scalar: str, values: dict) -> float:
-    """Of one call of `parts`, by callgrind. Raises RuntimeError when it answers wrong numbers."""
+    """Return the instructions of a call of `parts`, by callgrind. Raises RuntimeError if its results are wrong."""
     literal = SCALARS[scalar].literal
 
     def array(rows: np.ndarray, kind: str) -> str:
@@ -264,12 +265,12 @@ int main(void)
 
 
 def _along(expression: sympy.Expr, q: Sequence[sympy.Symbol], rates: Sequence[sympy.Expr]) -> sympy.Expr:
-    """Time derivative of an expression in q."""
+    """Return the time derivative of an expression in q."""
     return sum(expression.diff(one) * rate for one, rate in zip(q, rates, strict=True))
 
 
 def _in_sympy(expression: ca.SX, given: Sequence[ca.SX], symbols: Sequence[sympy.Symbol]) -> list[sympy.Expr]:
-    """Entries, column by column."""
+    """Return the entries, column-major."""
 
     def number(value: float) -> sympy.Expr:
         return sympy.Integer(int(value)) if value == int(value) else sympy.Float(value)
@@ -278,7 +279,7 @@ def _in_sympy(expression: ca.SX, given: Sequence[ca.SX], symbols: Sequence[sympy
 
 
 def main() -> int:
-    """Print the table; answers 1 when a goal is missed."""
+    """Print the table; return 1 if a goal is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-o", dest="out", metavar="DIR", default="build", help="where growth.json and growth.png go")
     parser.add_argument("--all", action="store_true", help="derive with SymPy for all N, too (a minute or more)")

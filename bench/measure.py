@@ -1,4 +1,4 @@
-"""Compiles programs and counts: executed instructions, bytes of code, bytes of stack."""
+"""Compiles programs and counts executed instructions, bytes of code and bytes of stack."""
 
 import os
 import shutil
@@ -23,7 +23,7 @@ M4F = flags("cortex-m4f")
 
 @dataclass(frozen=True)
 class Count:
-    """Per call of one function: mean, least and most instructions (callgrind knows only the mean); bytes."""
+    """Per call of a function: mean, minimum and maximum of instructions (with callgrind only the mean); bytes."""
 
     instructions: float
     least: int | None
@@ -33,12 +33,12 @@ class Count:
 
     @property
     def mean(self) -> float | int:
-        """The mean, as a whole number where it is one."""
+        """The mean, as an integer if it is one."""
         return int(self.instructions) if self.instructions == int(self.instructions) else round(self.instructions, 2)
 
 
 class Target:
-    """A compiler and a machine to run on."""
+    """A compiler and a machine."""
 
     name = "host"
     prefix = ""
@@ -52,12 +52,12 @@ class Target:
 
     @property
     def missing(self) -> str:
-        """Which tool is not there; empty when all are."""
+        """Return the missing tool; empty if there is none."""
         tools = [*(self.prefix + tool for tool in ("gcc", "g++", "nm", "objcopy")), *self.runner]
         return next((tool for tool in tools if not shutil.which(tool)), "")
 
     def measure(self, label: str, programs: Sequence[Program], scalar: str, shared: Path) -> dict[str, Count]:
-        """Program name -> count. `shared` holds generated headers, cases and the robot's own source."""
+        """Return program name -> count. `shared`: generated headers, cases and the source of the robot."""
         folder = self.folder / scalar / label
         folder.mkdir(parents=True, exist_ok=True)
         objects = [self._compile(folder, program, shared) for program in programs]
@@ -96,7 +96,7 @@ class Target:
         includes = [f"-I{place}" for place in (RUNTIME, shared, BENCH / "hand", BENCH / "peers")]
         target = path.with_suffix(".o")
         run([compiler, *COMMON, *LANGUAGE[program.language], *self.flags, *includes, "-c", str(path), "-o", str(target)], folder)
-        # programs of one law each bring its init: nothing but their own entry shall meet in the image
+        # each program contains init of its law: only their own entry points may be shared in the image
         run([self.prefix + "objcopy", f"--keep-global-symbol=check_{program.name}", str(target)], folder)
         return target
 
@@ -125,7 +125,7 @@ class CortexM4F(Target):
 
 
 def measure_all(target: Target, jobs: Sequence[tuple[str, Sequence[Program], str]], shared: Path) -> dict:
-    """(label, scalar) -> program name -> count; as many jobs at a time as there are processors."""
+    """Return (label, scalar) -> program name -> count; with one job per processor."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         futures = {
             (label, scalar): pool.submit(target.measure, label, programs, scalar, shared) for label, programs, scalar in jobs
@@ -134,7 +134,7 @@ def measure_all(target: Target, jobs: Sequence[tuple[str, Sequence[Program], str
 
 
 def _checked(done: subprocess.CompletedProcess, programs: Sequence[Program], image: Path) -> None:
-    """A program whose answers are not those expected is not measured."""
+    """Raise RuntimeError for a program with wrong results, which is not measured."""
     if 0 < done.returncode <= len(programs):
         raise RuntimeError(f"{image}: {programs[done.returncode - 1].name} answers wrong numbers")
     if done.returncode:
@@ -142,7 +142,7 @@ def _checked(done: subprocess.CompletedProcess, programs: Sequence[Program], ima
 
 
 def _inclusive(text: str) -> dict[str, int]:
-    """Function -> instructions with its callees, from callgrind's file (uncompressed names)."""
+    """Return function -> instructions with its callees, from callgrind's file (uncompressed names)."""
     totals: dict[str, int] = {}
     callee, next_is_cost = "", False
     for line in text.splitlines():

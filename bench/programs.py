@@ -1,4 +1,4 @@
-"""What is measured: for each way of writing a law, a C file that runs one function of it over all states."""
+"""The programs to measure: for each implementation of a law, a C file that calls one of its functions at all states."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from noslip.model.law import ControlLaw
 
 ENTRY = {"tau": "step", "Phi": "decoupling", "Phidot": "decoupling_rate"}  # our C function of each quantity
 HAND = {"type_i": "type_i", "type_iv_line": "line", "type_iv_circle": "circle", "type_iv_ellipse": "ellipse"}
-ONCE = "__attribute__((noipa))"  # GCC: not inlined, cloned or otherwise known to its caller
+ONCE = "__attribute__((noipa))"  # GCC: not inlined, cloned or analysed for its caller
 
 
 @dataclass(frozen=True)
@@ -25,29 +25,29 @@ class Program:
 
     @property
     def name(self) -> str:
-        """What the program's functions and files are called after."""
+        """Name from which those of functions and files are formed."""
         return f"{self.law}_{self.quantity}"
 
     @property
     def measured(self) -> str:
-        """The function that is counted."""
+        """Name of the function that is counted."""
         return f"measured_{self.name}"
 
     @property
     def driver(self) -> str:
-        """Its only caller."""
+        """Name of its only caller."""
         return f"drive_{self.name}"
 
 
 class Unguarded(LawC):
-    """The law itself: what the guards would leave through is not there."""
+    """Return the law without guards."""
 
     def leave(self, condition: str, answer: str = "NOSLIP_SINGULAR") -> str:
         return "" if answer in ("NOSLIP_SINGULAR", "NOSLIP_RANGE") else super().leave(condition, answer)
 
 
 def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True) -> Program:
-    """Our law without guards: the body of the generated function, alone."""
+    """Return our law without guards: the body of the generated function."""
     text = Unguarded(compile_law(law, optimize), SCALARS[scalar], ["for the bench, without guards"])
     core = SCALARS[scalar].name(f"{text.prefix}_{ENTRY[quantity]}") + "_law"
     types, arguments = _signature(text, quantity)
@@ -66,7 +66,7 @@ def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True) -> 
 
 
 def guarded(law: ControlLaw, scalar: str, quantity: str) -> Program:
-    """Our public function, as users call it."""
+    """Return our public function, as users call it."""
     text = LawC(compile_law(law), SCALARS[scalar], ["for the bench"])
     public = SCALARS[scalar].name(f"{text.prefix}_{ENTRY[quantity]}")
     renamed = f"#define {public} MEASURED"
@@ -81,12 +81,12 @@ def guarded(law: ControlLaw, scalar: str, quantity: str) -> Program:
 
 
 def unoptimized(law: ControlLaw, scalar: str, quantity: str) -> Program:
-    """Our law as the model has it, no pass applied; no guards."""
+    """Return the reference law without optimizer passes and guards."""
     return ours(law, scalar, quantity, optimize=False)
 
 
 def hand(law: ControlLaw, scalar: str, quantity: str) -> Program:
-    """The hand-written law."""
+    """Return the hand-written law."""
     name, kind, robot = SCALARS[scalar].name, HAND[law.name], law.system.mechanism.name
     what = f"hand_{kind}" if quantity == "tau" else f"hand_{kind}_matrix"
     function = name(f"hand_{kind}_{'step' if quantity == 'tau' else quantity}")
@@ -117,12 +117,13 @@ def hand(law: ControlLaw, scalar: str, quantity: str) -> Program:
 
 
 def flat(law: ControlLaw, scalar: str, quantity: str, text: str, call: str, language: str = "c") -> Program:
-    """A peer's function of plain arrays, nothing made beforehand; `call` is C in terms of `arrays` and answer[i]."""
+    """Return another tool's function of plain arrays, without precomputed constants; `call` is C in terms of `arrays` and
+    answer[i]."""
     return _program(law, scalar, quantity, [text], "", "", call, language)
 
 
 def arrays(law: ControlLaw) -> list[str]:
-    """The law's inputs as the driver's loop sees them: params, config, gains, state, reference."""
+    """Return the arguments of the law in the loop of the driver: params, config, gains, state, reference."""
     return [f"{law.name}_{group}" for group in ("params", "config", "gains")] + [
         f"{law.name}_{g}[i]" for g in ("state", "reference")
     ]
@@ -135,7 +136,7 @@ def _signature(text: LawC, quantity: str, public: bool = False) -> tuple[str, st
 
 
 def _own_calls(text: LawC, quantity: str) -> tuple[str, str, str]:
-    """Declaration, preparation and call of a generated law."""
+    """Return declaration, preparation and call of a generated law."""
     name, law = text.scalar.name, text.law.name
     given = [f"(const {name(f'{text.robot}_params')} *){law}_params"]
     given += [f"(const {name(f'{text.prefix}_{group}')} *){law}_{group}" for group in ("config", "gains")]
@@ -201,7 +202,7 @@ int check_{empty.name}(void)
 
 
 def main_text(programs: list[Program]) -> str:
-    """A main that runs every program and answers the number of the first that is wrong."""
+    """Return a main that runs every program and returns the number of the first wrong one."""
     lines = [f"int check_{program.name}(void);" for program in programs]
     lines += ["int main(void)", "{"]
     lines += [f"    if (check_{program.name}()) return {number};" for number, program in enumerate(programs, 1)]

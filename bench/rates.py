@@ -1,4 +1,4 @@
-"""How fast laws are generated and closed loops simulated, beside SciPy and CasADi at equal accuracy."""
+"""Rates of generating laws and of simulating closed loops, compared with SciPy and CasADi at equal accuracy."""
 
 import ctypes
 import subprocess
@@ -16,15 +16,15 @@ from noslip.controllers.direct import Direct
 from noslip.model.law import ControlLaw, symbols
 from scipy.integrate import solve_ivp
 
-ACCURACIES = (1e-5, 1e-8)  # greatest error of the state at the end, SI
+ACCURACIES = (1e-5, 1e-8)  # largest error of the state at the end, SI
 DURATION = 20.0  # s
-LINE = np.array([0.0, 0.0]), np.array([0.7, 0.7])  # start, m, and velocity, m/s, of the wanted point
+LINE = np.array([0.0, 0.0]), np.array([0.7, 0.7])  # start, m, and velocity, m/s, of the desired point
 START = np.array([0.0, 2.0, np.pi / 2, 0.0, 0.0, 0.0, 0.0])
-REPEATS = 3  # the least time counts
+REPEATS = 3  # the shortest time counts
 
 
 def generation() -> dict[str, float]:
-    """Seconds from the start of the process to all laws of the LABMATE written, float and double."""
+    """Return the time (s) from the start of the process until all laws of the LABMATE are written, float and double."""
     with tempfile.TemporaryDirectory() as folder:
         start = "from noslip.cli.main import main; raise SystemExit(main())"
         command = [sys.executable, "-c", start, "generate", "labmate", "-o", folder]
@@ -32,11 +32,11 @@ def generation() -> dict[str, float]:
 
 
 def simulation(law: ControlLaw, fixed: dict[str, np.ndarray], shared: Path, folder: Path) -> dict:
-    """Times for DURATION of the closed loop, as multiples of ours: C with fixed steps."""
+    """Return times for DURATION of the closed loop as ratios to ours, C with fixed steps."""
     loop = _Loop(law, fixed, shared, folder)
     truth = solve_ivp(loop.rate_c, (0, DURATION), START, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
     numpy_rate, casadi_rate = _numpy_rate(law, fixed), loop.rate_casadi
-    for rate in (numpy_rate, casadi_rate):  # all integrate the same thing
+    for rate in (numpy_rate, casadi_rate):  # all have the same right-hand side
         for x in (START, truth):
             np.testing.assert_allclose(rate(1.3, x), loop.rate_c(1.3, x), rtol=1e-9, atol=1e-9)
     ways: dict[str, Callable[[float], Callable[[], np.ndarray]]] = {
@@ -66,7 +66,7 @@ def _growing():
 
 
 def _least(action: Callable[[], object], inner: int = 1) -> float:
-    """Seconds of one action, the least of some."""
+    """Return the time of an action, s, the shortest of several."""
     times = []
     for _ in range(REPEATS):
         begin = time.perf_counter()
@@ -108,24 +108,24 @@ class _Loop:
         self.direct = Direct(self.rate)
 
     def rate_c(self, t: float, x: np.ndarray) -> np.ndarray:
-        """xdot from the C."""
+        """Return xdot from the C."""
         dx = np.empty(7)
         if self.lib.closed_loop_rate(self.memory, t, x.ctypes.data, dx.ctypes.data) < 0:
             raise RuntimeError("the law answers an error")
         return dx
 
     def rate_casadi(self, t: float, x: np.ndarray) -> np.ndarray:
-        """xdot from CasADi's virtual machine, through its buffers."""
+        """Return xdot from CasADi's virtual machine, through its buffers."""
         return self.direct(np.array([t]), x)[0]
 
     def run(self, steps: int) -> np.ndarray:
-        """The state at the end, by Runge-Kutta 4 in C."""
+        """Return the state at the end, by Runge-Kutta 4 in C."""
         x = START.copy()
         self.lib.closed_loop_run(self.memory, DURATION, steps, x.ctypes.data)
         return x
 
     def cvodes(self, tolerance: float) -> Callable[[], np.ndarray]:
-        """CasADi's integrator, built beforehand."""
+        """Return CasADi's integrator, built beforehand."""
         t, x = ca.SX.sym("t"), ca.SX.sym("x", 7)
         options = {"reltol": tolerance, "abstol": tolerance, "max_num_steps": 10**6}
         integrator = ca.integrator("loop", "cvodes", {"t": t, "x": x, "ode": self.rate(t, x)}, 0.0, DURATION, options)
@@ -148,7 +148,7 @@ def _casadi_rate(law: ControlLaw, fixed: dict[str, np.ndarray]) -> ca.Function:
 
 
 def _numpy_rate(law: ControlLaw, fixed: dict[str, np.ndarray]) -> Callable[[float, np.ndarray], np.ndarray]:
-    """The paper's formulas, matrix by matrix, as one writes them in NumPy."""
+    """Return xdot by the paper's formulas, matrix by matrix, as commonly written in NumPy."""
     b, d, r, m_c, m_w, I_c, I_w, I_m = fixed["params"]
     (L,), (kp_x, kd_x, kp_y, kd_y) = fixed["config"], fixed["gains"]
     kp, kd, c = np.array([kp_x, kp_y]), np.array([kd_x, kd_y]), r / (2 * b)

@@ -1,4 +1,4 @@
-"""The bench: instructions, bytes and rates of the generated laws beside the hand-written ones and other tools'.
+"""The bench: instructions, bytes and rates of the generated laws, compared with hand-written ones and those of other tools.
 
 Instructions are counted by callgrind on this machine and by a plugin of QEMU on an emulated Cortex-M4F; they are not
 cycles. Writes bench.json and bench.png; what a missing tool would measure is skipped and said.
@@ -29,7 +29,7 @@ SCALARS = ("double", "float")
 
 
 def main() -> int:
-    """Run everything; answers 0."""
+    """Run all measurements; return 0."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "-o", dest="out", metavar="DIR", default="build", help="where bench.json and bench.png go (default: build)"
@@ -92,7 +92,7 @@ def _case_files(given: list[cases.Cases]) -> dict[str, str]:
 
 
 def _programs(laws: list, ways: dict[str, programs.Writer]) -> dict[tuple[str, str], list[programs.Program]]:
-    """(way, scalar) -> its programs. Ours covers every law, the others those with a hand-written version."""
+    """Return (method, scalar) -> programs: ours for every law, others for laws with a hand-written version."""
     written: dict[tuple[str, str], list[programs.Program]] = {}
     for label, way in ways.items():
         if why := peers.missing(label):
@@ -111,7 +111,7 @@ def _programs(laws: list, ways: dict[str, programs.Writer]) -> dict[tuple[str, s
 
 
 def _entry(law: str, scalar: str, counts: dict) -> dict:
-    """All results of one law on one target: instructions of a call, code and stack bytes."""
+    """Return all results of a law on a target: instructions of a call, code and stack bytes."""
     found: dict[str, Count] = {}
     for (label, of), programs_counted in counts.items():
         if of == scalar and f"{law}_tau" in programs_counted:
@@ -133,7 +133,7 @@ def _entry(law: str, scalar: str, counts: dict) -> dict:
 
 
 def _table(title: str, table: dict[str, dict]) -> str:
-    """Instructions, then bytes, of all laws."""
+    """Return tables of instructions and bytes of all laws."""
     columns = [key for key in ("instructions", "guards", *OURS, *PEERS) if any(key in entry for entry in table.values())]
     rows = [["", *columns, "ours/hand", "Phi/hand", "Phidot/hand"]]
     for law, entry in table.items():

@@ -28,9 +28,9 @@ SOURCES = ("runtime_c/noslip_path_f.c", "runtime_c/noslip_status.c", "generated/
 SOURCES += ("generated/labmate/labmate_type_iv_segment_f.c", "bench/target/whole_step.c")
 INCLUDE = ("runtime_c", "generated/labmate", "firmware/boards")
 COUNTS, PERIOD, SPEED, DECELERATION, DURATION = 4096, 0.01, 1.4, 0.5, 17.0
-LINE, RADIUS, LAST = 3.0, 5.0, 4.0  # m; between the lines a quarter of a turn to the left
-ANGLE = 0.5  # rad: of the arc at the end, on which it slows down
-MANY = 50  # pieces of a path that is the same but for the second line, which is cut
+LINE, RADIUS, LAST = 3.0, 5.0, 4.0  # m; with a quarter turn to the left between the lines
+ANGLE = 0.5  # rad: of the last arc, on which the vehicle slows down
+MANY = 50  # segments of the same path with its second line divided
 SPEC = f"""
 robot = "labmate"
 gains = {{ kp = 1.0, kd = 2.5, kv = 2.0 }}
@@ -51,12 +51,12 @@ Row = dict[str, float]
 
 
 def measure(folder: Path, optimize: Sequence[str] = ("-O2",)) -> dict:
-    """Builds images in a folder and runs them.
+    """Build images in a folder and run them.
 
-    Answers instructions (calls, mean, least, most) of a step that stays on its piece, `ordinary`, of one in which a line or arc
-    begins, `changing`, and of one at the stop, `standing`, on the path of 4 pieces and, `many`, on that of 50; of the parts,
-    compiled as functions of their own; bytes of stack and code that a step takes, and of code of a whole program that does
-    nothing else, start-up and making everything included, by flags. RuntimeError where a run does not arrive.
+    Returns instructions (calls, mean, minimum, maximum) of a step within a segment, `ordinary`, of one in which a segment begins,
+    `changing`, and of one at the stop, `standing`, on the path of 4 segments and, `many`, on that of 50; of the parts, compiled
+    as separate functions; bytes of stack and code of a step, and of code of a complete program including start-up and
+    initialization, by flags. Raises RuntimeError if a run does not arrive.
     """
     folder.mkdir(parents=True, exist_ok=True)
     recorded = _record(folder)
@@ -74,7 +74,7 @@ def measure(folder: Path, optimize: Sequence[str] = ("-O2",)) -> dict:
 
 
 class _Image:
-    """A program of target/whole_step.c on a path of so many pieces."""
+    """A program of target/whole_step.c on a path with a given number of segments."""
 
     def __init__(self, folder: Path, recorded: list[tuple[int, int]], pieces: int, flags: Sequence[str]):
         folder.mkdir(parents=True, exist_ok=True)
@@ -90,7 +90,7 @@ class _Image:
         self._graph = call_graph(sorted(folder.glob("*.ci")))
 
     def count(self, function: str, caller: str) -> Row:
-        """Instructions of a function as called by another: least, mean and most of one call."""
+        """Return the instructions of a function called by another: minimum, mean and maximum of a call."""
         machine = [*TARGET.machine, *QUIET, *SEMIHOSTING]
         done, found = count_calls(machine, self._image, self._symbols, [(function, caller)], self._folder.parent)
         if done.returncode:
@@ -100,12 +100,12 @@ class _Image:
 
     @property
     def stack_bytes(self) -> int:
-        """Of the dearest chain of calls in a step."""
+        """Return the bytes of stack of the deepest call chain in a step."""
         return deepest(self._graph, "step")
 
     @property
     def text_bytes(self) -> int:
-        """Of all that a step may call."""
+        """Return the bytes of code of all functions that a step may call."""
         return sum(self._symbols[name][1] for name in reached(self._graph, "step") if name in self._symbols)
 
 
@@ -124,7 +124,7 @@ def _program_bytes(folder: Path, recorded: list[tuple[int, int]], flags: Sequenc
 
 
 def _record(folder: Path) -> list[tuple[int, int]]:
-    """Counters of the two encoders at each tick of the simulated run."""
+    """Return the counters of the two encoders at each tick of the simulated run."""
     (folder / "spec.toml").write_text(SPEC)
     run([str(Path(sys.executable).parent / "noslip"), "simulate", "spec.toml", "-o", "run.csv"], folder)
     with open(folder / "run.csv") as file:
@@ -133,7 +133,7 @@ def _record(folder: Path) -> list[tuple[int, int]]:
 
 
 def _header(recorded: list[tuple[int, int]], pieces: int) -> str:
-    """What the program goes by."""
+    """Return the header recorded.h for the program."""
     quarter, cut = math.pi / 2, LAST / (pieces - 3)
     segments = [(0.0, 0.0, 0.0, 0.0, LINE), (LINE, 0.0, 0.0, 1 / RADIUS, quarter * RADIUS)]
     segments += [(LINE + RADIUS, RADIUS + cut * k, quarter, 0.0, cut) for k in range(pieces - 3)]
@@ -147,7 +147,7 @@ def _header(recorded: list[tuple[int, int]], pieces: int) -> str:
 
 
 def text(result: dict) -> str:
-    """The result as a table."""
+    """Return the result as a table."""
     rows = {"step": result["ordinary"], "step, at the stop": result["standing"], "step, a piece begins": result["changing"]}
     rows |= {f"the same, {MANY} pieces": result["many"]["changing"]}
     rows |= {f"  {part}": row for part, row in result["parts"].items()}
@@ -159,12 +159,12 @@ def text(result: dict) -> str:
 
 
 def absent() -> list[str]:
-    """The tools that are not there."""
+    """Return the missing tools."""
     return missing("gcc", TARGET.compiler, *TARGET.machine[:1])
 
 
 def main() -> int:
-    """Prints the table."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.add_argument("--optimize", default="-O2", metavar="FLAGS", help="flags of GCC (default: -O2)")

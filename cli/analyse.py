@@ -1,42 +1,28 @@
 """`noslip analyse`: holonomic constraints, controllability, singularities of the outputs and zero dynamics of a robot."""
 
 import argparse
-import json
-import sys
-import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, write_whole
+from ..readers.kept import remembered
+from ..readers.progress import Progress
+from .commands import rendered
 
 if TYPE_CHECKING:
-    from ..analysis.answers import System
+    from ..analysis.answers import Answer, System
 
-PAUSE = 2.0  # s, between two progress messages
+ROOMS = ("model", "codegen", "readers", "controllers", "verification", "planning", "simulation", "analysis")  # that analyse
 EXAMPLE = """ROBOT may also be a Kinematics or a rolling contact in a file; these have no outputs.
 The exit code is 1 if a start is not proved to be safe.
 
 examples:
   noslip analyse labmate
   noslip analyse labmate --output type_iv_circle --json
-  noslip analyse labmate --start specs/line.toml --report labmate.html
-  noslip analyse labmate --start specs/line.toml --uncertainty 0.01 --uncertainty m_c=0.2
-  noslip analyse labmate --output type_iv_line --start specs/line.toml --table"""
-
-
-class TableProgress:
-    """Prints progress of the table of safe offsets to stderr, at most every 2 s."""
-
-    def __init__(self) -> None:
-        self._begin = self._last = time.monotonic()
-
-    def __call__(self, done: int, of: int) -> None:
-        """Report that `done` of `of` entries are finished."""
-        now = time.monotonic()
-        if done < of and now - self._last > PAUSE:
-            self._last = now
-            print(f"noslip: {done} of {of} safe offsets found after {now - self._begin:.0f} s", file=sys.stderr, flush=True)
+  noslip analyse labmate --start line --report labmate.html
+  noslip analyse labmate --start line --uncertainty 0.01 --uncertainty m_c=0.2
+  noslip analyse labmate --output type_iv_line --start line --table"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -77,7 +63,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         action="store_true",
         help="with --start, also compute the largest safe offset by speed and heading; takes a minute or two",
     )
-    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--report", metavar="FILE.html", help="also write an HTML page with formulas and drawings")
     parser.add_argument("-o", dest="out", metavar="FILE", default="-", help="output file; default: standard output")
     parser.set_defaults(run=run)
@@ -85,25 +70,54 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run `noslip analyse`. Return 0, or 1 if a start is not proved to be safe. Raises BadInput, ModelError, OSError."""
-    from ..analysis.answers import analyse, as_json  # slow to import
-
     inputs = [*arguments.start, arguments.robot.split(":")[0]]
     check_targets([arguments.out, *([arguments.report] if arguments.report else [])], inputs=inputs)
     system = find_system(arguments.robot)
     uncertainty = read_uncertainty(arguments.uncertainty, system)
-    answer = analyse(system, arguments.output, arguments.start, uncertainty, arguments.table, TableProgress())
-    if arguments.json:
-        written = json.dumps(as_json(answer), indent=2, ensure_ascii=False) + "\n"
-    else:
-        from ..analysis.text import as_text
 
-        written = as_text(answer)
+    def answer() -> "Answer":
+        from ..analysis.answers import analyse  # slow to import
+
+        with Progress() as progress:
+            return analyse(system, arguments.output, arguments.start, uncertainty, arguments.table, progress)
+
     if arguments.report:
         from ..analysis.report import report
 
-        write_whole(arguments.report, report(answer))
-    write_whole(arguments.out, written)
-    return 1 if answer.fails else 0
+        found = answer()
+        write_whole(arguments.report, report(found))
+        text, values, fails = _results(found)
+    elif key := _key(arguments, uncertainty):
+        text, values, fails = remembered(key, lambda: _results(answer()), rooms=ROOMS)
+    else:
+        text, values, fails = _results(answer())
+    write_whole(arguments.out, rendered(arguments, lambda: text, lambda: values) + "\n")
+    return 1 if fails else 0
+
+
+def _results(answer: "Answer") -> tuple[str, dict[str, Any], bool]:
+    """Return the answer as text and as values, and whether a start is not proved to be safe."""
+    from ..analysis.answers import as_json
+    from ..analysis.text import as_text
+
+    return as_text(answer), as_json(answer), answer.fails
+
+
+def _key(arguments: argparse.Namespace, uncertainty: dict[str, float]) -> tuple:
+    """Return all that the results depend on except the code of ROOMS, for shipped robots; empty for a robot in a file, whose
+    code may import more.
+    """
+    from importlib.metadata import version
+
+    from ..model.robots import ROBOTS
+    from ..simulation.specification.vary import read_varied
+
+    specs = [read_varied(file, {}) for file in arguments.start]
+    if any(robot.split(":")[0] not in ROBOTS for robot in (arguments.robot, *(spec.robot for spec in specs))):
+        return ()
+    tools = [version(name) for name in ("casadi", "mpmath", "numpy", "scipy", "sympy")]
+    starts = list(zip(arguments.start, map(repr, specs), strict=True))
+    return "analysis", tools, arguments.robot, arguments.output, starts, sorted(uncertainty.items()), arguments.table
 
 
 def read_uncertainty(given: Sequence[str], system: "System") -> dict[str, float]:

@@ -1,9 +1,15 @@
 """`noslip check`: compares the generated C with the symbolic reference, and both with expected values."""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from ..controllers.controller import BACKENDS
 from ..readers.errors import BadInput
+from ..readers.progress import Progress
+from .commands import show
+
+if TYPE_CHECKING:
+    from ..verification.check import Comparison
 
 DESCRIPTION = """With files: compare every backend with the `expect` values of the cases.
 Without files: compare the generated C in double with CasADi, and the C in float with the C in double, at random states with
@@ -12,7 +18,7 @@ random parameters. The exit code is 1 if an error exceeds its limit. Errors are 
 EXAMPLE = """examples:
   noslip check                                       compare the C with the model, every law of the LABMATE
   noslip check --output type_i --states 100 --seed 7
-  noslip check tests/reference/labmate_paper.json    compare all backends with expected values"""
+  noslip check labmate_paper                         compare all backends with expected values"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -25,7 +31,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     )
     parser.add_argument("cases", metavar="CASES.json", nargs="*", help="cases with `expect`")
     parser.add_argument("--backend", action="append", choices=BACKENDS, help="only this backend; may be repeated")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     random = parser.add_argument_group("without files")
     random.add_argument("--robot", help="name of a shipped robot or path/to/file.py:name (default labmate)")
     random.add_argument("--output", metavar="LAW", help="only this law, such as type_iv_circle (default: all)")
@@ -42,11 +47,18 @@ def run(args: argparse.Namespace) -> int:
         for option in ("robot", "output", "states", "seed"):
             if getattr(args, option) is not None:
                 raise BadInput(f"--{option} applies to random states only; omit it, or omit the files")
-        return check_files(args.cases, args.backend or BACKENDS, args.json)
+        return _shown(args, check_files(args.cases, args.backend or BACKENDS))
     backends = args.backend or list(RANDOM_LIMITS)
     if "casadi" in backends:
         raise BadInput("casadi is the reference at random states; give --backend c or cf, or a file of cases")
     states, seed = 2000 if args.states is None else args.states, 1992 if args.seed is None else args.seed
     if not 1 <= states <= MOST_STATES or seed < 0:
         raise BadInput(f"--states must be 1 to {MOST_STATES} and --seed 0 or more; given: {states} and {seed}")
-    return check_random(args.robot or "labmate", args.output, states, seed, backends, args.json)
+    with Progress() as progress:
+        found = check_random(args.robot or "labmate", args.output, states, seed, backends, progress)
+    return _shown(args, found)
+
+
+def _shown(args: argparse.Namespace, found: "Comparison") -> int:
+    show(args, found.text, found.as_json)
+    return 1 if found.failures else 0

@@ -3,11 +3,12 @@
 import argparse
 import errno
 import importlib
+import json
 import os
 import sys
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, NoReturn
 
@@ -44,9 +45,29 @@ class Parser(argparse.ArgumentParser):
         """The long options."""
         return [option for option in self._option_string_actions if option.startswith("--")]
 
+    def add_json(self) -> None:
+        """Add --json, or to each way of a command, unless it is there."""
+        ways = [action for action in self._actions if isinstance(action, argparse._SubParsersAction)]
+        for way in ways:
+            for parser in way.choices.values():
+                parser.add_json()
+        if not ways and "--json" not in self.options:
+            self.add_argument("--json", action="store_true", help="print JSON")
+
     def error(self, message: str) -> NoReturn:
         """Report an invalid command line and exit with code 2."""
         self.exit(BAD_INPUT, f"{self.prog}: {_one_line(message)}; see {self.prog} --help\n")
+
+
+class PrintSchema(argparse.Action):
+    """An option that prints the JSON Schema of a command's input file, which `const` returns, and exits."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        """Print the schema and exit."""
+        assert callable(self.const)
+        print(json.dumps(self.const(), indent=1))
+        sys.stdout.flush()
+        parser.exit()
 
 
 def run(argv: list[str]) -> int:
@@ -67,6 +88,25 @@ def run(argv: list[str]) -> int:
         return _report(error)
 
 
+def rendered(args: argparse.Namespace, text: Callable[[], str], values: Callable[[], Any]) -> str:
+    """Return the result of a command: with --json its values as JSON, SI, None for what is not finite; else the text."""
+    if not args.json:
+        return text()
+    import json
+
+    from ..readers.printing import plain  # imports NumPy
+
+    return json.dumps(plain(values()), indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def show(args: argparse.Namespace, text: Callable[[], str], values: Callable[[], Any], output: str | None = None) -> None:
+    """Print what `rendered` returns, to stderr if the `output` file of the command is standard output; an empty text is not
+    printed.
+    """
+    if result := rendered(args, text, values):
+        print(result, file=sys.stderr if output == "-" else sys.stdout)
+
+
 def parser_of(names: Sequence[str]) -> tuple[Parser, "argparse._SubParsersAction[Parser]"]:
     """Return the parser of the command line with these commands, and its parsers of commands."""
     parser = Parser(
@@ -78,6 +118,8 @@ def parser_of(names: Sequence[str]) -> tuple[Parser, "argparse._SubParsersAction
     commands = parser.add_subparsers(metavar="COMMAND", title="commands (noslip COMMAND --help shows the options of a command)")
     for name in names:
         importlib.import_module(f".{name.replace('-', '_')}", __package__).add_parser(commands)
+    for command in commands.choices.values():
+        command.add_json()
     return parser, commands
 
 

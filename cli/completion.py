@@ -2,6 +2,9 @@
 
 import argparse
 
+from . import COMMANDS
+from .commands import parser_of, show
+
 EXAMPLE = """examples:
   noslip completion bash > ~/.local/share/bash-completion/completions/noslip
   noslip completion zsh > ~/.zfunc/_noslip"""
@@ -23,9 +26,7 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip completion`. Return 0."""
     import shtab
 
-    from . import COMMANDS
-    from .commands import parser_of
-
     parser, _ = parser_of(COMMANDS)
-    print(shtab.complete(parser, args.shell))
+    script = shtab.complete(parser, args.shell)
+    show(args, lambda: script, lambda: {"shell": args.shell, "script": script})
     return 0

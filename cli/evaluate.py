@@ -1,12 +1,14 @@
 """`noslip evaluate`: evaluates the quantities of a control law at given states."""
 
 import argparse
+from typing import Any
 
 from ..controllers.controller import BACKENDS, ON_TARGET
 from ..readers.files import check_targets
+from .commands import PrintSchema, show
 
 EXAMPLE = """example:
-  noslip evaluate tests/reference/labmate_paper.json --backend c -o out.json"""
+  noslip evaluate labmate_paper --backend c -o out.json"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -26,7 +28,16 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help="casadi; the generated C in double (c, the default) or float (cf); the float C on an emulated Cortex-M4F or RV32",
     )
     parser.add_argument("-o", dest="out", metavar="OUT.json", default="-", help="output file; - (the default) is standard output")
+    parser.add_argument(
+        "--schema", action=PrintSchema, nargs=0, const=_schema, help="print the JSON Schema of CASES.json and exit"
+    )
     parser.set_defaults(run=run)
+
+
+def _schema() -> dict[str, Any]:
+    from ..verification.cases import schema  # slow to import
+
+    return schema()
 
 
 def run(args: argparse.Namespace) -> int:
@@ -35,5 +46,9 @@ def run(args: argparse.Namespace) -> int:
     from ..verification.evaluate import evaluate_cases
 
     check_targets([args.out], inputs=[args.cases])
-    write_out(args.out, evaluate_cases(read_cases(args.cases), args.backend))
+    found = evaluate_cases(read_cases(args.cases), args.backend)
+    write_out(args.out, found)
+    if args.out != "-":  # else the JSON is printed already
+        statuses = [evaluation.status for evaluation in found]
+        show(args, str, lambda: {"backend": args.backend, "statuses": statuses, "files": [args.out]})
     return 0

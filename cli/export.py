@@ -7,6 +7,7 @@ from pathlib import Path
 from ..controllers.build import runtime_files
 from ..readers.errors import BadInput
 from ..readers.files import work_folder, write_folder
+from .commands import show
 from .generate import DYNAMICS, add_selection, robot_name, selected_files, selected_laws
 
 EXAMPLE = """examples:
@@ -70,8 +71,11 @@ def run(args: argparse.Namespace) -> int:
             target.rmdir()
         os.replace(made, target)
     goal, does = (" test", "self-test") if args.firmware else ("", "example")
-    print(
-        f"{args.out}: {len(files)} files; `make -C {args.out}{goal}` builds the library and runs {robot_name(generated)}'s {does}"
+    robot = robot_name(generated)
+    show(
+        args,
+        lambda: f"{args.out}: {len(files)} files; `make -C {args.out}{goal}` builds the library and runs {robot}'s {does}",
+        lambda: {"folder": args.out, "robot": robot, "laws": [law.name for law in laws], "files": sorted(files)},
     )
     return 0
 

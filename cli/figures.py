@@ -1,13 +1,14 @@
 """`noslip figures`: runs the experiments of the paper and further ones on the generated C and checks their claims numerically."""
 
 import argparse
-import json
 import os
 import sys
 from pathlib import Path
 
 from ..readers.errors import BadInput
 from ..readers.files import check_folder, write_folder
+from ..readers.progress import Progress
+from .commands import show
 
 EXAMPLE = """example:
   noslip figures -o build/figures
@@ -30,7 +31,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--jobs", type=int, metavar="N", default=os.cpu_count() or 1, help="number of processes (default: number of cores)"
     )
-    parser.add_argument("--json", action="store_true", help="print the claims as JSON")
     parser.set_defaults(run=run)
 
 
@@ -45,19 +45,22 @@ def run(args: argparse.Namespace) -> int:
     figures = chosen(args.only)
     done: list[Made] = []
 
-    def show(made: Made) -> None:
+    def tell(made: Made) -> None:
         done.append(made)
+        progress.clear()
         print(f"[{len(done):2}/{len(figures)}] figure {made.figure.name}: {summary([made])}", file=sys.stderr, flush=True)
+        progress(len(done), len(figures), "figures")
 
     check_folder(args.out)
-    made = produce(figures, args.jobs, show)
+    with Progress() as progress:
+        progress(0, len(figures), "figures")
+        made = produce(figures, args.jobs, tell)
     drawn = {f"figure_{each.figure.name}.{kind}": picture for each in made for kind, picture in each.pictures.items()}
     write_folder(Path(args.out), drawn | {"report.html": report(made)})
-    if args.json:
-        print(json.dumps(as_json(made), indent=1, ensure_ascii=False))
     where = os.path.join(args.out, "report.html")
-    print(
-        f"{where}: {len(made)} figure{'s' if len(made) > 1 else ''}; {'; '.join(by_whom(made))}",
-        file=sys.stderr if args.json else sys.stdout,
+    show(
+        args,
+        lambda: f"{where}: {len(made)} figure{'s' if len(made) > 1 else ''}; {'; '.join(by_whom(made))}",
+        lambda: as_json(made),
     )
     return 0 if all(claim.as_expected for each in made for claim in each.claims) else 1

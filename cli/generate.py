@@ -7,9 +7,15 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
 from ..readers.files import write_folder
+from ..readers.progress import Progress
+from .commands import show
+
+if TYPE_CHECKING:
+    from ..model.law import ControlLaw
 
 DYNAMICS = "dynamics"  # written in addition to the laws
 
@@ -54,14 +60,23 @@ def run(args: argparse.Namespace) -> int:
     if args.explain:
         from ..codegen.explain import explain
 
-        print("\n\n".join(explain(law) for law in selected_laws(args)))
+        explained = {law.name: explain(law) for law in selected_laws(args)}
+        show(args, lambda: "\n\n".join(explained.values()), lambda: explained)
         return 0
     files = selected_files(args, dynamics=not args.output or DYNAMICS in args.output, compare=not args.check)
     folder = Path(args.out) / robot_name(files)
     if args.check:
-        return _compare(files, folder)
+        differ = _compare(files, folder)
+        total = len({*files, *differ})
+        different = f"{folder}: {len(differ)} of {total} files differ"
+        show(
+            args,
+            lambda: different if differ else f"{folder}: {len(files)} files are current",
+            lambda: {"ok": not differ, "folder": str(folder), "files": total, "different": differ},
+        )
+        return int(bool(differ))
     write_folder(folder, files, stale=_written_before(folder) - set(files))
-    print(f"{folder}: {len(files)} files")
+    show(args, lambda: f"{folder}: {len(files)} files", lambda: {"folder": str(folder), "files": sorted(files)})
     return 0
 
 
@@ -78,18 +93,18 @@ def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = Tru
     scalars = ("double", "float") if args.scalar == "both" else (args.scalar,)
     robot = find_robot(args.robot)
     system, laws = system_of(robot), _laws_of_files(args)
-    with placed(robot):
-        files = (generate if compare else robot_files)(system, laws, scalars, dynamics)
+    with placed(robot), Progress() as progress:
+        files = generate(system, laws, scalars, dynamics, progress) if compare else robot_files(system, laws, scalars, dynamics)
     for line in warnings(system):
         print(f"warning: {line}", file=sys.stderr)
     return files
 
 
-def _laws_of_files(args: argparse.Namespace) -> list:
+def _laws_of_files(args: argparse.Namespace) -> list["ControlLaw"]:
     return [] if set(args.output) == {DYNAMICS} else selected_laws(args)
 
 
-def selected_laws(args: argparse.Namespace) -> list:
+def selected_laws(args: argparse.Namespace) -> list["ControlLaw"]:
     """Return the selected control laws. Raises BadInput if the robot has none or the selection is empty."""
     from ..model.outputs import OUTPUTS
     from ..readers.robots import find_laws, find_robot, law_of, system_of
@@ -101,7 +116,13 @@ def selected_laws(args: argparse.Namespace) -> list:
     names = names or find_laws(system)
     if not names:
         names = [next(iter(OUTPUTS))]  # building it raises the error that states the reason
-    return [law_of(system, name) for name in dict.fromkeys(names)]
+    laws: list[ControlLaw] = []
+    names = list(dict.fromkeys(names))
+    with Progress() as progress:
+        for name in names:
+            progress(len(laws), len(names), "laws derived")
+            laws.append(law_of(system, name))
+    return laws
 
 
 def robot_name(files: Mapping[str, str]) -> str:
@@ -119,12 +140,12 @@ def _written_before(folder: Path) -> set[str]:
     return {name for name, path in present.items() if hashlib.sha256(path.read_bytes()).hexdigest() == listed.get(name)}
 
 
-def _compare(files: Mapping[str, str], folder: Path) -> int:
-    """Print the differences between the folder and `files`, including added and missing files. Return 0 if there are none,
-    else 1.
+def _compare(files: Mapping[str, str], folder: Path) -> list[str]:
+    """Print the differences between the folder and `files`, and return the names of the files that differ, are added or are
+    missing.
     """
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    different = 0
+    different = []
     for name in sorted(present | set(files)):
         path = folder / name
         if name not in files:
@@ -138,10 +159,5 @@ def _compare(files: Mapping[str, str], folder: Path) -> int:
             )
         else:
             continue
-        different += 1
-    print(
-        f"{folder}: {different} of {len(present | set(files))} files differ"
-        if different
-        else f"{folder}: {len(files)} files are current"
-    )
-    return int(different > 0)
+        different.append(name)
+    return different

@@ -1,7 +1,8 @@
 """`noslip laws`: lists the control laws of a robot."""
 
 import argparse
-import json
+
+from .commands import show
 
 EXAMPLE = """example:
   noslip laws labmate
@@ -17,7 +18,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         epilog=EXAMPLE,
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
-    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
 
 
@@ -28,17 +28,19 @@ def run(args: argparse.Namespace) -> int:
 
     robot = find_robot(args.robot)
     laws = {name: _properties(law_of(robot, name)) for name in find_laws(system_of(robot))}
-    if args.json:
-        print(json.dumps(laws, indent=1, ensure_ascii=False))
-        return 0
-    if not laws:
+    if not laws and not args.json:
         raise BadInput(f"{args.robot} has no control law: declare its outputs with output(name, about, rows)")
-    width = max(map(len, laws))
+    show(args, lambda: _table(laws), lambda: laws)
+    return 0
+
+
+def _table(laws: dict) -> str:
+    width, lines = max(map(len, laws)), []
     for name, law in laws.items():
         outputs = ", ".join(f"{o['name']} ({o['unit']}, degree {o['relative_degree']})" for o in law["outputs"])
         rest = [f"{kind} {' '.join(law[kind])}" for kind in ("config", "gains") if law[kind]]
-        print(f"{name:{width}}  {'; '.join([outputs, *rest])}")
-    return 0
+        lines.append(f"{name:{width}}  {'; '.join([outputs, *rest])}")
+    return "\n".join(lines)
 
 
 def _properties(law) -> dict:

@@ -1,7 +1,6 @@
 """`noslip outer-loop`: designs gains of a law and computes margins, sampling limits and sensitivity to model errors."""
 
 import argparse
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 from ..readers.errors import BadInput
 from ..readers.files import check_folder, write_folder
 from ..readers.quantities import in_range, quantity
+from .commands import rendered
 
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
@@ -42,10 +42,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument("--output", metavar="LAW", help="name of the law, for example type_iv_circle")
     parser.add_argument("--spec", metavar="SPEC.toml", help="take path, reference, gains, parameters and plant from a SPEC")
     parser.add_argument(
-        "--L", type=quantity, metavar="M", help="distance of P_l ahead of the vehicle's point, m (default: from SPEC, else 0)"
+        "--L",
+        type=quantity("m"),
+        metavar="M",
+        help="distance of P_l ahead of the vehicle's point, m (default: from SPEC, else 0)",
     )
     parser.add_argument(
-        "--speed", type=quantity, metavar="V", help="speed of the steady motion, m/s (default: from SPEC, else 1)"
+        "--speed", type=quantity("m/s"), metavar="V", help="speed of the steady motion, m/s (default: from SPEC, else 1)"
     )
     design = parser.add_argument_group("design")
     for name, metavar, text in (
@@ -57,18 +60,16 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     ):
         design.add_argument(f"--{name}", metavar=metavar, action="append", default=[], help=text)
     design.add_argument("--integral", action="store_true", help="design integral action too")
+    plain = quantity("1")
     sampled = parser.add_argument_group("on a processor")
     sampled.add_argument(
-        "--period", type=quantity, metavar="S", help="sampling period with zero-order hold, s (default: continuous)"
+        "--period", type=quantity("s"), metavar="S", help="sampling period with zero-order hold, s (default: continuous)"
     )
     sampled.add_argument("--delay", action="store_true", help="apply the torque one period after the state was measured")
-    sampled.add_argument("--gain-margin", type=quantity, default=6.0, metavar="DB", help="required at the longest period (6)")
-    sampled.add_argument("--phase-margin", type=quantity, default=45.0, metavar="DEG", help="required at the longest period (45)")
-    sampled.add_argument("--peak", type=quantity, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)")
-    parser.add_argument(
-        "--wrong", type=quantity, default=0.2, metavar="PART", help="relative error of each parameter (0.2: 20 %%)"
-    )
-    parser.add_argument("--json", action="store_true", help="print JSON")
+    sampled.add_argument("--gain-margin", type=plain, default=6.0, metavar="DB", help="required at the longest period (6)")
+    sampled.add_argument("--phase-margin", type=plain, default=45.0, metavar="DEG", help="required at the longest period (45)")
+    sampled.add_argument("--peak", type=plain, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)")
+    parser.add_argument("--wrong", type=plain, default=0.2, metavar="PART", help="relative error of each parameter (0.2: 20 %%)")
     parser.add_argument("--figures", metavar="DIR", help="write Bode, Nyquist, step and eigenvalue plots into a folder")
     parser.set_defaults(run=run)
 
@@ -102,12 +103,12 @@ def run(args: argparse.Namespace) -> int:
         from ..outer.pictures import pictures_of
 
         pictures = pictures_of(report)
-    text = json.dumps(report.as_json(), indent=1, allow_nan=False) if args.json else report.text()
+    result = rendered(args, report.text, report.as_json)
     if pictures:
         folder = Path(args.figures)
         write_folder(folder, pictures)
-        text += "" if args.json else "\n\n" + "\n".join(str(folder / name) for name in pictures)
-    print(text)
+        result += "" if args.json else "\n\n" + "\n".join(str(folder / name) for name in pictures)
+    print(result)
     return 0
 
 

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, read_input, write_whole
-from ..readers.quantities import quantity
+from ..readers.quantities import Measured, quantity
+from ..readers.reading import number, point, pose
+from .commands import show
 
 if TYPE_CHECKING:
     from ..model.segments import Segment
@@ -38,9 +40,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     ):
         way = ways.add_parser(name, help=about, description=f"Plan {about} (x, y in m, heading of the vehicle).", epilog=EXAMPLE)
         way._negative_number_matcher = re.compile(r"-\.?\d")  # argparse of Python < 3.13 takes -1e-3 for an option
-        way.add_argument("--from", dest="start", nargs=3, type=quantity, metavar=("X", "Y", "HEADING"), required=True)
-        way.add_argument("--to", dest="goal", nargs=3, type=quantity, metavar=("X", "Y", "HEADING"), required=True)
-        way.add_argument("--radius", type=quantity, metavar="R", required=True, help="smallest turning radius, m")
+        way.add_argument("--from", dest="start", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True)
+        way.add_argument("--to", dest="goal", nargs=3, type=quantity(), metavar=("X", "Y", "HEADING"), required=True)
+        way.add_argument("--radius", type=quantity("m"), metavar="R", required=True, help="smallest turning radius, m")
         _add_common(way)
         way.set_defaults(way=name, plan=_between_poses)
     way = ways.add_parser(
@@ -50,9 +52,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         epilog=EXAMPLE,
     )
     way.add_argument("points", metavar="POINTS.csv", help="rows of x, y (m) and, optionally, heading; a header is allowed")
-    way.add_argument("--tolerance", type=quantity, metavar="M", required=True, help="largest distance from the curve, m")
+    way.add_argument("--tolerance", type=quantity("m"), metavar="M", required=True, help="largest distance from the curve, m")
     way.add_argument("--closed", action="store_true", help="return to the first waypoint")
-    way.add_argument("--min-radius", type=quantity, metavar="R", help="reject curves with a smaller radius, m")
+    way.add_argument("--min-radius", type=quantity("m"), metavar="R", help="reject curves with a smaller radius, m")
     _add_common(way)
     way.set_defaults(way="waypoints", plan=_through_waypoints)
 
@@ -85,17 +87,28 @@ def run(arguments: argparse.Namespace) -> int:
     write_whole(arguments.output, written)
     if arguments.plot:
         write_whole(arguments.plot, drawn)
-    print(about, file=sys.stderr if arguments.output == "-" else sys.stdout)
+    files = [file for file in (arguments.output, arguments.plot) if file and file != "-"]
+    if arguments.output == "-":  # the path itself is printed, as JSON if desired
+        print(about, file=sys.stderr)
+    else:
+        show(arguments, lambda: about, lambda: {"way": arguments.way, **_measures(segments), "files": files})
     return 0
 
 
 def _between_poses(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
     from ..planning import dubins, reeds_shepp  # slow to import
 
-    unit = math.pi / 180 if arguments.degrees else 1.0
     plan = dubins if arguments.way == "dubins" else reeds_shepp
-    (x, y, heading), (to_x, to_y, to_heading) = arguments.start, arguments.goal
-    return plan((x, y, heading * unit), (to_x, to_y, to_heading * unit), arguments.radius), []
+    start, goal = (_pose(*given, arguments.degrees) for given in ((arguments.start, "--from"), (arguments.goal, "--to")))
+    return plan(start, goal, arguments.radius), []
+
+
+def _pose(given: list[float], option: str, degrees: bool) -> tuple[float, ...]:
+    """Return a pose, m and rad. Raises BadInput for a wrong unit, or a heading of more than a turn in rad."""
+    x, y, heading = given
+    if degrees and not isinstance(heading, Measured):
+        return (*point([x, y], option), number()(math.radians(heading), f"{option}[2]"))
+    return pose(given, option)
 
 
 def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:
@@ -153,10 +166,17 @@ def _written(segments: list["Segment"], arguments: argparse.Namespace) -> str:
     return write(segments, arguments.closed)
 
 
-def _summary(segments: list["Segment"], way: str) -> str:
+def _measures(segments: list["Segment"]) -> dict[str, float]:
+    """Return number of segments, length (m), number of cusps and smallest radius (m, infinite without an arc)."""
     cusps = sum(before.backward != after.backward for before, after in itertools.pairwise(segments))
     tightest = max(abs(segment.curvature) for segment in segments)
-    parts = [f"{len(segments)} segment{'s' if len(segments) > 1 else ''}", f"{sum(s.length for s in segments):.6g} m"]
+    length, radius = sum(s.length for s in segments), 1 / tightest if tightest else math.inf
+    return {"segments": len(segments), "length": length, "cusps": cusps, "smallest_radius": radius}
+
+
+def _summary(segments: list["Segment"], way: str) -> str:
+    count, length, cusps, radius = _measures(segments).values()
+    parts = [f"{count} segment{'s' if count > 1 else ''}", f"{length:.6g} m"]
     parts += [f"{cusps} cusp{'s' if cusps > 1 else ''}"] if cusps else []
-    parts += [f"smallest radius {1 / tightest:.4g} m"] if tightest else []
+    parts += [f"smallest radius {radius:.4g} m"] if math.isfinite(radius) else []
     return f"{way}: {', '.join(parts)}"

@@ -5,6 +5,7 @@ import argparse
 from ..controllers.controller import ON_TARGET
 from ..simulation import replay
 from ..simulation.replay import first_difference, read_record
+from .commands import show
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -15,7 +16,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         description="Repeat the calls of the generated float C in a record and compare every bit of the results.\n"
         "Exit codes: 0 if all are equal, 1 at the first difference, 2 if the file is not a record of this model.\n\n"
         + replay.__doc__.split("\n\n", 1)[1],
-        epilog="example:\n  noslip simulate specs/line.toml --set 'simulation.backend=\"m4f\"' -o run.csv --record run.txt\n"
+        epilog="example:\n  noslip simulate line --set 'simulation.backend=\"m4f\"' -o run.csv --record run.txt\n"
         "  noslip replay run.txt",
     )
     parser.add_argument(
@@ -40,5 +41,7 @@ def run(args: argparse.Namespace) -> int:
         difference = first_difference(record, session, args.backend)
     finally:
         session.close()
-    print(f"{args.record}: {difference or f'{len(record.calls)} calls, the same bits on {args.backend}'}")
+    values = {"file": args.record, "backend": args.backend, "calls": len(record.calls), "difference": difference}
+    same = f"{len(record.calls)} calls, the same bits on {args.backend}"
+    show(args, lambda: f"{args.record}: {difference or same}", lambda: {"ok": difference is None, **values})
     return int(difference is not None)

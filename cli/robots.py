@@ -1,7 +1,8 @@
 """`noslip robots`: lists the shipped robots."""
 
 import argparse
-import json
+
+from .commands import show
 
 EXAMPLE = """example:
   noslip robots
@@ -16,7 +17,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         description="List the shipped robots. A robot of your own is a Python file: path/to/file.py:name.",
         epilog=EXAMPLE,
     )
-    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
 
 
@@ -25,14 +25,16 @@ def run(args: argparse.Namespace) -> int:
     from ..model.robots import ROBOTS
 
     robots = [(name, robot()) for name, robot in ROBOTS.items()]
-    if args.json:
-        print(json.dumps([_properties(name, robot) for name, robot in robots], indent=1, ensure_ascii=False))
-        return 0
-    width = max(len(name) for name, _ in robots)
+    show(args, lambda: _table(robots), lambda: [_properties(name, robot) for name, robot in robots])
+    return 0
+
+
+def _table(robots: list) -> str:
+    width, lines = max(len(name) for name, _ in robots), []
     for name, robot in robots:
         counts = f"{len(robot.coordinates)} coordinates, {len(robot.constraint_names)} constraints, {len(robot.inputs)} inputs"
-        print(f"{name:{width}}  {robot.about}; {counts}")
-    return 0
+        lines.append(f"{name:{width}}  {robot.about}; {counts}")
+    return "\n".join(lines)
 
 
 def _properties(name: str, robot) -> dict:

@@ -2,37 +2,21 @@
 
 import argparse
 import sys
-import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, write_whole
+from ..readers.progress import Progress
+from .commands import PrintSchema, show
 
 if TYPE_CHECKING:
     from ..simulation.run import Run
     from ..simulation.specification.spec import Spec
 
 EXAMPLE = """example:
-  noslip simulate specs/line.toml -o run.csv --plot run.png"""
-
-
-class RunProgress:
-    """Prints the simulated time on one line of a terminal; prints nothing if stderr is not a terminal."""
-
-    def __init__(self, duration: float):
-        self._duration, self._shown, self._next = duration, False, time.monotonic() + 0.5
-
-    def __call__(self, t: float) -> None:
-        """Print t (s), at most five times a second."""
-        if sys.stderr.isatty() and time.monotonic() >= self._next:
-            self._next, self._shown = time.monotonic() + 0.2, True
-            print(f"\rt = {t:.3f} of {self._duration:g} s", end="", file=sys.stderr, flush=True)
-
-    def clear(self) -> None:
-        """Clear the line."""
-        if self._shown:
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
+  noslip simulate line -o run.csv --plot run.png"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -57,43 +41,53 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="change an entry of the SPEC, for example initial.heading=0.5 or output.type='\"I\"'; may be repeated",
+        help="change an entry of the SPEC, for example initial.heading='90 deg' or output.type='\"I\"'; may be repeated",
     )
     parser.add_argument("--sample", metavar="K", type=int, help="SPEC.toml is the OUT.parquet of a sweep: simulate its sample K")
     parser.add_argument(
         "--trust", action="store_true", help="allow to execute the robot file named in OUT.parquet, which is Python code"
     )
+    parser.add_argument(
+        "--schema", action=PrintSchema, nargs=0, const=_schema, help="print the JSON Schema of SPEC.toml and exit"
+    )
     parser.set_defaults(run=run)
+
+
+def _schema() -> dict[str, Any]:
+    from ..simulation.specification.spec import schema  # slow to import
+
+    return schema()
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run `noslip simulate`. Return 0, or 1 if the run stopped early. Raises BadInput, ModelError, OSError."""
     from ..model.errors import ModelError
-    from ..simulation.closed_loop import simulate, summary  # slow to import, as are models
-    from ..simulation.contact import grip
+    from ..simulation.closed_loop import as_json, simulate, summary  # slow to import, as are models
     from ..simulation.specification.vary import change, read_varied
 
     outputs, pictures = filter(None, (arguments.output, arguments.record)), filter(None, (arguments.plot, arguments.contact))
     check_targets(list(outputs), list(pictures), inputs=[arguments.spec])
     changes = dict(map(change, arguments.set))
     spec = read_varied(arguments.spec, changes) if arguments.sample is None else _sample(arguments, changes)
-    progress = RunProgress(spec.simulation.duration)
     try:
-        done, record = _recorded(spec, progress) if arguments.record else (simulate(spec, progress=progress), "")
+        with Progress() as shown:
+
+            def progress(t: float) -> None:
+                shown(t, spec.simulation.duration, "s simulated")
+
+            done, record = _recorded(spec, progress) if arguments.record else (simulate(spec, progress=progress), "")
         drawn = _pictures(done, arguments)
     except (BadInput, ModelError) as error:
         raise BadInput(f"{arguments.spec}: {error}") from error
-    finally:
-        progress.clear()
     written: dict[str, str | bytes] = {arguments.output: done.csv()}
     written |= {arguments.record: record} if arguments.record else {}
     written |= drawn
     for file, content in written.items():
         write_whole(file, content)
-    files = ", ".join(written)
-    print(f"{summary(done)}\n  {files}", file=sys.stderr if arguments.output == "-" else sys.stdout)
-    held = grip(done)
-    for warning in (*done.warnings, *([] if held.rolls else held.verdict().splitlines())):
+    files = list(written)
+    text, values = lambda: f"{summary(done)}\n  {', '.join(files)}", lambda: {**as_json(done), "files": files}
+    show(arguments, text, values, arguments.output)
+    for warning in () if arguments.json else done.warnings:
         print(f"{arguments.spec}: warning: {warning}", file=sys.stderr)
     if done.stopped:
         print(f"{arguments.spec}: stopped at t = {done.t[-1]:.9g} s: {done.stopped}", file=sys.stderr)
@@ -117,7 +111,7 @@ def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":
     return sample_spec(text, row)
 
 
-def _recorded(spec: "Spec", progress: RunProgress) -> tuple["Run", str]:
+def _recorded(spec: "Spec", progress: Callable[[float], None]) -> tuple["Run", str]:
     """Return the run and the record of the calls of its target. Raises BadInput for a backend without a target."""
     from ..controllers.controller import ON_TARGET
     from ..controllers.pil import recorded

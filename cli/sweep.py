@@ -1,7 +1,6 @@
 """`noslip sweep`: estimates the probability of failure with random masses, geometry, sensors, delays and initial states."""
 
 import argparse
-import json
 import os
 import sys
 from contextlib import suppress
@@ -10,6 +9,8 @@ from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
 from ..readers.files import check_folder, check_targets, write_folder
+from ..readers.progress import Progress
+from .commands import show
 
 if TYPE_CHECKING:
     from ..sweeping.study import Study
@@ -39,7 +40,6 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument("--worst", action="store_true", help="also search for the worst combination")
     parser.add_argument("--verify", metavar="N", type=int, help="repeat N samples with simulate and compare")
     parser.add_argument("--figures", metavar="DIR", help="plot errors over time, errors by parameter, and singular starts")
-    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
 
 
@@ -72,10 +72,8 @@ def run(args: argparse.Namespace) -> int:
     verified = verify(output, args.verify, jobs) if args.verify is not None else None
     report = SweepReport(args.spec, args.output, study, summary, found, worst, verified)
     drawn = _draw(report, jobs, args.figures) if args.figures else []
-    if args.json:
-        print(json.dumps(report.as_json(), indent=1, allow_nan=False))
-    else:
-        print("\n".join([report.text(), "", f"  {', '.join([str(output), *drawn])}"]))
+    files = [str(output), *drawn]
+    show(args, lambda: f"{report.text()}\n\n  {', '.join(files)}", lambda: {**report.as_json(), "files": files})
     return 1 if verified and not verified.holds else 0
 
 
@@ -93,7 +91,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None) -> None:
-    from ..sweeping.runner import Engine, SweepProgress, Threads, run_parts
+    from ..sweeping.runner import Engine, Threads, run_parts
     from ..sweeping.store import Parts, merge
 
     engine: Engine
@@ -103,14 +101,13 @@ def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None)
         engine = Cluster(scheduler, study)
     else:
         engine = Threads(study.batch, jobs)
-    parts, progress = Parts(output, study), SweepProgress(study.samples)
+    parts = Parts(output, study)
     try:
-        with parts.held():
+        with parts.held(), Progress() as progress:
             run_parts(parts, engine, progress)
             merge(parts)
             parts.remove()
     finally:
-        progress.clear()
         engine.close()
 
 

@@ -1,7 +1,7 @@
-"""The reduced dynamics of a robot, its plant, as a program: named steps in order, split into what init and what a call computes.
+"""The reduced dynamics of a robot (the plant) as a program: named steps, divided between init and the calls.
 
-Inside, the quasi-velocities are the vehicle's forward speed and yaw rate where there are such (w = W nu): S and S'MS are
-sparse there.
+Internally the quasi-velocities are the vehicle's forward speed and yaw rate, if it has these (w = W nu): S and S'MS are then
+sparse.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ from .optimize import Optimizer
 from .program import Entry, Matrix, constants_of
 
 UNROLLED = 5  # quasi-velocities up to which L D L' is written out; above, the runtime's loop is shorter
-NEGLIGIBLE_PIVOT = 1e-6  # of the mass matrix's diagonal, as in noslip_solve.inc
+NEGLIGIBLE_PIVOT = 1e-6  # relative to the diagonal of the mass matrix, as in noslip_solve.inc
 
 
 EVALUATE = Entry(
@@ -44,7 +44,7 @@ ENTRIES = (
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A named value, for which `leaf` stands in what follows; a pivot is singular where it is not greater than `bound`."""
+    """A named value, represented by `leaf` in later steps; a pivot is singular if it is not greater than `bound`."""
 
     leaf: Node
     node: Node
@@ -53,9 +53,9 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What an entry point computes: steps in order, then its quantities.
+    """The computation of an entry point: steps in order, then its quantities.
 
-    `looped`: S'MS and S'E tau - bias, for the runtime to solve, whose answer is the quantity nudot.
+    `looped`: S'MS and S'E tau - bias, from which the runtime computes the quantity nudot.
     """
 
     steps: tuple[Step, ...]
@@ -64,7 +64,7 @@ class Body:
 
     @property
     def roots(self) -> list[Node]:
-        """Every node that must be computed, guards included."""
+        """All nodes that must be computed, including those of checks."""
         matrices = [*self.quantities.values(), *(self.looped or ())]
         bounds = [step.bound for step in self.steps if step.bound is not None]
         return [*(step.node for step in self.steps), *bounds, *(node for matrix in matrices for row in matrix for node in row)]
@@ -72,13 +72,13 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class DynamicsProgram:
-    """The entry points, the constants init makes for them, names of nodes, and pivots that init looks at."""
+    """The entry points, the constants that init computes for them, names of nodes, and pivots that init checks."""
 
     system: ReducedSystem
     entries: dict[Entry, Body]
     constants: dict[Node, str]
     labels: dict[Node, str]
-    regular: list[tuple[Node, Node]]  # init answers singular where the first is not greater than the second
+    regular: list[tuple[Node, Node]]  # init returns singular if the first is not greater than the second
 
     @property
     def groups(self) -> dict[str, Sequence[Quantity]]:
@@ -92,17 +92,18 @@ class DynamicsProgram:
 
     @property
     def fixed_angles(self) -> list[Node]:
-        """Arguments of sines and cosines that init takes."""
+        """Arguments of sines and cosines that init computes."""
         return angles(reachable([*self.constants, *(node for pair in self.regular for node in pair)]))
 
 
 def compile_dynamics(system: ReducedSystem, optimize: bool = True) -> DynamicsProgram:
-    """Build the graph of the dynamics and split off what init computes; `optimize` runs the optimizer on each group of steps."""
+    """Build the graph of the dynamics and separate the constants of init; `optimize` runs the optimizer on each group of
+    steps."""
     return _Builder(system, optimize).program()
 
 
 class _Builder:
-    """Takes steps one group after another; what is fixed by the parameters is no step, but stands where it is used."""
+    """Collects steps group by group; an expression in parameters only is not a step and is inserted where it is used."""
 
     def __init__(self, system: ReducedSystem, optimize: bool):
         self.system, self.optimize = system, optimize
@@ -118,7 +119,7 @@ class _Builder:
         self.symbols = {q.symbol.element_hash(): q.symbol for members in groups.values() for q in members}
 
     def program(self) -> DynamicsProgram:
-        """All entry points."""
+        """Return the program with all entry points."""
         reduced, w, W = _equations(self.system)
         self._group(list(zip(ca.vertsplit(w), ca.vertsplit(W @ self.system.nu), strict=True)))
         for group in reduced.groups:
@@ -143,7 +144,7 @@ class _Builder:
         return DynamicsProgram(self.system, entries, constants, self.labels, self.regular)
 
     def _rates(self, S: ca.SX, w: ca.SX, W: ca.SX) -> ca.SX:
-        """qdot = S w (9), and straight from nu where it is a multiple of that."""
+        """Return qdot = S w (9); entries that are multiples of an entry of nu are computed from nu."""
         parameters = {p.symbol.element_hash() for p in self.system.mechanism.parameters}
         rows = []
         for row in ca.vertsplit(S):
@@ -161,7 +162,7 @@ class _Builder:
         return Body(tuple(self._needed(body.roots)), made, loop)
 
     def _needed(self, roots: Sequence[Node]) -> Iterator[Step]:
-        """The steps that the roots depend on, in order."""
+        """Yield the steps on which the roots depend, in order."""
         needed: set[Node] = set()
         stack = list(roots)
         while stack:
@@ -171,7 +172,7 @@ class _Builder:
         return (step for leaf, step in self.steps.items() if leaf in needed)
 
     def _group(self, steps: Sequence[tuple[ca.SX, ca.SX]], bounds: Sequence[ca.SX] = ()) -> None:
-        """Steps that are made shorter together; a later one may use an earlier one, `bounds` are those of pivots."""
+        """Add steps that are optimized together; a later one may use an earlier one. `bounds`: of pivots."""
         for symbol, _ in steps:
             self.symbols[symbol.element_hash()] = symbol
             self.nodes[symbol.element_hash()] = self.graph.leaf(Group.STEP, free_name(str(symbol), self.taken))
@@ -188,7 +189,7 @@ class _Builder:
                 self.labels.setdefault(node, str(symbol))
 
     def _built(self, matrices: Sequence[ca.SX]) -> list[Matrix]:
-        """Nodes of matrices, made shorter together."""
+        """Return the nodes of matrices, optimized together."""
         where = self.system.mechanism.name
         built = []
         for matrix in matrices:
@@ -202,7 +203,7 @@ class _Builder:
         return [[[next(improved) for _ in row] for row in matrix] for matrix in built]
 
     def _solved(self, matrix: ca.SX, right: ca.SX) -> ca.SX:
-        """matrix^-1 right by L D L', for a matrix that is symmetric and positive definite; its zeros stay zeros."""
+        """Return matrix^-1 right by L D L' for a symmetric, positive definite matrix; zeros in it are exploited."""
         n = matrix.shape[0]
         table: dict[tuple[int, int], ca.SX] = {}  # L below the diagonal
         inverse: list[ca.SX] = []
@@ -239,7 +240,7 @@ def _groups(system: ReducedSystem) -> dict[str, Sequence[Quantity]]:
 
 
 def _equations(system: ReducedSystem) -> tuple[Reduced, ca.SX, ca.SX]:
-    """The reduced equations in w, w itself, and W with w = W nu: body by body where the robot says its bodies."""
+    """Return the reduced equations in w, w, and W with w = W nu; body by body if the robot declares its bodies."""
     mechanism = system.mechanism
     if not (mechanism.bodies and mechanism.quasi_expressions):
         inner, W = inner_velocities(system)

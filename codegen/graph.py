@@ -1,4 +1,4 @@
-"""The expression graph of a law: scalar nodes, each made once, so that equal subexpressions are one node."""
+"""The expression graph of a law: equal subexpressions are a single node."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
@@ -15,7 +15,7 @@ from ..model.errors import ModelError
 
 
 class Operation(StrEnum):
-    """What an `Applied` node does. The C runtime's function of the same name has `noslip_` before it."""
+    """Operation of an `Applied` node; functions of the C runtime have the same name with the prefix `noslip_`."""
 
     MUL = "mul"
     ADD = "add"
@@ -46,13 +46,13 @@ class Operation(StrEnum):
 
 OPERATIONS = tuple(Operation)
 SINCOS = (Operation.SIN, Operation.COS)
-ARITHMETIC = OPERATIONS[: OPERATIONS.index(Operation.SIN)]  # infinite or NaN where an argument is, but for denominators
-FUNCTIONS = OPERATIONS[OPERATIONS.index(Operation.EXP) :]  # in noslip_functions.h; of NaN each makes NaN
+ARITHMETIC = OPERATIONS[: OPERATIONS.index(Operation.SIN)]  # infinite or NaN if an argument is, except a denominator
+FUNCTIONS = OPERATIONS[OPERATIONS.index(Operation.EXP) :]  # in noslip_functions.h; each returns NaN for NaN
 COMMUTATIVE = (Operation.ADD, Operation.MUL)
 
 
 class Group(StrEnum):
-    """What a leaf is part of: a struct or an array of the C, or the steps of a program."""
+    """The group of a leaf: a struct or an array of the C, or the steps of a program."""
 
     PARAMS = "params"
     CONFIG = "config"
@@ -70,11 +70,11 @@ CONSTANT_GROUPS = (Group.PARAMS, Group.CONFIG, Group.GAINS)  # known to init; th
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Node:
-    """One scalar, or a matrix. Nodes of a graph are made by it, each once, so that equal ones are the same object."""
+    """A scalar, or the inverse of a matrix. A graph creates each node once: equal nodes are the same object."""
 
-    order: int  # of creation: an argument always comes before its user
+    order: int  # of creation: arguments come before their users
     arguments: tuple["Node", ...]
-    fixed: bool = field(init=False)  # it depends on nothing but parameters, so that init can compute it
+    fixed: bool = field(init=False)  # whether it depends on parameters only, so that init can compute it
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", all(argument.fixed for argument in self.arguments))
@@ -113,9 +113,9 @@ class Applied(Node):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MatrixInverse(Node):
-    """The inverse of a square matrix, whose entries are the arguments, row by row; no scalar.
+    """The inverse of a square matrix, whose entries are the arguments, row by row; not a scalar.
 
-    It has a meaning where the matrix's reciprocal condition exceeds `least`.
+    It is valid if the reciprocal condition number of the matrix exceeds `least`.
     """
 
     least: float
@@ -128,7 +128,7 @@ class MatrixInverse(Node):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Element(Node):
-    """An entry of a matrix's inverse, by its number, row by row."""
+    """An entry of the inverse of a matrix; entries are numbered row by row."""
 
     number: int
 
@@ -137,21 +137,21 @@ AnyNode = TypeVar("AnyNode", bound=Node)
 
 
 class Graph:
-    """Makes nodes, at most one of a kind; simplifies only where the value stays the same to the last bit."""
+    """Creates nodes, each once; simplifies only if no bit of the value changes."""
 
     def __init__(self) -> None:
         self._nodes: dict[tuple[object, ...], Node] = {}
 
     def constant(self, value: float) -> Node:
-        """A number."""
+        """Return the node of a number."""
         return self.make(Constant, (), float(value) + 0.0)
 
     def leaf(self, group: str, name: str) -> Node:
-        """An input of the law."""
+        """Return the node of an input of the law."""
         return self.make(Leaf, (), Group(group), name)
 
     def apply(self, operation: Operation, *arguments: Node) -> Node:
-        """An operation on arguments."""
+        """Return the node of an operation on arguments."""
         simpler = self._simplify(operation, arguments)
         if simpler is not None:
             return simpler
@@ -160,7 +160,7 @@ class Graph:
         return self.make(Applied, arguments, operation)
 
     def again(self, node: Node, arguments: Sequence[Node]) -> Node:
-        """The same on other arguments."""
+        """Return the node with the same operation on other arguments."""
         if isinstance(node, Applied):
             return self.apply(node.operation, *arguments)
         if isinstance(node, MatrixInverse):
@@ -169,13 +169,14 @@ class Graph:
         return self.make(Element, tuple(arguments), node.number)
 
     def inverse(self, matrix: Sequence[Sequence[Node]], least: float) -> list[list[Node]]:
-        """The entries of a square matrix's inverse, which has a meaning where the reciprocal condition exceeds `least`."""
+        """Return the entries of the inverse of a square matrix; it is valid if the reciprocal condition number exceeds
+        `least`."""
         whole = self.make(MatrixInverse, tuple(entry for row in matrix for entry in row), least)
         size = range(len(matrix))
         return [[self.make(Element, (whole,), i * len(matrix) + j) for j in size] for i in size]
 
     def make(self, kind: type[AnyNode], arguments: tuple[Node, ...], *fields: object) -> AnyNode:
-        """A node of a kind, with that kind's own fields, made once."""
+        """Return the node of a kind with these arguments and fields; equal ones are the same object."""
         key = (kind, arguments, *fields)
         if key not in self._nodes:
             self._nodes[key] = kind(len(self._nodes), arguments, *fields)
@@ -240,7 +241,7 @@ class Graph:
         return None
 
     def _power_of_two(self, node: Node) -> tuple[Node, float]:
-        """A product with a power of two as its other factor and the power, else the node and 1.
+        """For a product with a power of two, return the other factor and the power, else the node and 1.
 
         A multiplication by a power of two is exact, so it may be done in any order.
         """
@@ -254,7 +255,7 @@ class Graph:
 
 
 def free_name(name: str, taken: set[str]) -> str:
-    """The name, with underscores added until nothing else has it; it is taken then."""
+    """Return the name, with underscores appended until it is not in `taken`, and add it to `taken`."""
     while name in taken:
         name += "_"
     taken.add(name)
@@ -262,12 +263,12 @@ def free_name(name: str, taken: set[str]) -> str:
 
 
 def is_operation(node: Node, *operations: Operation) -> TypeGuard[Applied]:
-    """Is the node one of these operations?"""
+    """Whether the node is one of these operations."""
     return isinstance(node, Applied) and node.operation in operations
 
 
 def is_constant(node: Node, value: float) -> bool:
-    """Is the node this number?"""
+    """Whether the node is this number."""
     return isinstance(node, Constant) and node.value == value
 
 
@@ -276,7 +277,7 @@ def _is_power_of_two(node: Node) -> TypeGuard[Constant]:
 
 
 def reachable(roots: Iterable[Node]) -> list[Node]:
-    """Every node the roots depend on, arguments before users."""
+    """Return all nodes on which the roots depend, arguments before users."""
     seen: set[Node] = set()
     stack = list(roots)
     while stack:
@@ -288,17 +289,17 @@ def reachable(roots: Iterable[Node]) -> list[Node]:
 
 
 def executed(roots: Iterable[Node]) -> list[Node]:
-    """The nodes that a step computes, what init knows left out."""
+    """Return the nodes that a step computes, without those that init computes."""
     return [node for node in reachable(roots) if not node.fixed]
 
 
 def angles(nodes: Iterable[Node]) -> list[Node]:
-    """The arguments of the sines and cosines among the nodes."""
+    """Return the arguments of the sines and cosines among the nodes."""
     return list({node.arguments[0]: None for node in nodes if is_operation(node, *SINCOS)})
 
 
 def headers(roots: Iterable[Node]) -> list[str]:
-    """The headers of the C runtime, without .h, that the C of these nodes needs beside those of every law."""
+    """Return the headers of the C runtime, without .h, that the C of these nodes needs in addition to those of every law."""
     nodes = reachable(roots)
     functions = any(is_operation(node, *FUNCTIONS) for node in nodes)
     inverses = any(isinstance(node, MatrixInverse) for node in nodes)
@@ -306,7 +307,7 @@ def headers(roots: Iterable[Node]) -> list[str]:
 
 
 def count(nodes: Iterable[Node]) -> dict[str, int]:
-    """How many of each operation; a sine and a cosine of the same angle count as one sincos."""
+    """Return the number of each operation; a sine and a cosine of the same angle count as one sincos."""
     nodes = list(nodes)
     used = Counter(node.operation for node in nodes if isinstance(node, Applied))
     counted: dict[str, int] = {operation: used[operation] for operation in ARITHMETIC}
@@ -319,7 +320,8 @@ def count(nodes: Iterable[Node]) -> dict[str, int]:
 def from_casadi(
     graph: Graph, expression: ca.SX, symbols: Sequence[ca.SX], leaves: Sequence[Node], where: str
 ) -> list[list[Node]]:
-    """The entries of an SX matrix as nodes, row by row. Raises ModelError for an operation that the C runtime has not."""
+    """Return the entries of an SX matrix as nodes, by rows. Raises ModelError for an operation that the C runtime does not
+    have."""
 
     def apply(code: int, arguments: tuple[Node, ...]) -> Node:
         if code not in FROM_CASADI:
@@ -352,7 +354,7 @@ def _equal(graph: Graph, a: Node, b: Node) -> Node:
 
 
 def _power(graph: Graph, base: Node, exponent: Node) -> Node:
-    """base^n: for a whole or half n by repeated squaring, for another constant by logarithm and exponential."""
+    """Return base^n: for an integer or half-integer n by repeated squaring, else by logarithm and exponential."""
     if not isinstance(exponent, Constant):
         raise ModelError("the exponent of a power must be a constant")
     twice = exponent.value * 2
@@ -368,7 +370,7 @@ def _power(graph: Graph, base: Node, exponent: Node) -> Node:
     return result if twice >= 0 else graph.apply(Operation.DIV, graph.constant(1), result)
 
 
-SAME = {  # operations that CasADi has as well
+SAME = {  # operations with the same meaning in CasADi
     **{ca.OP_ADD: Operation.ADD, ca.OP_SUB: Operation.SUB, ca.OP_MUL: Operation.MUL, ca.OP_DIV: Operation.DIV},
     **{ca.OP_NEG: Operation.NEG, ca.OP_SQRT: Operation.SQRT, ca.OP_FABS: Operation.ABS},
     **{ca.OP_SIN: Operation.SIN, ca.OP_COS: Operation.COS, ca.OP_EXP: Operation.EXP, ca.OP_LOG: Operation.LOG},

@@ -1,7 +1,7 @@
 """Fewer operations for the same value: passes over a law's graph, each exact in real arithmetic.
 
-The passes see sums of products: a term is a sign, a factor that init knows, and factors that change from step to step.
-What they answer is rounded as it is then written in C; nothing is regrouped after that.
+The passes see sums of products: a term is a sign, a factor that init computes, and factors that change from step to step.
+The results are rounded in the order in which they are then written in C; nothing is regrouped afterwards.
 """
 
 from collections import Counter
@@ -44,7 +44,7 @@ class Product(Node):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class KeptProduct(Node):
-    """A product that is not to be taken apart again."""
+    """A product that later passes do not split."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,7 +54,7 @@ class Reciprocal(Node):
 
 @dataclass(frozen=True)
 class Term:
-    """sign * factor * product of others; `factor` is known to init, None for 1."""
+    """sign * factor * product of others; init computes `factor`; None for 1."""
 
     sign: int
     factor: Node | None
@@ -62,25 +62,25 @@ class Term:
 
 
 class Optimizer:
-    """Rewrites what a set of roots depends on. `labels` names nodes; a name follows its node's value through the passes."""
+    """Rewrites the nodes on which a set of roots depends. `labels` names nodes; the passes keep the name of a value."""
 
     def __init__(self, graph: Graph, labels: dict[Node, str]):
         self.graph = graph
         self.labels = labels
 
     def _name(self, old: Node, sign: int, new: Node) -> Signed:
-        """Carry the old node's name over to the new one, which has its value."""
+        """Give the name of the old node to the new one, which has the same value."""
         if old in self.labels and sign > 0 and new.arguments and not new.fixed:
             self.labels.setdefault(new, self.labels[old])
         return sign, new
 
     def run(self, roots: Sequence[Node]) -> list[Node]:
-        """The roots after all passes."""
+        """Return the roots after all passes."""
         *_, (_, improved) = self.passes(roots)
         return improved
 
     def passes(self, roots: Sequence[Node]) -> Iterator[tuple[str, list[Node]]]:
-        """Name of each pass and the roots, in two-operand steps, after it."""
+        """Yield the name of each pass and the roots after it, in operations of two operands."""
         signed = self.sums_of_products(roots)
         yield "sums of products", self.binary(signed)
         for name, improve in PASSES:
@@ -90,13 +90,13 @@ class Optimizer:
     # -- sums of products -----------------------------------------------------------------------------------------
 
     def sums_of_products(self, roots: Sequence[Node]) -> list[Signed]:
-        """Merge sums into sums and products into products; gather what init knows into one factor of each term."""
+        """Merge nested sums and nested products; collect in each term the factors that init computes into one."""
         uses = Counter(argument for node in reachable(roots) for argument in node.arguments)
         uses.update(roots)
         done: dict[Node, Signed] = {}
 
         def terms(node: Node) -> list[Term]:
-            """The node as a sum; a sum that others use too stays one term."""
+            """Return the node as terms of a sum; a sum with other users remains one term."""
             sign, made = done[node]
             if isinstance(made, Sum) and uses[node] == 1:
                 return [self._term(s * sign, argument) for s, argument in made.terms]
@@ -119,7 +119,7 @@ class Optimizer:
         return [done[root] for root in roots]
 
     def sum(self, terms: Iterable[Term]) -> Signed:
-        """A sum; terms with the same changing factors become one."""
+        """Return a sum; terms with the same changing factors are combined."""
         merged: dict[tuple[Node, ...], Signed | None] = {}
         for term in terms:
             factor = (term.sign, term.factor or self.graph.constant(1))
@@ -140,7 +140,7 @@ class Optimizer:
         return self.graph.make(Sum, tuple(node for _, node in terms), tuple(sign for sign, _ in terms))
 
     def product(self, sign: int, *nodes: Node) -> Signed:
-        """A product; factors that init knows become one."""
+        """Return a product; the factors that init computes are combined into one."""
         factor: Node | None = None
         others: list[Node] = []
         for node in nodes:
@@ -151,7 +151,7 @@ class Optimizer:
         return self._signed_product(sign, factor or self.graph.constant(1), tuple(sorted(others, key=lambda node: node.order)))
 
     def _keep(self, sign: int, node: Node) -> Signed:
-        """A product that several use: its changing factors stay together."""
+        """Return a product with several users: its changing factors stay together."""
         term = self._term(sign, node)
         if len(term.others) < 2:
             return sign, node
@@ -179,7 +179,7 @@ class Optimizer:
         return a[0], self.graph.apply(Operation.ADD if a[0] == b[0] else Operation.SUB, a[1], b[1])
 
     def _inverse(self, node: Node) -> Node:
-        """1 / node; the part that init knows is inverted there."""
+        """Return 1 / node; init inverts the factor that it computes."""
         term = self._term(1, node)
         parts = []
         if term.factor is not None:
@@ -207,7 +207,7 @@ class Optimizer:
     # -- common factors within a sum --------------------------------------------------------------------------------
 
     def common_factors(self, signed: Sequence[Signed]) -> list[Signed]:
-        """a x + a y = a (x + y), the factor that saves most first."""
+        """Factor sums, a x + a y = a (x + y); the factor that saves most operations comes first."""
         return self._rewrite_signed(signed, self._factored)
 
     def _factored(self, sign: int, node: Node) -> Signed:
@@ -237,14 +237,14 @@ class Optimizer:
         place = term.others.index(factor)
         return Term(term.sign, term.factor, term.others[:place] + term.others[place + 1 :])
 
-    # -- what sums or products have in common -----------------------------------------------------------------------
+    # -- common subexpressions of sums and of products -----------------------------------------------------------------------
 
     def common_sums(self, signed: Sequence[Signed]) -> list[Signed]:
-        """Pairs of terms that several sums share, up to a sign, become sums of their own."""
+        """Replace pairs of terms that several sums share, up to a sign, by a common sum."""
         return self._extract(signed, Sum)
 
     def common_products(self, signed: Sequence[Signed]) -> list[Signed]:
-        """Pairs of factors that several products share become products of their own."""
+        """Replace pairs of factors that several products share by a common product."""
         return self._extract(signed, Product)
 
     def _extract(self, roots: Sequence[Signed], kind: type[Sum] | type[Product]) -> list[Signed]:
@@ -289,7 +289,7 @@ class Optimizer:
     def _rewrite(
         self, roots: Sequence[Node], change: Callable[[int, Node], Signed], where: Container[Node] | None
     ) -> list[Signed]:
-        """Apply `change` to every node, arguments first, signs carried along; or to those in `where` and what depends on them."""
+        """Apply `change` to every node, arguments first, with signs; or to the nodes in `where` and their users."""
         done: dict[Node, Signed] = {}
         nodes = reachable(roots)
         uses = Counter(argument for node in nodes for argument in node.arguments)
@@ -311,7 +311,7 @@ class Optimizer:
                 rebuilt = (new[0][0], self._inverse(new[0][1]))
             elif isinstance(node, KeptProduct):
                 sign, parts = prod(s for s, _ in new), tuple(n for _, n in new)
-                made_here = any(argument.fixed for argument in node.arguments)  # by _extract, which wants it so
+                made_here = any(argument.fixed for argument in node.arguments)  # by _extract; it must remain
                 rebuilt = (sign, self.graph.make(KeptProduct, parts)) if made_here else self.product(sign, *parts)
                 rebuilt = self._keep(*rebuilt) if uses[node] > 1 else rebuilt
             else:
@@ -322,9 +322,9 @@ class Optimizer:
     # -- signs -------------------------------------------------------------------------------------------------------
 
     def turned(self, roots: Sequence[Signed]) -> list[Signed]:
-        """-(a + (b - c)) as (c - b) - a, with c - b in place of b - c everywhere."""
+        """Replace -(a + (b - c)) by (c - b) - a, and b - c by c - b everywhere."""
         signed: list[Signed] = list(roots)
-        tried: set[Node] = set()  # each is turned once, so that two roots with opposite wishes come to an end
+        tried: set[Node] = set()  # each is reversed once, so that two roots that need opposite signs do not alternate
         while (found := self._to_turn(signed, tried)) is not None:
             turned = self._sum_of(found.opposite)
             tried |= {found, turned}
@@ -347,7 +347,7 @@ class Optimizer:
     # -- back to two operands ---------------------------------------------------------------------------------------
 
     def binary(self, signed: Sequence[Signed]) -> list[Node]:
-        """Sums and products in two-operand steps, from the left; an inverse used once becomes a division."""
+        """Return the roots with sums and products of two operands, from the left; a reciprocal used once becomes a division."""
         nodes = reachable(node for _, node in signed)
         uses = Counter(argument for node in nodes for argument in node.arguments)
         done: dict[Node, Node] = {}
@@ -357,7 +357,7 @@ class Optimizer:
         return [done[node] if sign > 0 else self._negative(node, done) for sign, node in signed]
 
     def _negative(self, node: Node, done: dict[Node, Node]) -> Node:
-        """minus the node: a difference the other way round where it is one."""
+        """Return minus the node; a difference is reversed."""
         if not isinstance(node, Sum) or -1 not in node.signs:
             return self.graph.apply(Operation.NEG, done[node])
         return self._chain([(sign, done[argument]) for sign, argument in node.opposite])
@@ -396,26 +396,26 @@ PASSES: tuple[tuple[str, Pass], ...] = (
     ("products in common", Optimizer.common_products),
     ("signs", Optimizer.turned),
 )
-"""The passes in their order, by the names that `noslip generate --explain` prints; a new one is entered here."""
+"""The passes in their order, with the names that `noslip generate --explain` prints. Add new passes here."""
 
 
 class PairIndex:
-    """The pairs of arguments of a changing set of nodes, and which nodes have each."""
+    """Index of the pairs of arguments in a changing set of nodes: the users of each pair."""
 
     def __init__(self) -> None:
         self._nodes: set[Node] = set()
         self._users: dict[Pair, set[Node]] = {}
         self._pairs: dict[Node, frozenset[Pair]] = {}
-        self._heap: list[tuple[tuple[int, ...], Pair]] = []  # the most used first; one with an old count does not count
+        self._heap: list[tuple[tuple[int, ...], Pair]] = []  # most users first; outdated entries are skipped
 
     def pairs(self, node: Node) -> frozenset[Pair]:
-        """The pairs of one node."""
+        """Return the pairs of a node."""
         if node not in self._pairs:
             self._pairs[node] = frozenset(pairs(node))
         return self._pairs[node]
 
     def update(self, nodes: Iterable[Node]) -> None:
-        """Take these nodes for those before."""
+        """Replace the set of nodes."""
         new = set(nodes)
         changed: set[Pair] = set()
         for node in self._nodes - new:
@@ -432,7 +432,7 @@ class PairIndex:
                 heappush(self._heap, (self._rank(pair), pair))
 
     def most_shared(self) -> tuple[Pair, set[Node]] | None:
-        """The pair that most nodes have, of those the earliest made; None when every pair has one user."""
+        """Return the pair with the most users, the oldest among equals, and its users; None if every pair has one user."""
         while self._heap:
             rank, pair = self._heap[0]
             if len(self._users[pair]) > 1 and rank == self._rank(pair):
@@ -446,7 +446,7 @@ class PairIndex:
 
 
 def pairs(node: Node) -> list[Pair]:
-    """The pairs of arguments of a sum, with their relative sign, or of a product."""
+    """Return the pairs of arguments of a sum, with their relative sign, or of a product."""
     if isinstance(node, Sum):
         return [(x, y, s * t) for (s, x), (t, y) in combinations(node.terms, 2)]
     return [(x, y, 1) for x, y in combinations(node.arguments, 2)]

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 import cffi
 import numpy as np
 
-from ..codegen.files import dynamics_program, dynamics_text, law_program, law_text, shared_files
+from ..codegen.files import dynamics_program, dynamics_text, law_program, law_text, shared_files, text_files
 from ..codegen.graph import Group
 from ..codegen.printing.dynamics_c import DynamicsC
 from ..codegen.printing.law_c import LawC, runtime_types
@@ -33,7 +33,7 @@ class _Compiled(InC, Generic[Text]):
         self.ffi.cdef(runtime_types(text.scalar))
         self.ffi.cdef(robot_declarations(system, text.scalar))
         self.ffi.cdef(text.declarations())
-        self.files = written or {**shared_files(system, text.scalar), **text.files()}
+        self.files = written or {**shared_files(system, text.scalar), **text_files(text)}
         self.lib = load(self.ffi, self.files)
 
     def name(self, name: str) -> str:

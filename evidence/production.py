@@ -1,4 +1,4 @@
-"""Makes figures: runs in processes of their own, each SPEC once, while those that are complete are drawn here."""
+"""Produces figures: each SPEC is run once, in separate processes, while figures with complete runs are drawn in this one."""
 
 import pickle
 import subprocess
@@ -19,7 +19,7 @@ WORKER = (sys.executable, "-m", f"{__package__}.worker")
 
 @dataclass(frozen=True)
 class Made:
-    """A figure that is done: its runs by label, its claims, its picture as the bytes of a file, by kind (png, svg)."""
+    """A finished figure: its runs by label, its claims, its picture as the bytes of a file, by kind (png, svg)."""
 
     figure: Figure
     runs: Runs
@@ -28,7 +28,8 @@ class Made:
 
 
 def produce(figures: Sequence[Figure], jobs: int, done: Callable[[Made], None]) -> list[Made]:
-    """Make the figures with `jobs` processes; `done` is told each. Raises BadInput when a SPEC is none or cannot be run."""
+    """Produce the figures with `jobs` processes and call `done` with each. Raises BadInput if a SPEC is invalid or cannot be
+    run."""
     specs = {figure.name: {label: case.spec() for label, case in figure.cases.items()} for figure in figures}
     singular = {repr(specs[f.name][label]): case.singular for f in figures for label, case in f.cases.items()}
     to_run = {repr(spec): spec for runs in specs.values() for spec in runs.values()}
@@ -51,9 +52,9 @@ def _draw(figure: Figure, runs: Runs) -> Made:
 
 @contextmanager
 def _workers(count: int) -> Iterator[Callable[[Spec, bool], Outcome]]:
-    """`framework.carry_out`, but done by the first of `count` processes that is free; to be called from as many threads.
+    """`framework.carry_out`, but executed by the first idle one of `count` processes; to be called from as many threads.
 
-    They are in a session of their own, so that Ctrl-C is this process's to answer; when it is gone they end.
+    The processes have their own session, so that only this process receives Ctrl-C; when it ends, they end.
     """
     pipe = subprocess.PIPE
     workers = [subprocess.Popen(WORKER, stdin=pipe, stdout=pipe, start_new_session=True) for _ in range(count)]
@@ -88,6 +89,6 @@ def _workers(count: int) -> Iterator[Callable[[Spec, bool], Outcome]]:
 
 
 def _pipes(worker: subprocess.Popen) -> tuple[IO[bytes], IO[bytes]]:
-    """Its standard input and its standard output."""
-    assert worker.stdin and worker.stdout, "made with pipes"
+    """Return standard input and standard output of a worker."""
+    assert worker.stdin and worker.stdout, "started with pipes"
     return worker.stdin, worker.stdout

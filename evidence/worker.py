@@ -1,4 +1,4 @@
-"""A process that carries out runs: pickled arguments of `carry_out` come in, outcomes or exceptions go out."""
+"""A process that carries out runs: reads pickled arguments of `carry_out` and writes outcomes or exceptions."""
 
 import os
 import pickle
@@ -12,9 +12,9 @@ from .framework import Outcome, carry_out
 
 
 def main() -> None:
-    """Answer what comes on standard input, until that ends."""
+    """Process requests from standard input until it is closed."""
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # output of libraries does not belong to the results
     asked: SimpleQueue = SimpleQueue()
     threading.Thread(target=_listen, args=(asked,), daemon=True).start()
     while True:
@@ -30,7 +30,7 @@ def main() -> None:
 
 
 def _listen(asked: SimpleQueue) -> None:
-    """Pass on what is asked; when nobody is there any more, end at once, also in the middle of a run, and leave nothing."""
+    """Pass on requests; when the parent process has ended, exit at once, even during a run, and leave no files."""
     try:
         while True:
             asked.put(pickle.load(sys.stdin.buffer))

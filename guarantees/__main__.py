@@ -1,9 +1,9 @@
-"""The guarantees, each checked: one line each, then a summary.
+"""Checks the guarantees: prints a line for each, then a summary.
 
     python -m noslip.guarantees [NAME ...] [--short] [--update] [-o DIR]
 
-Exit 0: all that could be checked hold. 1: one does not. What a tool is missing for is skipped and said, and with
-NOSLIP_REQUIRE_FIRMWARE=1 in the environment it does not hold.
+Exit code 0: all checks that could run hold; 1: at least one failed. A check whose tool is missing is skipped with a message; with
+NOSLIP_REQUIRE_FIRMWARE=1 in the environment it fails.
 """
 
 import argparse
@@ -37,7 +37,7 @@ CHECKS: dict[str, Callable[[Task], str]] = {
 
 
 def checked(name: str, task: Task) -> tuple[str, str]:
-    """How a check ended - holds, FAILED or skipped - and what it says."""
+    """Run a check; return its result (holds, FAILED or skipped) and its message."""
     try:
         return "holds", CHECKS[name](task)
     except Missing as missing:
@@ -48,17 +48,17 @@ def checked(name: str, task: Task) -> tuple[str, str]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Runs the checks; answers the exit code."""
+    """Run the checks and return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m noslip.guarantees", description=__doc__.split("\n\n")[0])
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which of {', '.join(CHECKS)} (default: all)")
-    parser.add_argument("--short", action="store_true", help="the versions that run in the tests")
-    parser.add_argument("--update", action="store_true", help="take what is measured now as the budget")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"any of {', '.join(CHECKS)} (default: all)")
+    parser.add_argument("--short", action="store_true", help="run the short versions, as the tests do")
+    parser.add_argument("--update", action="store_true", help="record the measured values as the new budget")
     parser.add_argument(
-        "-o", dest="out", metavar="DIR", default="build/guarantees", help="where it works (default: build/guarantees)"
+        "-o", dest="out", metavar="DIR", default="build/guarantees", help="working folder (default: build/guarantees)"
     )
     given = parser.parse_args(argv)
     if unknown := [name for name in given.names if name not in CHECKS]:
-        parser.error(f"no check {unknown[0]}; there are {', '.join(CHECKS)}")
+        parser.error(f"unknown check {unknown[0]}; known are {', '.join(CHECKS)}")
     task = Task(Path(given.out).resolve(), short=given.short, update=given.update)
     ends: list[str] = []
     for name in given.names or CHECKS:

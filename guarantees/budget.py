@@ -1,17 +1,17 @@
-"""The committed budget: bytes and instructions that no change may exceed unnoticed."""
+"""The committed budget: maximum numbers of bytes and instructions; a change that exceeds them fails."""
 
 import json
 
 from .tools import HERE, Failed, Machine, Task
 
 FILE = HERE / "budget.json"
-Numbers = dict[str, dict[str, int]]  # module -> quantity -> how much
+Numbers = dict[str, dict[str, int]]  # module -> quantity -> value
 
 
 def compare(task: Task, target: Machine, measured: Numbers) -> str:
-    """What has changed against the budget, in a few words; with task.update it becomes the budget.
+    """Compare measured numbers with the budget and return a summary of the differences; with task.update, record them instead.
 
-    Failed: something is above it, or not in it. With another compiler version than the budget's nothing fails.
+    Raises Failed if a number exceeds the budget or is missing from it, unless the budget is of another compiler version.
     """
     budget = json.loads(FILE.read_text()) if FILE.exists() else {}
     mine = budget.setdefault(target.name, {"compiler": target.version, "modules": {}})
@@ -20,18 +20,18 @@ def compare(task: Task, target: Machine, measured: Numbers) -> str:
         for module, quantities in measured.items():
             mine["modules"].setdefault(module, {}).update(quantities)
         FILE.write_text(_text(budget))
-        return "the budget is this now"
+        return "recorded as the new budget"
     changed = dict(_changed(mine["modules"], measured))
     if mine["compiler"] != target.version:
         return f"not compared: {target.version}, the budget is of {mine['compiler']}; {len(changed)} numbers differ"
     above = [text for text, more in changed.items() if more]
     if above:
-        raise Failed("\n".join([*above, "if that is wanted: python -m noslip.guarantees --update"]))
+        raise Failed("\n".join([*above, "if this is intended: python -m noslip.guarantees --update"]))
     return "; ".join(changed) if changed else "as budgeted"
 
 
 def _changed(budget: Numbers, measured: Numbers):
-    """Each difference in words, and whether it is above the budget."""
+    """Yield a description of each difference, and whether the budget is exceeded."""
     for module, quantities in measured.items():
         for quantity, value in quantities.items():
             allowed = budget.get(module, {}).get(quantity)
@@ -42,7 +42,7 @@ def _changed(budget: Numbers, measured: Numbers):
 
 
 def _text(budget: dict) -> str:
-    """JSON with a line for each module."""
+    """Return the budget as JSON with a line for each module."""
     targets = []
     for name, target in sorted(budget.items()):
         lines = [f"   {json.dumps(module)}: {json.dumps(numbers)}" for module, numbers in sorted(target["modules"].items())]

@@ -1,7 +1,7 @@
-"""Frama-C's EVA: for every bit pattern of what is given, no undefined behaviour, and answers as promised.
+"""Frama-C's EVA: no undefined behaviour for any bit pattern of the arguments, and results as asserted.
 
-Special floats are let in (-warn-special-float none), so that an alarm is an access outside of an object, an integer that
-overflows, a conversion that has no result, or a promise (an assert in c/eva/*.c) that EVA cannot show.
+Special floats are allowed (-warn-special-float none). An alarm is therefore an access outside an object, an integer overflow, a
+conversion without a defined result, or an assertion in c/eva/*.c that EVA cannot prove.
 """
 
 import re
@@ -17,7 +17,7 @@ OPTIONS = (
 PROGRAMS = HERE / "c" / "eva"
 SCALARS = {"float": ("_f", "0x1p-149f", "FLT_MAX", "_F"), "double": ("", "0x1p-1074", "DBL_MAX", "")}
 RECKONED = {f"self.{member}" for member in ("now", "pose", "direction", "pending", "left", "steady")}
-MAY_WRITE = {  # function -> objects and parts of them, as the programs call them
+MAY_WRITE = {  # function -> objects and members, named as in the programs, that it may write to
     "init": {"law"},
     "reset": {"law.held"},
     "step": {"law.held", "tau"},
@@ -43,7 +43,7 @@ MOST_IN_PATH |= {"noslip_path_advance": 2000, "noslip_path_step": 20000, "check_
 
 @dataclass(frozen=True)
 class AnalysedProgram:
-    """A program of c/eva/ and what it analyses, in one scalar."""
+    """A program of c/eva/ for a law or the runtime, in one scalar."""
 
     source: str
     scalar: str
@@ -54,9 +54,10 @@ class AnalysedProgram:
 
     @property
     def precision(self) -> list[str]:
-        """How many paths are told apart, and where fewer: which limit is none; whether a size is infinite.
+        """Options for the number of states kept apart (slevel), and the functions with another number.
 
-        The states at a return are told apart by what it answers; -1 is no size, so that of a size they are not.
+        Separate states are needed to distinguish limits that are absent and sizes that are infinite. The states at a return are
+        split by the returned value; the value -1 is not a size, so that states of a size are not split.
         """
         suffix = SCALARS[self.scalar][0]
         most = {"noslip_limit": 0, "noslip_abs": 0} | (MOST_IN_PATH if self.source == "path" else {})
@@ -65,21 +66,21 @@ class AnalysedProgram:
         return ["-eva-slevel", "100" if self.source == "path" else "2000", "-eva-slevel-function", each, *split]
 
     def sources(self, task: Task) -> list[Path]:
-        """The files to analyse."""
+        """The C files to analyse."""
         suffix = SCALARS[self.scalar][0]
         more = [task.generated / f"labmate{suffix}.c", task.generated / f"{self.law}{suffix}.c"] if self.law else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
         return [PROGRAMS / f"{self.source}.c", *more]
 
     def places(self, task: Task) -> list[str]:
-        """What the analysis has to reach in the program, named by its REACHED(...)."""
+        """The markers REACHED(...) in the program, all of which the analysis must reach."""
         text = (PROGRAMS / f"{self.source}.c").read_text()
         if not (self.law and task.follows(self.law)):
             text = re.sub(r"#if FOLLOWS.*?#endif", "", text, flags=re.S)
         return re.findall(r"REACHED\((\w+)\)", text)
 
     def defined(self, task: Task) -> dict[str, str]:
-        """The macros that the programs are written in."""
+        """The macros used by the programs: name -> replacement."""
         suffix, smallest, largest, upper = SCALARS[self.scalar]
         macros = {"SUFFIX": suffix, "REAL": self.scalar, "SMALLEST": smallest, "LARGEST": largest}
         macros |= {"ANGLE_MAX": f"NOSLIP_ANGLE_MAX{upper}"}
@@ -90,7 +91,7 @@ class AnalysedProgram:
 
 
 def programs(task: Task) -> list[AnalysedProgram]:
-    """What is analysed: of the short version the last law, which has follow too, and the odometry, in float."""
+    """Return the programs to analyse; the short version has the last law, which also has `follow`, and the odometry, in float."""
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
     named = [("law", law) for law in laws] + [("runtime", ""), ("path", "")][: 1 if task.short else 2]
@@ -98,17 +99,17 @@ def programs(task: Task) -> list[AnalysedProgram]:
 
 
 def eva(task: Task) -> str:
-    """No alarm and no assertion that is not shown, in any program; a step writes to what it may."""
+    """Check that no program has an alarm or an unproved assertion, and that functions write only to permitted objects."""
     need("frama-c", "frama-c-base")
     found = each(lambda program: analyse(task, program), programs(task))
     wrong = [line for _, lines in found for line in lines]
     if wrong:
         raise Failed("\n".join(wrong))
-    return f"{len(found)} programs, {sum(shown for shown, _ in found)} assertions shown, 0 alarms"
+    return f"{len(found)} programs, {sum(shown for shown, _ in found)} assertions proved, 0 alarms"
 
 
 def same_bits(task: Task) -> str:
-    """What Frama-C sees is in seven places written otherwise (`__FRAMAC__`): the digest of all laws and paths is the same."""
+    """Check that the C for Frama-C, which differs in seven places (`__FRAMAC__`), has the same digest of all laws and paths."""
     need("gcc", "gcc")
     states, folder = "2000" if task.short else "20000", task.folder / "framac"
     folder.mkdir(parents=True, exist_ok=True)
@@ -125,7 +126,7 @@ def same_bits(task: Task) -> str:
 
 
 def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
-    """How many assertions were shown, and what was not, or is not reached so that nothing is shown of it."""
+    """Return the number of proved assertions, and a message for each that is not proved or not reached."""
     code, text = attempt(command(task, program))
     if code or (shown := re.search(r"Assertions +(\d+) valid +(\d+) unknown +(\d+) invalid", text)) is None:
         return 0, [f"{program}: frama-c ended with {code}", *text.splitlines()[-10:]]
@@ -133,21 +134,21 @@ def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
     if int(shown[2]) + int(shown[3]) and not wrong:
         wrong = [f"{program}: {shown[0]}"]
     if not re.search(r"^ +0 alarms generated", text, re.M) and not wrong:
-        wrong = [f"{program}: alarms that are not told"]
+        wrong = [f"{program}: alarms that are not listed"]
     reached = set(re.findall(r"Frama_C_show_each_reached_(\w+)", text))
     wrong += [f"{program}: {place} is not reached" for place in program.places(task) if place not in reached]
     for function, written in re.findall(r"Out \(external\) for function (\w+):\n((?: +.*\n)+)", text):
         allowed = MAY_WRITE.get(function.removeprefix(f"{program.law}_").removesuffix(SCALARS[program.scalar][0]))
         written = re.sub(r"\[[^]]*\]", "", written)
         written = re.sub(r"(\w+){([^}]*)}", lambda each: each[2].replace(".", f"{each[1]}."), written)  # a{.b; .c} is a.b; a.c
-        places = set(re.findall(r"[A-Za-z_][\w.]*", written)) - {"__fc_errno"}  # that of sqrt: it is an instruction here
+        places = set(re.findall(r"[A-Za-z_][\w.]*", written)) - {"__fc_errno"}  # errno of sqrt, which is an instruction here
         if allowed is not None and not places <= allowed:
             wrong.append(f"{program}: {function} writes to {' '.join(written.split())}")
     return int(shown[1]), wrong
 
 
 def command(task: Task, program: AnalysedProgram) -> list[str]:
-    """The whole command line."""
+    """Return the complete command line."""
     places = [*task.include, f"-I{PROGRAMS}", *(f"-D{name}={value}" for name, value in program.defined(task).items())]
     preprocess = " ".join(place.replace('"', '\\"') for place in places)
     options = [*OPTIONS, *program.precision, f"-cpp-extra-args={preprocess}"]

@@ -1,7 +1,7 @@
-"""What the controller answers when something around it breaks: the table of docs/faults.md, measured anew each time.
+"""Response of the controller to faults: measures the tables of docs/faults.md.
 
-Two parts. A law by itself, every bit of every number it senses flipped in turn. And the vehicle of firmware/ on its way, with
-counters that lie or stand still, ticks that are missed, a clock that is wrong, motors that may do nothing.
+There are two tables. The first is for each law alone: every bit of every number of the state is flipped in turn. The second is
+for the vehicle of firmware/ on its path, with wrong or constant counters, missed ticks, a wrong clock, and motors without torque.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from .vehicle import STOP, Firmware, FirmwareLoop, Refused
 PAGE = "docs/faults.md"
 SEED, STATES, BITS = 1992, 20, 32
 LIMIT = 20.0  # N m
-SAME = 0.01  # of the largest torque: a change that nobody would notice
-BEGIN, TICKS = 200, 2600  # of a run: the fault begins, and all there are
+SAME = 0.01  # of the limit: smaller changes of a torque count as none
+BEGIN, TICKS = 200, 2600  # of a run: when the fault begins, and the total number
 NO_MASS = tuple((f"params__{name}", 1e-30) for name in ("m_c", "m_w", "I_c", "I_w", "I_m"))
 REASONS = ("runs", "stops: an error", "stops: too many strikes", "stops: a wheel stands")
 
@@ -61,13 +61,13 @@ do not show, such as a slipping or lifted wheel, are not detected.
 """
 
 
-# -- a law and every bit of what it senses ---------------------------------------------------------------------------------
+# -- a law, with each bit of its state flipped ---------------------------------------------------------------------------------
 
 
 def flipped(law_name: str, states: int) -> dict[str, int]:
-    """How often a law (float, limits 20 N m) answers what after one bit of one sensed number has flipped.
+    """Count the results of a law (float, limits 20 N m) by kind after one bit of one number of the state has flipped.
 
-    Failed: a torque that is not finite or beyond its limit, or an error with a torque that is not zero.
+    Raises Failed if a torque is not finite or exceeds its limit, or is not zero with an error.
     """
     robot = find_robot("labmate")
     law, counts = law_of(robot, law_name), dict.fromkeys(("same", "other", "nonfinite", "range", "singular"), 0)
@@ -92,23 +92,23 @@ def _flip(state: np.ndarray, k: int, bit: int) -> np.ndarray:
 def _kind(law: str, status: str, tau: np.ndarray, good: np.ndarray) -> str:
     error = status not in ("ok", "saturated")
     if not np.all(np.abs(tau) <= LIMIT) or (error and np.any(tau != 0)):
-        raise Failed(f"{law}: answers {status} with torques {tau}")
+        raise Failed(f"{law}: returns {status} with torques {tau}")
     return status if error else "same" if np.abs(tau - good).max() <= SAME * LIMIT else "other"
 
 
-# -- the vehicle on its way ------------------------------------------------------------------------------------------------
+# -- the vehicle on its path ------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What breaks: `misread` changes the counters that a tick sees, `missed` says how many ticks are left out before it,
-    `settings` are changed before the start (names as in vehicle.h, `__` between them)."""
+    """A fault: `misread` changes the counters read at a tick, `missed` returns the number of ticks missed before it, `settings`
+    are changed before the start (member names as in vehicle.h, separated by `__`)."""
 
     name: str
     misread: Callable[[int, np.random.Generator, list[int]], list[int]] = lambda tick, random, counts: counts
     missed: Callable[[int], int] = lambda tick: 0
     settings: tuple[tuple[str, float], ...] = ()
-    told: bool = True  # does the loop know of the ticks that were missed?
+    reported: bool = True  # whether the loop receives the number of missed ticks
 
 
 def _one_bit(bit: int, wheel: int, when: Callable[[int, np.random.Generator], bool]) -> Callable:
@@ -137,7 +137,7 @@ def _noisy(tick: int, random: np.random.Generator, counts: list[int]) -> list[in
 
 
 def faults() -> list[Fault]:
-    """All that are tried, the undisturbed run first."""
+    """Return all faults, starting with a run without one."""
     once, often = (lambda tick, random: tick == BEGIN), (lambda tick, random: tick >= BEGIN and random.random() < 0.01)
     always = lambda tick, random: tick >= BEGIN and random.random() < 0.5  # noqa: E731
     later = lambda missed: lambda tick: missed if tick >= BEGIN else 0  # noqa: E731
@@ -152,22 +152,22 @@ def faults() -> list[Fault]:
         Fault("one tick in 150 is missed", missed=lambda tick: int(tick >= BEGIN and tick % 150 == 0)),
         Fault("3 ticks are missed, once", missed=lambda tick: 3 * (tick == BEGIN)),
         Fault("20 ticks are missed, once", missed=lambda tick: 20 * (tick == BEGIN)),
-        Fault("every tick takes ten times too long, and the clock says so", missed=later(9)),
-        Fault("every tick takes ten times too long, and the clock does not know", missed=later(9), told=False),
-        Fault("every tick takes twice as long, and the clock does not know", missed=later(1), told=False),
+        Fault("every tick takes ten times too long, and the clock shows it", missed=later(9)),
+        Fault("every tick takes ten times too long, and the clock does not show it", missed=later(9), reported=False),
+        Fault("every tick takes twice as long, and the clock does not show it", missed=later(1), reported=False),
         Fault("limits of 0 N m: no limits", settings=(("limits__limit__0", 0.0), ("limits__limit__1", 0.0))),
         Fault("limits of 1e-6 N m: no torque", settings=(("limits__limit__0", 1e-6), ("limits__limit__1", 1e-6))),
         Fault("supplies of 1e-6 V: no torque", settings=(("motors__0__supply", 1e-6), ("motors__1__supply", 1e-6))),
         Fault("no mass: m_c = 0", settings=(("params__m_c", 0.0),)),
         Fault("a singular mass matrix: all masses and inertias 1e-30", settings=NO_MASS),
-        Fault("a radius that is not a number", settings=(("params__r", float("nan")),)),
+        Fault("a wheel radius of NaN", settings=(("params__r", float("nan")),)),
     ]
 
 
 @dataclass(frozen=True)
 class FaultOutcome:
-    """How a run with a fault went: statuses other than good ones, how the watchdog ended and after how many ticks of the fault,
-    way rolled from the first fault to the command of zero (m; None if it went on), error at the end (m; None unless arrived)."""
+    """Outcome of a run with a fault: error statuses, how the run ended and after how many ticks of the fault, distance rolled
+    from the first fault to the zero command (m; None if it did not stop), and error at the end (m; None unless it arrived)."""
 
     statuses: tuple[str, ...]
     end: str
@@ -177,11 +177,11 @@ class FaultOutcome:
 
 
 def outcome(c: Firmware, fault: Fault) -> FaultOutcome:
-    """Runs the vehicle with a fault. Failed: a command that is not finite, beyond its limit, or not zero after a stop."""
+    """Run the vehicle with a fault. Raises Failed if a command is not finite, exceeds its limit, or is not 0 after a stop."""
     try:
         loop = FirmwareLoop(c, **dict(fault.settings))
     except Refused as refused:
-        return FaultOutcome((refused.status,), "refused before anything moves")
+        return FaultOutcome((refused.status,), "rejected before anything moves")
     random = np.random.default_rng(SEED)
     statuses: dict[str, None] = {}
     stopped, way, standing = None, 0.0, 0
@@ -193,7 +193,7 @@ def outcome(c: Firmware, fault: Fault) -> FaultOutcome:
             counts[0], counts[1] = fault.misread(tick, random, [counts[0], counts[1]])
 
         before = (c.lib.x, c.lib.y)
-        status = loop.tick(misread, missed, fault.told)
+        status = loop.tick(misread, missed, fault.reported)
         _check(c, fault, loop)
         if stopped is None and tick >= begin:
             way += float(np.hypot(c.lib.x - before[0], c.lib.y - before[1]))
@@ -228,7 +228,7 @@ def _check(c: Firmware, fault: Fault, loop: FirmwareLoop) -> None:
 
 
 def page(laws: dict[str, dict[str, int]], runs: dict[str, FaultOutcome], states: int) -> str:
-    """Markdown of both tables."""
+    """Return the page with both tables, in Markdown."""
     rows = [
         f"| `{law}` | {' | '.join(_share(n, sum(counts.values())) for n in counts.values())} |" for law, counts in laws.items()
     ]
@@ -249,7 +249,7 @@ def _number(value: float | None, form: str) -> str:
 
 
 def table(root: Path, states: int = STATES) -> str:
-    """The page as it is now, of the firmware in a tree. Failed as `flipped` and `outcome` say."""
+    """Return the page for the firmware of a source tree. Raises Failed as `flipped` and `outcome` do."""
     robot = find_robot("labmate")
     laws = {name: flipped(name, states) for name in find_laws(system_of(robot))}
     with tempfile.TemporaryDirectory() as folder:
@@ -259,11 +259,11 @@ def table(root: Path, states: int = STATES) -> str:
 
 
 def check(task: Task) -> str:
-    """Is the page what happens? Failed: it is not."""
+    """Check that the page agrees with the measurements. Raises Failed if not."""
     need("gcc", "gcc")
     path, now = task.root / PAGE, table(task.root)
     if task.update:
         path.write_text(now)
     if not path.exists() or path.read_text() != now:
-        raise Failed(f"{PAGE} is not what happens now; python -m noslip.guarantees faults --update")
-    return f"{len(faults())} faults of the vehicle, each bit of what a law senses: as {PAGE} says"
+        raise Failed(f"{PAGE} differs from the measurements; python -m noslip.guarantees faults --update")
+    return f"{len(faults())} faults of the vehicle, each bit of the state of each law: as in {PAGE}"

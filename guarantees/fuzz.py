@@ -1,4 +1,4 @@
-"""Running the C on what nobody would give it: sanitizers over seeded numbers, and libFuzzer."""
+"""Runs the C on arbitrary arguments: sanitizers with seeded random numbers, and libFuzzer."""
 
 import base64
 import re
@@ -10,14 +10,15 @@ from .tools import HERE, STANDARD, Failed, Missing, Task, attempt, each, need, r
 CHECKS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
 RUNTIME = ("odometry", "integral", "angles", "path")
 SCALARS = {"double": "", "float": "_f"}
-CORPUS = HERE / "corpus.txt"  # an input a line, base64
-RUNS = {True: 20_000, False: 500_000}  # of libFuzzer, short or not; the README has the figures of more
-SEEDED = {True: 10_000, False: 200_000}  # calls a function
-LONGEST = 512  # bytes of an input
+CORPUS = HERE / "corpus.txt"  # one input per line, base64
+RUNS = {True: 20_000, False: 500_000}  # of libFuzzer, short or not; README.md describes longer campaigns
+SEEDED = {True: 10_000, False: 200_000}  # calls of each function
+LONGEST = 512  # maximum bytes of an input
 
 
 def sanitizers(task: Task) -> str:
-    """Seeded numbers, any bits among them, through everything, and the digest of all laws: no report, and the digest's bits."""
+    """Check that calls of every function with seeded arguments, including arbitrary bits, give no report, and that the digest of
+    all laws is the same."""
     gcc = need("gcc", "gcc")
     folder = _folder(task, "sanitizers")
     (folder / "seeded.c").write_text(_drivers(task) + SEEDED_MAIN)
@@ -34,37 +35,37 @@ def sanitizers(task: Task) -> str:
         _program(task, _folder(task, name), gcc, more, digest) for name, more in (("plain", ["-O2"]), ("checked", flags))
     )
     if len({run([program, "20000", "20000"]) for program in (plain, checked)}) != 1:
-        raise Failed("the digest is another one with sanitizers")
+        raise Failed("the digest differs with sanitizers")
     return f"{len(counted)} functions, {SEEDED[False]} calls each; the digest of 20000 states"
 
 
 def fuzz(task: Task) -> str:
-    """libFuzzer with the sanitizers, from the committed corpus on: no finding."""
+    """Check that libFuzzer with the sanitizers, starting from the committed corpus, has no finding."""
     clang = need("clang", "clang")
     folder = _folder(task, "fuzz")
     (folder / "fuzz.c").write_text(_drivers(task) + FUZZ_MAIN)
     flags = [_level(task), CHECKS.replace("=", "=fuzzer,"), "-fno-sanitize-recover=all"]
     (folder / "probe.c").write_text("int LLVMFuzzerTestOneInput(const char *x, unsigned long n) { return x == 0 && n > 9; }\n")
     if attempt([clang, flags[1], folder / "probe.c", "-o", folder / "probe"])[0]:
-        raise Missing("install libclang-rt-14-dev (that of the clang there is)")
+        raise Missing("install libclang-rt-14-dev (of the version of the installed clang)")
     program = _program(task, folder, clang, flags, folder / "fuzz.c")
     corpus, found = _unpacked(folder), _empty(folder / "found")
-    told = _fuzz(program, [f"-runs={RUNS[task.short]}", "-seed=1992"], found, corpus)
+    summary = _fuzz(program, [f"-runs={RUNS[task.short]}", "-seed=1992"], found, corpus)
     if task.update:
         merged = _empty(folder / "merged")
         run([program, "-merge=1", "-use_counters=0", f"-max_len={LONGEST}", merged, corpus, found])
         inputs = [base64.b64encode(path.read_bytes()).decode() for path in merged.iterdir()]
         CORPUS.write_text("".join(f"{line}\n" for line in sorted(inputs, key=lambda line: (len(line), line))))
-        told += f"; corpus of {len(inputs)} inputs"
-    return told
+        summary += f"; corpus of {len(inputs)} inputs"
+    return summary
 
 
 def _fuzz(program: Path, options: list[str], found: Path, corpus: Path) -> str:
-    """Runs libFuzzer: new inputs go to `found`, one that fails into the program's folder."""
+    """Run libFuzzer: writes new inputs to `found`, and a failing one to the folder of the program; returns a summary."""
     fixed = [f"-max_len={LONGEST}", "-print_final_stats=1", f"-artifact_prefix={program.parent}/"]
     code, text = attempt([program, *options, *fixed, found, corpus])
     if code:
-        report = re.search(r"^.*(: not |: runtime error: |ERROR: )", text, re.M)  # of a check, of UBSan, of the others
+        report = re.search(r"^.*(: not |: runtime error: |ERROR: )", text, re.M)  # of a check, of UBSan, of the other sanitizers
         raise Failed(text[report.start() :][:3000] if report else text[-3000:])
     runs = re.findall(r"number_of_executed_units: (\d+)", text)[-1]
     edges, features = re.findall(r"cov: (\d+) ft: (\d+)", text)[-1]
@@ -72,7 +73,7 @@ def _fuzz(program: Path, options: list[str], found: Path, corpus: Path) -> str:
 
 
 def _unpacked(folder: Path) -> Path:
-    """The committed corpus as a folder."""
+    """Unpack the committed corpus into a folder."""
     corpus = _empty(folder / "corpus")
     for number, line in enumerate(CORPUS.read_text().split() if CORPUS.exists() else []):
         (corpus / str(number)).write_bytes(base64.b64decode(line))
@@ -92,17 +93,17 @@ def _folder(task: Task, name: str) -> Path:
 
 
 def _level(task: Task) -> str:
-    """Of the short version compiling is what costs."""
+    """Return the optimization level; in the short version most of the time is compilation."""
     return "-O0" if task.short else "-O1"
 
 
 def _functions(task: Task) -> list[str]:
-    """What is called, by name: laws and the runtime's, in both scalars."""
+    """Return the names of the laws and of the parts of the runtime that are called, in both scalars."""
     return [name + suffix for name in (*task.laws, *RUNTIME) for suffix in SCALARS.values()]
 
 
 def _drivers(task: Task) -> str:
-    """C that has a function of one kind for everything, and a table of them."""
+    """Return C with a driver function of the same type for each law and each part of the runtime, and a table of them."""
     runtime = ("noslip_angle.h", "noslip_integral.h", "noslip_odometry.h", "noslip_path.h", "noslip_reversing.h")
     parts = [f'#include "{header}"\n' for header in ("law_fuzz.h", *runtime)] + ["#define ROBOT labmate\n"]
     for real, suffix in SCALARS.items():
@@ -114,7 +115,7 @@ def _drivers(task: Task) -> str:
 
 
 def _program(task: Task, folder: Path, compiler: str, flags: list[str], source: Path) -> Path:
-    """Everything and a driver, compiled and linked."""
+    """Compile and link all sources with a driver."""
     include = [*task.include, f"-I{task.root / 'tests/c'}"]
     command = [compiler, *STANDARD, *flags, *include]
 
@@ -128,14 +129,14 @@ def _program(task: Task, folder: Path, compiler: str, flags: list[str], source: 
 
 
 def _rows(text: str) -> dict[str, list[int]]:
-    """Function -> how many calls gave each kind of answer; of a law, and of its follow. Failed: one was never answered."""
+    """Return function -> number of calls by kind of result, for a law also of follow. Raises Failed if hardly any succeeded."""
     rows: dict[str, list[int]] = {}
     for line in text.splitlines():
         name, *words = line.split()
         counted = [int(word) for word in words]
         rows |= {name: counted[:8]} | ({f"{name} follow": counted[8:]} if any(counted[8:]) else {})
     if idle := [name for name, counted in rows.items() if counted[-2] < 100]:
-        raise Failed(f"hardly a good answer from {', '.join(idle)}: the numbers given are no test")
+        raise Failed(f"hardly any successful call of {', '.join(idle)}: the arguments do not test it")
     return rows
 
 

@@ -1,4 +1,4 @@
-"""How many instructions a step executes on the emulated target: the least and the most, for each kind of answer.
+"""How many instructions a step executes on the emulated target: minimum and maximum for each kind of result.
 
 These are instructions, not cycles.
 """
@@ -8,14 +8,14 @@ import re
 from . import budget
 from .tools import HERE, M4F, STANDARD, Task, need, run
 
-STATES = 4000  # a law; the short version has a tenth
+STATES = 4000  # of each law; a tenth in the short version
 KINDS = {"good": "answers", "cut": "cuts a torque", "slowed": "gives up speed", "refused": "refuses"}
 ROUTE = ("odometry_good", "odometry_refused", "path_line", "path_arc", "path_next", "path_refused")
 MACHINE = "qemu-system-arm -M mps2-an386 -display none -monitor none -serial none -semihosting-config enable=on,target=native"
 
 
 def instructions(task: Task) -> str:
-    """Least and most of every law's step and follow, of odometry and of the path; the most compared with the budget."""
+    """Count the instructions of step and follow of every law, of odometry and of the path; compare the maxima with the budget."""
     need("qemu-system-arm", "qemu-system-arm")
     folder = task.folder / "instructions"
     folder.mkdir(parents=True, exist_ok=True)
@@ -24,15 +24,15 @@ def instructions(task: Task) -> str:
     measured: budget.Numbers = {}
     for (module, kind), (least, most) in found.items():
         counted = {f"most {kind}": most} if task.short else {f"least {kind}": least, f"most {kind}": most}
-        measured.setdefault(module, {}).update(counted)  # of fewer states the least may be more than budgeted
+        measured.setdefault(module, {}).update(counted)  # with fewer states the minimum may exceed the budgeted one
     spread = [f"{module} {low} to {high}" for (module, kind), (low, high) in found.items() if kind == "good" and low != high]
-    said = f"the same for every good answer, but of {', '.join(spread)}" if spread else "the same for every good answer"
+    said = f"the same for every successful call, except {', '.join(spread)}" if spread else "the same for every successful call"
     compared = budget.compare(task, M4F, measured)
     return f"{said} ({len(measured)} functions)" if task.short else f"{said}; {compared}"
 
 
 def _image(task: Task, folder):
-    """A program for the board that calls everything."""
+    """Build a program for the board that calls all functions to be counted."""
     laws = "".join(task.driver(law, "_f", "instructions.inc") for law in task.laws)
     states = STATES // 10 if task.short else STATES
     calls = "".join(f"    count_{law}_f({states});\n" for law in task.laws)
@@ -51,7 +51,7 @@ def _image(task: Task, folder):
 
 
 def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
-    """(module, kind of answer) -> least and most instructions."""
+    """Return (module, kind of result) -> minimum and maximum number of instructions."""
     listing = run([M4F.tool("nm"), "-S", image])
     places = {name: (int(at, 16), int(size, 16)) for at, size, name in re.findall(r"^(\S+) (\S+) [Tt] (\w+)$", listing, re.M)}
     steps = [(law, f"{law}_f", f"{law}_step_f") for law in task.laws]

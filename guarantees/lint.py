@@ -1,4 +1,4 @@
-"""What compilers and checkers find in the C by reading it: strict warnings, clang-tidy, MISRA C:2012."""
+"""Static checks of the C: strict compiler warnings, clang-tidy, MISRA C:2012."""
 
 import re
 from pathlib import Path
@@ -10,14 +10,14 @@ STRICT = (
     "-Wundef -Wcast-qual -Wstrict-prototypes -Wmissing-prototypes -Wvla -Werror"
 ).split()
 DEVIATIONS = HERE / "misra.md"
-# what the checker is told of the compiler: gcc for Cortex-M4F; it reads no headers of the system
+# macros of gcc for Cortex-M4F, which cppcheck assumes; it reads no system headers
 AS_M4F = [f"-D{name}" for name in ("__GNUC__=12", "__STDC_VERSION__=199901L", "__arm__=1", "__ARM_FP=4")] + [
     f"-D{name}" for name in ("FLT_EVAL_METHOD=0", "FLT_RADIX=2", "FLT_MANT_DIG=24", "DBL_MANT_DIG=53")
 ]
 
 
 def warnings(task: Task, target: Machine = HOST) -> str:
-    """No warning from gcc, its analyzer, or clang; on the bare target from its gcc. Every source, and headers by themselves."""
+    """Check that gcc with its analyzer and clang (on a bare target: its gcc) give no warning for any source or header."""
     sources = _sources(task)
     commands = [[target.compiler, *target.flags, "-fanalyzer"]]
     if target is HOST:
@@ -30,7 +30,7 @@ def warnings(task: Task, target: Machine = HOST) -> str:
 
 
 def tidy(task: Task) -> str:
-    """No finding of clang-tidy with the checks of .clang-tidy."""
+    """Check that clang-tidy, with the checks of .clang-tidy, has no finding."""
     need("clang-tidy", "clang-tidy")
     sources = _sources(task)
     command = ["clang-tidy", "--quiet", f"--config-file={task.root / '.clang-tidy'}"]
@@ -40,18 +40,18 @@ def tidy(task: Task) -> str:
 
 
 def misra(task: Task) -> str:
-    """No finding of cppcheck and its MISRA addon but those that misra.md tells the reason of, by rule and files."""
+    """Check that cppcheck and its MISRA addon have no findings except those listed in misra.md by rule and files."""
     need("cppcheck", "cppcheck")
     allowed, used = _deviations(), set()
     found = _findings(task)
     undocumented = []
     for path, line, rule in found:
         if task.short and rule.startswith("2."):
-            continue  # what is not used only all of it can tell
+            continue  # unused items can be found only in the complete sources
         if any(Path(path).match(files) for files in allowed.get(rule, ())):
             used.add(rule)
         else:
-            undocumented.append(f"{path}:{line}: {rule}, and no deviation in misra.md")
+            undocumented.append(f"{path}:{line}: {rule} is not among the deviations of misra.md")
     hold(undocumented)
     if not task.short:
         hold(f"misra.md: nothing deviates from {rule} any more" for rule in sorted(set(allowed) - used))
@@ -59,12 +59,12 @@ def misra(task: Task) -> str:
 
 
 def _findings(task: Task) -> list[tuple[str, str, str]]:
-    """(file, line, rule), each once. Its exit code says nothing of what the addon finds."""
+    """Return the findings (file, line, rule), each once. The exit code of cppcheck does not depend on those of the addon."""
     build = task.folder / "misra"
     build.mkdir(parents=True, exist_ok=True)
     template = "--template={file}:{line}: {id}: {message}"
     command = ["cppcheck", "--addon=misra", "--enable=style", "--std=c99", "--quiet", f"--cppcheck-build-dir={build}", template]
-    # it takes the float and the double function that one line makes for one; and declarations stand where a function begins
+    # two findings that do not apply: functions of both scalars from one text, declarations at the start of a function
     command += ["--suppress=ctuArrayIndex", "--suppress=variableScope"]
     code, text = attempt([*command, *AS_M4F, *task.include, *_sources(task)])
     if code:
@@ -80,13 +80,13 @@ def _findings(task: Task) -> list[tuple[str, str, str]]:
 
 
 def _deviations() -> dict[str, list[str]]:
-    """Rule -> the places, as patterns of file names, where misra.md lets it be broken."""
+    """Return rule -> patterns of the files in which misra.md permits deviations."""
     rows = re.findall(r"^\| ([\d.]+) \|[^|]*\| ([^|]+?) \|", DEVIATIONS.read_text(), re.M)
     return {rule: re.findall(r"`(.*?)`", files) for rule, files in rows}
 
 
 def _sources(task: Task) -> list[Path]:
-    """Every source; of the short version a law, what headers have, and the vehicle."""
+    """Return all sources; in the short version a law, the inline functions of the headers, and the vehicle."""
     law = task.generated / f"{task.laws[-1]}_f.c" if task.laws else None
     if task.short and law:
         return [law, task.headers(), task.root / "firmware/vehicle.c"]

@@ -1,4 +1,4 @@
-"""What the compiled C needs: symbols, stack and bytes."""
+"""Memory of the compiled C: symbols, stack and sizes."""
 
 import re
 from pathlib import Path
@@ -8,16 +8,16 @@ from noslip.bench.callgraph import Graph, call_graph, deepest, reached
 from . import budget
 from .tools import HOST, M4F, Machine, Task, hold, run
 
-BY_COMPILERS = {"memcpy", "memmove", "memset"}  # calls that compilers make by themselves
+BY_COMPILERS = {"memcpy", "memmove", "memset"}  # calls that compilers generate
 MOST_STACK = 256  # bytes
-EMIT_ALL = "-fkeep-inline-functions"  # so that what only headers have is in the object of headers.c too
+EMIT_ALL = "-fkeep-inline-functions"  # so that the object of headers.c contains the inline functions
 IN_HEADERS = ("noslip_odometry", "noslip_encoder", "noslip_integral", "noslip_nearest_angle", "noslip_reversing")
 
 
 def symbols(task: Task, target: Machine = HOST) -> str:
-    """Nothing undefined but what compilers call by themselves, nothing that is written to; links without any library.
+    """Check that no symbol is undefined except those that compilers call, that no data is writable, that no library is needed.
 
-    On the bare target float only, for its double needs the compiler's library, and nothing undefined at all.
+    On a bare target only the float sources are checked, since double needs the compiler's library; no symbol may be undefined.
     """
     objects = target.compile(task, task.sources if target is HOST else task.float_sources)
     objects += target.compile(task, [task.headers()], EMIT_ALL) if target is HOST else []
@@ -31,20 +31,20 @@ def symbols(task: Task, target: Machine = HOST) -> str:
             elif kind in "TtRrNn":
                 defined.add(name)
             else:
-                found.append(f"{made.name}: {name} is data that is written to (nm says {kind})")
+                found.append(f"{made.name}: {name} is writable data (nm: {kind})")
         _, data, bss = _size(target, made)
         if data or bss:
             found.append(f"{made.name}: {data} bytes of data, {bss} of bss")
-    needed = set(wanted) - defined - {"_GLOBAL_OFFSET_TABLE_"}  # position independent code has this, no function has it
+    needed = set(wanted) - defined - {"_GLOBAL_OFFSET_TABLE_"}  # exists in position-independent code; not a function
     hold([*found, *(f"{wanted[name]} needs {name}" for name in sorted(needed - by_compilers))])
     _link(task, target, objects)
     return f"{len(objects)} objects need {', '.join(sorted(needed)) or 'nothing'}, have no data and no bss, link with -nostdlib"
 
 
 def stack(task: Task, target: Machine = M4F) -> str:
-    """The dearest chain of calls from each entry point; no recursion, no frame that grows, no call of something unknown.
+    """Check the stack of the deepest call chain of each entry point: no recursion, variable frame or unknown function.
 
-    Unknown is also the compiler's library, so that no function of the float side uses double.
+    The compiler's library counts as unknown, so that a use of double in a float function is found.
     """
     graph = _graph(task, target)
     entries = [name for name in sorted(graph) if name.endswith("_f") and name.startswith((*IN_HEADERS, "noslip_path", "labmate"))]
@@ -63,7 +63,7 @@ def stack(task: Task, target: Machine = M4F) -> str:
 
 
 def sizes(task: Task, target: Machine = HOST) -> str:
-    """Bytes of code and data of each object, and of the struct that its caller owns."""
+    """Compare the bytes of code and data of each object, and of the struct that the caller owns, with the budget."""
     objects = target.compile(task, task.sources if target is HOST else task.float_sources)
     measured = {made.stem: dict(zip(("text", "data", "bss"), _size(target, made), strict=True)) for made in objects}
     for module, size in _structs(task, target).items():
@@ -79,7 +79,7 @@ def _size(target: Machine, made: Path) -> tuple[int, int, int]:
 
 
 def _link(task: Task, target: Machine, objects: list[Path]) -> None:
-    """Everything into one program, bare: a symbol that nobody has is an error."""
+    """Link all objects without libraries; an undefined symbol is an error."""
     by_compilers = target.compile(task, [task.root / "firmware/boards/string.c"], "-ffreestanding")
     options = [*target.flags, "-nostdlib", "-Wl,-z,defs,-e,labmate_check_params_f"]
     run([target.compiler, *options, *objects, *by_compilers, "-o", task.folder / target.name / "all"])
@@ -91,7 +91,7 @@ def _graph(task: Task, target: Machine) -> Graph:
 
 
 def _structs(task: Task, target: Machine) -> dict[str, int]:
-    """Module -> bytes of the struct that its caller owns."""
+    """Return module -> bytes of the struct that the caller owns."""
     laws = [law + suffix for law in task.laws for suffix in ("", "_f")]
     lines = [f'#include "{header}.h"' for header in (*laws, "noslip_path")]
     lines += [f"char size_of_{kind}[sizeof({kind})] = {{1}};" for kind in (*laws, "noslip_path", "noslip_path_f")]

@@ -1,4 +1,4 @@
-"""What the checks share: where the C is, how it is compiled, how a tool is run, what a check answers."""
+"""Shared by the checks: locations of the C, compilation, running of tools, results of a check."""
 
 import os
 import platform
@@ -17,14 +17,14 @@ from ..codegen.targets import STANDARD, TABLE, flags
 
 ROOT = Path(noslip.__file__).resolve().parent
 HERE = Path(__file__).resolve().parent
-TIMEOUT = 3600  # s, of any one tool: EVA of the paths takes minutes of processor time, on a busy machine long
+TIMEOUT = 3600  # s, of each tool; EVA of the path takes minutes of processor time
 
 Value = TypeVar("Value")
 Answer = TypeVar("Answer")
 
 
 class Missing(Exception):
-    """A tool is not there; the message says what to install."""
+    """A tool is missing; the message names the package to install."""
 
 
 class Failed(Exception):
@@ -33,7 +33,7 @@ class Failed(Exception):
 
 @dataclass(frozen=True)
 class Task:
-    """What a check is to do: on which C, where it may write, all of it or a short version, whether to accept a new budget."""
+    """Arguments of a check: the C, the working folder, short or complete version, whether to record a new budget."""
 
     folder: Path
     root: Path = ROOT
@@ -58,17 +58,17 @@ class Task:
 
     @property
     def sources(self) -> list[Path]:
-        """Every source."""
+        """All C sources."""
         return [*_c_files(self.runtime), *_c_files(self.generated)]
 
     @property
     def float_sources(self) -> list[Path]:
-        """Every source that has nothing but float."""
+        """The C sources in float only."""
         return [path for path in self.sources if path.stem.endswith("_f")]
 
     @property
     def firmware(self) -> list[Path]:
-        """What a user's project would have: the vehicle in firmware/, without its boards."""
+        """The C of the vehicle in firmware/, without the boards."""
         return _c_files(self.root / "firmware")
 
     @property
@@ -77,16 +77,16 @@ class Task:
         return [path.stem for path in _c_files(self.generated) if "_type_" in path.stem and not path.stem.endswith("_f")]
 
     def follows(self, law: str) -> bool:
-        """Does the law have a second step, `follow`, that a path tells the foot?"""
+        """Whether the law has the step function `follow`, which takes the foot on a path."""
         return f"int {law}_follow(" in (self.generated / f"{law}.h").read_text()
 
     def driver(self, law: str, suffix: str, text: str) -> str:
-        """C that includes for one law a text that is written once for all: see tests/c/law_names.h."""
+        """Return C that includes a file written for any law, for one law: see tests/c/law_names.h."""
         named = f"#define LAW {law}\n#define FOLLOWS {int(self.follows(law))}\n"
         return f'#include "{law}{suffix}.h"\n{named}#include "{text}"\n#undef LAW\n#undef FOLLOWS\n'
 
     def headers(self) -> Path:
-        """A source that includes every header of the runtime, so that functions that are inline are somewhere."""
+        """Write a source that includes every header of the runtime, to compile the inline functions."""
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / "headers.c"
         path.write_text("".join(f'#include "{header.name}"\n' for header in sorted(self.runtime.glob("*.h"))))
@@ -95,7 +95,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Machine:
-    """A machine, the compiler for it, and the package that has the compiler."""
+    """A machine, its compiler and flags, and the package of the compiler."""
 
     name: str
     prefix: str
@@ -104,7 +104,7 @@ class Machine:
 
     @property
     def compiler(self) -> str:
-        """The compiler's name. Missing: it is not there."""
+        """The name of the compiler. Raises Missing if it is not installed."""
         return need(f"{self.prefix}gcc", self.package)
 
     @property
@@ -113,11 +113,11 @@ class Machine:
         return f"{self.compiler} {run([self.compiler, '-dumpfullversion']).strip()}"
 
     def tool(self, name: str) -> str:
-        """One of the binary tools that come with the compiler."""
+        """Return the name of a binary tool that belongs to the compiler."""
         return need(self.prefix + name, self.package)
 
     def compile(self, task: Task, sources: Iterable[Path], *flags: str) -> list[Path]:
-        """Objects of sources at -O2, each with its call graph beside it; what was compiled before is not again."""
+        """Compile sources at -O2, with their call graphs, unless compiled before; return the objects."""
         folder = task.folder / self.name
         folder.mkdir(parents=True, exist_ok=True)
         command = (self.compiler, *STANDARD, "-O2", "-fcallgraph-info=su,da", *self.flags, *flags, *task.include, "-c")
@@ -141,14 +141,14 @@ def _compiled(command: tuple[str, ...], source: Path, target: Path) -> Path:
 
 
 def need(tool: str, package: str) -> str:
-    """The tool's name. Missing: it is not installed."""
+    """Return the name of the tool. Raises Missing if it is not installed."""
     if shutil.which(tool) is None:
         raise Missing(f"install {package}")
     return tool
 
 
 def run(command: Sequence[str | Path], folder: Path | None = None, **more: str) -> str:
-    """What a tool that must succeed says, on both channels. `more` goes into its environment. Failed: it did not."""
+    """Run a tool and return its output, stdout and stderr. `more`: environment variables. Raises Failed if it fails."""
     code, text = attempt(command, folder, **more)
     if code:
         raise Failed(f"{' '.join(map(str, command))}\n{text}".strip())
@@ -156,7 +156,7 @@ def run(command: Sequence[str | Path], folder: Path | None = None, **more: str) 
 
 
 def attempt(command: Sequence[str | Path], folder: Path | None = None, **more: str) -> tuple[int, str]:
-    """Exit code and what a tool says. Failed: it has not ended in time."""
+    """Run a tool and return its exit code and output. Raises Failed if it takes too long."""
     words = [str(word) for word in command]
     try:
         done = subprocess.run(
@@ -175,12 +175,12 @@ def attempt(command: Sequence[str | Path], folder: Path | None = None, **more: s
 
 
 def each(function: Callable[[Value], Answer], values: Iterable[Value]) -> list[Answer]:
-    """The function's answers, two at a time."""
+    """Return the results of the function for each value, two at a time."""
     with ThreadPoolExecutor(2) as pool:
         return list(pool.map(function, values))
 
 
 def hold(found: Iterable[str]) -> None:
-    """Failed, where anything was found."""
+    """Raise Failed if there are findings."""
     if lines := list(found):
         raise Failed("\n".join(lines))

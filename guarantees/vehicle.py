@@ -1,4 +1,4 @@
-"""The vehicle of firmware/ on this host, with its simulated board: its own C, called tick by tick."""
+"""The vehicle of firmware/ on this host: its C and the simulated board, called tick by tick."""
 
 import math
 from collections.abc import Callable
@@ -30,20 +30,20 @@ uint32_t clock_wait(void) { return late; }
 #include "simulated.h"
 #undef static
 
-int step_motor(const motor *self, float torque, float rate, float *told) { return motor_step(self, torque, rate, told); }
+int step_motor(const motor *self, float torque, float rate, float *command) { return motor_step(self, torque, rate, command); }
 
 /* Drives laps of pieces, each so many ticks with so many counts of each wheel; answers how many ticks were refused. */
 int drive_laps(vehicle *self, const int (*pieces)[3], int count, int laps)
 {
     uint32_t at[2] = {0, 0};
-    float told[2];
-    int lap, piece, tick, refused = vehicle_step(self, at, 0, told) == NOSLIP_RANGE;
+    float command[2];
+    int lap, piece, tick, refused = vehicle_step(self, at, 0, command) == NOSLIP_RANGE;
     for (lap = 0; lap < laps; lap++) {
         for (piece = 0; piece < count; piece++) {
             for (tick = 0; tick < pieces[piece][2]; tick++) {
                 at[0] += (uint32_t)pieces[piece][0];
                 at[1] += (uint32_t)pieces[piece][1];
-                refused += vehicle_step(self, at, 0, told) == NOSLIP_RANGE;
+                refused += vehicle_step(self, at, 0, command) == NOSLIP_RANGE;
             }
         }
     }
@@ -51,10 +51,11 @@ int drive_laps(vehicle *self, const int (*pieces)[3], int count, int laps)
 }
 """
 OWN = """
-int step_motor(const motor *self, float torque, float rate, float *told);
+int step_motor(const motor *self, float torque, float rate, float *command);
 int drive_laps(vehicle *self, const int (*pieces)[3], int count, int laps);
 int robot_settings(vehicle_settings *settings);
-int board_start(float period); uint32_t board_wait(void); void board_read(uint32_t *counts); void board_drive(const float *told);
+int board_start(float period); uint32_t board_wait(void); void board_read(uint32_t *counts);
+void board_drive(const float *command);
 extern vehicle_settings robot;
 extern float x, y, heading, rate[2], command[2];
 extern uint32_t counter[2], late;
@@ -63,7 +64,7 @@ void move(float dt);
 
 
 class Refused(Exception):
-    """The settings cannot work; `status` is the name of what init answered."""
+    """The settings are rejected; `status` is the name of the status that init returned."""
 
     def __init__(self, status: str):
         super().__init__(status)
@@ -71,10 +72,10 @@ class Refused(Exception):
 
 
 class Firmware(InC):
-    """The firmware's C on this host: `ffi` knows its types, `lib` its functions."""
+    """The C of the firmware on this host: `ffi` has its types, `lib` its functions."""
 
     def __init__(self, folder: Path, root: Path = ROOT):
-        """`root`: of the tree that has the firmware and its law."""
+        """`root`: the source tree with the firmware and its law."""
         firmware, generated = root / "firmware", root / "generated/labmate"
         own = [firmware / f"{name}.{kind}" for name in ("vehicle", "motor", "watchdog", "robot") for kind in "ch"]
         own += [firmware / "board.h", *(firmware / "boards" / name for name in ("clock.h", "simulated.c"))]
@@ -90,7 +91,7 @@ class Firmware(InC):
         return self.ffi.new(f"{kind} *", *initial)
 
     def used(self, kind: str):
-        """A struct in memory that was used before: NaN in every number."""
+        """Return a struct with NaN in every number, as in memory that was used before."""
         made = self.new(kind)
         self.ffi.buffer(made)[:] = b"\xff" * self.ffi.sizeof(kind)
         return made
@@ -108,20 +109,20 @@ class Firmware(InC):
         return made
 
     def motor(self, **settings):
-        """Answers the motor and the status of its init."""
+        """Return the motor and the status of its init."""
         made = self.used("motor")
         return made, self.lib.motor_init(made, self.new("motor_settings", settings))
 
 
-def way_to(place: str) -> tuple[str | int, ...]:
-    """The way to a member: motors__0__supply is supply of the first of motors."""
+def member_path(place: str) -> tuple[str | int, ...]:
+    """Return the members and indices in a name: motors__0__supply is the supply of the first motor."""
     return tuple(int(part) if part.isdigit() else part for part in place.split("__"))
 
 
 def change(settings, place: tuple, value) -> None:
-    """Sets a member of a struct, named by the way to it."""
-    *way, last = place
-    for name in way:
+    """Set a member of a struct, given the path to it."""
+    *path, last = place
+    for name in path:
         settings = settings[name] if isinstance(name, int) else getattr(settings, name)
     if isinstance(last, int):
         settings[last] = value
@@ -135,18 +136,18 @@ class FirmwareLoop:
     def __init__(self, c: Firmware, **changes):
         self.c, self.settings = c, c.settings()
         for place, value in changes.items():
-            change(self.settings, way_to(place), value)
+            change(self.settings, member_path(place), value)
         self.vehicle = c.vehicle(self.settings)
         self.counts, self.command = c.ffi.new("uint32_t[2]"), c.ffi.new("float[2]")
         c.lib.board_start(self.settings.period)
 
-    def tick(self, misread: Callable = lambda counts: None, missed: int = 0, told: bool = True) -> int:
-        """Answers the status; what the counters show may be changed on the way, and missed ticks be kept from the vehicle."""
+    def tick(self, misread: Callable = lambda counts: None, missed: int = 0, reported: bool = True) -> int:
+        """Run a tick and return its status; `misread` changes the counters, and missed ticks can be hidden from the vehicle."""
         self.c.lib.late = missed
         assert self.c.lib.board_wait() == missed
         self.c.lib.board_read(self.counts)
         misread(self.counts)
-        status = self.c.lib.vehicle_step(self.vehicle, self.counts, missed if told else 0, self.command)
+        status = self.c.lib.vehicle_step(self.vehicle, self.counts, missed if reported else 0, self.command)
         self.c.lib.board_drive(self.command)
         return status
 
@@ -155,7 +156,7 @@ class FirmwareLoop:
         return np.array([pose.x, pose.y, pose.heading])
 
     def drift(self) -> float:
-        """m: from the pose reckoned to the simulated vehicle's own."""
+        """Distance between the estimated and the true position of the simulated vehicle, m."""
         ahead = self.settings.params.d * np.array([math.cos(self.c.lib.heading), math.sin(self.c.lib.heading)])
         return np.abs(self.pose()[:2] - ahead - (self.c.lib.x, self.c.lib.y)).max()
 

@@ -153,9 +153,8 @@ def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX) -> None
     for column, velocity in enumerate(motions):
         if max(np.abs(value[:, column]).max() for value in values) < 1e-12:
             raise ModelError(
-                f"{where}: no output depends on the input along {velocity}; replace one by {velocity} itself or by an "
-                "output whose "
-                f"rate depends on it, such as a point that {velocity} moves (ahead of a steered wheel, not on its axle)"
+                f"{where}: no output depends on the input along {velocity}; replace one by {velocity} itself or by an output "
+                f"whose rate depends on it, such as a point that {velocity} moves (ahead of a steered wheel, not on its axle)"
             )
     if max(map(rank, values)) == len(rows):
         best = max(1 / np.linalg.cond(value, 1) for value in values)
@@ -169,8 +168,7 @@ def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX) -> None
     raise ModelError(
         f"{where}: the outputs {', '.join(rows[i] for i in together)} depend on each other: they contain only {shared} "
         f"{'combination' if shared == 1 else 'combinations'} of {', '.join(felt)}; replace one of them by an output that "
-        "contains "
-        "another, such as a point elsewhere on the robot (ahead of a steered wheel, off an axle)"
+        "contains another, such as a point elsewhere on the robot (ahead of a steered wheel, off an axle)"
     )
 
 

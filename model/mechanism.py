@@ -106,7 +106,7 @@ def matrix(expression: ca.SX | float, where: str) -> ca.SX:
         return ca.SX(expression)
     except (NotImplementedError, TypeError, RuntimeError) as error:
         text = " ".join(repr(expression).split())
-        raise ModelError(f"{where} is not an expression: {text[:60]}") from error
+        raise ModelError(f"{where} is not an expression: {text[:60]}; use numbers and CasADi SX") from error
 
 
 def refuse_strangers(expression: ca.SX, known: ca.SX, where: str, belongs: str) -> None:
@@ -187,7 +187,7 @@ class Mechanism:
         self._constraints: list[ca.SX] = []
         self._actuation: list[ca.SX] = []
         self._weights: list[ca.SX] = []
-        self._wanted: list[ca.SX] = []
+        self._preferred: list[ca.SX] = []
         self._forces: list[tuple[ca.SX, ca.SX]] = []
         self._quasi_expressions: list[ca.SX] = []
         self._null_space: ca.SX | None = None
@@ -279,24 +279,37 @@ class Mechanism:
 
     @_before_reduction
     def input(
-        self, name: str, unit: str, on: ca.SX, about: str = "", weight: ca.SX | float = 1.0, wanted: ca.SX | float = 0.0
+        self,
+        name: str,
+        unit: str,
+        on: ca.SX,
+        about: str = "",
+        weight: ca.SX | float = 1.0,
+        preferred: ca.SX | float = 0.0,
+        *,
+        wanted: ca.SX | float | None = None,
     ) -> None:
         """Add an input (force or torque) with the power input * `on`: a column of E(q).
 
         With more inputs than n-m, many inputs give the same motion (12). Of these the law chooses those with the smallest sum of
-        weight (input - wanted)^2; their difference affects only the constraint forces (8). `weight` is a positive number or an
-        expression in parameters; `wanted`, the preferred input in its unit, may also depend on coordinates and rates.
-        Raises ModelError for an invalid weight.
+        weight (input - preferred)^2; their difference affects only the constraint forces (8). `weight` is a positive number or
+        an expression in parameters; `preferred`, in the unit of the input, may also depend on coordinates and rates.
+        `wanted` is the former name of `preferred` and is deprecated. Raises ModelError for an invalid weight, and if both names
+        are given.
         """
         made, where = self._new(name, unit, about), f"input {name!r}"
-        weight, wanted = self._scalar(weight, f"{where}, weight"), self._scalar(wanted, f"{where}, wanted")
+        if wanted is not None:
+            if not (isinstance(preferred, int | float) and preferred == 0):
+                raise ModelError(f"{self.name}: {where}: give `preferred` or, as in older versions, `wanted`, not both")
+            preferred = wanted
+        weight, preferred = self._scalar(weight, f"{where}, weight"), self._scalar(preferred, f"{where}, preferred")
         if ca.depends_on(weight, ca.vertcat(self.q, self.qdot)) or weight.is_constant() and not 0 < float(weight) < math.inf:
             raise ModelError(f"{self.name}: {where}: weight {weight} must be a positive number or an expression in parameters")
-        if wanted.is_constant() and not math.isfinite(float(wanted)):
-            raise ModelError(f"{self.name}: {where}: wanted {wanted} is not finite")
+        if preferred.is_constant() and not math.isfinite(float(preferred)):
+            raise ModelError(f"{self.name}: {where}: preferred {preferred} is not finite")
         self._actuation.append(self._velocity(on, where))
         self._weights.append(weight)
-        self._wanted.append(wanted)
+        self._preferred.append(preferred)
         self.inputs.append(made)
         self._forget()
 
@@ -490,9 +503,9 @@ class Mechanism:
         return ca.vertcat(*self._weights)
 
     @property
-    def wanted(self) -> ca.SX:
+    def preferred(self) -> ca.SX:
         """The preferred value of each input, r x 1, in coordinates, rates and parameters."""
-        return ca.vertcat(*self._wanted)
+        return ca.vertcat(*self._preferred)
 
     @property
     def forces(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
@@ -565,7 +578,7 @@ class Mechanism:
             *[(f"constraint {name!r}", row) for name, row in named],
             *[(f"input {name!r}", row) for name, row in inputs],
             ("an input's weight", self.weights),
-            ("the preferred value of an input", self.wanted),
+            ("the preferred value of an input", self.preferred),
             *[("a force", ca.vertcat(*pair)) for pair in self._forces],
             *[("a quasi-velocity", row) for row in self._quasi_expressions],
             *[(f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left)) for c in self.contacts],

@@ -121,11 +121,11 @@ class ReducedSystem:
         return len(self.mechanism.inputs) > self.freedom
 
     @cached_property
-    def wanted(self) -> ca.SX:
+    def preferred(self) -> ca.SX:
         """Preferred inputs tau_0, r x 1, in q, nu and parameters, used as far as (12) allows; zero unless `redundant`."""
         mechanism = self.mechanism
         none = ca.SX(len(mechanism.inputs), 1)
-        return ca.sparsify(ca.substitute(mechanism.wanted, mechanism.qdot, self.qdot)) if self.redundant else none
+        return ca.sparsify(ca.substitute(mechanism.preferred, mechanism.qdot, self.qdot)) if self.redundant else none
 
     def spread(self, weight: Sequence[float] | None = None) -> ca.SX:
         """Return W^-1 (S'E)', r x (n-m), whose columns span the inputs of smallest sum(weight_i tau_i^2); `weight` as in
@@ -152,7 +152,7 @@ class ReducedSystem:
         With more inputs than n-m, the one nearest to the preferred tau_0: (S'E)^+ (Mbar u + bias) + (1 - (S'E)^+ S'E) tau_0.
         The contribution of tau_0 is in the null space of S'E: it changes the constraint forces and not the motion.
         """
-        return self.wanted + self.input_inverse(weight) @ (self.Mbar @ u + self.bias - self.input_map @ self.wanted)
+        return self.preferred + self.input_inverse(weight) @ (self.Mbar @ u + self.bias - self.input_map @ self.preferred)
 
     def constraint_forces(self, tau: ca.SX, nudot: ca.SX) -> ca.SX:
         """Return lambda of (8), m x 1, with the paper's sign: +A' lambda on the left-hand side."""

@@ -3,15 +3,18 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-import control
 import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.optimize import brentq
 
 from ..readers.errors import BadInput
 from .design import Gains, by_speed, chain, positive, sampled_chain, show
-from .margins import Margins, margins
+from .margins import Broken, Margins, margins
+
+if TYPE_CHECKING:
+    import control  # slow to import
 
 SCAN = 30  # periods tried before the one at which a margin is lost is refined
 SHORTEST = 1e-4  # of the stability limit: at shorter periods the margins are those of the continuous channel
@@ -61,15 +64,23 @@ class Channel:
         """As python-control has it: the period, 0 for continuous time."""
         return self.period or 0.0
 
-    def plant(self) -> control.StateSpace:
+    def plant(self) -> "control.StateSpace":
         """The chain of integrators from v to y and, for degree 2, ydot; its signals have names."""
+        import control
+
         A, B = chain(self.gains.degree) if self.period is None else sampled_chain(self.gains.degree, self.period)
         names = [self.name, f"{self.name}_rate"][: self.gains.degree]
         signals = {"states": names, "inputs": [f"v_{self.name}"], "outputs": names}
         return control.ss(A, B, np.eye(len(A)), 0, self.dt, name=f"{self.name}_plant", **signals)
 
-    def loop(self) -> control.StateSpace:
+    def broken(self) -> Broken:
         """L, broken at v, negative feedback."""
+        return Broken(*self._matrices(), self.dt)
+
+    def loop(self) -> "control.StateSpace":
+        """Return the same with names."""
+        import control
+
         A, B, K = self._matrices()
         v = f"v_{self.name}"
         return control.ss(A, B, K, 0, self.dt, inputs=[v], outputs=[f"{v}_returned"], name=f"{self.name}_loop")
@@ -77,7 +88,7 @@ class Channel:
     def margins(self) -> Margins:
         """Return the margins at v. Raises BadInput if the sampled channel is not stable."""
         self.check_stable()
-        return margins(self.loop())
+        return margins(self.broken())
 
     def check_stable(self) -> None:
         """Raise BadInput for a period beyond stability."""
@@ -90,8 +101,10 @@ class Channel:
                 f"the channel is stable below {limit:.6g} s"
             )
 
-    def closed(self) -> control.StateSpace:
+    def closed(self) -> "control.StateSpace":
         """Return the system from the desired y alone, with its derivatives zero, to y, ydot and v: for step responses."""
+        import control
+
         A, B, K = self._matrices()
         size, degree = len(A), self.gains.degree
         first = size - degree - self.delay  # where y is

@@ -7,14 +7,40 @@ found on a grid of frequencies and refined between its points, which needs no sl
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
-import control
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 POINTS = 600  # frequencies
 BELOW, ABOVE = 1e-3, 1e2  # the grid reaches so far below the slowest closed-loop pole and above the fastest
 SURE = 2  # inputs up to which the disk margin for all at once is exact, not a lower bound
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A loop broken at its inputs, negative feedback, as matrices A, B and C; `dt` is the period (s), 0 in continuous time."""
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    dt: float
+
+    @property
+    def D(self) -> np.ndarray:
+        """Zero: nothing passes through at once."""
+        return np.zeros((len(self.C), self.B.shape[1]))
+
+    @property
+    def ninputs(self) -> int:
+        """The number of inputs."""
+        return self.B.shape[1]
+
+
+if TYPE_CHECKING:
+    import control
+
+    Linear: TypeAlias = Broken | control.StateSpace
 
 
 @dataclass(frozen=True)
@@ -40,7 +66,7 @@ class Margins:
     disk_phase: float
 
 
-def margins(loop: control.StateSpace) -> Margins:
+def margins(loop: "Linear") -> Margins:
     """Margins of a square loop that is stable when closed."""
     omega, response = frequencies(loop), Response(loop)
     values = response(omega)
@@ -59,7 +85,7 @@ def disk_interval(disk: float) -> tuple[float, float]:
 class Response:
     """L at frequencies omega (rad/s), (N, r, r); inf is allowed in continuous time."""
 
-    def __init__(self, loop: control.StateSpace):
+    def __init__(self, loop: "Linear"):
         self._A, self._B, self._C, self._dt = loop.A, loop.B[None], loop.C, loop.dt
         self._D, self._one = loop.D.astype(complex)[None], np.eye(len(loop.A))
 
@@ -73,7 +99,7 @@ class Response:
         return made
 
 
-def frequencies(loop: control.StateSpace) -> np.ndarray:
+def frequencies(loop: "Linear") -> np.ndarray:
     """Where to look, rad/s: around the closed loop's poles, up to half the sampling rate, or inf in continuous time."""
     poles = np.linalg.eigvals(loop.A - loop.B @ np.linalg.solve(np.eye(len(loop.D)) + loop.D, loop.C)).astype(complex)
     rates = np.abs(np.log(poles[poles != 0]) / loop.dt if loop.dt else poles)

@@ -13,9 +13,9 @@ rho+ = exp(A T) rho + int_0^T exp(A s) ds B tau.
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import casadi as ca
-import control
 import numpy as np
 from scipy.optimize import brentq
 
@@ -26,6 +26,10 @@ from ..model.outputs import OutputRow
 from ..readers.errors import BadInput
 from .channel import delayed
 from .exponential import exponential
+from .margins import Broken
+
+if TYPE_CHECKING:
+    import control  # slow to import
 
 STEPS = 50  # of Newton's method
 CLOSE, SOLVED = 1e-12, 1e-9  # relative: its last step, and the residual that may be left
@@ -100,18 +104,32 @@ class SteadyMotion:
         slowest = self.eigenvalues(period, delay)[0]
         return float(-np.log(abs(slowest)) / period if period else -slowest.real)
 
-    def loop(self, period: float | None = None, delay: bool = False) -> control.StateSpace:
+    def broken(self, period: float | None = None, delay: bool = False) -> Broken:
         """L, broken at the robot's inputs, negative feedback; square."""
+        A, B, K = self._matrices(period, delay)
+        return Broken(A, B, -K, period or 0.0)
+
+    def broken_at(self, k: int, period: float | None = None, delay: bool = False) -> Broken:
+        """L, broken at input k alone, the others closed."""
+        A, B, K = self._matrices(period, delay)
+        others = [j for j in range(B.shape[1]) if j != k]
+        return Broken(A + B[:, others] @ K[others], B[:, [k]], -K[[k]], period or 0.0)
+
+    def loop(self, period: float | None = None, delay: bool = False) -> "control.StateSpace":
+        """L as `broken`, as a system with names."""
+        import control
+
         A, B, K = self._matrices(period, delay)
         inputs = [q.name for q in self.setting.law.system.mechanism.inputs]
         returned = [f"{name}_returned" for name in inputs]
         return control.ss(A, B, -K, 0, period or 0.0, inputs=inputs, outputs=returned, name="loop")
 
-    def loop_at(self, k: int, period: float | None = None, delay: bool = False) -> control.StateSpace:
-        """L, broken at input k alone, the others closed."""
-        A, B, K = self._matrices(period, delay)
-        others = [j for j in range(B.shape[1]) if j != k]
-        return control.ss(A + B[:, others] @ K[others], B[:, [k]], -K[[k]], 0, period or 0.0)
+    def loop_at(self, k: int, period: float | None = None, delay: bool = False) -> "control.StateSpace":
+        """L as `broken_at`, as a system."""
+        import control
+
+        found = self.broken_at(k, period, delay)
+        return control.ss(found.A, found.B, found.C, 0, found.dt)
 
     def longest_period(self, delay: bool = False) -> float:
         """Return the period (s) at which the loop, stable at all shorter ones tried, has an eigenvalue on the unit circle.

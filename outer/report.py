@@ -93,13 +93,13 @@ class OuterLoopReport:
     @cached_property
     def at_once(self) -> Margins:
         """Margins of the whole loop, broken at all inputs."""
-        return margins(self.motion.loop(self.loops.period, self.loops.delay))
+        return margins(self.motion.broken(self.loops.period, self.loops.delay))
 
     @cached_property
     def at_each(self) -> dict[str, Margins]:
         """Margins of the whole loop, broken at one input."""
         inputs = self.law.system.mechanism.inputs
-        return {q.name: margins(self.motion.loop_at(k, self.loops.period, self.loops.delay)) for k, q in enumerate(inputs)}
+        return {q.name: margins(self.motion.broken_at(k, self.loops.period, self.loops.delay)) for k, q in enumerate(inputs)}
 
     @cached_property
     def longest(self) -> dict[str, float]:
@@ -107,7 +107,7 @@ class OuterLoopReport:
         motion, delay = self.motion, self.loops.delay
 
         def slack(period: float) -> float:
-            return min(self.required.slack(margins(motion.loop_at(k, period, delay))) for k in range(motion.B.shape[1]))
+            return min(self.required.slack(margins(motion.broken_at(k, period, delay))) for k in range(motion.B.shape[1]))
 
         limit = motion.longest_period(delay)
         kept = last_kept(slack, limit) if 0 < limit < math.inf else limit

@@ -151,7 +151,7 @@ def _harm(name: str, cases: Sequence[Wrong], loops: Loops, right: Harm | None) -
     stable = [case.motion for case in cases if case.motion and case.stable]
     if len(stable) < len(cases):
         return Harm(name, decay, 0.0, 0.0, offset, 1.0, np.inf)
-    disk = min(margins(motion.loop(loops.period, loops.delay)).disk for motion in stable)
+    disk = min(margins(motion.broken(loops.period, loops.delay)).disk for motion in stable)
     longest = min(motion.longest_period(loops.delay) for motion in stable)
     kept = [1.0] if right is None else [decay / right.decay, disk / right.disk, longest / right.longest_period]
     loss = float(1 - min(kept))

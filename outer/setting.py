@@ -1,4 +1,4 @@
-"""The steady motion that a SPEC, or a law with its defaults, asks for."""
+"""The steady motion of a SPEC, or of a law with its defaults."""
 
 import math
 from dataclasses import replace
@@ -15,18 +15,18 @@ from ..simulation.specification.spec import Initial, OutputSection, PathSection,
 from ..verification.cases import gain_entries, integral_entries
 from .motion import Setting, path_frame
 
-SPEED = 1.0  # m/s, where nothing else is said
+SPEED = 1.0  # m/s, default
 KINDS = ("line", "circle", "segment")  # paths of constant curvature
 
 
 def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
-    """A SPEC of the law with the defaults of robot, path and gains, following at a speed (m/s); Types I to III along x or y.
+    """Return a SPEC of the law with the defaults of robot, path and gains, at a speed (m/s); Types I to III along x or y.
 
-    Raises BadInput for an output of the robot's own: where it is regular, no default tells.
+    Raises BadInput for an output map of the robot's own, since no default pose is known to be regular.
     """
     name = LawName.parse(law.name)
     if name is None:
-        raise BadInput(f"{law.name} is the robot's own output: say with --spec SPEC.toml where the robot is and what is wanted")
+        raise BadInput(f"{law.name} is the robot's own output: give the pose and the reference in a SPEC, with --spec SPEC.toml")
     config = {c.name: c.default for c in law.config}
     L, W = config.pop("L"), config.pop("W", 0.0)
     if law.output.path:
@@ -41,7 +41,7 @@ def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
 
 
 def setting_of(spec: Spec) -> Setting:
-    """The numbers of the SPEC's loop, its start moved onto the way. Raises BadInput where nothing there moves steadily."""
+    """Return the numbers of the SPEC's loop, with its start moved onto the path. Raises BadInput if there is no steady motion."""
     path = spec.output.path
     if path is not None and path.kind not in KINDS:
         raise BadInput(
@@ -51,7 +51,7 @@ def setting_of(spec: Spec) -> Setting:
         spec = replace(spec, sensors=None, correction=None, limits=None)
     spec = replace(spec, simulation=replace(spec.simulation, backend="casadi"))
     given = _setting(spec)
-    if spec.output.own:  # the steady motion is looked for near the start
+    if spec.output.own:  # the steady motion is searched for near the start
         return given
     initial = _on_the_way(spec.output, spec.reference, spec.initial)
     moved = _setting(replace(spec, initial=initial))
@@ -62,7 +62,7 @@ def setting_of(spec: Spec) -> Setting:
 
 
 def _setting(spec: Spec) -> Setting:
-    """The numbers of the SPEC's loop as it is. Raises BadInput as `make_loop` does."""
+    """Return the numbers of the SPEC's loop. Raises BadInput as `make_loop` does."""
     loop = make_loop(spec)
     law, ki = loop.law, integral_entries(loop.law, spec.gains)
     return Setting(
@@ -78,24 +78,25 @@ def _setting(spec: Spec) -> Setting:
 
 
 def _along(setting: Setting) -> bool:
-    """Does the vehicle head along the path's direction, or against it?"""
+    """Return whether the vehicle heads along the path's direction or against it."""
     direction = setting.law.at_state(path_frame(setting.law)[1])
     return float(direction(setting.start, setting.believed, setting.config)) > 0
 
 
 def _on_the_way(output: OutputSection, reference: Reference, initial: Initial | None = None) -> Initial:
-    """A start on the path or the reference, heading along it, at the wanted speed; at rest with the heading of `initial`."""
+    """Return a start on the path or the reference, heading along it, at the desired speed; at rest with the heading of
+    `initial`."""
     if output.path is None:
         return _with_the_reference(output.type, reference, initial)
     p = output.path.parameters
     if output.path.kind == "line":
-        square = p["A"] ** 2 + p["B"] ** 2 or 1.0  # no line at all is refused later, with the reason
+        square = p["A"] ** 2 + p["B"] ** 2 or 1.0  # a line without direction is rejected later, with the reason
         point, heading = (-p["A"] * p["C"] / square, -p["B"] * p["C"] / square), math.atan2(p["A"], -p["B"])
     elif output.path.kind == "circle":
         point, heading = (p["x_f"] + p["R"], p["y_f"]), math.pi / 2
     elif output.path.kind == "segment":
         point, heading = (p["x_s"], p["y_s"]), p["direction"]
-    else:  # refused later, with the reason
+    else:  # rejected later, with the reason
         point, heading = (0.0, 0.0), 0.0
     return Initial(point=point, heading=heading, speed=reference.speed)
 
@@ -113,7 +114,7 @@ def _with_the_reference(kind: str, reference: Reference, initial: Initial | None
 
 
 def with_speed(spec: Spec, speed: float) -> Spec:
-    """The SPEC at another speed, m/s: of its path, or of its reference, which keeps its direction."""
+    """Return the SPEC with another speed, m/s: along its path, or of its reference in the same direction."""
     if spec.output.type == "IV":
         return replace(spec, reference=replace(spec.reference, speed=speed))
     velocity = np.array(spec.reference.velocity or (0.0, 0.0))

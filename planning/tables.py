@@ -10,13 +10,20 @@ from ..model.algebra.trigonometry import angle_of
 from ..model.segments import Segment
 from ..readers import printing
 from ..readers.errors import BadInput
-from ..readers.reading import check_keys, flag, number, one_of, point
+from ..readers.reading import Reader, Schema, angle, check_keys, flag, number, one_of, point, table_of
 
-READERS = {
-    "line": {"from": point, "to": point, "length": number("positive")},
-    "arc": {"from": point, "heading": number(), "radius": number("positive"), "angle": number()},
+LENGTH, TURNED = number("positive", "m"), number(unit="rad")  # an arc may have several turns
+READERS: dict[str, dict[str, Reader]] = {
+    "line": {"from": point, "to": point, "length": LENGTH},
+    "arc": {"from": point, "heading": angle, "radius": LENGTH, "angle": TURNED},
 }
 SURE = 1e-9  # rad: a line whose rounded end points determine its heading less accurately is written by its length
+
+
+def schema() -> Schema:
+    """Return the JSON Schema of a list of segments."""
+    kinds = [table_of({"kind": one_of(kind), "backward": flag, **READERS[kind]}, ["kind"]) for kind in READERS]
+    return {"type": "array", "minItems": 1, "items": {"anyOf": kinds}}
 
 
 def segments_from_tables(tables: Any, where: str) -> list[Segment]:
@@ -57,7 +64,7 @@ def _read(table: Any, before: Segment | None, where: str) -> Segment:
         if "length" in given:
             if "from" in given or "to" in given:
                 raise BadInput(
-                    f"{where} length is allowed only for a line that continues the previous segment, without from and to"
+                    f"{where} length is only for a line that continues the previous segment; remove length, or from and to"
                 )
             length = given["length"]
         else:

@@ -1,6 +1,6 @@
-"""Results kept between runs: compiled laws, and what laws are derived to, each under the digest of what determines it.
+"""Results cached between runs: compiled and derived laws, each under the digest of all that determines it.
 
-A kept file's name also has the digest of its content, so that a damaged file is found and made anew.
+The name of a file also contains the digest of its content, so that a damaged file is detected and computed again.
 """
 
 import hashlib
@@ -18,15 +18,16 @@ from .errors import BadInput
 from .files import create, replacing
 
 Result = TypeVar("Result")
-DERIVES = ("model", "codegen")  # rooms whose code determines what is remembered
+DERIVES = ("model", "codegen")  # folders whose code determines a derived program
 
 
-def remembered(key: tuple, make: Callable[[], Result], *given: Any) -> Result:
-    """Returns make(), or a copy of what it returned in an earlier run for the same `key` and the same code of noslip.
+def remembered(key: tuple, make: Callable[[], Result], *given: Any, rooms: tuple[str, ...] = DERIVES) -> Result:
+    """Return make(), or a copy of its result in an earlier run with the same `key` and the same code of noslip.
 
-    `given`: objects that the result refers to; a copy refers to them too. Without a folder to keep results in, nothing is kept.
+    `given`: objects to which the result refers; a copy refers to them too. `rooms`: the folders of that code. Without a usable
+    cache folder nothing is cached.
     """
-    whole = ("remembered", _digest_of_code(), *key)
+    whole = ("remembered", _digest_of_code(rooms), *key)
     with suppress(BadInput, OSError):
         if found := kept(whole, ".pickle"):
             return _Unpickler(io.BytesIO(found.read_bytes()), given).load()
@@ -57,26 +58,26 @@ class _Unpickler(pickle.Unpickler):
 
 
 @cache
-def _digest_of_code() -> str:
+def _digest_of_code(rooms: tuple[str, ...]) -> str:
     root = Path(__file__).resolve().parent.parent
-    files = sorted(file for room in DERIVES for file in (root / room).rglob("*.py"))
+    files = sorted(file for room in rooms for file in (root / room).rglob("*.py"))
     return _short_digest(b"".join(file.read_bytes() for file in files))
 
 
 def kept(key: tuple, suffix: str) -> Path | None:
-    """The file kept for `key`, which `repr` tells apart from others; None where there is none, or it is damaged.
+    """Return the file for `key`, identified by its `repr`; None if there is none or it is damaged.
 
-    Raises BadInput when the folder of results cannot be made, or is not this user's own.
+    Raises BadInput if the cache folder cannot be created or is not private to this user.
     """
     for path in folder_of_results().glob(f"{_digest_of(key)}-*{suffix}"):
         if _is_sound(path):
             return path
-        path.unlink(missing_ok=True)  # damaged: it is made anew
+        path.unlink(missing_ok=True)  # damaged: it is computed again
     return None
 
 
 def keep(key: tuple, suffix: str, data: bytes) -> Path:
-    """Writes a file for `kept` to find. Raises BadInput as that does."""
+    """Write the file for `key`, which `kept` finds. Raises BadInput as `kept` does."""
     target = folder_of_results() / f"{_digest_of(key)}-{_short_digest(data)}{suffix}"
     with replacing(target) as new:
         create(new, data)
@@ -89,11 +90,11 @@ def _digest_of(key: tuple) -> str:
 
 
 def _is_sound(path: Path) -> bool:
-    """Does a kept result hold what its name, the digest of its command and that of its content, says?
+    """Whether the content of a file agrees with the digest in its name.
 
-    Raises BadInput where it is another user's, or others may write it: it would run with this user's rights.
+    Raises BadInput if it belongs to another user or others can write it, since it is executed with this user's rights.
     """
-    with suppress(OSError):  # removed meanwhile, or unreadable
+    with suppress(OSError):  # removed in the meantime, or unreadable
         check_private(path)
         return path.stem.rpartition("-")[2] == _short_digest(path.read_bytes())
     return False
@@ -104,11 +105,11 @@ def _short_digest(data: bytes) -> str:
 
 
 def folder_of_results() -> Path:
-    """Where results are kept: $NOSLIP_CACHE, else the user's cache folder."""
+    """Return the folder for cached results: $NOSLIP_CACHE, else the user's cache folder."""
     base = os.environ.get("NOSLIP_CACHE")
     try:
         folder = Path(base or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "noslip").absolute()
-    except RuntimeError as error:  # this user has no home
+    except RuntimeError as error:  # the user has no home folder
         raise BadInput("there is no home folder for compiled laws; set NOSLIP_CACHE to a folder of your own") from error
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -120,7 +121,7 @@ def folder_of_results() -> Path:
 
 
 def check_private(path: Path) -> None:
-    """Raise BadInput where a folder or file whose programs are to run is another user's, or others may write it."""
+    """Raise BadInput if a folder or file with programs to execute belongs to another user, or others can write it."""
     found = path.stat()
     advice = "set NOSLIP_CACHE to a folder of your own"
     if found.st_uid != os.geteuid():

@@ -1,20 +1,57 @@
-"""Readers of values and sections of TOML. Each checks its value; the error message says where the value is."""
+"""Readers of values and sections of TOML. Each checks its value; the error message says where the value is.
+
+Each also knows its unit and its JSON Schema: what it reads is declared once.
+"""
 
 import dataclasses
+import inspect
 import math
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 from ..model.mechanism import SIGNS
 from .errors import BadInput
-from .quantities import LARGEST, SMALLEST, in_range
+from .quantities import LARGEST, PLAIN, QUANTITY, SMALLEST, Measured, check_unit, in_range, measured
 from .robots import suggestion
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-Section = TypeVar("Section", bound="DataclassInstance")
-Reader = Callable[[Any, str], Any]
+Schema = dict[str, Any]
+DRAFT = "http://json-schema.org/draft-07/schema#"  # which editors of TOML understand
+BOUNDS: dict[str, Schema] = {"any": {}, "positive": {"exclusiveMinimum": 0}, "nonnegative": {"minimum": 0}}
+MOST_ANGLE = 6.284  # rad: a turn, also a rounded one; a larger plain number is likely to be in degrees
+DEFINITIONS: dict[str, Schema] = {  # of JSON Schema, for `ref`
+    "quantity": {"type": "string", "pattern": f"^{QUANTITY}$", "description": 'a number with a unit, such as "36 km/h"'}
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Reader:
+    """A reader of a value: `read(value, where)` returns the value or raises BadInput.
+
+    `schema()` returns its JSON Schema. `unit` is that of a number, or of each number of a list, in SI; None where it depends on
+    the robot. `kind` is the dataclass that a table is read into.
+    """
+
+    read: Callable[[Any, str], Any]
+    schema: Callable[[], Schema]
+    unit: str | tuple[str, ...] | None = None
+    kind: "type[DataclassInstance] | None" = None
+
+    def __call__(self, value: Any, where: str) -> Any:
+        """Return the value that was read."""
+        return self.read(value, where)
+
+
+def reads(schema: Schema | Callable[[], Schema], unit: str | None = None) -> Callable[[Callable[[Any, str], Any]], Reader]:
+    """Return a decorator that makes a function a Reader of values with this schema."""
+    return lambda read: Reader(read, schema if callable(schema) else lambda: schema, unit)
+
+
+def ref(name: str) -> Schema:
+    """Return a reference to one of DEFINITIONS."""
+    return {"$ref": f"#/definitions/{name}"}
 
 
 def check_keys(given: Iterable[str], known: Iterable[str], where: str) -> None:
@@ -25,51 +62,80 @@ def check_keys(given: Iterable[str], known: Iterable[str], where: str) -> None:
             raise BadInput(f"{where}: unknown key {key!r}{suggestion(key, known)}")
 
 
-def number(sign: str = "any") -> Reader:
-    """Return a reader of a finite number with a sign: any, positive or nonnegative."""
-    holds, wanted = SIGNS[sign]
+def number(sign: str = "any", unit: str | None = None) -> Reader:
+    """Return a reader of a finite number with a sign: any, positive or nonnegative.
 
+    A number may be given as a string with a unit and is returned in SI; without `unit`, as Measured: the robot or the law
+    decides by `check_unit` whether it is the right one.
+    """
+    holds, wanted = SIGNS[sign]
+    described = {} if unit is None else {"description": "a number without unit" if unit in PLAIN else f"in {unit}"}
+
+    @reads({"anyOf": [{"type": "number", **BOUNDS[sign]}, ref("quantity")], **described}, unit)
     def read(value: Any, where: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if isinstance(value, str):
+            value = measured(value, where, unit)
+        elif isinstance(value, bool) or not isinstance(value, int | float):
             raise BadInput(f"{where} = {value!r} is not a number")
+        elif unit is not None:
+            check_unit(value, unit, where)
         try:
-            value = float(value)
+            size = float(value)
         except OverflowError:
-            value = math.inf
-        if not math.isfinite(value):
-            raise BadInput(f"{where} = {value} is not finite")
-        if not in_range(value):
-            raise BadInput(f"{where} = {value:g} is out of range: give 0 or a size between {SMALLEST:g} and {LARGEST:g}")
-        if not holds(value):
-            raise BadInput(f"{where} = {value:g} must be {wanted}")
-        return value
+            size = math.inf
+        if not math.isfinite(size):
+            raise BadInput(f"{where} = {size} is not finite")
+        if not in_range(size):
+            raise BadInput(f"{where} = {size:g} is out of range: give 0 or a size between {SMALLEST:g} and {LARGEST:g}")
+        if not holds(size):
+            raise BadInput(f"{where} = {size:g} must be {wanted}")
+        return value if unit is None and isinstance(value, Measured) else size
 
     return read
 
 
+_radians = number(unit="rad")
+_turn = {"type": "number", "minimum": -MOST_ANGLE, "maximum": MOST_ANGLE}
+
+
+@reads({**_radians.schema(), "anyOf": [_turn, ref("quantity")]}, "rad")
+def angle(value: Any, where: str) -> float:
+    """Read an angle, rad. More than a turn is accepted only with its unit: it is likely to be in degrees."""
+    made = _radians(value, where)
+    if abs(made) > MOST_ANGLE and not isinstance(value, str | Measured):
+        what = f"{where} = {value:.12g} rad is more than a turn: did you mean degrees?"
+        raise BadInput(f'{what} write "{value:.12g} deg", or "{value:.12g} rad" if that is meant')
+    return made
+
+
+def row(form: str, *readers: Reader) -> Reader:
+    """Return a reader of a list with a number for each reader; `form` shows it."""
+    items = [reader.schema() for reader in readers]
+
+    def read_all(value: Any, where: str) -> tuple[float, ...]:
+        if not isinstance(value, list):
+            raise BadInput(f"{where} = {value!r} is not a list of numbers")
+        if len(value) != len(readers):
+            raise BadInput(f"{where} has {len(value)} numbers; it must be {form}")
+        return tuple(read(item, f"{where}[{k}]") for k, (read, item) in enumerate(zip(readers, value, strict=True)))
+
+    schema = {"type": "array", "items": items, "minItems": len(items), "maxItems": len(items), "description": form}
+    return Reader(read_all, lambda: schema, tuple(reader.unit for reader in readers if isinstance(reader.unit, str)))
+
+
+point = row("[x, y]", number(unit="m"), number(unit="m"))
+pose = row("[x, y, heading]", number(unit="m"), number(unit="m"), angle)
+
+
+@reads({"type": "array", "items": number().schema()})
 def numbers(value: Any, where: str) -> tuple[float, ...]:
-    """Read a list of finite numbers."""
+    """Read a list of finite numbers. Those with a unit are Measured: the robot or law checks it."""
     if not isinstance(value, list):
         raise BadInput(f"{where} = {value!r} is not a list of numbers")
     return tuple(number()(item, f"{where}[{k}]") for k, item in enumerate(value))
 
 
-def point(value: Any, where: str) -> tuple[float, ...]:
-    """Reads [x, y]."""
-    made = numbers(value, where)
-    if len(made) != 2:
-        raise BadInput(f"{where} has {len(made)} numbers; it must be [x, y]")
-    return made
-
-
-def pose(value: Any, where: str) -> tuple[float, ...]:
-    """Read [x, y, heading]."""
-    made = numbers(value, where)
-    if len(made) != 3:
-        raise BadInput(f"{where} has {len(made)} numbers; it must be [x, y, heading]")
-    return made
-
-
+@reads({"type": "string"})
 def text(value: Any, where: str) -> str:
     """Read a string."""
     if not isinstance(value, str):
@@ -80,6 +146,7 @@ def text(value: Any, where: str) -> str:
 def one_of(*known: str) -> Reader:
     """Return a reader of one of the known words."""
 
+    @reads({"enum": list(known)})
     def read(value: Any, where: str) -> str:
         if value not in known:
             raise BadInput(f"{where} = {value!r} is not one of {', '.join(known)}")
@@ -91,6 +158,7 @@ def one_of(*known: str) -> Reader:
 def whole(least: int) -> Reader:
     """Return a reader of an integer that is at least `least`."""
 
+    @reads({"type": "integer", "minimum": least})
     def read(value: Any, where: str) -> int:
         if isinstance(value, bool) or not isinstance(value, int):
             raise BadInput(f"{where} = {value!r} is not an integer")
@@ -101,6 +169,7 @@ def whole(least: int) -> Reader:
     return read
 
 
+@reads({"type": "boolean"})
 def flag(value: Any, where: str) -> bool:
     """Read true or false."""
     if not isinstance(value, bool):
@@ -108,29 +177,57 @@ def flag(value: Any, where: str) -> bool:
     return value
 
 
+@reads({"anyOf": [*number().schema()["anyOf"], numbers.schema()]})
 def one_or_more(value: Any, where: str) -> tuple[float, ...]:
     """Read a number or a list of numbers."""
     return numbers(value, where) if isinstance(value, list) else (number()(value, where),)
 
 
+@reads({"type": "object", "additionalProperties": number().schema()})
 def named_numbers(value: Any, where: str) -> dict[str, float]:
-    """Read a table of finite numbers. The robot or law checks the names."""
-    return {key: number()(item, f"{where} {key}") for key, item in _table(value, where).items()}
+    """Read a table of finite numbers. The robot or law checks the names and, of Measured numbers, the units."""
+    return {key: number()(item, f"{where} {key}") for key, item in table(value, where).items()}
 
 
-def section(kind: type[Section]) -> Callable[[Any, str], Section]:
+def table_of(readers: Mapping[str, Reader], required: Iterable[str] = ()) -> Schema:
+    """Return the schema of a table with these entries and no others."""
+    properties = {key: reader.schema() for key, reader in readers.items()}
+    needed = {"required": sorted(required)} if required else {}
+    return {"type": "object", "properties": properties, **needed, "additionalProperties": False}
+
+
+def section(kind: "type[DataclassInstance]") -> Reader:
     """Return a reader of a table into the dataclass `kind`."""
 
-    def read(value: Any, where: str) -> Section:
-        given, entries = _table(value, where), dataclasses.fields(kind)
+    def read(value: Any, where: str) -> Any:
+        given, entries = table(value, where), dataclasses.fields(kind)
         check_keys(given, [e.name for e in entries], where or "top level")
         for e in entries:
-            required = e.default is dataclasses.MISSING and e.default_factory is dataclasses.MISSING
-            if required and e.name not in given:
+            if _required(e) and e.name not in given:
                 raise BadInput(f"{_path(where, e)} is missing")
         return kind(**{e.name: e.metadata["read"](given[e.name], _path(where, e)) for e in entries if e.name in given})
 
-    return read
+    def schema() -> Schema:
+        entries = dataclasses.fields(kind)
+        made = table_of({e.name: e.metadata["read"] for e in entries}, [e.name for e in entries if _required(e)])
+        for e in entries:
+            if isinstance(e.default, str | int | float):
+                made["properties"][e.name]["default"] = e.default
+        return {"description": inspect.cleandoc(kind.__doc__ or ""), **made}
+
+    return Reader(read, schema, kind=kind)
+
+
+def units(kind: "type[DataclassInstance]", prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the dotted name and the unit of each number of a section whose unit does not depend on the robot."""
+    for e in dataclasses.fields(kind):
+        reader: Reader = e.metadata["read"]
+        if reader.kind is not None:
+            yield from units(reader.kind, f"{prefix}{e.name}.")
+        elif isinstance(reader.unit, tuple):
+            yield from ((f"{prefix}{e.name}[{k}]", unit) for k, unit in enumerate(reader.unit))
+        elif reader.unit is not None:
+            yield f"{prefix}{e.name}", reader.unit
 
 
 def entry(read: Reader, default: Any = dataclasses.MISSING) -> Any:
@@ -140,13 +237,18 @@ def entry(read: Reader, default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata={"read": read})
 
 
+def _required(e: dataclasses.Field) -> bool:
+    return e.default is dataclasses.MISSING and e.default_factory is dataclasses.MISSING
+
+
 def _path(where: str, e: dataclasses.Field) -> str:
     if where:
         return f"{where} {e.name}"
-    return f"[{e.name}]" if "section" in e.metadata["read"].__qualname__ else e.name
+    return f"[{e.name}]" if e.metadata["read"].kind is not None else e.name
 
 
-def _table(value: Any, where: str) -> dict[str, Any]:
+def table(value: Any, where: str) -> dict[str, Any]:
+    """Return the value if it is a table."""
     if not isinstance(value, dict):
         raise BadInput(f"{where} = {value!r} is not a table")
     return value

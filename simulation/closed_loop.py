@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -24,9 +25,9 @@ def simulate(spec: Spec, backend: str | None = None, progress: Callable[[float],
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
     loop = make_loop(spec)
-    march = sampled if spec.simulation.period else continuous
+    integrate = sampled if spec.simulation.period else continuous
     rows = []
-    for row in march(loop, spec.simulation):
+    for row in integrate(loop, spec.simulation):
         rows.append(row)
         if progress:
             progress(row.t)
@@ -62,17 +63,42 @@ def _as_run(simulation: Simulation, backend: str | None) -> Simulation:
     return replace(simulation, backend=backend, tolerance=max(simulation.tolerance, least))
 
 
+def as_json(run: Run) -> dict[str, Any]:
+    """Return what `summary` states, SI: duration, errors of the outputs, largest inputs, residual of the constraints, and whether
+    each contact rolls.
+    """
+    simulation, inputs = run.spec.simulation, run.law.system.mechanism.inputs
+    return {
+        "robot": run.spec.robot,
+        "law": run.law.name,
+        "backend": simulation.backend,
+        "period": simulation.period,
+        "delay": simulation.delay,
+        "tolerance": simulation.tolerance,
+        "status": str(run.status[-1]),
+        "duration": run.t[-1],
+        "rows": len(run.t),
+        "errors": {
+            row.name: {"unit": row.unit, "final": error[-1], "peak": np.abs(error).max()}
+            for row, error in zip(run.law.output.rows, run.error.T, strict=True)
+        },
+        "inputs": {i.name: {"unit": i.unit, "peak": peak} for i, peak in zip(inputs, np.abs(run.tau).max(axis=0), strict=True)},
+        "residual": np.linalg.norm(run.plant.slip(run.x), axis=1).max(),
+        "rolling": grip(run).as_json(),
+        "warnings": run.warnings,
+    }
+
+
 def summary(run: Run) -> str:
     """Return a few lines about a run: duration, errors of the outputs, largest inputs, residual of the constraints."""
-    simulation = run.spec.simulation
+    simulation, values = run.spec.simulation, as_json(run)
     held = f"called every {simulation.period:g} s" if simulation.period else "continuous"
     held += f", delay {simulation.delay:g} s" if simulation.delay else ""
     how = f"backend {simulation.backend}, {held}, tolerance {simulation.tolerance:g}"
     lines = [f"{run.spec.robot}, {run.law.name}, {how}: {run.t[-1]:.9g} s, {len(run.t)} rows"]
-    for row, error in zip(run.law.output.rows, run.error.T, strict=True):
-        lines.append(f"  error of {row.name}: final {error[-1]:.2e} {row.unit}, peak {np.abs(error).max():.3g} {row.unit}")
-    inputs = run.law.system.mechanism.inputs
-    peaks = ", ".join(f"{i.name} {peak:.3g} {i.unit}" for i, peak in zip(inputs, np.abs(run.tau).max(axis=0), strict=True))
-    slip = np.linalg.norm(run.plant.slip(run.x), axis=1).max()
-    lines.append(f"  peak {peaks}; worst ||A qdot|| {slip:.1e}")
+    for name, error in values["errors"].items():
+        unit = error["unit"]
+        lines.append(f"  error of {name}: final {error['final']:.2e} {unit}, peak {error['peak']:.3g} {unit}")
+    peaks = ", ".join(f"{name} {found['peak']:.3g} {found['unit']}" for name, found in values["inputs"].items())
+    lines.append(f"  peak {peaks}; worst ||A qdot|| {values['residual']:.1e}")
     return "\n".join([*lines, *[f"  {line}" for line in grip(run).summary().splitlines()]])

@@ -8,11 +8,12 @@ the outer wheel of each axle by the height of the centre of mass, without dynami
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -89,6 +90,27 @@ class Grip:
     def summary(self) -> str:
         """Return the verdict and, in a last line, its assumptions."""
         return f"{self.verdict()}\n{self.assumed()}" if self.contacts else self.verdict()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the same: `rolls`, None if the robot defines no contacts, and by contact its verdict, the largest friction use
+        and the friction coefficient required, with their times in s (None: no time, or infinite).
+        """
+        return {
+            "rolls": self.rolls if self.contacts else None,
+            "contacts": {contact.name: self._contact_json(contact) for contact in self.contacts},
+            "assumed": dataclasses.asdict(self.options) | {"gravity": GRAVITY},
+        }
+
+    def _contact_json(self, contact: ContactForce) -> dict[str, Any]:
+        lifts, slips = contact.load <= 0, contact.use > 1
+        worst = int(np.argmax(contact.use))
+        return {
+            "verdict": "lifts" if lifts.any() else "would slip" if slips.any() else "rolls",
+            "first": float(self.t[np.argmax(lifts if lifts.any() else slips)]) if slips.any() else None,
+            "friction_use": float(contact.use[worst]),
+            "friction_required": float(contact.needs[worst]),
+            "at": float(self.t[worst]),
+        }
 
     def assumed(self) -> str:
         """Return the assumptions of the verdict."""

@@ -22,6 +22,7 @@ from .guidance import Guidance, Leg, OnePath, Route, ShortWay, Side
 from .plant import Plant
 from .sensing import Sensing
 from .specification.spec import Initial, PathSection, Spec
+from .specification.units import check_units
 from .starts import starts
 
 RUNNING = ("ok", "saturated")  # statuses with which a run continues
@@ -93,6 +94,7 @@ def make_loop(spec: Spec) -> Loop:
     names = [p.name for p in law.parameters]
     for where in ("parameters", "plant"):
         check_keys(getattr(spec, where), names, where)
+    check_units(spec, law)
     believed = np.array(mechanism.parameter_values(spec.parameters))
     plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"))
     gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")

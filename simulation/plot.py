@@ -59,7 +59,10 @@ def draw(run: Run) -> Figure:
 
 def _clip(axes: Axes) -> None:
     """Limit the view to the run without the last instants before it stopped, when values grow without bound."""
-    values = np.concatenate([np.asarray(line.get_ydata(), float) for line in axes.get_lines() if np.size(line.get_xdata()) > 2])
+    drawn = [np.asarray(line.get_ydata(), float) for line in axes.get_lines() if np.size(line.get_xdata()) > 2]
+    if not drawn:
+        return
+    values = np.concatenate(drawn)
     low, high = np.nanpercentile(values, [2, 98])
     room = max(0.3 * (high - low), 0.1 * max(abs(low), abs(high)), 1e-3)
     axes.set_ylim(low - room, high + room)
@@ -200,7 +203,7 @@ def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:
 
 
 def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray) -> None:
-    """Draw outlines to scale at equal distances along the path driven, each with its time and the front marked; the first turn only."""
+    """Draw outlines to scale at equal distances along the way of the first turn, each with its time and the front marked."""
     turned = np.flatnonzero(np.abs(heading - heading[0]) > TURN)
     way = place[: turned[0]] if len(turned) else place
     length = np.hypot(*np.diff(way, axis=0).T).sum()

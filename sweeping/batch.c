@@ -1,4 +1,4 @@
-/* batch.c - many closed loops, see batch.h. Order and meaning of everything in a run are those of march.py and sensing.py. */
+/* batch.c - simulates many closed loops, see batch.h. Order and meaning of all steps are those of integrate.py and sensing.py. */
 #include "batch.h"
 
 #include "noise.h"
@@ -7,17 +7,17 @@
 #include "noslip_odometry.h"
 
 #define STAGES 7         /* of the integrator */
-#define SHORTER 5        /* how often a run is repeated with half the step, at most */
-#define CROSSING 1e-12   /* s: how well the instant is found at which a run meets the singular set */
-#define KNOWN 1e-9       /* s: how well the adaptive simulation knows it */
-#define SAFETY 4         /* what a call's error may grow to by the end; the sum of the calls' errors is stated so many times */
-#define LATEST 16        /* calls between two looks at the integration error, at most */
+#define SHORTER 5        /* maximum number of repetitions of a run with half the step */
+#define CROSSING 1e-12   /* s: accuracy of the instant at which a run meets the singular set */
+#define KNOWN 1e-9       /* s: its accuracy in the adaptive simulation */
+#define SAFETY 4         /* factor on the sum of the errors of all calls, which may grow until the end */
+#define LATEST 16        /* maximum number of calls between two estimates of the integration error */
 
 typedef struct BATCH_LAW() controller;
-typedef struct BATCH_JUDGE() judge; /* the law in double, which tells of the truth whatever the controller computes in */
+typedef struct BATCH_JUDGE() judge; /* the law in double for the true state, whatever the scalar of the controller */
 typedef struct BATCH_PLANT() plant;
 
-/* Structs of scalars, and the same by number. */
+/* Structs of scalars, and the same as arrays. */
 typedef union { BATCH_ROBOT(_state) named; BATCH_REAL at[BATCH_STATE]; } seen_state;
 typedef union { BATCH_JUDGE_ROBOT(_state) named; double at[BATCH_STATE]; } true_state;
 typedef union { BATCH_LAW(_reference) named; BATCH_REAL at[BATCH_REFERENCE]; } wanted;
@@ -29,12 +29,12 @@ AS_MANY(references_are_scalars, BATCH_LAW(_reference), ((wanted *)0)->at);
 AS_MANY(outcomes_are_doubles, batch_outcome, double[4 + 3 * BATCH_ROWS + BATCH_INPUTS + BATCH_STATE + 1]);
 
 #if BATCH_SENSED
-/* What the controller sees in place of the truth. */
+/* The state that the controller receives instead of the true one. */
 typedef struct sensing {
     BATCH_RUNTIME(noslip_odometry) odometry;
     double t, drawn, corrected;
     uint64_t draws;
-    double angle[2], turned[2], noise[2]; /* true angle; with the noise so far; rad/s */
+    double angle[2], turned[2], noise[2]; /* true angle; angle with the accumulated noise; rad/s */
     double state[BATCH_STATE];
 } sensing;
 #endif
@@ -45,14 +45,14 @@ typedef struct loop {
     const batch_sample *sample;
     plant robot;
     controller law;
-    judge believed, truth;   /* tell the side of the singular set, and the true outputs */
-    double sign;             /* of det Phi where the law was made */
-    int fresh;               /* 1: nobody has looked yet on which side of the singular set it is */
+    judge believed, truth;   /* for the side of the singular set, and the true outputs */
+    double sign;             /* of det Phi where the law was initialized */
+    int fresh;               /* 1: the side of the singular set has not been determined yet */
     double x[BATCH_STATE];   /* true state */
     double reference[BATCH_REFERENCE];
     int status;
     double step, error;      /* s; of the integrator, and its estimated error so far */
-    double edge;             /* of the state where the run ends at the singular set: nobody knows the instant better */
+    double edge;             /* change of the state within the accuracy of the instant at which the run meets the singular set */
 #if BATCH_SENSED
     sensing sensors;
 #endif
@@ -90,7 +90,7 @@ static double not_a_number(void)
     return nan.value;
 }
 
-/* The largest integer not above x, exact where that fits into 63 bits; x itself beyond. */
+/* The largest integer not above x, exact if it fits into 63 bits, else x. */
 static double floor_of(double x)
 {
     double whole;
@@ -120,7 +120,7 @@ static double largest(const double *x)
     return found;
 }
 
-/* What the controller sees. */
+/* Returns the state that the controller receives. */
 static const double *seen(const loop *self)
 {
 #if BATCH_SENSED
@@ -138,7 +138,7 @@ static void as_seen(const double *x, seen_state *state)
     }
 }
 
-/* det Phi at a state, by elimination where it is large; NaN where there is none. */
+/* det Phi at a state, by elimination for large Phi; NaN if it is undefined. */
 static double determinant(const judge *law, const double *x)
 {
     double Phi[BATCH_FREEDOM][BATCH_FREEDOM];
@@ -176,7 +176,7 @@ static double determinant(const judge *law, const double *x)
 #endif
 }
 
-/* Positive where the singular set has not been crossed since the law was made. */
+/* Positive unless the singular set has been crossed since the law was initialized. */
 static double side(const loop *self, const double *x)
 {
     return self->sign * determinant(&self->believed, x);
@@ -184,7 +184,7 @@ static double side(const loop *self, const double *x)
 
 /* -- the controller's numbers ------------------------------------------------------------------------------------------ */
 
-/* The law of a path: for the controller, and in double for the truth. Its side is that of the state seen now. */
+/* Initializes the law of a path, for the controller and in double. The present state determines the side of the singular set. */
 static int make_law(loop *self, const double *where)
 {
     const batch_sample *sample = self->sample;
@@ -232,7 +232,7 @@ static int make_law(loop *self, const double *where)
 #if BATCH_ROUTE
 static const int pose_of_state[3] = BATCH_POSE;
 
-/* Where the vehicle is seen, for the path. */
+/* Estimated position of the vehicle, for the path. */
 static void place_seen(const loop *self, BATCH_REAL place[4])
 {
     const double *x = seen(self), *rates = x + BATCH_COORDINATES, *forward = self->sample->forward;
@@ -254,7 +254,7 @@ static void take_guide(loop *self)
     reference[BATCH_SPEED + 1] = self->guide.speed_rate;
 }
 
-/* Goes on along the path, and makes the law of the piece that is followed now. Answers an error of the law's, or OK. */
+/* Updates the path, and initializes the law for the current segment. Returns an error of the law, or OK. */
 static int update(loop *self)
 {
     BATCH_REAL place[4];
@@ -275,7 +275,7 @@ static int update(loop *self)
     return make_law(self, where.at);
 }
 
-/* Takes the path up at the true start. */
+/* Starts the path at the true initial state. */
 static int begin(loop *self)
 {
     const batch_settings *settings = self->settings;
@@ -302,7 +302,7 @@ static int begin(loop *self)
     return status < 0 ? status : update(self);
 }
 
-/* What the outputs shall do, as told by the path where the robot is seen now. */
+/* The reference given by the path at the estimated state. */
 static void look(loop *self, double t)
 {
     BATCH_REAL place[4];
@@ -323,7 +323,7 @@ static int update(loop *self)
     return NOSLIP_OK;
 }
 
-/* What the outputs shall do at a time, headings the short way round from where the robot is seen now. */
+/* The reference at a time; desired headings are those nearest to the estimated state. */
 static void look(loop *self, double t)
 {
     int i;
@@ -355,7 +355,7 @@ static void look(loop *self, double t)
 static const int row_of_integral[BATCH_INTEGRALS] = BATCH_INTEGRAL_ROWS;
 static const int highest[BATCH_INTEGRALS] = BATCH_HIGHEST;
 
-/* Adds what integral action adds. Headings are wanted the short way round already. */
+/* Adds the integral action. Desired headings are already those nearest to the state. */
 static int integrate(loop *self, const seen_state *state, wanted *reference)
 {
     BATCH_LAW(_evaluation) all;
@@ -377,7 +377,7 @@ static int integrate(loop *self, const seen_state *state, wanted *reference)
 }
 #endif
 
-/* What the controller answers at time t: its status, kept, and the inputs. */
+/* Calls the controller at time t: stores its status and the inputs. */
 static int command(loop *self, double t, double tau[BATCH_INPUTS])
 {
     BATCH_REAL answer[BATCH_INPUTS];
@@ -401,7 +401,7 @@ static int command(loop *self, double t, double tau[BATCH_INPUTS])
     }
 #endif
     status = BATCH_LAW(_step)(&self->law, &state.named, &reference.named, answer);
-    /* a true state that was seen has been looked at when it was reached */
+    /* a true state has been checked when it was reached */
     if (running(status) && (BATCH_SENSED || self->fresh)) {
         self->fresh = 0;
         status = side(self, seen(self)) <= 0 ? NOSLIP_SINGULAR : status;
@@ -418,7 +418,7 @@ static int command(loop *self, double t, double tau[BATCH_INPUTS])
 static const int pose_coordinate[3] = BATCH_POSE;
 static const int wheel_coordinate[2] = BATCH_WHEELS;
 
-/* How many periods have gone by; with none, every instant counts. */
+/* Number of elapsed periods; with period 0 every instant counts. */
 static double periods(double t, double period)
 {
     return period > 0 ? floor_of(t / period + 1e-9) : t;
@@ -437,7 +437,7 @@ static void draw(sensing *self, const batch_sample *sample)
     }
 }
 
-/* A wheel's angle as its encoder tells it. */
+/* The angle of a wheel as measured by its encoder. */
 static double counted(double turned, double counts)
 {
     const double step = counts > 0 ? 6.283185307179586 / counts : 0;
@@ -453,7 +453,7 @@ static BATCH_RUNTIME(noslip_pose) true_pose(const double *x)
     return pose;
 }
 
-/* Until there are sensors, the true state is seen. */
+/* Initially the estimated state is the true one. */
 static void show_truth(loop *self)
 {
     copy(self->sensors.state, self->x, BATCH_STATE);
@@ -566,7 +566,7 @@ static int rate(const loop *self, const double *x, const double *tau, double *xd
     return BATCH_PLANT(_acceleration)(&self->robot, &state.named, tau, xdot, xdot + BATCH_COORDINATES);
 }
 
-/* State h seconds later, by one step of the method of order 6 with 7 stages (Butcher, On Runge-Kutta processes of high order,
+/* The state h seconds later, by one step of the method of order 6 with 7 stages (Butcher, On Runge-Kutta processes of high order,
  * 1964). */
 static int step(const loop *self, const double *x, const double *tau, double h, double *after)
 {
@@ -603,7 +603,7 @@ static int step(const loop *self, const double *x, const double *tau, double h, 
     return noslip_all_finite(after, BATCH_STATE) ? NOSLIP_OK : NOSLIP_NONFINITE;
 }
 
-/* The instant, s from x, at which a step of h goes through the singular set; `after` is the state just behind. */
+/* The time from x, s, at which a step of h crosses the singular set; `after` is the state just after it. */
 static double crossing(const loop *self, const double *x, const double *tau, double h, double *after)
 {
     double before = 0, tried[BATCH_STATE];
@@ -620,8 +620,8 @@ static double crossing(const loop *self, const double *x, const double *tau, dou
 }
 
 /*
- * Goes on for `duration` seconds with constant inputs, in `count` steps, from x, which it changes; `gone` are the seconds that
- * were possible. NOSLIP_SINGULAR where a controller that sees the truth goes through the singular set.
+ * Integrates x for `duration` seconds with constant inputs, in `count` steps; `gone` is the time that was reached (s). Returns
+ * NOSLIP_SINGULAR if a controller that receives the true state crosses the singular set.
  */
 static int go(const loop *self, double *x, const double *tau, double duration, int count, double *gone)
 {
@@ -645,7 +645,7 @@ static int go(const loop *self, double *x, const double *tau, double duration, i
     return NOSLIP_OK;
 }
 
-/* The same, and where `weight` is not 0 once more with half the steps: what the two differ by counts so many times as error. */
+/* The same; if `weight` is not 0, also with half the steps, and adds `weight` times the difference to the error. */
 static int hold(loop *self, const double *tau, double duration, double weight, double *gone)
 {
     const int count = (int)floor_of(duration / self->step + 1 - 1e-9);
@@ -670,7 +670,7 @@ static int hold(loop *self, const double *tau, double duration, double weight, d
 
 /* -- a run ------------------------------------------------------------------------------------------------------------- */
 
-/* An output time: how far the true outputs are from what is wanted. */
+/* Evaluates the errors of the true outputs at an output time. */
 static void note(loop *self, double t, const double *tau)
 {
     const batch_settings *settings = self->settings;
@@ -711,7 +711,7 @@ static void note(loop *self, double t, const double *tau)
     }
 }
 
-/* Ends a run before its time. */
+/* Ends a run early. */
 static void stop(loop *self, double t, int status)
 {
     static const double none[BATCH_INPUTS] = {0};
@@ -720,7 +720,7 @@ static void stop(loop *self, double t, int status)
     self->outcome->t_end = t;
 }
 
-/* Is the error too large, and is there a shorter step to try? */
+/* Whether the error is too large and a shorter step is left to try. */
 static int repeats(const loop *self)
 {
     return self->error > self->settings->accuracy && self->step > self->settings->longest / (1 << SHORTER);
@@ -731,7 +731,7 @@ static void march(loop *self)
 {
     const batch_sample *sample = self->sample;
     const double output_step = self->settings->output_step, slack = 1e-9 * least(sample->period, output_step);
-    const double rows = -floor_of(-(sample->duration / output_step - 1e-9)); /* but for the last */
+    const double rows = -floor_of(-(sample->duration / output_step - 1e-9)); /* except the last */
     double held[BATCH_INPUTS] = {0}, tau[BATCH_INPUTS], t = 0, row = 0, row_number = 0, checked = 0, k;
     int i, part, status;
     if (rows <= 0) {
@@ -754,7 +754,7 @@ static void march(loop *self)
         if (self->status == NOSLIP_SATURATED) {
             self->outcome->saturated += least(end, sample->duration) - t;
         }
-        if (k >= checked) { /* the error of this call stands for that of those until the next look: often at first */
+        if (k >= checked) { /* this error represents those of the calls until the next estimate; frequent at first */
             weight = 1 + floor_of(least(k / 8, LATEST - 1));
             checked = k + weight;
         }
@@ -796,7 +796,7 @@ static void march(loop *self)
     }
 }
 
-/* One run with one step of the integrator, from a start that is off by `nudge` in everything. */
+/* One run with a given step of the integrator, from a start changed by `nudge` in every component. */
 static void attempt(loop *self, double longest, double nudge)
 {
     const batch_sample *sample = self->sample;
@@ -841,7 +841,7 @@ static void attempt(loop *self, double longest, double nudge)
     copy(self->outcome->end, self->x, BATCH_STATE);
     self->outcome->integration_error = self->error;
     self->outcome->steps = floor_of(sample->period / longest + 1 - 1e-9);
-    if (status < 0) { /* there was no run */
+    if (status < 0) { /* not run */
         for (i = 0; i < (int)(sizeof(batch_outcome) / sizeof(double)); i++) {
             numbers[i] = not_a_number();
         }
@@ -857,9 +857,9 @@ static void attempt(loop *self, double longest, double nudge)
 }
 
 /*
- * What the integration error of a run grows to where the controller does not make it die out: it answers in steps, as it does to
- * encoders and in float, and an error may bring another step about; or it asks for ever more as the singular set comes near.
- * Found by a run from a start that is off by the error.
+ * Growth of the integration error of a run in which the loop does not damp it: if the inputs are discontinuous (encoders, float), an
+ * error may change a step; near the singular set the inputs grow without bound. Determined by a run from a start changed by the
+ * error.
  */
 static double grown(const loop *self, double longest)
 {
@@ -883,7 +883,7 @@ static double grown(const loop *self, double longest)
     return SAFETY * largest(apart) + self->edge;
 }
 
-/* Runs a sample until its error is small enough. Answers the number of rows. */
+/* Repeats a sample until its error is small enough. Returns the number of rows. */
 static long run(const batch_settings *settings, const batch_sample *sample, batch_outcome *outcome, double *told,
                 batch_row *rows, long most)
 {

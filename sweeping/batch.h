@@ -1,9 +1,9 @@
 /*
- * batch.h - many closed loops, each with numbers of its own, run one after the other.
+ * batch.h - simulates many closed loops, each with its own numbers, one after the other.
  *
- * A run is that of `noslip simulate` with a sampled controller: at each call the generated law sees the state (true, or sensed
- * with noise and dead-reckoned), what it answers acts `delay` s later and is held, and the generated dynamics are integrated
- * with steps of one length (Runge and Kutta, order 6). batch_law.h, made for the law, says how many numbers there are of what.
+ * A run is the same as in `noslip simulate` with a sampled controller: at each call the generated law receives the state (true, or
+ * dead-reckoned from noisy sensors), its inputs act `delay` s later and are held, and the generated dynamics are integrated with
+ * steps of constant length (Runge-Kutta, order 6). batch_law.h, generated for the law, defines the sizes of all arrays.
  */
 #ifndef BATCH_H
 #define BATCH_H
@@ -11,28 +11,28 @@
 #include "batch_law.h"
 #include "noslip_path.h"
 
-/* What all samples share. */
+/* Settings shared by all samples. */
 typedef struct batch_settings {
-    int corrected;                  /* 1: the dead-reckoned pose is set right now and then */
+    int corrected;                  /* 1: the dead-reckoned pose is corrected at intervals */
     int correction_mode;            /* NOSLIP_RESET or NOSLIP_BUMPLESS */
     int on_limit;                   /* NOSLIP_CUT or NOSLIP_SLOW */
     int reversing, stop, closed;    /* of a composite path, as in noslip_path_options */
-    int segments;                   /* how many it has */
+    int segments;                   /* number of its segments */
     const BATCH_SEGMENT *path;
-    double output_step;             /* s: between the instants at which the error counts */
-    double longest;                 /* s: the longest step of the integrator, tried first */
+    double output_step;             /* s: between the instants at which the error is evaluated */
+    double longest;                 /* s: first and longest step of the integrator */
     double accuracy;                /* largest integration error; a run that exceeds it is repeated with shorter steps */
-    double band[BATCH_ROWS];        /* the error of an output has settled within */
-    int instants;                   /* how many times there are */
-    const double *instant;          /* s, ascending: the outcomes tell the error at the first output time not before each */
+    double band[BATCH_ROWS];        /* an output has settled if its error stays within */
+    int instants;                   /* number of times in `instant` */
+    const double *instant;          /* s, ascending: the outcomes contain the error at the first output time not before each */
 } batch_settings;
 
 /* One sample: all doubles, SI; vectors in the order of the law. */
 typedef struct batch_sample {
-    double refused;                 /* not 0: the status to answer; nothing is run */
-    double plant[BATCH_PARAMETERS]; /* the truth */
+    double refused;                 /* not 0: the status to return without a run */
+    double plant[BATCH_PARAMETERS]; /* true parameters */
     double believed[BATCH_PARAMETERS];
-    double config[BATCH_CONFIG + 1]; /* one more than there are, for C has no empty arrays; the same holds for others */
+    double config[BATCH_CONFIG + 1]; /* one more than needed, since C has no empty arrays; likewise below */
     double gains[BATCH_GAINS + 1];
     double limit[BATCH_INPUTS];     /* 0: none */
     double ki[BATCH_INTEGRALS + 1];
@@ -40,7 +40,7 @@ typedef struct batch_sample {
     double offset[BATCH_REFERENCE]; /* reference: offset + slope t */
     double slope[BATCH_REFERENCE];
     double start[BATCH_STATE];
-    double forward[2], turn[2], ahead; /* of the vehicle, as believed; see noslip_odometry_options */
+    double forward[2], turn[2], ahead; /* of the vehicle, as assumed by the controller; see noslip_odometry_options */
     double speed, deceleration, creep, L[2], W; /* of a composite path, see noslip_path_options */
     double mean[BATCH_FREEDOM], sd[BATCH_FREEDOM]; /* rad/s: noise of the quasi-velocities */
     double seed;
@@ -48,9 +48,9 @@ typedef struct batch_sample {
     double period, delay, duration;
 } batch_sample;
 
-/* What came of it. Behind these in a row of outcomes: for each output its error at each of the settings' instants. */
+/* Outcomes. In a row of outcomes they are followed by the error of each output at each of the instants. */
 typedef struct batch_outcome {
-    double status;                  /* NOSLIP_...: OK, SATURATED, ARRIVED, or why it ended before its time */
+    double status;                  /* NOSLIP_...: OK, SATURATED, ARRIVED, or the reason of an early end */
     double t_end;                   /* s */
     double final[BATCH_ROWS];       /* y - y_d at the end */
     double peak[BATCH_ROWS];        /* largest |y - y_d| */
@@ -62,7 +62,7 @@ typedef struct batch_outcome {
     double steps;                   /* of the integrator in a period */
 } batch_outcome;
 
-/* One output time, for who wants to see all of a run. */
+/* Values at one output time of a run. */
 typedef struct batch_row {
     double t;
     double x[BATCH_STATE];
@@ -72,10 +72,10 @@ typedef struct batch_row {
     double piece;
 } batch_row;
 
-/* Runs `count` samples; `outcomes` has a row of `width` numbers for each. Nothing is shared but what is read. */
+/* Runs `count` samples; `outcomes` has a row of `width` numbers for each. Threads share only data that is read. */
 void batch_run(const batch_settings *settings, const batch_sample *samples, long count, double *outcomes, long width);
 
-/* Runs one sample and writes down its rows, `most` at most. Answers how many there are. */
+/* Runs one sample and writes its rows, `most` at most. Returns the number of rows. */
 long batch_trace(const batch_settings *settings, const batch_sample *sample, batch_row *rows, long most);
 
 #endif

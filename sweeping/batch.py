@@ -1,4 +1,4 @@
-"""Many closed loops of one SPEC, each with numbers of its own, run by the C of batch.c."""
+"""Many closed loops of one SPEC, each with its own numbers, simulated by the C of batch.c."""
 
 from threading import Lock
 
@@ -16,30 +16,30 @@ from ..simulation.starts import starts
 from .inputs import SEED, SEEDS, inputs_of
 from .program import program
 
-SCALAR = {"c": "double", "cf": "float"}  # backend -> what the controller computes in
+SCALAR = {"c": "double", "cf": "float"}  # backend -> scalar of the controller
 LONGEST = 0.01  # s
 ACCURACY = 1e-9
 BAND = 0.01
-CHUNK = 4096  # samples made ready at a time: memory stays constant
+CHUNK = 4096  # samples prepared at a time, so that memory stays constant
 _one = Lock()  # CasADi's functions are evaluated by one thread at a time
 
 
 class Batch:
-    """Closed loops of a SPEC with a sampled controller, run in C: order and meaning are those of `noslip simulate`.
+    """Closed loops of a SPEC with a sampled controller, run in C with the same meaning as in `noslip simulate`.
 
     `inputs`: names of the numbers that a sample has, dotted as in the SPEC ("plant.m_c", "initial.x_c", "limits.torque[0]"), and
     "seed"; `nominal`: what they are in the SPEC. `outcomes`: names of what comes of it, SI:
 
-    status      a number that `status` names: ok, saturated, arrived, or why the run ended before its time (t_end, s)
+    status      a number, see `status`: ok, saturated, arrived, or the reason for which the run stopped early (t_end, s)
     final.ROW, peak.ROW, settling.ROW  of each output: y - y_d at the last output time, its largest absolute value, and the last
                 output time (s) at which it was beyond the band
-    saturated   s, with an input at its limit; effort.INPUT: the largest absolute value of each input
-    end.STATE   the true state at the end
-    integration_error  estimate of how far the integrator is off, the largest component of the state
-    steps       of the integrator between two calls
-    error.ROW[K]  y - y_d at the first output time not before the instant K, NaN where the run did not get there
+    saturated   time (s) with an input at its limit; effort.INPUT: the largest absolute value of each input
+    end.STATE   true state at the end
+    integration_error  estimated error of the integrator, the largest component of the state
+    steps       steps of the integrator between two calls
+    error.ROW[K]  y - y_d at the first output time not before the instant K, NaN if the run stopped before
 
-    What was not run, because a number of the sample is refused, has NaN in all but status and t_end.
+    A sample that is not run because a number is rejected has NaN in all outcomes except status and t_end.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Batch:
         self._wheels: ca.Function | None
         try:
             self._wheels = wheels_function(law.system)
-        except BadInput:  # a robot of another kind: make_loop found that none are needed
+        except BadInput:  # a robot without a pose: make_loop has checked that none is needed
             self._wheels = None
         self._inputs = inputs_of(spec, self.loop)
         self.spec = self._inputs.spec
@@ -80,7 +80,7 @@ class Batch:
         self.outcomes = self._outcome_names(len(instants))
 
     def run(self, table: np.ndarray) -> np.ndarray:
-        """Outcomes (N, outcomes) of samples (N, inputs). A row depends on its sample alone. Other threads run meanwhile."""
+        """Outcomes (N, outcomes) of samples (N, inputs). A row depends on its sample only. The GIL is released."""
         made = np.empty((len(table), len(self.outcomes)))
         cast, lib = self._program.ffi.cast, self._program.lib
         for start in range(0, len(table), CHUNK):
@@ -91,11 +91,11 @@ class Batch:
         return made
 
     def status(self, number: float) -> str:
-        """Name of a status."""
+        """Return the name of a status."""
         return self._program.ffi.string(self._program.lib.noslip_status_name(int(number))).decode()
 
     def trace(self, row: np.ndarray) -> np.ndarray:
-        """All output times of one sample, a row of a table: records of t, x, tau, error, status, piece."""
+        """Return records (t, x, tau, error, status, piece) of one sample, a row of a table, at all output times."""
         simulation, cast = self.spec.simulation, self._program.ffi.cast
         duration = row[self.inputs.index("simulation.duration")]
         rows = np.zeros(int(duration / simulation.output_step) + 3, self._row)
@@ -103,11 +103,11 @@ class Batch:
         sample, place = cast("batch_sample *", samples.ctypes.data), cast("batch_row *", rows.ctypes.data)
         return rows[: self._program.lib.batch_trace(self._settings, sample, place, len(rows))]
 
-    # -- what all samples share ------------------------------------------------------------------------------------------
+    # -- settings shared by all samples ------------------------------------------------------------------------------------------
 
     def _make_settings(self, accuracy: float, band: float | tuple[float, ...], instants: tuple[float, ...], longest: float):
         spec, ffi = self.spec, self._program.ffi
-        self._instants = ffi.new("double[]", [*instants, 0.0])  # the settings point to these two
+        self._instants = ffi.new("double[]", [*instants, 0.0])  # referenced by pointers in the settings
         self._path = ffi.NULL
         settings = ffi.new("batch_settings *")
         settings.longest, settings.accuracy = longest, accuracy
@@ -137,7 +137,7 @@ class Batch:
     # -- samples ---------------------------------------------------------------------------------------------------------
 
     def _samples(self, table: np.ndarray) -> np.ndarray:
-        """Rows of a table as the C has them."""
+        """Return rows of a table as structs of the C."""
         with _one:
             return self._filled(table)
 
@@ -174,7 +174,7 @@ class Batch:
         return made
 
     def _point(self, made: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
-        """Fills in what is followed and where P_l is. Answers its L, m."""
+        """Set the path and the position of P_l. Return its L, m."""
         output, law = self.spec.output, self.law
         zeros = np.zeros(len(made))
         L, made["W"] = given.get("output.L", zeros), given.get("output.W", zeros)
@@ -214,7 +214,7 @@ class Batch:
         return starts(self.law.system, made["plant"], (L, made["W"]), pose, given["initial.speed"])
 
     def _refused(self, made: np.ndarray, table: np.ndarray) -> np.ndarray:
-        """0, or the status with which a SPEC that has these numbers is refused; what the C looks at itself is left to it."""
+        """Return 0, or the status with which a SPEC with these numbers is rejected, apart from the checks made by the C."""
         period, delay, duration = (made[name] for name in ("period", "delay", "duration"))
         with np.errstate(divide="ignore", invalid="ignore"):
             good = np.isfinite(table).all(axis=1) & np.isfinite(made["start"]).all(axis=1)

@@ -1,4 +1,4 @@
-"""A sweep on the workers of a Dask cluster (distributed, optional): they get rows of numbers and the SPEC, and run the C.
+"""A sweep on the workers of a Dask cluster (distributed, optional): they receive rows of numbers and the SPEC, and run the C.
 
 Rows are made here, so that the numbers do not depend on whose processor computes a logarithm.
 """
@@ -14,20 +14,20 @@ from ..readers.errors import BadInput
 from .runner import AHEAD, in_flight
 from .study import Study, study_of
 
-PATIENCE = "10s"  # until a scheduler answers
+PATIENCE = "10s"  # for the connection to the scheduler
 
 
 class Cluster:
     """The workers of the scheduler at an address."""
 
     def __init__(self, address: str, study: Study):
-        """Raises BadInput without distributed, where no scheduler answers, and where it has no workers."""
+        """Raises BadInput if distributed is not installed, no scheduler answers, or it has no workers."""
         try:
             import distributed
         except ImportError as error:
             raise BadInput("--scheduler needs distributed; python -m pip install 'noslip[cluster]'") from error
         for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are told once, by us
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # this module reports errors itself
         self._distributed, self._study = distributed, study
         try:
             self._client = distributed.Client(address, timeout=PATIENCE)
@@ -39,7 +39,7 @@ class Cluster:
             raise BadInput(f"--scheduler {address}: it has no workers; start some with dask worker {address}")
 
     def results(self, tables: Iterable[tuple[int, np.ndarray]]) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """As of `Engine`. Raises BadInput where a worker cannot run this sweep or the cluster is lost."""
+        """See `Engine`. Raises BadInput if a worker cannot run this sweep or the connection is lost."""
         study, client = self._study, self._client
 
         def submit(table: np.ndarray):
@@ -55,7 +55,7 @@ class Cluster:
             raise BadInput("the scheduler is gone; what is finished is kept, the same command goes on from there") from error
 
     def close(self) -> None:
-        """Say goodbye."""
+        """Close the connection."""
         with suppress(OSError, TimeoutError):
             self._client.close(timeout=2)
 
@@ -64,7 +64,7 @@ class Cluster:
 
 
 def _outcomes(text: str, identity: dict, table: np.ndarray) -> np.ndarray:
-    """On a worker: what comes of a table."""
+    """Return the outcomes of a table; runs on a worker."""
     study = _study(text, identity["samples"])
     if study.identity != identity:
         raise BadInput("a worker has another noslip or another robot; install the same version there")

@@ -1,4 +1,4 @@
-"""What may differ from sample to sample: numbers of a SPEC by their dotted names, and the SPEC with others in their place."""
+"""The numbers of a SPEC that may vary between samples, by their dotted names; SPECs with other values."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -16,17 +16,17 @@ from ..simulation.loop import Loop, initial_of
 from ..simulation.specification.spec import Initial, NoiseSection, OutputSection, Spec
 from ..verification.cases import gain_entries, integral_entries
 
-Place = tuple[str | int, ...]  # where in a Spec a number is: names of entries and numbers of items
+Place = tuple[str | int, ...]  # path to a number in a Spec: names of entries and indices of items
 SEED = "seed"
-SEEDS = 2**53  # seeds are below: whole numbers that a double holds
+SEEDS = 2**53  # upper bound of seeds: integers that a double represents
 
 
 @dataclass(frozen=True)
 class SampleInputs:
-    """Columns of a table of samples: `nominal` by name, in order; `spec` says all of them in full.
+    """Columns of a table of samples: `nominal` values by name, in order; `spec` has all of them explicitly.
 
-    `follows`: inputs that are what another one is unless they are given themselves, as a plant's parameters are those that the
-    controller believes where the SPEC gives no others. `state`: names of [q; nu].
+    `follows`: inputs that are equal to another one unless they are given, such as parameters of the plant, which are those of the
+    controller unless the SPEC gives others. `state`: names of [q; nu].
     """
 
     spec: Spec
@@ -36,11 +36,12 @@ class SampleInputs:
 
     @property
     def names(self) -> list[str]:
-        """In the order of the table's columns."""
+        """The names, in the order of the columns of the table."""
         return list(self.nominal)
 
     def table(self, columns: Mapping[str, np.ndarray | float], count: int) -> np.ndarray:
-        """(count, inputs): the columns given, by name; the others follow or are nominal. Raises BadInput for unknown names."""
+        """Return a table (count, inputs) from given columns by name; the others follow or are nominal. Raises BadInput for
+        unknown names."""
         for name in columns:
             if name not in self.nominal:
                 raise BadInput(f"{name!r} is not a number of this SPEC that a sample can have{suggestion(name, self.names)}")
@@ -51,12 +52,12 @@ class SampleInputs:
         return made
 
     def spec_of(self, row: Sequence[float]) -> Spec:
-        """The SPEC of one sample, a row of a table, for `noslip simulate`. Raises BadInput for one that cannot be run."""
+        """Return the SPEC of one sample, a row of a table, for `noslip simulate`. Raises BadInput if it cannot be run."""
         values = dict(zip(self.nominal, row, strict=True))
         return _changed(self.spec, {self._place(name): float(value) for name, value in values.items()})
 
     def _place(self, name: str) -> Place:
-        """Where an input is in a Spec."""
+        """Return the path to an input in a Spec."""
         if name == SEED:
             return ("sensors", "seed")
         tokens: Place = tuple(int(t) if t.isdigit() else t for t in re.findall(r"\w+", name))
@@ -70,7 +71,7 @@ class SampleInputs:
 
 
 def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
-    """The numbers of a SPEC, which `loop` was made of, that may differ from sample to sample."""
+    """Return the numbers of the SPEC of `loop` that may vary between samples."""
     law = loop.law
     full = _in_full(spec, loop)
     nominal: dict[str, float] = {}
@@ -99,7 +100,7 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
 
 
 def _in_full(spec: Spec, loop: Loop) -> Spec:
-    """The SPEC with all that it leaves to defaults in its place."""
+    """Return the SPEC with its defaults written out."""
     law = loop.law
     mechanism = law.system.mechanism
     names = [p.name for p in law.parameters]
@@ -138,7 +139,7 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
 
 
 def _point(output: OutputSection, law: ControlLaw) -> list[str]:
-    """Which of L, W, L_backward there are."""
+    """Return which of L, W, L_backward the law has."""
     config = [c.name for c in law.config]
     found: list[str] = [name for name in ("L", "W") if name in config and not output.own]
     return [*found, "L_backward"] if output.L_backward is not None else found
@@ -149,7 +150,7 @@ def _spread(values: tuple[float, ...], count: int) -> tuple[float, ...]:
 
 
 def _numbers(section: Any, where: str) -> dict[str, float]:
-    """The numbers of a section by their names, those in lists with their place."""
+    """Return the numbers of a section by name, those in lists with their index."""
     found: dict[str, float] = {}
     for name, value in ((f.name, getattr(section, f.name)) for f in fields(section)):
         if isinstance(value, tuple):
@@ -160,7 +161,7 @@ def _numbers(section: Any, where: str) -> dict[str, float]:
 
 
 def _changed(value: Any, changes: Mapping[Place, float]) -> Any:
-    """A Spec, or a part of one, with other numbers in their places."""
+    """Return a Spec, or a part of one, with other values at given paths."""
     if () in changes:
         return int(changes[()]) if isinstance(value, int) else changes[()]
     parts: dict[str | int, dict[Place, float]] = {}

@@ -1,4 +1,4 @@
-"""The samples of a sweep: a table of numbers for the batch simulator, any part of it at any time."""
+"""The samples of a sweep: a table of numbers for the batch simulator, any part of which can be computed at any time."""
 
 import re
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ from scipy.special import ndtr, ndtri
 
 from ..readers.errors import BadInput
 from ..readers.printing import toml
+from ..readers.reading import MOST_ANGLE
 from ..readers.robots import suggestion
 from ..simulation.specification.distributions import PERIOD, Margin, Sweep
 from ..simulation.specification.spec import Spec
@@ -21,14 +22,15 @@ MOST = {"random": 2**32, "latin": 2**32, "sobol": 2**SOBOL_BITS}
 
 
 def sweep_of(spec: Spec) -> Sweep:
-    """[sweep] of a SPEC. Raises BadInput without it."""
+    """Return [sweep] of a SPEC. Raises BadInput if it is missing."""
     if spec.sweep is None:
         raise BadInput("[sweep] is missing: seed = 0 and, for example, [sweep.plant] m_c = { normal = [30.0, 6.0] }")
     return spec.sweep
 
 
 def as_sampled(spec: Spec) -> Spec:
-    """The SPEC with a control period: its own, or where it is continuous that of [sweep]. Raises BadInput without [sweep]."""
+    """Return the SPEC with a control period: its own, or for a continuous SPEC that of [sweep]. Raises BadInput without
+    [sweep]."""
     own, asked = spec.simulation.period, sweep_of(spec).period
     if own and asked:
         raise BadInput("[sweep] period applies to a continuous SPEC; here [simulation] period is given")
@@ -37,9 +39,9 @@ def as_sampled(spec: Spec) -> Spec:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """`samples` samples of a SPEC, what varies in them by name. `inputs` are all the numbers that a sample has.
+    """`samples` samples of a SPEC, with the varied numbers by name. `inputs` are all numbers of a sample.
 
-    Raises BadInput for names that are none of them, correlations that cannot be, too many samples.
+    Raises BadInput for unknown names, impossible correlations, and too many samples.
     """
 
     spec: Spec
@@ -59,7 +61,7 @@ class Plan:
                 raise BadInput(f"[sweep] {name} is not a number of this SPEC that can vary{hint}")
         if not self.names and SEED not in self.inputs.names:
             raise BadInput("[sweep]: nothing varies; for example [sweep.plant] m_c = { normal = [30.0, 6.0] }")
-        self._mixing  # noqa: B018, refused now
+        self._mixing  # noqa: B018, raises BadInput now
 
     @property
     def sweep(self) -> Sweep:
@@ -68,21 +70,21 @@ class Plan:
 
     @property
     def margins(self) -> dict[str, Margin]:
-        """Distributions by name, the fixed ones with them."""
+        """The distributions by name, including fixed values."""
         return self.sweep.margins
 
     @cached_property
     def names(self) -> list[str]:
-        """What varies, the dimensions of the unit cube."""
+        """Names of the varied numbers, the dimensions of the unit cube."""
         return [name for name, margin in self.margins.items() if margin.kind != "fixed"]
 
     def table(self, first: int, count: int) -> np.ndarray:
-        """Samples first to first + count - 1, (count, inputs), each with its own seed."""
+        """Return samples first to first + count - 1, (count, inputs), each with its own seed."""
         u = points(self.sweep.design, self.sweep.seed, self.samples, len(self.names), first, count)
         return self.rows(u, np.arange(first, first + count))
 
     def rows(self, u: np.ndarray, k: np.ndarray | int) -> np.ndarray:
-        """Points of the open unit cube (count, dimensions) as rows of the table; `k` numbers the seeds."""
+        """Return rows of the table for points of the open unit cube (count, dimensions); `k`: numbers of the seeds."""
         u = self._correlated(u)
         columns = {name: margin.quantile(np.zeros(len(u))) for name, margin in self.margins.items() if margin.kind == "fixed"}
         columns |= {name: self.margins[name].quantile(u[:, j]) for j, name in enumerate(self.names)}
@@ -91,26 +93,28 @@ class Plan:
         return self.inputs.table(columns, len(u))
 
     def columns(self, table: np.ndarray) -> dict[str, np.ndarray]:
-        """What varies, and the seed if there is one, from a table."""
+        """Return the columns of a table that vary, and the seed if there is one."""
         names = [*self.names, *([SEED] if SEED in self.inputs.names else [])]
         return {name: table[:, self.inputs.names.index(name)] for name in names}
 
     def spec_of(self, row: dict[str, float]) -> Spec:
-        """The SPEC of one sample of which `columns` are known. Raises BadInput for one that cannot be run."""
+        """Return the SPEC of one sample, given its `columns`. Raises BadInput if it cannot be run."""
         fixed = {name: margin.a for name, margin in self.margins.items() if margin.kind == "fixed"}
         return self.inputs.spec_of(self.inputs.table(fixed | row, 1)[0])
 
     def changes(self, row: dict[str, float]) -> list[str]:
-        """The same as `KEY=VALUE` of `noslip simulate SPEC --set`."""
+        """Return the same as arguments KEY=VALUE of `noslip simulate SPEC --set`."""
         spec, made = self.spec_of(row), {}
         for name in (*self.margins, *([SEED] if SEED in row else [])):
             for key in _keys(name, spec):
                 made[key] = _value(spec, key)
+        if abs(made.get("initial.heading", 0.0)) > MOST_ANGLE:
+            made["initial.heading"] = f"{made['initial.heading']!r} rad"
         return [f"{key}={toml(value)}" for key, value in made.items()]
 
     @cached_property
     def _mixing(self) -> np.ndarray | None:
-        """The Cholesky factor of the correlations, (dimensions, dimensions); None without any."""
+        """Return the Cholesky factor of the correlations, (dimensions, dimensions); None without correlations."""
         given = self.sweep.correlation
         if not given:
             return None
@@ -129,7 +133,7 @@ class Plan:
             raise BadInput("[sweep] correlation: no distribution has these (not positive definite); make them smaller") from error
 
     def _correlated(self, u: np.ndarray) -> np.ndarray:
-        """A Gaussian copula: the normal variables behind u mixed. Sums in one order, whatever the number of rows."""
+        """Apply a Gaussian copula to u. The order of the sums does not depend on the number of rows."""
         if self._mixing is None:
             return u
         z, made = ndtri(u), u.copy()
@@ -140,7 +144,7 @@ class Plan:
 
 
 def _keys(name: str, spec: Spec) -> Sequence[str]:
-    """Which entries of a SPEC say what a name tells: a list as a whole."""
+    """Return the entries of a SPEC to which a name belongs: for an item, the whole list."""
     if name == SEED:
         return ["sensors.seed"]
     if name.startswith("initial.") and spec.initial and spec.initial.q is not None:

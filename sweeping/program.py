@@ -1,4 +1,4 @@
-"""The C of the batch simulator for one law: batch.c with what it has to know of the law, compiled, and its types in numpy."""
+"""The C of the batch simulator for one law: batch.c compiled with the names and sizes of the law, and its types in NumPy."""
 
 import re
 from functools import lru_cache
@@ -20,7 +20,7 @@ SOURCES = ("batch.c", "batch.h")
 
 
 class Simulator:
-    """The simulator of a law in a scalar of the controller's. `ffi` knows its types, `lib` its functions."""
+    """The simulator of a law in a scalar of the controller's. `ffi` has its types, `lib` its functions."""
 
     def __init__(self, law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]):
         """`integrals`: the outputs with integral action, by name. Raises BadInput as `pose_coordinates` does."""
@@ -34,7 +34,7 @@ class Simulator:
         self.lib = load(self.ffi, {**texts, "batch_law.h": law_h, **plant, **made[0], **made[1]}, optimized=True)
 
     def type(self, name: str) -> np.dtype:
-        """A struct of doubles as numpy has it."""
+        """Return the NumPy type of a struct of doubles."""
         return np.dtype(
             [(field, float, (part.type.length,)) if part.type.kind == "array" else (field, float)
              for field, part in self.ffi.typeof(name).fields]
@@ -43,12 +43,12 @@ class Simulator:
 
 @lru_cache(maxsize=16)
 def program(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]) -> Simulator:
-    """The simulator, compiled once per process."""
+    """Return the simulator, compiled once per process."""
     return Simulator(law, scalar, sensed, route, integrals)
 
 
 def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]) -> str:
-    """batch_law.h: names of the generated C, and how many there are of what."""
+    """Return batch_law.h: names in the generated C, and sizes."""
     mechanism, own = law.system.mechanism, SCALARS[scalar]
     degree, rows = law.linearization.relative_degree, law.output.rows
     names = [q.name for q in law.reference]
@@ -103,7 +103,7 @@ def _list(numbers: list[int]) -> str:
 
 
 def _declared(header: str, law_h: str) -> str:
-    """batch.h for cffi, the law's numbers in the place of their names."""
+    """Return batch.h for cffi, with the macros of the law replaced by their values."""
     known = dict(re.findall(r"#define (BATCH_\w+) (\w+)$", law_h, re.MULTILINE))
     text = "\n".join(line for line in header.splitlines() if not line.startswith("#"))
     return re.sub(r"\bBATCH_[A-Z_]+\b", lambda name: known[name[0]], text)

@@ -1,4 +1,4 @@
-"""Where a sweep goes: finished parts in a folder beside the output, at the end all of it in one Parquet file.
+"""Results of a sweep: finished parts in a folder beside the output, and at the end one Parquet file.
 
 The file depends on the SPEC and the number of samples alone: rows in order, a row group for each part, no dates.
 """
@@ -27,22 +27,22 @@ try:
 except ImportError as error:
     raise BadInput("a sweep is kept in a Parquet file, which needs pyarrow; python -m pip install 'noslip[sweep]'") from error
 
-LARGEST, SMALLEST, FEWEST = 4096, 32, 64  # samples in a part; parts, so that all cores have some until the end
+LARGEST, SMALLEST, FEWEST = 4096, 32, 64  # of samples in a part; of parts, so that all cores stay busy until the end
 SPEC, IDENTITY = b"noslip.spec", b"noslip.sweep"  # in the file's metadata
 MANIFEST = "sweep.json"
-OWN = re.compile(r"sweep\.json|\d{7}|\..+\.[0-9a-f]{12}\.part")  # names in the folder of the parts, temporary files among them
+OWN = re.compile(r"sweep\.json|\d{7}|\..+\.[0-9a-f]{12}\.part")  # files in the folder of the parts, also temporary ones
 DIGEST = hashlib.sha256().digest_size
 
 
 def part_size(samples: int) -> int:
-    """Samples in each part but the last."""
+    """Return the number of samples in each part except the last."""
     return int(np.clip(-(-samples // FEWEST), SMALLEST, LARGEST))
 
 
 class Parts:
-    """The parts of a sweep that are finished, in OUT.parts: for each the table and its outcomes, raw doubles, and their digest.
+    """The finished parts of a sweep, in OUT.parts: for each part the table, its outcomes (raw doubles), and their digest.
 
-    The folder is the sweep's where its manifest says so. Other files in it are neither read nor removed.
+    A manifest identifies the sweep of the folder. Other files in it are neither read nor removed.
     """
 
     def __init__(self, output: Path, study: Study):
@@ -53,13 +53,13 @@ class Parts:
         self.width = len(study.batch.inputs) + len(study.batch.outcomes)
 
     def range(self, part: int) -> tuple[int, int]:
-        """First sample of a part, and how many it has."""
+        """Return the first sample of a part and the number of its samples."""
         first = part * self.size
         return first, min(self.size, self.study.samples - first)
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """The folder, made if need be, for this process alone. Raises BadInput where it is another sweep's or in use."""
+        """Create the folder if necessary and lock it. Raises BadInput if it belongs to another sweep or is in use."""
         try:
             if self.folder.is_symlink():
                 raise BadInput(f"{self.folder} is a link; remove it or change -o")
@@ -78,17 +78,17 @@ class Parts:
             os.close(handle)
 
     def missing(self) -> list[int]:
-        """Parts that are missing or damaged."""
+        """Return the parts that are missing or damaged."""
         return [part for part in range(self.count) if self._data(part) is None]
 
     def write(self, part: int, table: np.ndarray, outcomes: np.ndarray) -> None:
-        """Keep a part, whatever happens next. Raises OSError naming it."""
+        """Write a part atomically and durably. Raises OSError with its name."""
         data = np.hstack([table, outcomes]).tobytes()
         with replacing(self._file(part)) as new:
             create(new, data + self._digest(part, data))
 
     def read(self, part: int) -> tuple[np.ndarray, np.ndarray]:
-        """Table and outcomes of a part. Raises BadInput where it is damaged."""
+        """Return table and outcomes of a part. Raises BadInput if it is damaged."""
         data = self._data(part)
         if data is None:
             raise BadInput(f"{self._file(part)} was damaged while the sweep ran; the same command computes it again")
@@ -96,7 +96,7 @@ class Parts:
         return table, outcomes
 
     def remove(self) -> None:
-        """Remove what the sweep wrote, the manifest last; and the folder, unless something else is in it."""
+        """Remove the files of the sweep, the manifest last, and the folder unless it contains other files."""
         own = [path for path in self.folder.iterdir() if OWN.fullmatch(path.name)]
         for path in sorted(own, key=lambda path: path.name == MANIFEST):
             with suppress(IsADirectoryError):
@@ -107,7 +107,7 @@ class Parts:
             print(f"{self.folder} has files that are not the sweep's; they are left", file=sys.stderr)
 
     def _claim(self) -> None:
-        """Raise BadInput unless the folder is this sweep's; an empty one becomes so."""
+        """Raise BadInput unless the folder belongs to this sweep; an empty folder receives its manifest."""
         manifest, wanted = self.folder / MANIFEST, self.study.identity
         if not os.path.lexists(manifest):
             if any(not path.name.endswith(".part") or not OWN.fullmatch(path.name) for path in self.folder.iterdir()):
@@ -125,11 +125,11 @@ class Parts:
         return self.folder / f"{part:07d}"
 
     def _digest(self, part: int, data: bytes) -> bytes:
-        """Of the numbers of a part, its place and its sweep."""
+        """Return the digest of the numbers of a part, its index and its sweep."""
         return hashlib.sha256(json.dumps([self.study.identity, part]).encode() + data).digest()
 
     def _data(self, part: int) -> bytes | None:
-        """The numbers of a part; None where it is missing or damaged."""
+        """Return the numbers of a part; None if it is missing or damaged."""
         with suppress(OSError):
             whole = self._file(part).read_bytes()
             data, digest = whole[:-DIGEST], whole[-DIGEST:]
@@ -139,7 +139,7 @@ class Parts:
 
 
 def merge(parts: Parts) -> None:
-    """All parts into the output, a part in memory at a time. Raises OSError naming it."""
+    """Write all parts to the output, with one part in memory at a time. Raises OSError with its name."""
     schema = _schema(parts.study)
     options = {"compression": "zstd", "use_dictionary": ["status"], "write_page_checksum": True}
     with replacing(parts.output, parts.folder) as new, open(new, "xb") as file:
@@ -169,7 +169,7 @@ def _schema(study: Study) -> pa.Schema:
 
 @contextmanager
 def _reading(file: Path | str) -> Iterator[None]:
-    """What goes wrong with a file in the block becomes BadInput."""
+    """Convert errors about a file within the block to BadInput."""
     try:
         yield
     except FileNotFoundError as error:
@@ -179,7 +179,7 @@ def _reading(file: Path | str) -> Iterator[None]:
 
 
 def open_sweep(file: Path | str) -> tuple[pq.ParquetFile, str, dict]:
-    """A finished sweep, the text of its SPEC and its identity. Raises BadInput for any other file."""
+    """Return a finished sweep, the text of its SPEC and its identity. Raises BadInput for any other file."""
     with _reading(file):
         found = pq.ParquetFile(file, page_checksum_verification=True)
         metadata = found.schema_arrow.metadata or {}
@@ -193,7 +193,7 @@ def open_sweep(file: Path | str) -> tuple[pq.ParquetFile, str, dict]:
 
 
 def is_finished(output: Path, study: Study) -> bool:
-    """Does the file hold this sweep already, to the last number? Raises BadInput where another file is in its place."""
+    """Whether the file already has the complete results of this sweep. Raises BadInput if it is another file."""
     if not output.exists():
         return False
     try:
@@ -211,9 +211,9 @@ def is_finished(output: Path, study: Study) -> bool:
 
 
 def sample_of(file: Path | str, sample: int) -> tuple[str, dict[str, float], dict[str, Any]]:
-    """Of one sample of a finished sweep: the text of the SPEC, what varies by name, its outcomes by name.
+    """Return, for one sample of a finished sweep, the text of the SPEC, the varied numbers and the outcomes, by name.
 
-    Raises BadInput for no such sample.
+    Raises BadInput if there is no such sample.
     """
     found, text, identity = open_sweep(file)
     if not 0 <= sample < identity["samples"]:
@@ -226,7 +226,7 @@ def sample_of(file: Path | str, sample: int) -> tuple[str, dict[str, float], dic
 
 
 def _difference(found: dict, wanted: dict) -> str:
-    """What of two identities is not the same, in words."""
+    """Describe the difference between two identities."""
     if found.get("spec_sha256") != wanted["spec_sha256"]:
         return "its SPEC is not this one"
     return ", ".join(f"{key} {found.get(key)}, not {value}" for key, value in wanted.items() if found.get(key) != value)

@@ -18,8 +18,8 @@ from .batch import Batch
 from .inputs import inputs_of
 from .plan import Plan, as_sampled, sweep_of
 
-SHORT = ("final", "peak", "settling")  # of each output that is a place or an angle, not a speed
-STOPPED = 1e6  # severity of a run that stops before its time: beyond any other, and the more the sooner it stops
+SHORT = ("final", "peak", "settling")  # of each output that is a position or an angle, not a speed
+STOPPED = 1e6  # severity of a run that stops early: larger than any other, and the larger the earlier it stops
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Criterion:
     outcomes: Sequence[str]
 
     def severity(self, outcomes: np.ndarray, duration: np.ndarray | float) -> np.ndarray:
-        """How bad rows of outcomes are (N): above 1 they fail. `duration`: s, what they were to take."""
+        """Return the severity of rows of outcomes (N); above 1 they fail. `duration`: the intended duration, s."""
         status, t_end = (outcomes[:, self.outcomes.index(name)] for name in ("status", "t_end"))
         worst = np.zeros(len(outcomes))
         for name, limit in self.limits.items():
@@ -48,7 +48,7 @@ class Criterion:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Everything that the text of a SPEC and a number of samples say. `spec` is as run: with a control period."""
+    """The objects defined by the text of a SPEC and a number of samples. `spec` has a control period."""
 
     text: str
     spec: Spec
@@ -58,12 +58,12 @@ class Study:
 
     @property
     def samples(self) -> int:
-        """How many."""
+        """Number of samples."""
         return self.plan.samples
 
     @cached_property
     def identity(self) -> dict[str, str | int | float]:
-        """What the results depend on: two sweeps that agree in it are one."""
+        """All that the results depend on: sweeps with equal identity are the same."""
         sweep, law = self.plan.sweep, self.batch.law
         return {
             "samples": self.samples,
@@ -77,28 +77,29 @@ class Study:
 
     @property
     def continuous(self) -> bool:
-        """Does the SPEC say no period of its own?"""
+        """Whether the SPEC has no control period."""
         return not spec_of(self.text, "").simulation.period
 
     @property
     def shown(self) -> list[str]:
-        """Outcomes that are worth a line: how far off it is, what is limited, and what the inputs do."""
+        """The outcomes that are printed: errors, outcomes with a limit, and inputs."""
         names = [long for name in SHORT for long in _in_full(name, self.batch)]
         limited = ["saturated"] if self.spec.limits else []
         return list(dict.fromkeys([*names, *self.criterion.limits, *limited]))
 
     def changes(self, row: dict[str, float]) -> list[str]:
-        """What makes the SPEC that of a row, as `KEY=VALUE` of `noslip simulate SPEC --set`."""
+        """Return the arguments KEY=VALUE of `noslip simulate SPEC --set` that give the SPEC of a row."""
         period = [f"simulation.period={self.spec.simulation.period!r}"] if self.continuous else []
         return period + self.plan.changes(row)
 
     def severity(self, table: np.ndarray, outcomes: np.ndarray) -> np.ndarray:
-        """Of samples and what came of them, (N)."""
+        """Return the severity of samples with their outcomes, (N)."""
         return self.criterion.severity(outcomes, table[:, self.batch.inputs.index("simulation.duration")])
 
 
 def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = ()) -> Study:
-    """A sweep of the SPEC `text`; with `instants` (s) the outcomes tell the errors then. Raises BadInput, with `name`."""
+    """A sweep of the SPEC `text`; with `instants` (s), the outcomes include the errors at these times. Raises BadInput with
+    `name`."""
     try:
         spec = as_sampled(spec_of(text, name))
         sweep = sweep_of(spec)
@@ -109,7 +110,7 @@ def study_of(text: str, name: str, samples: int, instants: tuple[float, ...] = (
 
 
 def sample_spec(text: str, row: Mapping[str, float]) -> Spec:
-    """The SPEC of one sample of a sweep of the SPEC `text`: its columns by name. Raises BadInput for one that cannot be run."""
+    """Return the SPEC of one sample of a sweep of the SPEC `text`, given its columns. Raises BadInput if it cannot be run."""
     spec = as_sampled(spec_of(text, "[sweep]"))
     plan = Plan(spec, inputs_of(spec, make_loop(spec)), 1)
     varied = list(plan.columns(plan.table(0, 1)))
@@ -119,7 +120,7 @@ def sample_spec(text: str, row: Mapping[str, float]) -> Spec:
 
 
 def _criterion(sweep: Sweep, batch: Batch) -> Criterion:
-    """As given; else a run fails that stops, or that ends beyond the band."""
+    """Return the given criterion; by default a run fails if it stops early or ends outside the band."""
     given = dict({"final": sweep.band} if sweep.fails is None else sweep.fails)
     status = bool(given.pop("status", True))
     limits = {long: limit for name, limit in given.items() for long in _in_full(name, batch)}
@@ -130,7 +131,7 @@ def _criterion(sweep: Sweep, batch: Batch) -> Criterion:
 
 
 def _in_full(name: str, batch: Batch) -> list[str]:
-    """Outcomes that a name means: a SHORT one that of each output of relative degree 2, or of all where there is none."""
+    """Return the outcomes of a name: for a SHORT one those of each output of relative degree 2, or of all if there is none."""
     if name not in SHORT:
         return [name]
     rows = batch.law.output.rows

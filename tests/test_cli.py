@@ -16,7 +16,7 @@ from noslip.model.errors import ModelError
 from noslip.readers.errors import BadInput
 
 RUN = [sys.executable, "-c", "import sys; from noslip.cli.main import main; sys.exit(main())"]
-CASES = os.path.join(os.path.dirname(__file__), "reference", "labmate_paper.json")
+CASES = os.path.join(os.path.dirname(__file__), "..", "specs", "reference", "labmate_paper.json")
 
 
 def test_help_lists_the_commands(capsys):

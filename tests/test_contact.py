@@ -133,7 +133,7 @@ def test_steady_circle():
 def test_what_friction_is_needed_is_enough():
     run = on_the_line()
     found = grip(run)
-    assert not found.rolls and "would slip: right wheel, first at t = 0 s, needs mu >= " in found.verdict()
+    assert not found.rolls and "would slip: right wheel, first at t = 0 s, requires mu >= " in found.verdict()
     needed = max(c.needs.max() for c in found.contacts)
     for mu, rolls in ((needed * (1 + 1e-12), True), (needed * (1 - 1e-12), False)):
         again = grip(with_contact(run, mu=mu))
@@ -413,5 +413,5 @@ def test_contacts_must_tell_constraints_apart():
     robot.contacts.clear()
     forward = cos(robot.q[2]) * robot.rate(robot.q[0]) + sin(robot.q[2]) * robot.rate(robot.q[1])
     robot.contact("disk", 1.0, along=forward - robot.p[1] * robot.rate(robot.q[3]))
-    with pytest.raises(ModelError, match="do not tell how the forces of 'rolls along x', 'rolls along y' are shared out"):
+    with pytest.raises(ModelError, match="do not determine how the forces of 'rolls along x', 'rolls along y' are distributed"):
         combination(robot)

@@ -550,10 +550,10 @@ def test_numbers_after_a_robots_name(bad_input, tmp_path):
     assert find_robot(f"{file}:some:1:2").name == "tractor_trailer_3"
     for name, said in {
         "tractor_trailer:-1": "give 0 or more",
-        "tractor_trailer:1:2": "it takes the numbers N, given are 2",
+        "tractor_trailer:1:2": "it takes the numbers N; 2 are given",
         "tractor_trailer:two": "must be integers",
         "labmate:3": "it takes no numbers",
-        f"{file}:some": "it takes the numbers n, more, given are 0",
+        f"{file}:some": "it takes the numbers n, more; 0 are given",
         f"{file}:one:1": "it takes no numbers",
     }.items():
         assert said in bad_input(["generate", name, "-o", str(tmp_path / "out")])

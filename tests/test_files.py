@@ -174,7 +174,7 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path):
     write_folder(folder, {"x": MARK + "2", "y/z": b"1"}, stale=["w"])
     assert contents(folder) == {"x": (MARK + "2").encode(), "y/z": b"1"}
     (folder / "mine").write_text("mine")
-    with pytest.raises(BadInput, match="mine exists and was not made by noslip"):
+    with pytest.raises(BadInput, match="mine exists and was not written by noslip"):
         write_folder(folder, {"x": MARK + "3", "mine": MARK})
     assert contents(folder)["x"] == (MARK + "2").encode() and contents(folder)["mine"] == b"mine"
     (folder / "link").symlink_to(folder / "x")
@@ -185,7 +185,7 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path):
 def test_what_is_read_is_not_overwritten(tmp_path, bad_input):
     spec, cases, points = tmp_path / "s.toml", tmp_path / "c.json", tmp_path / "p.csv"
     spec.write_text(SPEC)
-    shutil.copy(ROOT / "tests/reference/labmate_paper.json", cases)
+    shutil.copy(ROOT / "specs/reference/labmate_paper.json", cases)
     points.write_text("0,0\n1,0\n2,1\n")
     (tmp_path / "link").symlink_to("s.toml")
     before = contents(tmp_path)
@@ -207,7 +207,7 @@ def test_pictures_of_others_are_not_overwritten(sweep, tmp_path, capsys):
     folder.mkdir()
     (folder / "cloud.png").write_bytes(b"\x89PNG mine")
     assert main(command) == 2
-    assert "cloud.png exists and was not made by noslip" in capsys.readouterr().err
+    assert "cloud.png exists and was not written by noslip" in capsys.readouterr().err
     assert contents(folder) == {"cloud.png": b"\x89PNG mine"}
     (folder / "cloud.png").unlink()
     assert main(command) == 0
@@ -312,7 +312,7 @@ def test_results_are_remembered_until_they_are_damaged(cache, monkeypatch):
     for file in cache.iterdir():
         file.write_bytes(file.read_bytes()[:-1])
     assert ask("a").given is given and made == ["a", "b", "a"]
-    monkeypatch.setattr(kept, "_digest_of_code", lambda: "of other code")
+    monkeypatch.setattr(kept, "_digest_of_code", lambda rooms: "of other code")
     ask("a")
     assert made == ["a", "b", "a", "a"]
     cache.chmod(0o777)
@@ -324,7 +324,7 @@ def test_without_a_home_there_is_one_line(tmp_path):
     """Where no folder is known, and where it cannot be made."""
     environment = {k: v for k, v in os.environ.items() if k not in ("HOME", "NOSLIP_CACHE", "XDG_CACHE_HOME")}
     code = f"import pathlib; pathlib.Path.home = lambda: (_ for _ in ()).throw(RuntimeError('no home')); {RUN[2]}"
-    cases = str(ROOT / "tests/reference/labmate_paper.json")
+    cases = str(ROOT / "specs/reference/labmate_paper.json")
     done = subprocess.run([RUN[0], "-c", code, "evaluate", cases], env=environment, capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.startswith("noslip: there is no home folder") and done.stderr.count("\n") == 1
 

@@ -55,7 +55,7 @@ JUMPING = {
 }
 
 
-def rover(name: str, force=None, rows=None, wanted=0.0) -> Mechanism:
+def rover(name: str, force=None, rows=None, preferred=0.0) -> Mechanism:
     """A unicycle with a force of forward speed and yaw rate on each motion; `rows`: an output map of its own."""
     robot = Mechanism(name, "a unicycle with friction")
     x, y, heading = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("heading", "rad")
@@ -68,7 +68,7 @@ def rover(name: str, force=None, rows=None, wanted=0.0) -> Mechanism:
         robot.force(-c * force(forward, turn), on=forward)
         robot.force(-c * force(turn, forward), on=turn)
     robot.input("push", "N", on=forward)
-    robot.input("turn", "N m", on=turn, wanted=wanted)
+    robot.input("turn", "N m", on=turn, preferred=preferred)
     robot.quasi_velocity("v", "m/s", forward)
     robot.quasi_velocity("omega", "rad/s", turn)
     robot.moves_in_plane(x, y, heading)
@@ -274,7 +274,7 @@ REFUSED = {  # a definition, and what is said of it
     "r.rolls('edge', ca.fmax(r.rate(x), 0))": "constraint 'edge' uses fmax of a rate",
     "r.holds('edge', ca.ceil(x))": "constraint 'edge': ceil is not supported",
     "r.input('u', 'N', on=ca.asinh(x) * r.rate(x))": "input 'u': asinh is not supported",
-    "r.input('u', 'N', on=r.rate(x), wanted=ca.floor(x))": "input 'u', wanted: floor is not supported",
+    "r.input('u', 'N', on=r.rate(x), preferred=ca.floor(x))": "input 'u', preferred: floor is not supported",
     "r.input('u', 'N', on=r.rate(x), weight=ca.floor(p))": "input 'u', weight: floor is not supported",
     "r.quasi_velocity('v', 'm/s', ca.atanh(x) * r.rate(x))": "quasi-velocity 'v': atanh is not supported",
     "r.null_space(ca.vertcat(ca.floor(x), 1, 1), {'v': 'm/s'})": "S: floor is not supported",
@@ -300,6 +300,6 @@ def test_refused_where_it_is_written(line, tmp_path):
 
 
 def test_a_force_may_jump_and_nothing_else():
-    rover("free", lambda x, y: ca.sign(x), wanted=ca.if_else(ca.SX.sym("x") > 0, 1, 2))
+    rover("free", lambda x, y: ca.sign(x), preferred=ca.if_else(ca.SX.sym("x") > 0, 1, 2))
     with pytest.raises(ModelError, match="jumps"):
         rover("free", rows=lambda x, y: ca.sign(x))

@@ -299,7 +299,7 @@ FUZZ_FINDS = {  # a change of the runtime, with all laws or none, and what is to
         r"not isfinite\(added\)",
     ),
     "a speed that overflows, by an input of the corpus": (
-        ("noslip_path_code.inc", "self->near = self->near < most ? self->near : most;", "(void)most;"),
+        ("noslip_path_code.inc", "self->near = self->near < largest ? self->near : largest;", "(void)largest;"),
         True,
         "fuzz_is_guide",
     ),

@@ -527,26 +527,26 @@ REFUSED = {
     ),
     "no input felt": (
         lambda: car(ahead=False),
-        "car, output lead: Phi is singular everywhere: no output feels the input along steering; replace one by steering itself "
-        "or by an output whose rate depends on it, such as a point that steering moves (ahead of a steered wheel, not on its "
-        "axle)",
+        "car, output lead: Phi is singular everywhere: no output depends on the input along steering; replace one by steering "
+        "itself or by an output whose rate depends on it, such as a point that steering moves (ahead of a steered wheel, not on "
+        "its axle)",
     ),
     "two of four depend": (
         lambda: outputs(
             "arm_4", *[row(f"y_{k}", "", e) for k, e in enumerate((joint(0), joint(3) + joint(1), sin(joint(0)), joint(2)))]
         ),
-        "Phi is singular everywhere: the outputs y_0, y_2 depend on each other: all they feel is 1 combination of w_0;",
+        "Phi is singular everywhere: the outputs y_0, y_2 depend on each other: they contain only 1 combination of w_0;",
     ),
     "three of four depend": (
         lambda: outputs(
             "arm_4", *[row(f"y_{k}", "", e) for k, e in enumerate((joint(0), joint(1), joint(0) * joint(1), joint(2) + joint(3)))]
         ),
-        "the outputs y_0, y_1, y_2 depend on each other: all they feel is 2 combinations of w_0, w_1;",
+        "the outputs y_0, y_1, y_2 depend on each other: they contain only 2 combinations of w_0, w_1;",
     ),
     "units": (
         lambda: outputs("arm_4", *[row(f"y_{k}", "", joint(k) * 10.0 ** (2 * k)) for k in range(4)]),
-        "Phi is singular everywhere: its reciprocal condition is 1e-06 at most, and singular is what is not above 1e-05; "
-        "give outputs and quasi-velocities units in which they are of like size",
+        "Phi is singular everywhere: its reciprocal condition number is at most 1e-06, and values up to 1e-05 count as singular; "
+        "choose units of outputs and quasi-velocities in which they are of similar size",
     ),
 }
 

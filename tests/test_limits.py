@@ -346,7 +346,7 @@ def test_no_speed_to_give_up(name, backend):
     made = law(name)
     assert made.speed_row is None and made.slope.shape == (0, 1)
     numbers = [[1.0] * len(group) for group in (made.parameters, made.config, made.gains)]
-    with pytest.raises(BadInput, match=f'^limits: {name} has no speed to give up.*; use Type IV, or mode "cut"$'):
+    with pytest.raises(BadInput, match=f'^limits: {name} has no speed to reduce.*; use Type IV, or mode "cut"$'):
         make_controller(backend, made, *numbers, Limits((1.0, 1.0), "slow"))
 
 

@@ -844,7 +844,7 @@ def test_a_reduced_robot_takes_only_outputs():
         "contact": ("wheel", 1.0, robot.rate(x)),
     }
     for name, given in changes.items():
-        with pytest.raises(ModelError, match=r"edge: \w+ after the robot was reduced, .* build a new Mechanism"):
+        with pytest.raises(ModelError, match=r"edge: \w+ was called after the robot was reduced, .* build a new Mechanism"):
             getattr(robot, name)(*given)
     robot.output("place", "where it is", [(f"y{k}", "m", q) for k, q in enumerate(symbols[:2])])
     assert ca.is_equal(reduce(robot).Mbar, before, 20)

@@ -18,7 +18,7 @@ FEW = 5  # in the normal suite, of each kind
 MOST = 120  # s of processor time for one command: what has no bound takes longer, however fast the machine
 SPEC = (ROOT / "specs/line.toml").read_text().replace("duration = 15.0", "duration = 0.2")
 SWEPT = SPEC + "\n[sweep]\nseed = 7\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n"
-CASES = json.loads((ROOT / "tests/reference/labmate_paper.json").read_text())
+CASES = json.loads((ROOT / "specs/reference/labmate_paper.json").read_text())
 CASES["cases"] = CASES["cases"][:2]
 NUMBERS = ("0", "-1", "1e308", "-1e308", "1e-308", "5e-324", "1e30", "1e-30", "nan", "inf", "-inf", "9" * 30, "9" * 5000, "0.1")
 OTHERS = ("", "true", "'x'", "[]", "{}", "[[1], 2]", "{ a = 1 }", "[" * 400, "a.b", "\0", "é", '"', "=", "#", "null", "labmate")

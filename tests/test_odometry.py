@@ -786,9 +786,9 @@ def skewed(rate_of_x: bool = False, place: bool = True) -> Mechanism:
 def test_robots_that_cannot_be_reckoned_so():
     for robot, message in (
         (skewed(), "skewed: the vehicle's point moves sideways while it drives straight"),
-        (skewed(rate_of_x=True), "skewed: forward speed and yaw rate are no fixed combinations of two quasi-velocities"),
+        (skewed(rate_of_x=True), "skewed: forward speed and yaw rate are not fixed combinations of two quasi-velocities"),
         (skewed(place=False), "skewed: .* moves_in_plane"),
-        (unicycle("armed", arm=True), "armed: forward speed and yaw rate are no fixed combinations of two quasi-velocities"),
+        (unicycle("armed", arm=True), "armed: forward speed and yaw rate are not fixed combinations of two quasi-velocities"),
     ):
         with pytest.raises(BadInput, match=message):
             vehicle_wheels(reduce(robot), robot.parameter_values({}))

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import venv
 from pathlib import Path
@@ -89,6 +90,22 @@ def test_readme_firmware(cc, exported, tmp_path):
     first, second, third = (list(map(float, line.split())) for line in run([program]).splitlines())
     assert first == third and second == [0.0, 0.0]  # the state was not finite
     assert all(0 < abs(torque) < 20 for torque in first)
+
+
+def test_readme_names_the_files_to_compile(tmp_path):
+    """The command as printed, in a folder that has what it names."""
+    (tmp_path / "main.c").write_text(block("c"))
+    (tmp_path / "board.c").write_text('#include "labmate_type_iv_circle_f.h"\n' + BOARD)
+    for name in ("generated", "runtime_c"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    run(["sh", "-ec", block("sh")], cwd=tmp_path)
+    assert len(run([tmp_path / "vehicle"]).splitlines()) == 3
+
+
+def test_citation():
+    """The version in CITATION.cff and in README's BibTeX is that of the package."""
+    assert f"\nversion: {noslip.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+    assert f"  version = {{{noslip.__version__}}}\n" in (ROOT / "README.md").read_text()
 
 
 ROLLING_BOARD = """
@@ -347,6 +364,16 @@ def test_wheel_holds_the_packages(wheel):
     assert any(name.endswith("LICENSE") for name in names)
 
 
+def test_sdist_holds_what_git_has(wheel):
+    (sdist,) = wheel.parent.glob("noslip-*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip("no git here")
+    assert not set(listed.stdout.splitlines()) - names
+
+
 COMMANDS = """
 import json, sys
 from noslip.cli.main import main
@@ -373,7 +400,7 @@ def test_installed_wheel(installed, tmp_path):
     """generate, then in one process export, evaluate and check from an empty folder."""
     cases, env = tmp_path / "cases.json", {**os.environ, "NOSLIP_CACHE": str(tmp_path / "cache")}
     env.pop("PYTHONPATH", None)
-    whole = json.loads((ROOT / "tests" / "reference" / "labmate_paper.json").read_text())
+    whole = json.loads((ROOT / "specs" / "reference" / "labmate_paper.json").read_text())
     cases.write_text(json.dumps({**whole, "cases": whole["cases"][:4:3]}))  # Type I, and IV on a line
     empty = tmp_path / "empty"
     empty.mkdir()
@@ -428,3 +455,34 @@ def test_export_of_one_scalar_has_no_source_of_the_other(scalar, there, not_ther
     folder = tmp_path / "one"
     assert main(["export", "labmate", "--output", "type_i", "--scalar", scalar, "-o", str(folder)]) == 0
     assert (folder / f"noslip_path{there}").exists() and not (folder / f"noslip_path{not_there}").exists()
+
+
+LONG = re.compile(r"^noslip figures|--scheduler|--table|--worst")  # figures and large sweeps have tests of their own
+
+
+def printed_commands() -> list[tuple[str, str]]:
+    """The commands of noslip that the pages print: page, command line; those of the tutorial are run by test_tutorial."""
+    found = []
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        for text in re.findall(r"^```sh\n(.*?)^```", page.read_text(), re.S | re.M):
+            lines = text.replace("\\\n", "").splitlines()
+            found += [(page.name, re.sub(r"\s+# .*", "", line)) for line in lines if line.startswith("noslip ")]
+    return [(page, line) for page, line in found if not LONG.search(line) and page != "your_robot.md"]
+
+
+@pytest.mark.nightly
+def test_printed_commands_work_from_the_wheel(installed, tmp_path):
+    """Page by page in an empty folder, with the README's robot beside."""
+    on_target = not TARGETS["cortex-m4f"].missing()
+    env = {**os.environ, "NOSLIP_CACHE": str(tmp_path / "cache"), "PATH": f"{installed}:{os.environ['PATH']}"}
+    env.pop("PYTHONPATH", None)
+    ran = 0
+    for page, line in printed_commands():
+        folder = tmp_path / page
+        folder.mkdir(exist_ok=True)
+        (folder / "cart.py").write_text(block("python"))
+        if on_target or not re.search("m4f|replay", line):
+            stops = " || [ $? = 1 ]" if "--sample" in line else ""  # as a sample of a sweep may
+            run(["bash", "-c", line + stops], cwd=folder, env=env)
+            ran += 1
+    assert ran > 12

@@ -288,9 +288,9 @@ def test_replay_finds_the_first_difference(record, tmp_path, capsys):
     words = lines[k].split()
     other = " ".join([*words[:2], format(int(words[2], 16) ^ 0x8000, "08x"), *words[3:]])
     for line, said in (
-        (lines[k][:-8] + last, f"line {k + 1}: law_step 0: number 2 of the answer was {last} ("),
-        (lines[k].replace("-> 0", "-> 1"), f"line {k + 1}: law_step 0 answered status 1, on cf 0"),
-        (other, f"line {k + 1}: law_step 0: number 1 of the answer"),
+        (lines[k][:-8] + last, f"line {k + 1}: law_step 0: number 2 of the result was {last} ("),
+        (lines[k].replace("-> 0", "-> 1"), f"line {k + 1}: law_step 0 returned status 1, on cf 0"),
+        (other, f"line {k + 1}: law_step 0: number 1 of the result"),
     ):
         changed = "\n".join([*lines[:k], line, *lines[k + 1 :]]) + "\n"
         code, found = replayed(changed, tmp_path, capsys)

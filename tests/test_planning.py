@@ -225,7 +225,7 @@ def test_rounding_costs_no_full_turn(plan, radius):
         ((3.0, 4.0, PI), (3.0, 4.0, -PI), 1.0, "same pose"),
         (ORIGIN, (1.0, math.nan, 0.0), 1.0, "goal = 1 nan 0 is not finite"),
         ((math.inf, 0.0, 0.0), ORIGIN, 1.0, "start = inf 0 0 is not finite"),
-        ((0.0, 0.0), ORIGIN, 1.0, "start = .* is no pose; give"),
+        ((0.0, 0.0), ORIGIN, 1.0, "start = .* is not a pose; give"),
         (ORIGIN, (1.0, 1.0, 1.0), 0.0, "radius = 0"),
         (ORIGIN, (1.0, 1.0, 1.0), math.nan, "radius = nan"),
         (ORIGIN, (1.0, 1.0, 1.0), 1e12, "rounding leaves a gap"),
@@ -364,7 +364,7 @@ def test_smallest_radius():
     points = [(0, 0), (4, 0), (4, 4)]
     tightest = 1 / max(abs(segment.curvature) for segment in fit(points, 0.01))
     assert fit(points, 0.01, min_radius=0.9 * tightest)
-    with pytest.raises(BadInput, match=r"radius .* m near \(.*\), between waypoints \d and \d, tighter than min_radius"):
+    with pytest.raises(BadInput, match=r"radius .* m near \(.*\), between waypoints \d and \d, less than min_radius"):
         fit(points, 0.01, min_radius=2 * tightest)
 
 
@@ -381,7 +381,7 @@ NAN = math.nan
         ([(0, 0), (1, 0), (2, 1), (0, 0), (0, 0)], {"closed": True}, "waypoints 4 and 1 are the same point"),
         ([(0, 0), (1, 0), (NAN, 1)], {}, "waypoint 3 = .* two finite numbers"),
         ([(0, 0), (1, 0, 2)], {}, "waypoint 2"),
-        ([(0, 0), (1, 0), (1e308, 1e308)], {}, "waypoint 3 = .* is too far out"),
+        ([(0, 0), (1, 0), (1e308, 1e308)], {}, "waypoint 3 = .* is too far away"),
         ([(0, 0), (1e99, 1), (0, 2e99)], {}, "make it larger"),
         ([(0, 0), (2, 2), (1, 1)], {}, "turns back at waypoint 2"),
         ([(0, 0), (1, 0), (2, 0)], {"closed": True}, "turns back at waypoint"),
@@ -448,7 +448,7 @@ LINE = {"kind": "line", "from": [0, 0], "to": [1, 0]}
         ([{"kind": "line", "to": [1, 0]}], "segments 1, the first, requires from"),
         ([{"kind": "line", "from": [1, 0]}], "segments 1 requires to"),
         ([LINE, {"kind": "line"}], "segments 2 requires to"),
-        ([LINE, {**LINE, "length": 1}], "segments 2 length is for a line that goes on"),
+        ([LINE, {**LINE, "length": 1}], "segments 2 length is only for a line that continues .*; remove length, or from and to"),
         ([{"kind": "line", "length": 1}], "segments 1, the first, requires from"),
         ([LINE, {**LINE, "to": [0, 0]}], "segments 2 has length 0"),
         ([LINE, {**LINE, "to": [0, math.inf]}], r"segments 2 to\[1\] = inf is not finite"),
@@ -563,7 +563,7 @@ def test_draws(kind, points, capsys, tmp_path):
         ([*DUBINS, "--plot", "path.bmp"], ".png, .pdf and .svg"),
         ([*DUBINS, "-o", "no/such/folder/path.toml"], "does not exist"),
         ([*DUBINS[:7], "0", "0", "0", "--radius", "1"], "same pose"),
-        ([*DUBINS[:7], "1", "inf", "0", "--radius", "1"], "goal = 1 inf 0 is not finite"),
+        ([*DUBINS[:7], "1", "inf", "0", "--radius", "1"], "--to[1] = inf is not finite"),
         (["plan", "waypoints", "nowhere.csv", "--tolerance", "1"], "nowhere.csv: No such file"),
     ],
 )

@@ -22,6 +22,7 @@ from noslip.tests.random_robots import drawn, mechanism, states, truth
 
 LIMIT = {"double": 1e-10, "float": 2e-4}  # of a quantity's largest entry, or of a tenth of its median size over the states
 STATES = 6
+HEAVY = 1e3  # the largest condition number of S'MS at a state that is compared, scaled to a diagonal of ones
 NIGHTLY = range(500)
 FEW = 5  # in the normal suite: the first with up to two quasi-velocities, which are quick to generate
 OF_LAW = ("h", "ydot", "Phi", "Phidot", "u", "tau")
@@ -44,7 +45,6 @@ class Outcome:
 def outcome(seed: int) -> Outcome:
     """Generates and compiles a robot's law and dynamics and compares every quantity at some states."""
     robot = drawn(seed)
-    given = states(robot, STATES)
     try:
         system = reduce(mechanism(robot))
         law = control_law(system, output_map(system, "own"))
@@ -54,7 +54,8 @@ def outcome(seed: int) -> Outcome:
         return Outcome(seed, str(error))
     assert law.linearization.relative_degree == tuple(degree for degree, _ in robot.outputs)
     names = [q.name for q in system.quasi_velocities]
-    right = [truth(robot, state, names) for state in given]
+    possible = ((state, truth(robot, state, names)) for state in states(robot, 4 * STATES))
+    given, right = zip(*islice(((state, wanted) for state, wanted in possible if _is_heavy(wanted["Mbar"])), STATES), strict=True)
     worst = []
     for scalar, (law_library, dynamics_library) in libraries.items():
         errors: dict[str, list[tuple[float, float, str]]] = {}
@@ -86,6 +87,15 @@ def _answers(law, law_library, dynamics_library, state) -> dict[str, dict[str, n
         for what in entry.answers:
             found.setdefault(what, {})[f"dynamics_{entry.name}"] = answer.get(what)
     return found
+
+
+def _is_heavy(mass: np.ndarray) -> bool:
+    """Is S'MS, scaled to a diagonal of ones, well conditioned? Float's 6e-8 times the bound is well below its LIMIT.
+
+    Which quasi-velocities a robot has may be the reduction's choice, and the condition depends on it.
+    """
+    scale = np.sqrt(np.diag(mass))
+    return bool(np.linalg.cond(mass / np.outer(scale, scale)) < HEAVY)
 
 
 def _finite(error: float) -> float:

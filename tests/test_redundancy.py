@@ -157,7 +157,7 @@ def sharing(made: Mechanism) -> ca.Function:
     system, u = system_of(made), ca.SX.sym("u", system_of(made).freedom)
     tau = system.first_feedback(u)
     nudot = system.acceleration(tau)
-    wanted = ca.substitute(made.wanted, made.qdot, system.qdot)
+    wanted = ca.substitute(made.preferred, made.qdot, system.qdot)
     answers = [system.input_map, system.Mbar @ u + system.bias, tau, made.weights, wanted, nudot]
     answers += [system.constraint_forces(tau, nudot)]
     return ca.Function("sharing", [made.q, system.nu, u, made.p], [ca.densify(answer) for answer in answers])
@@ -169,7 +169,7 @@ def skater() -> Mechanism:
     w = made.parameter("w", 0.4, "1")
     forward = ca.cos(made["phi"]) * made.rate(made["x"]) + ca.sin(made["phi"]) * made.rate(made["y"])
     oblique = forward + (0.3 + 0.1 * ca.sin(made["x"])) * made.rate(made["phi"])
-    made.input("oar", "N", on=oblique, weight=w * made["m"] + w, wanted=2.0 - made["m"] * forward**3 + made["y"])
+    made.input("oar", "N", on=oblique, weight=w * made["m"] + w, preferred=2.0 - made["m"] * forward**3 + made["y"])
     return made
 
 
@@ -303,8 +303,9 @@ REFUSED = {
     "no limit": (dict(weight=np.inf), "weight: contains inf, which is not a finite number"),
     "no expression": (dict(weight="much"), "weight is not an expression"),
     "no scalar": (dict(weight=ca.SX.ones(2)), "weight must be a scalar"),
-    "nothing wanted": (dict(wanted=np.nan), "wanted: contains nan, which is not a finite number"),
-    "a stranger": (dict(wanted=ca.SX.sym("stranger")), "uses stranger"),
+    "nothing wanted": (dict(preferred=np.nan), "preferred: contains nan, which is not a finite number"),
+    "both names": (dict(preferred=1.0, wanted=2.0), "`preferred` or, as in older versions, `wanted`, not both"),
+    "a stranger": (dict(preferred=ca.SX.sym("stranger")), "uses stranger"),
     "a strange weight": (dict(weight=ca.SX.sym("stranger")), "uses stranger"),
 }
 
@@ -316,6 +317,13 @@ def test_a_wrong_weight_or_wish_is_refused(why):
     with pytest.raises(ModelError, match=message):
         made.input("oar", "N", on=made.rate(made["x"]), **more)
         reduce(made)
+
+
+def test_the_former_name_of_a_preferred_input_is_accepted():
+    robots = [ROBOTS["knife_edge"]() for _ in range(2)]
+    for made, name in zip(robots, ("preferred", "wanted"), strict=True):
+        made.input("oar", "N", on=made.rate(made["x"]), **{name: 2.0 * made["m"] + 1.0})
+        assert ca.Function("tau_0", [made["m"]], [made.preferred[-1]])(3.0) == 7.0
 
 
 def test_a_weight_must_stay_positive_and_fixed():

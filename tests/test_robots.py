@@ -428,7 +428,7 @@ REFUSED = {
     "no name in C": (lambda r: r.output("end point", "", []), "cannot be used in C"),
     "no row": (lambda r: r.output("tip", "", [("x_b", "m")]), "row 1 must be"),
     "no scalar": (lambda r: r.output("tip", "", [("x_b", "m", r.q)]), "must be a scalar"),
-    "no expression": (lambda r: r.output("tip", "", [("x_b", "m", "x")]), "no expression"),
+    "no expression": (lambda r: r.output("tip", "", [("x_b", "m", "x")]), "'tip', x_b is not an expression: 'x'"),
     "no parameter": (lambda r: r.output("tip", "", [("x_b", "m", r["x"])], [1.0]), "config"),
     "unknown name": (lambda r: r["z"], "no coordinate or parameter 'z'"),
 }
@@ -446,7 +446,7 @@ def test_a_wrong_output_is_refused_where_it_is_written(why):
     [
         (lambda r: [("x_b", "m", r["x"])], "1 output"),
         (lambda r: [("x_b", "m", r["x"]), ("y_b", "m", ca.SX.sym("stranger"))], "stranger"),
-        (lambda r: [("x_b", "m", r["x"]), ("x_c", "m", 2 * r["x"])], "no output feels the input along yaw_rate"),
+        (lambda r: [("x_b", "m", r["x"]), ("x_c", "m", 2 * r["x"])], "no output depends on the input along yaw_rate"),
     ],
 )
 def test_outputs_that_cannot_be_controlled_are_refused_with_the_reason(rows, message):

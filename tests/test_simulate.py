@@ -388,6 +388,8 @@ def test_a_stopped_run_keeps_its_rows_and_says_when(tmp_path, capsys):
     (tmp_path / "far.toml").write_text(far)
     assert main(["simulate", str(tmp_path / "far.toml"), "-o", str(tmp_path / "x.csv"), "--plot", str(tmp_path / "x.png")]) == 1
     assert re.search(r"stopped at t = 0\.54\d* s: singular", capsys.readouterr().err)
+    few = ["--set", "simulation.output_step=10.0", "-o", str(tmp_path / "two.csv"), "--plot", str(tmp_path / "two.png")]
+    assert main(["simulate", str(tmp_path / "far.toml"), *few]) == 1 and (tmp_path / "two.png").exists()
     with open(tmp_path / "x.csv") as stream:
         rows = list(csv.DictReader(stream))
     assert [row["status"] for row in rows] == ["ok"] * (len(rows) - 1) + ["singular"]

@@ -28,7 +28,8 @@ from noslip.sweeping.study import STOPPED, sample_spec, study_of
 from scipy import stats
 
 ROOT = Path(__file__).parent.parent
-LINE = (ROOT / "specs/line.toml").read_text().replace("duration = 15.0", "duration = 1.0")
+AT_REST = ("speed = 0.5 ", "speed = 0.0 ")  # in motion, the worst start is the singular one: straight away from the line
+LINE = (ROOT / "specs/line.toml").read_text().replace("duration = 15.0", "duration = 1.0").replace(*AT_REST)
 SWEPT = """
 [sweep]
 seed = 7

@@ -14,14 +14,17 @@ from ..model.mechanism import Mechanism, Quantity
 from ..model.names import TYPES, LawName
 from ..model.paths import PATHS
 from ..readers.errors import BadInput
-from ..readers.files import read_input, write_whole
+from ..readers.files import file_or_shipped, read_input, write_whole
+from ..readers.reading import DRAFT, Schema, ref
 from ..readers.robots import beside, find_robot, law_of, suggestion
 
 DEFAULT_ROBOT = "labmate"
 MOST = 256  # MB, limit of a file of cases
-FILE_KEYS = ("cases", "robot", "about", "seed")
+FILE_KEYS = ("cases", "robot", "about", "seed", "$schema")
 CASE_KEYS = ("params", "output", "q", "nu", "reference", "gains", "expect", "about")
 EXPECTED = (*QUANTITIES, *MODEL_QUANTITIES, "Sdot", "v")  # the last two are intermediate results that no backend returns
+REFERENCE = ("y", "yd", "ydd")
+DECIMAL = r"^\s*[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[nN][aA][nN]|[iI][nN][fF]([iI][nN][iI][tT][yY])?)\s*$"
 SHORT_GAINS = ("kp", "kd", "kv")
 INTEGRAL = "ki"
 
@@ -52,6 +55,42 @@ def read_cases(path: str) -> list[EvaluationCase]:
         raise BadInput(f"{path}: `robot` must be a name, not {name!r}")
     robot = find_robot(beside(name, path))
     return [_case(robot, case, f"{path}: case {k}") for k, case in enumerate(cases)]
+
+
+def schema() -> Schema:
+    """Return the JSON Schema of a file of cases."""
+    number = ref("number")
+    numbers: Schema = {"type": "array", "items": number}
+    named: Schema = {"type": "object", "additionalProperties": number}
+    path = {"type": "object", "properties": {"kind": {"type": "string"}}, "additionalProperties": number}
+    output = {"type": "object", "properties": {"type": {"type": "string"}, "path": path}, "additionalProperties": number}
+    expected = {"anyOf": [numbers, {"type": "array", "items": numbers}]}
+    kinds: dict[str, Schema] = {
+        "params": {"description": "every parameter of the robot, SI", **named},
+        "output": {"description": "the law: type I to IV, or a law's name, and its parameters", **output, "required": ["type"]},
+        "q": {"description": "coordinates, m and rad", **numbers},
+        "nu": {"description": "quasi-velocities", **numbers},
+        "reference": {"description": "desired outputs and their rates", **_object(dict.fromkeys(REFERENCE, numbers), REFERENCE)},
+        "gains": {"description": "by name, or kp, kd, kv for all of a kind", **named},
+        "expect": _object(dict.fromkeys(EXPECTED, expected)),
+    }
+    case = _object({key: kinds.get(key, {}) for key in CASE_KEYS}, CASE_KEYS[:6])
+    kinds_of_file: dict[str, Schema] = {
+        "cases": {"type": "array", "minItems": 1, "items": case},
+        "robot": {"type": "string", "default": DEFAULT_ROBOT},
+    }
+    whole = _object({key: kinds_of_file.get(key, {}) for key in FILE_KEYS}, ("cases",))
+    digits = {"type": "string", "pattern": DECIMAL, "description": "a number in decimal digits"}
+    return {
+        "$schema": DRAFT,
+        "title": "CASES.json of noslip",
+        **whole,
+        "definitions": {"number": {"anyOf": [{"type": "number"}, digits]}},
+    }
+
+
+def _object(properties: dict[str, Schema], required: Sequence[str] = ()) -> Schema:
+    return {"type": "object", "properties": properties, "required": list(required), "additionalProperties": False}
 
 
 def write_out(path: str, evaluations: Sequence[Evaluation]) -> None:
@@ -112,7 +151,7 @@ def _in_full(names: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
 def _read_json(path: str) -> Any:
     try:
         # JSON does not distinguish integers; as floats, numbers with any number of digits can be read.
-        return json.loads(read_input(path, MOST).decode(), parse_int=float)
+        return json.loads(read_input(file_or_shipped(path, ".json"), MOST).decode(), parse_int=float)
     except json.JSONDecodeError as error:
         raise BadInput(f"{path}:{error.lineno}:{error.colno}: not valid JSON, or truncated: {error.msg}") from error
     except UnicodeDecodeError as error:
@@ -152,8 +191,8 @@ def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
 def _reference(law: ControlLaw, given: Any, where: str) -> np.ndarray:
     """Return y, yd, ydd by row of the output: all three for relative degree 2; y and ydd, the desired rate, for 1."""
     rows = len(law.output.rows)
-    _check_keys(given, ("y", "yd", "ydd"), ("y", "yd", "ydd"), where)
-    y, yd, ydd = (_numbers(given[key], rows, f"{where}.{key}") for key in ("y", "yd", "ydd"))
+    _check_keys(given, REFERENCE, REFERENCE, where)
+    y, yd, ydd = (_numbers(given[key], rows, f"{where}.{key}") for key in REFERENCE)
     values: list[float] = []
     for row, degree in enumerate(law.linearization.relative_degree):
         values += [y[row], yd[row], ydd[row]] if degree == 2 else [y[row], ydd[row]]

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from ..controllers.backends import make_controller
 from ..controllers.controller import MODEL_QUANTITIES, QUANTITIES, Evaluation
 from ..readers.errors import BadInput
 from ..readers.printing import columns, plain
+from ..readers.progress import Reported, silent
 from .evaluate import evaluate_cases
 
 if TYPE_CHECKING:
@@ -66,21 +66,39 @@ class Deviation:
 Deviations = dict[str, list[Deviation]]  # by quantity
 
 
-def check_files(paths: Sequence[str], backends: Sequence[str], as_json: bool) -> int:
+@dataclass(frozen=True)
+class Comparison:
+    """The result of a comparison: its values, its table as text, and a line for each error above its limit."""
+
+    values: dict[str, Any]
+    table: str
+    failures: Sequence[str]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return all values, `ok` if no error exceeds its limit, and the failures."""
+        return {"ok": not self.failures, **self.values, "failures": list(self.failures)}
+
+    def text(self) -> str:
+        """Return the table and the conclusion."""
+        above = "\n  ".join(["errors above the limits:", *self.failures])
+        return f"{self.table}\n{above if self.failures else 'all errors are within the limits'}"
+
+
+def check_files(paths: Sequence[str], backends: Sequence[str]) -> Comparison:
+    """Compare backends with the expected values of files of cases. Raises BadInput for a file without any."""
     from ..verification.cases import read_cases
 
     files = [(path, read_cases(path)) for path in paths]
-    failures, answers = [], []
+    failures, answers, tables = [], [], []
     for path, cases in files:
         if not any(case.expect for case in cases):
             raise BadInput(f"{path}: nothing to compare: no case has `expect`")
         table = {backend: summarized(_against_expected(cases, backend), typical=0.0) for backend in backends}
         answers.append({"file": path, "cases": len(cases), "backends": plain(table)})
         failures += [line for backend, rows in table.items() for line in _exceeded(backend, rows, EXPECT_LIMITS[backend])]
-        if not as_json:
-            print(f"{path}: {len(cases)} cases, error relative to the largest entry of each quantity: worst (median)\n")
-            print(_file_table(cases, table))
-    return _conclude({"files": answers}, failures, as_json)
+        tables.append(f"{path}: {len(cases)} cases, error relative to the largest entry of each quantity: worst (median)\n")
+        tables.append(_file_table(cases, table))
+    return Comparison({"files": answers}, "\n".join(tables), failures)
 
 
 def _against_expected(cases: Sequence[EvaluationCase], backend: str) -> Deviations:
@@ -118,7 +136,17 @@ def _limit_cell(limits: ErrorLimits) -> str:
     return f"{limits.worst:.1e} {median}"
 
 
-def check_random(robot: str, only: str | None, states: int, seed: int, backends: Sequence[str], as_json: bool) -> int:
+def check_random(
+    robot: str,
+    only: str | None,
+    states: int,
+    seed: int,
+    backends: Sequence[str],
+    progress: Reported = silent,
+) -> Comparison:
+    """Compare backends at random states, for the laws of a robot or only one; with
+    `progress` of the laws compared. Raises BadInput, ModelError.
+    """
     from ..readers.robots import find_laws, find_robot, law_of, system_of
 
     system = system_of(find_robot(robot))
@@ -126,17 +154,16 @@ def check_random(robot: str, only: str | None, states: int, seed: int, backends:
     if not names:
         raise BadInput(f"{robot}: this robot can have none of the laws; name one with --output LAW to see why")
     laws = [law_of(system, name) for name in names]
-    if not as_json:
-        print(f"{robot}: {states} random states per law, seed {seed}; h, ydot, Phi, Phidot, u, tau compared\n")
-    tables = {law.name: _compare(law, states, seed, backends) for law in laws}
-    failures = []
+    tables, failures = {}, []
+    for done, law in enumerate(laws):
+        progress(done, len(laws), "laws compared")
+        tables[law.name] = _compare(law, states, seed, backends)
     for name, table in tables.items():
         for backend, summaries in table.items():
             failures += _exceeded(f"{name}, {backend}", summaries, RANDOM_LIMITS[backend])
-    if not as_json:
-        print(_random_table(tables, backends))
-    laws_answer = plain(tables)
-    return _conclude({"robot": robot, "states": states, "seed": seed, "laws": laws_answer}, failures, as_json)
+    head = f"{robot}: {states} random states per law, seed {seed}; h, ydot, Phi, Phidot, u, tau compared\n"
+    values = {"robot": robot, "states": states, "seed": seed, "laws": plain(tables)}
+    return Comparison(values, f"{head}\n{_random_table(tables, backends)}", failures)
 
 
 def _compare(law: ControlLaw, states: int, seed: int, backends: Sequence[str]) -> dict[str, dict[str, ErrorSummary]]:
@@ -212,14 +239,3 @@ def _exceeded(title: str, summaries: dict[str, ErrorSummary], limits: ErrorLimit
         for name, s in summaries.items()
         if not s.within(limits)
     ]
-
-
-def _conclude(answer: dict, failures: Sequence[str], as_json: bool) -> int:
-    """Print the result and return the exit code."""
-    if as_json:
-        print(json.dumps({"ok": not failures, **answer, "failures": list(failures)}, indent=1, allow_nan=False))
-    elif failures:
-        print("errors above the limits:", *failures, sep="\n  ")
-    else:
-        print("all errors are within the limits")
-    return 1 if failures else 0

@@ -7,11 +7,16 @@ from ..codegen.printing.scalar import SCALARS
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.errors import Mismatch
+from ..readers.progress import Reported, silent
 from .verify import differences
 
 
 def generate(
-    system: ReducedSystem, laws: Sequence[ControlLaw], scalars: Sequence[str] = tuple(SCALARS), dynamics: bool = True
+    system: ReducedSystem,
+    laws: Sequence[ControlLaw],
+    scalars: Sequence[str] = tuple(SCALARS),
+    dynamics: bool = True,
+    progress: Reported = silent,
 ) -> dict[str, str]:
     """Return the C of control laws of a robot, compiled and compared with the model.
 
@@ -21,6 +26,6 @@ def generate(
     that nothing was compared. Raises Mismatch where the C differs from the model.
     """
     files = robot_files(system, laws, scalars, dynamics)
-    if wrong := differences(system, laws, files):
+    if wrong := differences(system, laws, files, progress):
         raise Mismatch("\n".join(wrong))
     return files

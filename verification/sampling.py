@@ -9,6 +9,7 @@ import numpy as np
 
 from ..controllers.backends import make_controller
 from ..controllers.controller import Evaluation, ParameterRefused
+from ..controllers.direct import Direct
 from ..model.algebra.samples import smallest_eigenvalue
 from ..model.law import ControlLaw, symbols
 from ..model.mechanism import Quantity
@@ -109,13 +110,20 @@ class _Regular:
     """
 
     def __init__(self, system: ReducedSystem, params: Sequence[float]):
-        self._at, self._n = lambda q: tuple(m.full() for m in _matrices(system)(q, params)), len(system.mechanism.coordinates)
+        self._params, self._function = np.array(params, float), _matrices(system)
+        self._n = len(system.mechanism.coordinates)
+        self._direct = Direct(self._function)
         ranges = [_range(system, quantity) for quantity in system.mechanism.coordinates]
         some = np.random.default_rng(0).uniform(-1, 1, (TYPICAL, len(ranges))) * ranges
         rates, reached = zip(*((_rates(S), _reached(SE)) for S, _, SE in map(self._at, some)), strict=True)
         typical = np.median(rates, axis=0)
         self._largest = np.where(typical > 0, LARGEST * typical, np.inf)
         self._least = REGULAR * np.median(reached)
+
+    def _at(self, q: np.ndarray) -> list[np.ndarray]:
+        """Return S, S'MS and S'E."""
+        values = self._direct(q, self._params)
+        return [value.reshape(self._function.size_out(k), order="F") for k, value in enumerate(values)]
 
     def moves(self, state: np.ndarray) -> bool:
         """Whether S and S'MS are regular."""

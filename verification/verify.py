@@ -32,6 +32,7 @@ from ..model.outputs import body_offsets
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.kept import keep, kept
+from ..readers.progress import Reported, silent
 from .check import RANDOM_LIMITS, TYPICAL, deviation_of, relative
 from .extended import evaluate
 from .sampling import REGULAR, RandomPlant, as_held, random_motions, random_plants
@@ -59,7 +60,9 @@ class Sample:
     given: Mapping[str, np.ndarray]
 
 
-def differences(system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str]) -> list[str]:
+def differences(
+    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], progress: Reported = silent
+) -> list[str]:
     """Return lines that describe where the C of `files` (name -> text) differs from the model; empty if it does not.
 
     Successful comparisons are cached. Without a C compiler for this machine, nothing is compared and a warning on standard error
@@ -72,7 +75,11 @@ def differences(system: ReducedSystem, laws: Sequence[ControlLaw], files: Mappin
     except (BadInput, OSError) as reason:
         print(f"noslip: warning: the C is not compared with the model: {reason}", file=sys.stderr)
         return []
-    return [line for part, own, key in parts for line in _compared(part, own, key)]
+    wrong = []
+    for done, (part, own, key) in enumerate(parts):
+        progress(done, len(parts), "files compared with the model")
+        wrong += _compared(part, own, key)
+    return wrong
 
 
 def _not_compared_before(

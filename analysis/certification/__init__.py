@@ -1,1 +1,1 @@
-"""Is a start safe? All motions of a closed loop with uncertain parameters, enclosed."""
+"""Certificates of safe starts: enclosures of all motions of a closed loop with uncertain parameters."""

@@ -1,4 +1,4 @@
-"""A closed loop followed with all that its parameters may be, until it is proved to stay regular or nothing more can be said."""
+"""Encloses the motions of a closed loop for all uncertain parameters, until it is proved regular for ever or the proof fails."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from .enclosed_loop import EnclosedLoop, Inputs
 from .enclosure import Bounds
 from .tube import Flow, Lost, Step, Tube
 
-LONGEST, STEPS = 0.05, 6000  # s, of a step of a continuous loop, and how many are taken
-SETTLED = 1e-3  # of 1 + |x|: a set of motions that may be found to return into itself is at least that wide
-SOON = 0.5  # s: motions that approach the singular set would be there within this time, as fast as they do
-WIDER = 4  # times a set that settles is made four times as wide
-STILL = 1e-9  # of 1 + |x|: how little a motion at rest moves
-PROBE = 1e-6  # a deviation whose growth tells whether an equilibrium is stable
-NEAR_JOINT = 1e-4  # m: within so much of a joint of the path it is crossed
-AGAIN = 1.2  # how much later it is tried again
+LONGEST, STEPS = 0.05, 6000  # longest step of a continuous loop, s; most steps
+SETTLED = 1e-3  # relative to 1 + |x|: minimum width of a set that is tested for invariance
+SOON = 0.5  # s: motions count as approaching the singular set if they would reach it within this time at their present rate
+WIDER = 4  # how often the set of a settled motion is widened, each time by a factor of 4
+STILL = 1e-9  # relative to 1 + |x|: largest change of a motion at rest
+PROBE = 1e-6  # deviation whose growth determines whether an equilibrium is stable
+NEAR_JOINT = 1e-4  # m: closer than this to a joint of the path, the motion crosses it
+AGAIN = 1.2  # factor of the time until the next attempt
 
 
 @dataclass
 class Course:
-    """What is proved: regular up to `until` (s), and for ever where `invariant`; `margin`: least |det Phi| over its row norms.
+    """The proved result: regular up to `until` (s), for ever if `invariant`; `margin`: lower bound of |det Phi| over its row
+    norms.
 
-    `largest`: upper bound of |s|; `lost`: why no more is proved, empty where the end was reached; `t` (s) and `s` of the nominal
+    `largest`: upper bound of |s|; `lost`: why no more is proved, empty if the end was reached; `t` (s) and `s` of the nominal
     motion. `unstable`: it rests at an equilibrium that is not stable. `approaching`: all motions approach the singular set, and
     as fast as they do they would not have been there yet; `approach`: which deviations of the parameters (1: the largest) bring
     them nearer.
@@ -59,31 +60,31 @@ class Settled:
         return Tube(self.tube.centre, self.tube.S, np.diag(self.width), self.tube.spread)
 
     def holds(self, tube: Tube) -> bool:
-        """Does it contain all motions of a tube?"""
+        """Whether it contains all motions of a tube."""
         reach = np.abs(tube.centre - self.tube.centre) + np.abs(tube.S - self.tube.S) @ tube.spread + tube.rest
         return bool((reach <= self.width).all())
 
 
 class _Stop(Exception):
-    """Nothing more is proved."""
+    """The proof cannot be continued."""
 
 
 class _Standing(_Stop):
-    """A motion may stand where two pieces of a path join."""
+    """A motion may stop where two segments of a path join."""
 
     def __init__(self) -> None:
         super().__init__("a motion may stand where two pieces of the path join")
 
 
 class _Field:
-    """A rate of change along a path whose curvature may be any of those within reach."""
+    """A rate of change along a path whose curvature may be that of any reachable segment."""
 
     def __init__(self, loop: EnclosedLoop):
         self.loop = loop
-        self.bend = np.zeros(0 if loop.along is None else 1)  # the curvature of the nominal motion, where it is an argument
+        self.bend = np.zeros(0 if loop.along is None else 1)  # the curvature at the nominal motion, if it is an argument
 
     def bent(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, bool]:
-        """By how much the curvature may differ from `bend` for motions that advance, and whether they have to."""
+        """Return by how much the curvature may differ from `bend` for advancing motions, and whether they must advance."""
         loop = self.loop
         if loop.along is None:
             return self.bend, False
@@ -94,13 +95,13 @@ class _Field:
         return np.array([half]), loop.bends.within(place - reach, place + reach) != (middle, half)
 
     def advancing(self, found: Bounds, has_to: bool) -> bool:
-        """Do all motions advance along the path, where they have to?"""
+        """Whether all motions advance along the path, if they must."""
         at = self.loop.along
         return not has_to or bool(found.value[at] > found.moved[at] + found.radius[at])
 
 
 class _Held(_Field):
-    """The plant with its inputs held: x = [z; integrals; held; next], of which the inputs from `first` on act."""
+    """The plant with its inputs held: x = [z; integrals; held; next], in which the inputs from `first` on act."""
 
     def __init__(self, loop: EnclosedLoop, first: int):
         super().__init__(loop)
@@ -191,13 +192,13 @@ def _padded(part: np.ndarray, rows: int) -> np.ndarray:
 
 
 class Certificate:
-    """Follows an EnclosedLoop. `known`: sets of motions that stay regular for ever."""
+    """Integrates an EnclosedLoop. `known`: sets of motions that stay regular for ever."""
 
     def __init__(self, loop: EnclosedLoop, simulation: Simulation, known: tuple[Settled, ...] = ()):
         self._loop, self._simulation, self._found = loop, simulation, Course()
         self._t, self._steps, self._count = 0.0, 0, len(loop.loop.integral.rows)
         self._known, self._tried = known, known[:0]
-        self._kept: tuple[Tube, float, Course] | None = None  # before a set was widened
+        self._kept: tuple[Tube, float, Course] | None = None  # state before a set was widened
         self._flows: dict[Any, Flow] = {}
         self._before: Tube | None = None
         self._deadline = -np.inf
@@ -205,11 +206,11 @@ class Certificate:
 
     @property
     def settled(self) -> tuple[Settled, ...]:
-        """The set that was found to return into itself."""
+        """The set that was found to be invariant."""
         return self._tried if self._found.invariant else ()
 
     def run(self, tube: Tube | None = None) -> Course:
-        """All that is proved of the motions from the start, or from a tube."""
+        """Return the proved result for the motions from the start, or from a tube."""
         tube = tube or self._first()
         try:
             self._rest(tube)
@@ -222,14 +223,14 @@ class Certificate:
         return self._found
 
     def _first(self) -> Tube:
-        """At the start."""
+        """Reset to the start."""
         start, inputs = self._loop.start, len(self._loop.most)
         count = self._count + (2 * inputs if self._simulation.period else 0)
         centre = np.concatenate([start.value, np.zeros(count)])
         return Tube(centre, _padded(start.slope, count), _padded(np.diag(start.rest), count), self._loop.spread)
 
     def _follow(self, tube: Tube) -> None:
-        """Up to the end, or until the set of motions returns into itself. Raises Lost and _Stop."""
+        """Integrate to the end, or until the set of motions is invariant. Raises Lost and _Stop."""
         period = self._simulation.period
         while not self._ended():
             try:
@@ -244,13 +245,13 @@ class Certificate:
                 tube, self._t, self._found = self._kept  # the set that was widened was too wide
                 self._kept, self._tried = None, ()
 
-    # -- marching ---------------------------------------------------------------------------------------------------------
+    # -- integration ---------------------------------------------------------------------------------------------------------
 
     def _turn(self, tube: Tube, passed: Callable[[Step], Tube]) -> Tube:
-        """One period of a sampled loop, one step of a continuous one; every step is `passed`."""
+        """Integrate one period of a sampled loop or one step of a continuous one, and check every step by `passed`."""
         loop, simulation = self._loop, self._simulation
         if not simulation.period:
-            end = min((int(self._t / LONGEST + 1e-9) + 1) * LONGEST, simulation.duration)  # so that courses have times in common
+            end = min((int(self._t / LONGEST + 1e-9) + 1) * LONGEST, simulation.duration)  # common times of courses
             return passed(self._flow(_Closed, self._fixed()).step(tube, min(end - self._t, self._to_joint(tube))))
         first, r = len(loop.z) + self._count, len(loop.most)
         tube = self._called(tube)
@@ -262,7 +263,7 @@ class Certificate:
         return _handed_on(tube, first, r)
 
     def _to_joint(self, tube: Tube) -> float:
-        """A duration in which most motions stay on their piece of the path, or change it together; s."""
+        """Return a duration (s) in which most motions stay on their segment of the path, or change it together."""
         loop = self._loop
         if loop.along is None:
             return np.inf
@@ -272,14 +273,14 @@ class Certificate:
         return max(0.7 * (left - 2 * far) if left > 2 * far else far / 3, NEAR_JOINT) / speed
 
     def _flow(self, kind: type, argument: Any) -> Flow:
-        """Kept from step to step: it knows the length of its steps."""
+        """The integrator, kept between steps because it adapts its step length."""
         key = (kind, argument if isinstance(argument, int) else argument.tobytes())
         if key not in self._flows:
             self._flows[key] = Flow(kind(self._loop, argument))
         return self._flows[key]
 
     def _called(self, tube: Tube) -> Tube:
-        """The tube with what the controller asks for, and the integrals of the next call."""
+        """Return the tube with the inputs of the controller and the integrals of the next call."""
         loop, r, n, fixed = self._loop, len(self._loop.most), len(self._loop.z), self._fixed()
         m = n + self._count
         part, none = Tube(tube.centre[:m], tube.S[:m], tube.G[:m], tube.spread), np.zeros(m)
@@ -301,7 +302,7 @@ class Certificate:
         return tube.map(centre, A, np.zeros_like(tube.S), rest)
 
     def _rest(self, tube: Tube) -> None:
-        """Raises _Stop where the nominal motion is at an equilibrium that is not stable."""
+        """Raise _Stop if the nominal motion is at an unstable equilibrium."""
         if not self._loop.settles:
             return
         m, count = len(self._loop.z) + self._count, len(tube.centre)
@@ -317,15 +318,15 @@ class Certificate:
             raise _Stop("the equilibrium is not stable")
 
     def _fixed(self) -> np.ndarray:
-        """Config and reference of the law now."""
+        """Return the present config and reference of the law."""
         loop = self._loop
-        wanted = loop.loop.guidance.reference(self._t, loop.loop.start) if loop.reference is None else loop.reference
-        return np.concatenate([loop.constants, wanted])
+        reference = loop.loop.guidance.reference(self._t, loop.loop.start) if loop.reference is None else loop.reference
+        return np.concatenate([loop.constants, reference])
 
-    # -- what is looked at ------------------------------------------------------------------------------------------------
+    # -- checks of a step ------------------------------------------------------------------------------------------------
 
     def _passed(self, step: Step) -> Tube:
-        """What a step leads to, the states in between being regular."""
+        """Return the result of a step after checking that the states in between are regular."""
         self._approach(step, self._guard(step.centre, step.moved, step.radius))
         self._t += step.h
         self._steps += 1
@@ -335,7 +336,7 @@ class Certificate:
         return step.tube
 
     def _guard(self, centre: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> Bounds:
-        """Is every state regular? The guard's bounds. Raises _Stop where that is not proved."""
+        """Return the bounds of the guard. Raises _Stop unless every state is proved to be regular."""
         loop, n, found = self._loop, len(self._loop.z), self._found
         bend = half = np.zeros(0)
         if loop.along is not None:
@@ -356,7 +357,7 @@ class Certificate:
         return bounds
 
     def _approach(self, step: Step, guard: Bounds) -> None:
-        """Note whether all motions of a step approach the singular set, near which they are."""
+        """Record whether all motions of a step are near the singular set and approach it."""
         n, found = len(self._loop.z), self._found
         side = np.sign(guard.value[2])
         slope, rate = side * guard.slope[2, :n], step.rate
@@ -375,7 +376,7 @@ class Certificate:
         return self._simulation.duration - 1e-9
 
     def _tried_again(self, tube: Tube) -> Tube:
-        """Where a motion has settled: is the set of states contained in one that was passed? Else a wider set may be later."""
+        """For a settled motion, return whether the set of states is contained in an earlier one; else a wider set is tried."""
         if not self._loop.settles:
             return tube
         if any(each.holds(tube) for each in (*self._known, *self._tried)):
@@ -385,7 +386,7 @@ class Certificate:
             return tube
         self._next = AGAIN * self._t + 0.1
         width = np.maximum(2 * tube.rest, SETTLED * (1 + np.abs(tube.centre)))
-        width[tube.radius == 0] = 0.0  # what is not in use
+        width[tube.radius == 0] = 0.0  # unused entries
         last, self._before = self._before, tube
         if last is not None and (np.abs(tube.centre - last.centre) <= STILL * (1 + np.abs(tube.centre))).all():
             self._rest(tube)
@@ -398,7 +399,7 @@ class Certificate:
 
 
 def _handed_on(tube: Tube, first: int, r: int) -> Tube:
-    """What was asked for is what acts until the next call's inputs do."""
+    """Apply the computed inputs until those of the next call."""
     acting, asked = slice(first, first + r), slice(first + r, first + 2 * r)
     centre, S, G = tube.centre.copy(), tube.S.copy(), tube.G.copy()
     for part in (centre, S, G):
@@ -407,7 +408,7 @@ def _handed_on(tube: Tube, first: int, r: int) -> Tube:
 
 
 def widest(loop: EnclosedLoop, simulation: Simulation) -> tuple[Settled, ...]:
-    """A set of motions, as wide as is found, that stay regular for ever; none where the start does not lead into one."""
+    """Return the widest set found of motions that stay regular for ever; none if the start does not lead into one."""
     certificate = Certificate(loop, simulation)
     certificate.run()
     known = certificate.settled

@@ -34,14 +34,14 @@ from .tube import Tube
 
 SIDES = (-1.0, 1.0)
 AT_START = 1e-9  # m
-LAPS = 20  # of a closed path that are laid out
-FLAT = 1e-4  # of a slope of the inputs by the demand of the speed; below ten times what the controller takes for zero
+LAPS = 20  # of a closed path, written as a sequence of segments
+FLAT = 1e-4  # relative; ten times the value below which the controller takes a derivative for zero
 
 
 @dataclass(frozen=True)
 class Foot:
     """A start seen from its foot on the path: `config` of the law there, `curvature` (1/m) to the left, `distance` h (m),
-    `heading` psi (rad); `along` is the coordinate that tells the foot's place, where this matters.
+    `heading` psi (rad); `along` is the coordinate of the foot along the path, if it matters.
     """
 
     config: np.ndarray
@@ -52,7 +52,7 @@ class Foot:
 
 
 def foot_of(kind: str, names: list[str], config: np.ndarray, pose: tuple[float, float, float]) -> Foot | None:
-    """From P_l and the heading in the world. None for a path without a chart, and where no foot is found."""
+    """Return the start from P_l and the heading in the world frame. None for a path without a chart, and if no foot is found."""
     given, (x, y, heading) = dict(zip(names, config, strict=True)), pose
     if kind == "line":
         A, B, C = (given[name] for name in "ABC")
@@ -77,7 +77,7 @@ def foot_of(kind: str, names: list[str], config: np.ndarray, pose: tuple[float, 
 
 
 def _foot_on_ellipse(a: float, b: float, config: np.ndarray, pose: tuple[float, float, float]) -> Foot | None:
-    """Where the distance is least."""
+    """Return the foot, where the distance is smallest."""
     x, y, heading = pose
     u = math.atan2(y / b, x / a)  # eccentric angle of the foot
     for _ in range(50):  # Newton's method on the derivative of the squared distance
@@ -114,7 +114,7 @@ class Inputs:
     mix: np.ndarray
 
     def slope(self, slope: np.ndarray) -> np.ndarray:
-        """Of the inputs, from that of `law`."""
+        """Return the derivative of the inputs from that of `law`."""
         return self.mix @ slope
 
 
@@ -148,15 +148,15 @@ class EnclosedPlant:
 
     def __init__(self, parts: Enclosure, freedom: int):
         self._parts, self._freedom = parts, freedom
-        self.fixed = np.zeros(0)  # what else the parts are functions of
+        self.fixed = np.zeros(0)  # values of the other arguments
 
     def tangent(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Value and slope at x."""
+        """Return value and derivative at x."""
         value, slope = self._parts.tangent(x, self.fixed)
         return self._solved(value, slope)[:2]
 
     def bounds(self, x: np.ndarray, moved: np.ndarray, radius: np.ndarray, rest: np.ndarray | float = 0.0) -> Bounds:
-        """As an Enclosure's."""
+        """See Enclosure."""
         found, f = self._parts.bounds(x, moved, radius, rest, self.fixed), self._freedom
         value, slope, inverse = self._solved(found.value, found.slope)
         size, k = np.abs(value[-f:]), len(value) - f
@@ -166,7 +166,7 @@ class EnclosedPlant:
         if not (found.finite and np.abs(change).sum(axis=1).max() < 1):
             endless = np.full(len(value), np.inf)
             return Bounds(value, slope, endless, endless, endless, endless)
-        inverse = np.linalg.solve(np.eye(f) - change, inverse)  # of any N in the box (Neumann's series)
+        inverse = np.linalg.solve(np.eye(f) - change, inverse)  # bound for any N in the box (Neumann series)
         moved_w = inverse @ (mF + mN @ size)
         radius_w = inverse @ (RF + RN @ (size + moved_w))
         rest_w = inverse @ (rF + rN @ (size + moved_w) + RN @ radius_w)
@@ -201,13 +201,13 @@ class Bends:
     curvatures: np.ndarray
 
     def within(self, low: float, high: float) -> tuple[float, float]:
-        """Middle and half the spread of the curvatures between two places."""
+        """Return middle and half the spread of the curvatures between two places."""
         first, last = np.searchsorted(self.ends, (low, high), side="right")
         found = self.curvatures[first : last + 1]
         return (found.max() + found.min()) / 2, (found.max() - found.min()) / 2
 
     def left(self, place: float) -> float:
-        """How far the next joint is from there, m; infinite where none follows."""
+        """Return the distance to the next joint, m; infinite if none follows."""
         following = np.searchsorted(self.ends, place, side="right")
         return float(self.ends[following] - place) if following < len(self.ends) else np.inf
 
@@ -242,19 +242,19 @@ class EnclosedLoop:
         self._begin(loop, spec)
 
     def started(self, loop: Loop, spec: Spec) -> EnclosedLoop:
-        """The same loop from another start."""
+        """Return the loop with another start."""
         other = copy(self)
         other._begin(loop, spec)
         return other
 
     def _build(self, spec: Spec) -> None:
-        """All that does not depend on the start, the gains and the place of the path."""
+        """Build the parts that do not depend on the start, the gains and the position of the path."""
         law, system, loop = self.loop.law, self.loop.law.system, self.loop
         tau, limits, curvature = (ca.SX.sym(name, n) for name, n in (("tau", len(self.most)), ("most", len(self.most)), ("k", 1)))
         pose = _pose(system)
         acting = ca.vertcat(ca.vec(system.Mbar), ca.vec(system.input_map), system.bias)
         state, kind = symbols(law.state), law.output.required_path.kind
-        level = not ca.depends_on(acting, ca.vertcat(*[state[k] for k in pose]))  # the same forces in each pose
+        level = not ca.depends_on(acting, ca.vertcat(*[state[k] for k in pose]))  # whether the forces are the same in each pose
         self._kind = kind if pose and level and foot_of(kind, *self._pose_of(loop, pose)) else ""
         if loop.composite and not self._kind:
             raise BadInput("the forces depend on the pose, which is not covered along a composite path")
@@ -283,14 +283,14 @@ class EnclosedLoop:
         self.guard = Enclosure(guard, ca.vertcat(z, bend), constants)
 
     def _pose_of(self, loop: Loop, pose: list[int]) -> tuple[list[str], np.ndarray, tuple[float, float, float]]:
-        """Names and values of the path's config, P_l and the heading at the start."""
+        """Return the config of the path by name, P_l and the heading at the start."""
         names, config, x = [c.name for c in loop.law.config], np.asarray(loop.guidance.leg.config), loop.start
         given = dict(zip(names, config, strict=True))
         ahead, left, c, s = given["L"], given.get("W", 0.0), math.cos(x[pose[2]]), math.sin(x[pose[2]])
         return names, config, (x[pose[0]] + ahead * c - left * s, x[pose[1]] + ahead * s + left * c, x[pose[2]])
 
     def _begin(self, loop: Loop, spec: Spec) -> None:
-        """The start, and the numbers of the path and the controller."""
+        """Set the start and the numbers of path and controller."""
         self.loop, x = loop, loop.start
         config, begin, curvature = np.asarray(loop.guidance.leg.config), x[: self._first], [0.0]
         self.reference: np.ndarray | None = None
@@ -314,11 +314,11 @@ class EnclosedLoop:
         self.start = self._start(spec)
 
     def plant_at(self, deviation: np.ndarray) -> dict[str, float]:
-        """The uncertain parameters by name, deviating by parts of their spread."""
+        """Return the uncertain parameters by name, with deviations in units of their spread."""
         return dict(zip(self._uncertain, map(float, self.nominal + deviation * self.spread), strict=True))
 
     def limited(self, value: np.ndarray) -> np.ndarray:
-        """The inputs within the limits, from the value of `law`."""
+        """Return the limited inputs from the value of `law`."""
         r = len(self.most)
         tau = value[:r]
         if (np.abs(tau) <= self.most).all():
@@ -341,7 +341,7 @@ class EnclosedLoop:
         return found.of(S, G, tube.spread, np.concatenate([growth, half]))
 
     def inputs(self, found: Bounds) -> Inputs:
-        """The limited inputs from the bounds of `law`; where it is open which limit holds, `rest` covers all that may be."""
+        """Return the limited inputs from the bounds of `law`; if several limits may be active, `rest` covers all cases."""
         r = len(self.most)
         value, size, spread = self.limited(found.value), np.abs(found.value[:r]), (found.moved + found.radius)[:r]
         if (size + spread <= self.most).all():
@@ -350,12 +350,12 @@ class EnclosedLoop:
             return self._slowed(found, value)
         moved, radius = found.moved[:r], found.radius[:r]
         slope, off, off_moved = kink(size - self.most, moved, radius)
-        both = spread - size > self.most  # either limit may be met
+        both = spread - size > self.most  # either limit may be active
         slope, off, off_moved = np.where(both, 0.5, slope), np.where(both, radius / 2, off), np.where(both, moved / 2, off_moved)
         return mixed(found, (1 - slope)[:, None] * np.eye(r, len(found.value)), value, off, off_moved)
 
     def _slowed(self, found: Bounds, value: np.ndarray) -> Inputs:
-        """With one limit met, or perhaps met, and the others not; else anything within the limits."""
+        """Return the inputs if one limit is, or may be, active and the others are not; else anything within the limits."""
         r, n = len(self.most), len(found.value)
         spread = found.moved + found.radius
         tau, steepness, steepness_spread = found.value[:r], np.abs(found.value[-r:]), spread[-r:]
@@ -385,7 +385,7 @@ class EnclosedLoop:
         return Inputs(Bounds(value, np.zeros((r, found.slope.shape[1])), none, anything, anything, none), np.zeros((r, n)))
 
     def _chart(self, curvature: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """The coordinates of z, the state [q; nu] by z, and the rates of these coordinates."""
+        """Return the coordinates of z, the state [q; nu] as a function of z, and the rates of these coordinates."""
         law, system = self.loop.law, self.loop.law.system
         state, rates, pose = symbols(law.state), system.qdot, self._pose
         self._first = system.mechanism.q.numel()
@@ -408,7 +408,7 @@ class EnclosedLoop:
         behind, across = left * ca.sin(psi) - ahead * ca.cos(psi), h - ahead * ca.sin(psi) - left * ca.cos(psi)
         places = place + ca.vertcat(cosine * behind - sine * across, sine * behind + cosine * across)
         others = [k for k in range(self._first) if k not in pose]
-        from_foot, x_of_z = state[:], state[:]  # the foot as origin, and in the world
+        from_foot, x_of_z = state[:], state[:]  # with the foot as origin, and in the world frame
         for k, here, there in zip(pose, (behind, across, psi), (*ca.vertsplit(places), direction + psi), strict=True):
             from_foot[k], x_of_z[k] = here, there
         ahead_, aside = ca.vertsplit(ca.substitute(velocity, state, from_foot))
@@ -427,7 +427,7 @@ class EnclosedLoop:
         return ca.vertcat(coordinates, moving), ca.substitute(x_of_z, *change), ca.substitute(rates, *change)
 
     def _controller(self, x_of_z: ca.SX, limits: ca.SX, curvature: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """What `law` and `guard` are made of."""
+        """Return the expressions of `law` and `guard`."""
         law, action, found = self.loop.law, self.loop.integral, self.loop.law.linearization
         wanted = symbols(law.reference)
         self._integrals = ca.SX.sym("integral", len(action.rows))
@@ -456,7 +456,7 @@ class EnclosedLoop:
         return ca.vertcat(tau, *map(seen, errors), *met, flat), seen(ca.vertcat(*found.measure, found.determinant, s))
 
     def _plain_inputs(self, by_nu: ca.DM) -> ca.DM:
-        """What the inputs are multiplied by: forces along the speeds, where there is one for each and no limit on a motor."""
+        """Return the factor of the inputs: with as many inputs as speeds and no limits, forces along the speeds are used."""
         system, r = self.loop.law.system, len(self.most)
         map_ = system.input_map
         if np.isfinite(self.most).any() or r != system.freedom or ca.symvar(map_):
@@ -464,7 +464,7 @@ class EnclosedLoop:
         return by_nu.T @ ca.evalf(ca.densify(map_))
 
     def _start(self, spec: Spec) -> Bounds:
-        """z of p: a start given by its speed has quasi-velocities that depend on the parameters."""
+        """Return z as a function of p: quasi-velocities of a start given by its speed depend on the parameters."""
         n, count = len(self.z), len(self.spread)
         rest = Bounds(self.z, np.zeros((n, count)), *np.zeros((4, n)))
         initial = spec.initial
@@ -485,9 +485,9 @@ class EnclosedLoop:
 
 
 def _pieces(route: Route, spec: Spec, start: np.ndarray) -> tuple[Bends, float, float]:
-    """The curvatures of a composite path, the place where the desired speed begins to change, and that of the start.
+    """Return the curvatures of a composite path, the place where the desired speed begins to change, and that of the start.
 
-    Raises BadInput where the start is behind the last piece.
+    Raises BadInput if the start is beyond the last segment.
     """
     options, segments = route.options, spec.output.segments
     changes = [k for k in range(1, len(segments)) if segments[k].backward != segments[k - 1].backward]
@@ -505,7 +505,7 @@ def _pieces(route: Route, spec: Spec, start: np.ndarray) -> tuple[Bends, float, 
 
 
 def _velocities(system: ReducedSystem, believed: np.ndarray) -> np.ndarray:
-    """Forward speed and yaw rate of the quasi-velocities where these are such combinations, else the quasi-velocities."""
+    """Return forward speed and yaw rate if they are combinations of the quasi-velocities, else the quasi-velocities."""
     try:
         forward, turn, _ = vehicle_wheels(system, believed)
     except BadInput:
@@ -514,7 +514,7 @@ def _velocities(system: ReducedSystem, believed: np.ndarray) -> np.ndarray:
 
 
 def _pose(system: ReducedSystem) -> list[int]:
-    """Which coordinates are the vehicle's x, y and heading; none where these are no coordinates."""
+    """Return the indices of the vehicle's x, y and heading among the coordinates; none if these are not coordinates."""
     try:
         return pose_coordinates(system)
     except BadInput:
@@ -522,7 +522,7 @@ def _pose(system: ReducedSystem) -> list[int]:
 
 
 def _relevant(z: ca.SX, rates: ca.SX, needed: ca.SX) -> list[int]:
-    """The coordinates among z on which something depends, and all that follows these."""
+    """Return the coordinates among z on which the result depends, directly or through rates."""
     coordinates = rates.numel()
     keep: list[int] = []
     while more := [k for k in range(coordinates) if k not in keep and ca.depends_on(needed, z[k])]:

@@ -1,4 +1,4 @@
-"""Bounds of a function near a trajectory: how far it can be from its value there, and from its tangent there.
+"""Bounds of a function near a trajectory: of its deviation from its value and from its tangent there.
 
 At a point c + e, where the centre c lies within m of a given point x and |e| <= R entry by entry, Taylor's theorem gives
 
@@ -45,16 +45,16 @@ class Bounds:
 
     @property
     def finite(self) -> bool:
-        """False where an operation may not be defined, such as a quotient whose denominator may be zero."""
+        """False if an operation may be undefined, such as a quotient whose denominator may be zero."""
         return bool(np.isfinite(self.radius).all() and np.isfinite(self.rest).all() and np.isfinite(self.moved).all())
 
     def rows(self, which: slice) -> Bounds:
-        """Of some of the function's entries."""
+        """Return the enclosure of some entries of the function."""
         parts = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return Bounds(**{name: part[which] for name, part in parts.items() if part is not None})
 
     def of(self, S: np.ndarray, G: np.ndarray, spread: np.ndarray, growth: np.ndarray) -> Bounds:
-        """The same for e = S pi + G b + anything within `growth`, |pi| <= spread and |b| <= 1: entries that are related."""
+        """Return the bounds for e = S pi + G b + anything within `growth`, |pi| <= spread and |b| <= 1: correlated entries."""
         columns = np.hstack([S * spread, G, np.diag(growth)[:, growth > 0]])
         rest = self.rest
         with np.errstate(invalid="ignore", over="ignore"):
@@ -79,7 +79,7 @@ class Enclosure:
         self._curved, self._begins = np.unique(self._output, return_index=True)
 
     def tangent(self, x: np.ndarray, fixed: np.ndarray = NONE) -> tuple[np.ndarray, np.ndarray]:
-        """Value (n) and slope (n, inputs) at x."""
+        """Return value (n) and derivative (n, inputs) at x."""
         value, slope = self._tangent(x, fixed)
         return value, slope.reshape(self._shape, order="F")
 
@@ -91,7 +91,7 @@ class Enclosure:
         rest: np.ndarray | float = 0.0,
         fixed: np.ndarray = NONE,
     ) -> Bounds:
-        """Near x; all of one size. `rest`: the part of `radius` that is not linear in what the slopes are taken by."""
+        """Return bounds near x. `rest`: the part of `radius` that is not linear in the variables of the derivative."""
         box = moved + radius
         value, slope, at, around, far = self._bounds(x, fixed, box)
         slope = slope.reshape(self._shape, order="F")
@@ -106,7 +106,7 @@ class Enclosure:
             most = np.vstack([both * (np.abs(at) + around), both[3] * around])
             curved = np.outer(np.append(shares[0] * shares[1], shares[0, 3] * shares[1, 3]), far)
             if len(self._curved):
-                curved[:, self._curved] += np.add.reduceat(most, self._begins, axis=1)  # each output's pairs are neighbours
+                curved[:, self._curved] += np.add.reduceat(most, self._begins, axis=1)  # the pairs of an output are adjacent
             from_moved, turned, from_apart, squared, loose = curved
             linear = size @ np.array([moved, radius, apart]).T
             return Bounds(
@@ -154,7 +154,7 @@ Monomial = tuple[int, ...]  # indices of the variables, ascending
 
 
 def _pairs(monomial: Monomial) -> list[tuple[int, int]]:
-    """The pairs of variables by which its second derivative is not zero."""
+    """Return the pairs of variables whose second derivative is not zero."""
     return [(monomial[i], monomial[j]) for j in range(len(monomial)) for i in range(j)]
 
 
@@ -174,7 +174,7 @@ class _Jet:
 
     @cached_property
     def sizes(self) -> list[ca.SX]:
-        """By order, from 0 to ORDER + 1: as `rest`, over the box."""
+        """Return bounds by order, from 0 to ORDER + 1, defined as `rest`, over the box."""
         here = [ca.SX(0) for _ in range(ORDER + 1)]
         for monomial, coefficient in self.terms.items():
             term = ca.fabs(coefficient)
@@ -186,11 +186,11 @@ class _Jet:
 
     @cached_property
     def spread(self) -> ca.SX:
-        """How far the function can be from its value at x."""
+        """Return a bound of the deviation of the function from its value at x."""
         return self.sizes[0] - ca.fabs(self.value)
 
     def third(self, a: int, b: int) -> ca.SX:
-        """How far the polynomial's derivative by a and b can be from its value at x."""
+        """Return a bound of the deviation of the polynomial's derivative by a and b from its value at x."""
         found = ca.SX(0)
         for monomial, coefficient in self.terms.items():
             left = list(monomial)
@@ -217,7 +217,8 @@ class _Jet:
         return _Jet(terms, rest, self.box)
 
     def through(self, coefficients: Sequence[ca.SX], most: Sequence[ca.SX]) -> _Jet:
-        """g of this, by g's Taylor coefficients at `value` up to ORDER, and bounds of them over the range up to ORDER + 1."""
+        """Return g of this, from the Taylor coefficients of g at `value` up to ORDER and their bounds over the range up to
+        ORDER + 1."""
         if not any(self.terms):
             return _Jet({(): coefficients[0]}, ca.SX(0), self.box)
         shift = {m: c for m, c in self.terms.items() if m}
@@ -233,7 +234,7 @@ class _Jet:
 
 
 def _product(one: dict[Monomial, ca.SX], other: dict[Monomial, ca.SX]) -> dict[Monomial, ca.SX]:
-    """Of two polynomials, up to ORDER."""
+    """Return the product of two polynomials, up to ORDER."""
     terms: dict[Monomial, ca.SX] = {}
     for m, x in one.items():
         for n, y in other.items():
@@ -244,7 +245,8 @@ def _product(one: dict[Monomial, ca.SX], other: dict[Monomial, ca.SX]) -> dict[M
 
 
 def _power(x: _Jet, exponent: float) -> _Jet:
-    """Of a quantity that is positive, or of any for a negative whole exponent; where it may be zero no bound is finite."""
+    """Return the coefficients of a power of a positive quantity, or any quantity for a negative integer; infinite if it may be
+    0."""
     binomials = [math.prod((exponent - i) / (i + 1) for i in range(k)) for k in range(ORDER + 2)]
     size, value = ca.fabs(x.value), x.value
     least = ca.fmax((value if exponent > 0 else size) - x.spread, 1e-200)
@@ -260,7 +262,7 @@ def _power(x: _Jet, exponent: float) -> _Jet:
 
 
 def _wave(x: _Jet, quarter: int) -> _Jet:
-    """sin(x + quarter pi / 2)."""
+    """Return sin(x + quarter pi / 2)."""
     cycle = [ca.sin(x.value), ca.cos(x.value), -ca.sin(x.value), -ca.cos(x.value)]
     values = [cycle[(quarter + k) % 4] for k in range(ORDER + 2)]
     most = [ca.fmin(1, ca.fabs(value) + x.spread) / math.factorial(k) for k, value in enumerate(values)]
@@ -268,7 +270,7 @@ def _wave(x: _Jet, quarter: int) -> _Jet:
 
 
 def _sign(x: _Jet) -> _Jet:
-    """Without bounds where it is not the same everywhere."""
+    """Return a piecewise constant; without bounds unless it is constant over the box."""
     rest = ca.if_else(ca.fabs(x.value) > x.spread, 0, np.inf) if any(x.terms) else ca.SX(0)
     return _Jet({(): ca.sign(x.value)}, rest, x.box)
 
@@ -293,7 +295,7 @@ RULES: dict[int, Callable[..., _Jet]] = {
 
 
 def _scaled(x: _Jet, sign: _Jet) -> _Jet:
-    """x times a sign, which is constant where there are bounds."""
+    """Return x times a sign, which is constant if there are bounds."""
     return _Jet({m: sign.value * c for m, c in x.terms.items()}, x.rest + sign.rest, x.box)
 
 

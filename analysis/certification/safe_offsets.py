@@ -1,11 +1,12 @@
-"""How far beside its path may a vehicle start? The largest offset that is proved to be safe, by speed and heading."""
+"""The largest offset from the path from which a start is proved to be safe, by speed and heading."""
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ...readers.errors import BadInput
+from ...readers.progress import Reported, silent
 from ...simulation.loop import Loop, make_loop
 from ...simulation.specification.spec import Initial, Spec
 from .certificate import Certificate, widest
@@ -14,7 +15,7 @@ from .safety import check_uncertainty
 
 SPEEDS = (0.0, 0.5, 1.0)  # of the desired speed
 HEADINGS = (-45.0, 0.0, 45.0)  # degrees, from the direction of travel
-FIRST, MOST, HALVINGS = 0.5, 8.0, 3  # m: the first offset tried, the largest; it is doubled, then halved between
+FIRST, MOST, HALVINGS = 0.5, 8.0, 3  # m: first and largest offset tried; it is doubled, then bisected
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Offsets:
     offsets: tuple[tuple[float | None, ...], ...]
 
     def lines(self) -> list[str]:
-        """As a table."""
+        """Return the table as text."""
         head = "speed m/s".rjust(10) + "".join(f"{math.degrees(heading):9.0f} deg" for heading in self.headings)
         rows = []
         for speed, offsets in zip(self.speeds, self.offsets, strict=True):
@@ -42,11 +43,9 @@ def safe_offsets(
     uncertainty: Mapping[str, float],
     speeds: Sequence[float] | None = None,
     headings: Sequence[float] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Reported = silent,
 ) -> Offsets:
     """Of the loop of a SPEC whose path is a line, a circle or an arc; `speeds` in m/s, `headings` in rad, else some of each.
-
-    `progress` is called after each entry of the table with the number of entries that are done and of all.
 
     Raises BadInput for another path, and as `make_loop` does.
     """
@@ -78,7 +77,7 @@ def safe_offsets(
     def _safe(offset: float, speed: float, heading: float) -> bool:
         try:
             found = Certificate(enclosed.started(*beside(offset, speed, heading)), spec.simulation, known).run()
-        except BadInput:  # a start that is singular
+        except BadInput:  # the start is singular
             return False
         return not found.lost
 
@@ -86,13 +85,12 @@ def safe_offsets(
     columns = len(headings)
     for v, a in itertools.product(speeds, headings):
         offsets.append(_largest(lambda d, v=v, a=a: safe(d, v, a)))
-        if progress:
-            progress(len(offsets), len(speeds) * columns)
+        progress(len(offsets), len(speeds) * columns, "safe offsets found")
     return Offsets(speeds, headings, tuple(tuple(offsets[k : k + columns]) for k in range(0, len(offsets), columns)))
 
 
 def _largest(safe) -> float | None:
-    """The largest offset found with which, and with all smaller ones tried, `safe` holds."""
+    """Return the largest offset tried for which, and for all smaller ones tried, `safe` holds."""
     if not safe(0.0):
         return None
     good, bad = 0.0, FIRST

@@ -1,4 +1,4 @@
-"""Will this start stay away from the singular set? Decided before the run, for path following.
+"""Whether a start of path following avoids the singular set, decided before the run.
 
 All motions that the start can lead to, with every value that the robot's parameters may have, are enclosed (`certificate`),
 in the loop that `simulate` runs: sampled or continuous, delayed, limited, with integral action. A start is
@@ -31,7 +31,7 @@ BASIS = {
     "estimated": "the error of each step of integration, by the embedded method, and rounding; both are added in full",
     "neglected": "the error of integration of the derivatives of the motion by its start and by the parameters",
 }
-NEAR = 0.5  # s: a motion that would still need longer to become singular, as fast as it approaches, may yet turn away
+NEAR = 0.5  # s: a motion that needs longer to become singular at its present rate may still turn away
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,15 @@ class Verdict:
     course: np.ndarray = field(default_factory=lambda: np.zeros((2, 0)), compare=False, repr=False)
 
     def __str__(self) -> str:
-        """In words."""
+        """Return the verdict as text."""
         words = "will be singular" if self.kind == SINGULAR else self.kind
         return f"{words}: {self.reason}"
 
 
 def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = None) -> Verdict:
-    """The verdict on a start. `uncertainty`: how far parameters of the robot may be from their values, relative, by name.
+    """Return the verdict on a start. `uncertainty`: relative deviations of the robot's parameters, by name.
 
-    Raises BadInput for the name of no parameter and for a size that is not in [0, 1).
+    Raises BadInput for an unknown parameter and for a size that is not in [0, 1).
     """
     uncertainty = dict(uncertainty or {})
     check_uncertainty(uncertainty, loop)
@@ -89,7 +89,7 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
 
 
 def check_uncertainty(uncertainty: Mapping[str, float], loop: Loop) -> None:
-    """Raises BadInput for the name of no parameter and for a size that is not in [0, 1)."""
+    """Raise BadInput for an unknown parameter and for a size that is not in [0, 1)."""
     check_keys(uncertainty, [q.name for q in loop.law.parameters], "uncertainty")
     for name, size in uncertainty.items():
         if not 0 <= size < 1:
@@ -97,14 +97,14 @@ def check_uncertainty(uncertainty: Mapping[str, float], loop: Loop) -> None:
 
 
 def of_each(uncertainty: Mapping[str, float] | float, loop: Loop) -> Mapping[str, float]:
-    """One uncertainty for all of the robot's parameters, unless it is given by name."""
+    """Return the uncertainty of each of the robot's parameters, from one for all or from those given by name."""
     if isinstance(uncertainty, Mapping):
         return uncertainty
     return {q.name: uncertainty for q in loop.law.parameters}
 
 
 def _lost(enclosed: EnclosedLoop, spec: Spec, found: Course, course: np.ndarray) -> Verdict:
-    """Where the enclosure is lost: is it because all motions are singular then?"""
+    """Return whether the proof failed because all motions become singular."""
     last = _run(spec, {}, found.until + NEAR)
     proved = f"|s| stays below {np.ceil(1e4 * found.largest) / 1e4:.4f} up to t = {found.until:.4g} s" if found.t else "nothing"
     if last.status != "singular":
@@ -123,12 +123,12 @@ def _lost(enclosed: EnclosedLoop, spec: Spec, found: Course, course: np.ndarray)
 
 
 def _run(spec: Spec, plant: Mapping[str, float], end: float) -> Row:
-    """The last row of a run with other parameters of the robot, up to `end` (s) or until it stops."""
+    """Return the last row of a run with other parameters of the robot, up to `end` (s) or until it stops."""
     duration = min(end, spec.simulation.duration)
     simulation = replace(spec.simulation, duration=duration, output_step=duration, backend="casadi")
     changed = replace(spec, plant={**spec.plant, **plant}, simulation=simulation)
-    march = sampled if simulation.period else continuous
-    for row in march(make_loop(changed), simulation):  # noqa: B007
+    integrate = sampled if simulation.period else continuous
+    for row in integrate(make_loop(changed), simulation):  # noqa: B007
         if row.status not in RUNNING:
             break
     return row

@@ -1,4 +1,4 @@
-"""All motions of a closed loop that start alike and differ by the robot's parameters, enclosed about one of them.
+"""Encloses all motions of a closed loop from one start that differ by the robot's parameters, about a nominal motion.
 
 About the nominal motion x(t) the deviation of any other is e = S pi + G b: pi the deviations of the parameters, at most `spread`,
 S the sensitivity of the motion to them, and b unknown numbers in [-1, 1]. S and G are carried along by the loop's tangent; what
@@ -22,15 +22,15 @@ from .enclosure import Bounds
 STAGES, WEIGHTS, ERROR = RK45.A, RK45.B, RK45.E  # Dormand and Prince, of order 5(4)
 TOLERANCE = 1e-9  # of a step's error, absolute and relative
 ROUNDING = 1e-13  # of a step, relative and absolute
-SHORTEST, TRIES = 1e-6, 8  # s, and guesses of a box for a step
-COLUMNS = 8  # times the dimension: columns of G that are kept
+SHORTEST, TRIES = 1e-6, 8  # s; attempts at a box for a step
+COLUMNS = 8  # times the dimension: largest number of columns of G
 GROW, SHRINK = 2.0, 0.5
-NARROW = 0.03  # of the radius: a box that grows by less is as good as any
-FOLD = 0.12  # of a time constant: longer steps have boxes that are too wide to be of use
+NARROW = 0.03  # relative to the radius: a box that grows by less is accepted
+FOLD = 0.12  # of a time constant: the boxes of longer steps are too wide
 
 
 class Lost(Exception):
-    """No box is found for a step, however short."""
+    """No box was found for a step, however short."""
 
 
 @dataclass
@@ -49,17 +49,17 @@ class Tube:
 
     @property
     def radius(self) -> np.ndarray:
-        """How far a state can be from the centre, entry by entry."""
+        """Bounds of the deviation of a state from the centre, by entry."""
         return np.abs(self.S) @ self.spread + self.rest
 
     def map(self, centre: np.ndarray, A: np.ndarray, B: np.ndarray, rest: np.ndarray) -> Tube:
-        """All centre + A e + B pi + anything within `rest`."""
+        """Return the tube of all centre + A e + B pi + anything within `rest`."""
         columns = np.hstack([A @ self.G, np.diag(rest)[:, rest > 0]])
         return Tube(centre, A @ self.S + B, _reduced(columns), self.spread)
 
 
 def _reduced(G: np.ndarray) -> np.ndarray:
-    """G with its smallest columns replaced by a box (Girard 2005)."""
+    """Return G with its smallest columns replaced by a box (Girard 2005)."""
     n = len(G)
     if G.shape[1] <= 2 * COLUMNS * n:
         return G
@@ -88,7 +88,7 @@ class Field(Protocol):
     """A rate of change x' = f(x, p)."""
 
     def tangent(self, x: np.ndarray, found: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """f, its derivatives by x and by p, where the bounds that were found for the step hold."""
+        """Return f and its derivatives by x and p, within the bounds found for the step."""
 
     def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
         """Near the tube, the nominal motion within `moved` of its centre and deviations within `growth` of what they are there;
@@ -97,14 +97,14 @@ class Field(Protocol):
 
 
 class Flow:
-    """Integrates a Field and everything near its nominal motion."""
+    """Integrates a Field with an enclosure of all motions near the nominal one."""
 
     def __init__(self, field: Field):
         self._field, self._h, self._longest = field, np.inf, np.inf
-        self._speeds: tuple[np.ndarray, np.ndarray] | None = None  # at which the last box grew
+        self._speeds: tuple[np.ndarray, np.ndarray] | None = None  # rates of growth of the last box
 
     def step(self, tube: Tube, longest: float) -> Step:
-        """Go on by at most `longest` s. Raises Lost."""
+        """Advance by at most `longest` s. Raises Lost."""
         h = min(self._h, self._longest, longest)
         if longest - h < SHORTEST:
             h = longest
@@ -114,7 +114,7 @@ class Flow:
             if box is not None and made is not None:
                 after, error = made
                 if error <= 1 or h <= 10 * SHORTEST:
-                    cut = self._h if h == longest else 0.0  # which says nothing about the next step
+                    cut = self._h if h == longest else 0.0  # no information on the next step
                     self._h = max(cut, h * min(GROW, 0.9 * max(error, 1e-8) ** -0.2))
                     return Step(h, after, tube.centre, *box)
                 h *= max(SHRINK, 0.9 * error**-0.2)
@@ -124,7 +124,7 @@ class Flow:
                 raise Lost
 
     def _box(self, tube: Tube, h: float) -> tuple[np.ndarray, np.ndarray, Bounds] | None:
-        """A box that no motion leaves within h, and f's bounds in it; None where none is found."""
+        """Return a box that no motion leaves within h, and the bounds of f in it; None if none is found."""
         radius = tube.radius
         if self._speeds is None:
             self._speeds = np.abs(self._field.tangent(tube.centre, None)[0]), 0 * radius
@@ -137,18 +137,18 @@ class Flow:
             farthest, grown = h * (np.abs(found.value) + found.moved), h * found.radius
             if (farthest <= moved).all() and (grown <= growth).all():
                 self._speeds = farthest / h, grown / h
-                if (growth > NARROW * radius).any():  # once more, in the box of what was found
+                if (growth > NARROW * radius).any():  # once more, in the new box
                     moved, growth = farthest, grown
                     found = self._field.bounds(tube, moved, growth)
                 return moved, radius + growth, found
             if tried >= 3 and max((farthest / moved).max(), (grown / growth).max()) > 1.5:
-                return None  # it keeps growing
+                return None  # it continues to grow
             moved = np.maximum(moved, 1.1 * farthest + ROUNDING)
             growth = np.maximum(growth, 1.1 * grown + ROUNDING)
         return None
 
     def _step(self, tube: Tube, h: float, box: tuple[np.ndarray, np.ndarray, Bounds]) -> tuple[Tube, float] | None:
-        """The tube h later, and the error of the nominal motion in units of what is allowed."""
+        """Return the tube after h, and the error of the nominal motion relative to the tolerance."""
         n, (_, _, found) = len(tube.centre), box
         slopes: list[np.ndarray] = []
         tangents: list[np.ndarray] = []
@@ -174,7 +174,7 @@ class Flow:
         last = self._field.tangent(after, found)[0]
         error = np.abs(h * sum(w * k for w, k in zip(ERROR, [*slopes, last], strict=True)))
         term = rest = 1.01 * h * found.rest
-        for order in range(2, 7):  # exp(h |A|) carries on what is left out early in the step
+        for order in range(2, 7):  # exp(h |A|) propagates terms that are omitted early in the step
             term = h / order * (size @ term)
             rest = rest + term
         rest = rest + error + ROUNDING * (1 + np.abs(after))

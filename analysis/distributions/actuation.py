@@ -21,8 +21,8 @@ from ...model.reduction import ReducedSystem, null_space
 from ..exact.real_points import DIGITS, rank
 from ..exact.symbolic import FUNCTIONS
 
-STATES = 3  # random ones, at which ranks are computed
-ROUNDING = 1e-12  # of numbers in a model, such as 0.1; smaller values, relative to the terms of a bracket, are zero
+STATES = 3  # random states at which ranks are computed
+ROUNDING = 1e-12  # relative, of numbers in a model such as 0.1; smaller values compared with the terms of a bracket are zero
 NUMERIC: Mapping[int, Callable] = {
     **FUNCTIONS,
     ca.OP_SQRT: mpmath.sqrt,
@@ -39,7 +39,8 @@ NUMERIC: Mapping[int, Callable] = {
 
 @dataclass(frozen=True, eq=False)
 class Actuation:
-    """Of `driven` of the `freedom` = n - m quasi-velocities by the inputs of a mechanism; generic, by ranks at random states."""
+    """Actuation by the inputs of a mechanism: `driven` of the `freedom` = n - m quasi-velocities; generic ranks at random
+    states."""
 
     mechanism: Mechanism
     driven: int
@@ -47,12 +48,12 @@ class Actuation:
 
     @property
     def full(self) -> bool:
-        """Do the inputs drive every quasi-velocity, so that (13) is the robot?"""
+        """Whether the inputs drive every quasi-velocity, so that (13) describes the robot."""
         return self.driven == self.freedom
 
     @cached_property
     def reached(self) -> int | None:
-        """Dimension of the strong accessibility distribution, at the default parameters; None where it cannot be computed.
+        """Dimension of the strong accessibility distribution, at the default parameters; None if it cannot be computed.
 
         The distribution is the smallest one that has all g_j and is invariant under brackets with f and g_j. Its dimension is
         the largest of those at random states.
@@ -106,9 +107,9 @@ class Actuation:
 
 
 def actuation(mechanism: Mechanism) -> Actuation | None:
-    """Of a mechanism with inputs; None without.
+    """Return the actuation of a mechanism; None without inputs.
 
-    The rank of S'E is that of [A; E'] less m, since A has rank m and S spans its null space.
+    The rank of S'E is that of [A; E'] minus m, since A has rank m and S spans its null space.
     """
     if not mechanism.inputs:
         return None

@@ -1,4 +1,4 @@
-"""What a system can do, exactly: its distribution, holonomic part, singular places, and the properties of (13)."""
+"""Exact analysis of a system: distribution, holonomic part, singular places, and the control properties of (13)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ from .properties import SPACE, Check, LinearizationStep, checks, linearization_s
 
 @dataclass(frozen=True)
 class DimensionProof:
-    """Why the dimensions of the filtration are what they are.
+    """Proof of the dimensions of the filtration.
 
     `basis` names the brackets that span Delta*. e_1, e_2, ... (`fields`) span the same, level by level: e_i is a multiple of
-    the i-th bracket plus those before it. Not less: the minor of the brackets in the coordinates `rows` is `minor`, which is
-    not zero. Not more: `identities` write every other bracket of `generators` g_j, which are multiples of the columns of S,
+    the i-th bracket plus those before it. Lower bound: the minor of the brackets in the coordinates `rows` is `minor`, which is
+    not zero. Upper bound: `identities` write every other bracket of `generators` g_j, which are multiples of the columns of S,
     with these fields.
     """
 
@@ -35,7 +35,7 @@ class DimensionProof:
     identities: tuple[str, ...]
 
     def text(self) -> list[str]:
-        """Lines."""
+        """Return the proof as lines."""
         lines = [f"basis {', '.join(self.basis)}", f"its minor in ({', '.join(self.rows)}) is {written(self.minor)}"]
         for letter, fields in (("g", self.generators), ("e", self.fields)):
             lines += [f"{letter}_{k + 1} = ({', '.join(map(written, field))})" for k, field in enumerate(fields)]
@@ -44,7 +44,7 @@ class DimensionProof:
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """n coordinates, m constraints, k of them holonomic; all ranks are generic ones, `places` says where they drop."""
+    """n coordinates, m constraints, k of them holonomic; all ranks are generic; `places` lists where they drop."""
 
     name: str
     n: int
@@ -56,12 +56,12 @@ class Analysis:
     steps: tuple[LinearizationStep, ...]
     checks: tuple[Check, ...]
     S: sp.Matrix
-    assumed: tuple[str, ...]  # expressions that are taken to be positive: roots of squares, absolute values
+    assumed: tuple[str, ...]  # expressions that are assumed to be positive: roots of squares, absolute values
     actuation: Actuation | None  # None for a system without inputs
 
     @property
     def controlled(self) -> str:
-        """The system that the checks are about."""
+        """The system to which the checks apply."""
         if self.actuation is None or self.actuation.full:
             return "q' = S nu, nu' = u"
         inputs = ", ".join(q.name for q in self.actuation.mechanism.inputs)
@@ -73,14 +73,14 @@ class Analysis:
         return self.holonomic.count
 
     def check(self, name: str, where: str = SPACE) -> Check:
-        """One check. Raises KeyError when there is none of this name there."""
+        """Return a check by name. Raises KeyError if there is none of this name."""
         for each in self.checks:
             if (each.name, each.where) == (name, where):
                 return each
         raise KeyError((name, where))
 
     def text(self) -> str:
-        """For people."""
+        """Return the analysis as text."""
         lines = [
             f"{self.name}: {self.n} coordinates, {self.m} constraints: {self.k} holonomic, {self.m - self.k} nonholonomic",
             f"growth ({', '.join(map(str, self.growth))}), dim Delta* = {self.n - self.k}",
@@ -93,7 +93,7 @@ class Analysis:
         return "\n".join(lines)
 
     def as_json(self) -> dict:
-        """Plain data; `input_state_linearizable` is about R^(2n-m)."""
+        """Return plain data; `input_state_linearizable` refers to R^(2n-m)."""
         return {
             "name": self.name,
             "coordinates": self.n,
@@ -128,7 +128,7 @@ class Analysis:
 
 
 def analyse(system: Kinematics | Mechanism | ReducedSystem) -> Analysis:
-    """The exact analysis. Raises ModelError for degenerate systems and for what cannot be treated exactly."""
+    """Return the exact analysis. Raises ModelError for degenerate systems and for functions that cannot be treated exactly."""
     found = distribution(system)
     functions = found.functions
     mechanism = system.mechanism if isinstance(system, ReducedSystem) else system
@@ -150,7 +150,7 @@ def analyse(system: Kinematics | Mechanism | ReducedSystem) -> Analysis:
 
 
 def certificate(found: Distribution) -> DimensionProof:
-    """The proof of the growth vector, as text and expressions."""
+    """Return the proof of the growth vector, as text and expressions."""
     functions, basis = found.functions, found.filtration.basis
     return DimensionProof(
         tuple(sp.Matrix([functions.expression(entry) for entry in field.vector]) for field in found.fields),
@@ -163,7 +163,7 @@ def certificate(found: Distribution) -> DimensionProof:
 
 
 def _minor(found: Distribution) -> sp.Expr:
-    """Of the brackets named, in the rows of the pivots in this order: pivots times what was divided by."""
+    """Return the minor of the named brackets in the rows of the pivots: the pivots times the divisors."""
     functions, basis = found.functions, found.filtration.basis
     above = [part for field in basis for part in (field.vector[field.pivot], *field.below)]
     number, powers = functions.product(above, [part for field in basis for part in field.above])

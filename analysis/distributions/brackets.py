@@ -14,7 +14,7 @@ from ..exact.functions import Functions, TooLarge, Vector
 from ..exact.points import Point
 from ..exact.real_points import RealPoint
 
-TERMS = 4000  # of a bracket, in all its components; proofs with larger ones take too long
+TERMS = 4000  # most terms of a bracket, in all components; proofs with larger brackets take too long
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class VectorField:
     pivot: int = -1
 
     def whole(self, functions: Functions) -> Vector:
-        """The vector times what it was divided by: it vanishes where the field itself does."""
+        """Return the vector times its divisor, which vanishes where the field itself does."""
         return tuple(functools.reduce(functions.times, self.below, entry) for entry in self.vector)
 
 
 @dataclass(frozen=True)
 class Dependence:
-    """factor * [left, right] = sum of coefficient * basis field, exactly; `left` and `right` as they stand in `basis`."""
+    """factor * [left, right] = sum of coefficient * basis field, exactly; `left` and `right` as in `basis`."""
 
     name: str
     left: VectorField
@@ -50,14 +50,16 @@ class Dependence:
 
 @dataclass
 class Span:
-    """Vectors in echelon form, independent over the functions. `point`: pivots that do not vanish there are preferred."""
+    """Vectors in echelon form, independent over the field of functions. `point`: pivots that do not vanish there are
+    preferred."""
 
     functions: Functions
     fields: list[VectorField] = field(default_factory=list)
     point: Point | RealPoint | None = None
 
     def reduce(self, vector: Vector) -> tuple[list[tuple[int, PolyElement, PolyElement]], Vector]:
-        """Steps (k, up, by) in which vector := up * vector - by * field k, and what is left: 0 for a vector in the span."""
+        """Return steps (k, up, by) in which vector := up * vector - by * field k, and the remainder: 0 for a vector in the
+        span."""
         f, steps = self.functions, []
         for k, known in enumerate(self.fields):
             entry = vector[known.pivot]
@@ -70,7 +72,8 @@ class Span:
         return steps, vector
 
     def add(self, candidate: VectorField) -> tuple[PolyElement, dict[int, PolyElement]] | None:
-        """Take in an independent field; of a dependent one: factor and coefficients, factor * vector = sum of them * fields."""
+        """Add an independent field; for a dependent one return factor and coefficients: factor * vector = sum coefficient *
+        field."""
         f = self.functions
         steps, rest = self.reduce(candidate.vector)
         if not any(rest):
@@ -86,7 +89,7 @@ class Span:
         return None
 
     def complement(self) -> list[Vector]:
-        """A basis of what all fields annihilate, n minus their number of vectors: one-forms of fields, fields of one-forms."""
+        """Return a basis of the annihilator, n minus their number of vectors: one-forms for fields, fields for one-forms."""
         f = self.functions
         pivots = {known.pivot for known in self.fields}
         found = []
@@ -109,9 +112,9 @@ class Span:
 
 @dataclass(frozen=True)
 class Filtration:
-    """Delta_1, Delta_2, ... with their generic dimensions `growth`; `basis` spans the last one, level after level.
+    """Delta_1, Delta_2, ... with their generic dimensions `growth`; `basis` spans the last one, level by level.
 
-    `dependences` are the exact identities of all brackets that were formed and add nothing.
+    `dependences` are the exact identities of all computed brackets that depend on others.
     """
 
     basis: tuple[VectorField, ...]
@@ -120,7 +123,8 @@ class Filtration:
 
 
 def filtration(functions: Functions, generators: Sequence[VectorField], derived: bool = False) -> Filtration:
-    """Delta_1 = span of the generators, which are independent, and Delta_(i+1) = Delta_i + [Delta_1, Delta_i], until it stays.
+    """Return Delta_1 = span of the generators, which are independent, and Delta_(i+1) = Delta_i + [Delta_1, Delta_i], until it is
+    involutive.
 
     `derived`: the derived flag, Delta_i + [Delta_i, Delta_i], instead. Raises TooLarge.
     """
@@ -152,15 +156,15 @@ def _bracket(functions: Functions, left: VectorField, right: VectorField) -> Vec
 
 
 def refuse_large(vector: Sequence[PolyElement]) -> None:
-    """Raise TooLarge for a vector of more than TERMS terms."""
+    """Raise TooLarge for a vector with more than TERMS terms."""
     if sum(map(len, vector)) > TERMS:
         raise TooLarge
 
 
 class Brackets:
-    """All brackets of some fields, level after level, as they are: none is divided by anything, so that they serve anywhere.
+    """All brackets of given fields, level by level, not divided by any function, so that they are valid everywhere.
 
-    Those equal to a constant multiple of another are left out.
+    Brackets equal to a constant multiple of another are omitted.
     """
 
     def __init__(self, functions: Functions, generators: Sequence[Vector]):
@@ -168,11 +172,12 @@ class Brackets:
         self.levels: list[list[Vector]] = [list(generators)]
 
     def up_to(self, level: int) -> list[Vector]:
-        """Those of Delta_level, shorter ones first. Raises TooLarge."""
+        """Return the brackets of Delta_level, shorter ones first. Raises TooLarge."""
         return [vector for k in range(level) for vector in self._level(k)]
 
     def growth_at(self, point: Point | RealPoint, steps: int, enough: int) -> tuple[int, ...]:
-        """Dimensions of Delta_1, ..., at most Delta_steps, at a point, up to the dimension `enough`; shorter when too large."""
+        """Return the dimensions of Delta_1, ..., at most Delta_steps, at a point, up to the dimension `enough`; fewer if too
+        large."""
         growth: list[int] = []
         vectors: list[Vector] = []
         for level in range(steps):
@@ -200,7 +205,7 @@ class Brackets:
 
 
 def _parallel(a: Vector, b: Vector) -> bool:
-    """Is one a constant multiple of the other?"""
+    """Whether one vector is a constant multiple of the other."""
     if any(len(x) != len(y) for x, y in zip(a, b, strict=True)):
         return False
     k = next(k for k, entry in enumerate(a) if entry)

@@ -23,7 +23,7 @@ from .brackets import Filtration, Span, VectorField, filtration
 
 @dataclass(frozen=True, eq=False)
 class Distribution:
-    """Delta exactly: `fields` are the columns of S, `forms` the rows of A (none when only S was given), up to factors."""
+    """Delta, exactly: `fields` are the columns of S, `forms` the rows of A (none if only S is given), up to factors."""
 
     kinematics: Kinematics
     functions: Functions
@@ -33,12 +33,12 @@ class Distribution:
 
     @cached_property
     def filtration(self) -> Filtration:
-        """Delta_1 = Delta, Delta_(i+1) = Delta_i + [Delta, Delta_i]; its last is Delta*. Raises ModelError when too large."""
+        """Delta_1 = Delta, Delta_(i+1) = Delta_i + [Delta, Delta_i]; the last is Delta*. Raises ModelError if too large."""
         return self._filtration(derived=False)
 
     @cached_property
     def derived(self) -> Filtration:
-        """The derived flag Delta_(i+1) = Delta_i + [Delta_i, Delta_i]. Raises ModelError when too large."""
+        """The derived flag Delta_(i+1) = Delta_i + [Delta_i, Delta_i]. Raises ModelError if too large."""
         return self._filtration(derived=True)
 
     @property
@@ -48,7 +48,7 @@ class Distribution:
 
     @property
     def holonomic(self) -> int:
-        """k: the constraints that integrate, n - dim Delta*."""
+        """k = n - dim Delta*, the number of holonomic constraints."""
         return self.functions.n - self.growth[-1]
 
     @property
@@ -63,7 +63,8 @@ class Distribution:
             return Span(self.functions, list(self.filtration.basis)).complement()
 
     def near(self, point: Point | RealPoint) -> "Distribution":
-        """The same with fields that span Delta about the point: the columns of S, or others where these fail and A does not."""
+        """Return the distribution with fields that span Delta near the point: the columns of S, or others if S is invalid and A
+        is not."""
         columns = [column.whole(self.functions) for column in self.fields]
         if point.rank(columns) == len(columns) or not self.forms:
             return self
@@ -79,7 +80,7 @@ class Distribution:
 
 @contextmanager
 def provable(name: str) -> Iterator[None]:
-    """Within this, TooLarge becomes a ModelError."""
+    """Convert TooLarge to ModelError within the block."""
     try:
         yield
     except TooLarge:
@@ -90,10 +91,10 @@ def provable(name: str) -> Iterator[None]:
 
 
 def distribution(system: Kinematics | Mechanism | ReducedSystem) -> Distribution:
-    """The distribution of a system.
+    """Return the distribution of a system.
 
-    Raises ModelError when constraints depend on each other everywhere (it names one), when A S is not exactly zero, when
-    columns of S depend on each other, and for functions of q that cannot be treated exactly.
+    Raises ModelError if constraints are dependent everywhere (it names one), if A S is not exactly zero, if columns of S are
+    dependent, and for functions of q that cannot be treated exactly.
     """
     given = kinematics(system)
     with provable(given.name):
@@ -137,7 +138,7 @@ def _exact(matrix: ca.SX | None, quantities: Sequence, where: str) -> sp.Matrix 
 
 
 def _polynomial(functions: Functions, entries: list[sp.Expr], name: str) -> VectorField:
-    """Entries that are ratios as polynomials without a common factor; what they were multiplied and divided by is kept."""
+    """Convert entries that are ratios to polynomials without a common factor, and record the multiplier and the divisor."""
     ratios = [functions.ratio(entry) for entry in entries]
     common = functools.reduce(PolyElement.lcm, [below for _, below in ratios])
     vector: Vector = tuple(functions.normal(above * common.exquo(below)) for above, below in ratios)
@@ -153,7 +154,7 @@ def _unscaled(vectors: Sequence[Vector]) -> tuple[VectorField, ...]:
 
 
 def _independent(functions: Functions, vectors: Sequence[VectorField]) -> list[VectorField]:
-    """Those that do not follow from the ones before, in echelon form."""
+    """Return the vectors that are independent of those before, in echelon form."""
     span = Span(functions)
     for vector in vectors:
         if any(vector.vector):

@@ -1,4 +1,4 @@
-"""The holonomic part of the constraints: functions C(q) that stay constant along every motion, dC = 0 on Delta*."""
+"""The holonomic part of the constraints: functions C(q) that are constant along every motion, dC = 0 on Delta*."""
 
 import functools
 import itertools
@@ -16,10 +16,10 @@ from ..exact.points import MODULAR, Point, random_point
 from ..exact.symbolic import written
 from .distribution import Distribution
 
-DEGREE = 3  # of the polynomials in coordinates, sines and cosines that are tried
-MONOMIALS = 160  # more are not tried
-OPERATIONS = 80  # of an integrand; for larger ones no antiderivative is looked for
-SUBSETS = 40  # of coordinates that could go, at most this many are listed
+DEGREE = 3  # highest degree of polynomials in coordinates, sines and cosines
+MONOMIALS = 160  # most monomials
+OPERATIONS = 80  # most operations of an integrand; larger ones are not integrated
+SUBSETS = 40  # most listed sets of coordinates that could be eliminated
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class FirstIntegral:
     solved: tuple[sp.Symbol, sp.Expr] | None
 
     def text(self) -> str:
-        """As an equation."""
+        """Return the integral as an equation."""
         if self.solved is None:
             return f"{written(self.function)} = const"
         coordinate, rest = self.solved
@@ -39,9 +39,9 @@ class FirstIntegral:
 
 @dataclass(frozen=True)
 class Holonomic:
-    """k = `count` constraints integrate; `integrals` are those found in closed form, `forms` span their differentials.
+    """k = `count` constraints are integrable; `integrals` are those found in closed form, `forms` span their differentials.
 
-    `could_go` lists sets of k coordinates that follow from the others, near generic points.
+    `could_go` lists sets of k coordinates that are functions of the others near generic points.
     """
 
     count: int
@@ -50,7 +50,7 @@ class Holonomic:
     could_go: tuple[tuple[str, ...], ...]
 
     def text(self) -> list[str]:
-        """Lines: the integrals, what was not found, the coordinates that could go."""
+        """Return lines: the integrals, those not found, the coordinates that could be eliminated."""
         lines = [integral.text() for integral in self.integrals]
         missing = self.count - len(self.integrals)
         if missing:
@@ -62,7 +62,8 @@ class Holonomic:
 
 
 def holonomic(found: Distribution) -> Holonomic:
-    """The integrals: polynomials in coordinates, sines and cosines first, then closed one-forms. Each is verified exactly."""
+    """Find the integrals: polynomials in coordinates, sines and cosines first, then closed one-forms. Each is verified
+    exactly."""
     count = found.holonomic
     if not count:
         return Holonomic(0, (), (), ())
@@ -81,9 +82,9 @@ def holonomic(found: Distribution) -> Holonomic:
 
 
 def _polynomials(found: Distribution) -> Iterator[tuple[sp.Expr, Vector]]:
-    """Integrals that are polynomials, with multiples of their gradients.
+    """Find integrals that are polynomials, with multiples of their gradients.
 
-    With constant coefficients in the coordinates first, then of growing degree in coordinates, sines and cosines.
+    First in the coordinates with constant coefficients, then of increasing degree in coordinates, sines and cosines.
     """
     functions = found.functions
     gens = functions.ring.gens
@@ -107,7 +108,8 @@ def _polynomials(found: Distribution) -> Iterator[tuple[sp.Expr, Vector]]:
 
 
 def _constant_along(found: Distribution, monomials: Sequence[PolyElement]) -> list[PolyElement]:
-    """Combinations of the monomials, coefficients in the parameters, whose rate is zero along Delta*; the shortest first."""
+    """Return combinations of the monomials, with coefficients in the parameters, that are constant along Delta*; the shortest
+    first."""
     functions = found.functions
     fixed = random_point(functions, seed=len(monomials))
     rates = [functions.rates_along(field.vector) for field in found.filtration.basis]
@@ -144,7 +146,7 @@ def _constant_along(found: Distribution, monomials: Sequence[PolyElement]) -> li
 
 
 def _supports(rows: list[dict[int, object]], columns: int) -> list[tuple[int, ...]]:
-    """The places of nonzero entries of a basis of the null space, modulo the prime."""
+    """Return the places of nonzero entries of a basis of the null space, modulo the prime."""
     if not rows:
         return [(k,) for k in range(columns)]
     dense = [[row.get(k, MODULAR.zero) for k in range(columns)] for row in rows]
@@ -153,7 +155,7 @@ def _supports(rows: list[dict[int, object]], columns: int) -> list[tuple[int, ..
 
 
 def _closed(found: Distribution, forms: Sequence[Vector]) -> Iterator[tuple[sp.Expr, Vector]]:
-    """Integrals, with multiples of their gradients, of one-forms that are closed, or are so divided by one of their entries."""
+    """Find integrals, with multiples of their gradients, of one-forms that are closed, possibly after division by an entry."""
     functions = found.functions
     for form in forms:
         for divisor in dict.fromkeys([functions.ring.one, *filter(None, form)]):
@@ -168,7 +170,7 @@ def _closed(found: Distribution, forms: Sequence[Vector]) -> Iterator[tuple[sp.E
 
 
 def _is_closed(functions: Functions, form: Vector, divisor: PolyElement) -> bool:
-    """d(form / divisor) = 0?"""
+    """Whether d(form / divisor) = 0."""
     slope = functions.gradient(divisor)
     slopes = [functions.gradient(entry) for entry in form]
     rates = [
@@ -178,7 +180,7 @@ def _is_closed(functions: Functions, form: Vector, divisor: PolyElement) -> bool
 
 
 def _integrated(functions: Functions, form: list[sp.Expr]) -> sp.Expr | None:
-    """C with dC = form, coordinate by coordinate; None when an antiderivative is not found."""
+    """Return C with dC = form, integrated coordinate by coordinate; None if an antiderivative is not found."""
     total = sp.Integer(0)
     for coordinate, entry in zip(functions.coordinates, form, strict=True):
         rest = entry - sp.diff(total, coordinate)
@@ -192,7 +194,7 @@ def _integrated(functions: Functions, form: list[sp.Expr]) -> sp.Expr | None:
 
 
 def _antiderivative(integrand: sp.Expr, x: sp.Symbol) -> sp.Expr | None:
-    """By x, of a function rational in x, or in sine and cosine of one argument linear in x; None for any other."""
+    """Return the antiderivative by x of a function rational in x, or in sine and cosine of an argument linear in x; else None."""
     if not integrand.has(x):
         return integrand * x
     if integrand.count_ops() > OPERATIONS:
@@ -212,7 +214,7 @@ def _antiderivative(integrand: sp.Expr, x: sp.Symbol) -> sp.Expr | None:
 
 
 def _is_zero(functions: Functions, expression: sp.Expr) -> bool:
-    """Exactly; False also where it cannot be told."""
+    """Whether the expression is exactly zero; False also if this cannot be decided."""
     plain = sp.together(expression.replace(sp.tan, lambda a: sp.sin(a) / sp.cos(a)))
     try:
         return not Functions(functions.name, functions.coordinates, functions.parameters, [plain]).ratio(plain)[0]
@@ -221,7 +223,7 @@ def _is_zero(functions: Functions, expression: sp.Expr) -> bool:
 
 
 def _integral(functions: Functions, function: sp.Expr, gradient: Vector) -> FirstIntegral:
-    """Solved for the first coordinate for which this can be done everywhere."""
+    """Solve for the first coordinate for which this is possible everywhere."""
     for k, coordinate in enumerate(functions.coordinates):
         if gradient[k] and functions.is_constant(gradient[k]) and functions.never_zero(gradient[k]):
             slope = sp.diff(function, coordinate)
@@ -232,7 +234,7 @@ def _integral(functions: Functions, function: sp.Expr, gradient: Vector) -> Firs
 
 
 def _could_go(functions: Functions, forms: Sequence[Vector], point: Point) -> tuple[tuple[str, ...], ...]:
-    """Sets of as many coordinates as forms, in which the forms are independent."""
+    """Return sets of as many coordinates as forms in which the forms are independent."""
     subsets = itertools.combinations(range(functions.n), len(forms))
     good = (chosen for chosen in subsets if point.rank([tuple(form[k] for k in chosen) for form in forms]) == len(forms))
     return tuple(tuple(str(functions.coordinates[k]) for k in chosen) for chosen in itertools.islice(good, SUBSETS))

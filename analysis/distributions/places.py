@@ -19,37 +19,37 @@ from ..exact.symbolic import written
 from .brackets import Brackets, Span, VectorField
 from .distribution import Distribution
 
-REAL_POINTS = 2  # evaluated on each set
+REAL_POINTS = 2  # real points evaluated on each set
 SEEDS = 3  # other points evaluated if no real one is found
-MORE_STEPS = 3  # of brackets than generically needed, on a set
+MORE_STEPS = 3  # levels of brackets beyond the generic number, on a set
 AVOIDING = 4  # attempts to avoid other sets
-MINORS = 24  # points evaluated to show that there is no other set
-TERMS = 400  # of the forms that must vanish at a point
+MINORS = 24  # points evaluated to prove that there is no other set
+TERMS = 400  # most terms of the forms that must vanish at a point
 
 
 @dataclass(frozen=True)
 class Place:
-    """The set where `condition` is zero, and what is different at its generic points.
+    """The set where `condition` is zero, and how its generic points differ from others.
 
-    `growth` are the dimensions there, as far as they were followed. `verified`: they are the ranks at real points of the set, to
-    many digits. Else no real point was found, and they are ranks at points with coordinates modulo a prime.
+    `growth`: the dimensions there, as far as computed. `verified`: they are ranks at real points of the set, with many digits;
+    otherwise no real point was found, and they are ranks at points with coordinates modulo a prime.
     """
 
     condition: sp.Expr
     words: str
     growth: tuple[int, ...]
-    whole: bool  # it reaches dim Delta*; else it may do so later
-    constraints_drop: bool  # the rows of A depend on each other there
-    velocities_fail: bool  # S has a pole or dependent columns there, though A is regular
+    whole: bool  # whether the growth reaches dim Delta*; otherwise it may do so later
+    constraints_drop: bool  # whether the rows of A are dependent there
+    velocities_fail: bool  # whether S has a pole or dependent columns there although A is regular
     verified: bool
-    at_defaults: bool  # of the parameters; else only for other values of them
+    at_defaults: bool  # whether it exists for the default parameters, not only for other values
 
     def undecided(self, generic: tuple[int, ...]) -> bool:
-        """Nothing differs from the generic, but the growth was not followed to its end."""
+        """Whether no difference was found, but the growth was not computed to its end."""
         return not self.constraints_drop and not self.velocities_fail and self.growth == generic[: len(self.growth)]
 
     def text(self) -> str:
-        """One line."""
+        """Return one line."""
         about = []
         if self.constraints_drop:
             about.append("the constraints are dependent")
@@ -66,18 +66,18 @@ class Place:
 
 @dataclass(frozen=True)
 class Places:
-    """All places of codimension one; smaller ones are not excluded where all minors of an entry of `doubts` vanish together."""
+    """All places of codimension one; smaller ones are possible where all minors of an entry of `doubts` vanish."""
 
     places: tuple[Place, ...]
     doubts: tuple[tuple[str, ...], ...]
 
     @property
     def complete(self) -> bool:
-        """Is it proved that nothing changes anywhere else?"""
+        """Whether it is proved that nothing changes anywhere else."""
         return not self.doubts
 
     def text(self) -> list[str]:
-        """Lines."""
+        """Return lines."""
         lines = [place.text() for place in self.places]
         if lines:
             lines.append("these are dimensions at generic points of each set; on smaller subsets they may be lower")
@@ -87,7 +87,7 @@ class Places:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is different on a component, as in Place."""
+    """The differences on a component, as in Place."""
 
     growth: tuple[int, ...]
     constraints_drop: bool
@@ -97,10 +97,10 @@ class Judgement:
 
 
 def places(found: Distribution) -> Places:
-    """Where the rank of A, of S, or a dimension in the filtration drops.
+    """Return where the rank of A, of S, or a dimension in the filtration drops.
 
-    A drop on a hypersurface makes every minor vanish there, so its equation is a factor of the one minor looked at: the
-    product of the pivots. Each factor, by half angles, is then judged at points of its zeros, with the brackets themselves.
+    If the rank drops on a hypersurface, every minor vanishes there, so that its equation is a factor of any minor, such as the
+    product of the pivots. Each factor, by half angles, is then examined at its zeros, with the brackets themselves.
     """
     functions = found.functions
     candidates = dict.fromkeys(_vanishing_factors(functions, [part for column in found.fields for part in column.above]))
@@ -132,7 +132,7 @@ def _place(found: Distribution, form: PolyElement, judgement: Judgement) -> Plac
 
 
 def _joined(functions: Functions, judged: dict[PolyElement, Judgement]) -> dict[PolyElement, Judgement]:
-    """Components that differ in nothing put together in pairs, where both read better in one: 0 and 180 degrees of an angle."""
+    """Merge pairs of components with the same properties and a shorter common condition, such as angles of 0 and 180 degrees."""
     joined = dict(judged)
     for a, b in itertools.combinations(judged, 2):
         if a in joined and b in joined and judged[a] == judged[b] and doubled(functions, a) is None:
@@ -145,9 +145,9 @@ def _joined(functions: Functions, judged: dict[PolyElement, Judgement]) -> dict[
 def _level(
     found: Distribution, level: int, near: dict[tuple[Vector, ...], Brackets], point: Point | None = None
 ) -> list[VectorField]:
-    """Echelon form of fields that span Delta_level generically, level 0 being the rows of A.
+    """Return the echelon form of fields that span Delta_level generically, level 0 being the rows of A.
 
-    With a point, they are brackets independent there where there are as many, and pivots that do not vanish there are preferred.
+    With a point, brackets that are independent there are used if possible, and pivots that do not vanish there are preferred.
     Raises TooLarge, or ModelError for the same reason.
     """
     span = Span(found.functions, point=point)
@@ -169,13 +169,13 @@ def _level(
 
 
 def _brackets(found: Distribution, near: dict[tuple[Vector, ...], Brackets], point: Point | RealPoint) -> Brackets:
-    """Of fields that span Delta about the point. `near` keeps those made so far."""
+    """Return the brackets of fields that span Delta near the point. `near` caches them."""
     fields = tuple(field.whole(found.functions) for field in found.near(point).fields)
     return near.setdefault(fields, Brackets(found.functions, fields))
 
 
 def words(functions: Functions, form: PolyElement) -> str:
-    """The condition form = 0, a form in half angles, in words."""
+    """Describe the condition form = 0 for a form in half angles."""
     condition = expression(functions, form)
     turned = sp.fu(condition) if len(form) <= 8 and condition.has(sp.sin) else condition
     core = turned.as_coeff_Mul()[1]
@@ -190,7 +190,8 @@ def words(functions: Functions, form: PolyElement) -> str:
 def _vanishing_factors(
     functions: Functions, above: Sequence[PolyElement], below: Sequence[PolyElement] = ()
 ) -> list[PolyElement]:
-    """Components of a ratio of products that may vanish, each once, as forms in half angles with a positive leading term."""
+    """Return the components of a ratio of products that may vanish, each once, as forms in half angles with a positive leading
+    term."""
     powers: dict[PolyElement, int] = {}
     for sign, parts in ((1, above), (-1, below)):
         for part in dict.fromkeys(parts):
@@ -200,7 +201,7 @@ def _vanishing_factors(
 
 
 def _minor_factors(functions: Functions, fields: Sequence[VectorField]) -> list[PolyElement]:
-    """Those of the minor of the fields, as they are named, in the rows of their pivots."""
+    """Return the components of the minor of the fields in the rows of their pivots."""
     above = [part for field in fields for part in (field.vector[field.pivot], *field.below)]
     return _vanishing_factors(functions, above, [part for field in fields for part in field.above])
 
@@ -208,7 +209,7 @@ def _minor_factors(functions: Functions, fields: Sequence[VectorField]) -> list[
 def _judge(
     found: Distribution, form: PolyElement, known: list[PolyElement], near: dict[tuple[Vector, ...], Brackets]
 ) -> Judgement | None:
-    """What is different where the form vanishes, and no known one does; None when nothing is."""
+    """Return the differences where the form vanishes and no known one does; None if there are none."""
     functions = found.functions
     growths, drops, fails = [], [], []
     points, verified = _points_on(found, form, known)
@@ -224,7 +225,7 @@ def _judge(
         drops.append(drop)
         fails.append(found.kinematics.S is not None and (pole or dependent and not drop))
         growths.append(followed.growth_at(point, len(found.growth) + MORE_STEPS, found.growth[-1]))
-    # Ranks are lower than at generic points by chance only, so the largest are those of the component.
+    # At a special point ranks may be lower, so that the largest are those of the component.
     best = max(growths, default=())
     if best == found.growth and not all(drops) and not all(fails):
         return None
@@ -233,7 +234,7 @@ def _judge(
 
 
 def _points_on(found: Distribution, form: PolyElement, known: list[PolyElement]) -> tuple[list[RealPoint | Point], bool]:
-    """Points where the form vanishes and the known ones do not: real ones (then True), or others where none is found."""
+    """Return points where the form vanishes and the known ones do not: real ones and True, or others if none is found."""
     parameters, points = found.kinematics.parameters, list[RealPoint | Point]()
     with contextlib.suppress(NoPoint):
         for seed in range(REAL_POINTS):
@@ -246,7 +247,7 @@ def _points_on(found: Distribution, form: PolyElement, known: list[PolyElement])
 def _point_on(
     functions: Functions, vanishing: Sequence[PolyElement], seed: int, avoiding: Sequence[PolyElement] = ()
 ) -> Point | None:
-    """A point, rational or modulo a prime, where these forms vanish and those do not; None when none is found."""
+    """Return a point, rational or modulo a prime, where the former forms vanish and the latter do not; None if none is found."""
     if sum(map(len, vanishing)) > TERMS:
         return None
     for domain in (MODULAR,) if functions.roots else (QQ, MODULAR):
@@ -263,9 +264,10 @@ def _point_on(
 def _doubt(
     found: Distribution, level: int, near: dict[tuple[Vector, ...], Brackets], known: list[PolyElement]
 ) -> tuple[str, ...]:
-    """Empty when the rank of a level is shown not to drop outside the known places: some minors have no other common zero.
+    """Return an empty result if it is proved that the rank of a level drops only at the known places, else the minors that were
+    tried.
 
-    Else those minors. They come from pivots chosen at points where the minors so far vanish.
+    It is proved if some minors have no other common zero. Their pivots are chosen at points where the minors so far vanish.
     """
     functions = found.functions
     minors: dict[PolyElement, list[PolyElement]] = {}  # with their factors

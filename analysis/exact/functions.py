@@ -23,15 +23,15 @@ from ...model.algebra.ratios import Ratio, by_squares, conjugate, factored, gene
 from ...model.errors import ModelError
 from .symbolic import NOT_EXACT
 
-LARGEST_POWER = 32  # of a function in an expression
-LARGEST_PRODUCT = 100_000  # terms before they are collected; more take too long
+LARGEST_POWER = 32  # largest exponent of a function in an expression
+LARGEST_PRODUCT = 100_000  # most terms of a product before they are collected; more take too long
 
 Vector = tuple[PolyElement, ...]  # a vector field or a one-form, n entries
 Combination = tuple[sp.Expr, list[tuple[int, int]]]  # a constant, and (place in a basis, multiple)
 
 
 class TooLarge(Exception):
-    """Polynomials have become too large for a proof in reasonable time."""
+    """Polynomials are too large for a proof in reasonable time."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ class Exponent:
 class Functions:
     """The ring of the entries of `expressions` (SymPy), with its derivatives by the coordinates.
 
-    Raises ModelError for functions other than rational ones, sin, cos, exp of rational arguments, sqrt and Abs: nothing exact
-    would be known of them.
+    Raises ModelError for functions other than rational ones, sin, cos, exp of rational arguments, sqrt and Abs, which
+    cannot be treated exactly.
     """
 
     def __init__(
@@ -67,12 +67,12 @@ class Functions:
         self.symbols = (*parameters, *coordinates)
         expressions = list(expressions)
         constants = [*parameters, *([sp.pi] if any(e.has(sp.pi) for e in expressions) else [])]
-        self.constants = len(constants)  # generators before it depend on nothing
-        self.expressions: list[sp.Expr] = [*constants, *coordinates]  # of each generator
+        self.constants = len(constants)  # generators before this place are constants
+        self.expressions: list[sp.Expr] = [*constants, *coordinates]  # the expression of each generator
         self.angles: list[Angle] = []
         self.exponents: list[Exponent] = []
         self.roots: dict[int, PolyElement] = {}  # place of its generator -> radicand
-        self.positive: list[sp.Expr] = []  # assumed so, where |f| or the root of a square was written
+        self.positive: list[sp.Expr] = []  # assumed positive: f of an |f| or of the root of a square
         self._known: dict[sp.Expr, Ratio] = {}
         self.ring: PolyRing = ring([f"g{k}" for k in range(len(self.expressions))], ZZ)[0]
         angles, self._in_angles = self._basis(_arguments(expressions, (sp.sin, sp.cos)))
@@ -88,30 +88,30 @@ class Functions:
         for expression in expressions:
             self.ratio(expression)
 
-    # -- into the ring and out of it --------------------------------------------------------------------------------
+    # -- conversion to and from the ring --------------------------------------------------------------------------------
 
     def ratio(self, expression: sp.Expr) -> Ratio:
-        """An expression as numerator and denominator. Raises ModelError for a function that is not in the ring."""
+        """Return an expression as numerator and denominator. Raises ModelError for a function that is not in the ring."""
         if expression not in self._known:
             self._known[expression] = self._convert(expression)
         return tuple(part.set_ring(self.ring) if part.ring != self.ring else part for part in self._known[expression])
 
     def expression(self, polynomial: PolyElement) -> sp.Expr:
-        """A polynomial as a factored SymPy expression."""
+        """Return a polynomial as a factored SymPy expression."""
         if not polynomial:
             return sp.Integer(0)
         content, factors = self.factors(polynomial)
         return sp.Mul(sp.Integer(content), *[self._sum(factor) ** power for factor, power in factors])
 
     def quotient(self, numerator: PolyElement, denominator: PolyElement) -> sp.Expr:
-        """A ratio as a factored SymPy expression, squares of sines or of cosines eliminated, whichever is shorter."""
+        """Return a ratio as a factored SymPy expression, squares of sines or of cosines eliminated, whichever is shorter."""
         above, below = self.lowest(numerator, denominator)
         ratios = [a.cancel(b) for a in self.forms(above) for b in self.forms(below)]
         above, below = min(ratios, key=lambda ratio: len(ratio[0]) + len(ratio[1]))
         return self.expression(above) / self.expression(below)
 
     def product(self, above: Sequence[PolyElement], below: Sequence[PolyElement]) -> tuple[sp.Rational, dict[PolyElement, int]]:
-        """A ratio of products as a number and irreducible factors with their powers."""
+        """Return a ratio of products as a number and irreducible factors with their powers."""
         number, powers = sp.Integer(1), dict[PolyElement, int]()
         for sign, parts in ((1, above), (-1, below)):
             for part in parts:
@@ -122,7 +122,8 @@ class Functions:
         return number, {factor: power for factor, power in powers.items() if power}
 
     def factors(self, polynomial: PolyElement) -> tuple[int, Sequence[tuple[PolyElement, int]]]:
-        """Content and irreducible factors with their powers, squares of sines or of cosines eliminated, whichever gives fewer."""
+        """Return content and irreducible factors with their powers, squares of sines or of cosines eliminated, whichever gives
+        fewer."""
         lists = [factored(form) for form in self.forms(polynomial)]
         content, factors = min(lists, key=lambda made: (len(made[1]), sum(len(factor) for factor, _ in made[1])))
         return int(content), factors
@@ -178,7 +179,7 @@ class Functions:
         return numerator.cancel(denominator)
 
     def _generator(self, expression: sp.Expr) -> int:
-        """The place of a new generator."""
+        """Return the index of a new generator."""
         place = len(self.expressions)
         self.expressions.append(expression)
         self.ring = ring([f"g{k}" for k in range(place + 1)], ZZ)[0]
@@ -189,14 +190,14 @@ class Functions:
         return place
 
     def _forget(self) -> None:
-        """Drop what depends on the generators."""
+        """Discard cached values that depend on the generators."""
         for name in ("relations", "positive_places"):
             self.__dict__.pop(name, None)
 
     # -- angles and exponents ---------------------------------------------------------------------------------------
 
     def _basis(self, arguments: list[sp.Expr]) -> tuple[list[tuple[sp.Expr, Ratio]], dict[sp.Expr, Combination]]:
-        """Arguments independent over the rationals, also as ratios, and every argument as a combination of these."""
+        """Return arguments independent over the rationals, and every argument as a combination of these."""
         offsets, rows = {}, []
         for argument in arguments:
             offset, rest = sp.expand(argument).as_independent(*self.symbols, as_Add=True)
@@ -233,7 +234,7 @@ class Functions:
         return (top, bottom) if bottom.LC > 0 else (-top, -bottom)
 
     def _circle(self, offset: sp.Expr, parts: list[tuple[int, int]]) -> tuple[Ratio, Ratio]:
-        """Cosine and sine of an argument."""
+        """Return cosine and sine of an argument."""
         cosine, sine = self.ratio(sp.cos(offset)), self.ratio(sp.sin(offset))
         for angle, multiple in parts:
             for _ in range(abs(multiple)):
@@ -255,7 +256,8 @@ class Functions:
     # -- roots ------------------------------------------------------------------------------------------------------
 
     def _root(self, base: sp.Expr) -> Ratio:
-        """sqrt(base): squares come out, and each other factor has a generator, so that roots cannot hide in each other."""
+        """Return sqrt(base): squares are extracted, and each other factor has its own generator, so that roots are
+        independent."""
         top, bottom = self._lift(self.ratio(base))
         if not top:
             return self.ring.zero, self.ring.one
@@ -281,7 +283,7 @@ class Functions:
         return forms
 
     def _squares_out(self, polynomial: PolyElement) -> tuple[PolyElement, list[PolyElement]]:
-        """The square root of the greatest square factor, and the other factors."""
+        """Return the square root of the greatest square factor, and the other factors."""
         content, factors = factored(polynomial)
         outside, inside = self.ring.one, []
         for factor, power in (*((self.ring(p), power) for p, power in factorint(abs(int(content))).items()), *factors):
@@ -314,13 +316,13 @@ class Functions:
 
     @cached_property
     def relations(self) -> list[tuple[int, PolyElement]]:
-        """Places of generators with their squares, the last first."""
+        """Indices of generators with their squares, the last first."""
         gens = self.ring.gens
         circles = [(a.sine, 1 - gens[a.cosine] ** 2) for a in self.angles]
         return [*reversed(self.roots.items()), *circles]
 
     def normal(self, polynomial: PolyElement) -> PolyElement:
-        """The normal form: no power above the first of a sine or a root."""
+        """Return the normal form: no power above the first of a sine or a root."""
         if polynomial.ring != self.ring:
             polynomial = polynomial.set_ring(self.ring)
         for place, square in self.relations:
@@ -328,11 +330,11 @@ class Functions:
         return polynomial
 
     def times(self, a: PolyElement, b: PolyElement) -> PolyElement:
-        """The product in normal form."""
+        """Return the product in normal form."""
         return self.normal(a * b)
 
     def lowest(self, numerator: PolyElement, denominator: PolyElement) -> Ratio:
-        """The same ratio without common factors, no sine or root in its denominator, which has a positive leading term."""
+        """Return the ratio without common factors, no sine or root in its denominator, which has a positive leading term."""
         for place, _ in self.relations:
             if any(powers[place] for powers in denominator):
                 other = conjugate(denominator, place)
@@ -341,7 +343,7 @@ class Functions:
         return (-numerator, -denominator) if denominator.LC < 0 else (numerator, denominator)
 
     def primitive(self, vector: Vector) -> tuple[PolyElement, Vector]:
-        """The greatest common factor of the entries that shows, and the vector without it; the vector is not zero."""
+        """Return the greatest common factor of the entries as far as found, and the vector without it; the vector is not zero."""
         content = self.ring.zero
         for entry in sorted(filter(None, vector), key=len):
             content = content.gcd(entry)
@@ -349,7 +351,7 @@ class Functions:
                 break
         vector = tuple(entry.exquo(content) for entry in vector)
         for angle in self.angles:
-            # A common factor s hides in 1 - c^2; s times the vector shows it.
+            # A common factor s is not visible in 1 - c^2, but in s times the vector.
             sine, square = self.ring.gens[angle.sine], 1 - self.ring.gens[angle.cosine] ** 2
             turned = [self.times(sine, entry).div(square) for entry in vector]
             if not any(rest for _, rest in turned):
@@ -357,15 +359,15 @@ class Functions:
         return content, vector
 
     def is_constant(self, polynomial: PolyElement) -> bool:
-        """Is it made of parameters only?"""
+        """Whether it depends on parameters only."""
         return not any(any(powers[self.constants :]) for powers in polynomial)
 
     def never_zero(self, polynomial: PolyElement) -> bool:
-        """Is it surely not zero, whatever the coordinates?"""
+        """Whether it is proved not to be zero for any coordinates."""
         return self.sign(polynomial) != 0
 
     def sign(self, polynomial: PolyElement) -> int:
-        """1 or -1 for a polynomial that surely is never zero: its terms have one sign and do not all vanish together. Else 0.
+        """Return 1 or -1 for a polynomial proved never to be zero: its terms have one sign and do not vanish together. Else 0.
 
         That is told by signs of parameters and by squares; those of cosines and sines are balanced first, as 1 + 3 s^2 to
         c^2 + 4 s^2.
@@ -384,13 +386,13 @@ class Functions:
 
     @cached_property
     def positive_places(self) -> frozenset[int]:
-        """Generators that are positive: parameters that must be, exponentials, roots of what is never zero."""
+        """Generators that are positive: parameters declared so, exponentials, roots of functions that are never zero."""
         found = {k for k, expression in enumerate(self.expressions) if expression.is_positive}
         self.__dict__["positive_places"] = frozenset(found)
         return frozenset(found | {place for place, radicand in self.roots.items() if self.sign(radicand) > 0})
 
     def _balanced(self, polynomial: PolyElement, angle: Angle) -> PolyElement:
-        """Terms of lower degree in this angle's cosine and sine times c^2 + s^2, where that makes all degrees equal."""
+        """Multiply terms of lower degree in this angle's cosine and sine by c^2 + s^2 if that makes all degrees equal."""
         degrees = {powers: powers[angle.cosine] + powers[angle.sine] for powers in polynomial}
         most = max(degrees.values(), default=0)
         if most % 2 or any(degree % 2 for degree in degrees.values()):
@@ -426,7 +428,7 @@ class Functions:
 
     @cached_property
     def delta(self) -> PolyElement:
-        """The common denominator of the generators' derivatives: it is 1 unless there are roots or fractions as arguments."""
+        """The common denominator of the generators' derivatives, 1 unless there are roots or fractions as arguments."""
         common = self.ring.one
         for row in self._rates:
             for _, bottom in row:
@@ -438,33 +440,33 @@ class Functions:
         return [[self.normal(top * self.delta.exquo(bottom)) for top, bottom in row] for row in self._rates]
 
     def gradient(self, polynomial: PolyElement) -> Vector:
-        """delta d(polynomial)/dq."""
+        """Return delta d(polynomial)/dq."""
         parts = [(polynomial.diff(self.ring.gens[g]), self._scaled_rates[g]) for g in generators_of(polynomial)]
         return tuple(self.normal(sum((part * rate[k] for part, rate in parts if rate[k]), self.ring.zero)) for k in range(self.n))
 
     def rates_along(self, field: Vector) -> list[PolyElement]:
-        """delta times the rate of each generator along a vector field."""
+        """Return delta times the rate of each generator along a vector field."""
         return [self.dot(field, row) for row in self._scaled_rates]
 
     def along(self, rates: Sequence[PolyElement], polynomial: PolyElement) -> PolyElement:
-        """delta times the rate of a polynomial, by the `rates_along` a field. Raises TooLarge."""
+        """Return delta times the rate of a polynomial, from the `rates_along` of a field. Raises TooLarge."""
         slopes = {g: polynomial.diff(self.ring.gens[g]) for g in generators_of(polynomial) if rates[g]}
         if sum(len(slope) * len(rates[g]) for g, slope in slopes.items()) > LARGEST_PRODUCT:
             raise TooLarge
         return self.normal(sum((slope * rates[g] for g, slope in slopes.items()), self.ring.zero))
 
     def dot(self, a: Sequence[PolyElement], b: Sequence[PolyElement]) -> PolyElement:
-        """The sum of products."""
+        """Return the sum of products."""
         return self.normal(sum((x * y for x, y in zip(a, b, strict=True) if x and y), self.ring.zero))
 
     def bracket(self, x: Vector, y: Vector) -> Vector:
-        """delta [x, y] = delta (dy/dq x - dx/dq y). Raises TooLarge."""
+        """Return delta [x, y] = delta (dy/dq x - dx/dq y). Raises TooLarge."""
         along_x, along_y = self.rates_along(x), self.rates_along(y)
         return tuple(self.along(along_x, b) - self.along(along_y, a) for a, b in zip(x, y, strict=True))
 
 
 def _without_squares(polynomial: PolyElement, place: int, square: PolyElement) -> PolyElement:
-    """The polynomial with generator^2 replaced by `square`."""
+    """Return the polynomial with generator^2 replaced by `square`."""
     *lower, reduced = by_squares(polynomial, place)
     for part in reversed(lower):
         reduced = reduced * square + part
@@ -477,12 +479,12 @@ def _derivative(ratio: Ratio, variable: PolyElement) -> Ratio:
 
 
 def _arguments(expressions: Iterable[sp.Expr], functions: tuple) -> list[sp.Expr]:
-    """The arguments of these functions, each once, in a fixed order."""
+    """Return the arguments of these functions, each once, in a fixed order."""
     return sorted({atom.args[0] for e in expressions for atom in e.atoms(*functions)}, key=sp.default_sort_key)
 
 
 def _solve(basis: list[dict], row: dict, monomials: list) -> list:
-    """Coefficients of `row` in the basis, over QQ."""
+    """Return the coefficients of `row` in the basis, over QQ."""
     if not basis:
         return []
     columns = [[QQ(b.get(m, 0)) for b in basis] + [QQ(row.get(m, 0))] for m in monomials]

@@ -17,12 +17,12 @@ from sympy.polys.rings import PolyElement
 from ...model.algebra.ratios import conjugate, factored, generators_of
 from .functions import Angle, Functions
 
-LARGEST = 100  # terms of a form that is factored
-SQUARED = 40  # terms of a polynomial whose square is looked at
+LARGEST = 100  # most terms of a form that is factored
+SQUARED = 40  # most terms of a polynomial whose square is examined
 
 
 def halved(functions: Functions, polynomial: PolyElement) -> PolyElement:
-    """The polynomial as a form in the cosine and sine of half of each of its angles."""
+    """Return the polynomial as a form in the cosine and sine of half of each of its angles."""
     for angle in _angles(functions, polynomial):
         C, S = functions.ring.gens[angle.cosine], functions.ring.gens[angle.sine]
         degrees = {powers: powers[angle.cosine] + powers[angle.sine] for powers in polynomial}
@@ -36,7 +36,7 @@ def halved(functions: Functions, polynomial: PolyElement) -> PolyElement:
 
 
 def doubled(functions: Functions, form: PolyElement) -> PolyElement | None:
-    """The form as a polynomial in cosines and sines of the whole angles, up to a number; None where a degree is odd."""
+    """Return the form as a polynomial in cosines and sines of the whole angles, up to a number; None if a degree is odd."""
     for angle in _angles(functions, form):
         c, s = functions.ring.gens[angle.cosine], functions.ring.gens[angle.sine]
         total = functions.ring.zero
@@ -51,7 +51,7 @@ def doubled(functions: Functions, form: PolyElement) -> PolyElement | None:
 
 
 def expression(functions: Functions, form: PolyElement) -> sp.Expr:
-    """The form in coordinates: in whole angles where its degrees are even, else in half angles."""
+    """Return the form in coordinates: in whole angles if its degrees are even, else in half angles."""
     whole = doubled(functions, form)
     if whole is not None:
         return functions.expression(whole)
@@ -67,9 +67,9 @@ def expression(functions: Functions, form: PolyElement) -> sp.Expr:
 
 
 def factors(functions: Functions, polynomial: PolyElement) -> list[tuple[PolyElement, int]]:
-    """The irreducible forms of which the polynomial is a product, up to a number, with their powers.
+    """Return the irreducible forms whose product is the polynomial, up to a number, with their powers.
 
-    They have positive leading terms. A polynomial that is too large is left in one piece.
+    They have positive leading terms. A polynomial that is too large is not factored.
     """
     found: dict[PolyElement, int] = {}
     for whole, power in functions.factors(polynomial)[1]:
@@ -81,7 +81,7 @@ def factors(functions: Functions, polynomial: PolyElement) -> list[tuple[PolyEle
 
 
 def never_zero(functions: Functions, form: PolyElement) -> bool:
-    """Is the form surely not zero at any real point?
+    """Whether the form is proved not to be zero at any real point.
 
     Its terms have one sign and do not vanish together; or it is quadratic in a generator, with a discriminant that is negative;
     or it has one unknown, and by Sturm's theorem no real zero.
@@ -90,7 +90,7 @@ def never_zero(functions: Functions, form: PolyElement) -> bool:
 
 
 def no_common_zero(functions: Functions, forms: Sequence[PolyElement]) -> bool:
-    """Do these surely not vanish together at a real point, by the sum of the squares of those that are not too large?"""
+    """Whether these are proved not to vanish together at a real point, by the sum of squares of those that are not too large."""
     squares = []
     for form in forms:
         whole = doubled(functions, form)
@@ -101,12 +101,13 @@ def no_common_zero(functions: Functions, forms: Sequence[PolyElement]) -> bool:
 
 
 def product(functions: Functions, forms: Iterable[PolyElement]) -> PolyElement:
-    """The product of forms."""
+    """Return the product of forms."""
     return prod(forms, start=functions.ring.one)
 
 
 def without_roots(functions: Functions, form: PolyElement) -> PolyElement:
-    """The norm of the form: it has no square root of the ring, and vanishes where the form does for some signs of the roots."""
+    """Return the norm of the form, which has no square root of the ring and vanishes where the form does for some signs of the
+    roots."""
     for place in sorted(generators_of(form) & set(functions.roots), reverse=True):
         radicand = functions.roots[place]
         gens, angles = functions.ring.gens, _angles(functions, radicand)
@@ -120,7 +121,7 @@ def without_roots(functions: Functions, form: PolyElement) -> PolyElement:
 
 
 def _angles(functions: Functions, polynomial: PolyElement) -> list[Angle]:
-    """The angles whose cosine or sine the polynomial has."""
+    """Return the angles whose cosine or sine occurs in the polynomial."""
     used = generators_of(polynomial)
     return [angle for angle in functions.angles if used & {angle.cosine, angle.sine}]
 
@@ -130,7 +131,7 @@ def _degree(polynomial: PolyElement, angle: Angle) -> int:
 
 
 def _definite(functions: Functions, form: PolyElement) -> int:
-    """1 or -1 for a form that surely has this sign everywhere, else 0."""
+    """Return 1 or -1 for a form proved to have this sign everywhere, else 0."""
     sign = functions.sign(form)
     if sign or not form or generators_of(form) & set(functions.roots):
         return sign
@@ -147,14 +148,14 @@ def _definite(functions: Functions, form: PolyElement) -> int:
 
 
 def _by_sturm(form: PolyElement, unknown: Sequence[int], angles: Sequence[Angle]) -> int:
-    """The sign of a form in one coordinate, or one half angle, without parameters, that has no real zero; else 0."""
+    """Return the sign of a form in one coordinate, or one half angle, without parameters, that has no real zero; else 0."""
     pair = next((angle for angle in angles if set(unknown) <= {angle.cosine, angle.sine}), None)
     if generators_of(form) != set(unknown) or len(unknown) > 1 and pair is None:
         return 0
     place = pair.sine if pair else unknown[0]
     polynomial = sp.Poly.from_dict({(powers[place],): int(c) for powers, c in form.terms()}, sp.Dummy("t"))
     if pair and polynomial.degree() < _degree(form, pair):
-        return 0  # zero where the cosine of the half angle is
+        return 0  # zero if the cosine of the half angle is
     return int(sp.sign(polynomial.LC())) if polynomial.degree() % 2 == 0 and not polynomial.count_roots() else 0
 
 

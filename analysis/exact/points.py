@@ -1,4 +1,4 @@
-"""Exact evaluation at points of a field: what is not zero at a point is not zero."""
+"""Exact evaluation at points of a field: a function that is not zero at a point is not zero."""
 
 import random
 from collections.abc import Sequence
@@ -18,11 +18,11 @@ from .half_angles import without_roots
 
 PRIME = 2305712387343084721  # 1 modulo 8 and modulo the odd primes to 37: so -1 and all of them have roots
 MODULAR = GF(PRIME)
-TRIES = 64  # random points looked at until one serves
+TRIES = 64  # random points tried
 
 
 class NoPoint(Exception):
-    """No point was found that meets the conditions."""
+    """No point was found that satisfies the conditions."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Point:
     halves: tuple
 
     def __call__(self, polynomial: PolyElement):
-        """The value of a polynomial."""
+        """Return the value of a polynomial."""
         return self._value(polynomial, self.values)
 
     def on(self, form: PolyElement) -> bool:
-        """Does a form in half angles (`half_angles`) vanish here?"""
+        """Whether a form in half angles (`half_angles`) vanishes here."""
         return not self._value(form, self.halves)
 
     def _value(self, polynomial: PolyElement, generators: Sequence):
@@ -57,18 +57,18 @@ class Point:
         return self.domain(total)
 
     def matrix(self, vectors: Sequence[Vector]) -> DomainMatrix:
-        """The vectors as rows."""
+        """Return the vectors as rows."""
         return DomainMatrix([[self(entry) for entry in v] for v in vectors], (len(vectors), len(vectors[0])), self.domain)
 
     def rank(self, vectors: Sequence[Vector]) -> int:
-        """Rank of the vectors here."""
+        """Return the rank of the vectors here."""
         return int(self.matrix(vectors).rank()) if vectors else 0
 
 
 def random_point(functions: Functions, seed: int, vanishing: Sequence[PolyElement] = (), domain: Domain = MODULAR) -> Point:
-    """A random point, the same for the same seed, where the forms in half angles `vanishing` (`half_angles`) are zero.
+    """Return a random point, the same for the same seed, where the forms in half angles `vanishing` (`half_angles`) are zero.
 
-    In QQ the sines and cosines are rational points of the circle. Raises NoPoint when none is found.
+    In QQ the sines and cosines are rational points of the circle. Raises NoPoint if none is found.
     """
     draw = random.Random(seed)
     for _ in range(TRIES):
@@ -81,8 +81,8 @@ def random_point(functions: Functions, seed: int, vanishing: Sequence[PolyElemen
 def refuse_dependent_roots(functions: Functions) -> None:
     """Prove that no root lies in the field of the other generators before it and of roots of numbers.
 
-    Each time by a point where its radicand is no square though the others are; roots of -1 and of different primes are
-    independent. Raises ModelError when no such point is found.
+    For each root, by a point where its radicand is not a square although the others are; roots of -1 and of different primes are
+    independent. Raises ModelError if no such point is found.
     """
     for place, radicand in functions.roots.items():
         draw = random.Random(place)
@@ -101,10 +101,10 @@ def refuse_dependent_roots(functions: Functions) -> None:
 def _try(
     functions: Functions, domain: Domain, draw: random.Random, vanishing: Sequence[PolyElement] = (), before: int | None = None
 ) -> Point | None:
-    """One try; the value is 0 for roots from the place `before` on."""
+    """Try one point; the value is 0 for roots from the place `before` on."""
 
     def number():
-        return QQ(draw.randint(2, 100), 101) if domain is QQ else domain(draw.randrange(2, PRIME))  # no angle is special
+        return QQ(draw.randint(2, 100), 101) if domain is QQ else domain(draw.randrange(2, PRIME))  # generic angles
 
     halves = [number() for _ in functions.expressions]
     for angle in functions.angles:
@@ -132,7 +132,8 @@ def _try(
 
 
 def _move_to(zero: PolyElement, functions: Functions, halves: list, domain: Domain, draw: random.Random) -> bool:
-    """Change one value, or the tangent of a half angle, so that the form `zero` vanishes; False when that does not work out."""
+    """Change one value, or the tangent of a half angle, so that the form `zero` vanishes; return False if this is not
+    possible."""
     places = generators_of(zero)
     on_angles = {k: angle for angle in functions.angles for k in (angle.cosine, angle.sine)}
     varying = [place for place in places if place >= functions.constants] or list(places)
@@ -169,7 +170,7 @@ def _evaluated(polynomial: PolyElement, values: Sequence, zero, domain: Domain):
 
 
 def _zeros(polynomial: PolyElement, domain: Domain) -> list:
-    """Zeros of a polynomial in one unknown that lie in the field."""
+    """Return the zeros in the field of a polynomial in one unknown."""
     if not polynomial:
         return []
     factors = factored(polynomial)[1]
@@ -177,7 +178,7 @@ def _zeros(polynomial: PolyElement, domain: Domain) -> list:
 
 
 def _root(value, domain: Domain):
-    """A square root in the field, or None."""
+    """Return a square root in the field, or None."""
     if domain is QQ:
         return QQ.exsqrt(value) if value >= 0 else None
     if not value:

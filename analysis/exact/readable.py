@@ -1,13 +1,13 @@
-"""Formulas for people: factors kept, sums collected by sines and cosines or put under one of them, no needless minus signs."""
+"""Readable formulas: factors kept, sums collected by sines and cosines or combined into one, no unnecessary minus signs."""
 
 import sympy as sp
 from sympy.simplify.fu import TR10i
 
-LONGEST = 8  # terms of a sum that is tried with the addition theorems
+LONGEST = 8  # most terms of a sum to which the addition theorems are applied
 
 
 def readable(expression: sp.Expr) -> sp.Expr:
-    """The same product with each of its sums collected by sines and cosines, and minus signs where fewest show."""
+    """Return the product with its sums collected by sines and cosines, and with the fewest minus signs."""
     coefficient, rest = expression.as_coeff_Mul()
     made = []
     for part in sp.Mul.make_args(rest):
@@ -22,14 +22,14 @@ def readable(expression: sp.Expr) -> sp.Expr:
 
 
 def unsigned(expression: sp.Expr) -> sp.Expr:
-    """What vanishes where the expression does, without a number before it."""
+    """Return an expression that vanishes where this one does, without a numerical factor."""
     bare = readable(expression).as_coeff_Mul()[1]
     turned = readable(-bare)
     return turned if _minuses(turned) < _minuses(bare) else bare
 
 
 def _added(base: sp.Add) -> sp.Expr:
-    """sin(a)*cos(b) + cos(a)*sin(b) as sin(a + b), where that is shorter."""
+    """sin(a)*cos(b) + cos(a)*sin(b) as sin(a + b), if that is shorter."""
     angles = {wave.args[0] for wave in base.atoms(sp.sin, sp.cos)}
     if len(angles) < 2 or len(base.args) > LONGEST:
         return base
@@ -37,7 +37,7 @@ def _added(base: sp.Add) -> sp.Expr:
 
 
 def _collected(base: sp.Expr) -> sp.Expr:
-    """By the sine and cosine of the angle to which most terms are linear, if any."""
+    """Collect by the sine and cosine of the angle in which most terms are linear, if any."""
     if not base.is_Add:
         return base
     angles = {wave.args[0] for term in base.args for wave in sp.Mul.make_args(term) if isinstance(wave, sp.sin | sp.cos)}
@@ -64,7 +64,7 @@ def _by_angle(base: sp.Add, angle: sp.Expr) -> list[sp.Expr]:
 
 
 def _turned(total: sp.Add) -> sp.Expr:
-    """With the other sign, term by term."""
+    """Return minus the expression, term by term."""
     return sp.Add(*[-term for term in total.args])
 
 

@@ -18,15 +18,15 @@ from .points import NoPoint
 
 DIGITS = 60
 NEGLIGIBLE = mpmath.mpf(10) ** -45  # relative to the terms of a sum, or to the largest entry of a matrix
-LINES = 24  # searched for a change of sign
-SAMPLES = 64  # on each line
+LINES = 24  # lines searched for a change of sign
+SAMPLES = 64  # samples on each line
 SIZE = 4.0  # most coordinates are tried between -SIZE and SIZE, in which angles make a whole turn
-LARGER = 5.0  # powers of ten by which the others are larger
+LARGER = 5.0  # the others are larger by up to this power of ten
 
 
 @dataclass(frozen=True)
 class RealPoint:
-    """Values of all generators to DIGITS digits; `halves` has those of half angles in their place, `q` those of the coordinates.
+    """Values of all generators to DIGITS digits; `halves` has those of half angles instead, `q` those of the coordinates.
 
     `at_defaults`: the parameters are at their defaults.
     """
@@ -37,22 +37,22 @@ class RealPoint:
     at_defaults: bool
 
     def __call__(self, polynomial: PolyElement) -> mpmath.mpf:
-        """The value of a polynomial; 0 where it is no more than rounding."""
+        """Return the value of a polynomial; 0 if it does not exceed rounding."""
         return _value(polynomial, self.values)
 
     def on(self, form: PolyElement) -> bool:
-        """Does a form in half angles (`half_angles`) vanish here?"""
+        """Whether a form in half angles (`half_angles`) vanishes here."""
         return not _value(form, self.halves)
 
     def rank(self, vectors: Sequence[Vector]) -> int:
-        """Rank of the vectors here."""
+        """Return the rank of the vectors here."""
         with mpmath.workdps(DIGITS):
             rows = [[self(entry) for entry in vector] for vector in vectors]
             return rank([[entry / max(map(abs, row)) for entry in row] for row in rows if any(row)])
 
 
 def rank(rows: list[list[mpmath.mpf]], negligible: float | mpmath.mpf = NEGLIGIBLE) -> int:
-    """Number of pivots, of rows of size one, that are not negligible: elimination with complete pivoting."""
+    """Return the number of pivots that are not negligible, with rows scaled to one: elimination with complete pivoting."""
     found = 0
     while rows:
         size, i, j = max((abs(entry), i, j) for i, row in enumerate(rows) for j, entry in enumerate(row))
@@ -67,10 +67,10 @@ def rank(rows: list[list[mpmath.mpf]], negligible: float | mpmath.mpf = NEGLIGIB
 def real_point(
     functions: Functions, parameters: Sequence[Quantity], form: PolyElement, seed: int, avoiding: Iterable[PolyElement] = ()
 ) -> RealPoint:
-    """A random real point where a form in half angles is zero and those to be avoided are not, the same for the same seed.
+    """Return a random real point where a form in half angles is zero and those to be avoided are not, the same for the same seed.
 
-    The parameters are at their defaults where that is possible; else they are varied too, within the signs they must have.
-    Raises NoPoint when none is found.
+    The parameters are at their defaults if possible; otherwise they are varied too, with their declared signs.
+    Raises NoPoint if none is found.
     """
     draw, avoiding = np.random.default_rng(seed), list(avoiding)
     possible = all(SIGNS[p.sign][0](p.default) for p in parameters)
@@ -84,7 +84,7 @@ def real_point(
 
 
 def _random(functions: Functions, parameters: Sequence[Quantity], draw: np.random.Generator, at_defaults: bool) -> list[float]:
-    """Values of parameters and coordinates."""
+    """Return values of parameters and coordinates."""
     fixed = []
     for p in parameters:
         value = abs(p.default) * np.exp(draw.uniform(-3.0, 3.0)) or draw.uniform(0.2, 2.0)
@@ -94,7 +94,7 @@ def _random(functions: Functions, parameters: Sequence[Quantity], draw: np.rando
 
 
 def _on_line(functions: Functions, form: PolyElement, a: list[float], b: list[float], at_defaults: bool) -> RealPoint | None:
-    """The first zero with a change of sign between a and b."""
+    """Return the first zero with a change of sign between a and b."""
 
     def along(part):
         return [(1 - part) * x + part * y for x, y in zip(a, b, strict=True)]
@@ -121,7 +121,7 @@ def _on_line(functions: Functions, form: PolyElement, a: list[float], b: list[fl
 
 
 def _generators(functions: Functions, symbols: list, numbers: ModuleType) -> tuple[list, list]:
-    """All generators, and with half angles."""
+    """Return the values of all generators, and with half angles."""
     first = len(functions.parameters)
     values = [*symbols[:first], *[numbers.pi] * (functions.constants - first), *symbols[first:]]
     values += [0 * values[-1]] * (len(functions.expressions) - len(values))
@@ -150,7 +150,7 @@ def _terms(polynomial: PolyElement, values: Sequence) -> list:
 
 
 def _value(polynomial: PolyElement, values: Sequence) -> mpmath.mpf:
-    """0 where it is no more than rounding: of its terms, and of generators of size one."""
+    """Return the value, or 0 if it does not exceed the rounding of its terms and of generators of size one."""
     with mpmath.workdps(DIGITS):
         total = mpmath.fsum(_terms(polynomial, values))
         size = mpmath.fsum(map(abs, _terms(polynomial, [max(1, abs(value)) for value in values])))

@@ -1,4 +1,4 @@
-"""From CasADi's expressions to SymPy's, exactly: what a number in a model stands for."""
+"""Exact conversion of CasADi's expressions to SymPy's: finds the exact value of each number in a model."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -41,20 +41,20 @@ FUNCTIONS: Mapping[int, Callable[..., sp.Expr]] = {
 
 
 def symbol(quantity: Quantity) -> sp.Symbol:
-    """The SymPy symbol of a coordinate or parameter: real, positive where it must be."""
+    """Return the SymPy symbol of a coordinate or parameter: real, and positive if declared so."""
     return sp.Symbol(quantity.name, positive=True) if quantity.sign == "positive" else sp.Symbol(quantity.name, real=True)
 
 
 def as_matrix(entries: Sequence[sp.Expr], shape: tuple[int, int]) -> sp.Matrix:
-    """A matrix from its entries, column-major."""
+    """Return a matrix from its entries, column-major."""
     return sp.Matrix(shape[1], shape[0], entries).T
 
 
 def symbolic(expression: ca.SX, quantities: Sequence[Quantity], where: str) -> list[sp.Expr]:
-    """The entries of `expression`, column-major, in the symbols of `quantities`.
+    """Return the entries of `expression`, column-major, in the symbols of `quantities`.
 
-    A number stands for the simplest fraction, multiple of pi or root of a fraction that it is to rounding. Raises ModelError
-    for a number that is none of these, a division by zero, and a function of which nothing exact is known.
+    A number is replaced by the simplest fraction, multiple of pi or root of a fraction equal to it up to rounding. Raises
+    ModelError for other numbers, a division by zero, and a function that cannot be treated exactly.
     """
 
     def constant(value: float) -> sp.Expr:
@@ -82,7 +82,7 @@ def symbolic(expression: ca.SX, quantities: Sequence[Quantity], where: str) -> l
 
 
 def recognized(value: float) -> sp.Expr | None:
-    """The exact number meant by a float: a fraction, a multiple of pi, a root of a fraction; None when it is no such number."""
+    """Return the exact value of a float: a fraction, a multiple of pi, or a root of a fraction; None for other numbers."""
     for unit in (1.0, math.pi):
         fraction = _fraction(value / unit, SIMPLE if unit == 1.0 else RADICAND)
         if fraction is not None:
@@ -100,7 +100,7 @@ def _fraction(value: float, denominator: int) -> Fraction | None:
 
 
 class _Writer(StrPrinter):
-    """SymPy's text with positive terms first, and r*(a - b) instead of -r*(b - a)."""
+    """SymPy's printer with positive terms first, and r*(a - b) instead of -r*(b - a)."""
 
     def _print_Add(self, expr: sp.Add, order: str | None = None) -> str:  # SymPy's name
         terms = sorted(self._as_ordered_terms(expr, order=order), key=lambda term: term.could_extract_minus_sign())
@@ -120,5 +120,5 @@ def _minuses(total: sp.Add) -> int:
 
 
 def written(expression: sp.Expr) -> str:
-    """The expression as text that SymPy and people can read."""
+    """Return the expression as readable text in SymPy syntax."""
     return _Writer().doprint(expression)

@@ -1,1 +1,1 @@
-"""The derivation that ships: the law in short steps, in the frame where it is cheapest."""
+"""The derivation from which the C is printed: the law in short steps, in the variables that need the fewest operations."""

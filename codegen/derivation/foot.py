@@ -1,7 +1,7 @@
-"""The law in the frame of P_l's foot on the path: what the path tells (FOOT) in place of the vehicle's position and heading.
+"""The law in the frame of the foot of P_l on the path: it reads the group FOOT instead of the vehicle's position and heading.
 
-A vehicle that moves alike wherever it stands and whichever way it points needs no more of a path than is to be seen from the
-foot: one law for all pieces, and no sine or cosine where something else has taken them already.
+If the dynamics of a vehicle do not depend on its position and heading, the law depends on the path only through the distance, the
+relative heading and the curvature at the foot. One law then serves all segments, and computes no sine or cosine.
 """
 
 from dataclasses import replace
@@ -14,15 +14,15 @@ from ...model.law import ControlLaw
 from ...model.outputs import FOOT, body_offsets
 from .stages import Result, Stages, inner_velocities, staged
 
-AT_FOOT = (Result.INPUTS, Result.SLOPE, Result.SINGULAR, Result.REGULAR)  # the quantities that there are by FOOT
+AT_FOOT = (Result.INPUTS, Result.SLOPE, Result.SINGULAR, Result.REGULAR)  # the quantities that are derived as functions of FOOT
 DISTANCE, COSINE, SINE, CURVATURE = (q.symbol for q in FOOT)
 
 
 def has_foot_form(law: ControlLaw) -> bool:
-    """Is there a path that FOOT describes, and a vehicle that moves alike wherever it stands and whichever way it points?
+    """Whether FOOT describes the path, and the vehicle's dynamics do not depend on its position and heading.
 
-    A slope, for one, is not the same in all directions. What its dynamics, its other outputs and its motion, seen from itself,
-    depend on is looked at.
+    The dynamics, the other outputs and the motion in the vehicle's frame are examined; on an inclined plane, for example, they
+    depend on the heading.
     """
     if law.output.at_foot is None:
         return False
@@ -34,39 +34,39 @@ def has_foot_form(law: ControlLaw) -> bool:
     cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
     motion = [cosine * x_rate + sine * y_rate, cosine * y_rate - sine * x_rate, turning]
     others = [row.expression for row in law.output.rows if row.through is None]
-    dynamics = ca.vertcat(ca.vec(inner.Mbar), inner.bias, ca.vec(inner.input_map), inner.wanted, *others, *motion)
+    dynamics = ca.vertcat(ca.vec(inner.Mbar), inner.bias, ca.vec(inner.input_map), inner.preferred, *others, *motion)
     return not ca.depends_on(canonical(dynamics), place)
 
 
 def place_names(law: ControlLaw) -> frozenset[str]:
-    """The coordinates that a law which is told the foot does without."""
+    """Return the names of the coordinates that FOOT replaces."""
     vehicle = law.system.mechanism.required_vehicle
     return frozenset(str(part) for part in (vehicle.x, vehicle.y, vehicle.heading))
 
 
 def staged_at_foot(law: ControlLaw) -> Stages:
-    """As `staged`, by FOOT, of the quantities AT_FOOT."""
+    """Return the steps of the quantities AT_FOOT as functions of FOOT; see `staged`."""
     stages = staged(law, law.output.at_foot)
     heading = law.system.mechanism.required_vehicle.heading
-    stages.steps = [replace(step, expression=_told(step.expression, heading)) for step in stages.steps]
-    stages.quantities = {name: _told(stages.quantities[name], heading) for name in AT_FOOT}
+    stages.steps = [replace(step, expression=_with_foot(step.expression, heading)) for step in stages.steps]
+    stages.quantities = {name: _with_foot(stages.quantities[name], heading) for name in AT_FOOT}
     return stages
 
 
 def plain_at_foot(law: ControlLaw, quantity: ca.SX) -> ca.SX:
-    """A quantity of the law as the model has it, by FOOT: with the path put where the foot is, along x."""
+    """Return a quantity of the reference law as a function of FOOT: the path is placed at the foot, along x."""
     vehicle, config = law.system.mechanism.required_vehicle, {q.name: q.symbol for q in law.config}
     ahead, left = body_offsets(law.config)
     place = -ahead * COSINE + left * SINE, DISTANCE - ahead * SINE - left * COSINE
     path = law.output.required_path
     here = [(config[q.name], value) for q, value in zip(path.parameters, path.from_foot(DISTANCE, CURVATURE), strict=True)]
-    told = [(vehicle.x, place[0]), (vehicle.y, place[1]), *here]
-    moved = ca.substitute([quantity], *[[ca.SX(one) for one in side] for side in zip(*told, strict=True)])[0]
-    return _told(moved, vehicle.heading)
+    placed = [(vehicle.x, place[0]), (vehicle.y, place[1]), *here]
+    moved = ca.substitute([quantity], *[[ca.SX(one) for one in side] for side in zip(*placed, strict=True)])[0]
+    return _with_foot(moved, vehicle.heading)
 
 
-def _told(expression: ca.SX, heading: ca.SX) -> ca.SX:
-    """The expression with FOOT's cosine and sine of the heading."""
+def _with_foot(expression: ca.SX, heading: ca.SX) -> ca.SX:
+    """Return the expression with the cosine and sine of the heading replaced by those of FOOT."""
     symbols = ca.symvar(expression)
 
     def apply(code: int, arguments: tuple[ca.SX, ...]) -> ca.SX:

@@ -1,8 +1,8 @@
-"""The law in short steps: the same mathematics, written in the frame where it is cheapest.
+"""The law in short steps: the same mathematics in the variables that need the fewest operations.
 
 Inside the law the quasi-velocities are the vehicle's forward speed and yaw rate (w = W nu), where S and S'MS are sparse.
-Outputs at a point go through that point, whose own acceleration is taken out of the inverse. Every step is exact: what
-cancels is gone, and what depends on parameters only stands by itself, to be computed once.
+Outputs of a point are differentiated by way of that point, whose own acceleration is subtracted before Phi is inverted. Every
+step is exact: terms that cancel are removed, and factors that depend on parameters only are separated, to be computed once.
 """
 
 import math
@@ -25,13 +25,13 @@ from ...model.reduction import ReducedSystem
 from ...model.vehicle import velocity_map
 from .taylor import Taylor
 
-MONOMIALS = 3  # quasi-velocities up to which what is quadratic in them is sorted by monomials; above, that is more to compute
-Split = tuple[ca.SX, ca.SX | None]  # factor that init knows, rest; None where init knows the whole
-STEP, PART = "step.", "part."  # before the names of symbols made here, so that they differ from all others
+MONOMIALS = 3  # most quasi-velocities for which quadratic forms are sorted by monomials; above, that takes more operations
+Split = tuple[ca.SX, ca.SX | None]  # factor that init computes, rest; None if init computes the whole
+STEP, PART = "step.", "part."  # prefixes of the symbols of this module, so that they differ from all others
 
 
 class Result(StrEnum):
-    """What is derived of a law or of the dynamics, by its name in C: what entry points return, and what they and init check."""
+    """The quantities of a law or of the dynamics, by their names in C: results of entry points, and values that are checked."""
 
     OUTPUTS = "h"
     RATES = "ydot"
@@ -60,9 +60,9 @@ class Result(StrEnum):
 
 @dataclass(frozen=True)
 class Step:
-    """A symbol for an expression in earlier symbols; `label` names it in C, empty for what init computes.
+    """A symbol for an expression in earlier symbols; `label` is its name in C, empty if init computes it.
 
-    With `least`, symbols for the inverse of a matrix, which has a meaning where its reciprocal condition exceeds `least`.
+    With `least`, the symbols are the inverse of a matrix, valid if its reciprocal condition number exceeds `least`.
     """
 
     symbol: ca.SX
@@ -75,10 +75,10 @@ class Step:
 class Stages:
     """Named steps, each a symbol and an expression in earlier symbols, and the quantities built from them.
 
-    `at_foot`: some of the quantities a second time, by FOOT in place of the vehicle's position and heading.
+    `at_foot`: some of the quantities a second time, as functions of FOOT instead of the vehicle's position and heading.
     """
 
-    fixed: list[ca.SX]  # the symbols that init knows
+    fixed: list[ca.SX]  # the symbols known to init
     steps: list[Step] = field(default_factory=list)
     quantities: dict[Result, ca.SX] = field(default_factory=dict)
     at_foot: dict[Result, ca.SX] = field(default_factory=dict)
@@ -86,7 +86,7 @@ class Stages:
     _keys: dict[tuple[Hashable, ...], int] = field(default_factory=dict)
 
     def step(self, name: str, expression: ca.SX) -> ca.SX:
-        """A symbol for the expression, its constant factor left outside; what is short already stays as it is."""
+        """Return a symbol for the expression times its constant factor; a short expression is returned unchanged."""
         factor, rest = self._split(expression)
         if rest is None or rest.is_symbolic():
             return self._times(factor, rest)
@@ -95,7 +95,7 @@ class Stages:
         return self._times(factor, symbol)
 
     def variable(self, name: str, expression: ca.SX) -> ca.SX:
-        """A symbol for the expression as a whole, so that others can be differentiated by it."""
+        """Return a symbol for the whole expression, by which others can be differentiated."""
         made = self.step(name, expression)
         if made.is_symbolic():
             return made
@@ -104,19 +104,19 @@ class Stages:
         return symbol
 
     def row(self, names: list[str], expressions: ca.SX) -> ca.SX:
-        """A step for each entry of a row."""
+        """Return a row with a step for each entry."""
         return ca.horzcat(*[self.step(name, expressions[k]) for k, name in enumerate(names)])
 
     def exact(self, matrix: ca.SX) -> ca.SX:
-        """The matrix in canonical form, with a symbol for whatever init can compute."""
+        """Return the matrix in canonical form, with a symbol for each factor that init can compute."""
         simple = ca.densify(canonical(matrix))
         entries = [self._times(*self._split(entry)) for entry in ca.vertsplit(ca.vec(simple))]
         return ca.reshape(ca.vertcat(*entries), simple.shape)
 
     def inverse(self, matrix: ca.SX, least: float = 0.0) -> ca.SX:
-        """The inverse: in closed form up to 3 x 3; above, block by block, and a block above 3 x 3 is left to the C runtime.
+        """Return the inverse: in closed form up to 3 x 3, above block by block; the C runtime inverts blocks above 3 x 3.
 
-        There it has a meaning where its reciprocal condition exceeds `least`.
+        The inverse of such a block is valid if its reciprocal condition number exceeds `least`.
         """
         n = matrix.shape[0]
         if n <= 3:
@@ -131,7 +131,7 @@ class Stages:
         return ca.densify(solve_by_blocks(matrix, ca.SX.eye(n), solve_block))
 
     def _inverted(self, block: ca.SX, least: float) -> ca.SX:
-        """Symbols for the entries of the inverse, which a step finds by elimination with pivots."""
+        """Return symbols for the entries of the inverse, which the C computes by elimination with pivoting."""
         symbols = ca.SX.sym(f"{STEP}inverse", *block.shape)
         known = {symbol.element_hash() for symbol in self.fixed}
         if all(symbol.element_hash() in known for symbol in ca.symvar(block)):
@@ -140,7 +140,7 @@ class Stages:
         return symbols
 
     def key(self, matrix: ca.SX) -> tuple[int, ...]:
-        """The same for matrices whose entries are the same operations on the same symbols and numbers, else different."""
+        """Return a key that is equal for matrices whose entries are the same operations on the same symbols and numbers."""
 
         def number(*operation: Hashable) -> int:
             return self._keys.setdefault(operation, len(self._keys))
@@ -151,7 +151,8 @@ class Stages:
         )
 
     def _split(self, expression: ca.SX) -> Split:
-        """factor * rest, the factor known to init; rest is None when init knows the whole."""
+        """Return factor and rest, whose product is the expression; init computes the factor. The rest is None if init computes
+        all."""
         symbols = ca.symvar(expression)
         known = {symbol.element_hash() for symbol in self.fixed}
 
@@ -181,7 +182,7 @@ class Stages:
         return part if rest is None else part * rest
 
     def _part(self, factor: ca.SX) -> ca.SX:
-        """A symbol for an expression of parameters, the same for equal ones, or its negative."""
+        """Return a symbol for an expression in parameters, or minus a symbol; equal expressions share one."""
         if factor.is_constant() or factor.is_symbolic():
             return factor
         key = self.key(factor)
@@ -203,7 +204,7 @@ class Stages:
 
 
 def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
-    """The law's quantities in steps; `outputs`: the law's own, written in another frame."""
+    """Return the quantities of the law in steps; `outputs`: the outputs of the law, written in another frame."""
     stages = Stages([q.symbol for group in ("params", "config", "gains") for q in law.groups[group]])
     inner, W = inner_velocities(law.system)
     to_inner, from_inner = stages.exact(W), stages.exact(solve(W, ca.SX.eye(law.system.freedom)))
@@ -245,7 +246,8 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
 
 @lru_cache(maxsize=16)
 def inner_velocities(system: ReducedSystem) -> tuple[ReducedSystem, ca.SX]:
-    """The system in w = W nu, w being forward speed and yaw rate where these are n-m fixed combinations of nu, else nu."""
+    """Return the system in w = W nu, and W; w is forward speed and yaw rate if these are n-m fixed combinations of nu, else
+    nu."""
     n, W = system.freedom, velocity_map(system)
     if W is not None:
         names = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
@@ -256,7 +258,8 @@ def inner_velocities(system: ReducedSystem) -> tuple[ReducedSystem, ca.SX]:
 
 @dataclass
 class _Point:
-    """The point that an output is a function of: Jacobian, drift, and the output's drift that is due to the path's curvature."""
+    """The point of which an output is a function: Jacobian, drift, and the drift of the output due to the curvature of the
+    path."""
 
     jacobian: ca.SX
     drift: ca.SX
@@ -265,7 +268,7 @@ class _Point:
 
 @dataclass
 class _Row:
-    """An output in w: value, rate, rows of Phi (in steps, and written out) and of its derivative, drift."""
+    """An output in w: value, rate, its rows of Phi (in steps, and written out) and of dPhi/dt, drift."""
 
     h: ca.SX
     rate: ca.SX
@@ -277,7 +280,7 @@ class _Row:
 
 
 def _in_velocities(output: OutputMap, system: ReducedSystem, inner: ReducedSystem, W: ca.SX) -> OutputMap:
-    """The same outputs as functions of q and w."""
+    """Return the outputs as functions of q and w."""
     nu_of_w = solve(W, inner.nu)
     rows = [
         OutputRow(row.name, row.unit, row.about, canonical(ca.substitute(row.expression, system.nu, nu_of_w)), row.through)
@@ -287,7 +290,7 @@ def _in_velocities(output: OutputMap, system: ReducedSystem, inner: ReducedSyste
 
 
 def _plain_row(stages: Stages, inner: ReducedSystem, row: OutputRow, degree: int) -> _Row:
-    """A row straight from its expression."""
+    """Return a row differentiated from its expression."""
     row_of_Phi, drift = derivative(inner, row.expression, degree)
     Phi, Phidot = stages.exact(row_of_Phi), stages.exact(inner.along_motion(row_of_Phi))
     h = stages.step(row.name, stages.exact(row.expression))
@@ -295,7 +298,7 @@ def _plain_row(stages: Stages, inner: ReducedSystem, row: OutputRow, degree: int
 
 
 def _point_row(stages: Stages, inner: ReducedSystem, name: str, through: Through) -> _Row:
-    """A row h = outer(z(q)): first the point z, then the outer function's slope and curvature there."""
+    """Return a row h = outer(z(q)) by the chain rule: first the point z, then gradient and curvature of `outer` there."""
     q, w = inner.mechanism.q, inner.nu
     places = [str(symbol) for symbol in ca.vertsplit(through.symbols)]
     z = ca.vertcat(*[stages.variable(place, through.inner[k]) for k, place in enumerate(places)])
@@ -313,7 +316,8 @@ def _point_row(stages: Stages, inner: ReducedSystem, name: str, through: Through
     rate = stages.step(f"{name}_rate", Phi @ w)
 
     def shorten(expression: ca.SX) -> ca.SX:
-        """The square of the point's speed, say, does not depend on the heading."""
+        """Return a shorter equal expression; the square of the speed of the point, for example, does not depend on the
+        heading."""
         if expression.is_constant() or not ca.depends_on(expression, ca.vertcat(z, zdot)) or ca.depends_on(expression, z):
             return expression
         shorter = stages.exact(ca.substitute(expression, zdot, point @ w))
@@ -323,7 +327,7 @@ def _point_row(stages: Stages, inner: ReducedSystem, name: str, through: Through
         taylor = Taylor(outer, z, zdot, rate, shorten)
         slope_rate = ca.horzcat(*[taylor.first(entry) for entry in ca.horzsplit(ca.densify(gradient))])
         curvature = taylor.second(outer)
-    else:  # the velocity along a level of the distance, which does not change it, turns the slope
+    else:  # motion along a level line of the distance does not change the distance, but turns its gradient
         bend = ca.substitute(through.bend, through.symbols, z)
         slope_rate = bend * (zdot.T - rate * slope)
         curvature = bend * (shorten(ca.sumsqr(zdot)) - rate**2)
@@ -335,9 +339,10 @@ def _point_row(stages: Stages, inner: ReducedSystem, name: str, through: Through
 
 
 def _damped_alone(rows: list[_Row], degree: tuple[int, ...]) -> dict[int, int]:
-    """Column j of Phi -> row i, where only row i of Phi has an entry and is of degree 2 and straight.
+    """Return column j of Phi -> row i, where only row i has an entry in the column, has degree 2, and its point contributes no
+    curvature.
 
-    There the damping -kd Phi_ij w_j of the outer loop comes out of the inverse as -kd w_j, with no need to compute it.
+    There Phi^-1 maps the damping -kd Phi_ij w_j of the outer loop to -kd w_j, which needs no inverse.
     """
     found = {}
     for j in range(len(rows)):
@@ -349,7 +354,7 @@ def _damped_alone(rows: list[_Row], degree: tuple[int, ...]) -> dict[int, int]:
 
 
 def _rest_of_rates(rows: list[_Row], degree: tuple[int, ...], damped: dict[int, int], w: ca.SX) -> ca.SX:
-    """Rates of the outputs of degree 2 without the terms that are damped past the inverse."""
+    """Return the rates of the outputs of degree 2 without the terms whose damping is applied outside the inverse."""
     rates = []
     for i, (row, k) in enumerate(zip(rows, degree, strict=True)):
         if k == 2:
@@ -361,8 +366,8 @@ def _rest_of_rates(rows: list[_Row], degree: tuple[int, ...], damped: dict[int, 
 class _Feedback:
     """Both feedbacks in w: u = Phi^-1 (v - residual) - rest - damping, tau = K u + bias (12), (20).
 
-    `damping` is the part of the outer loop that has been taken past the inverse, see _damped_alone. With more inputs than
-    n-m, K u + bias is what S'E (tau - wanted) must be, and is shared out last: that takes less than the r rows of (S'E)^+.
+    `damping` is the part of the outer loop that is applied outside the inverse, see _damped_alone. With more inputs than n-m,
+    K u + bias is the required S'E (tau - preferred), which is distributed last: fewer operations than the r rows of (S'E)^+.
     """
 
     def __init__(self, stages: Stages, inner: ReducedSystem, rows: list[_Row]):
@@ -373,7 +378,7 @@ class _Feedback:
         self.residual = ca.vertcat(*[self._residual(row) for row in rows])
         self.K, self.bias = stages.exact(inner.Mbar), stages.exact(inner.bias)
         if inner.redundant:
-            self.bias -= inner.input_map @ inner.wanted
+            self.bias -= inner.input_map @ inner.preferred
             self.spread = stages.exact(inner.spread())
             self.square = stages.inverse(_symbols(stages, "square", stages.exact(inner.input_map @ self.spread)))
         else:
@@ -381,22 +386,23 @@ class _Feedback:
             self.K, self.bias = stages.exact(to_inputs @ self.K), to_inputs @ self.bias
 
     def acceleration(self, v: ca.SX, damping: ca.SX) -> ca.SX:
-        """u, the rate of w."""
+        """Return u, the derivative of w."""
         return self._solved(v) - self.rest - damping
 
     def inputs(self, v: ca.SX, damping: ca.SX) -> ca.SX:
-        """tau."""
+        """Return tau."""
         rest = self.bias - self.K @ (self.rest + damping)
         if self.inner.freedom <= MONOMIALS:
             rest = _by_monomials(self.stages, rest, self.inner.nu)
-        return self.inner.wanted + self._shared(self.K @ self._solved(v) + rest)
+        return self.inner.preferred + self._shared(self.K @ self._solved(v) + rest)
 
     def slope(self, row: int) -> ca.SX:
-        """Derivative of tau by the demand of a row."""
+        """Return the derivative of tau by the virtual input of a row."""
         return self._shared(self.K @ self.inverse[:, row])
 
     def _shared(self, effort: ca.SX) -> ca.SX:
-        """The inputs for an effort, where this does not give them already."""
+        """Return the inputs with the given effort S'E tau if there are more than n-m, else the effort, which is then the
+        inputs."""
         if not self.inner.redundant:
             return effort
         effort = _symbols(self.stages, "effort", effort)
@@ -408,7 +414,8 @@ class _Feedback:
         return ca.vertcat(*[self.stages.step(name, (self.inverse @ wanted)[k]) for k, name in enumerate(names)])
 
     def _acceleration_at_rest(self, rows: list[_Row]) -> ca.SX:
-        """minus the w-dot at which the outputs' point has no acceleration; zero where Phi can be regular and that is not."""
+        """Return minus the w-dot at which the point of the outputs has no acceleration; zero if it may not exist although Phi
+        is regular."""
         none = ca.SX.zeros(self.inner.freedom)
         points = [row.point for row in rows if row.point is not None]
         if not points or points[0].jacobian.shape[0] != self.inner.freedom:
@@ -428,16 +435,16 @@ class _Feedback:
 
 
 def _symbols(stages: Stages, name: str, matrix: ca.SX) -> ca.SX:
-    """A step for each entry of a matrix."""
+    """Return the matrix with a step for each entry."""
     entries = [stages.step(f"{name}_{k}", entry) for k, entry in enumerate(ca.vertsplit(ca.vec(ca.densify(matrix))))]
     return ca.reshape(ca.vertcat(*entries), matrix.shape)
 
 
 def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[Result, ca.SX]:
-    """`singular`: up to 2 x 2 (det Phi)^2 and what it must exceed, both divided by (det W)^2 so that they are in w.
+    """Return `singular`: up to 2 x 2 (det Phi)^2 and its bound, both divided by (det W)^2 so that they are in w.
 
-    Above, where w is nu, the condition in the 1-norm; nothing where the C runtime inverts Phi as a whole, and tells.
-    `regular`: what must be positive for that to be possible at all.
+    Above, where w is nu, the condition number in the 1-norm; nothing if the C runtime inverts Phi as a whole, since it then
+    checks the condition. `regular`: an expression that must be positive for Phi to be regular anywhere.
     """
     none = ca.SX(0, 1)
     if Phi.shape[0] > 2:
@@ -454,7 +461,7 @@ def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[Resu
 
 
 def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[Result, ca.SX] | None:
-    """a x^2 > b x^2 + c y^2 as x^2 > c / (a - b) y^2 with a - b > 0, if that is what it is."""
+    """Return a x^2 > b x^2 + c y^2 as x^2 > c / (a - b) y^2 with a - b > 0; None if it does not have this form."""
     known = {symbol.element_hash() for symbol in stages.fixed}
     variables = [symbol for symbol in ca.symvar(square) if symbol.element_hash() not in known]
     others = [symbol for symbol in ca.symvar(bound) if symbol.element_hash() not in known]
@@ -472,7 +479,7 @@ def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[Result, ca.
 
 
 def _by_monomials(stages: Stages, expression: ca.SX, w: ca.SX) -> ca.SX:
-    """A column of polynomials of degree 2 in w, written monomial by monomial; anything else stays as it is."""
+    """Return a column of polynomials of degree 2 in w sorted by monomials; other entries are returned unchanged."""
     rows = []
     zeros = ca.SX.zeros(w.numel())
     for entry in ca.vertsplit(canonical(expression)):
@@ -494,6 +501,6 @@ def _by_monomials(stages: Stages, expression: ca.SX, w: ca.SX) -> ca.SX:
 
 
 def _divides(expression: ca.SX) -> bool:
-    """Is there a division by something that is not a number?"""
+    """Whether the expression has a division by something other than a number."""
     function = ca.Function("f", [ca.vertcat(*ca.symvar(expression))], [expression])
     return any(operation.code in (ca.OP_DIV, ca.OP_INV) for operation in operations(function))

@@ -1,4 +1,4 @@
-"""First and second derivatives along a motion by Taylor arithmetic: each operation hands on its value and derivatives."""
+"""First and second derivatives along a motion by Taylor arithmetic: each operation returns its value and derivatives."""
 
 from collections.abc import Callable
 
@@ -12,10 +12,10 @@ Rule = tuple[Callable[..., ca.SX], Callable[..., ca.SX]]
 
 
 class Taylor:
-    """Derivatives along a straight motion of z at zdot, of a scalar `outer` of z and parameters and of its parts.
+    """Derivatives of a scalar `outer` of z and parameters, and of its subexpressions, along a motion of z with constant zdot.
 
-    `rate`, the first derivative of `outer`, is known already and is used wherever it appears; `shorten` may replace an
-    expression by an equal one.
+    `rate`, the first derivative of `outer`, is given and is used wherever it occurs; `shorten` may replace an expression by an
+    equal one.
     """
 
     def __init__(self, outer: ca.SX, z: ca.SX, zdot: ca.SX, rate: ca.SX, shorten: Callable[[ca.SX], ca.SX]):
@@ -24,15 +24,15 @@ class Taylor:
         self._second = {z[k].element_hash(): ca.SX(0) for k in range(z.numel())}
         self._first[outer.element_hash()] = rate
         while not outer.is_leaf() and outer.op() == ca.OP_SUB and not ca.depends_on(outer.dep(1), z):
-            outer = outer.dep(0)  # a constant less, the rate is the same
+            outer = outer.dep(0)  # without an added constant, which does not change the rate
             self._first[outer.element_hash()] = rate
 
     def first(self, x: ca.SX) -> ca.SX:
-        """dx/dt."""
+        """Return dx/dt."""
         return self._known(self._first, x, lambda: _rule(x)[0](x, *self._arguments(x, 1)))
 
     def second(self, x: ca.SX) -> ca.SX:
-        """d2x/dt2."""
+        """Return d2x/dt2."""
         return self._known(self._second, x, lambda: self.shorten(_rule(x)[1](x, self.first(x), *self._arguments(x, 2))))
 
     def _known(self, known: dict[int, ca.SX], x: ca.SX, derive: Callable[[], ca.SX]) -> ca.SX:
@@ -51,14 +51,14 @@ def _rule(x: ca.SX) -> Rule:
 
 
 def _chain_rule(x: ca.SX) -> Rule:
-    """The rule of any operation, its derivatives as CasADi has them."""
+    """Return the rule of an operation from its derivatives by CasADi."""
     varying = [k for k in range(x.n_dep()) if not x.dep(k).is_constant()]
     symbols = ca.vertcat(*[ca.SX.sym(f"argument_{k}") for k in varying])
     arguments = [symbols[varying.index(k)] if k in varying else x.dep(k) for k in range(x.n_dep())]
     hessian, gradient = ca.hessian(operate(x.op(), *arguments), symbols)
 
     def jets(given: tuple[Jet, ...]) -> list[ca.SX]:
-        """Values, first and second derivatives of the arguments that vary, each as a column."""
+        """Return the values, first and second derivatives of the varying arguments, each as a column."""
         return [ca.vertcat(*[given[k][order] for k in varying]) for order in range(3)]
 
     def first(_: ca.SX, *given: Jet) -> ca.SX:
@@ -77,7 +77,7 @@ def _quotient_second(x: ca.SX, xdot: ca.SX, a: Jet, b: Jet) -> ca.SX:
     return (a[2] - 2 * xdot * b[1] - x * b[2]) / b[0]
 
 
-RULES: dict[int, Rule] = {  # shorter than the chain rule's, as they use what is known already
+RULES: dict[int, Rule] = {  # shorter than by the chain rule, since they use known values
     ca.OP_ADD: (lambda x, a, b: a[1] + b[1], lambda x, d, a, b: a[2] + b[2]),
     ca.OP_SUB: (lambda x, a, b: a[1] - b[1], lambda x, d, a, b: a[2] - b[2]),
     ca.OP_NEG: (lambda x, a: -a[1], lambda x, d, a: -a[2]),

@@ -1,4 +1,4 @@
-"""C of a robot's reduced dynamics, the plant of a simulation: its header and its source."""
+"""C of the reduced dynamics of a robot, the plant of a simulation: header and source."""
 
 from collections.abc import Callable, Sequence
 
@@ -19,7 +19,7 @@ NAME = "dynamics"
 
 
 class DynamicsC(ProgramC[DynamicsProgram]):
-    """Text of a robot's dynamics in one scalar."""
+    """The C of a robot's dynamics in one scalar."""
 
     local = "made_{}"
 
@@ -30,7 +30,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
     # -- header ---------------------------------------------------------------------------------------------------
 
     def declarations(self) -> str:
-        """Types and prototypes, without anything for the preprocessor."""
+        """Return types and prototypes, without preprocessor directives."""
         real = self.scalar.real
         types = [
             struct(
@@ -60,7 +60,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         )
 
     def shape(self, entry: Entry, quantity: Result) -> str:
-        """C array bounds of a quantity."""
+        """Return the C array bounds of a quantity."""
         p, n, r = self.system.freedom, len(self.system.mechanism.coordinates), self.inputs
         bounds = {
             Result.COORDINATE_RATES: (n,),
@@ -95,7 +95,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
     # -- source ---------------------------------------------------------------------------------------------------
 
     def source(self) -> str:
-        """The whole source."""
+        """Return the source."""
         bodies = self.program.entries.values()
         computed = [root for body in bodies for root in body.roots] + [node for pair in self.program.regular for node in pair]
         includes = [self.type, *headers(computed), *(["noslip_solve"] if any(b.looped for b in bodies) else [])]
@@ -117,7 +117,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         for pivot, bound in program.regular:
             writer.not_singular(pivot, bound)
         for node, field in program.constants.items():
-            writer.uses[node] = 1  # its field is its name
+            writer.uses[node] = 1  # it is a field of the struct
             writer.assign(f"self->{field}", node)
             if node.arguments:
                 writer.names[node] = f"self->{field}"
@@ -137,7 +137,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         return "\n".join([*fill(self._init_signature(), ""), "{", body(lines), "}"])
 
     def _admit(self) -> str:
-        """The checks that entry points make first."""
+        """Return the checks at the beginning of entry points."""
         state = [f"state->{q.in_c}" for q in self.system.state]
         check = f"{self.scalar.name(self.robot + '_check_state')}(state)"
         finite = f"{self.scalar.name('noslip_is_finite')}({' + '.join(state)})"
@@ -152,7 +152,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         return "\n".join([*fill(head, ""), "{", body(lines), "}"])
 
     def _mathematics(self, entry: Entry) -> str:
-        """The static function that computes, for arguments that have been checked."""
+        """Return the static function that computes with checked arguments."""
         made = self.program.entries[entry]
         arguments = self.parameters(entry)
         places = self.places(entry)
@@ -173,7 +173,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *lines, "return NOSLIP_OK;"]), "}"])
 
     def _looped(self, writer: Statements, matrix: Matrix, right: Matrix) -> list[str]:
-        """The equations for the runtime's L D L'; nudot is their right-hand side first."""
+        """Return the equations for the runtime's L D L'; nudot initially contains their right-hand side."""
         begin = len(writer.lines)
         p, name = len(matrix), self.scalar.name
         for i, row in enumerate(matrix):
@@ -187,7 +187,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         return [*lines, f"{name('noslip_ldl_solve')}(matrix, nudot, {p});"]
 
     def _entry_point(self, entry: Entry) -> str:
-        """The public function: checks, mathematics, a safe answer."""
+        """Return the public function: checks, computation, safe results."""
         name = self.scalar.name
         arguments = list(self.parameters(entry))
         given = [argument for argument in arguments if argument in ("self", "state", "tau")]
@@ -208,17 +208,17 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         return "\n".join([*fill(self.signature(entry), ""), "{", body(lines), "}"])
 
     def _locals(self, entry: Entry) -> list[str]:
-        """Declarations of the local arrays in which the answers are made; those of evaluate would be too large."""
+        """Return declarations of local arrays for the results; those of evaluate would be too large."""
         names = [] if entry.whole else entry.answers
         return [f"{self.scalar.real} {self.local.format(quantity)}{self.shape(entry, quantity)}" for quantity in names]
 
-    # -- pieces ---------------------------------------------------------------------------------------------------
+    # -- parts ---------------------------------------------------------------------------------------------------
 
     def _init_signature(self) -> str:
         return f"int {self.function('init')}({self.type} *self, const {self.scalar.name(self.robot + '_params')} *params)"
 
     def parameters(self, entry: Entry, public: bool = False) -> dict[str, str]:
-        """Names and declarations of an entry point's arguments."""
+        """Return names and declarations of the arguments of an entry point."""
         real = self.scalar.real
         declared = {"self": f"const {self.type} *self", "state": f"const {self.state_type} *state"}
         if entry.takes:
@@ -228,12 +228,12 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         return declared | {quantity: f"{real} {quantity}{self.shape(entry, quantity)}" for quantity in entry.answers}
 
     def array(self, leaf: Leaf) -> tuple[str, Sequence[Quantity]] | None:
-        """The inputs are an array."""
+        """Return the array of the inputs."""
         return ("tau", self.system.mechanism.inputs) if leaf.group is Group.INPUT else None
 
 
 class _Call(Statements):
-    """The statements of an entry point; an angle that is no part of the state is looked at where it is used."""
+    """The statements of an entry point; an angle that is not part of the state is checked where it is used."""
 
     def __init__(self, text: DynamicsC, taken: set[str], meaning: Callable[[Node], str]):
         super().__init__(text.scalar, text.step_given, text.program.labels, text.leave, {*taken, "status"}, meaning)

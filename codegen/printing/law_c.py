@@ -1,4 +1,4 @@
-"""C of one control law: its header and its source."""
+"""C of a control law: header and source."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ from .statements import Statements
 
 
 def runtime_types(scalar: Scalar) -> str:
-    """The C runtime's types that declarations use, for those who read them without its headers; its enums are ints."""
+    """Return the types of the C runtime that occur in declarations, for cffi; enums are ints."""
     foot = struct(
         scalar.name("noslip_foot"), "Position of the vehicle relative to the foot of P_l on a path.", fields(scalar, FOOT)
     )
@@ -25,7 +25,7 @@ def runtime_types(scalar: Scalar) -> str:
 
 
 class LawC(ProgramC[Program]):
-    """Text of one law in one scalar."""
+    """The C of a law in one scalar."""
 
     def __init__(self, program: Program, scalar: Scalar, banner: Sequence[str]):
         self.law = program.law
@@ -33,13 +33,13 @@ class LawC(ProgramC[Program]):
         self.title = f"{self.law.output.about}, {self.robot}"
 
     def answered(self, entry: Entry) -> list[Result]:
-        """The quantities an entry point returns, of those that the law has."""
+        """Return the quantities of the law that an entry point returns."""
         return list(self.program.entries[entry].quantities)
 
     # -- header ---------------------------------------------------------------------------------------------------
 
     def declarations(self) -> str:
-        """Types and prototypes, without anything for the preprocessor."""
+        """Return types and prototypes, without preprocessor directives."""
         real, name, law = self.scalar.real, self.scalar.name, self.law
         rows = ", ".join(f"{row.name} ({row.unit})" for row in law.output.rows)
         types = [
@@ -79,7 +79,7 @@ class LawC(ProgramC[Program]):
         return SLOPE in self.program.entries
 
     def shape(self, entry: Entry, quantity: Result) -> str:
-        """C array bounds of a quantity: a column has one, a matrix two (row major)."""
+        """Return the C array bounds of a quantity: a column has one, a matrix two (row major)."""
         matrix = self.program.entries[entry].quantities[quantity]
         rows, columns = len(matrix), len(matrix[0])
         square = quantity in (Result.DECOUPLING, Result.DECOUPLING_RATE)
@@ -116,7 +116,7 @@ class LawC(ProgramC[Program]):
         return comment([entry.about + ".", *wanted, *answers, *self._read(entry), self.cost(entry)])
 
     def _read(self, entry: Entry) -> list[str]:
-        """What is read of the state, where that is not all."""
+        """Return a comment on the part of the state that is read, if not all of it."""
         if not (entry.at_foot and entry.public):
             return []
         place = ", ".join(q.name for q in self.law.config if q not in self._path_parameters())
@@ -124,7 +124,7 @@ class LawC(ProgramC[Program]):
         return [f"Uses only {read} of the state, and only {place} of the config given to init: one law serves all segments."]
 
     def _path_parameters(self) -> Sequence[Quantity]:
-        """The parameters that say where the path is."""
+        """Return the parameters of the position of the path."""
         return self.law.output.path.parameters if self.law.output.path else ()
 
     def _init_prototype(self) -> str:
@@ -152,7 +152,7 @@ class LawC(ProgramC[Program]):
     # -- source ---------------------------------------------------------------------------------------------------
 
     def source(self) -> str:
-        """The whole source of the law."""
+        """Return the source of the law."""
         program = self.program
         computed = [*program.conditions, *program.regular, *(root for law in program.entries.values() for root in law.roots)]
         includes = [self.type, *headers(computed)]
@@ -176,7 +176,7 @@ class LawC(ProgramC[Program]):
         for angle in self.program.fixed_angles:
             writer.lines.append(self.leave(f"!{self.in_range(writer.text(angle))}", "NOSLIP_RANGE"))
         for node, field in self.program.constants.items():
-            writer.uses[node] = 1  # its field is its name
+            writer.uses[node] = 1  # it is a field of the struct
             writer.assign(f"self->{field}", node)
             if node.arguments:
                 writer.names[node] = f"self->{field}"
@@ -238,7 +238,7 @@ class LawC(ProgramC[Program]):
         return "\n".join([*head, *zeros, "    return NOSLIP_OK;", "}"])
 
     def _admission(self, entry: Entry) -> str:
-        """The call of the check that an entry point makes of what it is given; of a demand it makes its own."""
+        """Return the call that checks the arguments of an entry point, except the virtual input, which it checks itself."""
         return f"{self.function(self._admit_name(entry))}({', '.join(self._admitted(entry))})"
 
     def _admit_name(self, entry: Entry) -> str:
@@ -247,12 +247,12 @@ class LawC(ProgramC[Program]):
         return "admit_both" if entry.takes is Group.REFERENCE else "admit"
 
     def _admitted(self, entry: Entry) -> dict[str, str]:
-        """The arguments that are checked, with their declarations; `self` as what is read only."""
+        """Return the checked arguments with their declarations; `self` is const."""
         declared = self.parameters(entry)
         return {name: declared[name] for name in ("self", "foot", "state", "reference") if name in declared}
 
     def _admits(self) -> list[str]:
-        """The checks that entry points make first, of all they are given but a demand: each once."""
+        """Return the functions that check the arguments of entry points, except the virtual input, each once."""
         entries = {self._admit_name(entry): entry for entry in self.entries if entry.public}
         return [self._admit(entries[name]) for name in ("admit", "admit_both", "admit_foot") if name in entries]
 
@@ -274,7 +274,7 @@ class LawC(ProgramC[Program]):
         return "\n".join([*fill(head, ""), "{", body(lines), "}"])
 
     def _mathematics(self, entry: Entry) -> str:
-        """The static function that computes, for arguments that have been checked."""
+        """Return the static function that computes with checked arguments."""
         program = self.program
         law = program.entries[entry]
         used = users([*((node, "the test of Phi") for node in law.singular), *self.places(entry)], program.labels)
@@ -295,7 +295,7 @@ class LawC(ProgramC[Program]):
         return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
 
     def _entry_point(self, entry: Entry) -> str:
-        """The public function: checks, mathematics into a local object, then a safe answer, written once."""
+        """Return the public function: checks, computation into a local object, then safe results, written once."""
         names = self._arguments(entry)
         answer, given = names[-1], names[:-1]
         pieces = self.pieces(entry)
@@ -313,14 +313,14 @@ class LawC(ProgramC[Program]):
         return "\n".join([*fill(self.signature(entry), ""), "{", body(lines), "}"])
 
     def _local(self, entry: Entry) -> list[str]:
-        """The declaration of the local array in which an entry point's answer is made; evaluate's would be too large."""
+        """Return the declaration of the local array for the results of an entry point; that of evaluate would be too large."""
         if entry.whole:
             return []
         kind, name = self.parameters(entry)[self._arguments(entry)[-1]].split(" ", 1)
         return [f"{kind} made{name[name.index('[') :]};"]
 
     def _step(self, entry: Entry, slope: Entry) -> str:
-        """The controller: first as if nothing were wrong, with checks that only then hold; else with care."""
+        """Return the controller: first the common case, with fewer checks that are sufficient there; else all checks."""
         name = self.scalar.name
         names = self._arguments(entry)
         headings = self._state_angles(entry)
@@ -355,7 +355,7 @@ class LawC(ProgramC[Program]):
             *(self._slow(slope) if self.slows else []),
             f"return {name('noslip_apply_limits')}(status, self->on_error, self->limit, self->held, made, tau, {self.inputs});",
         ]
-        # by value, so that what is made stays in registers
+        # by value, so that the results stay in registers
         asked = [f"made_{k}" for k in range(self.inputs)]
         passed = [f"status == NOSLIP_OK ? made[{k}] : 0" for k in range(self.inputs)]
         care.insert(0, f"{made} = {{{', '.join(asked)}}};")
@@ -370,7 +370,7 @@ class LawC(ProgramC[Program]):
         )
 
     def _slow(self, slope: Entry) -> list[str]:
-        """Brings tau within the limits by giving up the speed."""
+        """Return the function that brings tau within the limits by reducing the speed."""
         given = self._arguments(slope)
         return [
             "if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {",
@@ -383,19 +383,19 @@ class LawC(ProgramC[Program]):
         ]
 
     def _state_angles(self, entry: Entry) -> list[str]:
-        """The parts of the state, as C, whose sine or cosine an entry point takes; before the foot was told, any of them."""
+        """Return the entries of the state, as C, whose range an entry point checks: those in a sine or cosine."""
         taken = angles(executed(self.program.entries[entry].roots)) if entry.at_foot else self.program.angles
         return [f"state->{in_c(angle.name)}" for angle in self.program.angles if isinstance(angle, Leaf) and angle in taken]
 
     def _hidden(self, entry: Entry) -> list[str]:
-        """Inputs, as C, whose being finite the result does not show."""
+        """Return inputs, as C, that may be infinite or NaN although the result is finite."""
         body = self.program.entries[entry]
         shown = {(leaf.group, leaf.name) for leaf in _leaves(body.roots)}
         shown -= {(leaf.group, leaf.name) for leaf in hidden_inputs(body)}
         return [f"{group}->{in_c(name)}" for group, name in self._inputs(entry) if (group, name) not in shown]
 
     def _inputs(self, entry: Entry) -> list[tuple[Group, str]]:
-        """What an entry point is given beside itself, by group and name: all of it, but at the foot only what it reads."""
+        """Return the arguments of an entry point besides `self`, by group and name; at the foot only those that it reads."""
         groups = {group: [q.name for q in self.law.groups[group]] for group in (Group.STATE, Group.REFERENCE)}
         if entry.at_foot:
             read = {leaf.name for leaf in _leaves(self.program.entries[entry].roots) if leaf.group is Group.STATE}
@@ -403,7 +403,7 @@ class LawC(ProgramC[Program]):
             groups[Group.FOOT] = [q.name for q in FOOT]
         return [(group, name) for group, names in groups.items() for name in names]
 
-    # -- pieces ---------------------------------------------------------------------------------------------------
+    # -- parts ---------------------------------------------------------------------------------------------------
 
     def _init_signature(self) -> str:
         name = self.scalar.name
@@ -416,7 +416,7 @@ class LawC(ProgramC[Program]):
         return f"int {self.function('init')}({self.type} *self, {', '.join(f'{kind} *{argument}' for kind, argument in types)})"
 
     def parameters(self, entry: Entry, public: bool = False) -> dict[str, str]:
-        """Names and declarations of an entry point's arguments; only the public step may write to self."""
+        """Return names and declarations of the arguments of an entry point; only the public step may write to self."""
         real = self.scalar.real
         constant = "" if public and entry.slope else "const "
         declared = {"self": f"{constant}{self.type} *self"}
@@ -438,7 +438,7 @@ class LawC(ProgramC[Program]):
         return list(self.parameters(entry))
 
     def array(self, leaf: Leaf) -> tuple[str, Sequence[Quantity]] | None:
-        """The demand is an array."""
+        """Return the array of the virtual input."""
         return ("v", self.law.demand) if leaf.group is Group.DEMAND else None
 
 

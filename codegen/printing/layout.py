@@ -1,4 +1,4 @@
-"""Small helpers for C text that people read."""
+"""Layout of readable C text."""
 
 import re
 import textwrap
@@ -10,7 +10,7 @@ WIDTH = 120
 
 
 def table(rows: Sequence[tuple[str, str]], indent: str = "    ") -> list[str]:
-    """Declarations with their comments in one column; a comment that would run too far stands above."""
+    """Return declarations with their comments in a column; a comment that is too long is written above."""
     width = max((len(left) for left, _ in rows), default=0)
     lines = []
     for left, comment in rows:
@@ -21,7 +21,7 @@ def table(rows: Sequence[tuple[str, str]], indent: str = "    ") -> list[str]:
 
 
 def commented(statement: str, about: str, indent: str = "    ") -> str:
-    """A statement with a comment behind it, above it where that would run too far."""
+    """Return a statement followed by a comment, or preceded by it if the line would be too long."""
     if not about:
         return statement
     line = f"{statement} /* {about} */"
@@ -29,18 +29,19 @@ def commented(statement: str, about: str, indent: str = "    ") -> str:
 
 
 def aside(about: str, width: int) -> list[str]:
-    """A comment within a function or struct, in as many lines as it needs."""
+    """Return the lines of a comment within a function or struct."""
     lines = textwrap.wrap(about, width - 6, break_long_words=False, break_on_hyphens=False) or [""]
     return [("/* " if k == 0 else "   ") + line + (" */" if k == len(lines) - 1 else "") for k, line in enumerate(lines)]
 
 
 def comment(lines: Sequence[str]) -> str:
-    """A block comment."""
+    """Return a block comment."""
     return "\n".join(["/*", *(f" * {line}".rstrip() for line in lines), " */"])
 
 
 def fill(text: str, indent: str) -> list[str]:
-    """A C statement or signature broken after commas and operators to fit the width, continuation lines indented further."""
+    """Return a C statement or signature broken after commas and operators to fit the width, continuation lines indented
+    further."""
     inner = text.lstrip()
     indent, text = indent + text[: len(text) - len(inner)], inner
     pieces = re.split(r"(?<=,) |(?<= [-+*/=]) |(?<=&&) |(?<=\|\|) ", text)
@@ -55,27 +56,27 @@ def fill(text: str, indent: str) -> list[str]:
 
 
 def body(statements: Sequence[str], indent: str = "    ") -> str:
-    """Statements, one a line."""
+    """Return statements, one per line."""
     return "\n".join(line for statement in statements for text in statement.split("\n") for line in _filled(text, indent))
 
 
 def _filled(text: str, indent: str) -> list[str]:
-    """Comments have been broken already."""
+    """Fill a text unless it is a comment, which is already broken."""
     return [indent + text] if len(indent + text) <= WIDTH else fill(text, indent)
 
 
 def guard_name(file_name: str) -> str:
-    """Include guard of a header."""
+    """Return the include guard of a header."""
     return re.sub(r"[^A-Z0-9]", "_", file_name.upper())
 
 
 def c_linkage(declarations: str) -> list[str]:
-    """Declarations that C++ can use too."""
+    """Return declarations enclosed in extern "C" for C++."""
     return ["#ifdef __cplusplus", 'extern "C" {', "#endif", "", declarations, "", "#ifdef __cplusplus", "}", "#endif"]
 
 
 def version_check(file_name: str) -> list[str]:
-    """What stops the compiler where a generated header meets a runtime of another major or minor version."""
+    """Return the check that stops the compiler if the runtime has another major or minor version than the header."""
     major, minor, *_ = __version__.split(".")
     return [
         f"#if !defined(NOSLIP_VERSION_NUMBER) || NOSLIP_VERSION_NUMBER / 100 != {100 * int(major) + int(minor)}",

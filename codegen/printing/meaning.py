@@ -1,4 +1,4 @@
-"""What the constants and temporaries of generated C are, for comments: formulas in the model's names, and units."""
+"""Comments for the constants and temporaries of generated C: formulas in the names of the model, and units."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -16,10 +16,10 @@ from ..graph import Applied, Constant, Leaf, MatrixInverse, Node, Operation, rea
 from ..program import Program
 from .layout import WIDTH, aside
 
-LONGEST = 80  # characters of a formula; in place of a longer one the names it is made of
-STATES = 4  # random states at which a node is compared with the steps of the derivation
-SAME = 1e-9  # relative difference up to which two numbers count as the same
-PURE = (SINGULAR, SINGULAR_SQUARED)  # thresholds, which have no unit
+LONGEST = 80  # characters of a formula; for a longer one the names in it are listed
+STATES = 4  # random states at which nodes are compared with steps of the derivation
+SAME = 1e-9  # relative difference up to which two numbers count as equal
+PURE = (SINGULAR, SINGULAR_SQUARED)  # thresholds, without a unit
 DERIVED = {"kg m^2/s^2": "N m", "kg m/s^2": "N"}
 
 Unit = dict[str, Fraction]  # base unit -> exponent
@@ -39,7 +39,7 @@ class Product:
         return Product(self.coefficient * other.coefficient, tuple(sorted((f, e) for f, e in powers.items() if e)))
 
     def inverse(self) -> "Product":
-        """1 / the product, which is not zero."""
+        """Return 1 / the product, which is not zero."""
         return Product(1 / self.coefficient, tuple((factor, -exponent) for factor, exponent in self.powers))
 
     def __str__(self) -> str:
@@ -77,14 +77,14 @@ class Meanings:
         self._known_units: dict[Node, Unit | None] = {}
 
     def constant(self, node: Node) -> str:
-        """A function of the parameters as `unit: formula`; the unit alone of a parameter itself."""
+        """Return `unit: formula` of a function of the parameters; for a parameter itself the unit only."""
         unit = unit_text(self.unit(node))
         if isinstance(node, Leaf):
             return self._units[node.group, node.name]
         return f"{unit}: {self.formula(node)}" if unit else self.formula(node)
 
     def formula(self, node: Node) -> str:
-        """A function of the parameters in their names; what it is made of where that would be long."""
+        """Return the formula of a function of the parameters; the list of names in it if that would be long."""
         product = self.product(node)
         text = str(product) if product is not None else ""
         if text and len(text) <= LONGEST:
@@ -92,7 +92,7 @@ class Meanings:
         return "of " + ", ".join(sorted({leaf.name for leaf in reachable([node]) if isinstance(leaf, Leaf)}))
 
     def legend(self, constants: Mapping[Node, str], lines: Sequence[str]) -> list[str]:
-        """A comment for each numbered constant that these statements read."""
+        """Return a comment for each numbered constant that these statements read."""
         read = set(re.findall(r"self->(\w+)", " ".join(lines)))
         told = []
         for node, field in constants.items():
@@ -102,7 +102,7 @@ class Meanings:
         return ["\n".join(line for text in told for line in aside(text, WIDTH - 4))] if told else []
 
     def temporary(self, node: Node, users: Sequence[str]) -> str:
-        """What a value of a step is: its formula where that is short, else what it is a part of: its users' names."""
+        """Return the meaning of a value of a step: its formula if short, else the names of its users."""
         product = self.product(node)
         text = str(product) if product is not None else ""
         if text and len(text) <= LONGEST:
@@ -112,21 +112,21 @@ class Meanings:
     # -- formulas -------------------------------------------------------------------------------------------------
 
     def product(self, node: Node) -> Product | None:
-        """The node as a formula; None where that is too long."""
+        """Return the formula of a node; None if it is too long."""
         for part in () if node in self._products else reachable([node]) if node.fixed else self._nodes:
             if part not in self._products:
                 self._products[part] = self._known(part) or self._made(part)
         return self._products[node]
 
     def _known(self, node: Node) -> Product | None:
-        """A step of the derivation, or a multiple of one by a function of the parameters."""
+        """Return the node as a step of the derivation, or a multiple of one by a function of the parameters, if it is."""
         if not node.arguments or node.fixed:
             return None
         if node in self._labels:
             return Product(Fraction(1), ((self._labels[node], 1),))
         names, steps = self._steps
         values = self._values.get(node)
-        if values is None or values.ndim != 1 or not _usable(values) or not names:  # a whole matrix is no step
+        if values is None or values.ndim != 1 or not _usable(values) or not names:  # a matrix is not a step
             return None
         ratios = values / steps
         for k in np.flatnonzero(np.all(np.abs(ratios - ratios[:, :1]) <= SAME * np.abs(ratios[:, :1]), axis=1)):
@@ -136,7 +136,7 @@ class Meanings:
         return None
 
     def _factor(self, ratio: float) -> Product | None:
-        """A function of the parameters with this value or its negative, as a formula; None where the program has none."""
+        """Return the formula of a function of the parameters with this value or its negative; None if the program has none."""
         numbers, nodes = self._fixed_values
         for inverted, candidates in ((False, numbers), (True, 1 / numbers)):
             for k in np.flatnonzero(np.abs(np.abs(candidates) - abs(ratio)) <= SAME * abs(ratio)):
@@ -149,7 +149,7 @@ class Meanings:
         return None
 
     def _made(self, node: Node) -> Product | None:
-        """The node from its arguments."""
+        """Return the formula of a node from its arguments."""
         match node:
             case Leaf():
                 return self._products[self._stands[node]] if node in self._stands else Product(Fraction(1), ((node.name, 1),))
@@ -172,7 +172,7 @@ class Meanings:
         return Product(Fraction(1), ((text, 1),)) if len(text) <= LONGEST else None
 
     def _terms(self, product: Product) -> list[Product]:
-        """The terms of a sum times other factors, else the product itself."""
+        """Return the terms of a sum times other factors, else the product itself."""
         inner = [factor for factor, exponent in product.powers if exponent == 1 and factor in self._sums]
         if len(inner) != 1 or sum(_is_sum(factor) for factor, _ in product.powers) > 1:
             return [product]
@@ -180,7 +180,7 @@ class Meanings:
         return [others * term for term in self._sums[inner[0]]]
 
     def _sum(self, terms: Sequence[Product]) -> Product | None:
-        """A sum, its common factor outside."""
+        """Return a sum with its common factor outside."""
         merged: dict[tuple[tuple[str, int], ...], Fraction] = {}
         for term in terms:
             merged[term.powers] = merged.get(term.powers, Fraction(0)) + term.coefficient
@@ -209,14 +209,14 @@ class Meanings:
 
     @cached_property
     def _steps(self) -> tuple[list[str], np.ndarray]:
-        """Names of the derivation's steps, and their values row by row."""
+        """Return the names of the steps of the derivation, and their values by rows."""
         found = [(name, self._values[node]) for node, name in self._labels.items() if not node.fixed]
         found = [(name, values) for name, values in found if _usable(values)]
         return [name for name, _ in found], np.array([values for _, values in found])
 
     @cached_property
     def _fixed_values(self) -> tuple[np.ndarray, list[Node]]:
-        """Values of functions of the parameters, the first made first."""
+        """Return the values of functions of the parameters, in order of creation."""
         nodes = [node for node in self._nodes if node.fixed and not isinstance(node, MatrixInverse)]
         nodes = [node for node in nodes if _usable(self._values[node])]
         return np.array([self._values[node][0] for node in nodes]), nodes
@@ -224,7 +224,7 @@ class Meanings:
     # -- units ----------------------------------------------------------------------------------------------------
 
     def unit(self, node: Node) -> Unit | None:
-        """The node's unit; None where it does not follow from those of the leaves."""
+        """Return the unit of a node; None if it does not follow from those of the leaves."""
         for part in reachable([node]) if node not in self._known_units else ():
             if part not in self._known_units:
                 self._known_units[part] = self._unit_of(part)
@@ -234,7 +234,7 @@ class Meanings:
         match node:
             case Leaf():
                 return unit_of(self._units.get((node.group, node.name), "?"))
-            case Constant(value):  # any other number than these may have one
+            case Constant(value):  # other numbers may have a unit
                 return {} if value in PURE or Fraction(repr(value)).denominator in (1, 2, 4, 8, 16) else None
         units = [unit for argument in node.arguments if (unit := self._known_units[argument]) is not None]
         if not isinstance(node, Applied) or len(units) < len(node.arguments):
@@ -255,12 +255,12 @@ class Meanings:
 
 @lru_cache(maxsize=64)
 def meanings(program: Program | DynamicsProgram) -> Meanings:
-    """The comments of a program, the same for both scalars, made once per process."""
+    """Return the comments of a program, equal for both scalars, computed once per process."""
     return Meanings(program)
 
 
 def users(roots: Sequence[tuple[Node, str]], named: Mapping[Node, str]) -> Callable[[Node], list[str]]:
-    """For a node, the names of what it goes into first: named nodes, and the places that roots are written to."""
+    """Return a function from a node to the names of its nearest named users: nodes, and places to which roots are written."""
     above: dict[Node, list[Node]] = {}
     for node in reachable(root for root, _ in roots):
         for argument in node.arguments:
@@ -286,7 +286,7 @@ def users(roots: Sequence[tuple[Node, str]], named: Mapping[Node, str]) -> Calla
 
 
 def unit_of(text: str) -> Unit | None:
-    """A unit as exponents of kg, m, s and what else it names; None where the text is not understood. An angle has none."""
+    """Return a unit as exponents of kg, m, s and other names; None if the text is not understood. Angles have no unit."""
     unit: Unit = {}
     above, slash, below = text.replace("(", " ").replace(")", " ").partition("/")
     for part, sign in ((above, 1), (below, -1)):
@@ -303,7 +303,7 @@ def unit_of(text: str) -> Unit | None:
 
 
 def unit_text(unit: Unit | None) -> str:
-    """The unit as text, empty where there is none."""
+    """Return the unit as text, empty without a unit."""
     if not unit or any(exponent.denominator != 1 for exponent in unit.values()):
         return ""
     ordered = sorted(unit.items())  # kg, m, s
@@ -327,5 +327,5 @@ def _power(factor: str, exponent: int) -> str:
 
 
 def _is_sum(factor: str) -> bool:
-    """Has the text a + or - outside parentheses?"""
+    """Whether the text has a + or - outside parentheses."""
     return re.search(r" [+-] ", re.sub(r"\([^()]*\)", "", re.sub(r"\([^()]*\)", "", factor))) is not None

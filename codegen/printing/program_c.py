@@ -1,4 +1,4 @@
-"""What the C of a law and that of the dynamics have in common: names, the frame of a file, checks, what is returned where."""
+"""Common parts of the C of laws and dynamics: names, the frame of a file, checks, places of results."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -19,11 +19,11 @@ AnyProgram = TypeVar("AnyProgram", bound=Program | DynamicsProgram)
 
 
 class ProgramC(ABC, Generic[AnyProgram]):
-    """Text of a program in one scalar; `title` is the first line of its files, `name` comes after the robot's in C."""
+    """The C of a program in one scalar; `title` is the first line of its files, `name` follows the robot's name in C."""
 
     title: str
 
-    local = "made"  # the array in which an entry point makes a quantity before it is written
+    local = "made"  # name of the array in which an entry point computes a quantity before it is written
 
     def __init__(self, program: AnyProgram, system: ReducedSystem, name: str, scalar: Scalar, banner: Sequence[str]):
         self.program: AnyProgram = program
@@ -42,7 +42,7 @@ class ProgramC(ABC, Generic[AnyProgram]):
         return {f"{self.type}.h": self.header(), f"{self.type}.c": self.source()}
 
     def header(self) -> str:
-        """The whole header."""
+        """Return the header."""
         file_name = f"{self.type}.h"
         guard = guard_name(file_name)
         lines = [self._head(file_name), f"#ifndef {guard}", f"#define {guard}", ""]
@@ -52,51 +52,51 @@ class ProgramC(ABC, Generic[AnyProgram]):
 
     @abstractmethod
     def declarations(self) -> str:
-        """Types and prototypes, without anything for the preprocessor."""
+        """Return types and prototypes, without preprocessor directives."""
 
     @abstractmethod
     def source(self) -> str:
-        """The whole source."""
+        """Return the source."""
 
     @abstractmethod
     def shape(self, entry: Entry, quantity: Result) -> str:
-        """C array bounds of a quantity: a column has one, a matrix two (row major)."""
+        """Return the C array bounds of a quantity: a column has one, a matrix two (row major)."""
 
     @abstractmethod
     def parameters(self, entry: Entry, public: bool = False) -> dict[str, str]:
-        """Names and declarations of the arguments of an entry point, or of the static function that computes for it."""
+        """Return names and declarations of the arguments of an entry point, or of its static function."""
 
     @abstractmethod
     def array(self, leaf: Leaf) -> tuple[str, Sequence[Quantity]] | None:
-        """Name and members of the array that the leaf is in; None where it is in a struct."""
+        """Return name and members of the array that contains the leaf; None if it is in a struct."""
 
     def answered(self, entry: Entry) -> Sequence[Result]:
-        """The quantities an entry point returns."""
+        """Return the quantities that an entry point returns."""
         return entry.answers
 
     def place(self, entry: Entry, quantity: Result) -> str:
-        """Where a quantity is written to."""
+        """Return the place to which a quantity is written."""
         return f"all->{quantity.in_c}" if entry.whole else quantity.in_c
 
     def operations(self, entry: Entry) -> dict[str, int]:
-        """Operations of an entry point's mathematics, without its checks and limits; the runtime's loops not counted."""
+        """Return the operations of an entry point without checks and limits, and without loops of the runtime."""
         return count(executed(self.program.entries[entry].roots))
 
     def cost(self, entry: Entry) -> str:
-        """The operations as a line of a comment."""
+        """Return the operations as a line of a comment."""
         counted = ", ".join(f"{number} {operation}" for operation, number in self.operations(entry).items() if number)
         return f"Operations: {counted or 'none'}."
 
     def function(self, name: str) -> str:
-        """The C name of a function."""
+        """Return the C name of a function."""
         return self.scalar.name(f"{self.prefix}_{name}")
 
     def signature(self, entry: Entry) -> str:
-        """The head of an entry point."""
+        """Return the signature of an entry point."""
         return f"int {self.function(entry.name)}({', '.join(self.parameters(entry, public=True).values())})"
 
     def places(self, entry: Entry) -> list[tuple[Node, str]]:
-        """What an entry point computes, and where it is written."""
+        """Return the nodes that an entry point computes, and the places to which they are written."""
         return [
             (node, self.place(entry, quantity) + (f"[{i}][{j}]" if "][" in self.shape(entry, quantity) else f"[{i}]"))
             for quantity, matrix in self.program.entries[entry].quantities.items()
@@ -105,7 +105,7 @@ class ProgramC(ABC, Generic[AnyProgram]):
         ]
 
     def pieces(self, entry: Entry) -> list[tuple[str, str, int]]:
-        """The arrays an entry point returns, as made and as given by the caller, each with its length; a matrix row by row."""
+        """Return the result arrays of an entry point, the local one and the caller's, with their lengths; matrices by rows."""
         pieces = []
         for quantity in self.answered(entry):
             place = self.place(entry, quantity)
@@ -116,15 +116,15 @@ class ProgramC(ABC, Generic[AnyProgram]):
         return pieces
 
     def leave(self, condition: str, answer: str = "NOSLIP_SINGULAR") -> str:
-        """A statement that leaves the function on a condition."""
+        """Return a statement that leaves the function on a condition."""
         return f"if ({condition}) {{\n    return {answer};\n}}"
 
     def in_range(self, angle: str) -> str:
-        """The condition under which an angle has a sine and a cosine."""
+        """Return the condition that an angle is in the range of sine and cosine."""
         return f"{self.scalar.name('noslip_angle_ok')}({angle})"
 
     def step_given(self, node: Node) -> str | None:
-        """The C that stands for a node that an entry point need not compute."""
+        """Return the C of a node that an entry point need not compute; None if it must."""
         if node in self.program.constants:
             return f"self->{self.program.constants[node]}"
         if not isinstance(node, Leaf) or node.group is Group.STEP:
@@ -138,5 +138,5 @@ class ProgramC(ABC, Generic[AnyProgram]):
 
 
 def init_given(node: Node) -> str | None:
-    """A leaf as the member of its struct."""
+    """Return a leaf as the member of its struct."""
     return f"{node.group}->{in_c(node.name)}" if isinstance(node, Leaf) else None

@@ -1,4 +1,4 @@
-"""C that all laws of a robot share: its parameters, state, options, and their checks."""
+"""C shared by all laws of a robot: parameters, state, options, and their checks."""
 
 from collections.abc import Sequence
 
@@ -9,18 +9,18 @@ from .scalar import Scalar
 
 
 def struct(name: str, about: str, members: Sequence[tuple[str, str]]) -> str:
-    """A typedef of a struct, `members` being declarations and comments; C has no struct without a member."""
+    """Return the typedef of a struct; `members`: declarations and comments. C has no struct without members."""
     members = members or [("int nothing;", "not used")]
     return "\n".join([f"/* {about} */", f"typedef struct {name} {{", *table(members), f"}} {name};"])
 
 
 def fields(scalar: Scalar, quantities: Sequence[Quantity]) -> list[tuple[str, str]]:
-    """Members of a struct for named quantities, with unit and meaning."""
+    """Return the members of a struct for quantities, with unit and meaning."""
     return [(f"{scalar.real} {q.in_c};", f"{q.unit}: {q.about}" if q.about else q.unit) for q in quantities]
 
 
 def refuse_parameters(scalar: Scalar, group: str, quantities: Sequence[Quantity]) -> str:
-    """The condition under which a group of parameters cannot be used, as C."""
+    """Return the C condition under which a group of parameters is invalid."""
     finite, positive = scalar.name("noslip_is_finite"), scalar.name("noslip_is_positive")
     signs = {
         "positive": f"!{positive}({{0}})",
@@ -32,9 +32,9 @@ def refuse_parameters(scalar: Scalar, group: str, quantities: Sequence[Quantity]
 
 
 def written_once(scalar: Scalar, call: str, pieces: Sequence[tuple[str, str, int]]) -> list[str]:
-    """Statements that end an entry point with `status`, that of its checks: `call` makes the values, which are written if they
-    are good and finite; else zeros are. `pieces` are arrays as made and as given by the caller, each with its length; where
-    the two are the same, the call writes by itself."""
+    """Return the statements that end an entry point with the `status` of its checks: `call` computes the values, which are
+    written if they are valid and finite; otherwise zeros are. `pieces` are the local array and the caller's with their length; if
+    the two are the same, the call writes the values itself."""
     finite = " && ".join(f"{scalar.name('noslip_all_finite')}({made}, {size})" for made, _, size in pieces)
     return [
         "if (status == NOSLIP_OK) {",
@@ -53,7 +53,7 @@ def written_once(scalar: Scalar, call: str, pieces: Sequence[tuple[str, str, int
 
 
 def robot_declarations(system: ReducedSystem, scalar: Scalar) -> str:
-    """Types and prototypes, without anything for the preprocessor."""
+    """Return types and prototypes, without preprocessor directives."""
     mechanism = system.mechanism
     name, real, own = mechanism.name, scalar.real, scalar.name
     inputs = ", ".join(f"{q.name} ({q.unit})" for q in mechanism.inputs)
@@ -89,7 +89,7 @@ def robot_declarations(system: ReducedSystem, scalar: Scalar) -> str:
 
 
 def robot_header(system: ReducedSystem, scalar: Scalar, banner: Sequence[str]) -> str:
-    """The whole header of a robot."""
+    """Return the header of a robot."""
     mechanism = system.mechanism
     file_name = f"{scalar.name(mechanism.name)}.h"
     guard = guard_name(file_name)
@@ -113,7 +113,7 @@ def robot_header(system: ReducedSystem, scalar: Scalar, banner: Sequence[str]) -
 
 
 def robot_source(system: ReducedSystem, scalar: Scalar, banner: Sequence[str]) -> str:
-    """The whole source of a robot."""
+    """Return the source of a robot."""
     mechanism = system.mechanism
     name, own = mechanism.name, scalar.name
     defaults = [f"    params->{p.in_c} = {scalar.literal(p.default)};" for p in mechanism.parameters]

@@ -1,4 +1,4 @@
-"""The two scalars C is written in: every public name of the float side is the double side's name with _f."""
+"""The two scalars of the C: public names for float are those for double with the suffix _f."""
 
 from dataclasses import dataclass
 
@@ -15,11 +15,11 @@ class Scalar:
     suffix: str
 
     def name(self, name: str) -> str:
-        """The C name of something that exists for both scalars."""
+        """Return the C name of something that exists for both scalars."""
         return name + self.suffix
 
     def literal(self, value: float) -> str:
-        """The shortest decimal that reads back as `value` in this type. Raises ModelError when it does not fit."""
+        """Return the shortest decimal that is read as `value` in this type. Raises ModelError if it does not fit."""
         if not np.isfinite(value):
             raise ModelError(f"the constant {value!r} is not finite")
         if self.real == "double":

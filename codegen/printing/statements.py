@@ -1,4 +1,4 @@
-"""From nodes to C statements: names, parentheses, order. What is written is what is computed, in this order."""
+"""C statements for nodes: names, parentheses, order. The C computes exactly the operations of the nodes, in this order."""
 
 import re
 from collections import Counter
@@ -10,19 +10,19 @@ from ..graph import FUNCTIONS, SINCOS, Applied, Constant, Element, MatrixInverse
 from .layout import commented
 from .scalar import Scalar
 
-WIDEST = 100  # characters; a longer expression is broken into named steps
+WIDEST = 100  # characters; longer expressions are divided into named steps
 PRECEDENCE = {Operation.ADD: 1, Operation.SUB: 1, Operation.MUL: 2, Operation.DIV: 2, Operation.NEG: 3}
 SIGN = {Operation.ADD: "+", Operation.SUB: "-", Operation.MUL: "*", Operation.DIV: "/"}
 TERMS, FACTORS = (Operation.ADD, Operation.SUB), (Operation.MUL, Operation.DIV)
 ATOM = 4  # the precedence of names, calls and literals
-Printed = tuple[str, int]  # text and how tightly it binds
+Printed = tuple[str, int]  # text and precedence
 
 
 class Statements:
-    """Writes the C that computes a set of nodes, each at most once; `given` names what needs no computing.
+    """Writes the C that computes a set of nodes, each at most once; `given` names nodes that need not be computed.
 
-    `guard(condition)` is the line that leaves the function where a division or an angle has no meaning; None for none.
-    `meaning(node)` is the comment of a temporary that has no name of its own.
+    `guard(condition)` is the line that leaves the function if a division or an angle is invalid; None: no such checks.
+    `meaning(node)` is the comment of a temporary without a name of its own.
     """
 
     def __init__(
@@ -43,11 +43,11 @@ class Statements:
         self.names: dict[Node, str] = {}
         self.uses: Counter[Node] = Counter()
         self.guarded: set[Node] = set()
-        self.taken = set(taken)  # names that mean something else in the function
+        self.taken = set(taken)  # names with another meaning in the function
         self.temporaries = (f"t{number}" for number in count(1))
 
     def plan(self, roots: Iterable[Node]) -> None:
-        """Count how often each node is used, so that what is used once need not have a name."""
+        """Count the uses of each node: nodes used once need no name."""
         stack = list(roots)
         self.uses.update(stack)
         seen: set[Node] = set()
@@ -60,27 +60,27 @@ class Statements:
             stack.extend(node.arguments)
 
     def value(self, node: Node) -> str:
-        """An operand that stands for the node: its name, or its text in parentheses where needed."""
+        """Return an operand for the node: its name, or its text, in parentheses if needed."""
         return self._operand(node, ATOM)
 
     def text(self, node: Node) -> str:
-        """The node as the right-hand side of an assignment."""
+        """Return the node as the right-hand side of an assignment."""
         return self._print(node)[0]
 
     def assign(self, place: str, node: Node) -> None:
-        """Write the node to a place that outlives the statements. What nothing else uses gets no name of its own."""
+        """Assign the node to a place. A node without other uses gets no name."""
         known = node in self.names or self.given(node) is not None or _named_otherwise(node)
         text = self._expression(node)[0] if not known and self.uses[node] <= 1 else self.text(node)
         self.lines.append(f"{place} = {text};")
 
     def named(self, node: Node) -> str:
-        """A name or literal for the node, made now if it has none."""
+        """Return a name or literal for the node; introduce a name if it has none."""
         if node not in self.names and self.given(node) is None and not _named_otherwise(node):
             self._assign(node, self._expression(node)[0])
         return self._print(node)[0]
 
     def not_singular(self, measure: Node, bound: Node) -> None:
-        """Leave the function unless the first is greater than the second; NaN leaves."""
+        """Leave the function unless `measure` is greater than `bound`, also for NaN."""
         if self.guard is None:
             return
         left, right = self._operand(measure, 1), self._operand(bound, 1)
@@ -111,7 +111,7 @@ class Statements:
         return printed
 
     def _expression(self, node: Node) -> Printed:
-        assert isinstance(node, Applied), "all else has a name or is a literal"
+        assert isinstance(node, Applied), "all other nodes have a name or are literals"
         if is_operation(node, Operation.SQRT, Operation.ABS, *FUNCTIONS):
             call = self.scalar.name(f"noslip_{node.operation}")
             return f"{call}({', '.join(self.text(argument) for argument in node.arguments)})", ATOM
@@ -121,7 +121,7 @@ class Statements:
         first, second = node.arguments
         if node.operation is Operation.DIV:
             self._guard_division(second)
-        # a * (b * c) reads better, and is the same, as b * c * a
+        # a * (b * c) is written as b * c * a, which has the same value
         if node.operation is Operation.MUL and is_operation(second, *FACTORS) and not is_operation(first, *FACTORS):
             first, second = second, first
         if node.operation is Operation.ADD and is_operation(second, *TERMS) and not is_operation(first, *TERMS):
@@ -147,7 +147,7 @@ class Statements:
                 self.names[node] = sine if node.operation is Operation.SIN else cosine
 
     def _inverse(self, whole: MatrixInverse) -> None:
-        """Invert a matrix in an array, and leave where it has no inverse."""
+        """Invert a matrix in an array; leave the function if it has no inverse."""
         size = whole.size
         texts = [self.text(entry) for entry in whole.arguments]
         array, order, condition = (free_name(name, self.taken) for name in ("inverse", "order", "rcond"))
@@ -169,11 +169,11 @@ class Statements:
 
 
 def factors(node: Node) -> list[Node]:
-    """The node and, of a product or a root, its factors: none is zero where the node is not, though it may underflow."""
+    """Return the node and, for a product or a root, its factors, which are not zero unless the node is zero or underflows."""
     inside = node.arguments if is_operation(node, Operation.MUL, Operation.NEG, Operation.SQRT) else ()
     return [node, *(factor for argument in inside for factor in factors(argument))]
 
 
 def _named_otherwise(node: Node) -> bool:
-    """Is it none that is given a variable of its own?"""
+    """Whether the node does not get a variable of its own."""
     return isinstance(node, Constant | Element) or is_operation(node, *SINCOS)

@@ -1,4 +1,4 @@
-"""What goes with exported C: a Makefile, a page to read first, and a program that steps a law once."""
+"""Files added to exported C: a Makefile, README.md, and an example program that calls the step of a law once."""
 
 import json
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from .project import initializers
 
 
 def example(generated: Mapping[str, str], law: ControlLaw) -> dict[str, str]:
-    """Makefile, README.md and example.c for the files of one robot; the example steps `law`."""
+    """Return Makefile, README.md and example.c for the files of a robot; the example calls the step of `law`."""
     manifest = json.loads(generated["manifest.json"])
     robot, inputs = manifest["robot"], law.system.mechanism.inputs
     suffix = "_f" if f"{robot}.h" not in generated else ""

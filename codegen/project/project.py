@@ -1,4 +1,4 @@
-"""A firmware project around exported C: Makefile, CMakeLists.txt, a page to read first, and the loop that calls the law."""
+"""A firmware project around exported C: Makefile, CMakeLists.txt, README.md, and the loop that calls the law."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from ..templates import render
 
 @dataclass(frozen=True)
 class Board:
-    """What a project is built for: `prefix` of the tools, flags of the processor, sources and options of an image, and what
-    runs an image; all empty where the compiler's own machine is meant."""
+    """The target of a project: `prefix` of the tools, flags of the processor, sources and link options of an image, and the
+    command that runs it; all empty for the machine of the compiler."""
 
     name: str
     prefix: str = ""
@@ -25,32 +25,32 @@ class Board:
 
     @property
     def bare(self) -> bool:
-        """Is there nothing under the program?"""
+        """Whether the program runs without an operating system."""
         return bool(self.start)
 
     @property
     def sources(self) -> list[str]:
-        """The C files of an image beside the program's own."""
+        """The C files of an image in addition to those of the program."""
         return [f"board/{name}" for name in self.start if name.endswith(".c")]
 
     @property
     def own_flags(self) -> str:
-        """The flags that every file needs."""
+        """The compiler flags of every file."""
         return " ".join([*self.flags, *["-ffreestanding"] * self.bare])
 
 
 def makefile(robot: str, board: Board) -> str:
-    """The Makefile: the library, the loop's object, the self-test, its run, sizes."""
+    """Return the Makefile, which builds the library, the loop and the self-test, runs the self-test and prints sizes."""
     return render(__file__, "project.mk", robot=robot, board=board, standard=STANDARD)
 
 
 def cmake(robot: str, board: Board) -> str:
-    """CMakeLists.txt: the library for any project, with that project's flags; by itself also the self-test and its run."""
+    """Return CMakeLists.txt: the library with the flags of the including project; as the top-level project also the self-test."""
     return render(__file__, "project.cmake", robot=robot, board=board)
 
 
 def loop(law: ControlLaw, scalar: Scalar) -> str:
-    """loop.c: one law called at a fixed rate; sensors, reference and motors are the user's."""
+    """Return loop.c: a law called at a fixed rate; the user provides sensors, reference and motors."""
     own, inputs, robot = scalar.name, law.system.mechanism.inputs, law.system.mechanism.name
     name = f"{robot}_{law.name}"
     yours = [
@@ -75,12 +75,12 @@ def loop(law: ControlLaw, scalar: Scalar) -> str:
 
 
 def initializers(law: ControlLaw, scalar: Scalar) -> dict[str, str]:
-    """What is between the braces of examples of config and gains."""
+    """Return the initializers of config and gains in examples, without the braces."""
     config = ", ".join(f".{q.in_c} = {scalar.literal(q.default or 0.25)}" for q in law.config)
     gains = ", ".join(f".{q.in_c} = {scalar.literal(q.default)}" for q in law.gains)
     return {"config": config or "0", "gains": gains or "0"}
 
 
 def readme(robot: str, laws: Sequence[str], board: Board, tools: str, costs: str) -> str:
-    """README.md; `costs` is a block of text about memory and instructions."""
+    """Return README.md; `costs` is text on memory and instructions."""
     return render(__file__, "project.md", robot=robot, laws=laws, board=board, tools=tools, costs=costs)

@@ -1,4 +1,4 @@
-"""A program in C that steps laws on the target and compares what they return with the model, then their bits with those here."""
+"""A C program that calls laws on the target and compares the results with the model, then their bits with those of the host."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ Numbers = Sequence[float] | np.ndarray
 
 @dataclass(frozen=True)
 class Step:
-    """One call of a law's step: state and reference in, status and inputs tau out; SI, in the order of the law's groups.
+    """A call of the step of a law: state, reference, expected status and tau, in SI units and in the order of the law's groups.
 
-    Each entry of tau may be off by `within`.
+    `within` is the permitted error of each entry of tau.
     """
 
     state: Numbers
@@ -33,8 +33,8 @@ class Step:
 
 @dataclass(frozen=True)
 class Golden:
-    """A law made from params, config, gains and limits (0: none), steps of it with what the model says, and `digest` of the bits
-    that the C returned."""
+    """A law with params, config, gains and limits (0: none), steps with the results of the model, and the `digest` of the bits
+    that the C returned on the host."""
 
     law: ControlLaw
     params: Numbers
@@ -49,7 +49,7 @@ OFFSET_BASIS, PRIME = 2166136261, 16777619  # of the hash FNV-1a
 
 
 def digest(answers: Iterable[tuple[int, Numbers]], scalar: Scalar) -> int:
-    """32 bits that stand for status and bits of tau, step by step; as the C of `selftest` makes them."""
+    """Return a 32-bit digest of status and bits of tau of all steps, as the C of `selftest` computes it."""
     real, _, _ = BITS[scalar.real]
     found = OFFSET_BASIS
     for status, tau in answers:
@@ -59,7 +59,7 @@ def digest(answers: Iterable[tuple[int, Numbers]], scalar: Scalar) -> int:
 
 
 def slows(law: ControlLaw) -> bool:
-    """Can the law's step give up speed at a limit? Then the self-test has it do so, else each input is cut."""
+    """Whether the step of the law can reduce the speed at a limit; the self-test then uses this mode, else each input is cut."""
     return SLOPE in law_program(law).entries
 
 
@@ -71,8 +71,8 @@ def digests(golden: Sequence[Golden], scalar: Scalar) -> list[str]:
 def selftest(golden: Sequence[Golden], scalar: Scalar, expected: Mapping[str, int] | None = None) -> str:
     """Text of selftest.c, valid in C99 and C++11.
 
-    Its main returns how many parts failed, at most 100, after a line for each on the console: the steps of each law, then each
-    of `digests`, whose values have to be the `expected` ones (0 where there is none).
+    Its main prints a line for each part and returns the number of failed parts, at most 100: the steps of each law, then each of
+    `digests`, whose values are compared with `expected` (0 where missing).
     """
     digested = [(name, _said(name), f"{(expected or {}).get(name, 0):08x}") for name in digests(golden, scalar)]
     return render(
@@ -89,7 +89,7 @@ def selftest(golden: Sequence[Golden], scalar: Scalar, expected: Mapping[str, in
 
 
 def _law(golden: Golden, scalar: Scalar) -> dict[str, object]:
-    """What the template says of a law; its constants and steps as C, without the outermost braces."""
+    """Return the values of the template for a law; its constants and steps as C, without the outermost braces."""
     law = golden.law
     return {
         "name": _name(golden, scalar),
@@ -121,7 +121,7 @@ def _numbers(values: Iterable[float], scalar: Scalar) -> str:
 
 
 def _said(digest: str) -> str:
-    """What is printed for a function of `digests`."""
+    """Return the printed name of a function of `digests`."""
     return "route" if digest == "route_digest" else f"{digest.removeprefix('follow_')}, follow"
 
 
@@ -130,7 +130,7 @@ def _name(golden: Golden, scalar: Scalar) -> str:
 
 
 def _bits(values: Iterable[float], scalar: Scalar) -> str:
-    """The numbers' bits in C, rounded to the scalar first; 0 where there are none."""
+    """Return the bits of the numbers, rounded to the scalar, as C; 0 if there are none."""
     real, whole, digits = BITS[scalar.real]
     with np.errstate(over="ignore"):
         numbers = np.array(values, real).view(whole)

@@ -1,13 +1,13 @@
-/* instructions.h - what instructions.inc needs, once for all laws. */
+/* instructions.h - shared by all inclusions of instructions.inc. */
 #include "law_names.h"
 
 #define SUFFIX _f
 #define REAL float
-#define ONCE __attribute__((noipa)) /* GCC: not inlined, cloned or otherwise known to its caller */
+#define ONCE __attribute__((noipa)) /* GCC: not inlined, cloned or analysed for its caller */
 
 int status_of_last;
 
-/* Mostly between -4 and 4; a few zero, tiny, beyond the range of angles, such that floats overflow, or any bits at all. */
+/* Mostly between -4 and 4; a few are zero, tiny, beyond the range of angles, overflow in float, or have arbitrary bits. */
 static float any_value(uint64_t *random)
 {
     const uint64_t kind = trig_random(random) >> 54; /* 0 to 1023 */
@@ -20,7 +20,7 @@ static float any_value(uint64_t *random)
     return value.value * (kind == 1 ? 1e30f : kind < 6 ? 16384.0f : kind < 16 ? 0.0f : kind < 32 ? 1e-6f : 4.0f);
 }
 
-/* Positive ones between 0.5 and 4. */
+/* Positive numbers between 0.5 and 4. */
 static void fill(uint64_t *random, int any, float *values, int count)
 {
     while (count-- > 0) {

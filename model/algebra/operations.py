@@ -60,7 +60,7 @@ def refuse_jumps(expression: ca.SX, moving: ca.SX, where: str) -> None:
     jumping = kinks(expression, moving, STEPS)
     if jumping:
         raise ModelError(
-            f"{where}: uses {jumping[0]}, which jumps and has no derivative there; only forces and what is wanted of inputs "
+            f"{where}: uses {jumping[0]}, which jumps and has no derivative there; only forces and preferred inputs "
             "may jump; fabs, fmin and fmax are continuous, tanh is smooth"
         )
 

@@ -69,8 +69,8 @@ def four_wheel(joints: int = 1) -> Mechanism:
     )
     for at, where in wheels.items():
         weight = robot.parameter(f"w_{at}", 1.0, "1", f"weight of the {where} torque; a larger weight reduces it")
-        wanted = -squeeze if at[0] == "f" else squeeze
-        robot.input(f"tau_{at}", "N m", robot.rate(angles[at]), f"{where} wheel torque", weight=weight, wanted=wanted)
+        preferred = -squeeze if at[0] == "f" else squeeze
+        robot.input(f"tau_{at}", "N m", robot.rate(angles[at]), f"{where} wheel torque", weight=weight, preferred=preferred)
     robot.quasi_velocity("speed", "m/s", forward, "forward speed of the front axle's middle")
     if joints:
         robot.quasi_velocity("yaw_rate", "rad/s", turning, "yaw rate of the front body")

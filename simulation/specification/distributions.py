@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from ...readers.errors import BadInput
-from ...readers.reading import check_keys, entry, flag, number, numbers, one_of, text, whole
+from ...readers.reading import DEFINITIONS, angle, check_keys, entry, flag, number, numbers, one_of, reads, ref, text, whole
 
 SEEDS = 2**21  # of a sweep: the seed of a sample is that of the sweep times 2^32 plus the sample's number, below 2^53
 PERIOD = 0.01  # s between calls for a SPEC with period 0 (continuous): the compiled loop of a sweep is sampled
@@ -43,6 +43,35 @@ class Margin:
         return np.full_like(u, self.a)
 
 
+_PAIR = {"type": "array", "items": number().schema(), "minItems": 2, "maxItems": 2}
+_OF_KIND = [
+    {
+        "type": "object",
+        "properties": dict.fromkeys((kind, "within") if kind == "normal" else (kind,), _PAIR),
+        "required": [kind],
+        "additionalProperties": False,
+    }
+    for kind in KINDS
+]
+DEFINITIONS["distribution"] = {
+    "anyOf": [
+        *_OF_KIND,
+        {"type": "array", "items": {"anyOf": [*number().schema()["anyOf"], ref("distribution")]}},
+        {
+            "type": "object",
+            "properties": dict.fromkeys((*KINDS, "within"), False),
+            "additionalProperties": ref("distribution"),
+        },
+    ]
+}
+DEFINITIONS["criterion"] = {
+    "type": "object",
+    "properties": {"status": flag.schema()},
+    "additionalProperties": {"anyOf": [*number("positive").schema()["anyOf"], ref("criterion")]},
+}
+
+
+@reads({"type": "object", "additionalProperties": ref("distribution")})
 def margins(value: Any, where: str) -> dict[str, Margin]:
     """Reads a table of distributions, of tables and of lists of them: dotted name -> distribution."""
     found: dict[str, Margin] = {}
@@ -105,6 +134,17 @@ def _two(value: Any, where: str, wanted: str) -> tuple[float, float]:
     return made
 
 
+@reads(
+    {
+        "type": "array",
+        "items": {
+            "type": "array",
+            "items": [text.schema(), text.schema(), number(unit="1").schema()],
+            "minItems": 3,
+            "maxItems": 3,
+        },
+    }
+)
 def _correlations(value: Any, where: str) -> tuple[tuple[str, str, float], ...]:
     """Read a list of [name, name, correlation]."""
     if not isinstance(value, list):
@@ -114,13 +154,14 @@ def _correlations(value: Any, where: str) -> tuple[tuple[str, str, float], ...]:
         place = f"{where}[{k}]"
         if not isinstance(item, list) or len(item) != 3:
             raise BadInput(f'{place} = {item!r} is not [name, name, correlation], for example ["plant.m_c", "plant.I_c", 0.8]')
-        rho = number()(item[2], place)
+        rho = number(unit="1")(item[2], place)
         if not -1 < rho < 1:
             raise BadInput(f"{place}: correlation {rho:g} must be between -1 and 1")
         made.append((text(item[0], place), text(item[1], place), rho))
     return tuple(made)
 
 
+@reads(ref("criterion"))
 def _criterion(value: Any, where: str) -> dict[str, float | bool]:
     """Read the criterion of failure: status = true, and outcomes with their limits."""
     if not isinstance(value, dict):
@@ -147,7 +188,7 @@ class Sweep:
     seed: int = entry(whole(0), 0)
     design: str = entry(one_of(*DESIGNS), "random")
     band: float = entry(number("positive"), BAND)
-    period: float | None = entry(number("positive"), None)
+    period: float | None = entry(number("positive", "s"), None)
     fails: Mapping[str, float | bool] | None = entry(_criterion, None)
     correlation: tuple[tuple[str, str, float], ...] = entry(_correlations, ())
     parameters: Mapping[str, Margin] = entry(margins, {})
@@ -164,6 +205,9 @@ class Sweep:
     def __post_init__(self):
         if self.seed >= SEEDS:
             raise BadInput(f"[sweep] seed = {self.seed} must be below {SEEDS}")
+        if heading := self.initial.get("heading"):
+            for value in (heading.a, heading.b):
+                angle(value, "[sweep.initial] heading")
 
     @property
     def margins(self) -> dict[str, Margin]:

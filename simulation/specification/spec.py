@@ -12,11 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...model.names import TYPES, LawName
+from ...model.paths import PATHS
 from ...model.segments import Segment
-from ...readers.errors import BadInput, suggestion
-from ...readers.files import read_input
+from ...readers.errors import BadInput
+from ...readers.files import file_or_shipped, read_input
 from ...readers.reading import (
-    _table,
+    DEFINITIONS,
+    DRAFT,
+    Reader,
+    Schema,
+    angle,
     check_keys,
     entry,
     flag,
@@ -27,7 +32,10 @@ from ...readers.reading import (
     one_or_more,
     point,
     pose,
+    reads,
     section,
+    table,
+    table_of,
     text,
     whole,
 )
@@ -37,7 +45,6 @@ if TYPE_CHECKING:
     from .distributions import Sweep
 
 
-SPECS = Path(__file__).resolve().parents[2] / "specs"
 TOLERANCES = (1e-13, 1e-2)  # below, rounding exceeds the tolerance; above, the result is not meaningful
 MOST_ROWS = 10_000_000
 DEEPEST = 16  # nesting of tables and lists
@@ -64,44 +71,79 @@ class PathSection:
         return "segment" if self.segments else self.kind
 
 
-COMPOSITE = {  # kind -> its keys besides stop and closed
-    "composite": {"segments"},
-    "waypoints": {"points", "tolerance"},
-    "dubins": {"from", "to", "radius"},
-    "reeds_shepp": {"from", "to", "radius"},
+def _segments_schema() -> Schema:
+    from ...planning import tables  # slow to import
+
+    return tables.schema()
+
+
+def _read_segments(value: Any, where: str) -> list[Segment]:
+    from ...planning import tables  # slow to import
+
+    return tables.segments_from_tables(value, where)
+
+
+@reads({"type": "array", "items": point.schema()})
+def _points(value: Any, where: str) -> list[tuple[float, ...]]:
+    """Read a list of [x, y]."""
+    if not isinstance(value, list):
+        raise BadInput(f"{where} = {value!r} is not a list of [x, y]")
+    return [point(item, f"{where}[{k}]") for k, item in enumerate(value)]
+
+
+BETWEEN = {"from": pose, "to": pose, "radius": number("positive", "m")}
+COMPOSITE: dict[str, dict[str, Reader]] = {  # kind -> its keys besides stop and closed
+    "composite": {"segments": Reader(_read_segments, _segments_schema)},
+    "waypoints": {"points": _points, "tolerance": number("positive", "m")},
+    "dubins": BETWEEN,
+    "reeds_shepp": BETWEEN,
 }
+OPTIONS = {"stop": one_of("point", "axle"), "closed": flag}
 
 
+def _path_schema() -> Schema:
+    """Return the schema of a path: that of a curve with named numbers, unless its kind is one of COMPOSITE."""
+    of_kind: list[Schema] = []
+    for kind, readers in COMPOSITE.items():
+        made = table_of({"kind": one_of(kind), **readers, **OPTIONS}, ["kind", *readers])
+        of_kind.append({"if": {"properties": {"kind": {"const": kind}}}, "then": made})
+    curve = {"properties": {"kind": {}}, "additionalProperties": number().schema()}
+    others = {"if": {"properties": {"kind": {"not": {"enum": list(COMPOSITE)}}}}, "then": curve}
+    return {
+        "type": "object",
+        "properties": {"kind": {"type": "string", "examples": [*PATHS, *COMPOSITE]}},
+        "required": ["kind"],
+        "allOf": [*of_kind, others],
+    }
+
+
+@reads(_path_schema)
 def _read_path(value: Any, where: str) -> PathSection:
-    rest = dict(_table(value, where))
+    rest = dict(table(value, where))
     if "kind" not in rest:
         raise BadInput(f'{where} kind is missing, for example path = {{ kind = "line", A = 1, B = -1, C = 0 }}')
     kind = text(rest.pop("kind"), f"{where} kind")
     if kind not in COMPOSITE:
         return PathSection(kind=kind, parameters=named_numbers(rest, where))
-    stop = one_of("point", "axle")(rest.pop("stop", "point"), f"{where} stop")
-    closed = flag(rest.pop("closed", False), f"{where} closed")
-    check_keys(rest, [*COMPOSITE[kind], "stop", "closed"], where)
-    for key in sorted(COMPOSITE[kind] - set(rest)):
+    readers = COMPOSITE[kind] | OPTIONS
+    options = {key: readers[key](rest.pop(key), f"{where} {key}") for key in OPTIONS if key in rest}
+    check_keys(rest, readers, where)
+    for key in sorted(set(COMPOSITE[kind]) - set(rest)):
         raise BadInput(f"{where} {key} is missing; {kind} takes {', '.join(sorted(COMPOSITE[kind]))}")
-    return PathSection(kind=kind, segments=tuple(_pieces(kind, rest, closed, where)), stop=stop, closed=closed)
+    given = {key: readers[key](value, f"{where} {key}") for key, value in rest.items()}
+    return PathSection(kind=kind, segments=tuple(_pieces(kind, given, options.get("closed", False))), **options)
 
 
-def _pieces(kind: str, given: dict[str, Any], closed: bool, where: str) -> list[Segment]:
+def _pieces(kind: str, given: dict[str, Any], closed: bool) -> list[Segment]:
     """Return the lines and arcs of a composite path, planned if it is given by poses or waypoints."""
+    if kind == "composite":
+        return given["segments"]
     from ... import planning  # slow to import
 
-    if kind == "composite":
-        return planning.segments_from_tables(given["segments"], f"{where} segments")
     if kind == "waypoints":
-        points = given["points"]
-        if not isinstance(points, list):
-            raise BadInput(f"{where} points = {points!r} is not a list of [x, y]")
-        places = [point(item, f"{where} points[{k}]") for k, item in enumerate(points)]
-        return planning.fit(places, number("positive")(given["tolerance"], f"{where} tolerance"), closed=closed)
+        return planning.fit(given["points"], given["tolerance"], closed=closed)
     plan = planning.dubins if kind == "dubins" else planning.reeds_shepp
-    start, goal = (pose(given[name], f"{where} {name}") for name in ("from", "to"))
-    return plan(start, goal, number("positive")(given["radius"], f"{where} radius"))
+    return plan(given["from"], given["to"], given["radius"])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,11 +156,11 @@ class OutputSection:
     """
 
     type: str = entry(text)
-    L: float = entry(number(), 0.0)
-    W: float = entry(number(), 0.0)
+    L: float = entry(number(unit="m"), 0.0)
+    W: float = entry(number(unit="m"), 0.0)
     path: PathSection | None = entry(_read_path, None)
     reversing: str = entry(one_of("allow", "refuse", "switch"), "allow")
-    L_backward: float | None = entry(number(), None)
+    L_backward: float | None = entry(number(unit="m"), None)
     parameters: Mapping[str, float] = entry(named_numbers, {})
 
     def __post_init__(self):
@@ -157,9 +199,9 @@ class Reference:
     Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad).
     """
 
-    speed: float | None = entry(number(), None)
-    deceleration: float | None = entry(number("nonnegative"), None)
-    creep: float | None = entry(number("positive"), None)
+    speed: float | None = entry(number(unit="m/s"), None)
+    deceleration: float | None = entry(number("nonnegative", "m/s^2"), None)
+    creep: float | None = entry(number("positive", "m/s"), None)
     position: tuple[float, ...] | None = entry(numbers, None)
     velocity: tuple[float, ...] | None = entry(numbers, None)
 
@@ -169,8 +211,8 @@ class Initial:
     """Initial state: P_l (m), heading (rad) and forward speed (m/s) without turning; or coordinates q and quasi-velocities nu."""
 
     point: tuple[float, ...] | None = entry(point, None)
-    heading: float | None = entry(number(), None)
-    speed: float | None = entry(number(), None)
+    heading: float | None = entry(angle, None)
+    speed: float | None = entry(number(unit="m/s"), None)
     q: tuple[float, ...] | None = entry(numbers, None)
     nu: tuple[float, ...] | None = entry(numbers, None)
 
@@ -203,7 +245,7 @@ class Sensors:
 
     noise: NoiseSection = entry(section(NoiseSection), NoiseSection())
     seed: int = entry(whole(0), 0)
-    period: float = entry(number("nonnegative"), 0.0)
+    period: float = entry(number("nonnegative", "s"), 0.0)
     counts: int = entry(whole(0), 0)
 
 
@@ -211,9 +253,9 @@ class Sensors:
 class Correction:
     """Corrections of the pose at a rate (Hz): at once ("reset") or gradually over `release` s ("bumpless")."""
 
-    rate: float = entry(number("positive"))
+    rate: float = entry(number("positive", "1/s"))
     mode: str = entry(one_of("reset", "bumpless"), "reset")
-    release: float | None = entry(number("positive"), None)
+    release: float | None = entry(number("positive", "s"), None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,9 +276,9 @@ class ContactSection:
     the `height` (m) of the centre of mass, which moves load to the outer wheel.
     """
 
-    mu: float = entry(number("positive"), 0.7)  # the middle of the range 0.6 to 0.85 of rubber on dry concrete in textbooks
-    share: float = entry(number("positive"), 1.0)
-    height: float = entry(number("nonnegative"), 0.0)
+    mu: float = entry(number("positive", "1"), 0.7)  # the middle of the range 0.6 to 0.85 of rubber on dry concrete in textbooks
+    share: float = entry(number("positive", "1"), 1.0)
+    height: float = entry(number("nonnegative", "m"), 0.0)
 
     def __post_init__(self):
         if self.share > 1:
@@ -251,12 +293,12 @@ class Simulation:
     `delay`: s from a call until its inputs act, at most a period; before the first ones act, the torque is zero.
     """
 
-    duration: float = entry(number("positive"))
-    period: float = entry(number("nonnegative"), 0.0)
-    delay: float = entry(number("nonnegative"), 0.0)
-    output_step: float = entry(number("positive"), 0.01)
+    duration: float = entry(number("positive", "s"))
+    period: float = entry(number("nonnegative", "s"), 0.0)
+    delay: float = entry(number("nonnegative", "s"), 0.0)
+    output_step: float = entry(number("positive", "s"), 0.01)
     backend: str = entry(text, "c")
-    tolerance: float = entry(number("positive"), 1e-10)
+    tolerance: float = entry(number("positive", "1"), 1e-10)
 
     def __post_init__(self):
         low, high = TOLERANCES
@@ -273,10 +315,15 @@ class Simulation:
             )
 
 
-def _read_sweep(value: Any, where: str) -> "Sweep":
+def _sweep() -> Reader:
     from .distributions import Sweep  # slow to import
 
-    return section(Sweep)(value, "[sweep]")
+    return section(Sweep)
+
+
+@reads(lambda: _sweep().schema())
+def _read_sweep(value: Any, where: str) -> "Sweep":
+    return _sweep()(value, "[sweep]")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -322,19 +369,15 @@ class Spec:
                 raise BadInput(f"[reference] {name} is missing; type {self.output.type} requires it")
 
 
-def shipped() -> dict[str, Path]:
-    """Return the SPECs that come with noslip: name -> file, such as line, circle, figure_8."""
-    return {file.stem: file for file in sorted(SPECS.rglob("*.toml"))}
+def schema() -> Schema:
+    """Return the JSON Schema of a SPEC."""
+    made = section(Spec).schema()
+    return {"$schema": DRAFT, "title": "SPEC.toml of noslip", **made, "definitions": DEFINITIONS}
 
 
 def read_text(file: Path | str) -> str:
     """Return the text of a file, or of a shipped SPEC by its name. Raises BadInput, naming the file, if it cannot be read."""
-    place = Path(file)
-    if place.name == str(file) and not place.suffix and not place.exists():
-        known = shipped()
-        if str(file) not in known:
-            raise BadInput(f"{file}: neither a file nor a shipped SPEC{suggestion(str(file), known)}")
-        place = known[str(file)]
+    place = file_or_shipped(file, ".toml")
     try:
         return read_input(place).decode()
     except OSError as error:
@@ -370,7 +413,7 @@ def spec_of(text: str, name: Path | str) -> Spec:
 
 def spec_of_table(table: Mapping[str, Any], name: Path | str) -> Spec:
     """Return the SPEC of a table of the file `name`; a robot file is looked up beside it first. Raises BadInput."""
-    spec = section(Spec)(table, "")
+    spec: Spec = section(Spec)(table, "")
     return dataclasses.replace(spec, robot=beside(spec.robot, name))
 
 

@@ -1,11 +1,13 @@
 """A SPEC with some entries changed, for example `initial.heading` = 0.5."""
 
 import copy
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ...readers.errors import BadInput
+from ...readers.quantities import QUANTITY
 from .spec import DEEPEST, Spec, read_text, spec_of, spec_of_table, toml_table
 
 
@@ -30,15 +32,17 @@ def varied(text: str, name: Path | str, changes: Mapping[str, Any]) -> Spec:
 
 
 def change(text: str) -> tuple[str, Any]:
-    """Read `key=value`, with the value in TOML. Raises BadInput if it is invalid."""
+    """Read `key=value`, with the value in TOML or a number with a unit. Raises BadInput if it is invalid."""
     key, equals, value = text.partition("=")
     try:
         read = toml_table(f"value = {value}")
     except BadInput:
-        read = {}
+        read = {"value": value.strip()} if re.fullmatch(QUANTITY, value.strip()) else {}
     if not equals or not key.strip() or list(read) != ["value"] or key.count(".") >= DEEPEST:
         text = text if len(text) <= 80 else f"{text[:77]}..."
-        raise BadInput(f"{text!r} is not KEY=VALUE in TOML, for example initial.heading=0.5 or output.type='\"I\"'")
+        raise BadInput(
+            f"{text!r} is not KEY=VALUE in TOML, for example initial.heading=0.5, initial.heading='90 deg' or output.type='\"I\"'"
+        )
     return key.strip(), read["value"]
 
 

@@ -1,9 +1,9 @@
 /*
- * law_digest.c - numbers for the bits of everything that the LABMATE's laws, dead reckoning and paths answer, to compare
- * between targets.
+ * law_digest.c - digests of the bits of all results of the LABMATE's laws, dead reckoning and paths, to compare between
+ * targets.
  *
- * Needs of a library only memcpy and memset, which compilers call by themselves; with a whole one it has a main of its own:
- * law_digest STATES DOUBLES.
+ * It needs only memcpy and memset, which compilers call themselves. With a C library it has its own main: law_digest STATES
+ * DOUBLES.
  */
 #include "labmate_type_i.h"
 #include "labmate_type_i_f.h"
@@ -24,12 +24,12 @@
 #include "noslip_odometry.h"
 #include "noslip_path.h"
 
-#define STATES_A_ROBOT 50        /* then other parameters */
-#define STATES_A_LOOK_AT_PARTS 4 /* of these one goes through the functions of single quantities too */
+#define STATES_A_ROBOT 50        /* with the same parameters */
+#define STATES_A_LOOK_AT_PARTS 4 /* one of these also calls the functions of single quantities */
 
 typedef struct {
     uint64_t hash;
-    uint32_t good; /* states where every step gave an answer and not an error */
+    uint32_t good; /* states at which every step succeeded */
 } law_bits;
 
 static uint64_t bits_of_status(uint64_t hash, int status)
@@ -44,7 +44,7 @@ static double positive_value(uint64_t *random)
     return scale * (1.0 - 0.5 * noslip_abs(random_unit(random)));
 }
 
-/* Mostly between -4 and 4; some zero, small, beyond the range of angles, and such that floats overflow. */
+/* Mostly between -4 and 4; some are zero, small, beyond the range of angles, or overflow in float. */
 static double any_value(uint64_t *random)
 {
     const uint32_t kind = (uint32_t)(trig_random(random) >> 54); /* 0 to 1023 */
@@ -83,7 +83,7 @@ static double any_value(uint64_t *random)
 #undef LAW
 #include "route_bits.inc"
 
-#define LAWS 8 /* the last is no law: a vehicle led along a path */
+#define LAWS 8 /* the last is not a law but a vehicle on a path */
 typedef void law_runner(uint32_t n, law_bits *bits);
 static law_runner *const in_float[LAWS] = {bits_labmate_type_i_f,          bits_labmate_type_ii_f,
                                            bits_labmate_type_iii_f,        bits_labmate_type_iv_circle_f,
@@ -114,9 +114,9 @@ static char *write_bits(char *text, law_runner *const *laws, uint32_t n)
 }
 
 /*
- * Not on ARM without an FPU for doubles: where exponents are 33 apart and the difference loses its leading bit, libgcc (12)
- * has thrown away the bit that rounds it. Laws in double can differ there from what they are elsewhere, about once in a million
- * sums; nothing in them can help that.
+ * Whether sums of doubles are rounded correctly. On ARM without an FPU for double they are not: if exponents differ by 33 and the
+ * difference loses its leading bit, libgcc (12) has discarded the bit that determines the rounding. Laws in double can then differ
+ * from other targets, about once in a million sums.
  */
 static int sums_are_right(void)
 {

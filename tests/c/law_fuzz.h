@@ -1,7 +1,7 @@
 /*
- * law_fuzz.h - what law_fuzz.inc and runtime_fuzz.inc need, once for all laws.
+ * law_fuzz.h - shared by all inclusions of law_fuzz.inc and runtime_fuzz.inc.
  *
- * Their numbers come from a seed, or, one after the other, from bytes that a fuzzer has chosen.
+ * Numbers are random from a seed, or read from the bytes chosen by a fuzzer.
  */
 #include <math.h>
 #include <stdio.h>
@@ -16,9 +16,9 @@
     }
 
 typedef struct {
-    uint64_t random;     /* the seed's state, where there are no bytes */
+    uint64_t random;     /* state of the generator, if there are no bytes */
     const uint8_t *next; /* bytes, or NULL */
-    size_t left;         /* of them */
+    size_t left;         /* remaining bytes */
 } fuzz_source;
 
 static inline int fuzz_more(const fuzz_source *from)
@@ -26,7 +26,7 @@ static inline int fuzz_more(const fuzz_source *from)
     return from->next == NULL || from->left > 0;
 }
 
-/* So many bits, at the lower end; zeros where there are no bytes any more. */
+/* The given number of bits, at the lower end; zeros after the last byte. */
 static inline uint64_t fuzz_bits(fuzz_source *from, int count)
 {
     uint64_t bits = 0;
@@ -42,13 +42,13 @@ static inline uint64_t fuzz_bits(fuzz_source *from, int count)
     return bits & UINT64_MAX >> (64 - count);
 }
 
-/* 1 once in `rare`; a fuzzer is free to do it as often as it wants. */
+/* 1 with probability 1 / `rare`; a fuzzer chooses freely. */
 static inline int fuzz_once_in(fuzz_source *from, unsigned rare)
 {
     return from->next == NULL ? fuzz_bits(from, 31) < (1u << 31) / rare : fuzz_bits(from, 8) >= 192;
 }
 
-/* Any bits, special and ordinary numbers, one as often as the others. */
+/* Arbitrary bits, special numbers or ordinary numbers, equally often. */
 static inline double fuzz_wild(fuzz_source *from, size_t size)
 {
     static const double special[] = {0.0,       -0.0,      1.0,   -1.0,  1e-30, 1e30, 8192.0,  8193.0,

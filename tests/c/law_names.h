@@ -1,9 +1,9 @@
 /*
- * law_names.h - names of one law's C, for drivers that are written once and included for each law.
+ * law_names.h - C names of a law, for drivers that are included once for each law.
  *
  * ROBOT and LAW name the robot and the law (labmate, labmate_type_i), SUFFIX and REAL the scalar (nothing and double, or _f
- * and float). FOLLOWS is 1 where the law has a second step, follow, that a path tells the foot, else 0. Every struct of a law
- * but the law itself and options is REALs only, so it can be filled like an array.
+ * and float). FOLLOWS is 1 if the law has the step function follow, which takes the foot on a path, else 0. Every struct of
+ * a law except the law itself and options consists of REALs, so that it can be filled like an array.
  */
 #ifndef LAW_NAMES_H
 #define LAW_NAMES_H
@@ -21,7 +21,7 @@
 #define COUNT(array) ((int)(sizeof(array) / sizeof(*(array))))
 #define REALS(object) ((REAL *)(void *)&(object)), (int)(sizeof(object) / sizeof(REAL))
 
-/* The law's steps: number 0 is step, number 1, where there is one, follow. */
+/* The step functions of the law: 0 is step, 1 is follow, if it exists. */
 #define STEPS (1 + FOLLOWS)
 #define STEP_0(number, self, foot, state, reference, tau) OF_LAW(_step)(self, state, reference, tau)
 #define STEP_1(number, self, foot, state, reference, tau) \

@@ -22,7 +22,7 @@ static void look(void)
     }
 }
 
-/* Begins to look at an output, filled with bits that no result has. */
+/* Begins to watch an output, which is filled with bits that no result has. */
 void watch(void *output, size_t size)
 {
     words = (int)(size / sizeof(uint32_t));
@@ -32,7 +32,7 @@ void watch(void *output, size_t size)
     watched = output;
 }
 
-/* Ends it; returns how many words changed more than once. */
+/* Stops watching; returns how many words changed more than once. */
 int unwatch(void)
 {
     int i, twice = 0;

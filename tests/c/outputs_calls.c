@@ -1,6 +1,6 @@
 /*
- * outputs_calls.c - calls every entry point that has outputs, at seeded arguments, wrong ones among them, and prints for each how
- * many calls wrote a number of its output more than once, and how many calls were good.
+ * outputs_calls.c - calls every entry point that has outputs with seeded arguments, valid and invalid, and prints for each the number
+ * of calls that wrote a number of its output more than once, and the number of successful calls.
  */
 #include <math.h>
 #include <stdint.h>

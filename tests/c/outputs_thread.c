@@ -1,7 +1,7 @@
 /*
- * outputs_thread.c - two controllers in two threads, and a third thread that reads the inputs of the first one all the time, as a
- * motor task does. Built with ThreadSanitizer, which slows the steps down and finds memory that the controllers share; the
- * reader is left out of that, for it is the race that is meant. Prints how many values were read, and how many were beyond limits.
+ * outputs_thread.c - two controllers in two threads, and a third thread that reads the inputs of the first one continuously, as a
+ * motor task does. It is built with ThreadSanitizer, which slows the steps down and finds memory that the controllers share; the
+ * reader is excluded, since its race is intended. Prints the number of values read and of those beyond the limits.
  */
 #include <math.h>
 #include <pthread.h>

@@ -1,7 +1,7 @@
 /*
- * trig_digest.h - one number for the bits of noslip_sincos, noslip_sqrt, noslip_atan2 and the functions of noslip_functions.h,
+ * trig_digest.h - digest of the bits of noslip_sincos, noslip_sqrt, noslip_atan2 and the functions of noslip_functions.h,
  * float and double, over n seeded arguments.
- * No library needed, so that a bare target computes it too and the numbers can be compared.
+ * It needs no library, so that a bare target can compute it too, for comparison.
  */
 #ifndef TRIG_DIGEST_H
 #define TRIG_DIGEST_H
@@ -28,7 +28,7 @@ static inline uint64_t trig_fnv(uint64_t hash, uint64_t bits)
     return hash;
 }
 
-/* A NaN has no bits of its own. */
+/* All NaNs count as the same. */
 static inline uint64_t trig_number(uint64_t hash, double x)
 {
     noslip_bits v;
@@ -36,7 +36,7 @@ static inline uint64_t trig_number(uint64_t hash, double x)
     return trig_fnv(hash, x <= 0 || x > 0 ? v.bits : 0);
 }
 
-/* Of x, which is of moderate size, and of u, in [-1, 1]. */
+/* Digest for x, of moderate size, and u, in [-1, 1]. */
 static inline uint64_t trig_functions(uint64_t hash, double x, double u)
 {
     const double found[] = {noslip_exp(x), noslip_log(x), noslip_log(u * u), noslip_sinh(x), noslip_cosh(x), noslip_tanh(u * 4.0),

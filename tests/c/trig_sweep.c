@@ -51,7 +51,7 @@ static int same(double a, double b)
     return memcmp(&a, &b, sizeof a) == 0;
 }
 
-/* Negative floats need no reference of their own: their bits are compared with the positive ones'. */
+/* Negative floats need no reference: their bits are compared with those of the positive ones. */
 static int sweep_float(uint32_t stride, uint32_t part, uint32_t parts)
 {
     worst sine = {0, 0}, cosine = {0, 0};
@@ -125,7 +125,7 @@ static int sweep_double(unsigned long long n, uint64_t seed)
         const long double distance = (long double)exp2(-60 * v);
         const long double multiple = (long double)floor(u * 667544) * HALF_PI_L;
         check_double(&t, u * NOSLIP_ANGLE_MAX);
-        check_double(&t, u * 8.0);                       /* the angles of daily life */
+        check_double(&t, u * 8.0);                       /* common angles */
         check_double(&t, (1.0 + u) * exp2(60 * v - 41)); /* 2^-41 ... 2^20, uniform in the logarithm */
         check_double(&t, (double)(multiple + distance)); /* near a multiple of pi/2, uniform in the logarithm */
         check_double(&t, (double)(multiple - distance));
@@ -139,7 +139,7 @@ typedef struct {
     unsigned long long count, broken;
 } atan2_tally;
 
-/* The host's minds the sign of a zero; noslip_atan2 does not. */
+/* The host's function depends on the sign of a zero; noslip_atan2 does not. */
 static long double exact_atan2(double y, double x)
 {
     return atan2l(y < 0 || y > 0 ? (long double)y : 0.0L, x < 0 || x > 0 ? (long double)x : 0.0L);
@@ -152,7 +152,7 @@ static void check_atan2(atan2_tally *t, double y, double x)
     const double angle = noslip_atan2(y, x);
     t->broken += ((y < 0 || y > 0) && !same(noslip_atan2(-y, x), -angle)) || !(fabs(angle) <= 3.1415926535897932);
     note(&t->absolute, (double)fabsl((long double)angle - exact), y / x);
-    if (fabsl(exact) > DBL_MIN) { /* below, the quotient itself is rounded to what a subnormal can hold */
+    if (fabsl(exact) > DBL_MIN) { /* below, the quotient itself is a rounded subnormal */
         note(&t->relative, ulps(angle, exact), y / x);
     }
     if (isfinite(y_f) && isfinite(x_f)) {
@@ -188,7 +188,7 @@ static int sweep_atan2(unsigned long long n, uint64_t seed)
             report("double", &t.relative, 2.5, "ulp")) || t.broken > 0;
 }
 
-/* A function of noslip_functions.h, what it should be, its bounds in ulp, and the sizes of x between which it is swept. */
+/* A function of noslip_functions.h, its reference, its bounds in ulp, and the range of |x| that is swept. */
 typedef struct {
     const char *name;
     float (*single)(float);
@@ -240,7 +240,7 @@ static void check_function(const swept_function *f, worst *w, unsigned long long
     *broken += (f->odd == 1 && !same(turned, -y)) || (f->odd == -1 && !same(turned, y));
 }
 
-/* Outside a domain, and of what is not finite. */
+/* Results outside a domain, and for infinities and NaN. */
 static int sweep_edges(void)
 {
     const float huge_f = HUGE_VALF;
@@ -274,7 +274,7 @@ static int sweep_edges(void)
     return wrong > 0;
 }
 
-/* x^y by its exponent's size, 1 + |y log x|: the logarithm's error grows with it. */
+/* x^y relative to 1 + |y log x|, with which the error of the logarithm grows. */
 static int sweep_power(unsigned long long n, uint64_t seed)
 {
     worst single = {0, 0}, real = {0, 0};
@@ -350,7 +350,7 @@ static int sweep_sqrt(unsigned long long n, uint64_t seed)
         wrong += isnan(root_f) ? !(isnan(hard_f) && isnan(soft_f))
                                : !(same_f(hard_f, root_f) && same_f(soft_f, root_f));
     }
-    /* every significand, with an even and an odd exponent: all the soft routine can tell apart of normal floats */
+    /* every significand, with an even and an odd exponent: all cases of the integer routine for normal floats */
     for (i = 0x3f800000u; i < 0x40800000u; i++) {
         noslip_bits_f x_f;
         x_f.bits = (uint32_t)i;

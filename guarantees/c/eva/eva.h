@@ -1,4 +1,4 @@
-/* eva.h - what the programs for Frama-C's EVA share. They are analysed, never run. */
+/* eva.h - shared by the programs for Frama-C's EVA, which are analysed and never run. */
 #include <__fc_builtin.h>
 #include <float.h>
 
@@ -9,18 +9,18 @@
 #define OF(name) GLUE(name, SUFFIX)
 #define COUNT(array) ((int)(sizeof(array) / sizeof(*(array))))
 
-/* Any bits at all in an object: every number, infinities, NaN. */
+/* Arbitrary bits in an object: any number, infinity or NaN. */
 #define ANY(object) Frama_C_make_unknown((char *)&(object), sizeof(object))
 
 /* Any number from low to high. */
 #define BETWEEN(low, high) GLUE(GLUE(Frama_C_, REAL), _interval)(low, high)
 
-/* Tells that the analysis comes here: a check whose places are not all reached proves nothing, and fails. */
+/* Marks a place that the analysis must reach; the check fails if it does not, since it would prove nothing. */
 #define REACHED(name) GLUE(Frama_C_show_each_reached_, name)()
 
 extern volatile int any_int;
 
-/* Any bits as a number. */
+/* A number with arbitrary bits. */
 static REAL any_real(void)
 {
     REAL value;

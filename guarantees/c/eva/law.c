@@ -1,8 +1,9 @@
 /*
  * law.c - the law LAW of ROBOT for EVA, in the scalar REAL with SUFFIX: its init, a step, every other function. FOLLOWS is 1
- * where it has a second step, follow.
+ * if it has the step function follow.
  *
- * A step is shown to keep what init has made of limits and held inputs, so what holds of one step holds of all.
+ * A step is proved to keep the properties that init establishes for limits and held inputs, so that the results for one step hold for
+ * any sequence of steps.
  */
 #include "eva.h"
 #include HEADER
@@ -11,7 +12,7 @@
 #define OF_ROBOT(name) OF(GLUE(ROBOT, name))
 #define INPUTS COUNT(((OF_LAW() *)0)->held)
 
-/* init with any bits in everything: an error and a law that is not ready, or limits that can be used and nothing held. */
+/* init with arbitrary bits in all arguments: an error and a law that is not ready, or valid limits and no held inputs. */
 void check_init(int with_options)
 {
     OF_ROBOT(_params) params;
@@ -41,9 +42,8 @@ void check_init(int with_options)
 }
 
 /*
- * A step, or follow, with any bits in state, reference, foot, tau, and in the law but for its limits, what is held, and what
- * to do on an error.
- * Limits are numbers here, not any: intervals cannot tell that a torque is below a limit if neither is known.
+ * step or follow, with arbitrary bits in state, reference, foot, tau, and in the law except for its limits, held inputs and on_error.
+ * Limits are specific numbers: intervals cannot show that a torque is below a limit if neither is known.
  */
 void check_step(int follow, int on_error, REAL odd, REAL even, REAL held_least, REAL held_most)
 {
@@ -101,7 +101,7 @@ void check_step(int follow, int on_error, REAL odd, REAL even, REAL held_least, 
     }
 }
 
-/* Numbers that are finite, or zeros with an error. */
+/* Asserts that the numbers are finite, or zero with an error. */
 void check_answer(const REAL *values, int count, int status)
 {
     int k;
@@ -111,7 +111,7 @@ void check_answer(const REAL *values, int count, int status)
     }
 }
 
-/* Every other function, with any bits in everything: finite numbers or an error and zeros. */
+/* Every other function, with arbitrary bits in all arguments: finite numbers, or an error and zeros. */
 void check_functions(void)
 {
     OF_ROBOT(_state) state;

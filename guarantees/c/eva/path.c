@@ -1,9 +1,9 @@
 /*
- * path.c - noslip_path for EVA, in the scalar REAL with SUFFIX: init with any bits in everything, then any look and update.
+ * path.c - noslip_path for EVA, in the scalar REAL with SUFFIX: init with arbitrary bits in all arguments, then look and update.
  *
- * Of a path that is ready a look and an update need, and keep, what check_is_sound says, so what holds of one holds of all.
- * Not shown here, for it needs relations that intervals do not have: that the other numbers of a guide are finite, and with an
- * error zero. The fuzzers look at that.
+ * Both require and keep the properties in check_is_sound, so that the results hold for any sequence of calls. It is not proved, since
+ * it needs relations that intervals do not represent, that the other numbers of a guide are finite, and zero with an error. The
+ * fuzzers check this.
  */
 #include "eva.h"
 #include "noslip_path.h"
@@ -12,7 +12,7 @@
 
 static OF(noslip_segment) segments[SEGMENTS];
 
-/* What holds of a path that is ready. */
+/* Asserts the properties of a path that is ready. */
 void check_is_sound(const OF(noslip_path) *self, int count)
 {
     /*@ assert self->segments == &segments[0] && self->count == count; */
@@ -21,7 +21,7 @@ void check_is_sound(const OF(noslip_path) *self, int count)
     /*@ assert self->guide.backward == 0 || self->guide.backward == 1; */
 }
 
-/* Any path of which that holds, with a creep that init accepts. */
+/* Any path with these properties and a creep that init accepts. */
 void make_path(OF(noslip_path) *self, int count, int closed, int segment)
 {
     ANY(*self);
@@ -34,7 +34,7 @@ void make_path(OF(noslip_path) *self, int count, int closed, int segment)
     self->creep = BETWEEN(0, LARGEST);
 }
 
-/* What the guide says of the vehicle, which is checked at each update. */
+/* Asserts the properties of a guide after each call. */
 void check_guide(const OF(noslip_guide) *guide, int status, int count)
 {
     /*@ assert status >= NOSLIP_UNSTABLE && status <= NOSLIP_ARRIVED; */

@@ -1,7 +1,7 @@
 /*
  * runtime.c - odometry, encoder, integral action, reversing and angles for EVA, in the scalar REAL with SUFFIX.
  *
- * What is called again and again is shown to keep what its init has made, so what holds of one call holds of all.
+ * Functions are proved to keep the properties that init establishes, so that the results hold for any sequence of calls.
  */
 #include "eva.h"
 #include "noslip_angle.h"
@@ -11,7 +11,7 @@
 
 /*@ predicate is_pose(OF(noslip_pose) p) = \is_finite(p.x) && \is_finite(p.y) && -ANGLE_MAX <= p.heading <= ANGLE_MAX; */
 
-/* What holds of an odometry that is ready. */
+/* Asserts the properties of an odometry that is ready. */
 void check_odometry_is_sound(const OF(noslip_odometry) *self)
 {
     if (self->ready == NOSLIP_READY) {
@@ -20,7 +20,7 @@ void check_odometry_is_sound(const OF(noslip_odometry) *self)
     }
 }
 
-/* Any odometry of which that holds. */
+/* Any odometry with these properties. */
 void make_odometry(OF(noslip_odometry) *self)
 {
     ANY(*self);
@@ -156,7 +156,7 @@ void check_integral_init(void)
     }
 }
 
-/* With numbers as limits, for the reason that check_step in law.c gives. */
+/* With specific numbers as limits, as in check_step of law.c. */
 void check_integral_step(REAL limit)
 {
     OF(noslip_integral) self;
