@@ -35,7 +35,9 @@ class _Printer(MathMLPresentationPrinter):
 def mathml(*parts: sp.Expr | sp.Matrix | str, display: bool = False) -> Markup:
     """Formulas, with signs and words between them, as an element of a page; on a line of its own if `display`."""
     block = ' display="block"' if display else ""
-    rows = (_part(part, k > 0, isinstance(after, sp.Basic | sp.MatrixBase)) for k, (part, after) in enumerate(pairwise((*parts, ""))))
+    rows = (
+        _part(part, k > 0, isinstance(after, sp.Basic | sp.MatrixBase)) for k, (part, after) in enumerate(pairwise((*parts, "")))
+    )
     return Markup(f"<math{block}><mrow>{''.join(rows)}</mrow></math>")
 
 

@@ -65,7 +65,7 @@ def _normal_form(form: NormalForm) -> list[tuple[str, str]]:
 
 def _typeset(text: str) -> Markup:
     """Text with its names that have an index, such as theta_r, as in the formulas."""
-    parts = re.split(r"\b([A-Za-z]+_\w+)", text)
+    parts = re.split(r"\b([A-Za-z]+_\w+|phi|psi|chi)\b", text)
     return Markup("").join(_symbol(part) if k % 2 else escape(part) for k, part in enumerate(parts))
 
 

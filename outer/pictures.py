@@ -94,7 +94,7 @@ def _response(times: np.ndarray, y: np.ndarray) -> str:
 
 def draw_period(report: OuterLoopReport) -> Figure:
     """Draw the eigenvalues of the whole loop from call to call over the period, and the largest of them."""
-    figure, ((plane, size),) = _grid(report, 1, 2, "the whole loop, torque held between calls", 5.4)
+    figure, ((plane, size),) = _grid(report, 1, 2, "the whole loop, torque held between calls", 6.0)
     motion, limits = report.motion, report.longest
     end = 1.25 * limits["stable"] if math.isfinite(limits["stable"]) and limits["stable"] else 10 / motion.decay()
     periods = np.linspace(1e-3, 1, PERIODS) * end
@@ -106,7 +106,7 @@ def draw_period(report: OuterLoopReport) -> Figure:
     )
     figure.colorbar(dots, ax=plane, label="period T (ms)", shrink=0.8)
     plane.set(xlabel="Re z", ylabel="Im z", title="eigenvalues of the map over a period")
-    plane.set_aspect("equal")
+    plane.set_aspect("equal", adjustable="datalim")
     legend_below(plane)
     late = np.array([np.abs(motion.eigenvalues(period, True)[0]) for period in periods])
     size.plot(1e3 * periods, np.abs(values[:, 0]), color=CONTINUOUS, label="whole loop")
@@ -120,9 +120,9 @@ def draw_period(report: OuterLoopReport) -> Figure:
             )
     for channel in report.channels.values():
         limit = longest_period(channel.gains)
-        where = f"{1e3 * limit:.4g} ms" + (", beyond the right edge" if limit > end else "")
+        where = f"{1e3 * limit:.4g} ms" + (" (beyond the view)" if limit > end else "")
         size.axvline(1e3 * limit, color=FAINT, linewidth=0.8, linestyle=":") if limit <= end else None
-        size.plot([], [], ":", color=FAINT, linewidth=0.8, label=f"channel {channel.name} alone, exact model: {where}")
+        size.plot([], [], ":", color=FAINT, linewidth=0.8, label=f"channel {channel.name} alone: {where}")
     size.set(xlabel="period T (ms)", ylabel="largest |z|", title="stable while below 1", xlim=(0, 1e3 * end), ylim=(0.5, 1.6))
     legend_below(size)
     return figure
@@ -168,6 +168,7 @@ def _grid(
     report: OuterLoopReport, rows: int, columns: int, about: str, height: float, widths: Sequence[float] = ()
 ) -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=(13.0, height * rows + 0.6), layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.1)  # inches
     loops = report.loops
     run = (
         "continuous"

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.transforms import ScaledTranslation
 
 from ..model.drawing import box
 from ..model.law import symbols
@@ -22,6 +23,7 @@ from ..readers.files import MARK
 WANTED, STOP, FAINT = "#9a9a9a", "#c00000", "#666666"
 COLOURS = ("#0b61a4", "#c2570c", "#2e8b57", "#8a4fa3", "#b8860b", "#16808c", "#a63a50", "#4d4d4d")
 WIDEST = 190  # characters per line of the assumptions
+BELOW = 0.45  # inches from the edge of a panel to what is below its label
 METADATA = {"png": {"Software": MARK}, "svg": {"Date": None, "Creator": MARK}}  # the same bytes at every run
 STYLE = matplotlib.RcParams(
     {
@@ -82,15 +84,18 @@ def to_follow(axes: Axes, x: np.ndarray, y: np.ndarray, label: str | None = "pat
 
 def legend_below(axes: Axes, ncols: int = 1, **options: Any) -> Legend:
     """Put the legend below a panel and its label, where it covers no curve; the layout makes room for it."""
-    return axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=ncols, **options)
+    assert axes.figure, "a panel of a figure"
+    below = axes.transAxes + ScaledTranslation(0, -BELOW, axes.figure.dpi_scale_trans)
+    return axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0), bbox_transform=below, ncols=ncols, **options)
 
 
 def at_times(axes: Axes, times: np.ndarray, places: np.ndarray, away: np.ndarray) -> None:
     """Write times (N,), s, beside places (N, 2), each on the side to which `away` (N, 2) points."""
     for t, place, (dx, dy) in zip(times, places, away, strict=True):
-        side = {"ha": "left" if dx > 0.3 else "right" if dx < -0.3 else "center"}
-        side |= {"va": "bottom" if dy > 0.3 else "top" if dy < -0.3 else "center"}
-        axes.annotate(f"{t:.3g} s", place, 7 * np.array([dx, dy]), textcoords="offset points", fontsize=9, color=FAINT, **side)
+        ha = "left" if dx > 0.3 else "right" if dx < -0.3 else "center"
+        va = "bottom" if dy > 0.3 else "top" if dy < -0.3 else "center"
+        aside = 7 * np.array([dx, dy])
+        axes.annotate(f"{t:.3g} s", place, aside, textcoords="offset points", fontsize=9, color=FAINT, ha=ha, va=va)
 
 
 def zoom(axes: Axes, place: tuple[float, float, float, float], around: np.ndarray, half: float) -> Axes:

@@ -203,7 +203,7 @@ def _draw_pieces(axes: Axes, segments: Sequence[Segment]) -> None:
 
 
 def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray) -> None:
-    """Draw outlines to scale at equal distances along the path driven, each with its time and the front marked; the first turn only."""
+    """Draw outlines to scale at equal distances along the way of the first turn, each with its time and the front marked."""
     turned = np.flatnonzero(np.abs(heading - heading[0]) > TURN)
     way = place[: turned[0]] if len(turned) else place
     length = np.hypot(*np.diff(way, axis=0).T).sum()

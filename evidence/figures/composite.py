@@ -193,7 +193,9 @@ def draw_11(runs: Runs) -> matplotlib.figure.Figure:
         for panel in axes[1:]:
             panel.axvline(t, color=STOP, linestyle=":", linewidth=1.2)
             panel.text(t, panel.get_ylim()[0], f" {join}", color=STOP, fontsize=9, va="bottom")
-        axes[2].annotate(f"∓{abs(jump):.2f} N m", (t, run.tau[k + 1, 0]), (-4, -4), textcoords="offset points", color=STOP, ha="right")
+        axes[2].annotate(
+            f"∓{abs(jump):.2f} N m", (t, run.tau[k + 1, 0]), (-4, -4), textcoords="offset points", color=STOP, ha="right"
+        )
     return figure
 
 

@@ -128,7 +128,9 @@ DIAGRAMS: dict[str, Callable[[], Figure]] = {
 }
 
 
-def _blank(size: tuple[float, float], x: tuple[float, float], y: tuple[float, float], count: int = 1) -> tuple[Figure, np.ndarray]:
+def _blank(
+    size: tuple[float, float], x: tuple[float, float], y: tuple[float, float], count: int = 1
+) -> tuple[Figure, np.ndarray]:
     """A figure with `count` sheets side by side, one unit the same length both ways."""
     figure = Figure(figsize=size, layout="constrained")
     sheets = figure.subplots(1, count, squeeze=False)[0]

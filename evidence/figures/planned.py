@@ -96,7 +96,9 @@ def draw_cusp(runs: Runs) -> matplotlib.figure.Figure:
         _mark_sides(panel, run)
     for k in cusps:
         text = f"{run.speed[k] * 1e3:+.1f} mm/s".replace("-", "−")
-        axes[1].annotate(text, (run.t[k], 0.0), (4, 6 if backward(run)[k] else -12), textcoords="offset points", color=STOP, fontsize=8)
+        axes[1].annotate(
+            text, (run.t[k], 0.0), (4, 6 if backward(run)[k] else -12), textcoords="offset points", color=STOP, fontsize=8
+        )
     legend_below(axes[1])
     return figure
 
