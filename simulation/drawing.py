@@ -11,6 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 from matplotlib.transforms import ScaledTranslation
 
@@ -45,8 +46,8 @@ STYLE = matplotlib.RcParams(
 
 def panels(*titles: str, height: float = 4.6, widths: Iterable[float] = ()) -> tuple[Figure, np.ndarray]:
     """Return a figure with a row of panels, one for each title, and the panels."""
-    figure = Figure(figsize=(12.0, height), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.08)  # inches: equal scales may widen the labels of an axis after the layout
+    layout = ConstrainedLayoutEngine(w_pad=0.08)  # inches: equal scales may widen the labels of an axis after the layout
+    figure = Figure(figsize=(12.0, height), layout=layout)
     axes = figure.subplots(1, len(titles), squeeze=False, width_ratios=tuple(widths) or None)[0]
     for panel, title in zip(axes, titles, strict=True):
         panel.set_title(title, loc="left")
