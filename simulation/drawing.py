@@ -93,9 +93,9 @@ def legend_below(axes: Axes, ncols: int = 1, **options: Any) -> Legend:
 def at_times(axes: Axes, times: np.ndarray, places: np.ndarray, away: np.ndarray) -> None:
     """Write times (N,), s, beside places (N, 2), each on the side to which `away` (N, 2) points."""
     for t, place, (dx, dy) in zip(times, places, away, strict=True):
-        side = {"ha": "left" if dx > 0.3 else "right" if dx < -0.3 else "center"}
+        side: dict[str, Any] = {"ha": "left" if dx > 0.3 else "right" if dx < -0.3 else "center"}
         side |= {"va": "bottom" if dy > 0.3 else "top" if dy < -0.3 else "center"}
-        axes.annotate(f"{t:.3g} s", place, 7 * np.array([dx, dy]), textcoords="offset points", fontsize=9, color=FAINT, **side)
+        axes.annotate(f"{t:.3g} s", place, (7 * dx, 7 * dy), textcoords="offset points", fontsize=9, color=FAINT, **side)
 
 
 def zoom(axes: Axes, place: tuple[float, float, float, float], around: np.ndarray, half: float) -> Axes:
