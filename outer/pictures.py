@@ -11,6 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from ..simulation.drawing import COLOURS, FAINT, STOP, STYLE, encoded, legend_below, say
 from .channel import Channel, longest_period
@@ -167,8 +168,7 @@ def draw_wrong(report: OuterLoopReport) -> Figure:
 def _grid(
     report: OuterLoopReport, rows: int, columns: int, about: str, height: float, widths: Sequence[float] = ()
 ) -> tuple[Figure, np.ndarray]:
-    figure = Figure(figsize=(13.0, height * rows + 0.6), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.08, h_pad=0.1)  # inches
+    figure = Figure(figsize=(13.0, height * rows + 0.6), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.1))  # inches
     loops = report.loops
     run = (
         "continuous"

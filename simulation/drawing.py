@@ -11,6 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 from matplotlib.transforms import ScaledTranslation
 
@@ -45,8 +46,8 @@ STYLE = matplotlib.RcParams(
 
 def panels(*titles: str, height: float = 4.6, widths: Iterable[float] = ()) -> tuple[Figure, np.ndarray]:
     """Return a figure with a row of panels, one for each title, and the panels."""
-    figure = Figure(figsize=(12.0, height), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.08)  # inches: equal scales may widen the labels of an axis after the layout
+    layout = ConstrainedLayoutEngine(w_pad=0.08)  # inches: equal scales may widen the labels of an axis after the layout
+    figure = Figure(figsize=(12.0, height), layout=layout)
     axes = figure.subplots(1, len(titles), squeeze=False, width_ratios=tuple(widths) or None)[0]
     for panel, title in zip(axes, titles, strict=True):
         panel.set_title(title, loc="left")
@@ -92,10 +93,9 @@ def legend_below(axes: Axes, ncols: int = 1, **options: Any) -> Legend:
 def at_times(axes: Axes, times: np.ndarray, places: np.ndarray, away: np.ndarray) -> None:
     """Write times (N,), s, beside places (N, 2), each on the side to which `away` (N, 2) points."""
     for t, place, (dx, dy) in zip(times, places, away, strict=True):
-        ha = "left" if dx > 0.3 else "right" if dx < -0.3 else "center"
-        va = "bottom" if dy > 0.3 else "top" if dy < -0.3 else "center"
-        aside = 7 * np.array([dx, dy])
-        axes.annotate(f"{t:.3g} s", place, aside, textcoords="offset points", fontsize=9, color=FAINT, ha=ha, va=va)
+        side: dict[str, Any] = {"ha": "left" if dx > 0.3 else "right" if dx < -0.3 else "center"}
+        side |= {"va": "bottom" if dy > 0.3 else "top" if dy < -0.3 else "center"}
+        axes.annotate(f"{t:.3g} s", place, (7 * dx, 7 * dy), textcoords="offset points", fontsize=9, color=FAINT, **side)
 
 
 def zoom(axes: Axes, place: tuple[float, float, float, float], around: np.ndarray, half: float) -> Axes:

@@ -25,7 +25,7 @@ from noslip.evidence.figures.beyond import true_distance
 from noslip.evidence.framework import SPECS, Case, Claim, Figure, carry_out
 from noslip.evidence.measures import overshoot, sign_changes, time_to_stay_within
 from noslip.evidence.production import Made, produce
-from noslip.evidence.report import report, summary
+from noslip.evidence.report import by_whom, report, summary
 from noslip.readers.errors import BadInput
 from noslip.simulation.drawing import over_time, panels
 from noslip.simulation.specification.spec import read_spec
@@ -385,6 +385,10 @@ def test_outcomes_are_counted(small):
         "0 claims hold, 1 FAILS: it rolls",
     ]
     assert summary([dataclasses.replace(small[0], claims=[])]) == "no claims"
+    assert by_whom(own[1:3]) == [
+        "claims of the paper: 1 claim holds, 1 does not (as found here)",
+        "claims of this project: 0 claims hold, 1 FAILS: it is fast",
+    ]
     top = report(small).split("<table>")[0]
     assert "It flies" not in top and "it flies: does not hold (as found here)" in top and "it is fast: FAILS" in top
 

@@ -80,8 +80,10 @@ def _draw_way(axes: Axes, run: Outcome) -> None:
     instants, everything = _apart(run, point), [point]
     named = PARTS.get(robot.name, {})
     for n, line in enumerate(drawing.outlines(robot, run.q[instants], run.plant)):
-        colour, width = COLOURS[(0, 3)[n > 0]] if n in named else "#333333", 2.2 if n in named and n else 1.1
-        style: dict[str, Any] = {"color": colour, "linewidth": width}
+        style: dict[str, Any] = {
+            "color": COLOURS[(0, 3)[n > 0]] if n in named else "#333333",
+            "linewidth": 2.2 if n in named and n else 1.1,
+        }
         for k, part in zip(instants, line, strict=True):
             axes.plot(*part.T, alpha=0.4 + 0.6 * (k / (len(point) - 1)), zorder=3, **style)
         axes.plot([], [], label=named.get(n), **style) if n in named else None
