@@ -12,6 +12,7 @@ from noslip.codegen.graph import Node
 from noslip.codegen.program import compile_law
 from noslip.model import Mechanism, ModelError, control_law, reduce, reduction
 from noslip.model.algebra import linear
+from noslip.model.algebra.exact import canonical
 from noslip.model.algebra.linear import eliminate
 from noslip.model.algebra.poles import added_pole, denominators, quotient, without_pole
 from noslip.model.linearization import linearize
@@ -257,3 +258,16 @@ def test_where_rank_is_lost(name):
 def test_the_commands_say_once_where_rank_is_lost(command, tmp_path, capsys):
     main([*command, f"{__file__}:lever", "-o", str(tmp_path / "c"), "--scalar", "double"])
     assert capsys.readouterr().err.count("warning: lever: the constraints lose rank where x = 0;") == 1
+
+
+def test_a_quotient_of_quotients_has_a_derivative():
+    """1 / (b / c) is 0 where c is, and its derivative c' / b; as written it is 0 / 0."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    b, c = cos(x + y) + 0.1, sin(x + y)
+    written, simple = 1 / ((2 - sin(x)) * (b / c)), canonical(1 / ((2 - sin(x)) * (b / c)))
+    rate = [ca.Function("rate", [x, y], [ca.jacobian(each, ca.vertcat(x, y))]) for each in (written, simple)]
+    assert not np.isfinite(rate[0](0, 0).full()).all()
+    assert rate[1](0, 0).full() == pytest.approx(1 / 2.2, abs=1e-15)
+    below = 1 / (1 / (x + 1) / x)
+    assert added_pole(below, [x * (x + 1)], lambda a: a, x) is not None
+    assert added_pole(x * (x + 1), [x * (x + 1)], lambda a: a, x) is None

@@ -16,6 +16,7 @@ from .expression import fold, free_symbols, operate
 from .field import Element, Field
 from .ratios import NotRational
 
+_Fraction = tuple[ca.SX, ca.SX]
 LARGEST = 400  # operations; above this, a canonical form costs more than it saves
 
 
@@ -28,7 +29,7 @@ def canonical(expression: ca.SX) -> ca.SX:
     found: dict[int, Element] = {}
     shortest: dict[object, ca.SX] = {}  # key of the element -> its magnitude
     for k in range(expression.nnz()):
-        entry = expression.nz[k]
+        entry = simplified.nz[k] = _without_quotients_below(expression.nz[k])
         if entry.is_constant() or entry.is_symbolic() or ca.n_nodes(entry) > LARGEST:
             continue
         try:
@@ -77,6 +78,46 @@ def _as_written(entry: ca.SX) -> tuple[Element, ca.SX]:
     own = -entry if element.negative else entry
     clean = not element.cancelled and len(free_symbols(magnitude)) == len(field.symbols)
     return element, own if element.pole or clean and ca.n_nodes(own) < ca.n_nodes(magnitude) else magnitude
+
+
+def _divides_by_quotient(entry: ca.SX) -> bool:
+    """Return whether an entry divides somewhere by a quotient with a divisor that is not constant, or by its multiple."""
+    stack, seen = [(entry, False)], set()
+    while stack:
+        node, below = stack.pop()
+        if node.is_leaf() or (node.element_hash(), below) in seen:
+            continue
+        seen.add((node.element_hash(), below))
+        code, parts = node.op(), [node.dep(k) for k in range(node.n_dep())]
+        divides = code in (ca.OP_DIV, ca.OP_INV)
+        if below and divides and not parts[-1].is_constant():
+            return True
+        factor = below and code in (ca.OP_MUL, ca.OP_DIV, ca.OP_SQ, ca.OP_NEG, ca.OP_TWICE)
+        stack += [(part, factor or divides and part is parts[-1]) for part in parts]
+    return False
+
+
+def _without_quotients_below(entry: ca.SX) -> ca.SX:
+    """Return the entry with a c / b for a / (b / c), whose value may be right where c = 0, but not its derivatives."""
+    if not _divides_by_quotient(entry):
+        return entry
+    symbols = free_symbols(entry)
+
+    def apply(code: int, parts: tuple[_Fraction, ...]) -> _Fraction:
+        (top, bottom), *others = parts
+        if code in (ca.OP_MUL, ca.OP_DIV):
+            ((above, below),) = others if code == ca.OP_MUL else [others[0][::-1]]
+            return top * above, bottom * below
+        if code == ca.OP_INV:
+            return bottom, top
+        if code in (ca.OP_NEG, ca.OP_TWICE):
+            return operate(code, top), bottom
+        if code == ca.OP_SQ:
+            return top**2, bottom**2
+        return operate(code, *[top / bottom for top, bottom in parts]), ca.SX(1)
+
+    ((top, bottom),) = fold(entry, symbols, lambda k: (symbols[k], ca.SX(1)), lambda value: (ca.SX(value), ca.SX(1)), apply)
+    return top / bottom
 
 
 def _cost(expression: ca.SX) -> tuple[int, int]:

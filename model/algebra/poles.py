@@ -61,13 +61,18 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
     place = ca.vertcat(*symbols)
     divisors = ca.Function("denominators", [place], [ca.vertcat(*below)])
     values = ca.Function("values", [place], [ca.densify(each) for each in (found, *given)])
+    way = ca.SX.sym("way", len(symbols))
+    rates = ca.Function("rates", [place, way], [ca.densify(ca.jtimes(each, place, way)) for each in (found, *given)])
     names = {symbol.element_hash() for symbol in ca.vertsplit(moving)}
     moves = np.array([symbol.element_hash() in names for symbol in symbols])
     random = np.random.default_rng(1997)
 
-    def is_wrong(at: np.ndarray) -> bool:
+    def compared(at: np.ndarray) -> tuple[np.ndarray, np.ndarray | None, list[np.ndarray]]:
         value, *others = (each.full() for each in values(at))
-        truth = combined(*others) if all(np.isfinite(each).all() for each in others) else None
+        return value, combined(*others) if all(np.isfinite(each).all() for each in others) else None, others
+
+    def is_wrong(at: np.ndarray) -> bool:
+        value, truth, others = compared(at)
         if truth is None:
             return False
         size = np.prod([np.abs(each).max(initial=0.0) for each in others])
@@ -91,11 +96,17 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
                 zero = _bisected(divisor, t[j], t[j + 1])
                 if is_wrong(origin + along * (zero + BESIDE)):
                     return below[k]
+    def is_rough(at: np.ndarray) -> bool:
+        """Whether derivatives of `found` are not finite where those of `given` are, as of 1 / (1 / x) at 0."""
+        value, *others = (each.full() for each in rates(at, random.normal(size=len(moves)) * moves))
+        smooth = all(np.isfinite(each).all() for each in others)
+        return smooth and compared(at)[1] is not None and not np.isfinite(value).all()
+
     some = random.random((len(moves), LINES)) < 0.5
     zeroed = np.where(moves[:, None] & np.column_stack([np.eye(len(moves), dtype=bool), some, moves]), 0.0, start()[:, None])
     for at, row in zip(zeroed.T, divisors(zeroed).full().T, strict=True):
         vanishing = np.flatnonzero((row == 0) | ~np.isfinite(row))
-        if len(vanishing) and is_wrong(at):
+        if len(vanishing) and (is_wrong(at) or is_rough(at)):
             return below[vanishing[0]]
     return None
 
