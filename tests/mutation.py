@@ -441,7 +441,9 @@ def run(root: Path, sources: Mapping[str, Source], everything=False, sample=0, s
     `ready`: modules that are imported once for all.
     """
     killed = total = 0
-    with tempfile.TemporaryDirectory(prefix="mutation") as folder, multiprocessing.get_context("fork").Pool(jobs) as pool:
+    # When a worker is stopped, the tests that it runs may still write.
+    scratch = tempfile.TemporaryDirectory(prefix="mutation", ignore_cleanup_errors=True)
+    with scratch as folder, multiprocessing.get_context("fork").Pool(jobs) as pool:
         tasks = [(root, Path(folder), ready, path, source, everything, sample, seed) for path, source in sources.items()]
         for (path, _), found in zip(sources.items(), pool.imap(_outcomes, tasks), strict=True):
             if isinstance(found, str):

@@ -409,7 +409,8 @@ def test_figures_are_written(catalogued, tmp_path, capsys):
     files = {"figure_tiny.png", "figure_tiny.svg", "figure_wrong.png", "figure_wrong.svg", "report.html"}
     assert {path.name for path in target.iterdir()} == files
     out, err = capsys.readouterr()
-    assert out == f"{target}/report.html: 2 figures; 8 claims hold, 1 does not (as found here)\n"
+    counted = "claims of the paper: 2 claims hold, 1 does not (as found here); claims of this project: 6 claims hold"
+    assert out == f"{target}/report.html: 2 figures; {counted}\n"
     lines = err.splitlines()
     assert lines[0].startswith("[ 1/2] figure tiny: 4 claims hold") and lines[1].startswith("[ 2/2] figure wrong: ")
     (target / "mine.txt").write_text("mine")

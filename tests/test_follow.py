@@ -78,7 +78,7 @@ def foot_at(law, config, state) -> tuple[float, float, float, float]:
 
 
 @cache
-def made(robot: str, suffix: str, states: int = 60):
+def made(robot: str, suffix: str, states: int = 120):
     """A law, and plants with points: nearly all of the points are as near to the path as its radius."""
     law = law_of(find_robot(robot), f"type_iv_segment{suffix}")
     return law, [plant for plant in random_plants(law, states, seed=21) if plant.points]

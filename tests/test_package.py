@@ -316,12 +316,9 @@ def wheel(tmp_path_factory) -> Path:
     source = shutil.copytree(
         ROOT, folder / "source", ignore=lambda _, names: [n for n in names if n in SKIPPED or n.endswith(".egg-info")]
     )
-    flags = ["--no-deps", "--quiet", "--disable-pip-version-check"]
-    if importlib.util.find_spec("setuptools") and importlib.util.find_spec("wheel"):
-        flags.append("--no-build-isolation")
-        run([sys.executable, "-c", "from setuptools.build_meta import build_sdist; build_sdist('..')"], cwd=source)
-        (source,) = folder.glob("noslip-*.tar.gz")
-    run([sys.executable, "-m", "pip", "wheel", *flags, source, "-w", folder])
+    here = importlib.util.find_spec("setuptools") and importlib.util.find_spec("wheel")
+    flags = ["--no-isolation", "--skip-dependency-check"] if here else []
+    run([sys.executable, "-m", "build", "--quiet", *flags, "--outdir", folder, source])
     (made,) = folder.glob("noslip-*.whl")
     return made
 
