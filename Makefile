@@ -37,6 +37,9 @@ all: check simulate
 
 setup: $(READY_DEV)
 
+# Compiled to bytecode by the installation (uv leaves it to the first import), so that no command does it at each start.
+USED := casadi, cffi, control, pycparser, scipy.integrate, sympy, noslip.simulation.closed_loop, noslip.simulation.plot
+
 # Installs noslip with the extras $(1): with uv, which takes seconds, where there is one or it can be had; else with pip.
 define install
 	@echo "installing the Python packages of noslip$(1) into $(VENV)"
@@ -46,6 +49,7 @@ define install
 	{ [ -x $(VENV)/bin/python ] || $$uv venv --quiet --python $(PYTHON) $(VENV); } && \
 	$$uv pip install --python $(VENV)/bin/python -c constraints.txt -e '.$(1)' || \
 	{ $(PYTHON) -m venv $(VENV) && $(VENV)/bin/python -m pip install --disable-pip-version-check -c constraints.txt -e '.$(1)'; }
+	@PYTHONDONTWRITEBYTECODE= $(VENV)/bin/python -c 'import $(USED)'
 	@touch $@
 endef
 
