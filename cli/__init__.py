@@ -14,6 +14,7 @@ COMMANDS = (
     "outer-loop",
     "sweep",
     "figures",
+    "identify",
     "export",
     "completion",
 )  # each has a module in this folder

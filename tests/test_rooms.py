@@ -12,7 +12,7 @@ ROOT = Path(noslip.__file__).parent
 # Each room imports from those before it only. Imports inside functions count as well.
 ROOMS = (
     *("model", "readers", "codegen", "controllers", "verification", "planning", "simulation"),
-    *("outer", "analysis", "sweeping", "evidence", "cli", "guarantees"),
+    *("outer", "analysis", "identification", "sweeping", "evidence", "cli", "guarantees"),
 )
 MOST_FILES = 16  # in one folder
 LARGEST_SHARE = 0.25  # of all lines, in one room

@@ -135,7 +135,7 @@ def _limits(sizes: np.ndarray, off: float) -> np.ndarray:
 
     An input whose sizes leave no such place, for instance one that is always zero, has a limit above all of them.
     """
-    return np.float32([_limit(np.sort(column), off) for column in sizes.T]).astype(float)
+    return np.array([_limit(np.sort(column), off) for column in sizes.T], np.float32).astype(float)
 
 
 def _limit(sizes: np.ndarray, off: float) -> float:

@@ -1,0 +1,117 @@
+"""`noslip identify`: fits parameters of a robot to a log of its motion and inputs."""
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from ..readers.errors import BadInput
+from ..readers.robots import suggestion
+from .commands import show
+
+if TYPE_CHECKING:
+    from ..identification.fit import Identification
+
+EXAMPLE = """example:
+  noslip simulate line --set simulation.period=0.01 -o run.csv
+  noslip identify run.csv --robot labmate --fit m_c I_c"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add `noslip identify`."""
+    parser = subparsers.add_parser(
+        "identify",
+        help="fit parameters of a robot to a log of its motion and inputs",
+        description=(
+            "Fit parameters so that the model predicts the logged quasi-velocities from the logged inputs (output error). "
+            "States what the motion of this robot, or this log, cannot tell. The exit code is 1 if a parameter of --fit is not "
+            "identified."
+        ),
+        epilog=EXAMPLE,
+    )
+    parser.add_argument("log", metavar="LOG", help="CSV or .parquet with the columns of `noslip simulate`, SI units")
+    parser.add_argument("--robot", required=True, metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
+    parser.add_argument("--fit", required=True, nargs="+", metavar="NAME", help="parameters to fit, such as m_c I_c")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="value of another parameter, SI; may be repeated"
+    )
+    parser.add_argument(
+        "--map", action="append", default=[], metavar="NAME=COLUMN", help="the column of a quantity, if it has another name"
+    )
+    parser.add_argument(
+        "--inputs",
+        choices=("held", "smooth"),
+        help="inputs between two rows: constant, or interpolated by splines (default: what fits better)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run `noslip identify`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
+    from ..identification.fit import identify
+    from ..identification.log import read_log
+    from ..readers.progress import Progress
+    from ..readers.robots import find_robot, system_of
+
+    robot = find_robot(args.robot)
+    known = {p.name: p for p in robot.parameters}
+    values = {name: p.default for name, p in known.items()}
+    for name, text in _pairs(args.set, "--set"):
+        _check_name(name, known, "--set")
+        values[name] = known[name].check(_number(text, f"--set {name}={text}"), "--set ")
+    for name in args.fit:
+        _check_name(name, known, "--fit")
+        if args.fit.count(name) > 1:
+            raise BadInput(f"--fit: {name} is given twice")
+    system = system_of(robot)
+    log = read_log(args.log, system, dict(_pairs(args.map, "--map")))
+    with Progress() as progress:
+        progress(0, 1, "fit")
+        result = identify(log, system, args.fit, values, None if args.inputs is None else args.inputs == "held")
+    show(args, lambda: _text(result, log.interval), lambda: _values(result))
+    return 0 if set(result.estimates) == set(args.fit) else 1
+
+
+def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
+    for text in texts:
+        if "=" not in text:
+            raise BadInput(f"{option} {text}: write NAME=VALUE")
+    return [(text.partition("=")[0], text.partition("=")[2]) for text in texts]
+
+
+def _number(text: str, where: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise BadInput(f"{where}: {text!r} is not a number") from error
+
+
+def _check_name(name: str, known: dict[str, Any], option: str) -> None:
+    if name not in known:
+        raise BadInput(f"{option} {name}: not a parameter of this robot{suggestion(name, known)}; it has {', '.join(known)}")
+
+
+def _text(result: "Identification", interval: float) -> str:
+    lines = [f"{result.rows} rows, one in {interval:.4g} s; inputs {'constant' if result.held else 'smooth'} between rows", ""]
+    width = max((len(name) for name in result.estimates), default=0)
+    for name, each in result.estimates.items():
+        low, high = each.value - 1.96 * each.sd, each.value + 1.96 * each.sd
+        lines.append(f"{name:{width}} = {each.value:.6g} {each.quantity.unit}, 95 % between {low:.6g} and {high:.6g}")
+    lines += [f"not identified: {sentence}" for sentence in result.unidentifiable]
+    errors = ", ".join(f"{fit:.3g} ({other:.3g})" for fit, other in zip(result.residual, result.validation, strict=True))
+    lines += ["", f"RMS error of each quasi-velocity, and over the rows that were not fitted: {errors}"]
+    lines += [f"note: {remark}" for remark in result.remarks]
+    if result.estimates:
+        values = ", ".join(f"{name} = {each.value:.9g}" for name, each in result.estimates.items())
+        lines += ["", f"in a SPEC: parameters = {{ {values} }}"]
+    return "\n".join(lines)
+
+
+def _values(result: "Identification") -> dict[str, Any]:
+    return {
+        "parameters": {name: {"value": e.value, "sd": e.sd, "unit": e.quantity.unit} for name, e in result.estimates.items()},
+        "unidentifiable": list(result.unidentifiable),
+        "residual": float((result.residual**2).mean() ** 0.5),
+        "validation": float((result.validation**2).mean() ** 0.5),
+        "rows": result.rows,
+        "inputs": "held" if result.held else "smooth",
+        "remarks": list(result.remarks),
+    }

@@ -1,0 +1,69 @@
+"""Which combinations of parameters the inverse dynamics determine, whatever the motion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import mpmath
+import numpy as np
+
+from ..model.reduction import ReducedSystem
+from ..verification.extended import DIGITS, evaluate
+
+NEGLIGIBLE = mpmath.mpf(10) ** (-DIGITS // 2)
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A change of parameters that the motion shows: d(pivot) + sum(factor * d(name)); the factors may depend on parameters."""
+
+    pivot: str
+    others: tuple[tuple[str, float], ...]
+
+    def __str__(self) -> str:
+        """Return it as a sum with three digits."""
+        terms = [f"{'-' if factor < 0 else '+'} {abs(factor):.3g} {name}" for name, factor in self.others]
+        return " ".join([self.pivot, *terms])
+
+
+def combinations(system: ReducedSystem, names: Sequence[str], values: Sequence[float], seed: int = 1) -> list[Combination]:
+    """Return a basis of what S'MS nudot + bias - S'E tau (10) determines of the named parameters near `values` (all parameters).
+
+    Its derivatives by the parameters are evaluated with DIGITS digits at random motions; their row space is reduced with pivots
+    in the order of `names`. A parameter that is the pivot of no combination, or occurs beside one, is not identifiable by itself.
+    """
+    mechanism = system.mechanism
+    nudot, tau = ca.SX.sym("nudot", system.freedom), ca.SX.sym("tau", len(mechanism.inputs))
+    residual = system.Mbar @ nudot + system.bias - system.input_map @ tau
+    known = {p.name: p.symbol for p in mechanism.parameters}
+    rates = ca.jacobian(residual, ca.vertcat(*[known[name] for name in names]))
+    moving = [*[q.symbol for q in system.state], *ca.vertsplit(nudot), *ca.vertsplit(tau)]
+    symbols = [*moving, *known.values()]
+    random = np.random.default_rng(seed)
+    rows: list[list[mpmath.mpf]] = []
+    with mpmath.workdps(DIGITS):
+        for _ in range(2 + 2 * len(names)):
+            entries = evaluate(ca.densify(rates), symbols, [*random.uniform(-1.5, 1.5, len(moving)), *values])
+            rows += [entries[i :: system.freedom] for i in range(system.freedom)]
+        return _reduced(rows, names)
+
+
+def _reduced(rows: list[list[mpmath.mpf]], names: Sequence[str]) -> list[Combination]:
+    """Return the reduced row echelon form as combinations."""
+    largest = max((abs(entry) for row in rows for entry in row), default=mpmath.mpf(0))
+    pivots: list[tuple[int, list[mpmath.mpf]]] = []
+    for column in range(len(names)):
+        best = max(rows, key=lambda row: abs(row[column]))
+        if abs(best[column]) <= NEGLIGIBLE * largest:
+            continue
+        pivot = [entry / best[column] for entry in best]
+        rows = [_without(row, pivot, column) for row in rows if row is not best]
+        pivots = [(k, _without(row, pivot, column)) for k, row in pivots] + [(column, pivot)]
+    return [
+        Combination(names[k], tuple((names[j], float(e)) for j, e in enumerate(row) if j != k and abs(e) > NEGLIGIBLE))
+        for k, row in pivots
+    ]
+
+
+def _without(row: list[mpmath.mpf], pivot: list[mpmath.mpf], column: int) -> list[mpmath.mpf]:
+    return [entry - row[column] * other for entry, other in zip(row, pivot, strict=True)]

@@ -1,0 +1,143 @@
+"""Logs: tables of times, states and inputs, from CSV or Parquet."""
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..model.reduction import ReducedSystem
+from ..readers.errors import BadInput
+from ..readers.files import read_input
+from ..readers.robots import suggestion
+
+LARGEST = 256  # MB
+GAP = 1.5  # times the usual interval: a longer one separates two stretches
+FEWEST = 20  # rows
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """Rows of a log in the order of time: t (N) s, states x = [q; nu] (N, 2n-m) and inputs tau (N, r), SI.
+
+    `stretches` are ranges of rows without a gap in time; `remarks` state what was left out.
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    tau: np.ndarray
+    stretches: tuple[range, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def interval(self) -> float:
+        """The usual time between rows, s."""
+        return float(np.median(np.diff(self.t)))
+
+
+def read_log(file: str | Path, system: ReducedSystem, columns: Mapping[str, str]) -> Log:
+    """Read a log with the columns of `noslip simulate`; `columns` maps names that are called otherwise: quantity -> column.
+
+    Coordinates on which the dynamics do not depend may be missing. Quasi-velocities that are missing are not guessed.
+    Raises BadInput if a column is missing or not numeric, times do not increase, or too few rows are left; and OSError.
+    """
+    table = _parquet(file) if Path(file).suffix == ".parquet" else _csv(file)
+    state, inputs = [q.name for q in system.state], [i.name for i in system.mechanism.inputs]
+    _check_map(columns, ["t", *state, *inputs])
+    needed = {"t", *(q.name for q in system.quasi_velocities), *inputs, *_read_by_dynamics(system)}
+    values = {}
+    for name in ("t", *state, *inputs):
+        column = columns.get(name, name)
+        if column in table:
+            values[name] = _numbers(table[column], f"{file} column {column!r}")
+        elif name in needed:
+            hint = suggestion(column, table) or f"; if it has another name, add --map {name}=COLUMN"
+            raise BadInput(f"{file}: column {column!r} is missing{hint}")
+    rows = np.column_stack([values.get(name, np.zeros(len(values["t"]))) for name in ("t", *state, *inputs)])
+    return _cleaned(str(file), rows, len(state))
+
+
+def _read_by_dynamics(system: ReducedSystem) -> list[str]:
+    """Return the coordinates that S'MS, the bias or S'E depend on."""
+    from casadi import symvar, vec, vertcat
+
+    used = {str(s) for s in symvar(vertcat(*map(vec, (system.Mbar, system.bias, system.input_map))))}
+    return [q.name for q in system.mechanism.coordinates if str(q.symbol) in used]
+
+
+def _check_map(columns: Mapping[str, str], known: Sequence[str]) -> None:
+    for name in columns:
+        if name not in known:
+            raise BadInput(f"--map {name}: not a quantity of this robot{suggestion(name, known)}; it has {', '.join(known)}")
+
+
+def _csv(file: str | Path) -> dict[str, list[str]]:
+    try:
+        text = read_input(file, LARGEST).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{file}: not a text file (byte {error.start}); logs are CSV or .parquet") from error
+    lines = list(csv.reader(io.StringIO(text)))
+    lines = [line for line in lines if line and not line[0].startswith("#")]
+    if not lines:
+        raise BadInput(f"{file} is empty")
+    head = [name.strip() for name in lines[0]]
+    for name in head:
+        if head.count(name) > 1:
+            raise BadInput(f"{file}: two columns are called {name!r}")
+    for k, line in enumerate(lines[1:], 2):
+        if len(line) != len(head):
+            raise BadInput(f"{file} row {k}: {len(line)} entries, but the first row names {len(head)} columns")
+    return {name: [line[k] for line in lines[1:]] for k, name in enumerate(head)}
+
+
+def _parquet(file: str | Path) -> dict[str, Sequence[Any]]:
+    try:
+        import pyarrow
+        import pyarrow.parquet as pq
+    except ImportError as error:
+        raise BadInput(f"{file}: reading Parquet needs pyarrow; pip install 'noslip[sweep]'") from error
+    try:
+        table = pq.read_table(io.BytesIO(read_input(file, LARGEST)))
+    except pyarrow.ArrowException as error:
+        raise BadInput(f"{file} is not a Parquet file, or is damaged") from error
+    return {name: table[name].to_pylist() for name in table.column_names}
+
+
+def _numbers(column: Sequence[Any], where: str) -> np.ndarray:
+    """Return a column as floats, NaN where an entry is empty."""
+    values = np.empty(len(column))
+    for k, entry in enumerate(column):
+        try:
+            values[k] = math.nan if entry is None or entry == "" else float(entry)
+        except (TypeError, ValueError) as error:
+            raise BadInput(f"{where} row {k + 2}: {str(entry)[:40]!r} is not a number") from error
+    return values
+
+
+def _cleaned(file: str, rows: np.ndarray, states: int) -> Log:
+    """Return a log without incomplete and repeated rows, divided where time has a gap."""
+    remarks = []
+    complete = np.isfinite(rows).all(axis=1)
+    if not complete.all():
+        remarks.append(f"{(~complete).sum()} rows with an empty or non-finite entry are left out")
+    rows = rows[complete]
+    step = np.diff(rows[:, 0])
+    again = np.concatenate([[False], (step == 0) & (np.diff(rows, axis=0) == 0).all(axis=1)]) if len(rows) else complete[:0]
+    if again.any():
+        remarks.append(f"{again.sum()} repeated rows are left out")
+    rows = rows[~again]
+    if len(rows) < FEWEST:
+        raise BadInput(f"{file}: {len(rows)} usable rows are too few; {FEWEST} or more are needed")
+    step = np.diff(rows[:, 0])
+    if step.min() <= 0:
+        k = int(np.argmax(step <= 0))
+        raise BadInput(f"{file}: t goes from {rows[k, 0]:g} s to {rows[k + 1, 0]:g} s; times must increase")
+    ends = [0, *(np.flatnonzero(step > GAP * np.median(step)) + 1), len(rows)]
+    if len(ends) > 2:
+        remarks.append(f"{len(ends) - 2} gaps in t, the longest {step.max():.3g} s; the rows on both sides are not connected")
+    stretches = tuple(range(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
+    return Log(rows[:, 0], rows[:, 1 : 1 + states], rows[:, 1 + states :], stretches, tuple(remarks))

@@ -1,0 +1,194 @@
+"""Parameters from logs: against the numbers with which the logs were made, over random noise, and by what cannot be told."""
+
+import csv
+import json
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from noslip.cli.main import main
+from noslip.identification.fit import identify
+from noslip.identification.identifiability import combinations
+from noslip.identification.log import FEWEST, Log, read_log
+from noslip.readers.robots import find_robot, system_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.run import Run
+from noslip.simulation.specification.spec import spec_of_table
+
+PLANT = {"m_c": 47.0, "I_c": 11.0}
+SYSTEM = system_of(find_robot("labmate"))
+VALUES = {p.name: p.default for p in SYSTEM.mechanism.parameters} | {"r": 0.15}
+
+
+SPEC = {
+    "robot": "labmate",
+    "plant": PLANT,
+    "gains": {"kp": 1.0, "kd": 2.5, "kv": 2.0},
+    "output": {"type": "IV", "L": 0.1, "path": {"kind": "circle", "x_f": 0.0, "y_f": 0.0, "R": 3.0}},
+    "reference": {"speed": 1.0},
+    "initial": {"point": [3.4, 0.0], "heading": 1.3, "speed": 0.2},
+    "simulation": {"duration": 6.0, "period": 0.01},
+}
+
+
+@cache
+def run() -> Run:
+    """Towards a small circle from beside it, torques held for 10 ms, with another mass and inertia."""
+    return simulate(spec_of_table(SPEC, Path("none.toml")))
+
+
+def log_of(noise: float = 0.0, seed: int = 0) -> Log:
+    random = np.random.default_rng(seed)
+    x = np.hstack([run().q, run().nu + noise * random.normal(size=run().nu.shape)])
+    return Log(run().t, x, run().tau, (range(len(x)),), ())
+
+
+def columns() -> list[str]:
+    return ["t", *(q.name for q in SYSTEM.state), *(i.name for i in SYSTEM.mechanism.inputs)]
+
+
+def table() -> np.ndarray:
+    return np.column_stack([run().t, run().q, run().nu, run().tau])
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(rows, head=None, name="log.csv") -> str:
+        file = tmp_path / name
+        with file.open("w", newline="") as stream:
+            csv.writer(stream).writerows([head or columns(), *rows])
+        return str(file)
+
+    return write
+
+
+def test_the_numbers_of_a_run(write, capsys):
+    file = write(table().tolist())
+    assert main(["identify", file, "--robot", "labmate", "--fit", "m_c", "I_c", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    for name, value in PLANT.items():
+        assert found["parameters"][name]["value"] == pytest.approx(value, rel=1e-8)
+    assert found["inputs"] == "held" and found["unidentifiable"] == [] and found["residual"] < 1e-9
+
+
+def deviations(count: int) -> np.ndarray:
+    """Errors of m_c and I_c by their standard deviations, of logs with noise of 0.02 rad/s."""
+    results = [identify(log_of(0.02, seed), SYSTEM, list(PLANT), VALUES, True).estimates for seed in range(count)]
+    return np.array([[(e[name].value - PLANT[name]) / e[name].sd for name in PLANT] for e in results])
+
+
+def test_values_lie_within_their_deviations():
+    off = deviations(6)
+    assert np.abs(off).max() < 4.0 and 0.3 < off.std() < 1.8
+    assert np.abs(off.mean(axis=0)).max() < 4.0 / np.sqrt(len(off))
+
+
+@pytest.mark.nightly
+def test_values_lie_in_their_intervals_in_most_logs():
+    off = deviations(300)
+    inside = np.mean(np.abs(off) < 1.96, axis=0)
+    assert (inside > 0.93).all() and np.abs(off.mean(axis=0)).max() < 4.0 / np.sqrt(len(off))
+
+
+def test_what_a_motion_cannot_tell():
+    """By hand: speed sees m_c + 2 m_w + 2 I_w/r^2, turning I_c + 2 I_m + 2 (m_w + I_w/r^2) b^2, both m_c d."""
+    every = [VALUES[p.name] for p in SYSTEM.mechanism.parameters]
+    r = VALUES["r"]
+    found = {c.pivot: dict(c.others) for c in combinations(SYSTEM, ["m_c", "I_c", "m_w", "I_w", "I_m"], every)}
+    assert set(found) == {"m_c", "I_c", "m_w"} and found["m_c"] == {}
+    assert found["m_w"] == {"I_w": pytest.approx(1 / r**2, rel=1e-12)}
+    assert found["I_c"] == {"I_m": pytest.approx(2.0, rel=1e-12)}
+
+
+def test_a_mass_that_is_seen_only_with_others_is_not_answered():
+    result = identify(log_of(), SYSTEM, ["I_c", "I_m", "m_c"], VALUES, True)
+    assert list(result.estimates) == ["m_c"] and result.estimates["m_c"].value == pytest.approx(47.0, rel=1e-6)
+    assert result.unidentifiable == ("I_c, I_m: any motion shows only I_c + 2 I_m (factors at the given values)",)
+
+
+def test_a_log_without_turning_does_not_show_the_inertia():
+    t = np.arange(500) * 0.01
+    tau, mechanism = ca.SX.sym("tau", 2), SYSTEM.mechanism
+    given = [mechanism.q, SYSTEM.nu, tau, ca.vertcat(*[p.symbol for p in mechanism.parameters])]
+    acceleration = ca.Function("acceleration", given, [SYSTEM.acceleration(tau)])
+    per_torque = acceleration(0, 0, 1, list(VALUES.values())).full()
+    nu = (per_torque * (1 - np.cos(t))).T  # of equal torques sin t
+    log = Log(t, np.hstack([np.zeros((500, 5)), nu]), np.sin(t)[:, None] * [1.0, 1.0], (range(500),), ())
+    result = identify(log, SYSTEM, ["m_c", "I_c"], VALUES, False)
+    assert list(result.estimates) == ["m_c"] and result.estimates["m_c"].value == pytest.approx(VALUES["m_c"], rel=1e-5)
+    assert result.unidentifiable[0].startswith("I_c: this log does not show it")
+
+
+def test_rows_that_are_left_out_are_told(write):
+    rows = table().tolist()
+    rows[100][0] = rows[101][6] = ""
+    rows.insert(200, rows[199])
+    del rows[400:450]
+    log = read_log(write(rows), SYSTEM, {})
+    assert [remark.split(",")[0].split(" are")[0] for remark in log.remarks] == [
+        "2 rows with an empty or non-finite entry",
+        "1 repeated rows",
+        "2 gaps in t",
+    ]
+    assert len(log.stretches) == 3 and sum(map(len, log.stretches)) == len(log.t) == len(rows) - 3
+    result = identify(log, SYSTEM, ["m_c"], VALUES | {"I_c": 11.0}, True)
+    assert result.estimates["m_c"].value == pytest.approx(47.0, rel=1e-8)
+
+
+def test_columns_by_other_names_and_those_that_are_not_needed(write):
+    keep = [0, 6, 7, 8, 9]
+    file = write(table()[:, keep].tolist(), ["time", *np.array(columns())[keep][1:]])
+    log = read_log(file, SYSTEM, {"t": "time"})
+    assert np.array_equal(log.t, run().t) and np.array_equal(log.tau, run().tau) and not log.x[:, :5].any()
+
+
+def bad(change):
+    rows = table().tolist()
+    return change(rows) or rows
+
+
+def swapped(rows):
+    rows[50], rows[60] = rows[60], rows[50]
+
+
+def still(rows):
+    return [[row[0], *table()[0, 1:8], *row[8:]] for row in rows]
+
+
+BAD = {
+    "few": (lambda rows: rows[: FEWEST - 1], [], "usable rows are too few"),
+    "short": (lambda rows: rows[:100], [], "stretches of 25 rows"),
+    "order": (swapped, [], "times must increase"),
+    "text": (lambda rows: [*rows[:5], ["x", *rows[5][1:]], *rows[6:]], [], "column 't' row 7: 'x' is not a number"),
+    "ragged": (lambda rows: [*rows[:5], rows[5][:-1]], [], "row 7: 9 entries"),
+    "still": (still, [], "do not change"),
+    "parameter": (None, ["--fit", "m_d"], "not a parameter of this robot; did you mean"),
+    "twice": (None, ["--fit", "m_c", "m_c"], "given twice"),
+    "map": (None, ["--fit", "m_c", "--map", "tau_x=a"], "--map tau_x: not a quantity"),
+    "column": (None, ["--fit", "m_c", "--map", "tau_r=torque"], "column 'torque' is missing"),
+    "set": (None, ["--fit", "m_c", "--set", "r=wide"], "'wide' is not a number"),
+    "sign": (None, ["--fit", "m_c", "--set", "r=-1"], "must be positive"),
+    "no pair": (None, ["--fit", "m_c", "--set", "r"], "write NAME=VALUE"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input(case, write, bad_input):
+    change, options, said = BAD[case]
+    rows = bad(change) if change else table().tolist()
+    file = write(rows)
+    assert said in bad_input(["identify", file, "--robot", "labmate", *(options or ["--fit", "m_c"])])
+
+
+def test_bad_files(tmp_path, bad_input):
+    for name, content, said in (
+        ("a.csv", b"", "is empty"),
+        ("b.csv", b"\xff\xfe\x00", "not a text file"),
+        ("c.csv", b"t,t\n1,2\n", "two columns are called 't'"),
+        ("d.parquet", b"PAR1", "not a Parquet file"),
+    ):
+        (tmp_path / name).write_bytes(content)
+        assert said in bad_input(["identify", str(tmp_path / name), "--robot", "labmate", "--fit", "m_c"])
+    assert "No such file" in bad_input(["identify", str(tmp_path / "none.csv"), "--robot", "labmate", "--fit", "m_c"])
