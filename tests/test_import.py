@@ -211,7 +211,7 @@ BAD = {
     "toe": (replaced(f'rpy="{WHEEL}"', f'rpy="{WHEEL}.3"'), "'right_joint' and 'left_joint' differ by 17.2 deg"),
     "cylinder askew": (
         replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0.3 0.0 -1.0"'),
-        "link 'right': its cylinder is not along the axle",
+        "link 'right': its cylinder is not centred on the axle",
     ),
     "axis zero": (replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0 0 0"'), "joint 'right_joint': its axis has length zero"),
     "no mesh": (

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+BESIDE = 0.02  # m from the joint of a wheel to its middle
 QUARTER = 1.5707963267948966
 WHEEL = "-1.5707963267948966 0 0"  # rpy of a joint whose z axis is then to the left
 
@@ -44,8 +45,10 @@ class Urdf:
     def wheel(self, name: str, parent: str, place, radius=0.1, mass=0.5, backward=False, **joint) -> None:
         """A wheel about the z axis of its joint, which is to the left, or with `backward` to the right."""
         inertia = np.diag([0.6, 0.6, 1.0]) * mass * radius**2 / 2
-        shape = f'<collision><geometry><cylinder radius="{radius!r}" length="0.04"/></geometry></collision>'
+        cylinder = f'<geometry><cylinder radius="{radius!r}" length="0.04"/></geometry>'
+        shape = f'<collision>{cylinder}<origin xyz="0 0 {BESIDE}"/></collision>'
         self.parts.append(f'<link name="{name}">{self.inertial(mass, (0, 0, 0.01), (0, 0, 0.3), inertia)}{shape}</link>')
+        place = np.subtract(place, (0, BESIDE, 0))
         self.joint(f"{name}_joint", "continuous", parent, name, place, WHEEL, (0, 0, -1 if backward else 1), **joint)
 
     def joint(self, name, kind, parent, child, place=(0, 0, 0), rpy="0 0 0", axis=(0, 0, 1), limit=(-1.0, 1.0)) -> None:

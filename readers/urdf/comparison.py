@@ -24,6 +24,10 @@ class Kinematics:
         self.root = np.linalg.inv(root)
         self.wheels = {wheel.joint: (part, wheel) for part in layout.parts for wheel in part.wheels}
         self.carried = {part.joint: part for part in layout.parts if part.joint}
+        self.middles = {}  # of the wheels, in the frames of their links
+        for name, (_, wheel) in self.wheels.items():
+            pose = self.document.pose(wheel.link)
+            self.middles[name] = pose[:3, :3].T @ (wheel.centre - pose[:3, 3])
         self.axes = {}  # of the joints that move, exactly to the left or upward, in their own frames
         for joint, axis in [
             *((name, wheel.sign * left) for name, (_, wheel) in self.wheels.items()),
@@ -58,7 +62,7 @@ class Kinematics:
         """Return the velocity (m/s) of every link's frame and its angular velocity (rad/s), in the world."""
         turning = {name: self.angle(part, rates, "_dot") for name, part in self.carried.items()}
         without = self._moved(q, rates, poses, turning)
-        speeds = {name: self._rolling(poses, without, part, wheel) for name, (part, wheel) in self.wheels.items()}
+        speeds = {name: self._rolling(poses, without, wheel) for name, (_, wheel) in self.wheels.items()}
         spins = {name: self._spin(part, wheel, rates, speeds) for name, (part, wheel) in self.wheels.items()}
         return self._moved(q, rates, poses, turning | spins)
 
@@ -66,8 +70,8 @@ class Kinematics:
         """Return the largest velocity (m/s) of the lowest point of a wheel over the ground."""
         poses = self.poses(q)
         twists = self.twists(q, rates, poses)
-        rims = [(twists[wheel.link], wheel.radius) for _, wheel in self.wheels.values()]
-        return max(float(np.linalg.norm(v + np.cross(w, -radius * UP))) for (v, w), radius in rims)
+        rims = [(self._middle(poses, twists, w), twists[w.link][1], w.radius) for _, w in self.wheels.values()]
+        return max(float(np.linalg.norm(v + np.cross(turn, -radius * UP))) for v, turn, radius in rims)
 
     def mass_matrix(self, names: list[str], q: Mapping[str, float]) -> np.ndarray:
         """Return the mass matrix in coordinates of these names, its wheels averaged over a turn."""
@@ -100,10 +104,15 @@ class Kinematics:
             found[link] = v, w
         return found
 
-    def _rolling(self, poses, twists, part: Part, wheel: Wheel) -> float:
+    def _middle(self, poses, twists, wheel: Wheel) -> np.ndarray:
+        """Return the velocity of the middle of a wheel, m/s."""
+        v, w = twists[wheel.link]
+        return v + np.cross(w, poses[wheel.link][:3, :3] @ self.middles[wheel.joint])
+
+    def _rolling(self, poses, twists, wheel: Wheel) -> float:
         """Return the rate at which a wheel would roll forward, rad/s."""
         axle = poses[wheel.link][:3, :3] @ self.axes[wheel.joint] * wheel.sign
-        return float(twists[wheel.link][0] @ np.cross(axle, UP)) / wheel.radius
+        return float(self._middle(poses, twists, wheel) @ np.cross(axle, UP)) / wheel.radius
 
     def _spin(self, part: Part, wheel: Wheel, rates: Mapping[str, float], speeds: Mapping[str, float]) -> float:
         """Return the rate of a wheel's joint: that of its coordinate, or, if it has none, that at which it rolls."""

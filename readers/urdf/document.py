@@ -138,7 +138,7 @@ def _refuse_unexpanded(file: str, root: Any) -> None:
 
 def _check_elements(file: str, root: Any) -> tuple[str, ...]:
     """Check every number of links and joints and make angles such as 1.57 exact. Return notes about these. Raises BadInput."""
-    notes: list[str] = []
+    rounded: list[str] = []
     named: dict[str, set[str]] = {"link": set(), "joint": set()}
     _check_complete(file, root)
     for owner in [e for kind in named for e in root.iterfind(kind)]:
@@ -151,8 +151,9 @@ def _check_elements(file: str, root: Any) -> tuple[str, ...]:
             for attribute in element.attrib:
                 _check_numbers(where, element, attribute)
             if element.tag == "origin" and _make_exact(element):
-                notes.append(f"{owner.tag} {owner.get('name')}: rounded multiples of a quarter turn in rpy are taken as exact")
-    return tuple(dict.fromkeys(notes))
+                rounded.append(f"{owner.tag} {owner.get('name')}")
+    names = ", ".join(dict.fromkeys(rounded))
+    return (f"rounded multiples of a quarter turn, such as 1.57, are taken as exact in rpy of {names}",) if names else ()
 
 
 def _check_complete(where: str, element: Any) -> None:
@@ -164,7 +165,12 @@ def _check_complete(where: str, element: Any) -> None:
     for child in ELEMENTS.get(element.tag, ()):
         if element.find(child) is None:
             raise BadInput(f"{line}: <{element.tag}> has no <{child}>; add it")
-    if element.tag == "geometry" and [e.tag for e in element] not in (["box"], ["cylinder"], ["sphere"], ["mesh"]):
+    if element.tag == "geometry" and [e.tag for e in element if e.tag != "material"] not in (
+        ["box"],
+        ["cylinder"],
+        ["sphere"],
+        ["mesh"],
+    ):
         raise BadInput(f"{line}: <geometry> must be one box, cylinder, sphere or mesh")
     if element.tag == "joint" and element.get("type") not in TYPES:
         raise BadInput(f"{line}: its type {element.get('type')!r} is not known{suggestion(element.get('type'), TYPES)}")

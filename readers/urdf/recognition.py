@@ -11,7 +11,7 @@ from ..errors import BadInput, suggestion
 from .document import Document
 from .inertial import Inertial, merged
 from .parts import UP, Layout, Options, Part, Wheel, ahead_and_left
-from .rims import ALIGNED, NotRound, lowest, radius
+from .rims import ALIGNED, NotRound, lowest, rim
 from .statics import shares
 
 CASTOR = re.compile(r"cast[eo]r|swivel|ball_?wheel", re.IGNORECASE)
@@ -167,8 +167,8 @@ class _Recognition:
                 f"its axis is {tilt:.3g} deg from horizontal; correct <axis>, which is in the frame of the joint, or rpy"
             )
         given = self.options.radii.get(joint.child)
-        size, source = (given, f"--radius {joint.child}") if given else radius(document, joint)
-        return Wheel(joint.name, joint.child, document.pose(joint.child)[:3, 3], size, source)
+        size, along, source = (given, 0.0, f"--radius {joint.child}") if given else rim(document, joint)
+        return Wheel(joint.name, joint.child, self.pivot(joint.name) + along * document.axis(joint), size, source)
 
     def unused(self) -> str:
         """Return why joints that turn are no wheels, to be followed by advice."""

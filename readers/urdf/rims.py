@@ -18,8 +18,8 @@ class NotRound(Exception):
     """A link whose shapes do not show a radius. The message says why and what to do."""
 
 
-def radius(document: Document, joint: Any) -> tuple[float, str]:
-    """Return the radius (m) of the wheel on a joint and where it comes from.
+def rim(document: Document, joint: Any) -> tuple[float, float, str]:
+    """Return the radius (m) of the wheel on a joint, how far its middle is from the joint along the axis (m), and the source.
 
     Cylinders and spheres come first, those of collisions before those of visuals, then meshes. Raises NotRound.
     """
@@ -33,8 +33,8 @@ def radius(document: Document, joint: Any) -> tuple[float, str]:
                 if (geometry.mesh is not None) is not meshes:
                     continue
                 try:
-                    if size := _radius(document, pose, geometry, axis, centre):
-                        found.append((size, f"link {link}, {kind} {_name(geometry)}"))
+                    if circle := _circle(document, pose, geometry, axis, centre):
+                        found.append((*circle, f"link {link}, {kind} {_name(geometry)}"))
                 except NotRound as error:
                     reasons.append(f"link {link!r}: {error}")
             if found:
@@ -95,12 +95,14 @@ def _half_height(pose: np.ndarray, geometry: Any) -> float:
     return float(up @ half)
 
 
-def _radius(document: Document, pose: np.ndarray, geometry: Any, axis: np.ndarray, centre: np.ndarray) -> float | None:
-    """Return the radius of one shape about an axle; None of a box. Raises NotRound."""
+def _circle(
+    document: Document, pose: np.ndarray, geometry: Any, axis: np.ndarray, centre: np.ndarray
+) -> tuple[float, float] | None:
+    """Return the radius of one shape about an axle and its place along that; None of a box. Raises NotRound."""
     if geometry.box is not None:
         return None
     if geometry.mesh is not None:
-        return _radius_of_mesh(document, pose, geometry.mesh, axis, centre)
+        return _circle_of_mesh(document, pose, geometry.mesh, axis, centre)
     size = float((geometry.cylinder or geometry.sphere).radius)
     if not size > 0:
         raise NotRound(f"the radius of its {_name(geometry)} is {size:g} m")
@@ -109,7 +111,7 @@ def _radius(document: Document, pose: np.ndarray, geometry: Any, axis: np.ndarra
         raise NotRound(f"its {_name(geometry)} is not centred on the axle")
     if geometry.cylinder is not None and abs(axis @ pose[:3, 2]) < math.cos(ALIGNED):
         raise NotRound("its cylinder is not along the axle")
-    return size
+    return size, float(axis @ offset)
 
 
 def _file(urdf: Path, name: str) -> Path | None:
@@ -120,8 +122,8 @@ def _file(urdf: Path, name: str) -> Path | None:
     return next((folder / each for folder in folders for each in rests if each and (folder / each).is_file()), None)
 
 
-def _radius_of_mesh(document: Document, pose: np.ndarray, mesh: Any, axis: np.ndarray, centre: np.ndarray) -> float:
-    """Return the largest distance of a mesh from the axle, with its scale and its origin. Raises NotRound."""
+def _circle_of_mesh(document: Document, pose: np.ndarray, mesh: Any, axis: np.ndarray, centre: np.ndarray) -> tuple[float, float]:
+    """Return the largest distance of a mesh from the axle, with its scale and its origin, and its middle. Raises NotRound."""
     file = _file(document.path, mesh.filename)
     if file is None:
         raise NotRound(f"its mesh {mesh.filename} is not found")
@@ -137,11 +139,12 @@ def _radius_of_mesh(document: Document, pose: np.ndarray, mesh: Any, axis: np.nd
         raise NotRound(f"its mesh {mesh.filename} is empty")
     scale = np.ones(3) if mesh.scale is None else np.asarray(mesh.scale) * np.ones(3)
     arms = (vertices * scale) @ pose[:3, :3].T + pose[:3, 3] - centre
-    arms -= np.outer(arms @ axis, axis)
+    along = arms @ axis
+    arms -= np.outer(along, axis)
     size = float(np.linalg.norm(arms, axis=1).max())
     side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     side /= np.linalg.norm(side)
     reach = [extreme for d in (side, np.cross(axis, side)) for extreme in (-(arms @ d).min(), (arms @ d).max())]
     if min(reach) < (1 - ROUND) * size:
         raise NotRound(f"its mesh {mesh.filename} is not round about the axle: it reaches from {min(reach):.3g} to {size:.3g} m")
-    return size
+    return size, float(along.max() + along.min()) / 2
