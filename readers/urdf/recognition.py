@@ -64,8 +64,8 @@ class _Recognition:
         fixed = [wheel for wheel in wheels if self.turning[wheel.joint] is None]
         if len(fixed) < 2:
             raise self.wrong(
-                f"of its wheels, joints {_joints(wheels)}, {len(fixed)} are on an axle fixed to {document.root!r}; "
-                f"{self.unused()}a robot file describes a body on an axle of two wheels, with steered wheels and trailers if any"
+                f"joints of wheels on {document.root!r} are {_joints(fixed) or 'none'}, without castors and what turns on vertical "
+                f"joints; {self.unused()}a robot file describes a body on an axle of two wheels, with steered wheels and trailers if any"
             )
         self.heading = self.common_heading(wheels)
         self.castors |= self.fixed_castors(wheels)
@@ -283,20 +283,22 @@ class _Recognition:
         return "skid steer", track / 2, origin
 
     def hold(self, used: list[str], groups: Mapping[str, list[Wheel]]) -> None:
-        """Note which joints are held fixed."""
+        """Note which castors are left out and which joints are held fixed."""
         document = self.document
-        of_castors = {joint.name for link in self.castors for joint in (*self.joints_above(link),)} - groups.keys()
-        for name in self.castors:
-            self.notes.append(f"castor: link {name} is left out as a wheel; its mass stays on the body")
-        for joint in document.joints.values():
-            if joint.type == "fixed" or joint.name in {*used, *groups, *of_castors}:
-                continue
-            self.notes.append(f"joint {joint.name} ({joint.type}) is held fixed at zero, with all that it carries")
+        if self.castors:
+            names = ", ".join(self.castors)
+            self.notes.append(f"castors are left out, and their mass stays on the body: links {names}")
+        of_castors = {joint.name for link in self.castors for joint in self.joints_above(link)}
+        held = [j for j in document.joints.values() if j.type != "fixed" and j.name not in {*used, *groups, *of_castors}]
+        for joint in held:
             lower, upper = (getattr(joint.limit, end, None) for end in ("lower", "upper"))
             if joint.type != "continuous" and lower is not None and upper is not None and not lower <= 0 <= upper:
                 raise self.wrong(
                     f"joint {joint.name!r} would be held at zero, beyond its limits {lower:g} to {upper:g}; fix it in the URDF"
                 )
+        if held:
+            names = ", ".join(joint.name for joint in held)
+            self.notes.append(f"held fixed at zero, with all that they carry: joints {names}")
 
     def joints_above(self, link: str) -> list[Any]:
         joint = self.document.carrier.get(link)
