@@ -271,7 +271,7 @@ def test_bad_input_is_one_line(case, tmp_path, bad_input):
         (["--wheels", "lefty_joint"], "no 'lefty_joint'; did you mean 'left_joint'?"),
         (["--wheels", "castor_joint", "left_joint"], "joint 'castor_joint' cannot be a wheel: it is fixed"),
         (["--wheels", "lidar_joint"], "joint 'lidar_joint' cannot be a wheel: its axis is 90 deg from horizontal"),
-        (["--castors", "left_joint"], "joints of wheels on 'base' are 'right_joint'"),
+        (["--castors", "left_joint"], "wheels on 'base', without castors and those on vertical joints: 'right_joint'"),
         (["--castors", "box"], "--castors: link 'box'"),
         (["--radius", "left"], "give LINK=METRES"),
         (["--radius", "left=-1"], "positive radius"),

@@ -64,8 +64,8 @@ class _Recognition:
         fixed = [wheel for wheel in wheels if self.turning[wheel.joint] is None]
         if len(fixed) < 2:
             raise self.wrong(
-                f"joints of wheels on {document.root!r} are {_joints(fixed) or 'none'}, without castors and what turns on vertical "
-                f"joints; {self.unused()}a robot file describes a body on an axle of two wheels, with steered wheels and trailers if any"
+                f"wheels on {document.root!r}, without castors and those on vertical joints: {_joints(fixed) or 'none'}; "
+                f"{self.unused()}a robot file describes a body on an axle of two wheels, with steered wheels and trailers if any"
             )
         self.heading = self.common_heading(wheels)
         self.castors |= self.fixed_castors(wheels)
