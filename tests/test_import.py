@@ -236,6 +236,7 @@ BAD = {
         "centre of mass is 50% of the radius away",
     ),
     "limits": (replaced('lower="-1.0"', 'lower="0.5"', urdf=lambda: lifted()), "beyond its limits 0.5 to 1"),
+    "apart": (lambda: apart().text, "joint 'steering_left' mimics 'steering_right' by 1: the wheels turn apart"),
     "two pairs": (lambda: crab().text, "joints 'steering', 'steering_rear' steer wheels"),
 }
 
@@ -244,6 +245,14 @@ def lifted() -> Urdf:
     made = two_wheels()
     made.link("mast", 0.1)
     made.joint("lift", "prismatic", "base", "mast", (0, 0, 0.5))
+    return made
+
+
+def apart() -> Urdf:
+    """A car whose joints of steering turn about opposite axes by the same angle."""
+    made = steered(pair=True)
+    at = next(k for k, part in enumerate(made.parts) if 'joint name="steering_left"' in part)
+    made.parts[at] = made.parts[at].replace("</joint>", '<mimic joint="steering_right"/></joint>')
     return made
 
 
@@ -311,12 +320,39 @@ def test_a_wheel_from_a_scaled_and_turned_mesh(tmp_path):
         recognize(read(str(file)), Options(wheels=("left_joint", "right_joint")))
 
 
+def test_text_of_a_urdf_stays_text(tmp_path):
+    """A name with quotation marks, a line break and a backslash becomes a comment, never code."""
+    evil = "&#10;raise SystemExit(7)&#10;&quot;&quot;&quot;\\"
+    text = two_wheels().text.replace('"lidar', f'"{evil}lidar').replace('link name="box"', f'link name="{evil}"')
+    file = tmp_path / "cart.urdf"
+    file.write_text(text.replace('link="box"', f'link="{evil}"'))
+    target = tmp_path / "cart.py"
+    assert main(["import", str(file), "-o", str(target)]) == 0
+    assert "raise SystemExit(7)" in target.read_text()
+
+
+def test_what_is_named_on_the_command_line(tmp_path, capsys):
+    """A radius in place of a shape, and friction that is left out, with a word."""
+    urdf = two_wheels()
+    file = tmp_path / "cart.urdf"
+    joint = '<joint name="left_joint" type="continuous">'
+    file.write_text(urdf.text.replace(CYLINDER, MESH, 1).replace(joint, f'{joint}<dynamics damping="0.1"/>'))
+    argv = ["import", str(file), "--radius", "right=10 cm", "--wheels", "right_joint", "left_joint", "--json"]
+    assert main([*argv, "-o", str(tmp_path / "cart.py")]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["wheels"]["right_joint"]["radius"] == 0.1
+    assert (
+        "damping and friction are left out: joints left_joint" in err and "--radius right" in (tmp_path / "cart.py").read_text()
+    )
+
+
 def test_names_are_made_identifiers():
     for given, name in (
         ("my-robot 2", "my_robot_2"),
         ("3dx", "robot_3dx"),
         ("class", "class_robot"),
         ("é", "robot"),
+        ("wheels", "wheels_robot"),
         ("math", "math_robot"),
     ):
         assert name_of(given) == name

@@ -48,7 +48,7 @@ class Kinematics:
         c, s = np.cos(q["phi"]), np.sin(q["phi"])
         plane = np.array([[c, -s, 0, q["x"]], [s, c, 0, q["y"]], [0, 0, 1, 0], [0, 0, 0, 1.0]])
         found = {self.document.root: plane @ self.root}
-        for link in list(self.document.subtree(self.document.root))[1:]:
+        for link in self.document.subtree(self.document.root)[1:]:
             joint = self.document.carrier[link]
             turn = np.eye(4)
             if joint.name in self.wheels:

@@ -3,7 +3,7 @@
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -34,6 +34,7 @@ COMPLETE = {  # attributes that have no default in URDF, by element
 ELEMENTS = {"inertial": ("mass", "inertia"), "joint": ("parent", "child"), "visual": ("geometry",), "collision": ("geometry",)}
 VECTORS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3}  # attributes with several numbers
 NUMBERS = {*COMPLETE["inertia"], "radius", "length", "value", "multiplier", "offset", "lower", "upper", "effort", "velocity"}
+UNUSED = ("material", "gazebo", "transmission", "ros2_control", "dynamics", "calibration", "safety_controller")
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
 
@@ -64,20 +65,33 @@ class Document:
 
     def below(self, link: str) -> list[Any]:
         """Return the joints whose parent is this link."""
-        return [joint for joint in self.joints.values() if joint.parent == link]
+        return self._below.get(link, [])
 
-    def subtree(self, link: str, through: Iterable[str] | None = None) -> Iterator[str]:
-        """Yield a link and all that it carries; with `through`, by joints of these names only."""
-        allowed = None if through is None else set(through)
-        yield link
-        for joint in self.below(link):
-            if allowed is None or joint.name in allowed:
-                yield from self.subtree(joint.child, allowed)
+    def subtree(self, link: str, follow: Callable[[Any], bool] = lambda joint: True) -> list[str]:
+        """Return a link and all that it carries by joints for which `follow` holds, each after its parent."""
+        found = [link]
+        for each in found:
+            found += [joint.child for joint in self._below.get(each, ()) if follow(joint)]
+        return found
+
+    @cached_property
+    def _below(self) -> dict[str, list[Any]]:
+        found: dict[str, list[Any]] = {}
+        for joint in self.joints.values():
+            found.setdefault(joint.parent, []).append(joint)
+        return found
+
+    @cached_property
+    def _poses(self) -> dict[str, np.ndarray]:
+        found = {self.root: np.eye(4)}
+        for link in self.subtree(self.root)[1:]:
+            joint = self.carrier[link]
+            found[link] = found[joint.parent] @ placed(joint)
+        return found
 
     def pose(self, link: str) -> np.ndarray:
         """Return the frame of a link in that of the root, 4 x 4, with all joints at zero."""
-        joint = self.carrier.get(link)
-        return np.eye(4) if joint is None else self.pose(joint.parent) @ _origin(joint)
+        return self._poses[link]
 
     def axis(self, joint: Any) -> np.ndarray:
         """Return the axis of a joint in the frame of the root, of length 1, with all joints at zero."""
@@ -98,9 +112,6 @@ def placed(element: Any) -> np.ndarray:
     return np.eye(4) if element.origin is None else np.asarray(element.origin)
 
 
-_origin = placed
-
-
 def read(file: str) -> Document:
     """Read a URDF. Raises BadInput, naming the link or joint, for a file that is not one complete tree, and OSError."""
     try:
@@ -117,14 +128,25 @@ def read(file: str) -> Document:
         raise BadInput(f"{file}: the first element is <{root.tag}>, and that of a URDF is <robot>; give a URDF")
     notes = _check_elements(file, root)
     driven = {j.get("name") for path in ("transmission/joint", "ros2_control/joint") for j in root.iterfind(path)}
-    etree.strip_elements(root, "material", "gazebo", "transmission", "ros2_control", with_tail=False)
-    robot = URDF.load(io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False).robot
+    rubbing = [e.getparent().get("name") for e in root.iterfind("joint/dynamics") if _rubs(e)]
+    if rubbing:
+        notes = (*notes, f"damping and friction are left out: joints {', '.join(rubbing)}")
+    etree.strip_elements(root, *UNUSED, with_tail=False)
+    try:
+        robot = URDF.load(io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False).robot
+    except Exception as error:  # what has not been checked above
+        raise BadInput(f"{file}: yourdfpy cannot read it: {type(error).__name__}: {error}") from error
     known = {joint.name: joint for joint in robot.joints}
     document = Document(
         Path(file), robot.name, {link.name: link for link in robot.links}, known, frozenset(driven & known.keys()), notes
     )
     _check_tree(document)
     return document
+
+
+def _rubs(dynamics: Any) -> bool:
+    """Return whether a joint has damping or friction."""
+    return any(dynamics.get(name, "0").strip() not in ("0", "0.0") for name in ("damping", "friction"))
 
 
 def _refuse_unexpanded(file: str, root: Any) -> None:
@@ -225,8 +247,7 @@ def _check_tree(document: Document) -> None:
     if len(roots) != 1:
         loose = f"links {', '.join(map(repr, roots[:3]))} have no parent" if roots else "every link has a parent"
         raise BadInput(f"{where}: {loose}; the joints must connect all links to one tree")
-    lost = set(document.links) - set(document.subtree(roots[0]))
-    if lost:
+    if lost := set(document.links) - set(document.subtree(roots[0])):
         raise BadInput(f"{where}: link {min(lost)!r} is not connected to {roots[0]!r}; its joints form a circle")
 
 

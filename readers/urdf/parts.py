@@ -43,11 +43,12 @@ class Part:
     """A body in the plane. Its frame has x ahead, y to the left, and its `origin` (m, in the frame of the root) in the middle of
     its axle, or, if it is steered, at its pivot.
 
-    A part but the base turns on the vertical `joint`, at `pivot`; `sign` is -1 if that turns about the downward vertical. Mass,
-    centre of mass (`ahead`, `left`) and inertia about the vertical there include the wheels, given from right to left.
+    A part but the base, whose `joint` is empty, turns on the vertical `joint` at `pivot`; `sign` is -1 if that turns about the
+    downward vertical. Mass, centre of mass (`ahead`, `left`) and inertia about the vertical there include the wheels, given
+    from right to left.
     """
 
-    joint: str | None
+    joint: str
     sign: int
     pivot: np.ndarray
     origin: np.ndarray

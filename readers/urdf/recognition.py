@@ -16,10 +16,11 @@ from .statics import shares
 
 CASTOR = re.compile(r"cast[eo]r|swivel|ball_?wheel", re.IGNORECASE)
 STEERS = re.compile(r"steer", re.IGNORECASE)
-ROLLERS = re.compile(r"mec+h?an+um|swedish|omni_?wheel|roller", re.IGNORECASE)
+ROLLERS = re.compile(r"mec+h?an+um|swedish|omni_?wheel", re.IGNORECASE)
 GROUND = 0.1  # of the radius: heights at which a wheel or castor touches the ground
 ON_LINE = 0.05  # of the radius: distances, ahead or aside, that are taken as none
 TRAIL = 0.2  # of the radius: a wheel so far behind a vertical joint is a castor's, unless the joint is driven or said to steer
+ACKERMANN = 0.5  # relative: difference of the angles of two steered wheels
 UNEVEN = 1e-3  # relative: how far from a body of revolution a wheel may be without a note
 UNBALANCED = 0.1  # of the radius: how far its centre of mass may be from the axle
 
@@ -34,7 +35,6 @@ class _Recognition:
 
     def __init__(self, document: Document, options: Options):
         self.document, self.options, self.notes = document, options, list(document.notes)
-        self.fixed = [joint.name for joint in document.joints.values() if joint.type == "fixed"]
         both = {*document.joints, *document.links}
         for option, names, known in (
             ("--wheels", options.wheels, document.joints),
@@ -77,7 +77,7 @@ class _Recognition:
         self.hold([wheel.joint for wheel in wheels], groups)
         steering = [joint for joint, own in groups.items() if self.steers(joint, own)]
         self.carrying = {document.joints[joint].child: joint for joint in groups}
-        base = self.part(None, fixed, origin)
+        base = self.part("", fixed, origin)
         steered = self.steered([self.part(joint, groups[joint], self.pivot(joint)) for joint in steering], base)
         trailers = self.chain({joint: own for joint, own in groups.items() if joint not in steering}, base)
         if steered and abs(base.wheels[0].radius - base.wheels[1].radius) > 1e-9:
@@ -167,17 +167,24 @@ class _Recognition:
                 f"its axis is {tilt:.3g} deg from horizontal; correct <axis>, which is in the frame of the joint, or rpy"
             )
         given = self.options.radii.get(joint.child)
-        size, along, source = (given, 0.0, f"--radius {joint.child}") if given else rim(document, joint)
+        try:
+            size, along, source = rim(document, joint)
+        except NotRound:
+            if not given:
+                raise
+            size, along = given, 0.0
+        if given:
+            size, source = given, f"--radius {joint.child}"
         return Wheel(joint.name, joint.child, self.pivot(joint.name) + along * document.axis(joint), size, source)
 
     def unused(self) -> str:
         """Return why joints that turn are no wheels, to be followed by advice."""
         return "".join(f"joint {name!r}: {reason}; " for name, reason in list(self.reasons.items())[:2])
 
-    def ancestors(self, joint: str | None) -> list[Any]:
+    def ancestors(self, joint: str) -> list[Any]:
         """Return the joints that carry a joint, from it to the root."""
         found, carrier = [], self.document.carrier
-        link = self.document.joints[joint].parent if joint else self.document.root
+        link = self.document.joints[joint].parent
         while link in carrier:
             found.append(carrier[link])
             link = carrier[link].parent
@@ -306,23 +313,18 @@ class _Recognition:
 
     # -- bodies -------------------------------------------------------------------------------------------------
 
-    def links_of(self, joint: str | None) -> list[str]:
+    def links_of(self, joint: str) -> list[str]:
         """Return the links of a part: all that its joint carries but what other parts do."""
-        top = self.document.root if joint is None else self.document.joints[joint].child
+        top = self.document.joints[joint].child if joint else self.document.root
+        return self.document.subtree(top, lambda below: below.child not in self.carrying)
 
-        def walk(link: str) -> list[str]:
-            below = [j.child for j in self.document.below(link) if j.child not in self.carrying]
-            return [link, *[each for child in below for each in walk(child)]]
-
-        return walk(top)
-
-    def part(self, joint: str | None, wheels: Sequence[Wheel], origin: np.ndarray) -> Part:
-        """Return the body that a vertical joint carries, or the base, in a frame with this origin."""
+    def part(self, joint: str, wheels: Sequence[Wheel], origin: np.ndarray) -> Part:
+        """Return the body that a vertical joint carries, or with "" the base, in a frame with this origin."""
         document, links = self.document, self.links_of(joint)
-        downward = joint is not None and document.axis(document.joints[joint])[2] < 0
+        downward = joint and document.axis(document.joints[joint])[2] < 0
         finished, bodies, rims = [], [], set()
         for wheel in sorted(wheels, key=lambda w: ahead_and_left(w.centre, self.heading)[1]):
-            own = list(document.subtree(wheel.link))
+            own = document.subtree(wheel.link)
             rims.update(own)
             made, mean = self.with_inertia(wheel, own)
             finished.append(made)
@@ -333,7 +335,7 @@ class _Recognition:
         inertia = float(whole.inertia[2, 2])
         if not inertia > 0:
             raise self.wrong(f"the inertia of {', '.join(links[:3])} about the vertical is zero; give <inertia>")
-        place = origin if joint is None else self.pivot(joint)
+        place = self.pivot(joint) if joint else origin
         sign = -1 if downward else 1
         return Part(joint, sign, place, origin, whole.mass, ahead, left, inertia, tuple(finished), tuple(links))
 
@@ -390,6 +392,13 @@ class _Recognition:
             )
         if min(map(abs, ahead)) < near:
             raise self.wrong(f"joints {names} steer wheels beside the fixed axle; they must be ahead of it or behind it")
+        for part in parts:
+            mimic = self.document.joints[part.joint].mimic
+            other = next((p for p in parts if mimic is not None and p.joint == mimic.joint), None)
+            if other and abs(mimic.multiplier * part.sign * other.sign - 1) > ACKERMANN:
+                raise self.wrong(
+                    f"joint {part.joint!r} mimics {mimic.joint!r} by {mimic.multiplier:g}: the wheels turn apart; correct <mimic>"
+                )
         if len({round(part.wheels[0].radius, 9) for part in parts}) > 1:
             raise self.wrong(f"joints {names} steer wheels of different radii")
         if len(parts) == 2:

@@ -23,7 +23,7 @@ def rim(document: Document, joint: Any) -> tuple[float, float, str]:
 
     Cylinders and spheres come first, those of collisions before those of visuals, then meshes. Raises NotRound.
     """
-    links = list(document.subtree(joint.child, (j.name for j in document.joints.values() if j.type == "fixed")))
+    links = document.subtree(joint.child, lambda below: below.type == "fixed")
     axis, centre = document.axis(joint), document.pose(joint.child)[:3, 3]
     reasons: list[str] = []
     for meshes in (False, True):

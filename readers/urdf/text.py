@@ -15,6 +15,7 @@ from .rims import extent
 
 NONE = 1e-9  # m, or relative: a smaller offset is left out, a smaller difference of two wheels is none
 WIDTH = 118
+IMPORTED = ("cos", "sin", "Mechanism", "box", "placed", "wheels")
 SIDES = ("right", "left")
 ABOUT = {
     "two wheels": "two driven wheels on one axle",
@@ -32,7 +33,7 @@ def name_of(text: str) -> str:
         Mechanism(name)
     except ModelError:
         return f"{name}_robot"
-    return name
+    return f"{name}_robot" if name in IMPORTED else name
 
 
 def robot_file(layout: Layout) -> str:
@@ -230,7 +231,7 @@ class _Writer:
         """A steered wheel, or a pair that turns by the angle of a wheel in their middle."""
         layout, parts = self.layout, self.layout.steered
         pair, front = len(parts) == 2, layout.front
-        joints = ", ".join("-" * (part.sign < 0) + str(part.joint) for part in parts)
+        joints = ", ".join("-" * (part.sign < 0) + part.joint for part in parts)
         front_joints = ", ".join("-" * (part.wheels[0].sign < 0) + part.wheels[0].joint for part in parts)
         rear_joints = ", ".join("-" * (wheel.sign < 0) + wheel.joint for wheel in layout.base.wheels)
         driven = ("front wheels" if pair else "front wheel") if front else "rear wheels"
