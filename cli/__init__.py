@@ -1,9 +1,10 @@
-"""The command line: one module per command, which parses arguments and calls the other packages."""
+"""The command line: a module per command or two, which parses arguments and calls the other packages."""
 
 DIFFERS, BAD_INPUT, INTERNAL, READER_GONE = 1, 2, 70, 141  # exit codes; those of signals are in main.py
 COMMANDS = (
     "robots",
     "laws",
+    "import",
     "generate",
     "check",
     "evaluate",
@@ -17,4 +18,5 @@ COMMANDS = (
     "identify",
     "export",
     "completion",
-)  # each has a module in this folder
+)
+MODULES = {name: name.replace("-", "_") for name in COMMANDS} | {"laws": "robots", "import": "urdf"}  # in this folder

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 from .. import __version__
 from ..readers.errors import BadInput, Mismatch, suggestion
-from . import BAD_INPUT, COMMANDS, DIFFERS, INTERNAL, READER_GONE
+from . import BAD_INPUT, COMMANDS, DIFFERS, INTERNAL, MODULES, READER_GONE
 
 ADVICE = {
     errno.ENOENT: "check the path",
@@ -116,8 +116,8 @@ def parser_of(names: Sequence[str]) -> tuple[Parser, "argparse._SubParsersAction
     )
     parser.add_argument("--version", action="version", version=f"noslip {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", title="commands (noslip COMMAND --help shows the options of a command)")
-    for name in names:
-        importlib.import_module(f".{name.replace('-', '_')}", __package__).add_parser(commands)
+    for module in dict.fromkeys(MODULES[name] for name in names):
+        importlib.import_module(f".{module}", __package__).add_parser(commands)
     for command in commands.choices.values():
         command.add_json()
     return parser, commands

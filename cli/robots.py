@@ -1,35 +1,46 @@
-"""`noslip robots`: lists the shipped robots."""
+"""`noslip robots` and `noslip laws`: list the shipped robots, and the control laws of a robot."""
 
 import argparse
 
 from .commands import show
 
-EXAMPLE = """example:
+EXAMPLE_OF_ROBOTS = """example:
   noslip robots
   noslip laws labmate     the control laws of a robot"""
+EXAMPLE_OF_LAWS = """example:
+  noslip laws labmate
+  noslip laws path/to/robot.py:cart --json"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
-    """Add `noslip robots`."""
+    """Add `noslip robots` and `noslip laws`."""
     parser = subparsers.add_parser(
         "robots",
         help="list the shipped robots",
         description="List the shipped robots. A robot of your own is a Python file: path/to/file.py:name.",
-        epilog=EXAMPLE,
+        epilog=EXAMPLE_OF_ROBOTS,
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=list_robots)
+    parser = subparsers.add_parser(
+        "laws",
+        help="list the control laws of a robot",
+        description="List the control laws of a robot: outputs with their units and relative degrees, gains and configuration.",
+        epilog=EXAMPLE_OF_LAWS,
+    )
+    parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
+    parser.set_defaults(run=list_laws)
 
 
-def run(args: argparse.Namespace) -> int:
+def list_robots(args: argparse.Namespace) -> int:
     """Run `noslip robots`. Return 0."""
     from ..model.robots import ROBOTS
 
     robots = [(name, robot()) for name, robot in ROBOTS.items()]
-    show(args, lambda: _table(robots), lambda: [_properties(name, robot) for name, robot in robots])
+    show(args, lambda: _robots_table(robots), lambda: [_robot(name, robot) for name, robot in robots])
     return 0
 
 
-def _table(robots: list) -> str:
+def _robots_table(robots: list) -> str:
     width, lines = max(len(name) for name, _ in robots), []
     for name, robot in robots:
         counts = f"{len(robot.coordinates)} coordinates, {len(robot.constraint_names)} constraints, {len(robot.inputs)} inputs"
@@ -37,7 +48,7 @@ def _table(robots: list) -> str:
     return "\n".join(lines)
 
 
-def _properties(name: str, robot) -> dict:
+def _robot(name: str, robot) -> dict:
     return {
         "name": name,
         "about": robot.about,
@@ -46,4 +57,40 @@ def _properties(name: str, robot) -> dict:
         "constraints": list(robot.constraint_names),
         "inputs": [q.name for q in robot.inputs],
         "parameters": {q.name: {"default": q.default, "unit": q.unit, "about": q.about} for q in robot.parameters},
+    }
+
+
+def list_laws(args: argparse.Namespace) -> int:
+    """Run `noslip laws`. Return 0. Raises BadInput, ModelError."""
+    from ..readers.errors import BadInput
+    from ..readers.robots import find_laws, find_robot, law_of, system_of
+
+    robot = find_robot(args.robot)
+    laws = {name: _law(law_of(robot, name)) for name in find_laws(system_of(robot))}
+    if not laws and not args.json:
+        raise BadInput(f"{args.robot} has no control law: declare its outputs with output(name, about, rows)")
+    show(args, lambda: _laws_table(laws), lambda: laws)
+    return 0
+
+
+def _laws_table(laws: dict) -> str:
+    width, lines = max(map(len, laws)), []
+    for name, law in laws.items():
+        outputs = ", ".join(f"{o['name']} ({o['unit']}, degree {o['relative_degree']})" for o in law["outputs"])
+        rest = [f"{kind} {' '.join(law[kind])}" for kind in ("config", "gains") if law[kind]]
+        lines.append(f"{name:{width}}  {'; '.join([outputs, *rest])}")
+    return "\n".join(lines)
+
+
+def _law(law) -> dict:
+    degrees = law.linearization.relative_degree
+    return {
+        "about": law.output.about,
+        "outputs": [
+            {"name": row.name, "unit": row.unit, "about": row.about, "relative_degree": degree}
+            for row, degree in zip(law.output.rows, degrees, strict=True)
+        ],
+        "config": [q.name for q in law.config],
+        "gains": [q.name for q in law.gains],
+        "reference": [q.name for q in law.reference],
     }

@@ -1,0 +1,78 @@
+"""`noslip import`: writes a robot file from a URDF."""
+
+import argparse
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..readers.errors import BadInput
+from ..readers.files import check_own, check_targets, write_whole
+from ..readers.quantities import quantity
+from .commands import show
+
+EXAMPLE = """examples:
+  noslip import robot.urdf -o robot.py
+  noslip import husky.urdf --skid-steer-track 1.02 -o husky.py
+  noslip import robot.urdf --wheels left_joint right_joint --radius left_wheel=0.1 --radius right_wheel=0.1 -o robot.py"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add `noslip import`."""
+    parser = subparsers.add_parser(
+        "import",
+        help="write a robot file from a URDF",
+        description="Write a robot file from a URDF: two driven wheels, a car or a tricycle, trailers behind it. Joints that "
+        "are not wheels, steering or hitches are held fixed. Before the file is put in place, its mass matrix is compared with "
+        "that of the URDF's links. Requires pip install 'noslip[physics]'.",
+        epilog=EXAMPLE,
+    )
+    parser.add_argument("urdf", metavar="FILE.urdf", help="a URDF; expand a xacro file first")
+    parser.add_argument(
+        "--wheels", nargs="+", metavar="JOINT", default=[], help="the joints of the wheels; default: by their shapes"
+    )
+    parser.add_argument(
+        "--castors", nargs="+", metavar="NAME", default=[], help="joints or links of castors, in addition to those found"
+    )
+    parser.add_argument("--radius", action="append", metavar="LINK=METRES", default=[], help="radius of the wheel of a link")
+    parser.add_argument(
+        "--skid-steer-track", type=quantity("m"), metavar="METRES", help="describe a skid steer by two wheels this far apart"
+    )
+    parser.add_argument("-o", "--output", metavar="ROBOT.py", required=True, help="the robot file")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run `noslip import`. Return 0. Raises BadInput, ModelError, OSError."""
+    from ..readers.urdf.importing import import_urdf
+    from ..readers.urdf.parts import Options
+
+    check_targets([args.output], inputs=[args.urdf])
+    if args.output != "-":
+        if not args.output.endswith(".py"):
+            raise BadInput(f"{args.output}: a robot file ends in .py")
+        check_own(Path(args.output))
+    options = Options(args.wheels, args.castors, dict(map(_radius, args.radius)), args.skid_steer_track)
+    text, described = import_urdf(args.urdf, options, Path(args.output).parent)
+    write_whole(args.output, text)
+    for note in described["notes"]:
+        print(f"noslip: {note}", file=sys.stderr)
+    show(args, lambda: _summary(args.output, described), lambda: {"file": args.output, **described}, args.output)
+    return 0
+
+
+def _radius(text: str) -> tuple[str, float]:
+    link, _, size = text.rpartition("=")
+    try:
+        radius = quantity("m")(size)
+    except (argparse.ArgumentTypeError, ValueError) as error:
+        raise BadInput(f"--radius {text}: give LINK=METRES, such as wheel_left=0.05") from error
+    if not link or not 0 < radius < float("inf"):
+        raise BadInput(f"--radius {text}: give LINK=METRES with a positive radius")
+    return link, radius
+
+
+def _summary(file: str, described: Mapping[str, Any]) -> str:
+    wheels = ", ".join(described["wheels"])
+    difference = described["mass_matrix_difference"]
+    return f"{file}:{described['robot']}: {described['kind']}; wheels {wheels}; mass matrix as in the URDF to {difference:.0e}"

@@ -1,0 +1,264 @@
+"""Reads a URDF: links, joints and their numbers, each complete and finite, or an error that names the link or joint."""
+
+import io
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadInput, suggestion
+from ..files import read_input
+from .inertial import Inertial
+
+QUARTER = math.pi / 2
+ROUNDED = 2e-3  # rad: an angle so near to a multiple of a quarter turn, such as 1.57, is read as that multiple
+LARGEST = 1e30  # of any number
+COMPLETE = {  # attributes that have no default in URDF, by element
+    "robot": ("name",),
+    "link": ("name",),
+    "joint": ("name", "type"),
+    "parent": ("link",),
+    "child": ("link",),
+    "mass": ("value",),
+    "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+    "cylinder": ("radius", "length"),
+    "sphere": ("radius",),
+    "box": ("size",),
+    "mesh": ("filename",),
+}
+ELEMENTS = {"inertial": ("mass", "inertia"), "joint": ("parent", "child"), "visual": ("geometry",), "collision": ("geometry",)}
+VECTORS = {"xyz": 3, "rpy": 3, "size": 3, "scale": 3}  # attributes with several numbers
+NUMBERS = {*COMPLETE["inertia"], "radius", "length", "value", "multiplier", "offset", "lower", "upper", "effort", "velocity"}
+UNUSED = ("material", "gazebo", "transmission", "ros2_control", "dynamics", "calibration", "safety_controller")
+TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+
+
+@dataclass(frozen=True)
+class Document:
+    """A URDF as a tree. `links` and `joints` are yourdfpy's, by name; `driven` the joints that have a transmission; `notes` what
+    was not taken literally.
+    """
+
+    path: Path
+    name: str
+    links: Mapping[str, Any]
+    joints: Mapping[str, Any]
+    driven: frozenset[str]
+    notes: tuple[str, ...] = ()
+    _inertials: dict[str, Inertial | None] = field(default_factory=dict)
+
+    @cached_property
+    def root(self) -> str:
+        """The link that no joint carries."""
+        carried = {joint.child for joint in self.joints.values()}
+        return next(name for name in self.links if name not in carried)
+
+    @cached_property
+    def carrier(self) -> dict[str, Any]:
+        """The joint that carries each link, but the root."""
+        return {joint.child: joint for joint in self.joints.values()}
+
+    def below(self, link: str) -> list[Any]:
+        """Return the joints whose parent is this link."""
+        return self._below.get(link, [])
+
+    def subtree(self, link: str, follow: Callable[[Any], bool] = lambda joint: True) -> list[str]:
+        """Return a link and all that it carries by joints for which `follow` holds, each after its parent."""
+        found = [link]
+        for each in found:
+            found += [joint.child for joint in self._below.get(each, ()) if follow(joint)]
+        return found
+
+    @cached_property
+    def _below(self) -> dict[str, list[Any]]:
+        found: dict[str, list[Any]] = {}
+        for joint in self.joints.values():
+            found.setdefault(joint.parent, []).append(joint)
+        return found
+
+    @cached_property
+    def _poses(self) -> dict[str, np.ndarray]:
+        found = {self.root: np.eye(4)}
+        for link in self.subtree(self.root)[1:]:
+            joint = self.carrier[link]
+            found[link] = found[joint.parent] @ placed(joint)
+        return found
+
+    def pose(self, link: str) -> np.ndarray:
+        """Return the frame of a link in that of the root, 4 x 4, with all joints at zero."""
+        return self._poses[link]
+
+    def axis(self, joint: Any) -> np.ndarray:
+        """Return the axis of a joint in the frame of the root, of length 1, with all joints at zero."""
+        return self.pose(joint.child)[:3, :3] @ (np.asarray(joint.axis) / np.linalg.norm(joint.axis))
+
+    def inertial(self, link: str) -> Inertial | None:
+        """Return mass, centre and inertia of a link in its own frame; None of one without mass.
+
+        Raises BadInput for a mass or an inertia that no body has.
+        """
+        if link not in self._inertials:
+            self._inertials[link] = _inertial(self.links[link], f"{self.path}: link {link!r}")
+        return self._inertials[link]
+
+
+def placed(element: Any) -> np.ndarray:
+    """Return the origin of an element of yourdfpy, 4 x 4."""
+    return np.eye(4) if element.origin is None else np.asarray(element.origin)
+
+
+def read(file: str) -> Document:
+    """Read a URDF. Raises BadInput, naming the link or joint, for a file that is not one complete tree, and OSError."""
+    try:
+        from lxml import etree
+        from yourdfpy import URDF
+    except ImportError as error:
+        raise BadInput(f"reading a URDF requires {error.name}: install it with pip install 'noslip[physics]'") from error
+    try:
+        root = etree.fromstring(read_input(file), etree.XMLParser(remove_comments=True, remove_pis=True))
+    except etree.XMLSyntaxError as error:
+        raise BadInput(f"{file}: not XML: {error.msg}; correct it, or export it again") from error
+    _refuse_unexpanded(file, root)
+    if root.tag != "robot":
+        raise BadInput(f"{file}: the first element is <{root.tag}>, and that of a URDF is <robot>; give a URDF")
+    notes = _check_elements(file, root)
+    driven = {j.get("name") for path in ("transmission/joint", "ros2_control/joint") for j in root.iterfind(path)}
+    rubbing = [e.getparent().get("name") for e in root.iterfind("joint/dynamics") if _rubs(e)]
+    if rubbing:
+        notes = (*notes, f"damping and friction are left out: joints {', '.join(rubbing)}")
+    etree.strip_elements(root, *UNUSED, with_tail=False)
+    try:
+        robot = URDF.load(io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False).robot
+    except Exception as error:  # what has not been checked above
+        raise BadInput(f"{file}: yourdfpy cannot read it: {type(error).__name__}: {error}") from error
+    known = {joint.name: joint for joint in robot.joints}
+    document = Document(
+        Path(file), robot.name, {link.name: link for link in robot.links}, known, frozenset(driven & known.keys()), notes
+    )
+    _check_tree(document)
+    return document
+
+
+def _rubs(dynamics: Any) -> bool:
+    """Return whether a joint has damping or friction."""
+    return any(dynamics.get(name, "0").strip() not in ("0", "0.0") for name in ("damping", "friction"))
+
+
+def _refuse_unexpanded(file: str, root: Any) -> None:
+    """Raise BadInput for a xacro file."""
+    elements = [e for e in root.iter() if isinstance(e.tag, str)]
+    values = (value for e in elements for value in e.attrib.values())
+    if file.endswith(".xacro") or any("xacro}" in e.tag for e in elements) or any("${" in v or "$(" in v for v in values):
+        stem = re.sub(r"(\.urdf)?(\.xacro)?$", "", Path(file).name)
+        raise BadInput(f"{file}: a xacro file; expand it with `xacro {file} -o {stem}.expanded.urdf` and import that")
+
+
+def _check_elements(file: str, root: Any) -> tuple[str, ...]:
+    """Check every number of links and joints and make angles such as 1.57 exact. Return notes about these. Raises BadInput."""
+    rounded: list[str] = []
+    named: dict[str, set[str]] = {"link": set(), "joint": set()}
+    _check_complete(file, root)
+    for owner in [e for kind in named for e in root.iterfind(kind)]:
+        where = f"{file}: {owner.tag} {owner.get('name')!r}"
+        if owner.get("name") in named[owner.tag]:
+            raise BadInput(f"{where} is defined twice; rename one")
+        named[owner.tag].add(owner.get("name"))
+        for element in owner.iter():
+            _check_complete(where, element)
+            for attribute in element.attrib:
+                _check_numbers(where, element, attribute)
+            if element.tag == "origin" and _make_exact(element):
+                rounded.append(f"{owner.tag} {owner.get('name')}")
+    names = ", ".join(dict.fromkeys(rounded))
+    return (f"rounded multiples of a quarter turn, such as 1.57, are taken as exact in rpy of {names}",) if names else ()
+
+
+def _check_complete(where: str, element: Any) -> None:
+    """Raise BadInput unless an element has its attributes and elements."""
+    line = f"{where}, line {element.sourceline}"
+    for attribute in COMPLETE.get(element.tag, ()):
+        if not element.get(attribute, "").strip():
+            raise BadInput(f"{line}: <{element.tag}> has no {attribute}; add it")
+    for child in ELEMENTS.get(element.tag, ()):
+        if element.find(child) is None:
+            raise BadInput(f"{line}: <{element.tag}> has no <{child}>; add it")
+    if element.tag == "geometry" and [e.tag for e in element if e.tag != "material"] not in (
+        ["box"],
+        ["cylinder"],
+        ["sphere"],
+        ["mesh"],
+    ):
+        raise BadInput(f"{line}: <geometry> must be one box, cylinder, sphere or mesh")
+    if element.tag == "joint" and element.get("type") not in TYPES:
+        raise BadInput(f"{line}: its type {element.get('type')!r} is not known{suggestion(element.get('type'), TYPES)}")
+
+
+def _check_numbers(where: str, element: Any, attribute: str) -> None:
+    """Raise BadInput for an attribute that should be numbers and is not."""
+    count = VECTORS.get(attribute, 1 if attribute in NUMBERS else 0)
+    if not count:
+        return
+    text = element.get(attribute)
+    try:
+        numbers = [float(part) for part in (text.replace(",", " ") if attribute in ("size", "scale") else text).split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(abs(number) <= LARGEST for number in numbers):
+        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise BadInput(f"{where}, line {element.sourceline}: {attribute}={text!r} of <{element.tag}> must be {wanted}")
+
+
+def _make_exact(origin: Any) -> bool:
+    """Replace angles that are a rounded multiple of a quarter turn. Return whether one was replaced by more than rounding."""
+    angles = [float(angle) for angle in origin.get("rpy", "0 0 0").split()]
+    exact = [round(angle / QUARTER) * QUARTER for angle in angles]
+    near = [0 < abs(angle - turn) <= ROUNDED and turn != 0 for angle, turn in zip(angles, exact, strict=True)]
+    if not any(near):
+        return False
+    origin.set("rpy", " ".join(repr(e if n else a) for a, e, n in zip(angles, exact, near, strict=True)))
+    return any(n and abs(a - e) > 1e-6 for a, e, n in zip(angles, exact, near, strict=True))
+
+
+def _check_tree(document: Document) -> None:
+    """Raise BadInput unless the joints connect all links to one tree and have axes."""
+    where = document.path
+    if not document.links:
+        raise BadInput(f"{where}: it has no links")
+    carried: dict[str, str] = {}
+    for name, joint in document.joints.items():
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in document.links:
+                raise BadInput(f"{where}: joint {name!r}: its {role} {link!r} is no link{suggestion(link, document.links)}")
+        if joint.child in carried:
+            raise BadInput(
+                f"{where}: link {joint.child!r} is the child of joints {carried[joint.child]!r} and {name!r}; a URDF is a tree"
+            )
+        carried[joint.child] = name
+        if joint.type != "fixed" and not np.linalg.norm(joint.axis) > 0:
+            raise BadInput(f"{where}: joint {name!r}: its axis has length zero")
+        if joint.mimic is not None and joint.mimic.joint not in document.joints:
+            raise BadInput(f"{where}: joint {name!r} mimics {joint.mimic.joint!r}, which is no joint of the file")
+    roots = [link for link in document.links if link not in carried]
+    if len(roots) != 1:
+        loose = f"links {', '.join(map(repr, roots[:3]))} have no parent" if roots else "every link has a parent"
+        raise BadInput(f"{where}: {loose}; the joints must connect all links to one tree")
+    if lost := set(document.links) - set(document.subtree(roots[0])):
+        raise BadInput(f"{where}: link {min(lost)!r} is not connected to {roots[0]!r}; its joints form a circle")
+
+
+def _inertial(link: Any, where: str) -> Inertial | None:
+    if link.inertial is None:
+        return None
+    mass, origin = float(link.inertial.mass), placed(link.inertial)
+    if not mass > 0:
+        raise BadInput(f"{where}: its mass is {mass:g} kg; give it a positive mass, or no <inertial> if it is a frame")
+    inertia = origin[:3, :3] @ link.inertial.inertia @ origin[:3, :3].T
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[0] < -1e-9 * abs(moments[2]):
+        raise BadInput(f"{where}: its inertia has a negative principal moment, {moments[0]:.3g} kg m^2; correct it")
+    return Inertial(mass, origin[:3, 3], inertia)

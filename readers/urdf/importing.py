@@ -1,0 +1,55 @@
+"""Makes a robot file from a URDF, and puts it in place only after its model has been compared with the URDF."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import BadInput
+from ..files import work_folder
+from ..robots import find_robot, system_of
+from .comparison import compare
+from .document import read
+from .parts import Layout, Options
+from .recognition import recognize
+from .text import name_of, robot_file
+
+SAME = 1e-9  # relative: differences of the mass matrix and velocities of rims, of numbers with 12 digits
+
+
+def import_urdf(file: str, options: Options, folder: Path) -> tuple[str, Mapping[str, Any]]:
+    """Return the text of a robot file and what it describes: see `_described`. A temporary file is made in a `folder`.
+
+    Raises BadInput for a URDF that cannot be described, ModelError for a robot that the method does not apply to.
+    """
+    layout = recognize(read(file), options)
+    text = robot_file(layout)
+    name = name_of(layout.document.name)
+    with work_folder(folder) as work:
+        made = work / "robot.py"
+        made.write_text(text)
+        system = system_of(find_robot(f"{made}:{name}"))
+    difference, slip = compare(system, layout)
+    if not max(difference, slip or 0.0) <= SAME:
+        raise BadInput(
+            f"{file}: nothing is written: the robot file differs from the URDF, in the mass matrix by {difference:.1e} and in "
+            f"the velocity of a rim by {slip or 0.0:.1e} (relative); please report this"
+        )
+    return text, _described(name, layout, difference, system.mechanism)
+
+
+def _described(name: str, layout: Layout, difference: float, robot: Any) -> dict[str, Any]:
+    """Return name and kind, wheels and castors, notes, parameters, and the largest relative difference of the mass matrix."""
+    wheels = [wheel for part in layout.parts for wheel in part.wheels]
+    return {
+        "robot": name,
+        "kind": layout.kind,
+        "wheels": {
+            wheel.joint: {"link": wheel.link, "radius": wheel.radius, "load": layout.shares[wheel.joint]} for wheel in wheels
+        },
+        "castors": list(layout.castors),
+        "steered": [part.joint for part in layout.steered],
+        "trailers": [part.joint for part in layout.trailers],
+        "notes": list(layout.notes),
+        "parameters": {p.name: {"default": p.default, "unit": p.unit, "about": p.about} for p in robot.parameters},
+        "mass_matrix_difference": difference,
+    }

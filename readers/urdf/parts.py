@@ -1,0 +1,96 @@
+"""The parts of a robot that rolls, as they are recognized in a URDF."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .document import Document
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user names: joints of wheels, joints or links of castors, radii (m) by link, track (m) of a skid steer."""
+
+    wheels: Sequence[str] = ()
+    castors: Sequence[str] = ()
+    radii: Mapping[str, float] = field(default_factory=dict)
+    track: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Wheel:
+    """A wheel: its joint, the link there, its centre in the frame of the root, its radius (m), and whence this comes.
+
+    `sign` is 1 if the joint turns about the direction to the left, so that a positive angle rolls forward, else -1. `mass`
+    (kg) and `inertia` (about the axle, kg m^2) are those of all its links.
+    """
+
+    joint: str
+    link: str
+    centre: np.ndarray
+    radius: float
+    source: str
+    sign: int = 1
+    mass: float = 0.0
+    inertia: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A body in the plane. Its frame has x ahead, y to the left, and its `origin` (m, in the frame of the root) in the middle of
+    its axle, or, if it is steered, at its pivot.
+
+    A part but the base, whose `joint` is empty, turns on the vertical `joint` at `pivot`; `sign` is -1 if that turns about the
+    downward vertical. Mass, centre of mass (`ahead`, `left`) and inertia about the vertical there include the wheels, given
+    from right to left.
+    """
+
+    joint: str
+    sign: int
+    pivot: np.ndarray
+    origin: np.ndarray
+    mass: float
+    ahead: float
+    left: float
+    inertia: float
+    wheels: tuple[Wheel, ...]
+    links: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """A robot of a kind that a robot file describes: "two wheels", "skid steer", "car" or "tricycle".
+
+    `heading` is its direction in the frame of the root, `half` (m) half the distance of the base's wheels, or of the effective
+    track. The motor drives the wheels of the base, or with `front` the steered wheels. `castors` are links with the places where
+    they stand, `shares` the part of the weight on each group of wheels (see `text`).
+    """
+
+    document: Document
+    kind: str
+    heading: np.ndarray
+    half: float
+    base: Part
+    steered: tuple[Part, ...]
+    trailers: tuple[Part, ...]
+    front: bool
+    castors: Mapping[str, np.ndarray]
+    shares: Mapping[str, float]
+    notes: tuple[str, ...]
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All bodies."""
+        return (self.base, *self.steered, *self.trailers)
+
+    def seen(self, place: np.ndarray, origin: np.ndarray) -> tuple[float, float]:
+        """Return how far a place is ahead of and to the left of an origin, m."""
+        return ahead_and_left(place - origin, self.heading)
+
+
+def ahead_and_left(arm: np.ndarray, heading: np.ndarray) -> tuple[float, float]:
+    """Return the components of a vector along the heading and to its left."""
+    return float(arm @ heading), float(arm @ np.cross(UP, heading))

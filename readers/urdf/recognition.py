@@ -1,0 +1,451 @@
+"""Recognizes a URDF as a robot that rolls: its wheels, steered parts and trailers, castors, and what is held fixed."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadInput, suggestion
+from .document import Document
+from .inertial import Inertial, merged
+from .parts import UP, Layout, Options, Part, Wheel, ahead_and_left
+from .rims import ALIGNED, NotRound, lowest, rim
+from .statics import shares
+
+CASTOR = re.compile(r"cast[eo]r|swivel|ball_?wheel", re.IGNORECASE)
+STEERS = re.compile(r"steer", re.IGNORECASE)
+ROLLERS = re.compile(r"mec+h?an+um|swedish|omni_?wheel", re.IGNORECASE)
+GROUND = 0.1  # of the radius: heights at which a wheel or castor touches the ground
+ON_LINE = 0.05  # of the radius: distances, ahead or aside, that are taken as none
+TRAIL = 0.2  # of the radius: a wheel so far behind a vertical joint is a castor's, unless the joint is driven or said to steer
+ACKERMANN = 0.5  # relative: difference of the angles of two steered wheels
+UNEVEN = 1e-3  # relative: how far from a body of revolution a wheel may be without a note
+UNBALANCED = 0.1  # of the radius: how far its centre of mass may be from the axle
+
+
+def recognize(document: Document, options: Options) -> Layout:
+    """Return what the URDF is. Raises BadInput, naming joints and links, for a robot that a robot file cannot describe."""
+    return _Recognition(document, options).layout()
+
+
+class _Recognition:
+    """The steps of `recognize`, with what they share."""
+
+    def __init__(self, document: Document, options: Options):
+        self.document, self.options, self.notes = document, options, list(document.notes)
+        both = {*document.joints, *document.links}
+        for option, names, known in (
+            ("--wheels", options.wheels, document.joints),
+            ("--castors", options.castors, both),
+            ("--radius", options.radii, document.links),
+        ):
+            for name in names:
+                if name not in known:
+                    raise self.wrong(f"{option}: there is no {name!r}{suggestion(name, known)}")
+
+    def wrong(self, message: str) -> BadInput:
+        return BadInput(f"{self.document.path}: {message}")
+
+    def layout(self) -> Layout:
+        document, options = self.document, self.options
+        if not any(document.inertial(link) for link in document.links):
+            raise self.wrong("no link has an <inertial>; a model needs masses and inertias")
+        self.refuse_rollers()
+        wheels = self.wheels()
+        self.ground = min(wheel.centre[2] - wheel.radius for wheel in wheels)
+        self.turning = {wheel.joint: self.turning_joint(wheel) for wheel in wheels}
+        self.castors = {w.link: w.centre for w in wheels if w.joint not in options.wheels and self.is_castor(w, wheels)}
+        wheels = [wheel for wheel in wheels if wheel.link not in self.castors]
+        extra = [wheel for wheel in wheels if options.wheels and wheel.joint not in options.wheels]
+        if extra:
+            raise self.wrong(f"joint {extra[0].joint!r} is a wheel, too; name it in --wheels, or in --castors if it is one")
+        fixed = [wheel for wheel in wheels if self.turning[wheel.joint] is None]
+        if len(fixed) < 2:
+            raise self.wrong(
+                f"wheels on {document.root!r}, without castors and those on vertical joints: {_joints(fixed) or 'none'}; "
+                f"{self.unused()}a robot file describes a body on an axle of two wheels, with steered wheels and trailers if any"
+            )
+        self.heading = self.common_heading(wheels)
+        self.castors |= self.fixed_castors(wheels)
+        kind, half, origin = self.axle(fixed)
+        groups: dict[str, list[Wheel]] = {}
+        for wheel in wheels:
+            if joint := self.turning[wheel.joint]:
+                groups.setdefault(joint, []).append(wheel)
+        self.hold([wheel.joint for wheel in wheels], groups)
+        steering = [joint for joint, own in groups.items() if self.steers(joint, own)]
+        self.carrying = {document.joints[joint].child: joint for joint in groups}
+        base = self.part("", fixed, origin)
+        steered = self.steered([self.part(joint, groups[joint], self.pivot(joint)) for joint in steering], base)
+        trailers = self.chain({joint: own for joint, own in groups.items() if joint not in steering}, base)
+        if steered and abs(base.wheels[0].radius - base.wheels[1].radius) > 1e-9:
+            raise self.wrong(
+                f"joints {_joints(fixed)}: the radii of the wheels differ; beside steered wheels that is not described"
+            )
+        if steered:
+            if kind != "two wheels":
+                raise self.wrong(f"wheels on several axles ({_joints(fixed)}) and steered wheels ({_joints(groups)})")
+            kind = "car" if len(steered) == 2 else "tricycle"
+        front = self.driven_in_front(fixed, steered)
+        weights, note = shares(base, steered, trailers, self.castors, self.heading)
+        self.notes += note
+        return Layout(
+            document,
+            kind,
+            self.heading,
+            half,
+            base,
+            steered,
+            trailers,
+            front,
+            self.castors,
+            weights,
+            tuple(dict.fromkeys(self.notes)),
+        )
+
+    # -- wheels -------------------------------------------------------------------------------------------------
+
+    def refuse_rollers(self) -> None:
+        """Raise BadInput for wheels with rollers, by name."""
+        for joint in self.document.joints.values():
+            if joint.type in ("floating", "planar"):
+                raise self.wrong(f"joint {joint.name!r} is {joint.type}; a robot file has revolute and fixed joints")
+            link = self.document.links[joint.child]
+            meshes = [s.geometry.mesh.filename for s in (*link.visuals, *link.collisions) if s.geometry.mesh is not None]
+            for name in (joint.name, link.name, *meshes):
+                if ROLLERS.search(name) and joint.type != "fixed":
+                    raise self.wrong(
+                        f"joint {joint.name!r}: {name!r} is a wheel with rollers (mecanum or omnidirectional), which moves "
+                        "sideways, too; a wheel here rolls without side slip"
+                    )
+
+    def wheels(self) -> list[Wheel]:
+        """Return the wheels that stand on the ground, those of castors included. Raises BadInput if there are none."""
+        document, named = self.document, self.options.wheels
+        found, self.reasons = [], {}
+        for joint in document.joints.values():
+            if joint.name not in named and joint.type != "continuous":
+                continue
+            try:
+                found.append(self.wheel(joint))
+            except NotRound as error:
+                if joint.name in named:
+                    raise self.wrong(f"joint {joint.name!r} cannot be a wheel: {error}") from error
+                if abs(document.axis(joint)[2]) < 0.5:  # not a joint that was never meant as a wheel's
+                    self.reasons[joint.name] = str(error)
+        if found:
+            ground = min(wheel.centre[2] - wheel.radius for wheel in found if not named or wheel.joint in named)
+            for wheel in list(found):
+                height = wheel.centre[2] - wheel.radius - ground
+                if abs(height) > GROUND * wheel.radius:
+                    self.reasons[wheel.joint] = f"its rim is {height:.3g} m above the ground, where the other wheels stand"
+                    if wheel.joint in named:
+                        raise self.wrong(f"joint {wheel.joint!r} cannot be a wheel: {self.reasons[wheel.joint]}")
+                    found.remove(wheel)
+        if not found:
+            raise self.wrong(f"no wheel found; {self.unused()}name the joints of the wheels by --wheels JOINT ...")
+        for wheel in found:
+            below = [j for link in document.subtree(wheel.link) for j in document.below(link) if j.type != "fixed"]
+            if below:
+                raise self.wrong(
+                    f"joint {below[0].name!r} turns on the wheel of joint {wheel.joint!r}; wheels with rollers slip aside"
+                )
+            if document.joints[wheel.joint].mimic is not None:
+                raise self.wrong(f"joint {wheel.joint!r} is a wheel that mimics another joint; remove <mimic>")
+        return found
+
+    def wheel(self, joint: Any) -> Wheel:
+        """Return the wheel on a joint. Raises NotRound."""
+        document = self.document
+        if joint.type not in ("continuous", "revolute"):
+            raise NotRound(f"it is {joint.type}, and a wheel turns: continuous")
+        tilt = math.degrees(math.asin(min(1.0, abs(document.axis(joint)[2]))))
+        if tilt > math.degrees(ALIGNED):
+            raise NotRound(
+                f"its axis is {tilt:.3g} deg from horizontal; correct <axis>, which is in the frame of the joint, or rpy"
+            )
+        given = self.options.radii.get(joint.child)
+        try:
+            size, along, source = rim(document, joint)
+        except NotRound:
+            if not given:
+                raise
+            size, along = given, 0.0
+        if given:
+            size, source = given, f"--radius {joint.child}"
+        return Wheel(joint.name, joint.child, self.pivot(joint.name) + along * document.axis(joint), size, source)
+
+    def unused(self) -> str:
+        """Return why joints that turn are no wheels, to be followed by advice."""
+        return "".join(f"joint {name!r}: {reason}; " for name, reason in list(self.reasons.items())[:2])
+
+    def ancestors(self, joint: str) -> list[Any]:
+        """Return the joints that carry a joint, from it to the root."""
+        found, carrier = [], self.document.carrier
+        link = self.document.joints[joint].parent
+        while link in carrier:
+            found.append(carrier[link])
+            link = carrier[link].parent
+        return found
+
+    def turning_joint(self, wheel: Wheel) -> str | None:
+        """Return the nearest vertical joint that carries a wheel."""
+        for joint in self.ancestors(wheel.joint):
+            if joint.type in ("continuous", "revolute") and abs(self.document.axis(joint)[2]) > math.cos(ALIGNED):
+                return joint.name
+        return None
+
+    def is_castor(self, wheel: Wheel, wheels: list[Wheel]) -> bool:
+        """Return whether a wheel is that of a castor: named so, or alone, not driven, and behind its vertical joint."""
+        joints = [self.document.joints[wheel.joint], *self.ancestors(wheel.joint)]
+        names = {name for joint in joints for name in (joint.name, joint.child)}
+        if names & set(self.options.castors) or any(map(CASTOR.search, names)):
+            return True
+        turning = self.turning[wheel.joint]
+        if turning is None or turning in self.document.driven or STEERS.search(turning):
+            return False
+        beside = [w for w in wheels if self.turning[w.joint] == turning and w is not wheel]
+        if any(np.linalg.norm(w.centre - wheel.centre) > 2 * wheel.radius for w in beside):
+            return False
+        return self.trail(turning, wheel) > TRAIL * wheel.radius
+
+    def trail(self, turning: str, wheel: Wheel) -> float:
+        """Return the distance of a wheel from its vertical joint, at right angles to its axle, m."""
+        arm = (wheel.centre - self.pivot(turning))[:2]
+        axle = self.document.axis(self.document.joints[wheel.joint])[:2]
+        return abs(float(arm[0] * axle[1] - arm[1] * axle[0]))
+
+    def fixed_castors(self, wheels: list[Wheel]) -> dict[str, np.ndarray]:
+        """Return links that stand on the ground without a wheel: those named so, and spheres. Raises BadInput for a name."""
+        document, found = self.document, {}
+        named = {document.joints[n].child if n in document.joints else n for n in self.options.castors} - self.castors.keys()
+        rims = {link for wheel in wheels for link in document.subtree(wheel.link)}
+        for name, link in document.links.items():
+            spheres = any(s.geometry.sphere is not None for s in (*link.collisions, *link.visuals))
+            if name in rims or name == document.root or not (spheres or CASTOR.search(name) or name in named):
+                continue
+            place = lowest(document, name)
+            if place and abs(place[0] - self.ground) <= GROUND * wheels[0].radius:
+                found[name] = place[1]
+        lost = {name for name in named if not {*found, *self.castors} & set(document.subtree(name))}
+        if lost:
+            raise self.wrong(f"--castors: link {min(lost)!r} has no sphere, cylinder or box that reaches the ground")
+        return found
+
+    # -- the base -----------------------------------------------------------------------------------------------
+
+    def heading_of(self, wheel: Wheel) -> np.ndarray:
+        """Return the direction in which a wheel rolls, of the two that nearer to x, or to y if it rolls along y."""
+        axis = self.document.axis(self.document.joints[wheel.joint])
+        heading = np.cross(axis, UP)
+        heading /= np.linalg.norm(heading)
+        forward = heading[0] if abs(heading[0]) > ALIGNED else heading[1]
+        return heading if forward > 0 else -heading
+
+    def common_heading(self, wheels: list[Wheel]) -> np.ndarray:
+        """Return the direction in which all wheels roll. Raises BadInput if they have none."""
+        headings = [self.heading_of(wheel) for wheel in wheels]
+        for wheel, heading in zip(wheels, headings, strict=True):
+            angle = math.degrees(math.acos(min(1.0, float(heading @ headings[0]))))
+            if angle > math.degrees(ALIGNED):
+                raise self.wrong(
+                    f"the axles of joints {wheels[0].joint!r} and {wheel.joint!r} differ by {angle:.3g} deg; with all joints at "
+                    "zero every wheel must roll the same way"
+                )
+        if max(abs(heading @ np.cross(UP, headings[0])) for heading in headings) > 1e-6:
+            self.notes.append("the axles are taken as exactly parallel")
+        mean = np.sum(headings, axis=0)
+        return mean / np.linalg.norm(mean)
+
+    def axle(self, fixed: list[Wheel]) -> tuple[str, float, np.ndarray]:
+        """Return the kind of a robot with these wheels on its base, half their distance, and their middle."""
+        places = [ahead_and_left(wheel.centre, self.heading) for wheel in fixed]
+        ahead, aside = (np.array(values) for values in zip(*places, strict=True))
+        actual, track = float(np.ptp(aside)), self.options.track
+        several = np.ptp(ahead) > ON_LINE * fixed[0].radius
+        middle = (aside.max() + aside.min()) / 2
+        origin = ahead.mean() * self.heading + middle * np.cross(UP, self.heading) + self.ground * UP
+        if several and track is None:
+            raise self.wrong(
+                f"joints {_joints(fixed)} are wheels on several axles fixed to {self.document.root!r}: when it turns they "
+                "slip aside (skid steer), so that it does not roll. --skid-steer-track METRES describes it by two wheels at "
+                f"their effective track, which is measured in turns and larger than {actual:.3g} m"
+            )
+        if not several and track is not None:
+            raise self.wrong(f"--skid-steer-track: joints {_joints(fixed)} are on one axle, whose wheels do not slip")
+        sides = [[wheel for wheel, left in zip(fixed, aside, strict=True) if (left > middle) == way] for way in (False, True)]
+        if len(fixed) != 2 and not several or len(sides[0]) != len(sides[1]):
+            raise self.wrong(f"joints {_joints(fixed)}: give as many wheels on the left as on the right, and two on one axle")
+        if track is None:
+            return "two wheels", actual / 2, origin
+        if not track >= actual:
+            raise self.wrong(f"--skid-steer-track {track:g} m: the effective track is at least that of the wheels, {actual:g} m")
+        if max(w.radius for w in fixed) > (1 + 1e-6) * min(w.radius for w in fixed):
+            raise self.wrong(f"joints {_joints(fixed)}: the radii of the wheels differ; give one by --radius LINK=METRES")
+        self.notes.append(
+            f"skid steer: described by two wheels {track:g} m apart, its effective track; the wheels are {actual:g} m apart"
+        )
+        return "skid steer", track / 2, origin
+
+    def hold(self, used: list[str], groups: Mapping[str, list[Wheel]]) -> None:
+        """Note which castors are left out and which joints are held fixed."""
+        document = self.document
+        if self.castors:
+            names = ", ".join(self.castors)
+            self.notes.append(f"castors are left out, and their mass stays on the body: links {names}")
+        of_castors = {joint.name for link in self.castors for joint in self.joints_above(link)}
+        held = [j for j in document.joints.values() if j.type != "fixed" and j.name not in {*used, *groups, *of_castors}]
+        for joint in held:
+            lower, upper = (getattr(joint.limit, end, None) for end in ("lower", "upper"))
+            if joint.type != "continuous" and lower is not None and upper is not None and not lower <= 0 <= upper:
+                raise self.wrong(
+                    f"joint {joint.name!r} would be held at zero, beyond its limits {lower:g} to {upper:g}; fix it in the URDF"
+                )
+        if held:
+            names = ", ".join(joint.name for joint in held)
+            self.notes.append(f"held fixed at zero, with all that they carry: joints {names}")
+
+    def joints_above(self, link: str) -> list[Any]:
+        joint = self.document.carrier.get(link)
+        return [] if joint is None else [joint, *self.ancestors(joint.name)]
+
+    # -- bodies -------------------------------------------------------------------------------------------------
+
+    def links_of(self, joint: str) -> list[str]:
+        """Return the links of a part: all that its joint carries but what other parts do."""
+        top = self.document.joints[joint].child if joint else self.document.root
+        return self.document.subtree(top, lambda below: below.child not in self.carrying)
+
+    def part(self, joint: str, wheels: Sequence[Wheel], origin: np.ndarray) -> Part:
+        """Return the body that a vertical joint carries, or with "" the base, in a frame with this origin."""
+        document, links = self.document, self.links_of(joint)
+        downward = joint and document.axis(document.joints[joint])[2] < 0
+        finished, bodies, rims = [], [], set()
+        for wheel in sorted(wheels, key=lambda w: ahead_and_left(w.centre, self.heading)[1]):
+            own = document.subtree(wheel.link)
+            rims.update(own)
+            made, mean = self.with_inertia(wheel, own)
+            finished.append(made)
+            bodies.append(mean)
+        bodies += [b.seen_from(document.pose(link)) for link in links if link not in rims and (b := document.inertial(link))]
+        whole = merged(bodies)
+        ahead, left = ahead_and_left(whole.centre - origin, self.heading)
+        inertia = float(whole.inertia[2, 2])
+        if not inertia > 0:
+            raise self.wrong(f"the inertia of {', '.join(links[:3])} about the vertical is zero; give <inertia>")
+        place = self.pivot(joint) if joint else origin
+        sign = -1 if downward else 1
+        return Part(joint, sign, place, origin, whole.mass, ahead, left, inertia, tuple(finished), tuple(links))
+
+    def pivot(self, joint: str) -> np.ndarray:
+        """Return the place of a joint in the frame of the root, m."""
+        return self.document.pose(self.document.joints[joint].child)[:3, 3]
+
+    def with_inertia(self, wheel: Wheel, links: list[str]) -> tuple[Wheel, Inertial]:
+        """Return a wheel with its inertia, and its mean over a turn as a body. Raises BadInput if it has none."""
+        document = self.document
+        bodies = [b.seen_from(document.pose(link)) for link in links if (b := document.inertial(link))]
+        if not bodies:
+            raise self.wrong(f"link {wheel.link!r} is a wheel without <inertial>; give its mass and inertia")
+        body, axle = merged(bodies), np.cross(UP, self.heading)
+        mean, about = body.spun(wheel.centre, axle)
+        if not about > 0:
+            raise self.wrong(f"link {wheel.link!r}: its inertia about the axle is zero; give <inertia>")
+        offset = np.linalg.norm(body.centre - mean.centre) / wheel.radius
+        if offset > UNBALANCED:
+            raise self.wrong(
+                f"link {wheel.link!r}: its centre of mass is {offset:.0%} of the radius away from the axle; correct <inertial>"
+            )
+        uneven = max(offset, np.abs(body.about(mean.centre) - mean.inertia).max() / about)
+        if uneven > UNEVEN:
+            self.notes.append(f"link {wheel.link}: not a body of revolution (by {uneven:.1%}); its mean over a turn is taken")
+        sign = 1 if document.axis(document.joints[wheel.joint]) @ axle > 0 else -1
+        return Wheel(wheel.joint, wheel.link, wheel.centre, wheel.radius, wheel.source, sign, body.mass, about), mean
+
+    # -- steered parts and trailers -----------------------------------------------------------------------------
+
+    def steers(self, joint: str, wheels: list[Wheel]) -> bool:
+        """Return whether a vertical joint steers a wheel, and does not pull a trailer."""
+        near = len(wheels) == 1 and self.trail(joint, wheels[0]) <= TRAIL * wheels[0].radius
+        return len(wheels) == 1 and (near or joint in self.document.driven or STEERS.search(joint) is not None)
+
+    def steered(self, parts: list[Part], base: Part) -> tuple[Part, ...]:
+        """Return the steered parts from right to left. Raises BadInput unless they are one in the middle or one pair."""
+        places = [ahead_and_left(part.pivot - base.origin, self.heading) for part in parts]
+        parts = [parts[k] for k in sorted(range(len(parts)), key=lambda k: places[k][1])]
+        names = ", ".join(repr(part.joint) for part in parts)
+        for part in parts:
+            above = [joint.name for joint in self.ancestors(part.joint) if joint.child in self.carrying]
+            if above:
+                raise self.wrong(
+                    f"joint {part.joint!r} steers a wheel on joint {above[0]!r}, not on the body; that is not described"
+                )
+        if not parts:
+            return ()
+        near = ON_LINE * parts[0].wheels[0].radius
+        ahead, aside = zip(*places, strict=True)
+        if len(parts) > 2 or abs(sum(aside)) > 2 * near or max(ahead) - min(ahead) > near:
+            raise self.wrong(
+                f"joints {names} steer wheels; a robot file describes one steered wheel in the middle, or a pair on one line"
+            )
+        if min(map(abs, ahead)) < near:
+            raise self.wrong(f"joints {names} steer wheels beside the fixed axle; they must be ahead of it or behind it")
+        for part in parts:
+            mimic = self.document.joints[part.joint].mimic
+            other = next((p for p in parts if mimic is not None and p.joint == mimic.joint), None)
+            if other and abs(mimic.multiplier * part.sign * other.sign - 1) > ACKERMANN:
+                raise self.wrong(
+                    f"joint {part.joint!r} mimics {mimic.joint!r} by {mimic.multiplier:g}: the wheels turn apart; correct <mimic>"
+                )
+        if len({round(part.wheels[0].radius, 9) for part in parts}) > 1:
+            raise self.wrong(f"joints {names} steer wheels of different radii")
+        if len(parts) == 2:
+            self.notes.append(
+                f"joints {names}: both turn by one angle, that of a wheel in the middle (bicycle model); Ackermann steering "
+                "turns each by its own, so that none slips"
+            )
+        return tuple(parts)
+
+    def driven_in_front(self, fixed: list[Wheel], steered: tuple[Part, ...]) -> bool:
+        """Return whether the motor drives the steered wheels: as transmissions say, else those of a tricycle."""
+        if not steered:
+            return False
+        said = [any(w.joint in self.document.driven for w in wheels) for wheels in (fixed, [p.wheels[0] for p in steered])]
+        front = said[1] if said[0] != said[1] else len(steered) == 1
+        if said[0] == said[1]:
+            driven = steered[0].wheels[0].joint if front else fixed[0].joint
+            self.notes.append(f"the motor is taken to drive {driven}: the transmissions do not decide between front and rear")
+        return front
+
+    def chain(self, groups: Mapping[str, list[Wheel]], base: Part) -> tuple[Part, ...]:
+        """Return the trailers in the order in which they are pulled. Raises BadInput unless they are one chain of axles."""
+        found: list[Part] = []
+        for joint, wheels in sorted(groups.items(), key=lambda pair: len(self.ancestors(pair[0]))):
+            before = found[-1] if found else base
+            above = [each.name for each in self.ancestors(joint) if each.child in self.carrying]
+            if above[:1] != ([before.joint] if found else []):
+                raise self.wrong(f"joint {joint!r}: a second trailer on one body; a robot file describes a chain of trailers")
+            places = np.array([ahead_and_left(wheel.centre, self.heading) for wheel in wheels])
+            near = ON_LINE * wheels[0].radius
+            if len(wheels) != 2 or np.ptp(places[:, 0]) > near or wheels[0].radius != wheels[1].radius:
+                raise self.wrong(
+                    f"joint {joint!r} carries the wheels of joints {_joints(wheels)}; it must steer one wheel, or carry a "
+                    "trailer with two equal wheels on one axle"
+                )
+            pivot, middle = self.pivot(joint), np.mean([wheel.centre for wheel in wheels], axis=0)
+            middle[2] = self.ground
+            behind, aside = ahead_and_left(pivot - middle, self.heading)
+            hitch = ahead_and_left(pivot - before.origin, self.heading)[1]
+            if abs(behind) < near or max(abs(aside), abs(hitch)) > near:
+                raise self.wrong(f"joint {joint!r}: the hitch of a trailer must be on the middle line, and not above its axle")
+            if joint in self.document.driven:
+                raise self.wrong(f"joint {joint!r} has a transmission; the joint of a trailer turns freely")
+            found.append(self.part(joint, wheels, middle))
+        return tuple(found)
+
+
+def _joints(items: Any) -> str:
+    names = [item if isinstance(item, str) else item.joint for item in items]
+    return ", ".join(map(repr, names))

@@ -1,0 +1,65 @@
+"""How the weight of a robot at rest is shared by what it stands on."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .parts import Part, ahead_and_left
+
+
+def shares(
+    base: Part, steered: Sequence[Part], trailers: Sequence[Part], castors: Mapping[str, np.ndarray], heading: np.ndarray
+) -> tuple[dict[str, float], list[str]]:
+    """Return the part of the whole weight on each wheel, by joint, with the robot straight and level, and notes.
+
+    A trailer rests on its axle and on its hitch. The base with its steered parts rests on wheels and castors; if these are
+    more than three, the loads are taken as linear in the place, as on equal springs.
+    """
+    total = sum(part.mass for part in (base, *steered, *trailers))
+    found: dict[str, float] = {}
+    weights = [(part.mass, *_place(part, base, heading)) for part in (base, *steered)]
+    pulled = 0.0  # kg on the hitch of the trailer before
+    for k in reversed(range(len(trailers))):
+        part, after = trailers[k], trailers[k + 1] if k + 1 < len(trailers) else None
+        length = ahead_and_left(part.pivot - part.origin, heading)[0]
+        behind = ahead_and_left(after.pivot - part.origin, heading)[0] if after else 0.0
+        on_hitch = (part.mass * part.ahead + pulled * behind) / length
+        half = ahead_and_left(part.wheels[1].centre - part.origin, heading)[1]
+        for wheel, side in zip(part.wheels, (-1, 1), strict=True):
+            found[wheel.joint] = (part.mass + pulled - on_hitch) / 2 + side * part.mass * part.left / (2 * half)
+        pulled = on_hitch
+    if trailers:
+        weights.append((pulled, *ahead_and_left(trailers[0].pivot - base.origin, heading)))
+    wheels = [*base.wheels, *[wheel for part in steered for wheel in part.wheels]]
+    places = [wheel.centre for wheel in wheels] + list(castors.values())
+    stands = np.array([ahead_and_left(place - base.origin, heading) for place in places])
+    loads, stable = _loads(np.array(weights), stands, len(wheels))
+    found |= {wheel.joint: load for wheel, load in zip(wheels, loads, strict=False)}
+    note = [] if stable else ["the centre of mass is not above the supports; the wheels are taken to carry all the weight"]
+    return {joint: max(0.0, load) / total for joint, load in found.items()}, note
+
+
+def _place(part: Part, base: Part, heading: np.ndarray) -> tuple[float, float]:
+    ahead, left = ahead_and_left(part.origin - base.origin, heading)
+    return ahead + part.ahead, left + part.left
+
+
+def _loads(weights: np.ndarray, stands: np.ndarray, wheels: int) -> tuple[np.ndarray, bool]:
+    """Return the load on each stand, kg, from weights (kg, ahead, left), and whether they can carry it."""
+    forces = np.array([weights[:, 0].sum(), weights[:, 0] @ weights[:, 1], weights[:, 0] @ weights[:, 2]])
+    kept = list(range(len(stands)))
+    size = np.abs(stands).max() * forces[0]
+    while len(kept) > 1:
+        rows = np.vstack([np.ones(len(kept)), stands[kept].T])
+        loads = np.linalg.lstsq(rows, forces, rcond=None)[0]
+        if np.abs(rows @ loads - forces).max() > 1e-9 * size:
+            break
+        if loads.min() >= 0:
+            found = np.zeros(len(stands))
+            found[kept] = loads
+            return found, True
+        kept.remove(kept[int(loads.argmin())])  # it is lifted
+    rows = np.vstack([np.ones(wheels), stands[:wheels, 1]])
+    found = np.zeros(len(stands))
+    found[:wheels] = np.linalg.lstsq(rows, forces[[0, 2]], rcond=None)[0]
+    return found, False

@@ -1,0 +1,358 @@
+"""`noslip import`: robot files from URDFs, against the URDFs' own links in space, by our kinematics and by Pinocchio's."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from noslip.cli.main import main
+from noslip.model.reduction import ReducedSystem
+from noslip.readers.robots import find_laws, find_robot, system_of
+from noslip.readers.urdf.comparison import compare
+from noslip.readers.urdf.document import read
+from noslip.readers.urdf.importing import SAME
+from noslip.readers.urdf.parts import Layout, Options
+from noslip.readers.urdf.recognition import recognize
+from noslip.readers.urdf.text import name_of, robot_file
+from noslip.tests.urdfs import QUARTER, ROBOTS, WHEEL, Urdf, four_wheels, steered, two_wheels
+
+pytest.importorskip("yourdfpy", reason="yourdfpy, of the extra `physics`, reads URDFs")
+STATES = 5
+
+
+def written(folder: Path, urdf: Urdf) -> str:
+    file = folder / f"{urdf.name}.urdf"
+    file.write_text(urdf.text)
+    return str(file)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """By name, the robot of the file that is written for a URDF, and what the URDF was recognized as."""
+
+    @cache
+    def made(name: str) -> tuple[ReducedSystem, Layout]:
+        folder = tmp_path_factory.mktemp(name)
+        layout = recognize(read(written(folder, ROBOTS[name]())), Options(track=0.8 if name == "skid_steer" else None))
+        file = folder / f"{name}.py"
+        file.write_text(robot_file(layout))
+        return system_of(find_robot(f"{file}:{name_of(layout.document.name)}")), layout
+
+    return made
+
+
+def along(angle: ca.SX) -> ca.SX:
+    return ca.vertcat(ca.cos(angle), ca.sin(angle))
+
+
+def rates(name: str, q: dict, qdot: dict) -> dict[str, ca.SX]:
+    """The rate of every joint of the URDFs in tests/urdfs.py, written down by hand from their sizes; wheels have radius 0.1 m."""
+    forward = ca.cos(q["phi"]) * qdot["x"] + ca.sin(q["phi"]) * qdot["y"]
+    if name == "skid_steer":
+        return {f"{end}_{side}_joint": qdot[f"theta_{side[0]}"] for end in ("front", "rear") for side in ("left", "right")}
+    if "delta" not in q:
+        found = {"left_joint": qdot["theta_l"], "right_joint": -qdot["theta_r"], "lidar_joint": 0}
+        count = sum(coordinate.startswith("phi_") for coordinate in q)
+        axle = ca.vertcat(q["x"], q["y"]) - 0.1 * along(q["phi"])  # here still the hitch
+        for k in range(1, count + 1):
+            heading, sign = q[f"phi_{k}"], -1 if k == count else 1  # the last hangs on a joint that is upside down
+            found[f"hitch_{k}"] = sign * (qdot[f"phi_{k}"] - qdot[f"phi_{k - 1}" if k > 1 else "phi"])
+            axle = axle - 0.5 * along(heading)
+            for side, left in (("left", 0.15), ("right", -0.15)):
+                centre = axle + left * along(heading + QUARTER)
+                velocity = sum(ca.jacobian(centre, q[c]) * qdot[c] for c in q)
+                found[f"{side}_{k}_joint"] = sign * ca.dot(along(heading), velocity) / 0.1
+        return found
+    driven_in_front = name == "tricycle"
+    sideways = ca.cos(q["phi"]) * qdot["y"] - ca.sin(q["phi"]) * qdot["x"]
+    front = (ca.cos(q["delta"]) * forward + ca.sin(q["delta"]) * (sideways + 0.8 * qdot["phi"])) / 0.1
+    rolling = forward / 0.1 if driven_in_front else qdot["theta"]
+    found = {"left_joint": -(rolling - 3 * qdot["phi"]), "right_joint": rolling + 3 * qdot["phi"]}
+    for side, sign in (("_left", -1), ("_right", 1)) if name == "car" else (("", 1),):
+        found[f"steering{side}"] = sign * qdot["delta"]
+        found[f"front{side}_joint"] = qdot["theta"] if driven_in_front else front
+    return found
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_mass_matrix_and_bias_are_those_of_pinocchio(name, made):
+    """Of the URDF as a free flyer, with the velocities that the constraints allow: T'M T and T'(M Tdot nu + h)."""
+    pin = pytest.importorskip("pinocchio", reason="Pinocchio (pin) is not installed")
+    system, _ = made(name)
+    robot = system.mechanism
+    model = pin.buildModelFromXML(ROBOTS[name]().text, pin.JointModelFreeFlyer())
+    q = {c.name: c.symbol for c in robot.coordinates}
+    qdot = dict(zip(q, ca.vertsplit(system.qdot), strict=True))
+    c, s = ca.cos(q["phi"]), ca.sin(q["phi"])
+    given = rates(name, q, qdot)
+    joints = [given[model.names[k]] for k in range(2, model.njoints)]  # 0 is the world, 1 the free flyer
+    v = ca.vertcat(c * qdot["x"] + s * qdot["y"], c * qdot["y"] - s * qdot["x"], 0, 0, 0, qdot["phi"], *joints)
+    T = ca.jacobian(v, system.nu)
+    Tdot = ca.jtimes(T, robot.q, system.qdot)
+    f = ca.Function("f", [robot.q, system.nu, robot.p], [ca.densify(e) for e in (T, Tdot, system.Mbar, system.bias)])
+    angles = {n: a for n, a in q.items() if n not in ("x", "y", "phi")}
+    position = ca.Function("position", [robot.q], [ca.vertcat(*positions(name, model, angles, q))])
+    values, random, data = [p.default for p in robot.parameters], np.random.default_rng(5), model.createData()
+    for _ in range(STATES):
+        state, nu = random.uniform(-1.2, 1.2, len(q)), random.uniform(-2, 2, system.freedom)
+        T_, Tdot_, Mbar, bias = (value.full() for value in f(state, nu, values))
+        x, y, phi = (state[list(q).index(each)] for each in ("x", "y", "phi"))
+        displaced = np.concatenate([[0.0] * 6, position(state).full()[:, 0]])
+        configuration = pin.integrate(model, pin.neutral(model), displaced)
+        configuration[:7] = [x, y, 0.0, 0.0, 0.0, np.sin(phi / 2), np.cos(phi / 2)]
+        M = pin.crba(model, data, configuration)
+        M = np.triu(M) + np.triu(M, 1).T
+        wanted = T_.T @ M @ T_
+        assert np.abs(Mbar - wanted).max() < 1e-10 * np.abs(wanted).max()
+        h = pin.nonLinearEffects(model, data, configuration, T_ @ nu)
+        wanted = T_.T @ (M @ (Tdot_ @ nu) + h)
+        assert np.abs(bias[:, 0] - wanted).max() < 1e-10 * max(np.abs(wanted).max(), np.abs(h).max())
+
+
+def positions(name: str, model, angles: dict, q: dict) -> list:
+    """The angle of every joint; those of wheels do not matter, except that they turn."""
+    known = {"steering": q.get("delta"), "steering_right": q.get("delta"), "lidar_joint": 0}
+    known["steering_left"] = -q["delta"] if "delta" in q else None
+    if "phi_2" in q:
+        known |= {"hitch_1": q["phi_1"] - q["phi"], "hitch_2": -(q["phi_2"] - q["phi_1"])}
+    elif "phi_1" in q:
+        known["hitch_1"] = q["phi"] - q["phi_1"]
+    return [known.get(model.names[k], 0.3 * k) for k in range(2, model.njoints)]
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_file_is_the_urdf(name, made):
+    """Its mass matrix is that of the links in space, and where each wheel has its own constraint no rim slips."""
+    system, layout = made(name)
+    difference, slip = compare(system, layout)
+    assert difference < SAME / 100 and (slip is None or slip < SAME / 100)
+    assert (slip is None) == (name in ("car", "skid_steer"))
+    assert abs(sum(layout.shares.values()) - 1) < 0.35  # castors carry the rest
+
+
+@pytest.mark.parametrize("changed", [("I_z", 0.5), ("b", 0.21), ("e", 0.0)], ids=lambda c: c[0])
+def test_a_changed_number_is_found(changed, made, tmp_path):
+    name, value = changed
+    _, layout = made("two_wheels")
+    lines = robot_file(layout).splitlines()
+    at = next(k for k, line in enumerate(lines) if line.strip().startswith((f"{name} =", f"{name}_r =")))
+    before, comma, after = lines[at].partition(", ")
+    lines[at] = f"{before}{comma}{value}, {after.partition(', ')[2]}"
+    file = tmp_path / "changed.py"
+    file.write_text("\n".join(lines))
+    difference, slip = compare(system_of(find_robot(f"{file}:cart")), layout)
+    assert max(difference, slip) > 1e4 * SAME
+
+
+def test_two_wheels_have_the_laws_of_labmate(tmp_path, capsys):
+    target = tmp_path / "cart.py"
+    assert main(["import", written(tmp_path, two_wheels()), "-o", str(target), "--json"]) == 0
+    out, err = capsys.readouterr()
+    said = json.loads(out)
+    assert said["robot"] == "cart" and said["castors"] == ["castor"] and list(said["wheels"]) == ["right_joint", "left_joint"]
+    assert "castor" in err and "lidar_joint" in err and len(err.splitlines()) == len(said["notes"]) == 2
+    assert said["mass_matrix_difference"] < SAME
+    laws = find_laws(system_of(find_robot(f"{target}:cart")))
+    assert {"type_i", "type_ii", "type_iii", "type_iv_line", "type_iv_circle"} <= set(laws)
+    text = target.read_text()
+    assert "links base, box" in text and "castor" in text and "lidar_joint" in text
+    total = sum(wheel["load"] for wheel in said["wheels"].values())
+    # by hand: the moments about the axle of the weight of all links, held by the castor 0.25 m ahead
+    ahead = said["parameters"]["d"]["default"]
+    assert total == pytest.approx(1 - ahead / 0.25, rel=1e-12)
+
+
+def replaced(old: str, new: str, urdf=two_wheels, count: int = 1):
+    def text() -> str:
+        found = urdf().text
+        assert old in found
+        return found.replace(old, new, count)
+
+    return text
+
+
+def without_inertial(link: str, urdf=two_wheels):
+    def text() -> str:
+        before, name, after = urdf().text.partition(f'<link name="{link}">')
+        return before + name + after.partition("</inertial>")[2]
+
+    return text
+
+
+MESH = '<geometry><mesh filename="package://cart/left.stl"/></geometry>'
+CYLINDER = '<geometry><cylinder radius="0.1" length="0.04"/></geometry>'
+BAD = {
+    "broken": (replaced("</link>", "</lnk>"), "not XML"),
+    "not a urdf": (lambda: "<sdf/>", "first element is <sdf>"),
+    "empty": (lambda: "", "not XML"),
+    "no links": (lambda: '<robot name="a"/>', "no links"),
+    "no name": (replaced(' name="cart"', ""), "<robot> has no name"),
+    "xacro": (replaced('value="8.0"', 'value="${mass}"'), "expand it with `xacro"),
+    "no wheel inertia": (without_inertial("left"), "link 'left' is a wheel without <inertial>"),
+    "no inertia": (lambda: "<robot name='a'><link name='base'/></robot>", "no link has an <inertial>"),
+    "no izz": (replaced(' izz="', ' i_zz="'), "link 'base', line 3: <inertia> has no izz"),
+    "zero mass": (replaced('mass value="8.0"', 'mass value="0"'), "link 'base': its mass is 0 kg"),
+    "negative mass": (replaced('mass value="8.0"', 'mass value="-1"'), "link 'base': its mass is -1 kg"),
+    "nan": (replaced('mass value="8.0"', 'mass value="nan"'), "link 'base', line 3: value='nan'"),
+    "words": (replaced('mass value="8.0"', 'mass value="heavy"'), "value='heavy'"),
+    "two numbers": (replaced('origin xyz="0.25 0.0 0.03"', 'origin xyz="0.25 0.03"'), "joint 'castor_joint'"),
+    "impossible inertia": (
+        replaced('<inertia ixx="', '<inertia ixx="-9'),
+        "link 'base': its inertia has a negative principal moment",
+    ),
+    "no wheels": (replaced('type="continuous"', 'type="fixed"', count=9), "no wheel found"),
+    "one wheel": (replaced('type="continuous"', 'type="fixed"'), "left_joint"),
+    "tilted": (
+        replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0.0 0.3 -1.0"'),
+        "joint 'right_joint': its axis is 16.7 deg from horizontal",
+    ),
+    "toe": (replaced(f'rpy="{WHEEL}"', f'rpy="{WHEEL}.3"'), "'right_joint' and 'left_joint' differ by 17.2 deg"),
+    "cylinder askew": (
+        replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0.3 0.0 -1.0"'),
+        "link 'right': its cylinder is not centred on the axle",
+    ),
+    "axis zero": (replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0 0 0"'), "joint 'right_joint': its axis has length zero"),
+    "no mesh": (
+        replaced(CYLINDER, MESH),
+        "link 'right': its mesh package://cart/left.stl is not found; give its radius by --radius right=",
+    ),
+    "cylinder across": (replaced(f"<collision>{CYLINDER}", f'<collision><origin rpy="1 0 0"/>{CYLINDER}'), "not along the axle"),
+    "radius zero": (replaced(CYLINDER, CYLINDER.replace("0.1", "0", 1)), "the radius of its cylinder is 0 m"),
+    "twice": (replaced('link name="box"', 'link name="base"'), "link 'base' is defined twice"),
+    "no parent": (replaced('parent link="base"', 'parent link="bass"'), "its parent 'bass' is no link; did you mean 'base'?"),
+    "two roots": (replaced('<link name="box">', '<link name="loose"/><link name="box">'), "have no parent"),
+    "two carriers": (replaced('child link="castor"', 'child link="box"'), "link 'box' is the child of joints"),
+    "type": (replaced('type="continuous"', 'type="spinning"'), "its type 'spinning' is not known"),
+    "floating": (replaced('"lidar_joint" type="continuous"', '"lidar_joint" type="floating"'), "joint 'lidar_joint' is floating"),
+    "mecanum": (
+        replaced(CYLINDER, MESH.replace("left", "mecanum")),
+        "joint 'right_joint': 'package://cart/mecanum.stl' is a wheel",
+    ),
+    "skid": (lambda: four_wheels().text, "--skid-steer-track METRES"),
+    "unbalanced": (
+        replaced('xyz="0.0 0.0 0.01" rpy="0.0 0.0 0.3"', 'xyz="0.05 0.0 0.01"'),
+        "centre of mass is 50% of the radius away",
+    ),
+    "limits": (replaced('lower="-1.0"', 'lower="0.5"', urdf=lambda: lifted()), "beyond its limits 0.5 to 1"),
+    "apart": (lambda: apart().text, "joint 'steering_left' mimics 'steering_right' by 1: the wheels turn apart"),
+    "two pairs": (lambda: crab().text, "joints 'steering', 'steering_rear' steer wheels"),
+}
+
+
+def lifted() -> Urdf:
+    made = two_wheels()
+    made.link("mast", 0.1)
+    made.joint("lift", "prismatic", "base", "mast", (0, 0, 0.5))
+    return made
+
+
+def apart() -> Urdf:
+    """A car whose joints of steering turn about opposite axes by the same angle."""
+    made = steered(pair=True)
+    at = next(k for k, part in enumerate(made.parts) if 'joint name="steering_left"' in part)
+    made.parts[at] = made.parts[at].replace("</joint>", '<mimic joint="steering_right"/></joint>')
+    return made
+
+
+def crab() -> Urdf:
+    """A tricycle with a second steered wheel behind."""
+    made = steered(pair=False)
+    made.link("rear_knuckle", 0.4)
+    made.joint("steering_rear", "revolute", "base", "rear_knuckle", (-0.8, 0, 0.1))
+    made.wheel("rear", "rear_knuckle", (0, 0, 0))
+    return made
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line(case, tmp_path, bad_input):
+    text, said = BAD[case]
+    file = tmp_path / "robot.urdf"
+    file.write_text(text())
+    line = bad_input(["import", str(file), "-o", str(tmp_path / "robot.py")])
+    assert str(file) in line and said in line
+
+
+@pytest.mark.parametrize(
+    "more, said",
+    [
+        (["--wheels", "lefty_joint"], "no 'lefty_joint'; did you mean 'left_joint'?"),
+        (["--wheels", "castor_joint", "left_joint"], "joint 'castor_joint' cannot be a wheel: it is fixed"),
+        (["--wheels", "lidar_joint"], "joint 'lidar_joint' cannot be a wheel: its axis is 90 deg from horizontal"),
+        (["--castors", "left_joint"], "wheels on 'base', without castors and those on vertical joints: 'right_joint'"),
+        (["--castors", "box"], "--castors: link 'box'"),
+        (["--radius", "left"], "give LINK=METRES"),
+        (["--radius", "left=-1"], "positive radius"),
+        (["--radius", "door=1"], "there is no 'door'"),
+        (["--skid-steer-track", "1.0"], "on one axle"),
+    ],
+)
+def test_bad_options_are_one_line(more, said, tmp_path, bad_input):
+    assert said in bad_input(["import", written(tmp_path, two_wheels()), *more, "-o", str(tmp_path / "robot.py")])
+
+
+def test_files_that_cannot_be_read_or_written(tmp_path, bad_input):
+    file = written(tmp_path, two_wheels())
+    assert "check the path" in bad_input(["import", str(tmp_path / "none.urdf"), "-o", str(tmp_path / "robot.py")])
+    assert "ends in .py" in bad_input(["import", file, "-o", str(tmp_path / "robot")])
+    assert "does not exist" in bad_input(["import", file, "-o", str(tmp_path / "none" / "robot.py")])
+    own = tmp_path / "own.py"
+    own.write_text("mine = 1\n")
+    assert "was not written by noslip" in bad_input(["import", file, "-o", str(own)])
+    assert own.read_text() == "mine = 1\n"
+
+
+def test_a_wheel_from_a_scaled_and_turned_mesh(tmp_path):
+    """The radius of a mesh in mm, along its x axis, is that of its points about the axle."""
+    trimesh = pytest.importorskip("trimesh")
+    (tmp_path / "cart").mkdir()
+    trimesh.creation.cylinder(50.0, 20.0, sections=64).export(tmp_path / "cart" / "left.stl")
+    mesh = f'<origin rpy="0 0 {QUARTER!r}"/>{MESH.replace("/>", " scale={}/>", 1)}'.format('"0.002 0.002 0.001"')
+    urdf = two_wheels()
+    file = tmp_path / "cart.urdf"
+    file.write_text(urdf.text.replace(CYLINDER, mesh, 1))
+    layout = recognize(read(str(file)), Options())
+    assert [wheel.radius for wheel in layout.base.wheels] == pytest.approx([0.1, 0.1], rel=1e-6)
+    assert "mesh" in layout.base.wheels[0].source
+    file.write_text(urdf.text.replace(CYLINDER, mesh.replace("0.002 0.002", "0.002 0.001"), 1))
+    with pytest.raises(Exception, match="not round about the axle"):
+        recognize(read(str(file)), Options(wheels=("left_joint", "right_joint")))
+
+
+def test_text_of_a_urdf_stays_text(tmp_path):
+    """A name with quotation marks, a line break and a backslash becomes a comment, never code."""
+    evil = "&#10;raise SystemExit(7)&#10;&quot;&quot;&quot;\\"
+    text = two_wheels().text.replace('"lidar', f'"{evil}lidar').replace('link name="box"', f'link name="{evil}"')
+    file = tmp_path / "cart.urdf"
+    file.write_text(text.replace('link="box"', f'link="{evil}"'))
+    target = tmp_path / "cart.py"
+    assert main(["import", str(file), "-o", str(target)]) == 0
+    assert "raise SystemExit(7)" in target.read_text()
+
+
+def test_what_is_named_on_the_command_line(tmp_path, capsys):
+    """A radius in place of a shape, and friction that is left out, with a word."""
+    urdf = two_wheels()
+    file = tmp_path / "cart.urdf"
+    joint = '<joint name="left_joint" type="continuous">'
+    file.write_text(urdf.text.replace(CYLINDER, MESH, 1).replace(joint, f'{joint}<dynamics damping="0.1"/>'))
+    argv = ["import", str(file), "--radius", "right=10 cm", "--wheels", "right_joint", "left_joint", "--json"]
+    assert main([*argv, "-o", str(tmp_path / "cart.py")]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["wheels"]["right_joint"]["radius"] == 0.1
+    assert (
+        "damping and friction are left out: joints left_joint" in err and "--radius right" in (tmp_path / "cart.py").read_text()
+    )
+
+
+def test_names_are_made_identifiers():
+    for given, name in (
+        ("my-robot 2", "my_robot_2"),
+        ("3dx", "robot_3dx"),
+        ("class", "class_robot"),
+        ("é", "robot"),
+        ("wheels", "wheels_robot"),
+        ("math", "math_robot"),
+    ):
+        assert name_of(given) == name
