@@ -19,4 +19,9 @@ COMMANDS = (
     "export",
     "completion",
 )
-MODULES = {name: name.replace("-", "_") for name in COMMANDS} | {"laws": "robots", "import": "urdf"}  # in this folder
+MODULES = {name: name.replace("-", "_") for name in COMMANDS} | {
+    "robots": "robot.robots",
+    "laws": "robot.robots",
+    "import": "robot.urdf",
+    "identify": "robot.identify",
+}  # in this folder

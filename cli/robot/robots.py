@@ -2,7 +2,7 @@
 
 import argparse
 
-from .commands import show
+from ..commands import show
 
 EXAMPLE_OF_ROBOTS = """example:
   noslip robots
@@ -33,7 +33,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def list_robots(args: argparse.Namespace) -> int:
     """Run `noslip robots`. Return 0."""
-    from ..model.robots import ROBOTS
+    from ...model.robots import ROBOTS
 
     robots = [(name, robot()) for name, robot in ROBOTS.items()]
     show(args, lambda: _robots_table(robots), lambda: [_robot(name, robot) for name, robot in robots])
@@ -62,8 +62,8 @@ def _robot(name: str, robot) -> dict:
 
 def list_laws(args: argparse.Namespace) -> int:
     """Run `noslip laws`. Return 0. Raises BadInput, ModelError."""
-    from ..readers.errors import BadInput
-    from ..readers.robots import find_laws, find_robot, law_of, system_of
+    from ...readers.errors import BadInput
+    from ...readers.robots import find_laws, find_robot, law_of, system_of
 
     robot = find_robot(args.robot)
     laws = {name: _law(law_of(robot, name)) for name in find_laws(system_of(robot))}

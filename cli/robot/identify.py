@@ -3,12 +3,12 @@
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from ..readers.errors import BadInput
-from ..readers.robots import suggestion
-from .commands import show
+from ...readers.errors import BadInput
+from ...readers.robots import suggestion
+from ..commands import show
 
 if TYPE_CHECKING:
-    from ..identification.fit import Identification
+    from ...identification.fit import Identification
 
 EXAMPLE = """example:
   noslip simulate line --set simulation.period=0.01 -o run.csv
@@ -46,10 +46,10 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip identify`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
-    from ..identification.fit import identify
-    from ..identification.log import read_log
-    from ..readers.progress import Progress
-    from ..readers.robots import find_robot, system_of
+    from ...identification.fit import identify
+    from ...identification.log import read_log
+    from ...readers.progress import Progress
+    from ...readers.robots import find_robot, system_of
 
     robot = find_robot(args.robot)
     known = {p.name: p for p in robot.parameters}

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..readers.errors import BadInput
-from ..readers.files import check_own, check_targets, write_whole
-from ..readers.quantities import quantity
-from .commands import show
+from ...readers.errors import BadInput
+from ...readers.files import check_own, check_targets, write_whole
+from ...readers.quantities import quantity
+from ..commands import show
 
 EXAMPLE = """examples:
   noslip import robot.urdf -o robot.py
@@ -44,8 +44,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip import`. Return 0. Raises BadInput, ModelError, OSError."""
-    from ..readers.urdf.importing import import_urdf
-    from ..readers.urdf.parts import Options
+    from ...readers.urdf.importing import import_urdf
+    from ...readers.urdf.parts import Options
 
     check_targets([args.output], inputs=[args.urdf])
     if args.output != "-":
