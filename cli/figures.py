@@ -22,8 +22,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help="reproduce the paper's figures from the generated C and check their claims",
         description="Run the paper's experiments and further ones on the generated C, draw them and check their claims "
         "numerically. "
-        "Writes a self-contained DIR/report.html, and each figure as PNG and SVG. The exit code is 1 if a claim that should hold "
-        "does not.",
+        "Writes a self-contained DIR/report.html, and each figure as PNG and SVG with its data as CSV. The exit code is 1 if a "
+        "claim that should hold does not.",
         epilog=EXAMPLE,
     )
     parser.add_argument("-o", dest="out", metavar="DIR", default="figures", help="output folder (default: figures)")

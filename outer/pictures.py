@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from ..simulation.drawing import COLOURS, FAINT, STOP, STYLE, encoded, legend_below, say
+from ..simulation.drawing import COLOURS, FAINT, STOP, STYLE, encoded, legend_below, plotted, say
 from .channel import Channel, longest_period
 from .design import settling_time
 from .margins import Margins, Response, frequencies
@@ -29,12 +29,16 @@ OUTLIERS = 0.02  # part of the fastest eigenvalues that may be left of the view
 
 
 def pictures_of(report: OuterLoopReport) -> dict[str, bytes]:
-    """Files by name, png."""
-    drawn = {"loops.png": draw_loops, "steps.png": draw_steps}
+    """Return files by name: png, and the plotted data as csv."""
+    drawn = {"loops": draw_loops, "steps": draw_steps}
     if not report.why_not:
-        drawn |= {"period.png": draw_period, "wrong.png": draw_wrong}
+        drawn |= {"period": draw_period, "wrong": draw_wrong}
+    files: dict[str, bytes] = {}
     with matplotlib.rc_context(STYLE):
-        return {name: encoded(draw(report), "png") for name, draw in drawn.items()}
+        for name, draw in drawn.items():
+            figure = draw(report)
+            files |= {f"{name}.png": encoded(figure, "png"), f"{name}.csv": plotted(figure).encode()}
+    return files
 
 
 def draw_loops(report: OuterLoopReport) -> Figure:

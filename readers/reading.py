@@ -212,7 +212,7 @@ def section(kind: "type[DataclassInstance]") -> Reader:
         made = table_of({e.name: e.metadata["read"] for e in entries}, [e.name for e in entries if _required(e)])
         for e in entries:
             if isinstance(e.default, str | int | float):
-                made["properties"][e.name]["default"] = e.default
+                made["properties"][e.name] = made["properties"][e.name] | {"default": e.default}
         return {"description": inspect.cleandoc(kind.__doc__ or ""), **made}
 
     return Reader(read, schema, kind=kind)

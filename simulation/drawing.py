@@ -1,8 +1,9 @@
 """Common style of the figures: planes with equal scales, time axes, colours, and a note of assumptions."""
 
+import csv
 import io
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -10,6 +11,8 @@ import casadi as ca
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
@@ -117,7 +120,8 @@ def say(axes: Axes, text: str, place: tuple[float, float], colour: str = FAINT, 
 
 
 def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, bytes]:
-    """Return the figure drawn by `draw` as the bytes of a png and of an svg file, with a title and a note of assumptions."""
+    """Return the figure drawn by `draw` as the bytes of a png and of an svg file, with a title and a note of assumptions, and its
+    data as those of a csv file (`plotted`)."""
     with matplotlib.rc_context(STYLE):
         figure = draw()
         figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
@@ -125,7 +129,39 @@ def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, 
             text = textwrap.fill(f"Assumed, illegible in the scan: {assumed}", WIDEST)
             figure.supxlabel(text, fontsize=8, color=FAINT, x=0.01, ha="left")
         _freeze(figure)
-        return {kind: encoded(figure, kind) for kind in METADATA}
+        return {kind: encoded(figure, kind) for kind in METADATA} | {"csv": plotted(figure).encode()}
+
+
+def plotted(figure: Figure) -> str:
+    """Return the points of all curves, markers and bars of a figure as CSV: panel, its labels, the curve's label, x, y.
+
+    What has no label in the figure has none here; each has a number of its own in its panel.
+    """
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(("panel", "number", "curve", "x_label", "y_label", "x", "y"))
+    for axes in figure.axes:
+        for number, (label, points) in enumerate(_curves(axes)):
+            name = "" if label.startswith("_") else label
+            head = (axes.get_title(loc="left"), number, name, axes.get_xlabel(), axes.get_ylabel())
+            rows.writerows((*head, f"{x:.9g}", f"{y:.9g}") for x, y in points)
+    return text.getvalue()
+
+
+def _curves(axes: Axes) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield label and points (N, 2) of each line, scatter and group of bars."""
+    for line in axes.lines:
+        points = np.array(line.get_xydata(), float)
+        if line.get_transform() == axes.transData and len(points):
+            yield str(line.get_label()), points
+    for scatter in axes.collections:
+        if isinstance(scatter, PathCollection):
+            yield str(scatter.get_label()), np.ma.filled(scatter.get_offsets(), np.nan)
+    for bars in axes.containers:
+        if isinstance(bars, BarContainer):
+            share = (1.0, 0.5) if bars.orientation == "horizontal" else (0.5, 1.0)  # its end lies in the middle of one side
+            boxes = [bar.get_bbox() for bar in bars]
+            yield str(bars.get_label()), np.array([box.min + share * box.size for box in boxes])
 
 
 def outlines(robot: Mechanism, q: np.ndarray, parameters: np.ndarray) -> list[np.ndarray]:

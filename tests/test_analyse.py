@@ -480,10 +480,9 @@ def test_only_some_outputs(capsys):
     assert list(found["outputs"]) == ["type_iv_line_offset", "type_i"]
 
 
-def test_report_is_one_page(tmp_path, capsys, answer):
+def test_report_is_one_page(tmp_path, capsys, answer, start):
     page, out = tmp_path / "page.html", tmp_path / "answer.txt"
-    start = str(SPECS / "line.toml")
-    assert main(["analyse", "labmate", "--start", start, "--report", str(page), "-o", str(out)]) == 0
+    assert main(["analyse", "labmate", "--start", start("line.toml"), "--report", str(page), "-o", str(out)]) == 0
     assert capsys.readouterr().out == "" and "safe: " in out.read_text()
     written = page.read_text()
     assert not re.search(r"(src|href)=|@import|url\(", written) and written.count("http") == written.count(
@@ -528,7 +527,7 @@ gains = {{ kp = 1.0, kd = 2.5, kv = 2.0 }}
 output = {{ type = "IV", path = {{ kind = "line", A = 1, B = -1, C = 0 }} }}
 reference = {{ speed = {speed} }}
 initial = {{ point = [0.0, {y}], heading = {heading}, speed = {speed} }}
-simulation = {{ duration = 8.0, period = {period} }}
+simulation = {{ duration = 3.0, period = {period} }}
 """
 
 
@@ -567,7 +566,7 @@ ARC = {"x_s": 30.0, "y_s": 20.0, "direction": math.pi / 2, "curvature": 0.1}  # 
 @pytest.mark.parametrize("heading", np.radians([-60, -40, 0, 90, 120, 150]))
 def test_an_arc_is_judged_as_its_circle_and_as_it_runs(heading):
     """The arc's normal points to the left, the circle's outwards; h1 and s only change their signs."""
-    simulation = {"duration": 6.0, "output_step": 0.05, "backend": "casadi"}
+    simulation = {"duration": 2.0, "output_step": 0.05, "backend": "casadi"}
     round_ = changed(CIRCLE, initial={"heading": float(heading)}, simulation=simulation)
     arc = changed(round_, output={"path": PathSection(kind="segment", parameters=ARC)})
     verdicts = [certify(make_loop(spec), spec) for spec in (round_, arc)]
@@ -582,13 +581,13 @@ def test_an_arc_is_judged_as_its_circle_and_as_it_runs(heading):
 @pytest.mark.parametrize(("offset", "kind"), [(1.0, "safe"), (5.0, "singular")])
 def test_reversing_with_the_point_behind_is_driving_forward_with_it_ahead(offset, kind):
     """Turned by 180 degrees, with v and L + d negated, everything is the same."""
-    forward = beside_line(offset, 1.414)
+    forward = changed(beside_line(offset, 1.414), simulation={"duration": 2.0})
     initial = Initial(point=forward.initial.point, heading=math.pi / 4 + math.pi, speed=-1.414)
     back = changed(forward, output={"L": -0.6}, reference={"speed": -1.414}, initial=initial)
     verdicts = [certify(make_loop(spec), spec) for spec in (forward, back)]
     assert [v.kind for v in verdicts] == [kind, kind]
     assert np.abs(np.add(*same_times(verdicts[0].course, verdicts[1].course))).max() < 1e-6
-    run = simulate(changed(back, simulation={"duration": 6.0, "output_step": 0.05, "backend": "casadi"}))
+    run = simulate(changed(back, simulation={"output_step": 0.05, "backend": "casadi"}))
     assert bool(run.stopped) == (kind == "singular")
 
 
@@ -610,6 +609,7 @@ def test_a_course_is_what_the_run_does():
 
 
 def test_texts_of_verdicts():
-    assert str(certify(make_loop(CIRCLE), CIRCLE)).startswith("safe: |s| stays below 0.18")
-    offset = changed(CIRCLE, output={"W": 0.2})
+    circle = changed(CIRCLE, simulation={"duration": 2.0})
+    assert str(certify(make_loop(circle), circle)).startswith("safe: |s| stays below 0.18")
+    offset = changed(circle, output={"W": 0.2})
     assert certify(make_loop(offset), offset).kind == "safe"

@@ -1,8 +1,10 @@
 """Figures: their specs, what they are measured by, the claims that can fail, the report, the command line."""
 
 import base64
+import csv
 import dataclasses
 import hashlib
+import io
 import json
 import math
 import os
@@ -27,7 +29,7 @@ from noslip.evidence.measures import overshoot, sign_changes, time_to_stay_withi
 from noslip.evidence.production import Made, produce
 from noslip.evidence.report import by_whom, report, summary
 from noslip.readers.errors import BadInput
-from noslip.simulation.drawing import over_time, panels
+from noslip.simulation.drawing import over_time, panels, plotted
 from noslip.simulation.specification.spec import read_spec
 from noslip.simulation.specification.vary import change, read_varied
 from noslip.tests.figures_made import figure_of, runs_here
@@ -332,6 +334,25 @@ def test_the_same_bytes_each_time_and_each_spec_once(monkeypatch):
     assert report(first) == report(second)
     assert first[0].pictures["png"].startswith(b"\x89PNG") and b"<svg" in first[0].pictures["svg"]
     assert b"<dc:date>" not in first[0].pictures["svg"]
+    table = list(csv.DictReader(io.StringIO(first[0].pictures["csv"].decode())))
+    for label, run in first[0].runs.items():
+        rows = [row for row in table if row["curve"] == label]
+        assert {(row["panel"], row["y_label"]) for row in rows} == {("speed", "speed (m/s)")}
+        points = np.array([[row["x"], row["y"]] for row in rows], float)
+        assert points == pytest.approx(np.stack([run.t, run.speed], axis=1), rel=1e-8)
+
+
+def test_data_of_all_kinds_of_plots():
+    """Lines, scatters and bars; what is placed relative to the panel is no data."""
+    figure, (axes,) = panels("all")
+    axes.plot([1.0, 2.0], [3.0, 4.0], label="line")
+    axes.axhline(5.0)
+    axes.scatter([6.0], [7.0], label="scatter")
+    axes.bar([8.0], [9.0], label="bar")
+    axes.barh([10.0], [11.0], label="lying")
+    rows = csv.DictReader(io.StringIO(plotted(figure)))
+    found = [(row["curve"], float(row["x"]), float(row["y"])) for row in rows]
+    assert found == [("line", 1, 3), ("line", 2, 4), ("scatter", 6, 7), ("bar", 8, 9), ("lying", 11, 10)]
 
 
 def test_a_spec_that_cannot_be_run_is_bad_input():
@@ -406,7 +427,7 @@ def test_figures_are_written(catalogued, tmp_path, capsys):
     catalogued(tiny(), tiny(claims_of_a_wrong_sentence, "wrong"))
     target = tmp_path / "new" / "figures"
     assert main(["figures", "-o", str(target), "--jobs", "1"]) == 0
-    files = {"figure_tiny.png", "figure_tiny.svg", "figure_wrong.png", "figure_wrong.svg", "report.html"}
+    files = {f"figure_{name}.{kind}" for name in ("tiny", "wrong") for kind in ("csv", "png", "svg")} | {"report.html"}
     assert {path.name for path in target.iterdir()} == files
     out, err = capsys.readouterr()
     counted = "claims of the paper: 2 claims hold, 1 does not (as found here); claims of this project: 6 claims hold"

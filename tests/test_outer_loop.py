@@ -546,8 +546,9 @@ def test_command_text_and_figures(capsys, tmp_path):
         "a random sample of 256 of 2048",
     ):
         assert words in out
-    assert sorted(path.name for path in folder.iterdir()) == ["loops.png", "period.png", "steps.png", "wrong.png"]
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.iterdir())
+    names = ("loops", "period", "steps", "wrong")
+    assert sorted(path.name for path in folder.iterdir()) == [f"{name}.{kind}" for name in names for kind in ("csv", "png")]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
 
 
 def test_command_without_a_steady_motion(capsys):

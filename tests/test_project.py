@@ -16,7 +16,7 @@ from noslip.controllers.compiled import CompiledController
 from noslip.controllers.controller import Limits
 from noslip.controllers.targets import required
 from noslip.readers.robots import find_robot, law_of
-from noslip.verification.project import FIRMWARE, STEPS, _golden
+from noslip.verification.project import FIRMWARE, STEPS, _golden, _limits
 
 LAWS = ("type_iv_circle", "type_i")
 NUMBER = r"(-?\d+\.\d+(?:e[-+]?\d+)?)f"
@@ -228,3 +228,13 @@ def test_cmake_leaves_the_users_flags_alone(project, tmp_path):
     own = next(entry["command"].split() for entry in commands if entry["file"].endswith("yours.c"))
     assert [word for word in own if word.startswith("-") and not word.startswith("-I")] == ["-o", "-c"]
     assert not any(entry["file"].endswith("selftest.c") for entry in commands)
+
+
+@pytest.mark.parametrize("off", [1e-9, 1e-3])
+def test_limits_of_the_selftest_are_beside_all_inputs(off):
+    """Half of the inputs exceed them, where they differ; one that is always zero, or the same, has its limit above."""
+    sizes = np.abs(np.random.default_rng(5).normal(size=(40, 3))) * [1.0, 0.0, 100.0]
+    limits = _limits(np.hstack([sizes, np.full((40, 1), 7.0)]), off)
+    assert (np.abs(sizes - limits[:3]) > off).all() and (limits > 0).all()
+    assert [(sizes[:, k] > limits[k]).sum() for k in (0, 2)] == pytest.approx([20, 20], abs=2)
+    assert limits[1] <= 10 * off and 7.0 + off < limits[3] < 15.0

@@ -4,6 +4,7 @@ import copy
 import json
 import os
 import tomllib
+from functools import reduce
 from pathlib import Path
 
 import jsonschema
@@ -45,6 +46,26 @@ def test_reference_values_name_their_schema_and_satisfy_it(file):
     content = json.loads(file.read_text())
     assert (file.parent / content["$schema"]).resolve() == (SPECS / "cases.schema.json").resolve()
     jsonschema.validate(content, SCHEMA["cases"])
+
+
+def defaults(schema: dict) -> dict:
+    """The defaults of a section's schema by name, those of its tables too."""
+    found = {}
+    for name, item in schema.get("properties", {}).items():
+        found |= {name: item["default"]} if "default" in item else {}
+        found |= {f"{name}.{key}": value for key, value in defaults(item).items()}
+    return found
+
+
+def test_defaults_are_those_of_the_reader():
+    told = defaults(SCHEMA["spec"])
+    assert told["simulation.backend"] == "c" and not {"robot", "output.type"} & told.keys()
+    needed = {"simulation.period": 0.01, "limits.torque": [20.0], "sensors": {}, "correction.rate": 1.0, "contact": {}}
+    for key, value in told.items():
+        if not key.startswith(("sweep.", "simulation.period")):
+            table = reduce(lambda content, item: changed(content, *item), [*needed.items(), (key, None)], CIRCLE)
+            section, name = key.split(".")
+            assert getattr(getattr(spec_of_table(table, SPECS / "line.toml"), section), name) == value, key
 
 
 def changed(content: dict, key: str, value: object) -> dict:

@@ -436,7 +436,7 @@ def test_worst_indices_and_figures_of_a_sweep(spec, tmp_path, capsys):
     assert abs(run.error[-1, 0]) > 0.98 * np.abs(pq.read_table(output)["final.distance"].to_numpy()).max()
     assert set(told["sobol_indices"]["final.distance"]) == {"plant.m_c", "initial.point[1]", "initial.heading"}
     names = sorted(path.name for path in (tmp_path / "f").iterdir())
-    assert names == sorted(f"{name}.{kind}" for name in ("envelope", "cloud", "starts") for kind in ("png", "svg"))
+    assert names == sorted(f"{name}.{kind}" for name in ("envelope", "cloud", "starts") for kind in ("csv", "png", "svg"))
     assert all(path.stat().st_size > 10_000 for path in (tmp_path / "f").glob("*.png"))
 
 

@@ -131,11 +131,18 @@ def _exact(expression: ca.SX, law: ControlLaw, *numbers: np.ndarray) -> np.ndarr
 
 
 def _limits(sizes: np.ndarray, off: float) -> np.ndarray:
-    """Return limits (r,) that about half of the inputs of these sizes (N, r) exceed; no size is within `off` of its limit."""
-    limits = np.median(sizes, axis=0)
-    while np.any(np.abs(sizes - limits) <= off):
-        limits = 0.97 * limits
-    return np.float32(limits).astype(float)
+    """Return limits (r,) that about half of the inputs of these sizes (N, r) exceed; no size is within `off` of its limit.
+
+    An input whose sizes leave no such place, for instance one that is always zero, has a limit above all of them.
+    """
+    return np.float32([_limit(np.sort(column), off) for column in sizes.T]).astype(float)
+
+
+def _limit(sizes: np.ndarray, off: float) -> float:
+    edges = np.append(sizes, 2 * sizes[-1] + 8 * off)
+    wide = np.flatnonzero(np.diff(edges) > 4 * off + 1e-6 * edges[1:])  # also once the limit is rounded to a float
+    between = (edges[wide] + edges[wide + 1]) / 2
+    return float(between[np.abs(between - np.median(sizes)).argmin()])
 
 
 def _limited(tau: np.ndarray, slope: np.ndarray, off: float, limits: np.ndarray) -> tuple[str, np.ndarray, float]:

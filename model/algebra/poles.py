@@ -96,6 +96,7 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
                 zero = _bisected(divisor, t[j], t[j + 1])
                 if is_wrong(origin + along * (zero + BESIDE)):
                     return below[k]
+
     def is_rough(at: np.ndarray) -> bool:
         """Whether derivatives of `found` are not finite where those of `given` are, as of 1 / (1 / x) at 0."""
         value, *others = (each.full() for each in rates(at, random.normal(size=len(moves)) * moves))
