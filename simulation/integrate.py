@@ -89,7 +89,7 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
     `hold` moves the robot while the inputs are held; without one it is the plant, which rolls.
     """
     period = simulation.period
-    hold = hold or (lambda *held: _hold(loop, *held, simulation.tolerance))
+    hold = hold or (lambda t, x, tau, duration: _hold(loop, t, x, tau, duration, simulation.tolerance))
     slack = 1e-9 * min(period, simulation.output_step)  # a row this near to a call belongs to the call
     rows = iter(_row_times(simulation))
     row = next(rows)

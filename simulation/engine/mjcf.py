@@ -166,14 +166,14 @@ def _joint(body: xml.Element, name: str, kind: str, axis: str) -> None:
 
 def _geom(body: xml.Element, name: str, kind: str, size: Iterable[float], place: Iterable[float]) -> None:
     """Add a shape without mass, which touches only where a pair says so."""
-    shape = {"type": kind, "size": _text(size), "pos": _text(place)}
-    xml.SubElement(body, "geom", name=name, mass="0", contype="0", conaffinity="0", rgba=".2 .2 .2 1", **shape)
+    made = xml.SubElement(body, "geom", name=name, mass="0", contype="0", conaffinity="0", rgba=".2 .2 .2 1")
+    made.attrib.update(type=kind, size=_text(size), pos=_text(place))
 
 
 def _pair(pairs: xml.Element, name: str) -> None:
     """Let a shape rest on the floor."""
-    soft = {"solref": _text([STIFF, DAMPED]), "solimp": HARD}
-    xml.SubElement(pairs, "pair", name=name, geom1="floor", geom2=name, condim="1", **soft)
+    made = xml.SubElement(pairs, "pair", name=name, geom1="floor", geom2=name, condim="1")
+    made.attrib.update(solref=_text([STIFF, DAMPED]), solimp=HARD)
 
 
 def _text(values: Iterable[float]) -> str:
