@@ -32,6 +32,11 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument("--plot", metavar="RUN.png", help="also write a plot of the run")
     parser.add_argument("--contact", metavar="FORCES.png", help="also plot the forces of the wheels and the limits of friction")
     parser.add_argument(
+        "--engine",
+        choices=["mujoco"],
+        help="simulate the robot on a floor in a physics engine, where wheels may slip (pip install 'noslip[physics]')",
+    )
+    parser.add_argument(
         "--record",
         metavar="RECORD",
         help="record all calls of the target and their results bit by bit (backends m4f, rv32), for noslip replay",
@@ -67,6 +72,10 @@ def run(arguments: argparse.Namespace) -> int:
 
     outputs, pictures = filter(None, (arguments.output, arguments.record)), filter(None, (arguments.plot, arguments.contact))
     check_targets(list(outputs), list(pictures), inputs=[arguments.spec])
+    if arguments.engine and arguments.contact:
+        raise BadInput(
+            "--contact shows the forces that rolling requires; with --engine, RUN.csv has slip and load of each contact"
+        )
     changes = dict(map(change, arguments.set))
     spec = read_varied(arguments.spec, changes) if arguments.sample is None else _sample(arguments, changes)
     try:
@@ -75,7 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
             def progress(t: float) -> None:
                 shown(t, spec.simulation.duration, "s simulated")
 
-            done, record = _recorded(spec, progress) if arguments.record else (simulate(spec, progress=progress), "")
+            def simulated() -> "Run":
+                return simulate(spec, progress=progress, engine=arguments.engine)
+
+            done, record = _recorded(spec, simulated) if arguments.record else (simulated(), "")
         drawn = _pictures(done, arguments)
     except (BadInput, ModelError) as error:
         raise BadInput(f"{arguments.spec}: {error}") from error
@@ -111,11 +123,10 @@ def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":
     return sample_spec(text, row)
 
 
-def _recorded(spec: "Spec", progress: Callable[[float], None]) -> tuple["Run", str]:
+def _recorded(spec: "Spec", simulated: Callable[[], "Run"]) -> tuple["Run", str]:
     """Return the run and the record of the calls of its target. Raises BadInput for a backend without a target."""
     from ..controllers.controller import ON_TARGET
     from ..controllers.pil import recorded
-    from ..simulation.closed_loop import simulate
     from ..simulation.loop import make_loop
     from ..simulation.replay import record_text
 
@@ -124,7 +135,7 @@ def _recorded(spec: "Spec", progress: Callable[[float], None]) -> tuple["Run", s
         raise BadInput(f"--record: backend {backend!r} has no target; set [simulation] backend to {' or '.join(ON_TARGET)}")
     law = make_loop(spec).law
     with recorded(law, backend) as calls:
-        done = simulate(spec, progress=progress)
+        done = simulated()
     return done, record_text(spec.robot, law, calls)
 
 

@@ -17,17 +17,26 @@ from .specification.spec import Simulation, Spec
 SINGLE, SINGLE_TOLERANCE = ("cf", *ON_TARGET), 1e-6  # with rounding in float, step-size control fails at smaller tolerances
 
 
-def simulate(spec: Spec, backend: str | None = None, progress: Callable[[float], None] | None = None) -> Run:
+def simulate(
+    spec: Spec, backend: str | None = None, progress: Callable[[float], None] | None = None, engine: str | None = None
+) -> Run:
     """Simulate the closed loop of a SPEC and return the Run; `backend` replaces that of the SPEC; `progress` receives the
-    time reached.
+    time reached. With the `engine` "mujoco" the robot is on a floor where its wheels may slip; otherwise it rolls.
 
     Raises BadInput or ModelError if the SPEC cannot be simulated: unknown names, invalid parameters, a singular start.
     """
     spec = replace(spec, simulation=_as_run(spec.simulation, backend))
     loop = make_loop(spec)
-    integrate = sampled if spec.simulation.period else continuous
+    floor = None
+    if engine:
+        from .engine.on_floor import OnFloor  # MuJoCo is optional
+
+        floor = OnFloor(loop, spec)
+        loop, steps = floor.loop, floor.rows()
+    else:
+        steps = (sampled if spec.simulation.period else continuous)(loop, spec.simulation)
     rows = []
-    for row in integrate(loop, spec.simulation):
+    for row in steps:
         rows.append(row)
         if progress:
             progress(row.t)
@@ -46,13 +55,14 @@ def simulate(spec: Spec, backend: str | None = None, progress: Callable[[float],
         y=outputs(law)(x.T, loop.plant.parameters, config.T).full().T,
         y_d=reference[:, wanted],
         status=np.array([row.status for row in rows]),
-        forces=loop.plant.constraint_forces(x, tau),
+        forces=floor.constraint_forces(x) if floor else loop.plant.constraint_forces(x, tau),
         seen=np.array([row.seen for row in rows]),
         piece=np.array([row.piece for row in rows]),
         config=config,
         integral=np.array([row.integral for row in rows]),
         integral_rows=loop.integral.rows,
         warnings=loop.warnings,
+        floor=floor.measured() if floor else None,
     )
 
 
@@ -65,7 +75,7 @@ def _as_run(simulation: Simulation, backend: str | None) -> Simulation:
 
 def as_json(run: Run) -> dict[str, Any]:
     """Return what `summary` states, SI: duration, errors of the outputs, largest inputs, residual of the constraints, and whether
-    each contact rolls.
+    each contact rolls; of a run in a physics engine, slip and load of each contact instead.
     """
     simulation, inputs = run.spec.simulation, run.law.system.mechanism.inputs
     return {
@@ -83,8 +93,7 @@ def as_json(run: Run) -> dict[str, Any]:
             for row, error in zip(run.law.output.rows, run.error.T, strict=True)
         },
         "inputs": {i.name: {"unit": i.unit, "peak": peak} for i, peak in zip(inputs, np.abs(run.tau).max(axis=0), strict=True)},
-        "residual": np.linalg.norm(run.plant.slip(run.x), axis=1).max(),
-        "rolling": grip(run).as_json(),
+        **(_rolls(run) if run.floor is None else {"floor": run.floor.as_json(run.t, run.law.system.mechanism)}),
         "warnings": run.warnings,
     }
 
@@ -100,5 +109,14 @@ def summary(run: Run) -> str:
         unit = error["unit"]
         lines.append(f"  error of {name}: final {error['final']:.2e} {unit}, peak {error['peak']:.3g} {unit}")
     peaks = ", ".join(f"{name} {found['peak']:.3g} {found['unit']}" for name, found in values["inputs"].items())
-    lines.append(f"  peak {peaks}; worst ||A qdot|| {values['residual']:.1e}")
-    return "\n".join([*lines, *[f"  {line}" for line in grip(run).summary().splitlines()]])
+    if run.floor:
+        ground = run.floor.summary(run.t, run.law.system.mechanism)
+    else:
+        ground, peaks = grip(run).summary(), f"{peaks}; worst ||A qdot|| {values['residual']:.1e}"
+    lines.append(f"  peak {peaks}")
+    return "\n".join([*lines, *[f"  {line}" for line in ground.splitlines()]])
+
+
+def _rolls(run: Run) -> dict[str, Any]:
+    """Return the residual of the constraints, and whether each contact rolls, of a run that assumes it."""
+    return {"residual": np.linalg.norm(run.plant.slip(run.x), axis=1).max(), "rolling": grip(run).as_json()}

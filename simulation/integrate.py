@@ -50,7 +50,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
     def rate(t: float, state: np.ndarray) -> np.ndarray:
         status, tau = command(t, state)
         if status not in RUNNING:
-            raise _Refused(status, t, state[:n])
+            raise Refused(status, t, state[:n])
         return np.concatenate([loop.plant.rate(state[:n], tau), loop.error(t, state[:n])])
 
     begin, steps = 0.0, 0  # of the current piece of the path
@@ -60,7 +60,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
             try:
                 step = solver.step(t)
                 end = _end_of_piece(loop, step)
-            except _Refused as refused:
+            except Refused as refused:
                 if solver.h <= SHORTEST:
                     yield _row(loop, solver.t, solver.x[:n], _none(loop), refused.status, solver.x[n:])
                     return
@@ -80,9 +80,16 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
             return
 
 
-def sampled(loop: Loop, simulation: Simulation) -> Iterator[Row]:
-    """The controller is called every `period`, its torque held until the next one acts, as a firmware loop does."""
-    period, tolerance = simulation.period, simulation.tolerance
+Hold = Callable[[float, np.ndarray, np.ndarray, float], np.ndarray]  # from t, state, inputs and duration to the state after it
+
+
+def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Iterator[Row]:
+    """The controller is called every `period`, its torque held until the next one acts, as a firmware loop does.
+
+    `hold` moves the robot while the inputs are held; without one it is the plant, which rolls.
+    """
+    period = simulation.period
+    hold = hold or (lambda t, x, tau, duration: _hold(loop, t, x, tau, duration, simulation.tolerance))
     slack = 1e-9 * min(period, simulation.output_step)  # a row this near to a call belongs to the call
     rows = iter(_row_times(simulation))
     row = next(rows)
@@ -103,8 +110,8 @@ def sampled(loop: Loop, simulation: Simulation) -> Iterator[Row]:
                 due = row < last - slack
                 until = row if due else last
                 try:
-                    x = _hold(loop, t, x, acting, until - t, tolerance)
-                except _Refused as refused:
+                    x = hold(t, x, acting, until - t)
+                except Refused as refused:
                     yield _row(loop, refused.t, refused.x, _none(loop), refused.status, z)
                     return
                 t = max(t, until)
@@ -116,7 +123,7 @@ def sampled(loop: Loop, simulation: Simulation) -> Iterator[Row]:
         held = tau
 
 
-class _Refused(Exception):
+class Refused(Exception):
     """A state at which the run cannot go on."""
 
     def __init__(self, status: str, t: float, x: np.ndarray):
@@ -146,7 +153,7 @@ def _end_of_piece(loop: Loop, step: Step) -> tuple[float, np.ndarray] | None:
 
 
 def _hold(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, duration: float, tolerance: float) -> np.ndarray:
-    """State after `duration` seconds of constant tau. Raises _Refused where it meets the singular set or overflows."""
+    """State after `duration` seconds of constant tau. Raises Refused where it meets the singular set or overflows."""
     left = h = duration
     for _ in range(MOST_STEPS):
         if left <= 0:
@@ -155,7 +162,7 @@ def _hold(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, duration: float,
         after, error = loop.plant.step(x, tau, h, tolerance)
         if not error <= 1:  # also when it is NaN
             if h <= SHORTEST and not np.isfinite(error):
-                raise _Refused("nonfinite", t + duration - left, x)
+                raise Refused("nonfinite", t + duration - left, x)
             h *= resize(error)
             continue
         if loop.beyond(after):
@@ -164,14 +171,14 @@ def _hold(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, duration: float,
     raise _too_stiff(t + duration - left, h)
 
 
-def _crossing(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float) -> _Refused:
+def _crossing(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float) -> Refused:
     """Where a step of h seconds from x at t goes through the singular set."""
 
     def after(s: float) -> np.ndarray:
         return loop.plant.step(x, tau, s, tolerance)[0]
 
     s = _root(lambda s: loop.guidance.leg.side(after(s)), h, SHORTEST)
-    return _Refused("singular", t + s, after(s))
+    return Refused("singular", t + s, after(s))
 
 
 def _row(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, status: str, z: np.ndarray) -> Row:

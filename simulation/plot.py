@@ -15,6 +15,7 @@ from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries
 from .drawing import at_times, draw_implicit, evenly_spread, implicit_path, is_outline, outlines
 from .guidance import vehicle_motion
+from .measured import SLIPS, Measured
 from .run import Run
 
 FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"
@@ -28,12 +29,12 @@ TURN = 1.6 * np.pi  # rad by which the vehicle may turn while it is drawn: after
 
 def draw(run: Run) -> Figure:
     """Return the figure of a run: the path in the plane on the left; errors, forward speed and inputs over time on the right.
-    SI units.
+    SI units. A run in a physics engine has the slip of each contact as well.
 
     For a robot that is not a vehicle: its outputs on the left, and on the right its quasi-velocities instead of the speed.
     """
     figure = Figure(figsize=(13, 7.5), layout="constrained")
-    grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1))
+    grid = figure.add_gridspec(4 if run.floor else 3, 2, width_ratios=(1.25, 1))
     figure.suptitle(_title(run), fontsize=11)
     plane = figure.add_subplot(grid[:, 0])
     errors = figure.add_subplot(grid[0, 1])
@@ -45,10 +46,14 @@ def draw(run: Run) -> Figure:
     _draw_errors(errors, run)
     (_draw_speed if vehicle else _draw_rates)(speed, run)
     _draw_inputs(inputs, run)
-    inputs.set_xlabel("time t (s)")
-    for axes in (errors, speed):
+    below = [inputs]
+    if run.floor:
+        below.append(figure.add_subplot(grid[3, 1], sharex=errors))
+        _draw_slip(below[-1], run, run.floor)
+    below[-1].set_xlabel("time t (s)")
+    for axes in (errors, speed, *below[:-1]):
         axes.tick_params(labelbottom=False)
-    for axes in (errors, speed, inputs):
+    for axes in (errors, speed, *below):
         axes.grid(alpha=0.3)
         axes.margins(x=0.01)
         if run.stopped:
@@ -110,7 +115,7 @@ def _draw_plane(axes: Axes, run: Run) -> None:
     p_l, vehicle, heading = pose[:, :2], pose[:, 2:4], pose[:, 4]
     point = "the vehicle's point" if run.spec.output.own else "$P_l$"
     axes.plot(*p_l.T, color=POINT, linewidth=1.8, label=f"locus of {point}", zorder=2.5)
-    if run.spec.sensors:
+    if run.spec.sensors and run.spec.sensors.pose == "reckoned":
         believed = _vehicle_motion(run, run.seen)[:, :2]
         axes.plot(*believed.T, color=SENSED, linewidth=1.0, label="estimated position", zorder=2.4)
     if np.any(p_l != vehicle):
@@ -272,6 +277,16 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
     axes.axhline(0.0, color="black", linewidth=0.8)
     units = {i.unit for i in inputs}
     axes.set_ylabel("inputs" if len(units) > 1 else f"{'torque' if units == {'N m'} else 'input'} ({inputs[0].unit})")
+    axes.legend(loc="best", fontsize=9)
+
+
+def _draw_slip(axes: Axes, run: Run, floor: Measured) -> None:
+    """Draw the slip of each contact on a logarithmic axis that is linear below the slip that counts."""
+    for contact, slip, colour in zip(run.law.system.mechanism.contacts, floor.slip.T, COLOURS, strict=False):
+        axes.plot(run.t, slip, color=colour, label=f"{contact.name}, at most {slip.max():.2g} m/s")
+    axes.set_yscale("symlog", linthresh=SLIPS)
+    axes.set_ylim(bottom=0.0)
+    axes.set_ylabel("slip (m/s)")
     axes.legend(loc="best", fontsize=9)
 
 

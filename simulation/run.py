@@ -9,6 +9,7 @@ import numpy as np
 from ..model.law import ControlLaw
 from ..model.mechanism import Mechanism
 from .loop import RUNNING
+from .measured import Measured
 from .plant import Plant
 from .specification.spec import Spec
 
@@ -40,6 +41,7 @@ class Run(Outputs):
     plant's parameters; y_d are the desired ones. `forces` (N, m) are the constraint forces lambda (8) in the paper's sign, N;
     `seen` (N, 2n-m) is the state that the controller sees, `piece` (N) the current segment of a composite path, `integral`
     (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action, `integral_rows`.
+    `floor` is what was measured in a physics engine, where the robot need not roll; None otherwise.
     If a run stopped, its last row has the time, the state and the status that stopped it, and no torque.
     """
 
@@ -60,6 +62,7 @@ class Run(Outputs):
     integral: np.ndarray
     integral_rows: tuple[str, ...]
     warnings: tuple[str, ...] = ()
+    floor: Measured | None = None
 
     @property
     def columns(self) -> list[str]:
@@ -70,6 +73,7 @@ class Run(Outputs):
         names += lambda_columns(mechanism)
         names += [f"seen_{q.name}" for q in self.law.state] if self.spec.sensors else []
         names += [f"integral_{row}" for row in self.integral_rows]
+        names += self.floor.columns(mechanism) if self.floor else []
         return [*names, "piece"] if self.composite else names
 
     @property
@@ -85,7 +89,8 @@ class Run(Outputs):
     def csv(self) -> str:
         """Return the run as CSV, with 17 significant digits."""
         numbers = np.column_stack([self.t, self.x, self.tau, self.y]).tolist()
-        more = np.column_stack([self.forces, *([self.seen] if self.spec.sensors else []), self.integral]).tolist()
+        seen, floor = [self.seen] if self.spec.sensors else [], [self.floor.values] if self.floor else []
+        more = np.column_stack([self.forces, *seen, self.integral, *floor]).tolist()
         pieces = [[str(piece)] if self.composite else [] for piece in self.piece]
         lines = [
             ",".join([*(f"{v:.17g}" for v in row), status, *(f"{v:.17g}" for v in rest), *piece])

@@ -20,7 +20,7 @@ UNWIND = 4.0  # rad: beyond it whole turns are taken off the heading seen, as in
 
 
 class Sensing:
-    """Sensors and dead reckoning of one run. `state` is what the controller sees: [q; nu], SI.
+    """Sensors and dead reckoning of one run. `state` is what the controller sees: [q; nu], SI; `reckoned` the pose, (3,).
 
     The noise of a sample counts until the next: the dead-reckoned pose feels it for as long as the controller does. Its heading
     is the true one but for whole turns.
@@ -47,7 +47,7 @@ class Sensing:
         wheels = vehicle_wheels(system, believed)
         release = correction.release or 1 / correction.rate if correction else 0.0
         self._odometry = make_odometry(backend, *wheels, release=release, start=self._true_pose(start), law=law)
-        self.state = start.copy()
+        self.state, self.reckoned = start.copy(), self._true_pose(start)
         self._rates = slice(n, n + freedom)
         self._t, self._true_angle = 0.0, start[self._angles].copy()
         self._turned = self._true_angle.copy()  # with the noise so far; what an encoder counts
@@ -74,7 +74,9 @@ class Sensing:
         if (sample := _count(t, self._sensors.period)) > self._drawn:
             self._noise, self._drawn = self._draw(), sample
         self.state = x.copy()
-        self.state[self._pose] = pose
+        self.reckoned = pose
+        if self._sensors.pose == "reckoned":
+            self.state[self._pose] = pose
         self.state[self._angles] = self._counted()
         self.state[self._rates] = moved / dt if self._sensors.counts else x[self._rates] + self._noise
 

@@ -33,6 +33,7 @@ from ...readers.reading import (
     point,
     pose,
     reads,
+    row,
     section,
     table,
     table_of,
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
 TOLERANCES = (1e-13, 1e-2)  # below, rounding exceeds the tolerance; above, the result is not meaningful
 MOST_ROWS = 10_000_000
+STEEPEST = 1.0  # rad, of a floor
 DEEPEST = 16  # nesting of tables and lists
 MANY_PARTS = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{DEEPEST}}}")  # a key that would take minutes to parse
 
@@ -240,13 +242,14 @@ class NoiseSection:
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
     """State that the controller sees: wheel rates with noise, drawn every `period` s (0: at each call), and a pose from dead
-    reckoning. `counts` of an encoder per turn of a wheel; 0: no encoder, the exact angle.
+    reckoning. `counts` of an encoder per turn of a wheel; 0: no encoder, the exact angle. `pose` "true": the true pose instead.
     """
 
     noise: NoiseSection = entry(section(NoiseSection), NoiseSection())
     seed: int = entry(whole(0), 0)
     period: float = entry(number("nonnegative", "s"), 0.0)
     counts: int = entry(whole(0), 0)
+    pose: str = entry(one_of("reckoned", "true"), "reckoned")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,6 +286,52 @@ class ContactSection:
     def __post_init__(self):
         if self.share > 1:
             raise BadInput(f"[contact] share = {self.share:g} must be at most 1")
+
+
+@reads(row("[a, b]", number(unit="m"), number(unit="m")).schema(), "m")
+def _interval(value: Any, where: str) -> tuple[float, ...]:
+    """Read a < b, m."""
+    a, b = row("[a, b]", number(unit="m"), number(unit="m"))(value, where)
+    if not a < b:
+        raise BadInput(f"{where} = [{a:g}, {b:g}]: the first must be below the second")
+    return a, b
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patch:
+    """A rectangle of the floor, x from x[0] to x[1] and y from y[0] to y[1] (m), with a friction coefficient of its own."""
+
+    x: tuple[float, ...] = entry(_interval)
+    y: tuple[float, ...] = entry(_interval)
+    mu: float = entry(number("nonnegative", "1"))
+
+
+@reads(lambda: {"type": "array", "items": section(Patch).schema()})
+def _patches(value: Any, where: str) -> tuple[Patch, ...]:
+    """Read a list of patches; where two overlap, the later one counts."""
+    if not isinstance(value, list):
+        raise BadInput(f"{where} = {value!r} is not a list, for example [{{ x = [0, 1], y = [-1, 1], mu = 0.2 }}]")
+    return tuple(section(Patch)(item, f"{where}[{k}]") for k, item in enumerate(value))
+
+
+@reads({"anyOf": [angle.schema(), row("[angle, heading]", angle, angle).schema()]}, "rad")
+def _slope(value: Any, where: str) -> tuple[float, float]:
+    """Read an angle below the horizontal, or with it the heading of the way down."""
+    made = row("[angle, heading]", angle, angle)(value if isinstance(value, list) else [value, 0.0], where)
+    if not abs(made[0]) < STEEPEST:
+        raise BadInput(f"{where} = {made[0]:g} rad is too steep to stand on; give less than {STEEPEST:g}")
+    return made
+
+
+@dataclass(frozen=True, kw_only=True)
+class Floor:
+    """The floor of a run in a physics engine: friction `mu` (default: that of [contact]), `slope`: its angle (rad), or [angle,
+    heading of the way down], and patches with another friction.
+    """
+
+    mu: float | None = entry(number("nonnegative", "1"), None)
+    slope: tuple[float, float] = entry(_slope, (0.0, 0.0))
+    patch: tuple[Patch, ...] = entry(_patches, ())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -345,6 +394,7 @@ class Spec:
     sensors: Sensors | None = entry(section(Sensors), None)
     correction: Correction | None = entry(section(Correction), None)
     contact: ContactSection = entry(section(ContactSection), ContactSection())
+    floor: Floor | None = entry(section(Floor), None)
     simulation: Simulation = entry(section(Simulation))
     sweep: "Sweep | None" = entry(_read_sweep, None)
 
@@ -353,6 +403,8 @@ class Spec:
             raise BadInput("[sensors] requires [simulation] period > 0: sensors are read at the calls of the controller")
         if self.correction and not self.sensors:
             raise BadInput("[correction] requires [sensors]: without them the pose is the true one")
+        if self.correction and self.sensors and self.sensors.pose == "true":
+            raise BadInput('[correction] requires [sensors] pose = "reckoned": the true pose needs none')
         composite = self.output.segments
         if self.initial is None and not composite:
             raise BadInput("[initial] is missing: point, heading and speed, or q and nu")

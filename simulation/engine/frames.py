@@ -1,0 +1,282 @@
+"""The planar bodies and wheels of a Mechanism, found from its contacts' velocities and its mass matrix.
+
+A contact or a body of a Mechanism gives the velocity of a point as rows in the rates of the coordinates. Points with the same yaw
+rate belong to one frame. A frame is hinged about a vertical to the ground or to another frame; the hinge and the places of its
+points are those that reproduce the rows at random states. Masses, first moments and inertias are those that reproduce M(q).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from ...model.algebra.portable import portable
+from ...model.mechanism import Mechanism
+from ...readers.errors import BadInput
+
+STATES = 12  # random ones at which rows and mass matrix are compared
+EXACT = 1e-9  # relative difference that rounding explains
+
+
+@dataclass(eq=False)
+class Frame:
+    """A rigid body in the plane. Its heading is `heading` . q; its origin is the hinge, at `pivot` (m) in the axes of frame
+    `parent`, or of the ground (None).
+
+    `mass` kg, `moment` mass times the centre of mass (kg m) in its own axes, `inertia` (kg m^2) about the origin.
+    """
+
+    heading: np.ndarray
+    parent: int | None
+    pivot: np.ndarray
+    mass: float = 0.0
+    moment: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    inertia: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Wheel:
+    """What touches the ground at a contact: `place` (m) in the axes of `frame`, `load` (kg) that rests on it.
+
+    `angle` is the coordinate of its rotation; None: it turns freely, its rotation is no coordinate. `radius` (m) is negative
+    where a positive angle rolls backward. `inertia` (kg m^2) is that about the axle.
+    """
+
+    name: str
+    frame: int
+    place: np.ndarray
+    load: float
+    angle: int | None
+    radius: float
+    inertia: float
+
+
+@dataclass(frozen=True, eq=False)
+class Planar:
+    """A Mechanism as bodies: frames, wheels, and the map from the rates of its coordinates to those of the hinges and axles.
+
+    `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle] = joints @ qdot.
+    """
+
+    frames: tuple[Frame, ...]
+    wheels: tuple[Wheel, ...]
+    joints: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Rows (S, 2, n) of the velocities forward and left at S states; `known` says which of the two are given."""
+
+    name: str
+    rows: np.ndarray
+    known: tuple[bool, bool]
+    left: float | None = None
+
+
+def planar(mechanism: Mechanism, parameters: np.ndarray) -> Planar:
+    """Return the bodies and wheels of a robot with these parameters (SI, in its order).
+
+    Raises BadInput if it is not made of planar bodies on vertical hinges and of wheels with horizontal axles.
+    """
+    name = mechanism.name
+    if not mechanism.contacts:
+        raise _refused(name, "it defines no contacts; add them with contact(name, mass, along, across)")
+    x_y = [k for k, c in enumerate(mechanism.coordinates) if c.unit == "m"]
+    if len(x_y) != 2:
+        raise _refused(name, f"its position is not two coordinates in m; it has {len(x_y)}")
+    random = np.random.default_rng(1992)
+    states = random.uniform(-3.0, 3.0, (STATES, len(mechanism.coordinates)))
+    function, count, bodies = _functions(mechanism), len(mechanism.contacts), len(mechanism.bodies)
+    values = [[value.full() for value in function(q, parameters)] for q in states]
+    rows, turning, M, places, masses = (np.array([value[k] for value in values]) for k in range(5))
+    if not np.isfinite(turning).all() or np.ptp(turning, axis=0).max() > EXACT:
+        raise _refused(name, "the heading of a contact or body is not a sum of coordinates")
+    turning = np.round(turning[0], 9)
+    axles = _axles(mechanism, rows[:, : 2 * count], turning)
+    points = []
+    for k in range(count + bodies):
+        pair = rows[:, 2 * k : 2 * k + 2].copy()
+        contact = mechanism.contacts[k] if k < count else None
+        known = (True, True) if contact is None else (not contact.along.is_zero(), not contact.across.is_zero())
+        if contact is not None and axles[k] is not None:
+            pair[:, :, axles[k]] = 0.0
+        label = f"contact {contact.name!r}" if contact else f"body {mechanism.bodies[k - count].name!r}"
+        points.append(_Point(label, pair, known, float(places[0, k, 1]) if contact is not None else None))
+    frames, found, motions = _frames(name, points, turning, states, x_y)
+    radii = [None if axle is None else -float(rows[0, 2 * k, axle]) for k, axle in enumerate(axles)]
+    _weigh(name, frames, float(M[0, x_y[0], x_y[0]]), masses[0].ravel(), [found[count + k][0] for k in range(bodies)])
+    inertias = _spins(name, frames, motions, M, sorted({a for a in axles if a is not None}))
+    driven = [abs(radius) for radius in radii if radius]
+    if not driven:
+        raise _refused(name, "no contact has a wheel: none of its velocities along is forward speed minus radius times rate")
+    wheels = tuple(
+        Wheel(
+            c.name, *found[k], float(places[0, k, 0]), axles[k], radii[k] or float(np.mean(driven)), inertias.get(axles[k], 0.0)
+        )
+        for k, c in enumerate(mechanism.contacts)
+    )
+    return Planar(tuple(frames), wheels, _joints(name, frames, wheels, x_y, len(mechanism.coordinates)))
+
+
+def _refused(name: str, why: str) -> BadInput:
+    return BadInput(f"--engine mujoco: {name} cannot be built from bodies and wheels: {why}")
+
+
+@lru_cache(maxsize=16)
+def _functions(mechanism: Mechanism) -> ca.Function:
+    """Of q and parameters: rows of contacts and bodies, their yaw rates as rows, M, [load, left] of contacts, bodies' masses."""
+    q, qdot = mechanism.q, mechanism.qdot
+    x_y = [k for k, c in enumerate(mechanism.coordinates) if c.unit == "m"]
+    contacts = mechanism.contact_rows
+    turning = []
+    for k in range(len(mechanism.contacts)):
+        along, across = contacts[2 * k, :], contacts[2 * k + 1, :]
+        # The direction across is (-sin, cos) of the heading; where only along is given, that is (cos, sin).
+        c, s = (across[x_y[1]], -across[x_y[0]]) if not across.is_zero() else (along[x_y[0]], along[x_y[1]])
+        turning.append((c * ca.jacobian(s, q) - s * ca.jacobian(c, q)) / (c * c + s * s))
+    bodies = [ca.jacobian(ca.vertcat(body.forward, body.left), qdot) for body in mechanism.bodies]
+    turning += [ca.jacobian(body.yaw_rate, qdot) for body in mechanism.bodies]
+    places = [ca.horzcat(contact.mass, contact.left) for contact in mechanism.contacts]
+    masses = ca.vertcat(*[body.mass for body in mechanism.bodies]) if mechanism.bodies else ca.SX(0, 1)
+    results = [ca.vertcat(contacts, *bodies), ca.vertcat(*turning), mechanism.M, ca.vertcat(*places), masses]
+    return portable(ca.Function("rows", [q, mechanism.p], [ca.densify(result) for result in results]))
+
+
+def _axles(mechanism: Mechanism, rows: np.ndarray, turning: np.ndarray) -> list[int | None]:
+    """Return for each contact the coordinate that turns its wheel: it moves the contact along at a constant rate, and no body."""
+    found: list[int | None] = []
+    for k in range(len(mechanism.contacts)):
+        along, across = rows[:, 2 * k], rows[:, 2 * k + 1]
+        still = ~turning.any(axis=0) & (np.abs(across).max(axis=0) == 0)
+        turns = np.flatnonzero(still & (np.ptp(along, axis=0) <= EXACT * np.abs(along[0])) & (along[0] != 0))
+        if len(turns) > 1 or (len(turns) == 0 and not mechanism.contacts[k].along.is_zero()):
+            raise _refused(mechanism.name, f"contact {mechanism.contacts[k].name!r} is not that of one wheel")
+        found.append(int(turns[0]) if len(turns) else None)
+    return found
+
+
+def _frames(
+    name: str, points: list[_Point], turning: np.ndarray, states: np.ndarray, x_y: list[int]
+) -> tuple[list[Frame], dict[int, tuple[int, np.ndarray]], list[np.ndarray]]:
+    """Return the frames, for each point its frame and place there, and the motion (S, 3, n) of each frame's origin: forward,
+    left, yaw rate.
+    """
+    n = states.shape[1]
+    ground = np.zeros((len(states), 3, n))
+    ground[:, 0, x_y[0]] = ground[:, 1, x_y[1]] = 1.0
+    frames: list[Frame] = []
+    motions: list[np.ndarray] = []
+    found: dict[int, tuple[int, np.ndarray]] = {}
+    left = list(range(len(points)))
+    while left:
+        for first in left:
+            heading = turning[first]
+            mine = [k for k in left if np.array_equal(turning[k], heading)]
+            if not heading.any():
+                raise _refused(name, f"{points[first].name} does not turn")
+            for parent in (None, *range(len(frames))):
+                before, motion = (np.zeros(n), ground) if parent is None else (frames[parent].heading, motions[parent])
+                fitted = _hinge([points[k] for k in mine], states @ (before - heading), motion, heading)
+                if fitted is not None:
+                    break
+            else:
+                continue
+            pivot, places, moved = fitted
+            frames.append(Frame(heading, parent, pivot))
+            motions.append(moved)
+            found |= {k: (len(frames) - 1, place) for k, place in zip(mine, places, strict=True)}
+            left = [k for k in left if k not in mine]
+            break
+        else:
+            raise _refused(name, f"{points[left[0]].name} is not on a body hinged about a vertical")
+    return frames, found, motions
+
+
+def _hinge(
+    points: list[_Point], angle: np.ndarray, motion: np.ndarray, heading: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray], np.ndarray] | None:
+    """Return the hinge in the axes of a parent that moves as `motion`, the place of each point, and the motion of the hinge in
+    the axes of the frame; None if no hinge reproduces the rows. `angle` (S): heading of the parent minus that of the frame.
+    """
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    forward, left, yaw = motion[:, 0], motion[:, 1], motion[:, 2]
+    own = np.broadcast_to(heading, yaw.shape)
+    base = np.stack([c * forward - s * left, s * forward + c * left], axis=1)
+    by_pivot = np.stack([np.stack([s * -yaw, c * yaw], axis=1), np.stack([c * -yaw, s * -yaw], axis=1)])  # ahead, left
+    zero = np.zeros_like(own)
+    by_place = np.stack([np.stack([zero, own], axis=1), np.stack([-own, zero], axis=1)])
+    unknowns, columns, wanted = 2 + 2 * len(points), [], []
+    for k, point in enumerate(points):
+        kept = np.flatnonzero(point.known)
+        block = np.zeros((unknowns, len(angle), len(kept), len(heading)))
+        block[:2], block[2 + 2 * k : 4 + 2 * k] = by_pivot[:, :, kept], by_place[:, :, kept]
+        columns.append(block.reshape(unknowns, -1))
+        wanted.append((point.rows - base)[:, kept].ravel())
+    A, b = np.hstack(columns).T, np.concatenate(wanted)
+    solution = np.linalg.lstsq(A, b, rcond=None)[0]
+    if np.abs(A @ solution - b).max() > EXACT * max(1.0, np.abs(b).max()):
+        return None
+    solution[np.abs(solution) < EXACT] = 0.0
+    pivot, places = solution[:2], list(solution[2:].reshape(-1, 2))
+    for point, place in zip(points, places, strict=True):
+        if point.left is not None and not point.known[0]:
+            place[1] = point.left
+    moved = base + np.tensordot(pivot, by_pivot, axes=1)
+    return pivot, places, np.concatenate([moved, own[:, None]], axis=1)
+
+
+def _weigh(name: str, frames: list[Frame], total: float, masses: np.ndarray, of: list[int]) -> None:
+    """Set the masses of the frames: those of the bodies on them, and what remains of the total on the first."""
+    for mass, k in zip(masses, of, strict=True):
+        frames[k].mass += float(mass)
+    rest = total - sum(frame.mass for frame in frames)
+    frames[0].mass += rest if abs(rest) > EXACT * total else 0.0
+    if rest < -EXACT * total or not frames[0].mass:
+        raise _refused(name, "its bodies weigh more than all that moves")
+
+
+def _spins(name: str, frames: list[Frame], motions: list[np.ndarray], M: np.ndarray, axles: list[int]) -> dict[int | None, float]:
+    """Set first moments and inertias of the frames such that M(q) is that of the Mechanism; return the inertia of each axle."""
+    rest, basis = M.copy(), []
+    for frame, motion in zip(frames, motions, strict=True):
+        forward, left, yaw = (motion[:, k, :, None] for k in range(3))
+
+        def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            return a @ b.swapaxes(1, 2) + b @ a.swapaxes(1, 2)
+
+        rest -= frame.mass * (product(forward, forward) + product(left, left)) / 2
+        weighs = 1.0 if frame.mass > 0 else 0.0
+        basis += [weighs * product(left, yaw), -weighs * product(forward, yaw), product(yaw, yaw) / 2]
+    for axle in axles:
+        unit = np.zeros_like(M)
+        unit[:, axle, axle] = 1.0
+        basis.append(unit)
+    A = np.stack([each.ravel() for each in basis], axis=1)
+    solution = np.linalg.lstsq(A, rest.ravel(), rcond=None)[0]
+    if np.abs(A @ solution - rest.ravel()).max() > EXACT * np.abs(M).max():
+        raise _refused(name, "its kinetic energy is not that of bodies and wheels in the plane")
+    for k, frame in enumerate(frames):
+        frame.moment, frame.inertia = solution[3 * k : 3 * k + 2], float(solution[3 * k + 2])
+        about = frame.inertia - (frame.moment @ frame.moment / frame.mass if frame.mass else 0.0)
+        if about <= 0:
+            raise _refused(name, f"a body has no positive inertia about the vertical ({about:.3g} kg m^2)")
+    inertias: dict[int | None, float] = dict(zip(axles, solution[3 * len(frames) :].tolist(), strict=True))
+    if any(inertia <= 0 for inertia in inertias.values()):
+        raise _refused(name, "a wheel has no inertia about its axle, and so no defined slip; give it one")
+    return inertias
+
+
+def _joints(name: str, frames: list[Frame], wheels: tuple[Wheel, ...], x_y: list[int], n: int) -> np.ndarray:
+    """Return `Planar.joints`. Raises BadInput if a coordinate moves none of them."""
+    unit = np.eye(n)
+    hinges = [frame.heading - (0 if frame.parent is None else frames[frame.parent].heading) for frame in frames]
+    axles = [wheel.angle for wheel in wheels if wheel.angle is not None]
+    if len(set(axles)) < len(axles):
+        raise _refused(name, "one coordinate turns two wheels")
+    joints = np.array([*unit[x_y], *hinges, *unit[axles]])
+    if joints.shape != (n, n) or np.linalg.matrix_rank(joints) < n:
+        raise _refused(name, "its coordinates are not those of its position, the headings of its bodies and its wheels")
+    return joints

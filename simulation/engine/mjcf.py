@@ -1,0 +1,180 @@
+"""The planar bodies and wheels of a robot, on a floor, as an MJCF model for MuJoCo.
+
+What moves in the plane has the mass matrix of the Mechanism. Out of the plane the Mechanism says nothing but the loads of its
+contacts; the model adds what carries them:
+
+- A body whose contacts carry its own weight moves up and down by itself; its hinge carries no weight. Any other body is carried
+  by the one it is hinged to.
+- It rolls if it has contacts on both sides, and pitches if it has contacts ahead and behind. Where it has none, it is kept level.
+- With a `share` below 1 a castor, a sphere without friction, carries the rest of the weight; then the body pitches. The castor is
+  where the moments balance.
+- About its horizontal axes through the centre of mass, a body has the inertia that it has about the vertical.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as xml
+from collections.abc import Iterable
+
+import numpy as np
+
+from ...readers.errors import BadInput
+from .frames import Frame, Planar, Wheel
+
+NOTHING = 1e-12  # kg, kg m^2: a body with a joint must have a mass, also where it only holds others
+FREE = 1e-6  # kg m^2, times the radius / m squared: a wheel whose rotation is no coordinate
+BREADTH = 0.25  # of a wheel, relative to its radius: half the breadth of the ellipsoid that rolls on the floor
+SMALL = 1e-6  # m, relative: equal places, equal weights
+STIFF, DAMPED = 0.004, 1.0  # s, 1: time constant and damping ratio with which a contact gives way
+HARD = "0.99 0.99 0.001"  # how much of a contact's force is independent of its penetration
+X, Y, Z = "1 0 0", "0 1 0", "0 0 1"
+
+
+def mjcf(name: str, planar: Planar, height: float, share: float) -> str:
+    """Return the MJCF of a robot.
+
+    `height` (m) is that of the centre of mass of each body with a mass, `share` the part of the weight on the contacts. Joints:
+    x, y, yaw_K of frame K, axle_K of wheel K; z_K, pitch_K, roll_K. Geoms: wheel_K, castor_K. Raises BadInput for a share that
+    cannot be balanced.
+    """
+    root = xml.Element("mujoco", model=name)
+    option = xml.SubElement(root, "option", integrator="implicit")
+    xml.SubElement(option, "flag", autoreset="disable")
+    world = xml.SubElement(root, "worldbody")
+    xml.SubElement(world, "geom", name="floor", type="plane", size="50 50 1", contype="0", conaffinity="0", rgba=".9 .9 .9 1")
+    held = _body(world, "ground", (0.0, 0.0, 0.0))
+    _joint(held, "x", "slide", X)
+    _joint(held, "y", "slide", Y)
+    pairs = xml.SubElement(root, "contact")
+    for k, frame in enumerate(planar.frames):
+        if frame.parent is None:
+            _frame(held, held, k, planar, pairs, height, share)
+    return xml.tostring(root, encoding="unicode")
+
+
+def carried(planar: Planar, k: int) -> list[int]:
+    """Return frame k and those that it carries, with what these carry."""
+    others = [j for j, frame in enumerate(planar.frames) if frame.parent == k and not _stands(planar, j)]
+    return [k, *[i for j in others for i in carried(planar, j)]]
+
+
+def _stands(planar: Planar, k: int) -> bool:
+    """Return whether frame k carries its own weight: the first, or contacts on it carry as much."""
+    frame = planar.frames[k]
+    load = sum(wheel.load for wheel in planar.wheels if wheel.frame == k)
+    return frame.parent is None or (load > 0 and abs(load - frame.mass) <= SMALL * frame.mass)
+
+
+def _frame(
+    level: xml.Element, tilting: xml.Element, k: int, planar: Planar, pairs: xml.Element, height: float, share: float
+) -> None:
+    """Add frame k and all that is hinged to it to its parent: to the part that stays level, or to that which tilts with the
+    weight it carries.
+    """
+    frame, stands = planar.frames[k], _stands(planar, k)
+    body = _body(level if stands else tilting, f"frame_{k}", (*frame.pivot, 0.0), inertial=stands)
+    _joint(body, f"yaw_{k}", "hinge", Z)
+    upper = body
+    if stands:
+        upper = _body(body, f"body_{k}", (0.0, 0.0, 0.0), inertial=False)
+        _joint(upper, f"z_{k}", "slide", Z)
+        _supports(upper, k, planar, pairs, share)
+    _inertial(upper, planar, k, height)
+    for j, wheel in enumerate(planar.wheels):
+        if wheel.frame == k:
+            _wheel(upper, j, wheel, pairs)
+    for j, other in enumerate(planar.frames):
+        if other.parent == k:
+            _frame(body, upper, j, planar, pairs, height, share)
+
+
+def _supports(upper: xml.Element, k: int, planar: Planar, pairs: xml.Element, share: float) -> None:
+    """Add the joints about the horizontal axes of what stands on its own, and a castor if one carries a part."""
+    group = carried(planar, k)
+    origins = _origins(planar, k)
+    places = np.array([origins[w.frame] + w.place for w in planar.wheels if w.frame in group])
+    if not len(places):
+        raise BadInput("--engine mujoco: nothing carries a body: no contact is on it")
+    wide, long = np.ptp(places[:, 1]) > SMALL, np.ptp(places[:, 0]) > SMALL
+    if share < 1 and long:
+        raise BadInput(f"[contact] share = {share:g}: the contacts are ahead and behind and carry all of the weight; set 1")
+    if share < 1:
+        moment = sum((planar.frames[j].moment + planar.frames[j].mass * origins[j] for j in group), np.zeros(2))
+        ahead = moment[0] / sum(planar.frames[j].mass for j in group) - places[0, 0]
+        if abs(ahead) < SMALL:
+            raise BadInput(f"[contact] share = {share:g}: the centre of mass is above the axle, castors carry nothing; set 1")
+        radius = min(abs(w.radius) for w in planar.wheels) / 2
+        place = (places[0, 0] + ahead / (1 - share), places[:, 1].mean(), radius)
+        _geom(upper, f"castor_{k}", "sphere", [radius], place)
+        _pair(pairs, f"castor_{k}")
+    if long or share < 1:
+        _joint(upper, f"pitch_{k}", "hinge", Y)
+    if wide:
+        _joint(upper, f"roll_{k}", "hinge", X)
+
+
+def _origins(planar: Planar, k: int) -> dict[int, np.ndarray]:
+    """Return the origins of frame k and all after it in the axes of k, all hinges straight."""
+    found = {k: np.zeros(2)}
+    for j, frame in enumerate(planar.frames):
+        if frame.parent in found and j != k:
+            found[j] = found[frame.parent] + frame.pivot
+    return found
+
+
+def _inertial(body: xml.Element, planar: Planar, k: int, height: float) -> None:
+    """Add mass and inertia of frame k, without what its wheels have about a vertical diameter."""
+    frame: Frame = planar.frames[k]
+    wheels = [wheel for wheel in planar.wheels if wheel.frame == k]
+    centre = frame.moment / frame.mass if frame.mass else np.zeros(2)
+    about = frame.inertia - frame.mass * centre @ centre - sum(_diameter(wheel) for wheel in wheels)
+    if about <= 0:
+        raise BadInput(f"--engine mujoco: the wheels of body {k + 1} have more inertia about a vertical than the body itself")
+    place = (*centre, height if frame.mass else 0.0)
+    xml.SubElement(body, "inertial", pos=_text(place), mass=_text([frame.mass or NOTHING]), diaginertia=_text([about] * 3))
+    rests = sum(wheel.load for wheel in planar.wheels) / sum(other.mass for other in planar.frames)
+    if abs(rests - 1) > SMALL:  # as on a slope that the Mechanism has itself
+        body.set("gravcomp", _text([1 - rests]))
+
+
+def _diameter(wheel: Wheel) -> float:
+    """Return the inertia of a wheel, a disc, about a diameter, kg m^2."""
+    return (wheel.inertia or FREE * wheel.radius**2) / 2
+
+
+def _wheel(body: xml.Element, j: int, wheel: Wheel, pairs: xml.Element) -> None:
+    """Add a wheel; its mass is part of the body's."""
+    radius, about = abs(wheel.radius), _diameter(wheel)
+    made = _body(body, wheel.name, (*wheel.place, radius), (about, 2 * about, about))
+    _joint(made, f"axle_{j}", "hinge", Y if wheel.radius > 0 else "0 -1 0")
+    _geom(made, f"wheel_{j}", "ellipsoid", [radius, BREADTH * radius, radius], (0.0, 0.0, 0.0))
+    _pair(pairs, f"wheel_{j}")
+
+
+def _body(
+    parent: xml.Element, name: str, place: Iterable[float], inertia: Iterable[float] = (NOTHING,) * 3, inertial: bool = True
+) -> xml.Element:
+    body = xml.SubElement(parent, "body", name=name, pos=_text(place))
+    if inertial:
+        xml.SubElement(body, "inertial", pos="0 0 0", mass=_text([NOTHING]), diaginertia=_text(inertia))
+    return body
+
+
+def _joint(body: xml.Element, name: str, kind: str, axis: str) -> None:
+    xml.SubElement(body, "joint", name=name, type=kind, axis=axis)
+
+
+def _geom(body: xml.Element, name: str, kind: str, size: Iterable[float], place: Iterable[float]) -> None:
+    """Add a shape without mass, which touches only where a pair says so."""
+    made = xml.SubElement(body, "geom", name=name, mass="0", contype="0", conaffinity="0", rgba=".2 .2 .2 1")
+    made.attrib.update(type=kind, size=_text(size), pos=_text(place))
+
+
+def _pair(pairs: xml.Element, name: str) -> None:
+    """Let a shape rest on the floor."""
+    made = xml.SubElement(pairs, "pair", name=name, geom1="floor", geom2=name, condim="1")
+    made.attrib.update(solref=_text([STIFF, DAMPED]), solimp=HARD)
+
+
+def _text(values: Iterable[float]) -> str:
+    return " ".join(f"{float(value):.17g}" for value in values)

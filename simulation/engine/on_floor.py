@@ -1,0 +1,55 @@
+"""The loop of a controller and a robot on a floor, and what is measured there beside the rows of any run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ...readers.errors import BadInput
+from ..integrate import Row, sampled
+from ..loop import Loop
+from ..measured import Measured
+from ..sensing import Sensing
+from ..specification.spec import Floor, Sensors, Spec
+from .engine import Engine
+
+
+class OnFloor:
+    """A loop whose robot moves in MuJoCo. `loop` has sensors also where the SPEC has none: they reckon beside the true pose."""
+
+    def __init__(self, loop: Loop, spec: Spec):
+        """Raises BadInput for a loop without a period, and as Engine."""
+        if not spec.simulation.period:
+            raise BadInput("--engine mujoco requires [simulation] period > 0: the controller is called as in firmware")
+        self._floor = spec.floor or Floor()
+        self.engine = Engine(loop.plant, spec.contact, self._floor, loop.start)
+        self.loop, self._simulation = replace(loop, sensing=loop.sensing or _reckoning(loop, spec)), spec.simulation
+        self._looks: list[tuple[np.ndarray, ...]] = []
+
+    def rows(self) -> Iterator[Row]:
+        """Yield the rows of the run, and keep what is measured at each."""
+        for row in sampled(self.loop, self._simulation, self.engine.hold):
+            sensing = self.loop.sensing
+            self._looks.append((*self.engine.look(), sensing.reckoned if sensing else np.zeros(0)))
+            yield row
+
+    def measured(self) -> Measured:
+        """Return what was measured at the rows so far."""
+        slip, load, force, reckoned = (np.array(each) for each in zip(*self._looks, strict=True))
+        return Measured(slip, load, force, reckoned if self.loop.sensing else None, self.engine.mu)
+
+    def constraint_forces(self, x: np.ndarray) -> np.ndarray:
+        """Return lambda of (8), with the paper's sign, as the floor supplied it at each row x, (N, m)."""
+        combination = self.loop.plant.contacts(x)[0]
+        return -(combination.swapaxes(1, 2) @ self.measured().force[:, :, None])[:, :, 0]
+
+
+def _reckoning(loop: Loop, spec: Spec) -> Sensing | None:
+    """Return exact sensors with the true pose; None for a robot that cannot reckon its pose."""
+    try:
+        seen = (loop.plant.parameters, loop.believed, loop.start, spec.simulation.backend)
+        return Sensing(Sensors(pose="true"), None, loop.law, *seen)
+    except BadInput:
+        return None

@@ -1,0 +1,230 @@
+"""Robots on a floor in a physics engine, compared with the Mechanism, with the rolling simulation, and with Coulomb's law."""
+
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from noslip.cli.main import main
+from noslip.readers.robots import find_robot, system_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.engine.engine import Engine
+from noslip.simulation.engine.friction import coulomb
+from noslip.simulation.plant import Plant
+from noslip.simulation.specification.spec import ContactSection, Floor, Patch
+from noslip.simulation.specification.vary import read_varied
+
+mujoco = pytest.importorskip("mujoco")
+LINE = Path(__file__).parents[1] / "specs" / "line.toml"
+ROBOTS = ["labmate", "slope_platform", "rolling_disk", "car", "tricycle", "mobile_manipulator", "tractor_trailer", "four_wheel"]
+FAST = {"gains": {"kp": 1.0, "kd": 2.5, "kv": 2.0}, "initial": {"point": [0.0, 2.0], "heading": np.pi / 2, "speed": 0.0}}
+GENTLE = FAST | {"gains": {"kp": 0.1, "kd": 0.8, "kv": 0.5}, "reference.speed": 0.3}
+RUBBER = Floor(mu=0.7)
+SHORT = {"simulation.period": 0.01, "simulation.duration": 3.0}
+
+
+def engine(name: str, floor: Floor = RUBBER, start=None, **contact) -> Engine:
+    """A robot with its own parameters, at rest at q = 0 unless a start is given."""
+    mechanism = find_robot(name)
+    plant = Plant(system_of(mechanism), mechanism.parameter_values({}))
+    start = np.zeros(len(plant.system.state)) if start is None else start
+    return Engine(plant, ContactSection(**contact), floor, start)
+
+
+@cache
+def run(mu: float, height: float = 0.0, share: float = 0.7, gentle: bool = False, **floor):
+    """The LABMATE from rest to a line, on a floor."""
+    contact = {"mu": mu, "height": height, "share": share}
+    limits = {} if gentle else {"limits": {"torque": [20.0], "mode": "cut"}}
+    spec = read_varied(LINE, (GENTLE if gentle else FAST) | SHORT | {"contact": contact, "floor": {"mu": mu, **floor}} | limits)
+    return simulate(spec, engine="mujoco")
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_engines_mass_matrix_is_that_of_the_mechanism(name):
+    """MuJoCo's joint-space inertia, taken back to the coordinates and projected by S(q), at random states; its total mass."""
+    random, made = np.random.default_rng(1992), engine(name)
+    mechanism = find_robot(name)
+    system, n = system_of(mechanism), len(mechanism.coordinates)
+    values = mechanism.parameter_values({})
+    matrices = ca.Function("MS", [mechanism.q, mechanism.p], [mechanism.M, system.S])
+    model, data = made.model, made.data
+    for _ in range(20):
+        q = random.uniform(-3, 3, n)
+        data.qpos[:] = 0.0
+        data.qpos[made.moving] = made.planar.joints @ q
+        mujoco.mj_forward(model, data)
+        full = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, full)
+        M, S = (value.full() for value in matrices(q, values))
+        there = full[np.ix_(made.moving, made.moving)]
+        back = made.planar.joints.T @ there @ made.planar.joints
+        wanted = S.T @ M @ S
+        assert np.abs(S.T @ back @ S - wanted).max() <= 1e-9 * np.abs(wanted).max()
+        assert np.abs(back - M).max() <= 1e-9 * np.abs(M).max()  # also where the robot would slip
+    assert model.body_mass.sum() == pytest.approx(float(M[0, 0]), rel=1e-9)
+
+
+def test_the_contacts_carry_what_the_mechanism_says():
+    """Loads at rest: the share of the weight on the wheels, the rest on castors, which stand where the moments balance."""
+    for name in ROBOTS:
+        made = engine(name)
+        loads = [wheel.load * 9.81 for wheel in made.planar.wheels]
+        if name != "mobile_manipulator":  # its arm is stretched out ahead, and the body is kept level
+            assert made.look()[1] == pytest.approx(loads, rel=2e-3), name
+    assert engine("labmate", share=0.7).look()[1] == pytest.approx([0.35 * 32 * 9.81] * 2, rel=2e-3)
+
+
+def test_friction_obeys_coulombs_law():
+    """Random problems of up to four contacts: within the limit, against the slip, and no slip within the limit."""
+    random, slides = np.random.default_rng(1992), 0
+    for _ in range(300):
+        c = random.integers(1, 5)
+        J = random.normal(size=(2 * c, 2 * c + random.integers(3) if c > 2 else random.integers(2, 7)))
+        give = 1e-3 * J @ J.T
+        free, load, mu = J @ random.normal(size=J.shape[1]), random.uniform(0, 800, c), random.uniform(0.05, 1.5, c)
+        force = coulomb(give, free, load, mu)
+        slip = (free + give @ force).reshape(-1, 2)
+        for f, s, limit in zip(force.reshape(-1, 2), slip, mu * load, strict=True):
+            assert np.hypot(*f) <= limit * (1 + 1e-9)
+            if np.hypot(*s) > 1e-4:
+                slides += 1
+                assert f * np.hypot(*s) == pytest.approx(-limit * s, abs=2e-3 * limit * np.hypot(*s) + 1e-9)
+    assert slides > 100
+
+
+def test_a_robot_that_needs_little_grip_moves_as_if_it_rolled():
+    """The path to 1 mm, the slip to 1 mm/s: what steps of 1 ms and loads of the step before explain."""
+    spec = read_varied(LINE, GENTLE | SHORT)
+    rolling, there = simulate(spec), run(5.0, gentle=True, share=1.0)
+    assert np.abs(there.q[:, :2] - rolling.q[:, :2]).max() < 1e-3
+    assert there.floor.slip.max() < 1e-3
+    assert (
+        np.abs(there.forces - rolling.forces)[1:].max() < 0.05 * np.abs(rolling.forces).max()
+    )  # lambda, as the floor supplies it
+    assert np.abs(there.floor.reckoned - there.q[:, :3]).max() < 1e-3
+
+
+def test_the_papers_start_slips():
+    """What rolling would need is beyond friction 0.7 there: the run slips, forces stay within the cone, reckoning is wrong."""
+    there = run(0.7)
+    assert there.floor.slip.max() > 1.0
+    size = np.hypot(*there.floor.force.reshape(len(there.t), -1, 2).transpose(2, 0, 1))
+    assert np.all(size <= 0.7 * there.floor.load * 1.02)
+    assert np.abs(there.floor.reckoned - there.q[:, :3]).max() > 0.05
+    assert run(0.7, gentle=True).floor.slip.max() < 1e-3
+    assert run(0.05, gentle=True).floor.slip.max() > 0.01  # the same demand, on ice
+
+
+def test_energy_is_that_of_the_inputs_less_friction():
+    """Between rows the kinetic energy of the sliding robot changes by the work of the inputs less that of friction."""
+    made = engine("labmate", start=np.array([0.0, 0.0, 0.3, 0.0, 0.0, 4.0, 6.0]))
+    mechanism = find_robot("labmate")
+    energy = ca.Function("energy", [mechanism.q, mechanism.qdot, mechanism.p], [mechanism.energy()])
+    values, tau, h = mechanism.parameter_values({}), np.array([40.0, -40.0]), 1e-4
+    work = slips = 0.0
+    q, qdot = made.coordinates()
+    before = first = float(energy(q, qdot, values))
+    x = made.state()
+    for _ in range(400):
+        at = qdot
+        x = made.hold(0.0, x, tau, h)
+        q, qdot = made.coordinates()
+        slip = ca.Function("slip", [mechanism.q, mechanism.qdot, mechanism.p], [mechanism.contact_rows @ mechanism.qdot])
+        middle = (at + qdot) / 2
+        power = tau @ middle[3:] + made.look()[2] @ slip(q, middle, values).full().ravel()
+        work += power * h
+        slips = max(slips, made.look()[0].max())
+    after = float(energy(q, qdot, values))
+    assert slips > 0.5
+    assert after - first == pytest.approx(work, abs=2e-3 * abs(before))
+
+
+def test_load_moves_to_the_outer_wheel():
+    """In a turn, by the moment of the side force about the axis at the height of the ground: F h / (2 b) on each side."""
+    rate, spread = 12.0, 2.0
+    start = np.array([0, 0, 0, 0, 0, rate + spread, rate - spread], float)
+    made = engine("labmate", Floor(mu=5.0), start, height=0.3)
+    x = made.state()
+    for _ in range(100):
+        x = made.hold(0.0, x, np.zeros(2), 0.01)
+    _, load, force = made.look()
+    assert force[1::2].sum() > 1.0
+    assert load[0] - load[1] == pytest.approx(force[1::2].sum() * 0.3 / 0.75, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "angle, mu, patch, slides",
+    [(0.55, 0.7, None, False), (0.65, 0.7, None, True), (0.5, 0.7, 0.1, True), (0.5, 0.1, 0.7, False)],  # atan 0.7 = 0.61
+)
+def test_a_wheel_across_a_slope_slides_beyond_the_angle_of_friction(angle, mu, patch, slides):
+    """It cannot roll down to the left; a patch counts while it is under the wheel."""
+    patches = () if patch is None else (Patch(x=(-1.0, 1.0), y=(-1.0, 1.0), mu=patch), Patch(x=(2.0, 3.0), y=(-1.0, 1.0), mu=mu))
+    made = engine("rolling_disk", Floor(mu=mu, slope=(angle, np.pi / 2), patch=patches))
+    for _ in range(20):
+        made.hold(0.0, made.state(), np.zeros(2), 0.01)
+    assert (made.look()[0].max() > 0.05) == slides
+
+
+def test_the_command_line(tmp_path, capsys):
+    out = tmp_path / "run.csv"
+    set_ = ["--set", "simulation.period=0.01", "--set", "simulation.duration=0.3", "--set", "floor={mu=2.0}"]
+    assert main(["simulate", "line", "--engine", "mujoco", *set_, "-o", str(out)]) == 0
+    assert "slip at most" in capsys.readouterr().out
+    first = out.read_bytes()
+    head = first.decode().splitlines()[0].split(",")
+    wheels = ("right_wheel", "left_wheel")
+    assert head[-7:] == [
+        *(f"slip_{w}" for w in wheels),
+        *(f"load_{w}" for w in wheels),
+        "reckoned_x",
+        "reckoned_y",
+        "reckoned_phi",
+    ]
+    assert main(["simulate", "line", "--engine", "mujoco", *set_, "-o", str(out), "--json"]) == 0
+    assert '"slips_for"' in capsys.readouterr().out
+    assert out.read_bytes() == first  # the same at every run
+
+
+@pytest.mark.parametrize(
+    "changes, said",
+    [
+        (["simulation.period=0.0"], "period > 0"),
+        (["floor={mu=-1}"], "floor"),
+        (["floor={slope=1.5}"], "too steep"),
+        (["floor={patch=[{x=[1,0],y=[0,1],mu=0.2}]}"], "must be below"),
+        (["floor={patch=3}"], "not a list"),
+        (['robot="knife_edge"', "parameters={}", "output.L=0.3"], "no contact has a wheel"),
+        (["plant={I_w=0.0}"], "no inertia about its axle"),
+        (["plant={d=0.0}", "contact={share=0.7}"], "castors carry nothing"),
+        (["sensors={pose='wrong'}"], "pose"),
+        (["sensors={pose='true'}", "correction={rate=1.0}"], "the true pose needs none"),
+    ],
+)
+def test_bad_input_is_one_line(changes, said, tmp_path, capsys):
+    set_ = [part for change in ("simulation.period=0.01", *changes) for part in ("--set", change)]
+    assert main(["simulate", "line", "--engine", "mujoco", *set_, "-o", str(tmp_path / "run.csv")]) == 2
+    error = capsys.readouterr().err
+    assert said in error and len(error.splitlines()) == 1
+
+
+def test_mujoco_is_optional():
+    """Without it a run on a floor says what to install; any other run does not import it."""
+    missing = "import sys; sys.modules['mujoco'] = None\nfrom noslip.cli.main import main\n"
+    arguments = "'simulate', 'line', '-o', '-', '--set', 'simulation.period=0.01', '--set', 'simulation.duration=0.02'"
+    for more, code in (("", 0), (", '--engine', 'mujoco'", 2)):
+        text = f"{missing}sys.exit(main([{arguments}{more}]))"
+        done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
+        assert done.returncode == code, done.stderr
+    assert "pip install 'noslip[physics]'" in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_the_pose_that_the_controller_sees():
+    """True unless [sensors] says otherwise: with reckoning, where the robot has slipped it is not where it believes."""
+    spec = read_varied(LINE, FAST | SHORT | {"limits": {"torque": [20.0]}, "contact": {"share": 0.7}, "sensors": {}})
+    there = simulate(spec, engine="mujoco")
+    assert np.array_equal(there.seen[:, :3], there.floor.reckoned)
+    assert np.abs(there.seen[-1, :3] - there.q[-1, :3]).max() > 0.05
