@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
@@ -17,7 +18,7 @@ from ..run import Run
 
 RATE = 20  # pictures a second, of the run and of the film
 AROUND = 3.0  # m on each side of the vehicle
-WRITERS = {".gif": PillowWriter, ".mp4": FFMpegWriter}
+WRITERS: dict[str, Any] = {".gif": PillowWriter, ".mp4": FFMpegWriter}
 
 
 def check_video(suffix: str) -> None:
