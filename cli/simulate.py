@@ -30,6 +30,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument("spec", metavar="SPEC.toml", help="robot, gains, output, reference, initial state, simulation")
     parser.add_argument("-o", "--output", metavar="RUN.csv", required=True, help="output file")
     parser.add_argument("--plot", metavar="RUN.png", help="also write a plot of the run")
+    parser.add_argument("--video", metavar="FILE", help="also write a film of the run from above, .gif, or .mp4 with ffmpeg")
     parser.add_argument("--contact", metavar="FORCES.png", help="also plot the forces of the wheels and the limits of friction")
     parser.add_argument(
         "--engine",
@@ -70,12 +71,17 @@ def run(arguments: argparse.Namespace) -> int:
     from ..simulation.closed_loop import as_json, simulate, summary  # slow to import, as are models
     from ..simulation.specification.vary import change, read_varied
 
-    outputs, pictures = filter(None, (arguments.output, arguments.record)), filter(None, (arguments.plot, arguments.contact))
+    outputs = filter(None, (arguments.output, arguments.record, arguments.video))
+    pictures = filter(None, (arguments.plot, arguments.contact))
     check_targets(list(outputs), list(pictures), inputs=[arguments.spec])
     if arguments.engine and arguments.contact:
         raise BadInput(
             "--contact shows the forces that rolling requires; with --engine, RUN.csv has slip and load of each contact"
         )
+    if arguments.video:
+        from ..simulation.engine.video import check_video  # slow to import
+
+        check_video(Path(arguments.video).suffix)
     changes = dict(map(change, arguments.set))
     spec = read_varied(arguments.spec, changes) if arguments.sample is None else _sample(arguments, changes)
     try:
@@ -88,7 +94,11 @@ def run(arguments: argparse.Namespace) -> int:
                 return simulate(spec, progress=progress, engine=arguments.engine)
 
             done, record = _recorded(spec, simulated) if arguments.record else (simulated(), "")
-        drawn = _pictures(done, arguments)
+        drawn: dict[str, str | bytes] = {**_pictures(done, arguments)}
+        if arguments.video:
+            from ..simulation.engine.video import video  # slow to import
+
+            drawn[arguments.video] = video(done, Path(arguments.video).suffix)
     except (BadInput, ModelError) as error:
         raise BadInput(f"{arguments.spec}: {error}") from error
     written: dict[str, str | bytes] = {arguments.output: done.csv()}

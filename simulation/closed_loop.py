@@ -35,6 +35,8 @@ def simulate(
         loop, steps = floor.loop, floor.rows()
     else:
         steps = (sampled if spec.simulation.period else continuous)(loop, spec.simulation)
+        if spec.floor:
+            loop = replace(loop, warnings=(*loop.warnings, "[floor] has no effect without --engine mujoco: the wheels roll"))
     rows = []
     for row in steps:
         rows.append(row)

@@ -28,8 +28,8 @@ FASTEST = 1e5  # m/s, rad/s
 class Engine:
     """A plant on a floor. Starts at [q; nu] = `start`, rolling, settled on its contacts.
 
-    MuJoCo has the bodies and the loads. Friction is Coulomb's law with the loads of the step before: its own cones couple the
-    two and lift a wheel that begins to slide, the more the lighter it is.
+    MuJoCo has the bodies and the loads. Friction is Coulomb's law with the loads of the step before: MuJoCo's cones couple slip
+    and load and lift a wheel that begins to slide, the more the lighter it is.
     """
 
     def __init__(self, plant: Plant, contact: ContactSection, floor: Floor, start: np.ndarray, step: float = STEP):
@@ -84,6 +84,7 @@ class Engine:
         for _ in range(steps):
             self._mujoco.mj_step1(self.model, self.data)
             force = self._functions["force"](*self.coordinates(), tau, self._parameters)[0]
+            self.data.qfrc_applied[:] = 0.0
             self.data.qfrc_applied[self.moving] = self._rates.T @ force
             self._rub()
             self._mujoco.mj_step2(self.model, self.data)
@@ -157,13 +158,13 @@ class Engine:
         self._weigh()
         qdot = self._functions["qdot"](start, self._parameters)[0]
         self.data.qvel[self.moving] = self.planar.joints @ qdot
-        turning = [wheel for wheel in self.planar.wheels if wheel.angle is None]
-        c_s = [(np.cos(wheel_heading), np.sin(wheel_heading)) for wheel_heading in self._headings @ q]
         self._mujoco.mj_forward(self.model, self.data)
-        for dof, wheel in zip(self._free, turning, strict=True):
-            k = self.planar.wheels.index(wheel)
+        idle = [k for k, wheel in enumerate(self.planar.wheels) if wheel.angle is None]
+        for k, dof in zip(idle, self._free, strict=True):
             self._mujoco.mj_jac(self.model, self.data, self._slot, None, self.data.geom_xpos[self._geoms[k]], self._bodies[k])
-            self.data.qvel[dof] = np.dot(c_s[k], self._slot[:2] @ self.data.qvel) / wheel.radius
+            x, y, _ = self._slot @ self.data.qvel
+            heading = self._headings[k] @ q
+            self.data.qvel[dof] = (np.cos(heading) * x + np.sin(heading) * y) / self._radii[k]
         self.data.time = 0.0
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 CREEP = 1e-6  # m/s: slip of a contact that rolls, where its force is as large as its load; shares what several contacts hold
 CLOSE = 1e-8  # relative, of a sliding contact's force to its limit
+LEAST = 1e-9  # N, of a limit
 TRIES = 20
 SWEEPS = 300
 
@@ -21,7 +22,7 @@ def coulomb(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray
     the size of its force, as the radius of a trust region is met (Moré and Sorensen, 1983), all at once; where that does not
     converge, contact by contact.
     """
-    limit = np.maximum(mu * load, np.finfo(float).tiny)
+    limit = np.maximum(mu * load, LEAST)
     base = give + np.diag(np.repeat(CREEP / np.maximum(load, CREEP), 2))
     slides = np.zeros(len(load))
     for _ in range(TRIES):
@@ -40,8 +41,9 @@ def coulomb(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray
 
 
 def _in_turn(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Return the same, contact by contact with the others held (Gauss and Seidel): slower, and sure. The forces are within their limits
-    also where the last of SWEEPS is not exact; the next step then starts from the slip that is left.
+    """Return the same, contact by contact with the others held (Gauss and Seidel): slower, and sure.
+
+    The forces are within their limits also where the last sweep is not exact; the next step starts from the slip that is left.
     """
     for _ in range(SWEEPS):
         before = force.copy()

@@ -127,7 +127,7 @@ def _inertial(body: xml.Element, planar: Planar, k: int, height: float) -> None:
     frame: Frame = planar.frames[k]
     wheels = [wheel for wheel in planar.wheels if wheel.frame == k]
     centre = frame.moment / frame.mass if frame.mass else np.zeros(2)
-    about = frame.inertia - frame.mass * centre @ centre - sum(_diameter(wheel) for wheel in wheels)
+    about = frame.inertia - frame.mass * float(centre @ centre) - sum(_diameter(wheel) for wheel in wheels)
     if about <= 0:
         raise BadInput(f"--engine mujoco: the wheels of body {k + 1} have more inertia about a vertical than the body itself")
     place = (*centre, height if frame.mass else 0.0)
