@@ -13,8 +13,10 @@ from .generate import DYNAMICS, add_selection, robot_name, selected_files, selec
 EXAMPLE = """examples:
   noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip
   noslip export labmate --output type_iv_circle --firmware cortex-m4f -o my_firmware
-  noslip export labmate --output type_iv_circle --fmu loop -o circle.fmu"""
+  noslip export labmate --output type_iv_circle --fmu loop -o circle.fmu
+  noslip export labmate --output type_iv_circle --package cmake -o my_package"""
 FMU = ("controller", "plant", "loop")
+PACKAGES = ("cmake", "platformio", "arduino", "zephyr", "esp-idf")
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -26,7 +28,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "comparing the C with "
         "the model as `noslip generate` does. With --firmware: write a project for a target, with start-up code, CMake files, a "
         "control loop to complete, and a self-test with golden vectors (float, unless --scalar is double). With --fmu: write "
-        "an FMU for co-simulation by FMI 3.0, in double, with sources and a binary for this platform.",
+        "an FMU for co-simulation by FMI 3.0, in double, with sources and a binary for this platform. With --package: write a "
+        "package in the form of a package manager, with the self-test (float, unless --scalar is double).",
         epilog=EXAMPLE,
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
@@ -44,6 +47,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         metavar="PART",
         help="controller, plant or loop (both, the law called at a period); one law, none for a plant",
     )
+    form.add_argument("--package", choices=PACKAGES, metavar="MANAGER", help=", ".join(PACKAGES))
     parser.add_argument("-o", dest="out", metavar="DIR", required=True, help="a new or empty folder; of an FMU the file, .fmu")
     parser.set_defaults(run=run)
 
@@ -57,12 +61,16 @@ def run(args: argparse.Namespace) -> int:
     target = Path(os.path.realpath(args.out))
     if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
         raise BadInput(f"{args.out}: exists and is not an empty folder; choose another")
-    if args.firmware and args.scalar == "both":
+    if (args.firmware or args.package) and args.scalar == "both":
         args.scalar = "float"
     generated = selected_files(args, dynamics=DYNAMICS in args.output)
     laws = selected_laws(args)
     library = {**_runtime(args.scalar), **generated}
-    if args.firmware:
+    if args.package:
+        from ..verification.project import package_files
+
+        files = package_files(args.package, library, laws, args.scalar)
+    elif args.firmware:
         from ..verification import project
 
         files, board = project.project_files(args.firmware, library, laws, args.scalar)
@@ -82,11 +90,14 @@ def run(args: argparse.Namespace) -> int:
         if target.is_dir():
             target.rmdir()
         os.replace(made, target)
-    goal, does = (" test", "self-test") if args.firmware else ("", "example")
     robot = robot_name(generated)
+    goal, does = (" test", "self-test") if args.firmware else ("", "example")
+    then = f"`make -C {args.out}{goal}` builds the library and runs {robot}'s {does}"
+    if args.package:
+        then = "README.md says how to use them"
     show(
         args,
-        lambda: f"{args.out}: {len(files)} files; `make -C {args.out}{goal}` builds the library and runs {robot}'s {does}",
+        lambda: f"{args.out}: {len(files)} files; {then}",
         lambda: {"folder": args.out, "robot": robot, "laws": [law.name for law in laws], "files": sorted(files)},
     )
     return 0
