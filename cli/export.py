@@ -1,4 +1,4 @@
-"""`noslip export`: writes a self-contained folder of C that any C99 compiler builds."""
+"""`noslip export`: writes C that builds without further set-up: a folder, a firmware project, or an FMU."""
 
 import argparse
 import os
@@ -6,51 +6,71 @@ from pathlib import Path
 
 from ..controllers.build import runtime_files
 from ..readers.errors import BadInput
-from ..readers.files import work_folder, write_folder
+from ..readers.files import check_targets, work_folder, write_folder, write_whole
 from .commands import show
 from .generate import DYNAMICS, add_selection, robot_name, selected_files, selected_laws
 
 EXAMPLE = """examples:
   noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip
-  noslip export labmate --output type_iv_circle --firmware cortex-m4f -o my_firmware"""
+  noslip export labmate --output type_iv_circle --firmware cortex-m4f -o my_firmware
+  noslip export labmate --output type_iv_circle --fmu loop -o circle.fmu
+  noslip export labmate --output type_iv_circle --package cmake -o my_package"""
+FMU = ("controller", "plant", "loop")
+PACKAGES = ("cmake", "platformio", "arduino", "zephyr", "esp-idf")
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add `noslip export`."""
     parser = subparsers.add_parser(
         "export",
-        help="write a self-contained folder of C that builds without further set-up",
+        help="write C that builds without further set-up, or an FMU",
         description="Write the C of a robot's laws, the runtime, a Makefile and an example into a new folder, after "
         "comparing the C with "
         "the model as `noslip generate` does. With --firmware: write a project for a target, with start-up code, CMake files, a "
-        "control loop to complete, and a self-test with golden vectors (float, unless --scalar is double).",
+        "control loop to complete, and a self-test with golden vectors (float, unless --scalar is double). With --fmu: write "
+        "an FMU for co-simulation by FMI 3.0, in double, with sources and a binary for this platform. With --package: write a "
+        "package in the form of a package manager, with the self-test (float, unless --scalar is double).",
         epilog=EXAMPLE,
     )
     parser.add_argument("robot", metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     add_selection(parser)
-    parser.add_argument(
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument(
         "--firmware",
         choices=("cortex-m4f", "rv32", "generic"),
         metavar="TARGET",
         help="cortex-m4f, rv32 or generic (any machine with a C compiler)",
     )
-    parser.add_argument("-o", dest="out", metavar="DIR", required=True, help="a new or empty folder")
+    form.add_argument(
+        "--fmu",
+        choices=FMU,
+        metavar="PART",
+        help="controller, plant or loop (both, the law called at a period); one law, none for a plant",
+    )
+    form.add_argument("--package", choices=PACKAGES, metavar="MANAGER", help=", ".join(PACKAGES))
+    parser.add_argument("-o", dest="out", metavar="DIR", required=True, help="a new or empty folder; of an FMU the file, .fmu")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run `noslip export`. Return 1, with nothing written, if C and model differ. Raises BadInput if the folder is not empty."""
+    """Run `noslip export`. Return 1, with nothing written, if C and model differ. Raises BadInput if a folder is not empty."""
+    if args.fmu:
+        return _export_fmu(args)
     from ..codegen.project.example import example
 
     target = Path(os.path.realpath(args.out))
     if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
         raise BadInput(f"{args.out}: exists and is not an empty folder; choose another")
-    if args.firmware and args.scalar == "both":
+    if (args.firmware or args.package) and args.scalar == "both":
         args.scalar = "float"
     generated = selected_files(args, dynamics=DYNAMICS in args.output)
     laws = selected_laws(args)
     library = {**_runtime(args.scalar), **generated}
-    if args.firmware:
+    if args.package:
+        from ..verification.project import package_files
+
+        files = package_files(args.package, library, laws, args.scalar)
+    elif args.firmware:
         from ..verification import project
 
         files, board = project.project_files(args.firmware, library, laws, args.scalar)
@@ -70,12 +90,43 @@ def run(args: argparse.Namespace) -> int:
         if target.is_dir():
             target.rmdir()
         os.replace(made, target)
-    goal, does = (" test", "self-test") if args.firmware else ("", "example")
     robot = robot_name(generated)
+    goal, does = (" test", "self-test") if args.firmware else ("", "example")
+    then = f"`make -C {args.out}{goal}` builds the library and runs {robot}'s {does}"
+    if args.package:
+        then = "README.md says how to use them"
     show(
         args,
-        lambda: f"{args.out}: {len(files)} files; `make -C {args.out}{goal}` builds the library and runs {robot}'s {does}",
+        lambda: f"{args.out}: {len(files)} files; {then}",
         lambda: {"folder": args.out, "robot": robot, "laws": [law.name for law in laws], "files": sorted(files)},
+    )
+    return 0
+
+
+def _export_fmu(args: argparse.Namespace) -> int:
+    """Write an FMU, whose steps have been compared with those of the compiled C."""
+    if not args.out.endswith(".fmu"):
+        raise BadInput(f"{args.out}: the name of an FMU ends in .fmu")
+    if args.scalar == "float":
+        raise BadInput("--scalar float: FMUs are in double; leave it out")
+    check_targets([args.out])
+    args.scalar = "double"
+    laws = [name for name in args.output if name != DYNAMICS]
+    if args.fmu == "plant":
+        args.output = [DYNAMICS]
+    elif len(laws) != 1:
+        raise BadInput(f"--fmu {args.fmu} has one law: give one --output LAW")
+    from ..readers.robots import find_robot, system_of
+    from ..verification.fmu import make_fmu
+
+    generated = selected_files(args, dynamics=args.fmu != "controller")
+    system, law = system_of(find_robot(args.robot)), None if args.fmu == "plant" else selected_laws(args)[0]
+    model, content = make_fmu(args.fmu, system, law, generated)
+    write_whole(args.out, content)
+    show(
+        args,
+        lambda: f"{args.out}: {model}, for co-simulation by FMI 3.0",
+        lambda: {"file": args.out, "robot": robot_name(generated), "laws": [law.name] if law else [], "model": model},
     )
     return 0
 

@@ -9,9 +9,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 def render(module: str, name: str, **values: object) -> str:
     """The template `name` beside a module, whose __file__ is given, with these values. Raises UndefinedError if one is missing.
 
-    In a page of HTML values stand in {{ }} and are escaped. In all other texts they stand in @{ }, since C has many braces.
+    In HTML and XML values stand in {{ }} and are escaped. In all other texts they stand in @{ }, since C has many braces.
     """
-    return _environment(Path(module).parent / "templates", name.endswith(".html")).get_template(name).render(values)
+    return _environment(Path(module).parent / "templates", name.endswith((".html", ".xml"))).get_template(name).render(values)
 
 
 @lru_cache

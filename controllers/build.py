@@ -1,6 +1,7 @@
 """Compiles generated C, once per content: by the system's compiler into a shared library, or by another command."""
 
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -50,8 +51,8 @@ def shared_library(files: Mapping[str, str], optimized: bool = False) -> Path:
     `optimized` is for functions that are called millions of times. Raises BadInput if there is no compiler, no place to write, or
     the compiler rejects the C.
     """
-    everything = {**runtime_files(), **files}
-    sources = [name for name in everything if name.endswith(".c") and (name in files or _called(name, files))]
+    everything = with_runtime(files)
+    sources = [name for name in everything if name.endswith(".c")]
     command = [*compiler(), *FLAGS, *(OPTIMIZED if optimized else QUICK), *sources]
     return built(command, everything, "law.so", "check CC and its flags")
 
@@ -77,10 +78,17 @@ def built(command: Sequence[str], files: Mapping[str, str], product: str, advice
         return keep(key, suffix, (folder / product).read_bytes())
 
 
-def _called(source: str, files: Mapping[str, str]) -> bool:
-    """Return whether `files` use this file of the runtime. All use the status; the others are included by name."""
-    header = source.removesuffix(".c").removesuffix("_f") + ".h"
-    return source == "noslip_status.c" or any(f'#include "{header}"' in text for text in files.values())
+def with_runtime(files: Mapping[str, str]) -> dict[str, str]:
+    """Return C files (name -> text) with the files of the runtime that they include, directly or not, and their sources."""
+    runtime, found = runtime_files(), dict(files)
+    texts = list(files.values())
+    for text in texts:
+        for header in re.findall(r'#include "(\S+)"', text):
+            own = [name for name in runtime if name.endswith(".c") and name[:-2].removesuffix("_f") == header.removesuffix(".h")]
+            new = {name: runtime[name] for name in (header, *own) if name in runtime and name not in found}
+            found |= new
+            texts += new.values()
+    return found
 
 
 def identity(command: Sequence[str]) -> tuple:

@@ -48,7 +48,7 @@ def measured(text: str, where: str, unit: str | None = None) -> Measured:
         shown = text if len(text) <= 60 else f"{text[:57]}..."
         raise BadInput(f"{where} = {shown!r} is not a number{_advice(unit)}")
     try:
-        factor, dimension = _in_base_units(parts[2])
+        factor, dimension = in_base_units(parts[2])
     except BadInput as error:
         raise BadInput(f'{where} = "{text}": {error}{_advice(unit)}') from error
     value = Measured(Decimal(parts[1]) * factor)
@@ -63,7 +63,7 @@ def check_unit(value: float, unit: str, where: str) -> None:
     if not isinstance(value, Measured):
         return
     try:
-        factor, dimension = _in_base_units(unit)
+        factor, dimension = in_base_units(unit)
     except BadInput:
         factor, dimension = Decimal(0), frozenset()
     if factor != 1:
@@ -83,7 +83,7 @@ def _advice(unit: str | None) -> str:
 
 
 @cache
-def _in_base_units(text: str) -> tuple[Decimal, Dimension]:
+def in_base_units(text: str) -> tuple[Decimal, Dimension]:
     """Return the factor from a unit to SI's base units, and their powers. Raises BadInput for what is not a unit."""
     if text in PLAIN:
         return Decimal(1), frozenset()

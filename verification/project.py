@@ -1,4 +1,4 @@
-"""A firmware project of a robot's laws: its files, including golden vectors, and measured sizes and instruction counts."""
+"""A firmware project or a package of a robot's laws: its files, including golden vectors, and what they cost, measured."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import casadi as ca
 import cffi
 import numpy as np
 
+from ..codegen.packages.packages import package
 from ..codegen.printing.scalar import SCALARS
 from ..codegen.project import project
 from ..codegen.project.selftest import Golden, Step, digest, digests, selftest, slows
@@ -54,6 +55,12 @@ def project_files(
     made["Makefile"] = project.makefile(robot, board)
     made["CMakeLists.txt"] = project.cmake(robot, board)
     return made, board
+
+
+def package_files(manager: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str) -> dict[str, str]:
+    """Return file name -> text of a package for a manager of PACKAGES; `sources` as for `project_files`."""
+    made, _ = project_files("generic", sources, laws, scalar)
+    return package(manager, made, laws, SCALARS[scalar])
 
 
 def readme(name: str, manifest: str, laws: Sequence[ControlLaw], scalar: str, board: project.Board, folder: Path) -> str:

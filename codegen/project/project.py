@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...model.law import ControlLaw
+from ...model.mechanism import Quantity
 from ..printing.layout import table
 from ..printing.scalar import Scalar
 from ..targets import STANDARD
@@ -76,9 +77,14 @@ def loop(law: ControlLaw, scalar: Scalar) -> str:
 
 def initializers(law: ControlLaw, scalar: Scalar) -> dict[str, str]:
     """Return the initializers of config and gains in examples, without the braces."""
-    config = ", ".join(f".{q.in_c} = {scalar.literal(q.default or 0.25)}" for q in law.config)
+    config = ", ".join(f".{q.in_c} = {scalar.literal(starting_value(q))}" for q in law.config)
     gains = ", ".join(f".{q.in_c} = {scalar.literal(q.default)}" for q in law.gains)
     return {"config": config or "0", "gains": gains or "0"}
+
+
+def starting_value(config: Quantity) -> float:
+    """Return the value of a member of config in examples: its default, or a number that is seldom singular."""
+    return config.default or 0.25
 
 
 def readme(robot: str, laws: Sequence[str], board: Board, tools: str, costs: str) -> str:

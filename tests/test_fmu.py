@@ -1,0 +1,278 @@
+"""FMUs: valid by FMPy, and the same motion as `simulate` of the sampled loop."""
+
+import json
+import re
+import shutil
+import subprocess
+import zipfile
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import noslip.verification.fmu as verification
+import numpy as np
+import pytest
+from noslip.cli.main import main
+from noslip.codegen.fmu.fmu import KINDS
+from noslip.controllers.compiled import CompiledController
+from noslip.controllers.controller import Limits
+from noslip.readers.robots import find_robot, law_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.loop import make_loop
+from noslip.simulation.specification.spec import read_spec
+from noslip.verification.fmu import Instance
+from noslip.verification.sampling import random_plants
+
+LAW, PERIOD, DURATION = "type_iv_circle", 0.01, 2.0
+CLOSE = 1e-9
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """The file of an FMU."""
+    folder = tmp_path_factory.mktemp("fmu")
+
+    @cache
+    def exported(kind: str, robot: str = "labmate", law: str = LAW) -> Path:
+        file = folder / f"{robot}_{law}_{kind}.fmu"
+        assert main(["export", robot, "--output", law, "--fmu", kind, "-o", str(file)]) == 0
+        return file
+
+    return exported
+
+
+@pytest.fixture
+def opened(exported, tmp_path):
+    """An instance of an FMU."""
+
+    def opened(kind: str, *which: str) -> Instance:
+        folder = tmp_path / kind
+        with zipfile.ZipFile(exported(kind, *which)) as archive:
+            archive.extractall(folder)
+        return Instance(folder)
+
+    return opened
+
+
+def named(group, quantities, numbers):
+    return {f"{group}.{q.name}": float(value) for q, value in zip(quantities, numbers, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def run():
+    """A run of the shipped circle, called at a period, and the values that an FMU of it starts with."""
+    spec = read_spec("circle")
+    spec = replace(spec, simulation=replace(spec.simulation, period=PERIOD, duration=DURATION, tolerance=1e-13))
+    found, loop = simulate(spec, "c"), make_loop(spec)
+    assert found.stopped is None and not spec.plant
+    law, config = found.law, loop.guidance.leg.config
+    start = named("params", law.parameters, loop.believed) | named("config", law.config, config)
+    start |= named("gains", law.gains, loop.gains) | named("state", law.state, loop.start)
+    start |= named("reference", law.reference, loop.guidance.reference(0.0, loop.start))
+    return found, start
+
+
+def only(instance, values):
+    return {name: value for name, value in values.items() if name in instance.references}
+
+
+def compare(run, times, states):
+    """The rows of a run at these times."""
+    rows = np.searchsorted(run.t, np.array(times) - 1e-6)
+    assert np.abs(run.t[rows] - times).max() < 1e-9 and len(times) > 20
+    assert np.abs(np.array(states) - run.x[rows]).max() < CLOSE
+
+
+@pytest.mark.parametrize("step", [PERIOD, 0.4 * PERIOD, 2.5 * PERIOD])
+def test_loop_is_the_simulation(opened, run, step):
+    """Whatever the communication step is: the law is called at the period."""
+    found, start = run
+    loop = opened("loop")
+    names = [f"state.{q.name}" for q in found.law.state]
+    assert loop.start(start | {"period": PERIOD})
+    times, states = [], []
+    for k in range(round(DURATION / step)):
+        assert loop.step(k * step, step) and loop.status >= 0
+        if abs((k + 1) * step / PERIOD - round((k + 1) * step / PERIOD)) < 1e-9:
+            times.append((k + 1) * step)
+            states.append(loop.get(names))
+    compare(found, times, states)
+
+
+def test_controller_and_plant_are_the_simulation(opened, run):
+    """The controller does its step first."""
+    found, start = run
+    controller, plant = opened("controller"), opened("plant")
+    state, tau = (
+        [f"{g}.{q.name}" for q in of] for g, of in (("state", found.law.state), ("tau", found.law.system.mechanism.inputs))
+    )
+    assert controller.start(only(controller, start))
+    assert plant.start(only(plant, start))
+    times, states = [], []
+    for k in range(round(DURATION / PERIOD)):
+        controller.set(dict(zip(state, plant.get(state), strict=True)))
+        assert controller.step(k * PERIOD, PERIOD) and controller.status >= 0
+        plant.set(dict(zip(tau, controller.get(tau), strict=True)))
+        assert plant.step(k * PERIOD, PERIOD)
+        times.append((k + 1) * PERIOD)
+        states.append(plant.get(state))
+    compare(found, times, states)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_fmpy_finds_no_problem(exported, kind):
+    pytest.importorskip("fmpy")
+    from fmpy import read_model_description
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(exported(kind))) == []
+    found = read_model_description(str(exported(kind)))
+    assert found.fmiVersion == "3.0" and found.coSimulation and not found.modelExchange
+    units = {variable.unit for variable in found.modelVariables if variable.type == "Float64"}
+    assert {"m", "kg", "rad", "s"} <= units and None not in units
+    assert all(variable.description for variable in found.modelVariables)
+
+
+def test_fmpy_simulates_the_loop(exported, run):
+    fmpy = pytest.importorskip("fmpy")
+    found, start = run
+    names = [f"state.{q.name}" for q in found.law.state]
+    values = fmpy.simulate_fmu(
+        str(exported("loop")), stop_time=DURATION, output_interval=PERIOD, start_values=start | {"period": PERIOD}, output=names
+    )
+    compare(found, values["time"][1:], [list(row)[1:] for row in values[1:]])
+
+
+def test_every_function_of_the_standard_is_there(opened, tmp_path):
+    """And nothing else is visible."""
+    fmpy = pytest.importorskip("fmpy")
+    if shutil.which("nm") is None:
+        pytest.skip("nm is not installed")
+    opened("loop")
+    (binary,) = (tmp_path / "loop" / "binaries").rglob("*_loop.*")
+    said = subprocess.run(["nm", "-D", "--defined-only", binary], capture_output=True, text=True, check=True).stdout
+    header = (Path(fmpy.__file__).parent / "c-code" / "fmi3Functions.h").read_text()
+    assert sorted(line.split()[-1] for line in said.splitlines()) == sorted(re.findall(r"fmi3FullName\((fmi3\w+)\)", header))
+
+
+@pytest.mark.parametrize("robot, law", [("labmate", LAW), ("ball_plate", "ball")])
+def test_controller_is_the_compiled_law(opened, robot, law):
+    """With limits that some inputs exceed, and states at which it is singular or not finite; also without config."""
+    model = law_of(find_robot(robot), law)
+    controller = opened("controller", robot, law)
+    names = [f"tau.{q.name}" for q in model.system.mechanism.inputs]
+    statuses = set()
+    for number, plant in enumerate(random_plants(model, 40, 5)):
+        fixed = [named(g, model.groups[g], getattr(plant, g)) for g in ("params", "config", "gains")]
+        sizes = np.abs([point.truth.values["tau"].ravel() for point in plant.points] or np.ones((1, len(names))))
+        mode = ("cut", "slow")[number % 2 if model.speed_row is not None else 0]
+        limits = Limits(tuple(np.median(sizes, axis=0)), mode)
+        own = CompiledController(model, plant.params, plant.config, plant.gains, limits=limits)
+        given = {name: value for group in fixed for name, value in group.items()}
+        given |= named("limit", model.system.mechanism.inputs, limits.torque) | {"on_limit": int(mode == "slow")}
+        assert controller.start(given)
+        for k, point in enumerate(plant.points):
+            state = np.where(np.arange(len(point.state)) == 0, np.nan, point.state) if k == 7 else point.state
+            controller.set(named("state", model.state, state) | named("reference", model.reference, point.reference))
+            assert controller.step(k * 0.1, 0.1)
+            status, tau = own.step(state, point.reference)
+            assert np.array_equal(controller.get(names), tau)
+            assert own._library.status(controller.status) == status
+            statuses.add(status)
+    assert {"ok", "saturated", "nonfinite"} <= statuses
+
+
+def test_outputs_before_the_first_step(opened, run):
+    """tau and status are those of the starting values."""
+    found, start = run
+    loop = opened("loop")
+    assert loop.start(start)
+    assert np.array_equal(loop.get(["tau.tau_r", "tau.tau_l"]), found.tau[0]) and loop.status == 0
+
+
+def test_refusals(opened, run):
+    """What may not be set, values that init refuses, and steps that are none."""
+    _, start = run
+    loop = opened("loop")
+    for wrong in (
+        {"params.r": -1.0},
+        {"gains.kp_distance": np.nan},
+        {"period": 0.0},
+        {"integration_step": -1.0},
+        {"limit.tau_r": np.inf},
+    ):
+        assert not loop.start(start | wrong), wrong
+    assert loop.start(start)
+    for name, value in (("tau.tau_r", 1.0), ("params.r", 0.1), ("state.x_c", 0.0), ("time", 0.0), ("on_limit", 0)):
+        with pytest.raises(verification.Mismatch, match=name):
+            loop.set({name: value})
+    for time, duration in ((0.0, 0.0), (0.0, -1.0), (0.0, np.nan), (np.nan, 1.0), (0.0, 1e300)):
+        assert not loop.step(time, duration)
+    assert loop.start(start | {"state.thetadot_r": np.nan})
+    assert not loop.step(0.0, PERIOD)
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_sources_compile_without_a_warning(exported, tmp_path, kind, compiler):
+    """Those that the build description names, in the folder as it is."""
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    with zipfile.ZipFile(exported(kind)) as archive:
+        archive.extractall(tmp_path)
+    folder = tmp_path / "sources"
+    names = re.findall(r'<SourceFile name="([^"]*)"', (folder / "buildDescription.xml").read_text())
+    assert sorted(names) == sorted(path.name for path in folder.glob("*.c"))
+    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wmissing-prototypes", "-Werror"]
+    subprocess.run([compiler, *strict, "-fsyntax-only", *names], cwd=folder, check=True)
+
+
+@pytest.mark.parametrize(
+    "kind, wrong",
+    [
+        ("controller", ("real.of.tau);", "real.of.tau) + 0 * (self->real.of.tau[0] += 1e-9 * self->real.of.tau[0] > 0);")),
+        ("plant", ("1.0 / 6.0}", "1.0 / 6.001}")),
+    ],
+)
+def test_a_planted_defect_is_found_and_nothing_is_written(kind, wrong, tmp_path, monkeypatch, capsys):
+    right = verification.fmu
+
+    def changed(*given):
+        identifier, texts = right(*given)
+        name = f"sources/{identifier}.c"
+        assert texts[name].count(wrong[0]) == 1
+        return identifier, texts | {name: texts[name].replace(*wrong)}
+
+    monkeypatch.setattr(verification, "fmu", changed)
+    file = tmp_path / "x.fmu"
+    file.write_text("as before")
+    assert main(["export", "labmate", "--output", LAW, "--fmu", kind, "-o", str(file)]) == 1
+    assert "differs from the model" in capsys.readouterr().err
+    assert file.read_text() == "as before" and [path.name for path in tmp_path.iterdir()] == ["x.fmu"]
+
+
+def test_the_same_bytes_again(exported, tmp_path, capsys):
+    again = tmp_path / "again.fmu"
+    assert main(["export", "labmate", "--output", LAW, "--fmu", "plant", "-o", str(again), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said == {"file": str(again), "robot": "labmate", "laws": [], "model": "labmate_plant"}
+    assert again.read_bytes() == exported("plant").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "given, advice",
+    [
+        (["--output", LAW, "--fmu", "controller", "-o", "x.zip"], "ends in .fmu"),
+        (["--output", LAW, "--output", "type_i", "--fmu", "loop", "-o", "x.fmu"], "one --output"),
+        (["--fmu", "controller", "-o", "x.fmu"], "one --output"),
+        (["--output", LAW, "--scalar", "float", "--fmu", "controller", "-o", "x.fmu"], "double"),
+        (["--output", LAW, "--fmu", "robot", "-o", "x.fmu"], "controller"),
+        (["--output", LAW, "--fmu", "loop", "--firmware", "generic", "-o", "x.fmu"], "--firmware"),
+        (["--output", LAW, "--fmu", "loop", "-o", "no/such/x.fmu"], "does not exist"),
+    ],
+)
+def test_bad_input(given, advice, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "labmate", *given]) == 2
+    said = capsys.readouterr().err
+    assert advice in said and said.count("\n") == 1 and not list(tmp_path.iterdir())
