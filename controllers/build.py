@@ -79,9 +79,11 @@ def built(command: Sequence[str], files: Mapping[str, str], product: str, advice
 
 
 def with_runtime(files: Mapping[str, str]) -> dict[str, str]:
-    """Return C files (name -> text) with the files of the runtime that they include, directly or not, and their sources."""
+    """Return C files (name -> text) with the files of the runtime that they include, directly or not, and their sources; with the
+    status in any case.
+    """
     runtime, found = runtime_files(), dict(files)
-    texts = list(files.values())
+    texts = ['#include "noslip_status.h"', *files.values()]
     for text in texts:
         for header in re.findall(r'#include "(\S+)"', text):
             own = [name for name in runtime if name.endswith(".c") and name[:-2].removesuffix("_f") == header.removesuffix(".h")]

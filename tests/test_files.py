@@ -201,6 +201,11 @@ def test_what_is_read_is_not_overwritten(tmp_path, bad_input):
     assert contents(tmp_path) == before
 
 
+def test_the_compiler_is_tried_with_the_status_alone():
+    """As before a comparison with the model, which is left out where the compiler does not work."""
+    assert build.shared_library({}).is_file()
+
+
 def test_pictures_of_others_are_not_overwritten(sweep, tmp_path, capsys):
     """A second time over noslip's own is no error."""
     command, folder = [*sweep, "--figures", str(tmp_path / "f")], tmp_path / "f"
