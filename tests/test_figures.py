@@ -4,7 +4,6 @@ import base64
 import csv
 import dataclasses
 import hashlib
-import io
 import json
 import math
 import os
@@ -29,6 +28,7 @@ from noslip.evidence.measures import overshoot, sign_changes, time_to_stay_withi
 from noslip.evidence.production import Made, produce
 from noslip.evidence.report import by_whom, report, summary
 from noslip.readers.errors import BadInput
+from noslip.readers.files import MARK
 from noslip.simulation.drawing import over_time, panels, plotted
 from noslip.simulation.specification.spec import read_spec
 from noslip.simulation.specification.vary import change, read_varied
@@ -334,7 +334,9 @@ def test_the_same_bytes_each_time_and_each_spec_once(monkeypatch):
     assert report(first) == report(second)
     assert first[0].pictures["png"].startswith(b"\x89PNG") and b"<svg" in first[0].pictures["svg"]
     assert b"<dc:date>" not in first[0].pictures["svg"]
-    table = list(csv.DictReader(io.StringIO(first[0].pictures["csv"].decode())))
+    comment, *lines = first[0].pictures["csv"].decode().splitlines()
+    assert comment == f"# {MARK}"
+    table = list(csv.DictReader(lines))
     for label, run in first[0].runs.items():
         rows = [row for row in table if row["curve"] == label]
         assert {(row["panel"], row["y_label"]) for row in rows} == {("speed", "speed (m/s)")}
@@ -350,7 +352,7 @@ def test_data_of_all_kinds_of_plots():
     axes.scatter([6.0], [7.0], label="scatter")
     axes.bar([8.0], [9.0], label="bar")
     axes.barh([10.0], [11.0], label="lying")
-    rows = csv.DictReader(io.StringIO(plotted(figure)))
+    rows = csv.DictReader(plotted(figure).splitlines()[1:])
     found = [(row["curve"], float(row["x"]), float(row["y"])) for row in rows]
     assert found == [("line", 1, 3), ("line", 2, 4), ("scatter", 6, 7), ("bar", 8, 9), ("lying", 11, 10)]
 
