@@ -133,7 +133,8 @@ def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, 
 
 
 def plotted(figure: Figure) -> str:
-    """Return the points of all curves, markers and bars of a figure as CSV after a comment: panel, its labels, the curve's label, x, y.
+    """Return the points of all curves, markers and bars of a figure as CSV after a comment: panel, its labels, the curve's label,
+    x, y.
 
     What has no label in the figure has none here; each has a number of its own in its panel.
     """
