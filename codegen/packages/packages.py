@@ -18,7 +18,7 @@ PACKAGES: dict[str, dict[str, str]] = {  # package manager -> file -> template
     },
     "platformio": {"library.json": "library.json"},
     "arduino": {"library.properties": "library.properties", "examples/Step/Step.ino": "Step.ino"},
-    "zephyr": {"zephyr/module.yml": "module.yml", "zephyr/CMakeLists.txt": "zephyr.cmake", "zephyr/Kconfig": "Kconfig"},
+    "zephyr": {"zephyr/module.yml": "module.yml", "zephyr/CMakeLists.txt": "zephyr.cmake", "zephyr/Kconfig": "zephyr.kconfig"},
     "esp-idf": {"CMakeLists.txt": "esp-idf.cmake", "idf_component.yml": "idf_component.yml"},
 }
 
