@@ -9,7 +9,7 @@ import sympy as sp
 from markupsafe import Markup, escape
 
 from .. import __version__
-from ..codegen.templates import render
+from ..readers.templates import render
 from .answers import Answer, Constraints, driven_straight, uncontrolled
 from .certification.safety import SAFE, SINGULAR, Verdict
 from .mathml import mathml

@@ -3,7 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING
 
-from ..controllers.controller import BACKENDS
+from ..controllers import BACKENDS
 from ..readers.errors import BadInput
 from ..readers.progress import Progress
 from .commands import show

@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ..controllers.controller import BACKENDS, ON_TARGET
+from ..controllers import BACKENDS, ON_TARGET
 from ..readers.files import check_targets
 from .commands import PrintSchema, show
 

@@ -4,7 +4,6 @@ import argparse
 import os
 from pathlib import Path
 
-from ..controllers.build import runtime_files
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, work_folder, write_folder, write_whole
 from .commands import show
@@ -133,6 +132,8 @@ def _export_fmu(args: argparse.Namespace) -> int:
 
 def _runtime(scalar: str) -> dict[str, str]:
     """Return the hand-written C for a scalar ("double", "float" or "both"), by file name."""
+    from ..controllers.build import runtime_files
+
     files = runtime_files()
     twins = {name: name.removesuffix(".c") + "_f.c" for name in files if name.removesuffix(".c") + "_f.c" in files}
     unwanted = {"double": set(twins.values()), "float": set(twins), "both": set()}[scalar]

@@ -16,14 +16,17 @@ from .commands import rendered
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
     from ..outer.design import Gains
+    from ..outer.drive import DriveLoop
     from ..simulation.specification.spec import Spec
 
 EXAMPLE = """examples:
   noslip outer-loop labmate --output type_iv_circle --period 0.01
   noslip outer-loop labmate --output type_iv_line --settling 4 --damping 1.25 --period 0.02 --delay --figures build/outer
   noslip outer-loop labmate --output type_iv_line --poles distance=-1,-4 --poles speed=-2 --json
+  noslip outer-loop labmate --output type_iv_line --period 0.01 --drive velocity --bandwidth 5 --drive-delay 0.02
   noslip outer-loop labmate --spec specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5"""
 
+DRIVES = ("torque", "velocity", "velocity+torque")
 DESIGNS = ("poles", "discrete_poles", "settling", "lqr")
 
 
@@ -67,6 +70,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "--period", type=quantity("s"), metavar="S", help="sampling period with zero-order hold, s (default: continuous)"
     )
     sampled.add_argument("--delay", action="store_true", help="apply the torque one period after the state was measured")
+    sampled.add_argument(
+        "--drive", choices=DRIVES, help="what the drives take: torque (default), or velocities that a loop of their own follows"
+    )
+    sampled.add_argument("--bandwidth", type=quantity("1/s"), metavar="HZ", help="of the drives' own loop (default: from SPEC)")
+    sampled.add_argument(
+        "--drive-delay", type=quantity("s"), metavar="S", help="dead time of the drives, s (default: from SPEC, else 0)"
+    )
     sampled.add_argument("--gain-margin", type=plain, default=6.0, metavar="DB", help="required at the longest period (6)")
     sampled.add_argument("--phase-margin", type=plain, default=45.0, metavar="DEG", help="required at the longest period (45)")
     sampled.add_argument("--peak", type=plain, default=2.0, metavar="MS", help="largest peak of the sensitivity there (2)")
@@ -83,10 +93,13 @@ def run(args: argparse.Namespace) -> int:
     from ..outer.robustness import Loops
 
     law, spec = _law_and_spec(args)
+    drive = _drive(args, spec)
     if args.period is not None:
         positive("period", args.period, "--period")
     elif args.delay or args.discrete_poles:
         raise BadInput(f"--{'delay' if args.delay else 'discrete-poles'} needs --period")
+    elif drive:
+        raise BadInput(f"{drive} need --period: commands are given at calls")
     if not 0 < args.wrong < 1:
         raise BadInput(f"--wrong {args.wrong:g} must be between 0 and 1")
     if args.gain_margin > 1000:
@@ -101,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
     pictures = {}
     with Progress() as progress:
         report = OuterLoopReport(
-            law, spec, _gains(args, law, spec), Loops(args.period, args.delay), required, args.wrong, progress
+            law, spec, _gains(args, law, spec), Loops(args.period, args.delay, drive), required, args.wrong, progress
         )
         if args.figures:
             from ..outer.pictures import pictures_of
@@ -114,6 +127,24 @@ def run(args: argparse.Namespace) -> int:
         result += "" if args.json else "\n\n" + "\n".join(str(folder / name) for name in pictures)
     print(result)
     return 0
+
+
+def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
+    """Return the drives of the options, else those of the SPEC; None if they take torque."""
+    from ..outer.drive import DriveLoop
+
+    own = spec.drive
+    kind = args.drive or (own.kind if own else "torque")
+    if kind == "torque":
+        for name in ("bandwidth", "drive_delay"):
+            if getattr(args, name) is not None:
+                raise BadInput(f"--{name.replace('_', '-')} requires --drive velocity or velocity+torque")
+        return None
+    bandwidth = args.bandwidth if args.bandwidth is not None else own.bandwidth if own else None
+    if bandwidth is None:
+        raise BadInput(f"--drive {kind} requires --bandwidth HZ, that of the drives' own loop")
+    delay = args.drive_delay if args.drive_delay is not None else own.delay if own else 0.0
+    return DriveLoop(2 * math.pi * bandwidth, delay, kind == "velocity+torque")
 
 
 def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:

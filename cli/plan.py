@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, read_input, write_whole
 from ..readers.quantities import Measured, quantity
-from ..readers.reading import number, point, pose
 from .commands import show
 
 if TYPE_CHECKING:
@@ -105,6 +104,8 @@ def _between_poses(arguments: argparse.Namespace) -> tuple[list["Segment"], list
 
 def _pose(given: list[float], option: str, degrees: bool) -> tuple[float, ...]:
     """Return a pose, m and rad. Raises BadInput for a wrong unit, or a heading of more than a turn in rad."""
+    from ..readers.reading import number, point, pose
+
     x, y, heading = given
     if degrees and not isinstance(heading, Measured):
         return (*point([x, y], option), number()(math.radians(heading), f"{option}[2]"))

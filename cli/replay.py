@@ -2,7 +2,8 @@
 
 import argparse
 
-from ..controllers.controller import ON_TARGET
+from ..controllers import ON_TARGET
+from ..readers.progress import Progress
 from ..simulation import replay
 from ..simulation.replay import first_difference, read_record
 from .commands import show
@@ -35,10 +36,12 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip replay`. Return 0 if all bits are equal, else 1. Raises BadInput."""
     from ..controllers.pil import replay_session
 
-    record = read_record(args.record, args.trust)
+    with Progress() as progress:
+        record = read_record(args.record, args.trust, progress)
     session = replay_session(record.law, args.backend)
     try:
-        difference = first_difference(record, session, args.backend)
+        with Progress() as progress:
+            difference = first_difference(record, session, args.backend, progress)
     finally:
         session.close()
     values = {"file": args.record, "backend": args.backend, "calls": len(record.calls), "difference": difference}

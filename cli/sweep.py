@@ -67,11 +67,12 @@ def run(args: argparse.Namespace) -> int:
     else:
         _run_samples(study, output, jobs, args.scheduler)
     summary = summarize(output, study)
-    found = indices(study, args.indices, jobs) if args.indices is not None else None
-    worst = find_worst(study, summary.worst, jobs) if args.worst else None
-    verified = verify(output, args.verify, jobs) if args.verify is not None else None
-    report = SweepReport(args.spec, args.output, study, summary, found, worst, verified)
-    drawn = _draw(report, jobs, args.figures) if args.figures else []
+    with Progress() as progress:
+        found = indices(study, args.indices, jobs, progress) if args.indices is not None else None
+        worst = find_worst(study, summary.worst, jobs, progress) if args.worst else None
+        verified = verify(output, args.verify, jobs, progress) if args.verify is not None else None
+        report = SweepReport(args.spec, args.output, study, summary, found, worst, verified)
+        drawn = _draw(report, jobs, args.figures, progress) if args.figures else []
     files = [str(output), *drawn]
     show(args, lambda: f"{report.text()}\n\n  {', '.join(files)}", lambda: {**report.as_json(), "files": files})
     return 1 if verified and not verified.holds else 0
@@ -121,9 +122,9 @@ def _clear(study: "Study", output: Path) -> None:
             parts.remove()
 
 
-def _draw(report, jobs: int, folder: str) -> list[str]:
+def _draw(report, jobs: int, folder: str, progress: Progress) -> list[str]:
     from ..sweeping.results.figures import figures_of
 
-    made = figures_of(report, jobs)
+    made = figures_of(report, jobs, progress)
     write_folder(Path(folder), made)
     return [str(Path(folder) / name) for name in made if name.endswith(".png")]

@@ -106,7 +106,10 @@ def fingerprint(system: ReducedSystem, law: ControlLaw | None = None) -> str:
     if law is not None:
         groups += [q for group in law.groups.values() for q in group]
         expressions += [law.linearization.h, law.linearization.Phi, law.linearization.Phidot, law.tau]
-    lines = [mechanism.name, mechanism.about, *mechanism.constraint_names]
+    expressions += [
+        part for contact in mechanism.contacts for part in (contact.along, contact.across, contact.mass, contact.left)
+    ]
+    lines = [mechanism.name, mechanism.about, *mechanism.constraint_names, *(contact.name for contact in mechanism.contacts)]
     lines += [f"{q.name} {q.unit} {q.about} {q.default!r} {q.sign}" for q in groups]
     lines += [as_text(ca.SX(expression)) for expression in expressions]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()

@@ -12,6 +12,7 @@ from ..model.mechanism import Quantity
 from ..model.names import in_c
 from ..model.outputs import FOOT
 from .derivation.foot import AT_FOOT, has_foot_form, place_names, plain_at_foot, staged_at_foot
+from .derivation.grip import plain_ground, staged_ground
 from .derivation.stages import Result, Stages, staged
 from .graph import (
     ARITHMETIC,
@@ -62,6 +63,13 @@ SLOPE = Entry(
 FOLLOW_SLOPE = Entry(
     "follow_slope", "As slope, for a position relative to the foot of P_l", (Result.SLOPE,), public=False, at_foot=True
 )
+GROUND = Entry(
+    "ground",
+    "Of each contact: the ground's force along and across, the shift of the load by each metre of height, the mass on it",
+    (Result.GROUND,),
+    Group.INPUT,
+)
+GROUND_BY_INPUTS = Entry("ground_by_inputs", "Derivatives of the first three of ground by each input", (Result.GROUND_BY_INPUTS,))
 EVALUATE = Entry(
     "evaluate",
     "All quantities, with one sine and cosine",
@@ -95,6 +103,8 @@ ENTRIES = (
         (Result.INPUTS_OF_DEMAND,),
         Group.DEMAND,
     ),
+    GROUND,
+    GROUND_BY_INPUTS,
     EVALUATE,
     STEP,
     SLOPE,
@@ -134,7 +144,7 @@ class Program:
     @property
     def groups(self) -> dict[str, Sequence[Quantity]]:
         """The leaves of the graph, by group."""
-        return {**self.law.groups, "foot": FOOT}
+        return _groups(self.law)
 
     @property
     def angles(self) -> list[Node]:
@@ -175,7 +185,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     """
     graph = Graph()
     source = in_steps(law) if (optimize if stages is None else stages) else plain(law)
-    groups = law.groups | {"foot": FOOT}
+    groups = _groups(law)
     nodes = {q.symbol.element_hash(): graph.leaf(group, q.name) for group, members in groups.items() for q in members}
     symbols = [q.symbol for members in groups.values() for q in members]
     where = f"{law.system.mechanism.name} {law.name}"
@@ -202,7 +212,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         chosen = {name: given[name] for name in entry.answers if given.get(name)}
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
         body = Body(chosen, singular)
-        if chosen and not (entry.at_foot and _reads(body, place_names(law))):
+        if chosen and not (entry.at_foot and (_reads(body, place_names(law)) or _grip_reads(law, place_names(law)))):
             entries[entry] = _optimized(graph, body, labels) if optimize else body
     conditions = [row[0] for row in quantities[Result.CONDITIONS]]
     regular = [row[0] for made in (quantities, at_foot) for row in made.get(Result.REGULAR, ())]
@@ -210,9 +220,17 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     return Program(law, entries, constants, labels, conditions, list(dict.fromkeys(regular)), graph)
 
 
+def _groups(law: ControlLaw) -> dict[str, Sequence[Quantity]]:
+    """The leaves of the graph, by group."""
+    return {**law.groups, Group.FOOT: FOOT, Group.INPUT: law.system.mechanism.inputs}
+
+
 def in_steps(law: ControlLaw) -> Stages:
     """The law's quantities in short steps; those at the foot too, where they need nothing else of place and heading."""
     found = staged(law)
+    floor = staged_ground(law.system)
+    found.steps += floor.steps
+    found.quantities |= floor.quantities
     if has_foot_form(law):
         told = staged_at_foot(law)
         shared = {step.symbol.element_hash() for step in found.steps if step.symbol.is_symbolic()}  # the velocities
@@ -236,6 +254,7 @@ def plain(law: ControlLaw) -> Stages:
         Result.REGULAR: ca.SX(0, 1),
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         Result.SLOPE: law.slope,
+        **plain_ground(law.system),
     }
     at_foot = {name: plain_at_foot(law, quantities[name]) for name in AT_FOOT} if has_foot_form(law) else {}
     return Stages([], quantities=quantities, at_foot=at_foot)
@@ -260,6 +279,13 @@ def _optimized(graph: Graph, body: Body, labels: dict[Node, str]) -> Body:
 def _reads(body: Body, names: frozenset[str]) -> bool:
     """Is one of these coordinates read? A sine of more than the heading, which FOOT does not have, keeps it."""
     return any(isinstance(node, Leaf) and node.group is Group.STATE and node.name in names for node in reachable(body.roots))
+
+
+def _grip_reads(law: ControlLaw, names: frozenset[str]) -> bool:
+    """Do the ground's forces, in steps, depend on one of these coordinates?"""
+    floor = staged_ground(law.system)
+    expressions = [*(step.expression for step in floor.steps), *floor.quantities.values()]
+    return any(ca.depends_on(each, q.symbol) for each in expressions for q in law.groups[Group.STATE] if q.name in names)
 
 
 def _own_names(law: ControlLaw, quantities: dict[Result, Matrix]) -> dict[Node, str]:
@@ -302,4 +328,4 @@ def constants_of(roots: Sequence[Node], labels: dict[Node, str]) -> dict[Node, s
     return {node: names[node] for node in kept}
 
 
-OWN_FIELDS = ("limit", "held", "on_error", "on_limit", "ready")  # of every law's struct
+OWN_FIELDS = ("limit", "held", "clear", "on_error", "on_limit", "grip", "ready")  # of every law's struct

@@ -8,6 +8,7 @@ from typing import Any
 BOARDS = Path(__file__).resolve().parent.parent / "firmware" / "boards"
 TABLE: dict[str, Any] = tomllib.loads((BOARDS / "targets.toml").read_text())
 STANDARD: tuple[str, ...] = tuple(TABLE["standard"])  # flags with which all targets compute the same bits
+SAME_BITS: tuple[str, ...] = tuple(flag for flag in STANDARD if not flag.startswith("-std="))  # the dialect is set apart
 
 HEAD = """# Made from boards/targets.toml by `make generate`; edit that file.
 """

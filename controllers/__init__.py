@@ -4,3 +4,6 @@ The generated C (compiled.py) on this host or on an emulated processor (pil.py, 
 model (symbolic.py). Functions used with a law: path tracking, odometry, integral action, in Python and as compiled C of
 runtime_c/.
 """
+
+BACKENDS = ("casadi", "c", "cf")  # CasADi in double, generated C in double, generated C in float
+ON_TARGET = {"m4f": "cortex-m4f", "rv32": "rv32imafc"}  # generated C in float on an emulated processor: backend -> target

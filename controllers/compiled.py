@@ -1,5 +1,6 @@
 """Controllers and dynamics computed by the generated C, in double or float."""
 
+import dataclasses
 from collections.abc import Iterable, Mapping
 from functools import cache, cached_property, lru_cache
 from threading import Lock
@@ -17,7 +18,7 @@ from ..codegen.printing.scalar import SCALARS
 from ..codegen.program import Entry
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
-from .controller import ON_LIMIT, QUANTITIES, Evaluation, Limits, check_point
+from .controller import ON_LIMIT, QUANTITIES, RUNNING, Evaluation, Limits, check_point
 from .runtime import InC, load
 
 Text = TypeVar("Text", LawC, DynamicsC)
@@ -90,6 +91,12 @@ def library(law: ControlLaw, scalar: str) -> Library:
     return Library(law, scalar)
 
 
+@lru_cache(maxsize=16)
+def dynamics_library(system: ReducedSystem, scalar: str) -> DynamicsLibrary:
+    """Return the compiled C of a robot's dynamics, loaded once per process."""
+    return DynamicsLibrary(system, scalar)
+
+
 class CompiledController:
     """One instance of a generated law: its struct, initialized with parameters, configuration, gains and limits.
 
@@ -125,6 +132,8 @@ class CompiledController:
         if limits is not None:
             options.limit = [value if np.isfinite(value) else 0.0 for value in limits.torque]
             options.on_limit = ON_LIMIT.index(limits.mode)
+            if limits.mode == "grip" and limits.friction:
+                options.friction = dataclasses.asdict(limits.friction)
         status = self._library.function("init")(self._self, *structs, options)
         self.refused = None if status == 0 else self._library.status(status)
         self._evaluate, self._step = self._library.function("evaluate"), self._library.function("step")
@@ -156,7 +165,7 @@ class CompiledController:
             return self._status(status), self._answer.astype(float)
 
     def entry(self, entry: Entry, state: np.ndarray, foot: Iterable[float] = (), more: Iterable[float] = ()) -> Evaluation:
-        """Return the quantity that an entry point computes. `more`: the reference or the virtual input, whichever it takes."""
+        """Return the quantity that an entry point computes. `more`: the reference, virtual input or inputs that it takes."""
         if self.refused:
             return Evaluation(self.refused, {})
         library = self._library
@@ -165,14 +174,14 @@ class CompiledController:
         given.append(library.struct(library.robot_name("state"), state))
         if entry.takes is Group.REFERENCE:
             given.append(library.struct(library.name("reference"), more))
-        elif entry.takes is Group.DEMAND:
+        elif entry.takes in (Group.DEMAND, Group.INPUT):
             given.append(library.array(more))
         answer = library.array(np.zeros(len(matrix) * len(matrix[0])))
         place = library.ffi.cast(library.ffi.typeof(library.function(entry.name)).args[-1], answer)
         with self._lock:
             status = self._status(library.function(entry.name)(self._self, *given, place))
         values = library.numbers(answer).reshape(len(matrix), -1).astype(float)
-        return Evaluation(status, {quantity: values} if status in ("ok", "saturated") else {})
+        return Evaluation(status, {quantity: values} if status in RUNNING else {})
 
     def _load(self, state: np.ndarray, reference: np.ndarray) -> None:
         with np.errstate(over="ignore"):  # values too large for float become infinite, which the law rejects

@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from ..readers.errors import BadInput
+from . import BACKENDS as BACKENDS
+from . import ON_TARGET as ON_TARGET
 
 if TYPE_CHECKING:
     from ..model.law import ControlLaw
 
 Numbers = Sequence[float] | np.ndarray  # in a fixed order
 
-BACKENDS = ("casadi", "c", "cf")  # CasADi in double, generated C in double, generated C in float
-ON_TARGET = {"m4f": "cortex-m4f", "rv32": "rv32imafc"}  # generated C in float on an emulated processor: backend -> target
 STATUS = (  # as in the C runtime
     *("ok", "saturated", "null", "nonfinite", "range", "bad_parameter", "singular", "not_ready"),
-    *("bad_path", "unstable", "arrived"),
+    *("bad_path", "unstable", "arrived", "grip", "will_slip"),
 )
-ON_LIMIT = ("cut", "slow")  # as the C runtime's NOSLIP_CUT and NOSLIP_SLOW
+ON_LIMIT = ("cut", "slow", "grip")  # as the C runtime's NOSLIP_CUT, NOSLIP_SLOW and NOSLIP_GRIP
+RUNNING = ("ok", "saturated", "grip", "will_slip")  # statuses of a step that gave inputs
 QUANTITIES = ("h", "ydot", "Phi", "Phidot", "u", "tau")  # computed by every backend
 MODEL_QUANTITIES = ("M", "V", "A", "S", "Mbar", "bias", "lam")  # computed by casadi in addition
 
@@ -31,16 +32,31 @@ class ParameterRefused(BadInput):
 
 
 @dataclass(frozen=True)
+class Friction:
+    """The floor as the controller believes it, as in the C struct noslip_friction: the coefficient `mu`; the `margin`, part of mu
+    kept in reserve, 0 to below 1; the `share` of the weight on the contacts, above 0 to 1; the `height` of the centre of mass, m.
+    """
+
+    mu: float
+    margin: float = 0.0
+    share: float = 1.0
+    height: float = 0.0
+
+
+@dataclass(frozen=True)
 class Limits:
     """Limits of the actuators: `torque` is the largest absolute value of each input, N or N m; 0 or inf: no limit.
 
     In `mode` "cut" each input is limited separately. In mode "slow" the desired acceleration is changed as little as possible, so
     that the other outputs are not affected; if these alone require more than the limits, the change that minimizes the largest
-    |tau| / limit is used, and all inputs are divided by this quotient.
+    |tau| / limit is used, and all inputs are divided by this quotient. In mode "grip" the inputs also keep every contact within
+    `friction`: the desired acceleration is changed as in "slow", and if that is not enough, the inputs go from there towards
+    coasting, where the ground's forces are smallest, as little as needed.
     """
 
     torque: tuple[float, ...]
     mode: str = "cut"
+    friction: Friction | None = None
 
     def check(self, law: ControlLaw) -> None:
         """Raise BadInput if the law cannot have these limits."""
@@ -55,6 +71,23 @@ class Limits:
             raise BadInput(f"limits: unknown mode {self.mode!r}; known are {', '.join(ON_LIMIT)}")
         if self.mode == "slow" and law.speed_row is None:
             raise BadInput(f'limits: {law.name} has no speed to reduce, as mode "slow" requires; use Type IV, or mode "cut"')
+        if self.mode == "grip":
+            self._check_friction(law)
+
+    def _check_friction(self, law: ControlLaw) -> None:
+        from ..codegen.derivation.grip import is_wide, why_not  # slow to import
+
+        name, floor = law.system.mechanism.name, self.friction
+        if reason := why_not(law.system):
+            raise BadInput(f'limits: mode "grip" does not apply to {name}: {reason}')
+        if floor is None:
+            raise BadInput('limits: mode "grip" requires friction')
+        if not (0 < floor.mu < np.inf and 0 <= floor.margin < 1 and 0 < floor.share <= 1 and 0 <= floor.height < np.inf):
+            raise BadInput(
+                f"limits: {floor}: mu must be positive, margin from 0 to below 1, share above 0 to 1, height not negative"
+            )
+        if floor.height and not is_wide(law.system):
+            raise BadInput(f"limits: height = {floor.height:g}: {name} has an axle without width to carry the moment; omit it")
 
 
 @dataclass

@@ -72,9 +72,8 @@ class CompiledIntegral:
 
     def step(self, error: float, dt: float, status: str) -> float:
         """See OutputIntegral.step."""
-        number = getattr(self._runtime.lib, f"NOSLIP_{status.upper()}")
         with self._lock:
-            self._call("step", float(error), float(dt), number, self._add)
+            self._call("step", float(error), float(dt), self._runtime.number(status), self._add)
             return self._add[0]
 
     def _call(self, name: str, *arguments) -> None:

@@ -41,6 +41,10 @@ class InC:
         """Name of a status."""
         return self.ffi.string(self.lib.noslip_status_name(number)).decode()
 
+    def number(self, status: str) -> int:
+        """Return the status of a name."""
+        return getattr(self.lib, "NOSLIP_GRIP_LIMITED" if status == "grip" else f"NOSLIP_{status.upper()}")
+
 
 class Runtime(InC):
     """A header of runtime_c, compiled, in both scalars: `ffi` knows its types, `lib` its functions and constants."""

@@ -11,6 +11,7 @@ from ..model.law import ControlLaw, symbols
 from ..model.linearization import SINGULAR
 from .controller import Evaluation, Limits, Numbers, check_point
 from .direct import Direct
+from .grip import GripReference
 
 ANGLE_MAX = 2.0**20  # rad; the C in double rejects larger angles
 FLAT = 1e-5  # entries of a gradient below this part of the largest count as zero, as in the C runtime
@@ -33,6 +34,8 @@ class CasadiController:
         self._step = Direct(step_function(law))
         self._slows = limits is not None and limits.mode == "slow"
         self._limits = np.array([limit or np.inf for limit in limits.torque] if limits else np.inf)
+        friction = limits.friction if limits and limits.mode == "grip" else None
+        self._grip = GripReference(law, self._fixed[0], friction, self._limits) if friction else None
 
     @cached_property
     def _evaluation(self) -> Direct:
@@ -55,12 +58,16 @@ class CasadiController:
         """Return status and tau, N or N m, within the limits; zeros if the status is an error."""
         check_point(self.law, state, reference)
         status, tau = self._unlimited(state, reference)
+        if self._grip and status == "ok":
+            return self._grip(state, tau, self._slope(state, reference))
         if (np.abs(tau) <= self._limits).all():
             return status, tau
         if self._slows:
-            slope = slope_function(self.law)(*self._fixed, state, reference)
-            tau = slowed(tau, np.asarray(slope).ravel(), self._limits)
+            tau = slowed(tau, self._slope(state, reference), self._limits)
         return "saturated", np.clip(tau, -self._limits, self._limits)
+
+    def _slope(self, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
+        return np.asarray(slope_function(self.law)(*self._fixed, state, reference)).ravel()
 
     def _unlimited(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         zero = np.zeros(len(self.law.system.mechanism.inputs))

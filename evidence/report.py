@@ -11,11 +11,11 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from ..codegen.files import TOOLS
-from ..codegen.templates import render
 from ..controllers.build import FLAGS, QUICK, compiler
 from ..readers.files import MARK
 from ..readers.printing import toml
 from ..readers.robots import find_robot
+from ..readers.templates import render
 from .framework import SPECS, Outcome
 from .production import Made
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from .tools import HERE, STANDARD, Failed, Missing, Task, attempt, each, need, run
 
 CHECKS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
-RUNTIME = ("odometry", "integral", "angles", "path")
+RUNTIME = ("odometry", "integral", "angles", "path", "velocity")
 SCALARS = {"double": "", "float": "_f"}
 CORPUS = HERE / "corpus.txt"  # one input per line, base64
 RUNS = {True: 20_000, False: 500_000}  # of libFuzzer, short or not; README.md describes longer campaigns
@@ -104,7 +104,8 @@ def _functions(task: Task) -> list[str]:
 
 def _drivers(task: Task) -> str:
     """Return C with a driver function of the same type for each law and each part of the runtime, and a table of them."""
-    runtime = ("noslip_angle.h", "noslip_integral.h", "noslip_odometry.h", "noslip_path.h", "noslip_reversing.h")
+    names = "angle", "integral", "odometry", "path", "reversing", "velocity"
+    runtime = [f"noslip_{name}.h" for name in names]
     parts = [f'#include "{header}"\n' for header in ("law_fuzz.h", *runtime)] + ["#define ROBOT labmate\n"]
     for real, suffix in SCALARS.items():
         parts.append(f"#define SUFFIX {suffix}\n#define REAL {real}\n")

@@ -9,7 +9,14 @@ from . import budget
 from .tools import HERE, M4F, STANDARD, Task, need, run
 
 STATES = 4000  # of each law; a tenth in the short version
-KINDS = {"good": "answers", "cut": "cuts a torque", "slowed": "gives up speed", "refused": "refuses"}
+KINDS = {
+    "good": "answers",
+    "cut": "cuts a torque",
+    "slowed": "gives up speed",
+    "rolling": "answers, with NOSLIP_GRIP",
+    "gripped": "keeps the wheels rolling",
+    "refused": "refuses",
+}
 ROUTE = ("odometry_good", "odometry_refused", "path_line", "path_arc", "path_next", "path_refused")
 MACHINE = "qemu-system-arm -M mps2-an386 -display none -monitor none -serial none -semihosting-config enable=on,target=native"
 

@@ -12,6 +12,7 @@ from ..model.errors import ModelError
 from ..model.mechanism import Quantity
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
+from ..readers.progress import Reported, silent
 from .identifiability import Combination, combinations
 from .log import Log
 
@@ -53,7 +54,12 @@ class Identification:
 
 
 def identify(
-    log: Log, system: ReducedSystem, names: Sequence[str], values: Mapping[str, float], held: bool | None
+    log: Log,
+    system: ReducedSystem,
+    names: Sequence[str],
+    values: Mapping[str, float],
+    held: bool | None,
+    progress: Reported = silent,
 ) -> Identification:
     """Fit the named parameters; the others keep `values`. `held`: inputs are constant from row to row; None: what fits better.
 
@@ -68,7 +74,7 @@ def identify(
     free = [c.pivot for c in found]
     if not free:
         raise BadInput(f"--fit {' '.join(names)}: the motion of {mechanism.name} does not depend on these parameters")
-    fits = [_Fit(log, system, free, every, way) for way in ((held,) if held is not None else (True, False))]
+    fits = [_Fit(log, system, free, every, way, progress) for way in ((held,) if held is not None else (True, False))]
     fit = min(fits, key=lambda each: each.cost)
     unseen = fit.unseen
     sentences = [*_by_structure(names, found), *(_by_log(name) for name in unseen)]
@@ -102,9 +108,9 @@ def _by_log(name: str) -> str:
 class _Fit:
     """Gauss-Newton with damping (Levenberg-Marquardt); the initial velocities of the windows are eliminated in each step."""
 
-    def __init__(self, log: Log, system: ReducedSystem, names: Sequence[str], values: np.ndarray, held: bool):
-        self.held, self.values = held, values.copy()
-        self.names, self.all_names, self.chosen = list(names), tuple(names), list(range(len(names)))
+    def __init__(self, log: Log, system: ReducedSystem, names: Sequence[str], values: np.ndarray, held: bool, progress: Reported):
+        self.held, self.values, self.progress = held, values.copy(), progress
+        self.names, self.all_names = list(names), tuple(names)
         parameters = system.mechanism.parameters
         self.places = {p.name: k for k, p in enumerate(parameters)}
         self.quantities = {p.name: p for p in parameters}
@@ -136,14 +142,12 @@ class _Fit:
 
     def rms(self, fitted: bool = True) -> np.ndarray:
         """Return the RMS error of each quasi-velocity after fitting the initial velocities."""
-        chosen = self.fitted if fitted else ~self.fitted
-        residual, by_start, _ = self._predicted(self.values, self.nu0)
-        left = residual[chosen] - _apply(_projectors(by_start[chosen]), residual[chosen])
+        left, _ = self._projected(self.values, self.nu0, self.fitted if fitted else ~self.fitted)
         return np.sqrt(np.mean((left.reshape(len(left), WINDOW, -1) * self.scale) ** 2, axis=(0, 1)))
 
     def deviations(self) -> dict[str, float]:
         """Return the standard deviations of the parameters, in their units."""
-        left, rows = self._projected()
+        left, rows = self._projected(self.values, self.nu0, self.fitted)
         sizes = np.linalg.norm(rows, axis=(0, 1))
         rows = rows / sizes
         inverse = np.linalg.inv(np.einsum("wrp,wrq->pq", rows, rows))
@@ -153,18 +157,17 @@ class _Fit:
         variance = np.maximum(np.diag(independent), np.diag(inverse @ (scores.T @ scores) @ inverse))
         return dict(zip(self.names, np.sqrt(variance) / sizes, strict=True)) | dict.fromkeys(self.unseen, math.inf)
 
-    def _projected(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return residuals of the fitted windows and their derivatives by the parameters; initial velocities are eliminated."""
-        residual, by_start, by_values = (each[self.fitted] for each in self._predicted(self.values, self.nu0))
-        bases = _projectors(by_start)
+    def _projected(self, values: np.ndarray, nu0: np.ndarray, windows: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
+        """Return residuals of these windows and their derivatives by the fitted parameters; initial velocities are eliminated."""
+        residual, by_start, by_values = (each[windows] for each in self._predicted(values, nu0))
+        bases = np.linalg.qr(by_start)[0]
         return residual - _apply(bases, residual), by_values - _apply(bases, by_values)
 
     def _unseen(self) -> list[str]:
         """Remove parameters that the predicted velocities do not depend on, or not by themselves, from those fitted."""
         removed: list[str] = []
         while True:
-            _, by_start, by_values = self._predicted(self.values, self.nu0)
-            rows = (by_values - _apply(_projectors(by_start), by_values)).reshape(-1, len(self.names))
+            rows = self._projected(self.values, self.nu0, slice(None))[1].reshape(-1, len(self.names))
             rows = rows * [self._size(name) for name in self.names]
             _, singular, directions = np.linalg.svd(rows, full_matrices=False)
             if singular[-1] > WEAKEST * singular[0] and singular[0] > 0:
@@ -174,15 +177,15 @@ class _Fit:
             self.names.remove(weak)
             if not self.names:
                 raise BadInput(f"the log does not show {', '.join(removed)}: the motion depends too little on them")
-            self.chosen = [k for k, name in enumerate(self.all_names) if name in self.names]
 
     def _size(self, name: str) -> float:
         return abs(self.value(name)) or 1.0
 
     def _converge(self) -> None:
-        damping, cost = 1e-3, math.inf
-        for _ in range(ITERATIONS):
-            left, rows = self._projected()
+        damping = 1e-3
+        left, rows = self._projected(self.values, self.nu0, self.fitted)
+        for iteration in range(ITERATIONS):
+            self.progress(iteration, ITERATIONS, "iterations, or fewer")
             sizes = np.array([self._size(name) for name in self.names])
             rows, left = rows.reshape(-1, len(self.names)) * sizes, left.ravel()
             cost = float(left @ left)
@@ -191,14 +194,16 @@ class _Fit:
                 return
             while True:
                 move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-                tried = self._moved(move * sizes)
-                if tried is not None and self._cost(tried) <= cost * (1 + 1e-12):
-                    break
+                values = self._moved(move * sizes)
+                if values is not None:
+                    nu0 = self._starts(values)
+                    left, rows = self._projected(values, nu0, self.fitted)
+                    if np.sum(left**2) <= cost * (1 + 1e-12):
+                        break
                 damping *= 10.0
                 if damping > 1e12:
                     return
-            self.nu0 = self._starts(tried)
-            self.values, damping = tried, damping / 10.0
+            self.values, self.nu0, damping = values, nu0, damping / 10.0
         raise BadInput("the fit does not converge; start from better values with --set NAME=VALUE")
 
     def _moved(self, move: np.ndarray) -> np.ndarray | None:
@@ -217,15 +222,10 @@ class _Fit:
         residual, by_start, _ = self._predicted(values, self.nu0)
         return self.nu0 - np.einsum("wkr,wr->wk", np.linalg.pinv(by_start), residual)
 
-    def _cost(self, values: np.ndarray) -> float:
-        residual, by_start, _ = self._predicted(values, self._starts(values))
-        left = residual[self.fitted] - _apply(_projectors(by_start[self.fitted]), residual[self.fitted])
-        total = float(np.sum(left**2))
-        return total if math.isfinite(total) else math.inf
-
     def _predicted(self, values: np.ndarray, nu0: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return residuals (windows, rows k), and their derivatives by initial velocities and by the fitted parameters."""
         windows, k, p = len(nu0), nu0.shape[1], len(self.names)
+        fitted = [self.all_names.index(name) for name in self.names]
         x = np.hstack([self.x[:, 0, : self.n], nu0])
         by_start = np.zeros((windows, x.shape[1], k))
         by_start[:, self.n :] = np.eye(k)
@@ -241,7 +241,7 @@ class _Fit:
             x, A, B = (np.array(each) for each in results)
             x = x.T
             A = A.reshape(len(x[0]), windows, -1).transpose(1, 0, 2)
-            B = B.reshape(len(x[0]), windows, -1).transpose(1, 0, 2)[:, :, self.chosen]
+            B = B.reshape(len(x[0]), windows, -1).transpose(1, 0, 2)[:, :, fitted]
             by_start, by_values = A @ by_start, A @ by_values + B
             residual.append(x[:, self.n :] - self.x[:, row + 1, self.n :])
             starts.append(by_start[:, self.n :])
@@ -249,11 +249,6 @@ class _Fit:
         residuals = (np.stack(residual, axis=1) / self.scale).reshape(windows, -1)
         by = [np.stack(each, axis=1) / self.scale[:, None] for each in (starts, parameters)]
         return residuals, by[0].reshape(windows, -1, k), by[1].reshape(windows, -1, p)
-
-
-def _projectors(by_start: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis of the columns of each window's matrix."""
-    return np.linalg.qr(by_start)[0]
 
 
 def _apply(bases: np.ndarray, vectors: np.ndarray) -> np.ndarray:

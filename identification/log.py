@@ -3,11 +3,12 @@
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..model.reduction import ReducedSystem
@@ -39,6 +40,12 @@ class Log:
         return float(np.median(np.diff(self.t)))
 
 
+def check_known(option: str, name: str, kind: str, known: Collection[str]) -> None:
+    """Raise BadInput unless `name`, given to `option`, is one of the known names of this kind."""
+    if name not in known:
+        raise BadInput(f"{option} {name}: not a {kind} of this robot{suggestion(name, known)}; it has {', '.join(known)}")
+
+
 def read_log(file: str | Path, system: ReducedSystem, columns: Mapping[str, str]) -> Log:
     """Read a log with the columns of `noslip simulate`; `columns` maps names that are called otherwise: quantity -> column.
 
@@ -47,7 +54,8 @@ def read_log(file: str | Path, system: ReducedSystem, columns: Mapping[str, str]
     """
     table = _parquet(file) if Path(file).suffix == ".parquet" else _csv(file)
     state, inputs = [q.name for q in system.state], [i.name for i in system.mechanism.inputs]
-    _check_map(columns, ["t", *state, *inputs])
+    for name in columns:
+        check_known("--map", name, "quantity", ["t", *state, *inputs])
     needed = {"t", *(q.name for q in system.quasi_velocities), *inputs, *_read_by_dynamics(system)}
     values = {}
     for name in ("t", *state, *inputs):
@@ -55,24 +63,15 @@ def read_log(file: str | Path, system: ReducedSystem, columns: Mapping[str, str]
         if column in table:
             values[name] = _numbers(table[column], f"{file} column {column!r}")
         elif name in needed:
-            hint = suggestion(column, table) or f"; if it has another name, add --map {name}=COLUMN"
-            raise BadInput(f"{file}: column {column!r} is missing{hint}")
+            raise BadInput(f"{file}: column {column!r} is missing{suggestion(column, table)}")
     rows = np.column_stack([values.get(name, np.zeros(len(values["t"]))) for name in ("t", *state, *inputs)])
     return _cleaned(str(file), rows, len(state))
 
 
 def _read_by_dynamics(system: ReducedSystem) -> list[str]:
     """Return the coordinates that S'MS, the bias or S'E depend on."""
-    from casadi import symvar, vec, vertcat
-
-    used = {str(s) for s in symvar(vertcat(*map(vec, (system.Mbar, system.bias, system.input_map))))}
-    return [q.name for q in system.mechanism.coordinates if str(q.symbol) in used]
-
-
-def _check_map(columns: Mapping[str, str], known: Sequence[str]) -> None:
-    for name in columns:
-        if name not in known:
-            raise BadInput(f"--map {name}: not a quantity of this robot{suggestion(name, known)}; it has {', '.join(known)}")
+    dynamics = ca.veccat(system.Mbar, system.bias, system.input_map)
+    return [q.name for q in system.mechanism.coordinates if ca.depends_on(dynamics, q.symbol)]
 
 
 def _csv(file: str | Path) -> dict[str, list[str]]:

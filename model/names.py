@@ -67,7 +67,8 @@ OF_LAW = (
         for name in ("output", "rate", "decoupling", "decoupling_rate", "feedback", "evaluate", "step", "slope", "follow")
         for after in ("", "_law")
     ),
-    *("follow_slope", "follow_slope_law", "step_with_care", "follow_with_care"),
+    *("follow_slope", "follow_slope_law", "ground", "ground_law", "ground_by_inputs", "ground_by_inputs_law"),
+    *("step_with_care", "step_with_grip", "follow_with_care", "follow_with_grip"),
     *("acceleration", "acceleration_law", "reduced", "reduced_law"),  # of the dynamics, which are named like a law
 )
 

@@ -6,6 +6,7 @@ from ..controllers.angles import nearest_angle
 from ..simulation.guidance import ShortWay
 from .channel import Channel, Required, longest_period, longest_period_with
 from .design import Gains, from_discrete_poles, from_lqr, from_poles, from_settling, settling_time
+from .drive import DriveLoop
 from .margins import Margins, margins
 from .motion import Setting, SteadyMotion, steady_motion
 from .robustness import Harm, Loops, Wrong, corners, one_by_one, ranking, with_errors
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Channel",
     "ControllerRefused",
+    "DriveLoop",
     "Gains",
     "Harm",
     "Loops",

@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 
 from ..readers.errors import BadInput
 from .design import Gains, by_speed, chain, positive, sampled_chain, show
+from .drive import DriveLoop, sampled_late
 from .margins import Broken, Margins, margins
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 SCAN = 30  # periods tried before the one at which a margin is lost is refined
 SHORTEST = 1e-4  # of the stability limit: at shorter periods the margins are those of the continuous channel
+FIRST, GROWTH, LONGEST = 0.02, 1.1, 1e3  # periods tried: the first and the last of 1 / fastest pole, and by what they grow
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class Required:
 class Channel:
     """An output and its gains. `period` (s) between calls, with v held in between; None: continuous.
 
-    `delay`: v is applied one period after the state from which it was computed was measured.
+    `delay`: v is applied one period after the state from which it was computed was measured. `drive`: v acts through
+    velocity-controlled drives, which requires a period.
     """
 
     name: str
@@ -45,6 +48,7 @@ class Channel:
     gains: Gains
     period: float | None = None
     delay: bool = False
+    drive: DriveLoop | None = None
 
     def __post_init__(self):
         self.gains.check(self.name)
@@ -52,6 +56,13 @@ class Channel:
             positive("period", self.period, self.name)
         elif self.delay:
             raise BadInput(f"{self.name}: a delay of one sample requires a period")
+        elif self.drive:
+            raise BadInput(f"{self.name}: {self.drive} require a period: commands are given at calls")
+
+    @property
+    def ideal(self) -> "Channel":
+        """The continuous channel, with v applied at once."""
+        return replace(self, period=None, delay=False, drive=None)
 
     @property
     def poles(self) -> np.ndarray:
@@ -94,12 +105,34 @@ class Channel:
         """Raise BadInput for a period beyond stability."""
         fastest = max(self.poles, key=abs)
         if self.period is not None and not abs(fastest) < 1:
-            limit = longest_period(self.gains, self.delay)
+            limit = self.longest_period(self.delay)
             late = ", with a delay of one sample," if self.delay else ""
+            behind = f", behind {self.drive}," if self.drive else ""
+            slower = f", or with poles {self.fastest():.4g} times as fast" if self.drive else ""
             raise BadInput(
-                f"{self.name}: period {self.period:g} s{late} is beyond stability, z = {show(fastest)}; "
-                f"the channel is stable below {limit:.6g} s"
+                f"{self.name}: period {self.period:g} s{late}{behind} is beyond stability, z = {show(fastest)}; "
+                f"the channel is stable below {limit:.6g} s{slower}"
             )
+
+    def longest_period(self, delay: bool) -> float:
+        """Return the period (s) at which the channel loses stability, with or without a delay of one sample; 0 if it is not
+        stable at the shortest one tried.
+        """
+        if self.drive is None:
+            return longest_period(self.gains, delay)
+        unit = 1 / max(abs(self.gains.poles))
+        first = max(FIRST, self.drive.shortest / unit)
+        return first_unstable(lambda T: replace(self, period=T, delay=delay)._excess(), unit, first)
+
+    def fastest(self) -> float:
+        """Return the factor by which all poles of the continuous channel may be faster until this sampled one loses stability."""
+        if self.period is None:
+            return math.inf
+        unit = 1 / (self.period * max(abs(self.gains.poles)))
+        return first_unstable(lambda factor: replace(self, gains=self.gains.faster(factor))._excess(), unit, 1e-4)
+
+    def _excess(self) -> float:
+        return float(abs(self.poles).max() - 1)
 
     def closed(self) -> "control.StateSpace":
         """Return the system from the desired y alone, with its derivatives zero, to y, ydot and v: for step responses."""
@@ -107,7 +140,7 @@ class Channel:
 
         A, B, K = self._matrices()
         size, degree = len(A), self.gains.degree
-        first = size - degree - self.delay  # where y is
+        first = int(bool(self.gains.integral))  # where y is
         reference = self.gains.error * B
         if self.gains.integral:  # z counts y - y_d
             reference[0, 0] -= self.period or 1.0
@@ -119,14 +152,24 @@ class Channel:
         return control.ss(A - B @ K, reference, C, D, self.dt, name=f"{self.name}_closed", **signals)
 
     def _matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A, B of the chain [z,] y [, ydot] [, the v of the call before], and K with v = -K state."""
+        """A, B of the chain [z,] y [, ydot] [, e of the drive] [, the v of the calls before], and K with v = -K state."""
         K, integral = self.gains.vector[None, :], bool(self.gains.integral)
         if self.period is None:
             return *chain(K.shape[1]), K
+        if self.drive:
+            return self._behind(self.drive, self.period, K)
         A, B = sampled_chain(self.gains.degree, self.period, integral)
         if not self.delay:
             return A, B, K
         return *delayed(A, B), np.hstack([K, [[0.0]]])
+
+    def _behind(self, drive: DriveLoop, period: float, K: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        between = drive.between_samples(*chain(self.gains.degree), period)
+        A, B = sampled_late(*between, period, drive.delay + period * self.delay)
+        if self.gains.integral:  # z + period y, at each call
+            row = np.eye(len(A) + 1)[:1] + period * np.eye(len(A) + 1)[1:2]
+            A, B = np.vstack([row, np.hstack([np.zeros((len(A), 1)), A])]), np.vstack([[[0.0]], B])
+        return A, B, np.hstack([K, np.zeros((1, len(A) - K.shape[1]))])
 
 
 def delayed(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,20 +191,38 @@ def longest_period(gains: Gains, delay: bool = False) -> float:
     return min(positive_roots, default=math.inf) * unit
 
 
+def first_unstable(excess: Callable[[float], float], unit: float, first: float = FIRST) -> float:
+    """Return the first zero of a function of the period that is negative at short ones; 0 if the shortest tried is not, inf if
+    all are. The periods tried, from `first` to LONGEST times `unit`, grow by a tenth; the zero is refined to rounding.
+    """
+    before, period = 0.0, first * unit
+    while period < LONGEST * unit:
+        if excess(period) >= 0:
+            return float(brentq(excess, before, period, rtol=1e-13)) if before else 0.0
+        before, period = period, GROWTH * period
+    return math.inf
+
+
 def longest_period_with(channel: Channel, required: Required) -> float:
     """Return the longest period (s) up to which the sampled channel keeps the required margins at all shorter ones; 0 if at none.
 
     Found between two of SCAN periods, and refined to rounding.
     """
     return last_kept(
-        lambda period: required.slack(replace(channel, period=period).margins()), longest_period(channel.gains, channel.delay)
+        lambda period: required.slack(replace(channel, period=period).margins()),
+        channel.longest_period(channel.delay),
+        channel.drive.shortest if channel.drive else 0.0,
     )
 
 
-def last_kept(slack: Callable[[float], float], limit: float) -> float:
-    """Return the first zero below `limit` of a function of the period that is positive at short ones; 0 if it is not."""
+def last_kept(slack: Callable[[float], float], limit: float, shortest: float = 0.0) -> float:
+    """Return the first zero below `limit` of a function of the period that is positive at short ones, from `shortest` on; 0 if it
+    is not.
+    """
     before = 0.0
-    for period in np.geomspace(SHORTEST * limit, (1 - 1e-6) * limit, SCAN):
+    if limit <= shortest:
+        return 0.0
+    for period in np.geomspace(max(shortest, SHORTEST * limit), (1 - 1e-6) * limit, SCAN):
         if slack(period) <= 0:
             return float(brentq(slack, before, period, rtol=1e-12)) if before else 0.0
         before = period

@@ -51,6 +51,11 @@ class Gains:
         made |= {f"kd_{row}": self.rate} if self.degree == 2 else {}
         return made | ({f"ki_{row}": self.integral} if self.integral else {})
 
+    def faster(self, factor: float) -> "Gains":
+        """Return the gains whose poles are `factor` times as fast."""
+        d = self.degree
+        return Gains(d, self.error * factor**d, self.rate * factor, self.integral * factor ** (d + 1))
+
     def check(self, where: str = "gains") -> "Gains":
         """Return itself. Raises BadInput, with the reason, if a gain is negative or not finite, or the channel is not stable."""
         for name, value in self.named(where).items():

@@ -102,8 +102,10 @@ def closed_loop_system(loop: Loop, period: float | None = None, name: str = "clo
     """Robot and controller of a loop joined: states [q; nu], inputs the references, outputs [q; nu] and tau.
 
     With a period (s) as a discrete-time system, torque held. With integral action its z are states too, the last ones, and the
-    references end in _d, as for `integral_system`.
+    references end in _d, as for `integral_system`. Raises BadInput for drives that take velocities.
     """
+    if loop.drive.commands:
+        raise BadInput("these systems take torques: not with drives that take velocities")
     law, controller = loop.law, loop.guidance.leg.controller
     robot = sampled_robot_system(loop.plant, period) if period else robot_system(loop.plant)
     parts = [robot, controller_system(controller, period)]
@@ -119,7 +121,9 @@ class Moving:
     """Robot and controller of a steady motion in coordinates rho in which it stands still, as systems of python-control."""
 
     def __init__(self, motion: SteadyMotion, controller: Controller):
-        """`controller` in any backend, with the numbers of motion.setting."""
+        """`controller` in any backend, with the numbers of motion.setting. Raises BadInput for a motion with velocity drives."""
+        if motion.setting.drive:
+            raise BadInput("these systems take torques: not with drives that take velocities")
         self._motion, self._controller = motion, controller
         self._setting, self._functions = motion.setting, functions(motion.setting.law, ())
         self.names = list(coordinates(motion.setting.law))

@@ -7,6 +7,9 @@ equilibrium of
 
     d rho/dt = r(rho, tau),    tau = kappa(rho, z),    dz/dt = y_d - y    (z only with integral action)
 
+With velocity-controlled drives (drive.py) the acceleration nudot takes the place of tau, and u that of kappa: the drives make
+nudot follow u.
+
 Because tau is constant in the motion, a sampled loop linearized about it is exactly the held one of the linearized robot:
 rho+ = exp(A T) rho + int_0^T exp(A s) ds B tau.
 """
@@ -17,14 +20,14 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import brentq
 
 from ..model.algebra.samples import Sampled
 from ..model.law import ControlLaw, symbols
 from ..model.mechanism import Quantity
 from ..model.outputs import OutputRow
 from ..readers.errors import BadInput
-from .channel import delayed
+from .channel import FIRST, delayed, first_unstable
+from .drive import DriveLoop, sampled_late
 from .exponential import exponential
 from .margins import Broken
 
@@ -34,7 +37,6 @@ if TYPE_CHECKING:
 STEPS = 50  # of Newton's method
 CLOSE, SOLVED = 1e-12, 1e-9  # relative: its last step, and the residual that may be left
 SYMMETRIC = 1e-7  # what the rates may depend on where along the motion the robot is, relative to what they depend on
-FIRST, GROWTH, LONGEST = 0.02, 1.1, 1e3  # periods tried: the first and the last of 1 / fastest pole, and by what they grow
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,8 @@ class Setting:
     """All numbers of a closed loop, in the order of the law's groups; SI.
 
     `true` and `believed` are parameters of the robot and of the law; `config` is the law's, `wanted` what errors are measured
-    by (None: the same). `bias` is added to the state that the law sees, `integral` has a gain ki for each output.
+    by (None: the same). `bias` is added to the state that the law sees, `integral` has a gain ki for each output. `drive`: the
+    drives take velocities.
     """
 
     law: ControlLaw
@@ -55,6 +58,7 @@ class Setting:
     integral: tuple[float, ...] = ()
     bias: np.ndarray | None = None
     wanted: np.ndarray | None = None
+    drive: DriveLoop | None = None
 
     @property
     def acting(self) -> tuple[int, ...]:
@@ -74,7 +78,8 @@ class SteadyMotion:
     """An equilibrium and the loop linearized about it: d rho/dt = A rho + B tau, tau = K rho + H z, dz/dt = E rho.
 
     `state` is one state [q; nu] of the motion, `torque` its constant inputs, `rho` the coordinates there by `names`, `z` what
-    the integrals hold, in the order of the rows that have one.
+    the integrals hold, in the order of the rows that have one. With a drive, tau stands for the accelerations nudot, the loop
+    without a period is that of ideal drives, and `fed` is what the feed-forward of torque adds (`Fed`).
     """
 
     setting: Setting = field(repr=False)
@@ -88,6 +93,15 @@ class SteadyMotion:
     K: np.ndarray
     H: np.ndarray
     E: np.ndarray
+    fed: "Fed | None" = None
+
+    @property
+    def inputs(self) -> list[str]:
+        """Names of the inputs at which the loop is broken."""
+        system = self.setting.law.system
+        if self.setting.drive:
+            return [f"u_{v.name}" for v in system.quasi_velocities]
+        return [q.name for q in system.mechanism.inputs]
 
     def closed(self, period: float | None = None, delay: bool = False) -> np.ndarray:
         """Matrix of the closed loop: of d/dt of [rho, z], or of the map over a period of [rho, z(, tau of the call before)]."""
@@ -120,9 +134,8 @@ class SteadyMotion:
         import control
 
         A, B, K = self._matrices(period, delay)
-        inputs = [q.name for q in self.setting.law.system.mechanism.inputs]
-        returned = [f"{name}_returned" for name in inputs]
-        return control.ss(A, B, -K, 0, period or 0.0, inputs=inputs, outputs=returned, name="loop")
+        returned = [f"{name}_returned" for name in self.inputs]
+        return control.ss(A, B, -K, 0, period or 0.0, inputs=self.inputs, outputs=returned, name="loop")
 
     def loop_at(self, k: int, period: float | None = None, delay: bool = False) -> "control.StateSpace":
         """L as `broken_at`, as a system."""
@@ -132,22 +145,16 @@ class SteadyMotion:
         return control.ss(found.A, found.B, found.C, 0, found.dt)
 
     def longest_period(self, delay: bool = False) -> float:
-        """Return the period (s) at which the loop, stable at all shorter ones tried, has an eigenvalue on the unit circle.
-
-        The periods tried grow by a tenth; the zero between two of them is refined to rounding. 0 if the shortest is not stable,
-        inf if all are.
+        """Return the period (s) at which the loop, stable at all shorter ones tried, has an eigenvalue on the unit circle
+        (`first_unstable`).
         """
 
         def excess(period: float) -> float:
             return float(np.abs(np.linalg.eigvals(self.closed(period, delay))).max() - 1)
 
         unit = 1 / np.abs(np.linalg.eigvals(self.closed())).max()
-        before, period = 0.0, FIRST * unit
-        while period < LONGEST * unit:
-            if excess(period) >= 0:
-                return float(brentq(excess, before, period, rtol=1e-13)) if before else 0.0
-            before, period = period, GROWTH * period
-        return np.inf
+        drive = self.setting.drive
+        return first_unstable(excess, unit, max(FIRST, drive.shortest / unit) if drive else FIRST)
 
     def _matrices(self, period: float | None, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of [rho, z(, tau)] with tau = K state."""
@@ -156,10 +163,40 @@ class SteadyMotion:
         B, K = np.vstack([self.B, np.zeros((held, r))]), np.hstack([self.K, self.H])
         if period is None:
             return A, B, K
+        if self.setting.drive:
+            return self._behind(self.setting.drive, period, delay)
         moved = exponential(period * np.block([[self.A, self.B], [np.zeros((r, n + r))]]))
         A[:n, :n], B[:n], A[n:, :n] = moved[:n, :n], moved[:n, n:], period * self.E
         A[n:, n:] = np.eye(held)
         return (*delayed(A, B), np.hstack([K, np.zeros((r, r))])) if delay else (A, B, K)
+
+    def _behind(self, drive: DriveLoop, period: float, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of [rho, e, the u (and tau) of the calls before, z] with u = K state."""
+        (n, r), held = self.B.shape, len(self.z)
+        F, G, J = drive.between_samples(self.A, self.B, period)
+        if self.fed:  # of [u; tau]: nudot = by_state rho + by_torque tau + omega e
+            F[:, :n] += np.vstack([self.B, -np.eye(r)]) @ self.fed.by_state
+            G = np.hstack([0 * G, np.vstack([self.B, -np.eye(r)]) @ self.fed.by_torque])
+            J = np.hstack([J, np.zeros((n + r, self.fed.by_torque.shape[1]))])
+        A, B = sampled_late(F, G, J, period, drive.delay + period * delay)
+        if self.fed:  # tau = of_state rho + of_u u
+            A[:, :n] += B[:, r:] @ self.fed.of_state
+            B = B[:, :r] + B[:, r:] @ self.fed.of_u
+        sums = np.hstack([period * self.E, np.zeros((held, len(A) - n)), np.eye(held)])
+        K = np.hstack([self.K, np.zeros((r, len(A) - n)), self.H])
+        return np.vstack([np.hstack([A, np.zeros((len(A), held))]), sums]), np.vstack([B, np.zeros((held, r))]), K
+
+
+@dataclass(frozen=True, eq=False)
+class Fed:
+    """Feed-forward of the torque about a steady motion: the true robot's nudot = by_state rho + by_torque tau, and the law's
+    tau = of_state rho + of_u u.
+    """
+
+    by_state: np.ndarray
+    by_torque: np.ndarray
+    of_state: np.ndarray
+    of_u: np.ndarray
 
 
 def steady_motion(setting: Setting) -> SteadyMotion:
@@ -168,7 +205,7 @@ def steady_motion(setting: Setting) -> SteadyMotion:
     Raises BadInput if there is none (a path whose curvature changes, a reference that does not move uniformly), or if the loop
     depends on the position along it.
     """
-    look, held = functions(setting.law, setting.acting), len(setting.acting)
+    look, held = functions(setting.law, setting.acting, setting.drive is not None), len(setting.acting)
     x, z = np.array(setting.start, float), np.zeros(held)
     for _ in range(STEPS):
         found = look(setting, x, z)
@@ -192,6 +229,10 @@ def _linearized(setting: Setting, found: dict[str, np.ndarray], x: np.ndarray, z
     right = np.linalg.pinv(found["P"])
     reduced = {name: found[name] @ right for name in ("r_x", "kappa_x", "e_x")}
     _check_steady(setting.law, found, reduced)
+    fed = None
+    if setting.drive and setting.drive.feeds:
+        by_state, by_torque, of_state, of_u = feed_function(setting.law)(*_seen(setting, x))
+        fed = Fed(by_state.full() @ right, by_torque.full(), of_state.full() @ right, of_u.full())
     return SteadyMotion(
         setting=setting,
         state=x,
@@ -204,6 +245,7 @@ def _linearized(setting: Setting, found: dict[str, np.ndarray], x: np.ndarray, z
         K=reduced["kappa_x"],
         H=found["kappa_z"],
         E=reduced["e_x"],
+        fed=fed,
     )
 
 
@@ -226,12 +268,15 @@ def coordinates(law: ControlLaw) -> tuple[str, ...]:
 
 
 class MotionFunctions:
-    """Residuals and their derivatives by name, for a law and the rows that have integral action."""
+    """Residuals and their derivatives by name, for a law and the rows that have integral action.
 
-    def __init__(self, law: ControlLaw, acting: tuple[int, ...]):
+    `driven`: the input tau is the acceleration nudot instead, and kappa the law's u.
+    """
+
+    def __init__(self, law: ControlLaw, acting: tuple[int, ...], driven: bool = False):
         system, rows = law.system, _position_rows(law)
         x, p = symbols(law.state), symbols(law.parameters)
-        z, tau = ca.SX.sym("z", len(acting)), ca.SX.sym("tau", len(system.mechanism.inputs))
+        z, tau = ca.SX.sym("z", len(acting)), ca.SX.sym("tau", system.freedom if driven else len(system.mechanism.inputs))
         believed, config, wanted = (ca.SX.sym(n, k) for n, k in _sizes(law))
         ki, bias = ca.SX.sym("ki", len(law.output.rows)), ca.SX.sym("bias", x.numel())
         gains, reference = symbols(law.gains), symbols(law.reference)
@@ -239,7 +284,7 @@ class MotionFunctions:
 
         # The law at the state that it sees.
         demand = law.v + ca.vertcat(*[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))])
-        kappa = ca.substitute(law.tau_of_demand, symbols(law.demand), demand)
+        kappa = ca.substitute(law.u_of_demand if driven else law.tau_of_demand, symbols(law.demand), demand)
         seen = [ca.vertcat(x, p, symbols(law.config)), ca.vertcat(x + bias, believed, config)]
         kappa = ca.substitute(kappa, *seen)
         errors = [by_name[law.output.rows[k].name] - law.linearization.h[k] for k in acting]
@@ -248,7 +293,7 @@ class MotionFunctions:
         # The true robot, with its outputs relative to the desired ones.
         place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
         rho = ca.vertcat(ca.substitute(place, symbols(law.config), wanted), system.nu)
-        full = ca.vertcat(system.qdot, system.acceleration(tau))
+        full = ca.vertcat(system.qdot, tau if driven else system.acceleration(tau))
         P = ca.jacobian(rho, x)
         rest = ca.SX(rho.numel() - len(rows), 1)
         y_d = ca.vertcat(*[by_name[row.name] for row in rows])
@@ -275,8 +320,29 @@ class MotionFunctions:
 
 
 @lru_cache(maxsize=16)
-def functions(law: ControlLaw, acting: tuple[int, ...]) -> MotionFunctions:
-    return MotionFunctions(law, acting)
+def functions(law: ControlLaw, acting: tuple[int, ...], driven: bool = False) -> MotionFunctions:
+    return MotionFunctions(law, acting, driven)
+
+
+@lru_cache(maxsize=16)
+def feed_function(law: ControlLaw) -> ca.Function:
+    """Return the function from the state, the true and the believed parameters and the bias of the state to four derivatives,
+    with the torque that keeps nu: of the true nudot by state and torque, and of the law's torque by state and u.
+    """
+    system, x, p = law.system, symbols(law.state), symbols(law.parameters)
+    believed, bias = ca.SX.sym("believed", p.numel()), ca.SX.sym("bias", x.numel())
+    u, tau = ca.SX.sym("u", system.freedom), ca.SX.sym("tau", len(system.mechanism.inputs))
+    fed = ca.substitute(system.first_feedback(u), ca.vertcat(x, p), ca.vertcat(x + bias, believed))
+    moved, still = system.acceleration(tau), ca.SX.zeros(system.freedom)
+    found = [ca.jacobian(moved, x), ca.jacobian(moved, tau), ca.jacobian(fed, x), ca.jacobian(fed, u)]
+    torque = ca.substitute(fed, u, still)
+    at = [ca.substitute(ca.substitute(each, tau, torque), u, still) for each in found]
+    return ca.Function("feed", [x, p, believed, bias], [ca.densify(each) for each in at])
+
+
+def _seen(setting: Setting, x: np.ndarray) -> list[np.ndarray]:
+    bias = np.zeros(len(x)) if setting.bias is None else setting.bias
+    return [x, setting.true, setting.believed, bias]
 
 
 def _sizes(law: ControlLaw) -> tuple[tuple[str, int], ...]:

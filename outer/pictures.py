@@ -4,7 +4,6 @@ errors.
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import control
 import matplotlib
@@ -13,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from ..simulation.drawing import COLOURS, FAINT, STOP, STYLE, encoded, legend_below, plotted, say
-from .channel import Channel, longest_period
+from ..simulation.drawing import COLOURS, FAINT, STOP, STYLE, legend_below, say, with_data
+from .channel import Channel
 from .design import settling_time
 from .margins import Margins, Response, frequencies
 from .report import OuterLoopReport
@@ -36,8 +35,7 @@ def pictures_of(report: OuterLoopReport) -> dict[str, bytes]:
     files: dict[str, bytes] = {}
     with matplotlib.rc_context(STYLE):
         for name, draw in drawn.items():
-            figure = draw(report)
-            files |= {f"{name}.png": encoded(figure, "png"), f"{name}.csv": plotted(figure).encode()}
+            files |= {f"{name}.{kind}": made for kind, made in with_data(draw(report), "png").items()}
     return files
 
 
@@ -99,22 +97,23 @@ def _response(times: np.ndarray, y: np.ndarray) -> str:
 
 def draw_period(report: OuterLoopReport) -> Figure:
     """Draw the eigenvalues of the whole loop from call to call over the period, and the largest of them."""
-    figure, ((plane, size),) = _grid(report, 1, 2, "the whole loop, torque held between calls", 6.0)
+    held = "commands" if report.loops.drive else "torque"
+    figure, ((plane, size),) = _grid(report, 1, 2, f"the whole loop, {held} held between calls", 6.0)
     motion, limits = report.motion, report.longest
     end = 1.25 * limits["stable"] if math.isfinite(limits["stable"]) and limits["stable"] else 10 / motion.decay()
-    periods = np.linspace(1e-3, 1, PERIODS) * end
-    values = np.array([motion.eigenvalues(period) for period in periods])
+    shortest = report.loops.drive.shortest if report.loops.drive else 0.0
+    periods = np.linspace(max(1e-3, shortest / end), 1, PERIODS) * end
+    values = [motion.eigenvalues(period) for period in periods]  # behind drives, more for shorter periods
     circle = np.exp(1j * np.linspace(0, 2 * np.pi, 400))
     plane.plot(circle.real, circle.imag, color=STOP, linewidth=1, label="limit of stability |z| = 1")
-    dots = plane.scatter(
-        values.real.ravel(), values.imag.ravel(), c=np.repeat(1e3 * periods, values.shape[1]), s=7, cmap="viridis", zorder=3
-    )
+    every, of = np.concatenate(values), np.repeat(1e3 * periods, [len(found) for found in values])
+    dots = plane.scatter(every.real, every.imag, c=of, s=7, cmap="viridis", zorder=3)
     figure.colorbar(dots, ax=plane, label="period T (ms)", shrink=0.8)
     plane.set(xlabel="Re z", ylabel="Im z", title="eigenvalues of the map over a period")
     plane.set_aspect("equal", adjustable="datalim")
     legend_below(plane)
     late = np.array([np.abs(motion.eigenvalues(period, True)[0]) for period in periods])
-    size.plot(1e3 * periods, np.abs(values[:, 0]), color=CONTINUOUS, label="whole loop")
+    size.plot(1e3 * periods, [np.abs(found[0]) for found in values], color=CONTINUOUS, label="whole loop")
     size.plot(1e3 * periods, late, color=SAMPLED, label="with a delay of one sample")
     size.axhline(1, color=STOP, linewidth=1)
     for limit, colour in ((limits["stable"], CONTINUOUS), (limits["stable_with_delay"], SAMPLED)):
@@ -124,7 +123,7 @@ def draw_period(report: OuterLoopReport) -> Figure:
                 f"{1e3 * limit:.4g} ms", (1e3 * limit, 1), (0, 10), textcoords="offset points", ha="right", color=colour
             )
     for channel in report.channels.values():
-        limit = longest_period(channel.gains)
+        limit = channel.longest_period(False)
         where = f"{1e3 * limit:.4g} ms" + (" (beyond the view)" if limit > end else "")
         size.axvline(1e3 * limit, color=FAINT, linewidth=0.8, linestyle=":") if limit <= end else None
         size.plot([], [], ":", color=FAINT, linewidth=0.8, label=f"channel {channel.name} alone: {where}")
@@ -179,6 +178,7 @@ def _grid(
         if loops.period is None
         else f"called every {1e3 * loops.period:g} ms" + ", delay of one sample" * loops.delay
     )
+    run += f", {loops.drive}" if loops.drive else ""
     gains = ", ".join(f"{name} {value:.4g}" for name, value in report.entries().items())
     figure.suptitle(f"{report.spec.robot}, {report.law.name}: {about}\n{gains}; {run}", fontsize=11, x=0.01, ha="left")
     return figure, figure.subplots(rows, columns, squeeze=False, width_ratios=tuple(widths) or None)
@@ -186,7 +186,7 @@ def _grid(
 
 def _versions(channel: Channel) -> list[tuple[Channel, str, str]]:
     """The channel in continuous time and, where it is sampled, as it is run."""
-    made = [(replace(channel, period=None, delay=False), CONTINUOUS, "continuous")]
+    made = [(channel.ideal, CONTINUOUS, "continuous")]
     if channel.period is None:
         return made
     return [*made, (channel, SAMPLED, f"every {1e3 * channel.period:g} ms" + ", delay of one sample" * channel.delay)]

@@ -13,7 +13,7 @@ from ..readers.errors import BadInput
 from ..readers.printing import plain
 from ..readers.progress import Reported, silent
 from ..simulation.specification.spec import Spec
-from .channel import Channel, Required, last_kept, longest_period, longest_period_with
+from .channel import Channel, Required, first_unstable, last_kept, longest_period_with
 from .design import Gains, by_speed, settling_time, show
 from .margins import Margins, margins
 from .motion import SteadyMotion, steady_motion
@@ -44,29 +44,29 @@ class OuterLoopReport:
             channel.check_stable()
         if self.why_not:
             return
-        motion, period, delay = self.motion, self.loops.period, self.loops.delay
+        motion, period, delay, drive = self.motion, self.loops.period, self.loops.delay, self.loops.drive
         if motion.decay() < -NEUTRAL:
             raise BadInput(
                 f"the whole loop is unstable about its motion, with s = {show(motion.eigenvalues()[0])} 1/s: "
                 "if speed and L + d have opposite signs, the heading diverges"
             )
         if period is not None and motion.decay(period, delay) < -NEUTRAL:
-            late = ", with a delay of one sample," if delay else ""
+            late = (", with a delay of one sample," if delay else "") + (f", behind {drive}," if drive else "")
             limit = motion.longest_period(delay)
-            raise BadInput(f"period {period:g} s{late} is beyond stability: the whole loop is stable below {limit:.6g} s")
+            slower = f", or with all poles {self.fastest:.4g} times as fast" if drive else ""
+            raise BadInput(f"period {period:g} s{late} is beyond stability: the whole loop is stable below {limit:.6g} s{slower}")
 
     @cached_property
     def channels(self) -> dict[str, Channel]:
         """The linear channel of each output."""
         units = {row.name: row.unit for row in self.law.output.rows}
-        return {
-            name: Channel(name, units[name], gains, self.loops.period, self.loops.delay) for name, gains in self.gains.items()
-        }
+        period, delay, drive = self.loops.period, self.loops.delay, self.loops.drive
+        return {name: Channel(name, units[name], gains, period, delay, drive) for name, gains in self.gains.items()}
 
     @cached_property
     def _motion(self) -> SteadyMotion | str:
         try:
-            return steady_motion(setting_of(replace(self.spec, gains=self.entries())))
+            return steady_motion(replace(setting_of(replace(self.spec, gains=self.entries())), drive=self.loops.drive))
         except BadInput as error:
             return str(error)
 
@@ -94,14 +94,14 @@ class OuterLoopReport:
 
     @cached_property
     def at_once(self) -> Margins:
-        """Margins of the whole loop, broken at all inputs."""
+        """Margins of the whole loop, broken at all inputs; with velocity drives at all accelerations u."""
         return margins(self.motion.broken(self.loops.period, self.loops.delay))
 
     @cached_property
     def at_each(self) -> dict[str, Margins]:
         """Margins of the whole loop, broken at one input."""
-        inputs = self.law.system.mechanism.inputs
-        return {q.name: margins(self.motion.broken_at(k, self.loops.period, self.loops.delay)) for k, q in enumerate(inputs)}
+        period, delay = self.loops.period, self.loops.delay
+        return {name: margins(self.motion.broken_at(k, period, delay)) for k, name in enumerate(self.motion.inputs)}
 
     @cached_property
     def longest(self) -> dict[str, float]:
@@ -112,8 +112,24 @@ class OuterLoopReport:
             return min(self.required.slack(margins(motion.broken_at(k, period, delay))) for k in range(motion.B.shape[1]))
 
         limit = motion.longest_period(delay)
-        kept = last_kept(slack, limit) if 0 < limit < math.inf else limit
+        shortest = self.loops.drive.shortest if self.loops.drive else 0.0
+        kept = last_kept(slack, limit, shortest) if 0 < limit < math.inf else limit
         return {"stable": motion.longest_period(), "stable_with_delay": motion.longest_period(True), "with_margins": kept}
+
+    @cached_property
+    def fastest(self) -> float:
+        """The factor by which all poles of the channels may be faster until the whole sampled loop loses stability."""
+        motion, (period, delay) = self.motion, (self.loops.period, self.loops.delay)
+
+        def excess(factor: float) -> float:
+            named = [(row, gains.faster(factor)) for row, gains in self.gains.items()]
+            entries = {name: value for row, gains in named for name, value in gains.named(row).items()}
+            gains = np.array([entries[gain.name] for gain in self.law.gains])
+            integral = tuple(each.integral for _, each in named)
+            setting = replace(motion.setting, start=motion.state, gains=gains, integral=integral)
+            return -steady_motion(setting).decay(period, delay) - NEUTRAL
+
+        return first_unstable(excess, 1.0)
 
     def entries(self) -> dict[str, float]:
         """Gains by name, as the law's struct has them and, with integral action, ki."""
@@ -140,6 +156,7 @@ class OuterLoopReport:
             "output": self.law.name,
             "period": self.loops.period,
             "delay": self.loops.delay,
+            "drive": self.loops.drive and asdict(self.loops.drive),
             "required": asdict(self.required),
             "gains": self.entries(),
             "spec": self.spec_text(),
@@ -152,16 +169,16 @@ class OuterLoopReport:
 
     def _whole_json(self) -> dict[str, Any]:
         motion, (period, delay) = self.motion, (self.loops.period, self.loops.delay)
-        inputs = [q.name for q in self.law.system.mechanism.inputs]
         return {
             "motion": dict(zip(motion.names, motion.rho, strict=True)),
-            "inputs": dict(zip(inputs, motion.torque, strict=True)),
+            "inputs": dict(zip(motion.inputs, motion.torque, strict=True)),
             "eigenvalues": motion.eigenvalues(),
             "discrete_eigenvalues": motion.eigenvalues(period, delay) if period else None,
             "decay": motion.decay(period, delay),
             "margins_at_once": _margins_json(self.at_once),
             "margins": {name: _margins_json(found) for name, found in self.at_each.items()},
             "longest_period": self.longest,
+            "fastest": self.fastest if self.loops.drive else None,
         }
 
     def _robust_json(self) -> dict[str, Any]:
@@ -188,8 +205,9 @@ class OuterLoopReport:
     def _head(self) -> str:
         period = "continuous" if self.loops.period is None else f"called every {self.loops.period:g} s"
         late = ", delay of one sample" if self.loops.delay else ""
+        behind = f", {self.loops.drive}" if self.loops.drive else ""
         lines = [
-            f"{self.spec.robot}, {self.law.name}: {self.law.output.about}; {period}{late}",
+            f"{self.spec.robot}, {self.law.name}: {self.law.output.about}; {period}{late}{behind}",
             f"  {self.spec_text()}",
             f"  {self.c_text()}",
         ]
@@ -207,10 +225,12 @@ class OuterLoopReport:
             rows.append(
                 f"{name} ({channel.unit}): {gains}; poles {_show(channel.gains.poles)} 1/s; settles to 2 % in {settles:.4g} s"
             )
-            rows.append(_margins_text("continuous", replace(channel, period=None, delay=False).margins()))
+            rows.append(_margins_text("continuous", channel.ideal.margins()))
             if channel.period:
                 rows.append(_margins_text(f"every {channel.period:g} s", channel.margins()))
                 rows.append(f"  z {_show(channel.poles)}")
+            if channel.drive:
+                rows.append(f"  {_faster_text(channel.fastest())}")
             periods = _periods(channel, self.required)
             rows.append(f"  longest period {_periods_text(periods, self.loops.delay)}")
         return "\n".join(["Channels, exact model", *[f"  {row}" for row in rows]])
@@ -224,6 +244,7 @@ class OuterLoopReport:
         lines += [f"  z {_show(motion.eigenvalues(period, delay))}"] if period else []
         lines += [f"  {_margins_text(name, found)}" for name, found in self.at_each.items()]
         lines.append(f"  {_margins_text('both at once' if len(self.at_each) == 2 else 'all at once', self.at_once)}")
+        lines += [f"    {_faster_text(self.fastest)}"] if self.loops.drive else []
         lines.append(f"    longest period {_periods_text(self.longest, delay)}")
         return "\n".join(lines)
 
@@ -250,7 +271,7 @@ class OuterLoopReport:
 
 
 def _periods(channel: Channel, required: Required) -> dict[str, float]:
-    stable, late = (longest_period(channel.gains, delay) for delay in (False, True))
+    stable, late = (channel.longest_period(delay) for delay in (False, True))
     return {"stable": stable, "stable_with_delay": late, "with_margins": longest_period_with(channel, required)}
 
 
@@ -260,8 +281,11 @@ def _periods_text(periods: Mapping[str, float], delay: bool) -> str:
     return f"{stable} stable, {late} with a delay of one sample, {with_margins} {kept}"
 
 
+def _faster_text(factor: float) -> str:
+    return f"stable behind the drives with poles up to {factor:.4g} times as fast"
+
+
 def _channel_json(channel: Channel, required: Required) -> dict[str, Any]:
-    continuous = replace(channel, period=None, delay=False)
     return {
         "relative_degree": channel.gains.degree,
         "unit": channel.unit,
@@ -269,9 +293,10 @@ def _channel_json(channel: Channel, required: Required) -> dict[str, Any]:
         "poles": channel.gains.poles,
         "discrete_poles": channel.poles if channel.period else None,
         "settling_time": settling_time(channel.gains),
-        "continuous": _margins_json(continuous.margins()),
+        "continuous": _margins_json(channel.ideal.margins()),
         "sampled": _margins_json(channel.margins()) if channel.period else None,
         "longest_period": _periods(channel, required),
+        "fastest": channel.fastest() if channel.drive else None,
     }
 
 

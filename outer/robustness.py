@@ -9,6 +9,7 @@ import numpy as np
 from ..controllers.odometry import vehicle_wheels
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
+from .drive import DriveLoop
 from .margins import margins
 from .motion import Setting, SteadyMotion, steady_motion
 
@@ -54,10 +55,11 @@ class Harm:
 
 @dataclass(frozen=True)
 class Loops:
-    """How the loops are sampled: period (s; None: continuous), delay of one sample."""
+    """How the loops are sampled: period (s; None: continuous), delay of one sample; and the drives, if they take velocities."""
 
     period: float | None = None
     delay: bool = False
+    drive: DriveLoop | None = None
 
 
 CONTINUOUS = Loops()

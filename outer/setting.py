@@ -47,8 +47,8 @@ def setting_of(spec: Spec) -> Setting:
         raise BadInput(
             f"[output] path of kind {path.kind}: its curvature changes, there is no steady motion; take {', '.join(KINDS)}"
         )
-    if spec.sensors or spec.limits:
-        spec = replace(spec, sensors=None, correction=None, limits=None)
+    if spec.sensors or spec.limits or spec.drive:
+        spec = replace(spec, sensors=None, correction=None, limits=None, drive=None)
     spec = replace(spec, simulation=replace(spec.simulation, backend="casadi"))
     given = _setting(spec)
     if spec.output.own:  # the steady motion is searched for near the start

@@ -12,17 +12,26 @@ from ..readers import printing
 from ..readers.errors import BadInput
 from ..readers.reading import Reader, Schema, angle, check_keys, flag, number, one_of, point, table_of
 
-LENGTH, TURNED = number("positive", "m"), number(unit="rad")  # an arc may have several turns
+LENGTH, FROM = number("positive", "m"), point.about("by default where the previous segment ends")
 READERS: dict[str, dict[str, Reader]] = {
-    "line": {"from": point, "to": point, "length": LENGTH},
-    "arc": {"from": point, "heading": angle, "radius": LENGTH, "angle": TURNED},
+    "line": {"from": FROM, "to": point.about("its end"), "length": LENGTH.about("instead of from and to: it goes straight on")},
+    "arc": {
+        "from": FROM,
+        "heading": angle.about("direction of travel at its start, by default that of the previous segment"),
+        "radius": LENGTH.about("radius of the arc"),
+        "angle": number(unit="rad").about("turned, positive to the left; several turns are allowed"),
+    },
 }
+BACKWARD = flag.about("whether it is driven in reverse")
 SURE = 1e-9  # rad: a line whose rounded end points determine its heading less accurately is written by its length
 
 
 def schema() -> Schema:
     """Return the JSON Schema of a list of segments."""
-    kinds = [table_of({"kind": one_of(kind), "backward": flag, **READERS[kind]}, ["kind"]) for kind in READERS]
+    kinds = [
+        table_of({"kind": one_of(kind).about("kind of segment"), "backward": BACKWARD, **READERS[kind]}, ["kind"])
+        for kind in READERS
+    ]
     return {"type": "array", "minItems": 1, "items": {"anyOf": kinds}}
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 Schema = dict[str, Any]
 DRAFT = "http://json-schema.org/draft-07/schema#"  # which editors of TOML understand
 BOUNDS: dict[str, Schema] = {"any": {}, "positive": {"exclusiveMinimum": 0}, "nonnegative": {"minimum": 0}}
+SI = "in SI units"
 MOST_ANGLE = 6.284  # rad: a turn, also a rounded one; a larger plain number is likely to be in degrees
 DEFINITIONS: dict[str, Schema] = {  # of JSON Schema, for `ref`
     "quantity": {"type": "string", "pattern": f"^{QUANTITY}$", "description": 'a number with a unit, such as "36 km/h"'}
@@ -38,6 +39,15 @@ class Reader:
     schema: Callable[[], Schema]
     unit: str | tuple[str, ...] | None = None
     kind: "type[DataclassInstance] | None" = None
+
+    def about(self, meaning: str) -> "Reader":
+        """Return the same reader; its schema says what the value means, before unit and form."""
+
+        def schema() -> Schema:
+            made = self.schema()
+            return {**made, "description": ", ".join(filter(None, (meaning, made.get("description"))))}
+
+        return dataclasses.replace(self, schema=schema)
 
     def __call__(self, value: Any, where: str) -> Any:
         """Return the value that was read."""
@@ -69,9 +79,9 @@ def number(sign: str = "any", unit: str | None = None) -> Reader:
     decides by `check_unit` whether it is the right one.
     """
     holds, wanted = SIGNS[sign]
-    described = {} if unit is None else {"description": "a number without unit" if unit in PLAIN else f"in {unit}"}
+    described = SI if unit is None else "a number without unit" if unit in PLAIN else f"in {unit}"
 
-    @reads({"anyOf": [{"type": "number", **BOUNDS[sign]}, ref("quantity")], **described}, unit)
+    @reads({"anyOf": [{"type": "number", **BOUNDS[sign]}, ref("quantity")], "description": described}, unit)
     def read(value: Any, where: str) -> float:
         if isinstance(value, str):
             value = measured(value, where, unit)
@@ -119,15 +129,16 @@ def row(form: str, *readers: Reader) -> Reader:
             raise BadInput(f"{where} has {len(value)} numbers; it must be {form}")
         return tuple(read(item, f"{where}[{k}]") for k, (read, item) in enumerate(zip(readers, value, strict=True)))
 
-    schema = {"type": "array", "items": items, "minItems": len(items), "maxItems": len(items), "description": form}
-    return Reader(read_all, lambda: schema, tuple(reader.unit for reader in readers if isinstance(reader.unit, str)))
+    schema = {"type": "array", "items": items, "minItems": len(items), "maxItems": len(items)}
+    units = tuple(reader.unit for reader in readers if isinstance(reader.unit, str))
+    return Reader(read_all, lambda: {**schema, "description": f"{form} in {', '.join(dict.fromkeys(units))}"}, units)
 
 
 point = row("[x, y]", number(unit="m"), number(unit="m"))
 pose = row("[x, y, heading]", number(unit="m"), number(unit="m"), angle)
 
 
-@reads({"type": "array", "items": number().schema()})
+@reads({"type": "array", "items": number().schema(), "description": SI})
 def numbers(value: Any, where: str) -> tuple[float, ...]:
     """Read a list of finite numbers. Those with a unit are Measured: the robot or law checks it."""
     if not isinstance(value, list):
@@ -177,13 +188,13 @@ def flag(value: Any, where: str) -> bool:
     return value
 
 
-@reads({"anyOf": [*number().schema()["anyOf"], numbers.schema()]})
+@reads({"anyOf": [*number().schema()["anyOf"], numbers.schema()], "description": SI})
 def one_or_more(value: Any, where: str) -> tuple[float, ...]:
     """Read a number or a list of numbers."""
     return numbers(value, where) if isinstance(value, list) else (number()(value, where),)
 
 
-@reads({"type": "object", "additionalProperties": number().schema()})
+@reads({"type": "object", "additionalProperties": number().schema(), "description": SI})
 def named_numbers(value: Any, where: str) -> dict[str, float]:
     """Read a table of finite numbers. The robot or law checks the names and, of Measured numbers, the units."""
     return {key: number()(item, f"{where} {key}") for key, item in table(value, where).items()}
@@ -230,11 +241,12 @@ def units(kind: "type[DataclassInstance]", prefix: str = "") -> Iterator[tuple[s
             yield f"{prefix}{e.name}", reader.unit
 
 
-def entry(read: Reader, default: Any = dataclasses.MISSING) -> Any:
-    """Declare an entry of a section: its reader and its default; without a default the entry is required."""
+def entry(read: Reader, default: Any = dataclasses.MISSING, about: str = "") -> Any:
+    """Declare an entry of a section: its reader, its default and its meaning; without a default the entry is required."""
+    metadata = {"read": read.about(about) if about else read}
     if isinstance(default, dict):
-        return dataclasses.field(default_factory=lambda: dict(default), metadata={"read": read})
-    return dataclasses.field(default=default, metadata={"read": read})
+        return dataclasses.field(default_factory=lambda: dict(default), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
 
 
 def _required(e: dataclasses.Field) -> bool:

@@ -20,14 +20,17 @@
 typedef enum noslip_on_limit {
     NOSLIP_CUT = 0,  /* limits each input separately */
     NOSLIP_SLOW = 1, /* reduces the desired acceleration, so that the other outputs, such as the path, are not affected */
+    NOSLIP_GRIP = 2, /* keeps the wheels rolling and the inputs within their limits: see noslip_grip.h */
     NOSLIP_ON_LIMIT_AS_INT = -0x7fffffff
 } noslip_on_limit;
 
-/* Code that runs only on errors is kept apart from the code of every step: NOSLIP_COLD, in a header NOSLIP_APART. Code of every
- * step is NOSLIP_HOT. In files of the user the compiler decides whether to inline it, and does not inline it into functions that
- * fuse products; in files of this package, which define NOSLIP_OWN, it is always inlined. */
+/* Code that runs only on errors is kept apart from the code of every step: NOSLIP_COLD, in a header NOSLIP_APART; code that runs with
+ * some options only is NOSLIP_BESIDE. Code of every step is NOSLIP_HOT. In files of the user the compiler decides whether to inline
+ * it, and does not inline it into functions that fuse products; in files of this package, which define NOSLIP_OWN, it is always
+ * inlined. */
 #if defined(__GNUC__)
 #define NOSLIP_COLD __attribute__((noinline, cold))
+#define NOSLIP_BESIDE __attribute__((noinline))
 #define NOSLIP_APART static inline __attribute__((cold))
 #if defined(NOSLIP_OWN)
 #define NOSLIP_HOT static inline __attribute__((always_inline))
@@ -36,6 +39,7 @@ typedef enum noslip_on_limit {
 #endif
 #else
 #define NOSLIP_COLD
+#define NOSLIP_BESIDE
 #define NOSLIP_APART static inline
 #define NOSLIP_HOT static inline
 #endif
@@ -198,7 +202,7 @@ static inline int noslip_apply_limits(int status, int on_error, const double *li
             input = computed[i];
             if (!noslip_within(input, limits[i])) {
                 input = input > 0 ? limits[i] : -limits[i];
-                status = NOSLIP_SATURATED;
+                status = status == NOSLIP_OK ? NOSLIP_SATURATED : status;
             }
             held[i] = input;
         }
@@ -365,7 +369,7 @@ static inline int noslip_apply_limits_f(int status, int on_error, const float *l
             input = computed[i];
             if (!noslip_within_f(input, limits[i])) {
                 input = input > 0 ? limits[i] : -limits[i];
-                status = NOSLIP_SATURATED;
+                status = status == NOSLIP_OK ? NOSLIP_SATURATED : status;
             }
             held[i] = input;
         }

@@ -1,16 +1,17 @@
 """Simulates the closed loop of a controller and a plant, continuous or sampled."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from ..controllers.controller import ON_TARGET
-from .contact import grip
+from .contact import contact_forces, grip
+from .engine.measured import Measured
 from .guidance import outputs
 from .integrate import continuous, sampled
-from .loop import make_loop
+from .loop import Loop, make_loop
 from .run import Run
 from .specification.spec import Simulation, Spec
 
@@ -46,6 +47,7 @@ def simulate(
     t, x, tau = (np.array([getattr(row, name) for row in rows]) for name in ("t", "x", "tau"))
     config, reference = (np.array([getattr(row, name) for row in rows]) for name in ("config", "reference"))
     wanted = [[r.name for r in law.reference].index(row.name) for row in law.output.rows]
+    measured = floor.measured() if floor else None
     return Run(
         spec=spec,
         law=law,
@@ -63,9 +65,18 @@ def simulate(
         config=config,
         integral=np.array([row.integral for row in rows]),
         integral_rows=loop.integral.rows,
+        command=np.array([row.command for row in rows]),
+        use=_use(loop, x, tau, spec, measured),
         warnings=loop.warnings,
-        floor=floor.measured() if floor else None,
+        floor=measured,
     )
+
+
+def _use(loop: Loop, x: np.ndarray, tau: np.ndarray, spec: Spec, measured: Measured | None) -> dict[str, np.ndarray]:
+    """Return the friction use of each contact by name: measured on a floor, else what rolling needs if the SPEC has [contact]."""
+    if measured:
+        return {c.name: use for c, use in zip(loop.law.system.mechanism.contacts, measured.use.T, strict=True)}
+    return {c.name: c.use for c in contact_forces(loop.plant, x, tau, spec.contact)} if spec.contact else {}
 
 
 def _as_run(simulation: Simulation, backend: str | None) -> Simulation:
@@ -86,6 +97,7 @@ def as_json(run: Run) -> dict[str, Any]:
         "backend": simulation.backend,
         "period": simulation.period,
         "delay": simulation.delay,
+        "drive": run.spec.drive and asdict(run.spec.drive),
         "tolerance": simulation.tolerance,
         "status": str(run.status[-1]),
         "duration": run.t[-1],
@@ -105,6 +117,8 @@ def summary(run: Run) -> str:
     simulation, values = run.spec.simulation, as_json(run)
     held = f"called every {simulation.period:g} s" if simulation.period else "continuous"
     held += f", delay {simulation.delay:g} s" if simulation.delay else ""
+    if (drive := run.spec.drive) and drive.takes_velocity:
+        held += f", {drive.kind} drives of {drive.bandwidth:g} Hz, delay {drive.delay:g} s"
     how = f"backend {simulation.backend}, {held}, tolerance {simulation.tolerance:g}"
     lines = [f"{run.spec.robot}, {run.law.name}, {how}: {run.t[-1]:.9g} s, {len(run.t)} rows"]
     for name, error in values["errors"].items():

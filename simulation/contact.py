@@ -2,8 +2,8 @@
 
 The constraint forces lambda (8) are those that the ground must supply for the robot to roll without slip. If several
 contacts share one of them, the equations do not determine its distribution (two wheels of an axle, sideways); here it is
-proportional to their loads, as for wheels that are about to slip together. Loads are those of a level ground at rest, moved to
-the outer wheel of each axle by the height of the centre of mass, without dynamics; there is no load transfer forward or back.
+proportional to their loads at rest. Loads are those of a level ground at rest, moved to the outer wheel of each axle by the
+height of the centre of mass, without dynamics; there is no load transfer forward or back.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..model.contacts import axles
+from ..model.contacts import GRAVITY, axles
 from ..model.mechanism import Mechanism
 from ..readers.errors import BadInput
 from .plant import Plant
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     Coloured = Sequence[tuple["ContactForce", str]]
 
-GRAVITY = 9.81  # m/s^2
 LEAST = 1e-6  # of the largest load: the part of a shared force that a wheel without load takes
 NEGLIGIBLE = 1e-9  # relative; a singular value below it is due to rounding
 LARGE = 1e3  # friction coefficients above this are printed without decimals
@@ -117,7 +116,7 @@ class Grip:
         o = self.options
         return (
             f"assumed: mu {o.mu:g}, {o.share:.0%} of the weight on these contacts, centre of mass {o.height:g} m high, "
-            f"g {GRAVITY:g} m/s^2, castors ignored, wheels of an axle share its side force by load"
+            f"g {GRAVITY:g} m/s^2, castors ignored, wheels of an axle share its side force by load at rest"
         )
 
     def _worst(self, contact: ContactForce) -> str:
@@ -139,7 +138,7 @@ def grip(run: Run) -> Grip:
     Raises BadInput as `contact_forces` does.
     """
     going = slice(None, -1) if run.stopped else slice(None)
-    options = run.spec.contact
+    options = run.spec.contact or ContactSection()
     return Grip(run.t[going], contact_forces(run.plant, run.x[going], run.tau[going], options), options)
 
 
@@ -155,12 +154,9 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
     combination, mass, left = plant.contacts(x)
     lam = plant.constraint_forces(x, tau)
     load = options.share * GRAVITY * mass
-    if options.height:
-        # The side force of an axle does not depend on its distribution to the wheels, so it can be computed with the loads at
-        # rest.
-        sideways = _shared(combination, lam, load)[:, 1::2]
-        load = load + _transfer(mechanism, sideways, load, left, options.height)
     force = _shared(combination, lam, load)
+    if options.height:
+        load = load + _transfer(mechanism, force[:, 1::2], load, left, options.height)
     return tuple(
         ContactForce(contact.name, force[:, 2 * k], force[:, 2 * k + 1], load[:, k], options.mu)
         for k, contact in enumerate(mechanism.contacts)

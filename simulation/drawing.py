@@ -129,7 +129,12 @@ def pictures(draw: Callable[[], Figure], title: str, assumed: str) -> dict[str, 
             text = textwrap.fill(f"Assumed, illegible in the scan: {assumed}", WIDEST)
             figure.supxlabel(text, fontsize=8, color=FAINT, x=0.01, ha="left")
         _freeze(figure)
-        return {kind: encoded(figure, kind) for kind in METADATA} | {"csv": plotted(figure).encode()}
+        return with_data(figure, *METADATA)
+
+
+def with_data(figure: Figure, *kinds: str) -> dict[str, bytes]:
+    """Return a figure as the bytes of files of these kinds (`encoded`), and its data as those of a csv file (`plotted`)."""
+    return {kind: encoded(figure, kind) for kind in kinds} | {"csv": plotted(figure).encode()}
 
 
 def plotted(figure: Figure) -> str:

@@ -21,6 +21,7 @@ from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 
 if TYPE_CHECKING:
+    from ..controllers.approach import Approach
     from ..controllers.tracking import Guide, Tracker, TrackerOptions
 
 
@@ -119,6 +120,31 @@ class OnePath:
         """Do nothing: there is no other path."""
 
 
+class Approaching:
+    """A single path that is approached with bounded acceleration, from where the robot is at the start."""
+
+    piece, arrived = 0, False
+
+    def __init__(self, leg: Leg, approach: Approach, speed: float, place: ca.Function, parameters: np.ndarray, start: np.ndarray):
+        """`speed` (m/s) is the final one; `place` is `approached_from` of the law, `start` the state that the controller sees."""
+        self.leg, self._approach, self._speed = leg, approach, speed
+        distance, own_speed, rate = place(start, parameters, leg.config).full().ravel()
+        approach.start(distance, rate, own_speed)
+        self._t, self._wanted = 0.0, approach.step(0.0, speed)
+
+    def reference(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Return the reference since the last call of the controller."""
+        return self._wanted
+
+    def left(self, t: float, x: np.ndarray) -> float:
+        """Return infinity: the path does not end."""
+        return np.inf
+
+    def update(self, t: float, x: np.ndarray) -> None:
+        """Advance the generator to t."""
+        self._wanted, self._t = self._approach.step(t - self._t, self._speed), t
+
+
 LOST = {  # status of a tracker -> why the position on the path is undefined
     "singular": "P_l is at the centre of the path's first arc; move it",
     "range": "the heading is too large for sine and cosine; subtract whole turns",
@@ -196,6 +222,13 @@ def vehicle_motion(system: ReducedSystem) -> ca.Function:
     vehicle = system.mechanism.required_vehicle
     motion = ca.vertcat(vehicle.x, vehicle.y, vehicle.heading, forward_speed(system), system.along_motion(vehicle.heading))
     return portable(ca.Function("motion", [symbols(system.state), system.mechanism.p], [ca.densify(motion)]))
+
+
+@lru_cache(maxsize=16)
+def approached_from(law: ControlLaw) -> ca.Function:
+    """Return the function from state, parameters and config to distance, speed, and rate of the distance."""
+    found = law.linearization
+    return portable(law.at_state(ca.vertcat(found.h, found.rate)))
 
 
 @lru_cache(maxsize=16)

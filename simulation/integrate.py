@@ -1,13 +1,16 @@
 """The closed loop marched through time, the controller continuous or called at a period."""
 
 import itertools
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..controllers.controller import RUNNING
 from ..readers.errors import BadInput
-from .loop import RUNNING, Loop
+from .drive import whole_periods
+from .loop import Loop
 from .runge_kutta import SHRINK, Integrator, Step, resize
 from .specification.spec import MOST_ROWS, Simulation
 
@@ -21,7 +24,7 @@ BEYOND = 1e-9  # m: a piece of a path is left so little beyond its end, where ro
 class Row:
     """One instant: true state, state the controller saw, inputs, status, what was followed and how (config, reference).
 
-    `integral`: of the error, for each output with integral action.
+    `integral`: of the error, for each output with integral action; `command`: the velocities that drives were given, if any.
     """
 
     t: float
@@ -33,6 +36,7 @@ class Row:
     config: np.ndarray
     reference: np.ndarray
     integral: np.ndarray
+    command: np.ndarray
 
 
 def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
@@ -62,7 +66,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
                 end = _end_of_piece(loop, step)
             except Refused as refused:
                 if solver.h <= SHORTEST:
-                    yield _row(loop, solver.t, solver.x[:n], _none(loop), refused.status, solver.x[n:])
+                    yield _row(loop, solver.t, solver.x[:n], None, refused.status, solver.x[n:])
                     return
                 solver.h *= SHRINK
                 continue
@@ -80,47 +84,52 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
             return
 
 
-Hold = Callable[[float, np.ndarray, np.ndarray, float], np.ndarray]  # from t, state, inputs and duration to the state after it
+Hold = Callable[[float, np.ndarray, np.ndarray, float], np.ndarray]  # from t, state, what is held and duration to the state then
 
 
 def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Iterator[Row]:
-    """The controller is called every `period`, its torque held until the next one acts, as a firmware loop does.
+    """The controller is called every `period`, what the drives are given held until the next acts, as a firmware loop does.
 
-    `hold` moves the robot while the inputs are held; without one it is the plant, which rolls.
+    `hold` moves the robot in between; without one it is the plant, which rolls.
     """
     period = simulation.period
-    hold = hold or (lambda t, x, tau, duration: _hold(loop, t, x, tau, duration, simulation.tolerance))
+    hold = hold or (lambda t, x, given, duration: _hold(loop, t, x, given, duration, simulation.tolerance))
+    whole, rest = whole_periods(simulation.delay + loop.drive.delay, period)
     slack = 1e-9 * min(period, simulation.output_step)  # a row this near to a call belongs to the call
     rows = iter(_row_times(simulation))
     row = next(rows)
-    x, t, held, status = loop.start, 0.0, _none(loop), "ok"
+    x, t, status = loop.start, 0.0, "ok"
+    held, waiting = loop.drive.begin(x), deque[tuple[float, np.ndarray]]()
     integrators = loop.integral.integrators(simulation.backend)
     for k in itertools.count():
         loop.sense(t, x)
         loop.guidance.update(t, loop.seen(x))
         add = np.array([one.step(e, period, status) for one, e in zip(integrators, loop.error(t, x), strict=True)])
         z = np.array([one.z for one in integrators])
-        status, tau = loop.command(t, x, add)
+        status, given = loop.drive.take(loop.seen(x), *loop.command(t, x, add))
         if status not in RUNNING:
-            yield _row(loop, t, x, _none(loop), status, z)
+            yield _row(loop, t, x, None, status, z)
             return
         end = (k + 1) * period
-        for acting, last in ((held, min(t + simulation.delay, end)), (tau, end)):
+        waiting.append((min((k + whole) * period + rest, end + whole * period), given))
+        while t < end:
+            while waiting and waiting[0][0] <= t:
+                held = waiting.popleft()[1]
+            last = min(waiting[0][0], end) if waiting else end
             while t < last:
                 due = row < last - slack
                 until = row if due else last
                 try:
-                    x = hold(t, x, acting, until - t)
+                    x = hold(t, x, held, until - t)
                 except Refused as refused:
-                    yield _row(loop, refused.t, refused.x, _none(loop), refused.status, z)
+                    yield _row(loop, refused.t, refused.x, None, refused.status, z)
                     return
                 t = max(t, until)
                 if due:
-                    yield _row(loop, row, x, acting, status, z)
+                    yield _row(loop, row, x, held, status, z)
                     row = next(rows, np.inf)
                     if row == np.inf:
                         return
-        held = tau
 
 
 class Refused(Exception):
@@ -152,42 +161,43 @@ def _end_of_piece(loop: Loop, step: Step) -> tuple[float, np.ndarray] | None:
     return None if left > 0 else (end, state)
 
 
-def _hold(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, duration: float, tolerance: float) -> np.ndarray:
-    """State after `duration` seconds of constant tau. Raises Refused where it meets the singular set or overflows."""
+def _hold(loop: Loop, t: float, x: np.ndarray, given: np.ndarray, duration: float, tolerance: float) -> np.ndarray:
+    """State after `duration` seconds, with what the drives are given held. Raises Refused where it meets the singular set or
+    overflows.
+    """
     left = h = duration
     for _ in range(MOST_STEPS):
         if left <= 0:
             return x
         h = min(h, left)
-        after, error = loop.plant.step(x, tau, h, tolerance)
+        after, error = loop.drive.step(x, given, h, tolerance)
         if not error <= 1:  # also when it is NaN
             if h <= SHORTEST and not np.isfinite(error):
                 raise Refused("nonfinite", t + duration - left, x)
             h *= resize(error)
             continue
         if loop.beyond(after):
-            raise _crossing(loop, t + duration - left, x, tau, h, tolerance)
+            raise _crossing(loop, t + duration - left, x, given, h, tolerance)
         x, left = after, left - h
     raise _too_stiff(t + duration - left, h)
 
 
-def _crossing(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, h: float, tolerance: float) -> Refused:
+def _crossing(loop: Loop, t: float, x: np.ndarray, given: np.ndarray, h: float, tolerance: float) -> Refused:
     """Where a step of h seconds from x at t goes through the singular set."""
 
     def after(s: float) -> np.ndarray:
-        return loop.plant.step(x, tau, s, tolerance)[0]
+        return loop.drive.step(x, given, s, tolerance)[0]
 
     s = _root(lambda s: loop.guidance.leg.side(after(s)), h, SHORTEST)
     return Refused("singular", t + s, after(s))
 
 
-def _row(loop: Loop, t: float, x: np.ndarray, tau: np.ndarray, status: str, z: np.ndarray) -> Row:
-    seen, guidance = loop.seen(x), loop.guidance
-    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg.config, guidance.reference(t, seen), z)
-
-
-def _none(loop: Loop) -> np.ndarray:
-    return np.zeros(len(loop.law.system.mechanism.inputs))
+def _row(loop: Loop, t: float, x: np.ndarray, given: np.ndarray | None, status: str, z: np.ndarray) -> Row:
+    """A row with what the drives are given; None: nothing."""
+    seen, guidance, drive = loop.seen(x), loop.guidance, loop.drive
+    tau = np.zeros(len(loop.law.system.mechanism.inputs)) if given is None else drive.torque(x, given)
+    command = np.zeros(drive.commands) if given is None else drive.command(given)
+    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg.config, guidance.reference(t, seen), z, command)
 
 
 def _row_times(simulation: Simulation) -> list[float]:

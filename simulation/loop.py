@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..controllers.approach import make_approach
 from ..controllers.backends import make_controller
-from ..controllers.controller import Limits
+from ..controllers.controller import RUNNING, Friction, Limits
 from ..controllers.integral import IntegralAction
 from ..controllers.odometry import vehicle_wheels
 from ..controllers.tracking import Tracker, TrackerOptions, make_tracker
@@ -18,14 +19,13 @@ from ..readers.errors import BadInput
 from ..readers.reading import check_keys
 from ..readers.robots import find_robot, law_of
 from ..verification.cases import gain_entries, integral_entries
-from .guidance import Guidance, Leg, OnePath, Route, ShortWay, Side
+from .drive import Drive, make_drive
+from .guidance import Approaching, Guidance, Leg, OnePath, Route, ShortWay, Side, approached_from
 from .plant import Plant
 from .sensing import Sensing
 from .specification.spec import Initial, PathSection, Spec
 from .specification.units import check_units
 from .starts import starts
-
-RUNNING = ("ok", "saturated")  # statuses with which a run continues
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,7 @@ class Loop:
     start: np.ndarray
     integral: IntegralAction
     sensing: Sensing | None
+    drive: Drive
     warnings: tuple[str, ...] = ()
 
     @property
@@ -118,12 +119,18 @@ def make_loop(spec: Spec) -> Loop:
         assert spec.initial is not None, "only a composite path defines its own start"
         start = _start(spec.initial, plant, spec.output.L, spec.output.W)
         leg = make_leg(_config(law, spec), start)
-        guidance = OnePath(leg, *_reference(law, spec), ShortWay(law, believed, leg.config))
+        if approach := spec.reference.approach:
+            generator = make_approach(spec.simulation.backend, approach.acceleration, spec.simulation.period)
+            speed = spec.reference.speed or 0.0
+            guidance = Approaching(leg, generator, speed, approached_from(law), believed, start)
+        else:
+            guidance = OnePath(leg, *_reference(law, spec), ShortWay(law, believed, leg.config))
     sensing = None
     if spec.sensors:
         seen = (plant.parameters, believed, start, spec.simulation.backend)
         sensing = Sensing(spec.sensors, spec.correction, law, *seen)
-    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, warnings)
+    drive = make_drive(spec.drive, spec.simulation, plant, believed)
+    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, drive, warnings)
     _check_start(loop)
     return loop
 
@@ -141,8 +148,12 @@ def _limits(spec: Spec, inputs: int) -> Limits | None:
     """Return the limits; a single limit applies to all inputs."""
     if spec.limits is None:
         return None
-    torque = spec.limits.torque
-    return Limits(torque * inputs if len(torque) == 1 else torque, spec.limits.mode)
+    torque, friction = (0.0,) if spec.limits.torque is None else spec.limits.torque, None
+    if spec.limits.mode == "grip":
+        floor = spec.contact
+        assert floor is not None, "checked by the SPEC"
+        friction = Friction(floor.mu, spec.limits.margin, floor.share, floor.height)
+    return Limits(torque * inputs if len(torque) == 1 else torque, spec.limits.mode, friction)
 
 
 def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction:

@@ -14,8 +14,8 @@ from ..model.segments import Segment
 from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries
 from .drawing import at_times, draw_implicit, evenly_spread, implicit_path, is_outline, outlines
+from .engine.measured import SLIPS, Measured
 from .guidance import vehicle_motion
-from .measured import SLIPS, Measured
 from .run import Run
 
 FOLLOWED, POINT, VEHICLE, AXLE, STOP = "#999999", "#0b61a4", "#c2570c", "#2e8b57", "#c00000"

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
 from ..readers.files import read_input
+from ..readers.progress import Reported, silent
 
 if TYPE_CHECKING:
     from ..controllers.pil import Call
@@ -55,10 +56,10 @@ def record_text(robot: str, law: "ControlLaw", calls: "Sequence[Call]") -> str:
     return "\n".join([*head, *body, f"end {len(calls)}"]) + "\n"
 
 
-def read_record(file: str, trusted: bool = False) -> Record:
+def read_record(file: str, trusted: bool = False, progress: Reported = silent) -> Record:
     """Read a record. Raises BadInput, naming file and line, if it is invalid or incomplete.
 
-    `trusted`: a robot file that it names may be executed.
+    `trusted`: a robot file that it names may be executed; `progress` receives the number of calls read.
     """
     from ..codegen.files import fingerprint
     from ..readers.robots import check_trust, find_robot, law_of
@@ -80,17 +81,23 @@ def read_record(file: str, trusted: bool = False) -> Record:
     if lines[-1] != f"end {calls}":
         raise BadInput(f"{file}: incomplete: its last line is not 'end {max(calls, 0)}', the number of its calls")
     places = range(5, 5 + calls)
-    return Record(law, [_call(line, f"{file}:{k}") for line, k in zip(lines[4:-1], places, strict=True)], places)
+    read = []
+    for line, k in zip(lines[4:-1], places, strict=True):
+        read.append(_call(line, f"{file}:{k}"))
+        progress(len(read), calls, "calls read")
+    return Record(law, read, places)
 
 
-def first_difference(record: Record, session, backend: str) -> str | None:
+def first_difference(record: Record, session, backend: str, progress: Reported = silent) -> str | None:
     """Return the first difference between the results of a session and those of a record; None if there is none.
 
-    Raises BadInput if a call of the record is invalid, and if a result is too long or too short.
+    `progress` receives the number of calls repeated. Raises BadInput if a call of the record is invalid, and if a result is too
+    long or too short.
     """
     from ..controllers.pil import TargetFault
 
-    for call, line in zip(record.calls, record.lines, strict=True):
+    for done, (call, line) in enumerate(zip(record.calls, record.lines, strict=True)):
+        progress(done, len(record.calls), "calls repeated")
         try:
             status, answer = session.call(call.operation, call.number, call.given)
         except TargetFault as fault:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..controllers.controller import RUNNING
 from ..model.law import ControlLaw
 from ..model.mechanism import Mechanism
-from .loop import RUNNING
-from .measured import Measured
+from .engine.measured import Measured
 from .plant import Plant
 from .specification.spec import Spec
 
@@ -40,8 +41,10 @@ class Run(Outputs):
     SI units, columns named by `law`; `spec` is the SPEC with backend and tolerance used. y are the true outputs, with the
     plant's parameters; y_d are the desired ones. `forces` (N, m) are the constraint forces lambda (8) in the paper's sign, N;
     `seen` (N, 2n-m) is the state that the controller sees, `piece` (N) the current segment of a composite path, `integral`
-    (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action, `integral_rows`.
-    `floor` is what was measured in a physics engine, where the robot need not roll; None otherwise.
+    (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action, `integral_rows`. `command`
+    (N, n-m) are the velocities that velocity-controlled drives were given, (N, 0) with other drives. `use` is the
+    friction use (N) of each contact by name, if the SPEC has [contact]. `floor` is what was measured in a physics engine, where
+    the robot need not roll; None otherwise.
     If a run stopped, its last row has the time, the state and the status that stopped it, and no torque.
     """
 
@@ -61,6 +64,8 @@ class Run(Outputs):
     config: np.ndarray
     integral: np.ndarray
     integral_rows: tuple[str, ...]
+    command: np.ndarray
+    use: Mapping[str, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     floor: Measured | None = None
 
@@ -70,9 +75,10 @@ class Run(Outputs):
         mechanism = self.law.system.mechanism
         names = ["t", *[q.name for q in (*self.law.state, *mechanism.inputs)]]
         names += [*[f"y{k + 1}" for k in range(self.y.shape[1])], "status"]
-        names += lambda_columns(mechanism)
+        names += [*lambda_columns(mechanism), *(f"use_{name.replace(' ', '_')}" for name in self.use)]
         names += [f"seen_{q.name}" for q in self.law.state] if self.spec.sensors else []
         names += [f"integral_{row}" for row in self.integral_rows]
+        names += [f"command_{v.name}" for v in self.law.system.quasi_velocities[: self.command.shape[1]]]
         names += self.floor.columns(mechanism) if self.floor else []
         return [*names, "piece"] if self.composite else names
 
@@ -90,7 +96,7 @@ class Run(Outputs):
         """Return the run as CSV, with 17 significant digits."""
         numbers = np.column_stack([self.t, self.x, self.tau, self.y]).tolist()
         seen, floor = [self.seen] if self.spec.sensors else [], [self.floor.values] if self.floor else []
-        more = np.column_stack([self.forces, *seen, self.integral, *floor]).tolist()
+        more = np.column_stack([self.forces, *self.use.values(), *seen, self.integral, self.command, *floor]).tolist()
         pieces = [[str(piece)] if self.composite else [] for piece in self.piece]
         lines = [
             ",".join([*(f"{v:.17g}" for v in row), status, *(f"{v:.17g}" for v in rest), *piece])

@@ -59,6 +59,12 @@ class Batch:
             raise BadInput("[simulation] period = 0: a sweep runs sampled controllers; give the time between two calls in s")
         if spec.simulation.backend not in SCALAR:
             raise BadInput(f"[simulation] backend = {spec.simulation.backend!r}: a sweep runs the C, {' or '.join(SCALAR)}")
+        if spec.reference.approach:
+            raise BadInput("[reference] approach: a sweep does not have it yet; use noslip simulate, or leave it out")
+        if spec.drive and spec.drive.takes_velocity:
+            raise BadInput(f'[drive] kind = "{spec.drive.kind}": a sweep does not have it yet; use noslip simulate, or "torque"')
+        if spec.limits and spec.limits.mode == "grip":
+            raise BadInput('[limits] mode = "grip": a sweep does not have it yet; use noslip simulate, or mode "slow"')
         self.loop = make_loop(spec)
         self.law = law = self.loop.law
         self._route = self.loop.guidance if isinstance(self.loop.guidance, Route) else None

@@ -88,7 +88,7 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
     else:
         nominal |= _numbers(initial, "initial")
     if full.limits:
-        nominal |= _numbers(full.limits, "limits")
+        nominal |= {name: value for name, value in _numbers(full.limits, "limits").items() if name != "limits.margin"}
     if full.sensors:
         nominal |= _numbers(full.sensors.noise, "sensors.noise")
         nominal |= {f"sensors.{name}": getattr(full.sensors, name) for name in ("period", "counts")}
@@ -130,7 +130,7 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
     if spec.limits:
         count, integrals = len(mechanism.inputs), len(ki)
         changed["limits"] = replace(
-            spec.limits, torque=_spread(spec.limits.torque, count), integral=_spread(spec.limits.integral, integrals)
+            spec.limits, torque=_spread(spec.limits.torque or (0.0,), count), integral=_spread(spec.limits.integral, integrals)
         )
     if spec.sensors:
         noise = NoiseSection(**{name: _spread(getattr(spec.sensors.noise, name), law.system.freedom) for name in ("mean", "sd")})

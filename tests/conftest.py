@@ -90,7 +90,7 @@ def built(tmp_path_factory):
 
     @cache
     def built(cc: str, level: str) -> list[str]:
-        more = ["-Wstack-usage=256"] if (cc, level) == ("gcc", "-O2") else []
+        more = ["-Wstack-usage=480"] if (cc, level) == ("gcc", "-O2") else []
         return objects(cc, [level, "-ffreestanding", "-fPIC", *STRICT, *more], tmp_path_factory.mktemp("built"))
 
     return built

@@ -317,7 +317,7 @@ def test_derivatives_use_the_known_rate():
 
 def law_function(text: str, name: str) -> str:
     """The body of a static function of the C."""
-    return re.search(rf"^static int \w+_{name}(?:_f)?_law\(.*?\n\{{\n(.*?)^\}}", text, re.S | re.M)[1]
+    return re.search(rf"^(?:static|NOSLIP_HOT) int \w+_{name}(?:_f)?_law\(.*?\n\{{\n(.*?)^\}}", text, re.S | re.M)[1]
 
 
 @each_labmate_law

@@ -17,6 +17,7 @@ from noslip.simulation.contact import contact_forces
 from noslip.simulation.drawing import pictures
 from noslip.simulation.loop import make_loop
 from noslip.simulation.plant import Plant
+from noslip.simulation.specification.spec import ContactSection
 from noslip.tests.figures_made import figure_of
 
 MODULES = (composite, sensing, limits, reversing, rolling, planned)
@@ -181,7 +182,7 @@ def test_friction_needed_on_a_circle_is_that_of_the_constraint_forces():
         tau = -plant.rate(x, np.zeros(2))[5:]  # what keeps nu constant, by the inertia below
         inertia = np.column_stack([plant.rate(x, e)[5:] + tau for e in np.eye(2)])
         tau = np.linalg.solve(inertia, tau)
-        found = contact_forces(plant, x[None], tau[None], spec.contact)
+        found = contact_forces(plant, x[None], tau[None], spec.contact or ContactSection())
         assert max(c.needs[0] for c in found) == pytest.approx(rolling.needed_on_circle(v), rel=1e-12)
     assert rolling.needed_on_circle(rolling.FASTEST) == pytest.approx(rolling.MU, rel=1e-12)
 

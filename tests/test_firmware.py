@@ -706,10 +706,10 @@ def test_a_cpp_program_can_include_it(tmp_path, cxx):
 
 
 def test_what_a_tick_costs(built):
-    """bench/firmware.py counts every tick; the worst stack of a tick stays within 256 bytes."""
+    """bench/firmware.py counts every tick; the worst stack of a tick stays within 512 bytes."""
     need("make", "gcc", "arm-none-eabi-gcc", "qemu-system-arm")
     command = [sys.executable, str(ROOT / "bench" / "firmware.py"), "--json", "--build", str(built)]
     result = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     tick = result["instructions"]["vehicle_step"]
     assert 2000 < tick["calls"] < 2500 and 300 < tick["least"] <= tick["mean"] <= tick["most"]
-    assert 0 < result["stack_bytes"]["vehicle_step"] <= 256
+    assert 0 < result["stack_bytes"]["vehicle_step"] <= 512

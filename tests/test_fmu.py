@@ -5,7 +5,7 @@ import re
 import shutil
 import subprocess
 import zipfile
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import pytest
 from noslip.cli.main import main
 from noslip.codegen.fmu.fmu import KINDS
 from noslip.controllers.compiled import CompiledController
-from noslip.controllers.controller import Limits
+from noslip.controllers.controller import ON_LIMIT, Friction, Limits
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.loop import make_loop
@@ -162,14 +162,16 @@ def test_controller_is_the_compiled_law(opened, robot, law):
     controller = opened("controller", robot, law)
     names = [f"tau.{q.name}" for q in model.system.mechanism.inputs]
     statuses = set()
-    for number, plant in enumerate(random_plants(model, 40, 5)):
+    for number, plant in enumerate(random_plants(model, 60, 5)):
         fixed = [named(g, model.groups[g], getattr(plant, g)) for g in ("params", "config", "gains")]
         sizes = np.abs([point.truth.values["tau"].ravel() for point in plant.points] or np.ones((1, len(names))))
-        mode = ("cut", "slow")[number % 2 if model.speed_row is not None else 0]
-        limits = Limits(tuple(np.median(sizes, axis=0)), mode)
+        mode = ON_LIMIT[number % len(ON_LIMIT) if model.speed_row is not None else 0]
+        limits = Limits(tuple(np.median(sizes, axis=0)), mode, Friction(0.5, 0.1, 0.9, 0.2) if mode == "grip" else None)
         own = CompiledController(model, plant.params, plant.config, plant.gains, limits=limits)
         given = {name: value for group in fixed for name, value in group.items()}
-        given |= named("limit", model.system.mechanism.inputs, limits.torque) | {"on_limit": int(mode == "slow")}
+        given |= named("limit", model.system.mechanism.inputs, limits.torque) | {"on_limit": ON_LIMIT.index(mode)}
+        if limits.friction:
+            given |= {f"friction.{name}": value for name, value in asdict(limits.friction).items()}
         assert controller.start(given)
         for k, point in enumerate(plant.points):
             state = np.where(np.arange(len(point.state)) == 0, np.nan, point.state) if k == 7 else point.state
@@ -179,7 +181,7 @@ def test_controller_is_the_compiled_law(opened, robot, law):
             assert np.array_equal(controller.get(names), tau)
             assert own._library.status(controller.status) == status
             statuses.add(status)
-    assert {"ok", "saturated", "nonfinite"} <= statuses
+    assert {"ok", "saturated", "nonfinite", *["grip"] * (robot == "labmate")} <= statuses
 
 
 def test_outputs_before_the_first_step(opened, run):
@@ -202,6 +204,10 @@ def test_refusals(opened, run):
         {"limit.tau_r": np.inf},
     ):
         assert not loop.start(start | wrong), wrong
+    assert loop.start(start)
+    for name, value in (("on_limit", len(ON_LIMIT)), ("on_error", -1)):
+        with pytest.raises(verification.Mismatch, match=name):
+            loop.start(start | {name: value})
     assert loop.start(start)
     for name, value in (("tau.tau_r", 1.0), ("params.r", 0.1), ("state.x_c", 0.0), ("time", 0.0), ("on_limit", 0)):
         with pytest.raises(verification.Mismatch, match=name):

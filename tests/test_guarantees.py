@@ -83,7 +83,7 @@ WRONG = {
     "a large frame": (
         "stack-m4f",
         "int noslip_path_f(int n);\nint noslip_path_f(int n) { volatile int a[99]; a[n] = n; return a[n / 2]; }",
-        "more than 256",
+        "more than 384",
     ),
     "a frame that grows": (
         "stack-m4f",
@@ -297,6 +297,11 @@ FUZZ_FINDS = {  # a change of the runtime, with all laws or none, and what is to
         ("noslip_integral.inc", "self->added = added;\n    }", "self->added = 2 * added;\n    }"),
         False,
         r"not isfinite\(added\)",
+    ),
+    "a command that changes too fast": (
+        ("noslip_velocity.inc", "if (!(most > 1)) {", "if (!(most > 3)) {"),
+        False,
+        r"not fabs\(\(double\)command",
     ),
     "a speed that overflows, by an input of the corpus": (
         ("noslip_path_code.inc", "self->near = self->near < largest ? self->near : largest;", "(void)largest;"),

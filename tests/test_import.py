@@ -16,7 +16,7 @@ from noslip.readers.urdf.importing import SAME
 from noslip.readers.urdf.parts import Layout, Options
 from noslip.readers.urdf.recognition import recognize
 from noslip.readers.urdf.text import name_of, robot_file
-from noslip.tests.urdfs import QUARTER, ROBOTS, WHEEL, Urdf, four_wheels, steered, two_wheels
+from noslip.tests.urdfs import QUARTER, ROBOTS, WHEEL, Urdf, four_wheels, steered, turtlebot3_burger, two_wheels
 
 pytest.importorskip("yourdfpy", reason="yourdfpy, of the extra `physics`, reads URDFs")
 STATES = 5
@@ -164,6 +164,22 @@ def test_two_wheels_have_the_laws_of_labmate(tmp_path, capsys):
     assert total == pytest.approx(1 - ahead / 0.25, rel=1e-12)
 
 
+def test_the_shipped_turtlebot3_is_its_links(tmp_path):
+    """Mass matrix, bias and loads at random states: those of the robot that is imported from its maker's numbers."""
+    layout = recognize(read(written(tmp_path, turtlebot3_burger())), Options())
+    file = tmp_path / "turtlebot3_burger.py"
+    file.write_text(robot_file(layout))
+    found = []
+    for name in ("turtlebot3_burger", f"{file}:turtlebot3_burger"):
+        system = system_of(find_robot(name))
+        robot, random = system.mechanism, np.random.default_rng(3)
+        loads = ca.vertcat(*[contact.mass for contact in robot.contacts])
+        f = ca.Function("f", [robot.q, system.nu, robot.p], [ca.densify(e) for e in (system.Mbar, system.bias, loads)])
+        states = [(random.uniform(-2, 2, 5), random.uniform(-5, 5, 2)) for _ in range(STATES)]
+        found.append([np.vstack([v.full().reshape(-1, 1) for v in f(*s, [p.default for p in robot.parameters])]) for s in states])
+    assert np.allclose(*found, rtol=1e-11, atol=0)
+
+
 def replaced(old: str, new: str, urdf=two_wheels, count: int = 1):
     def text() -> str:
         found = urdf().text
@@ -286,6 +302,7 @@ def test_bad_input_is_one_line(case, tmp_path, bad_input):
         (["--radius", "left=-1"], "positive radius"),
         (["--radius", "door=1"], "there is no 'door'"),
         (["--skid-steer-track", "1.0"], "on one axle"),
+        (["--skid-steer-track", "1 kg"], "--skid-steer-track"),
     ],
 )
 def test_bad_options_are_one_line(more, said, tmp_path, bad_input):

@@ -29,6 +29,7 @@ PLANTED = {
     "a text over a label": (lambda axes: axes.text(0.0, -0.08, "below"), "overlaps 'below'"),
     "labels of ticks": (lambda axes: axes.set_xticks([0.0, 0.5, 0.505], ["zero", "half", "more"]), "'half' overlaps 'more'"),
     "a text beyond the edge": (lambda axes: axes.figure.text(0.95, 0.5, "far too long"), "'far too long' is cut at the edge"),
+    "a legend over a curve": (lambda axes: axes.legend(loc="upper right"), "the legend of 'a line' covers the curve 'a line'"),
     "a label beyond the edge": (hung_out, "'x (m)' is cut at the edge"),
 }
 
@@ -42,6 +43,7 @@ def test_what_is_not_shown_is_no_fault():
         axes.text(0.5, 0.5, "hidden", visible=False)
         axes.text(0.5, 0.5, "shown")
         axes.set_xticks([0.0, 0.5, 7.0], ["0", "a half", "out of view"])
+        axes.set_xlim(0.0, 1.0)  # the ticks have widened it
 
     assert drawn(change) == []
 

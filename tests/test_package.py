@@ -23,6 +23,7 @@ from noslip.codegen.printing.scalar import SCALARS
 from noslip.controllers.build import runtime_files
 from noslip.controllers.targets import TARGETS
 from noslip.readers.robots import find_robot, law_of
+from noslip.tests import test_tutorial
 from noslip.verification.sampling import random_plants
 
 ROOT = Path(noslip.__file__).parent
@@ -467,12 +468,32 @@ def printed_commands() -> list[tuple[str, str]]:
     return [(page, line) for page, line in found if not LONG.search(line) and page != "your_robot.md"]
 
 
+@pytest.fixture
+def outside(installed, tmp_path) -> dict[str, str]:
+    """Variables with which commands are those of the installed wheel."""
+    own = {"NOSLIP_CACHE": str(tmp_path / "cache"), "PATH": f"{installed}:{os.environ['PATH']}"}
+    return {name: value for name, value in {**os.environ, **own}.items() if name != "PYTHONPATH"}
+
+
 @pytest.mark.nightly
-def test_printed_commands_work_from_the_wheel(installed, tmp_path):
+def test_pages_that_are_run_as_printed_run_from_the_wheel(outside, tmp_path):
+    """docs/outer_loop.py; and the tutorial, whose commands end in the errors it prints and in no others."""
+    shutil.copy(ROOT / "docs" / "outer_loop.py", tmp_path)
+    run(["python", "outer_loop.py"], cwd=tmp_path, env=outside)
+    for kind, names in test_tutorial.FILES.items():
+        for name, text in zip(names, test_tutorial.blocks(kind), strict=True):
+            (tmp_path / name).write_text(text)
+    calls = re.findall(r"^\$ (.*)\n(.*)", "\n".join(test_tutorial.blocks("console")), re.M)
+    for command, printed in calls:
+        code = 2 if printed.startswith("noslip: ") else 0
+        run(["bash", "-c", f"{command}; [ $? = {code} ]"], cwd=tmp_path, env=outside)
+    assert len(calls) > 5
+
+
+@pytest.mark.nightly
+def test_printed_commands_work_from_the_wheel(outside, tmp_path):
     """Page by page in an empty folder, with the README's robot beside."""
     on_target = not TARGETS["cortex-m4f"].missing()
-    env = {**os.environ, "NOSLIP_CACHE": str(tmp_path / "cache"), "PATH": f"{installed}:{os.environ['PATH']}"}
-    env.pop("PYTHONPATH", None)
     ran = 0
     for page, line in printed_commands():
         folder = tmp_path / page
@@ -480,6 +501,6 @@ def test_printed_commands_work_from_the_wheel(installed, tmp_path):
         (folder / "cart.py").write_text(block("python"))
         if on_target or not re.search("m4f|replay", line):
             stops = " || [ $? = 1 ]" if "--sample" in line else ""  # as a sample of a sweep may
-            run(["bash", "-c", line + stops], cwd=folder, env=env)
+            run(["bash", "-c", line + stops], cwd=folder, env=outside)
             ran += 1
     assert ran > 12

@@ -56,26 +56,31 @@ def cmake(source, build, *options):
 
 
 @pytest.fixture(scope="module")
-def installed(exported, tmp_path_factory):
-    """A prefix in which the CMake package is installed, after its self-test passed."""
+def built(exported, tmp_path_factory):
+    """A folder with the CMake package built in `build`, after its self-test passed, and installed in `prefix`."""
     need("cmake")
-    folder = tmp_path_factory.mktemp("installed")
-    cmake(exported("cmake"), folder / "build", "-DNOSLIP_SELFTEST=ON")
+    folder = tmp_path_factory.mktemp("built")
+    shutil.copytree(exported("cmake"), folder / "copy")
+    cmake(folder / "copy", folder / "build", "-DNOSLIP_SELFTEST=ON")
     assert "100% tests passed" in run("ctest", cwd=folder / "build").stdout
     run("cmake", "--install", folder / "build", "--prefix", folder / "prefix")
-    return folder / "prefix"
+    return folder
 
 
-def test_cmake_finds_a_wrong_bit(exported, tmp_path):
+@pytest.fixture
+def installed(built):
+    """The prefix in which the CMake package is installed."""
+    return built / "prefix"
+
+
+def test_cmake_finds_a_wrong_bit(built):
     """The digest of the self-test is that of the C on this machine."""
-    need("cmake")
-    shutil.copytree(exported("cmake"), tmp_path / "copy")
-    source = tmp_path / "copy" / "selftest" / "selftest.c"
+    source = built / "copy" / "selftest" / "selftest.c"
     text, count = re.subn(r"digest != 0x([0-9a-f]{8})u", lambda m: f"digest != 0x{int(m[1], 16) ^ 1:08x}u", source.read_text())
     assert count == 1
     source.write_text(text)
-    cmake(tmp_path / "copy", tmp_path / "build", "-DNOSLIP_SELFTEST=ON")
-    assert subprocess.run(["ctest"], cwd=tmp_path / "build", capture_output=True).returncode != 0
+    run("cmake", "--build", built / "build")
+    assert subprocess.run(["ctest"], cwd=built / "build", capture_output=True).returncode != 0
 
 
 @pytest.mark.parametrize("way", ["find_package", "FetchContent"])

@@ -23,6 +23,7 @@ from noslip.model.segments import Segment
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
+from noslip.simulation.replay import first_difference, read_record, record_text
 from noslip.tests import firmware
 from noslip.verification.sampling import random_plants
 
@@ -248,8 +249,6 @@ def _runs(pid: int) -> bool:
 @pytest.fixture(scope="module")
 def record(tmp_path_factory):
     """The text of a record. It is made on this host: what an image answers is the same, which test_loop and others see to."""
-    from noslip.simulation.replay import record_text
-
     spec = firmware.runs()["line"]
     session = Session(HOST, library(LAW, "float"))
     session.log = calls = []
@@ -273,6 +272,19 @@ def test_replay(record, tmp_path, capsys):
     code, said = replayed(record, tmp_path, capsys)
     assert code == 0 and f"{len(record.splitlines()) - 5} calls, the same bits on cf" in said
     assert "law_init 0 " in record and record.count("law_step 0 ") > 20
+
+
+def test_reading_and_replaying_tell_how_far_they_are(record, tmp_path):
+    file, told = tmp_path / "record.txt", []
+    file.write_text(record)
+    read = read_record(str(file), progress=lambda *each: told.append(each))
+    count = len(read.calls)
+    assert told == [(done, count, "calls read") for done in range(1, count + 1)]
+    told.clear()
+    session = Session(HOST, library(LAW, "float"))
+    assert first_difference(read, session, "cf", lambda *each: told.append(each)) is None
+    session.close()
+    assert told == [(done, count, "calls repeated") for done in range(count)]
 
 
 def test_replay_on_a_target(record, backend, tmp_path, capsys):

@@ -193,7 +193,7 @@ def program(built, tmp_path_factory):
     library = tmp_path_factory.mktemp("program") / "all.so"
     run(["gcc", "-shared", *built("gcc", "-O2"), "-o", str(library)])
     ffi = cffi.FFI()
-    ffi.cdef(declarations("noslip_controller.h"))
+    ffi.cdef(declarations("noslip_grip.h"))
     for header in sorted(GENERATED.glob("*.h"), key=lambda path: len(path.name)):
         text = re.sub(r'extern "C" \{|^\}$', "", re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", header.read_text(), flags=re.M))
         ffi.cdef("\n".join(line for line in text.splitlines() if not line.startswith("#")))
@@ -618,10 +618,10 @@ def test_init_again_forgets_what_was_held(robot):
 
 def test_status_names(program):
     ffi, lib = program
-    names = {status: ffi.string(lib.noslip_status_name(status)).decode() for status in range(-9, 5)}
+    names = {status: ffi.string(lib.noslip_status_name(status)).decode() for status in range(-9, 7)}
     assert names[0] == "ok" and names[1] == "saturated" and names[-6] == "not_ready"
-    assert len({names[status] for status in range(-8, 3)}) == 11
-    assert all(names[status] == "unknown" for status in (-9, 3, 4))
+    assert len({names[status] for status in range(-8, 5)}) == 13
+    assert all(names[status] == "unknown" for status in (-9, 5, 6))
 
 
 @each_scalar
@@ -669,7 +669,7 @@ def test_controllers_do_not_touch_each_other(program):
 def test_headers_are_current():
     """Those made from one text for both scalars are what that text says."""
     made = headers()
-    assert len(made) == 7
+    assert len(made) == 10
     for path, text in made.items():
         assert path.read_text() == text, f"{path.name}: python -m noslip.guarantees.headers"
 

@@ -3,8 +3,12 @@
 import copy
 import json
 import os
+import re
 import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import reduce
+from operator import attrgetter
 from pathlib import Path
 
 import jsonschema
@@ -12,6 +16,7 @@ import noslip
 import pytest
 from noslip.cli.main import main
 from noslip.readers.errors import BadInput
+from noslip.readers.reading import entry, number, section, text
 from noslip.simulation.specification.spec import spec_of_table
 from noslip.verification.cases import read_cases
 
@@ -61,11 +66,60 @@ def test_defaults_are_those_of_the_reader():
     told = defaults(SCHEMA["spec"])
     assert told["simulation.backend"] == "c" and not {"robot", "output.type"} & told.keys()
     needed = {"simulation.period": 0.01, "limits.torque": [20.0], "sensors": {}, "correction.rate": 1.0, "contact": {}}
+    needed |= {"reference.approach.acceleration": 0.5, "drive.kind": "torque"}
     for key, value in told.items():
         if not key.startswith(("sweep.", "simulation.period")):
             table = reduce(lambda content, item: changed(content, *item), [*needed.items(), (key, None)], CIRCLE)
-            section, name = key.split(".")
-            assert getattr(getattr(spec_of_table(table, SPECS / "line.toml"), section), name) == value, key
+            assert attrgetter(key)(spec_of_table(table, SPECS / "line.toml")) == value, key
+
+
+def described(schema: object, place: str = "") -> Iterator[tuple[str, dict]]:
+    """Every entry of the tables of a schema, with its place; what is refused, and conditions, are no entries."""
+    parts = schema.items() if isinstance(schema, dict) else enumerate(schema) if isinstance(schema, list) else ()
+    for key, part in parts:
+        if key == "properties":
+            yield from ((f"{place}.{name}", item) for name, item in part.items() if item is not False)
+        if key != "if":
+            yield from described(part, f"{place}.{key}")
+
+
+def takes_numbers(item: dict) -> bool:
+    """Whether an entry is a number, or a list of numbers."""
+    items = item.get("items", [])
+    parts = [*item.get("anyOf", ()), *(items if isinstance(items, list) else [items])]
+    return item.get("type") == "number" or item.get("$ref") == "#/definitions/number" or any(map(takes_numbers, parts))
+
+
+UNIT = re.compile(r"\b(in (SI units|[mNrsH1]\S*)|without unit)")
+
+
+def undescribed(schema: dict) -> list[str]:
+    """The entries without a meaning, and those with numbers without a unit."""
+    return [
+        place
+        for place, item in described(schema)
+        if not re.search(r"[a-z]{2}", UNIT.sub("", item.get("description", "")))
+        or takes_numbers(item)
+        and not UNIT.search(item["description"])
+    ]
+
+
+@pytest.mark.parametrize("name", SCHEMAS)
+def test_every_entry_has_its_meaning_and_unit(name):
+    assert len(list(described(SCHEMA[name]))) > 30 and undescribed(SCHEMA[name]) == []
+
+
+def test_an_entry_without_meaning_or_unit_is_found():
+    @dataclass(frozen=True)
+    class Planted:
+        said: float = entry(number(unit="m"), 0.0, "its length")
+        silent: float = entry(number(unit="m"), 0.0)
+        word: str = entry(text, "")
+
+    schema = section(Planted).schema()
+    assert undescribed(schema) == [".silent", ".word"]
+    schema["properties"]["said"]["description"] = "its length"
+    assert undescribed(schema) == [".said", ".silent", ".word"]
 
 
 def changed(content: dict, key: str, value: object) -> dict:
@@ -128,7 +182,6 @@ BAD = [
     ("sensors.seed", -1),
     ("sensors.counts", 1.5),
     ("sensors.noise.sd", "loud"),
-    ("limits.mode", "slow"),  # without torque
     ("correction.mode", "sometimes"),
     ("sweep.design", "grid"),
     ("sweep.band", 0.0),

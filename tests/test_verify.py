@@ -2,6 +2,7 @@
 
 import os
 import re
+from dataclasses import replace
 
 import casadi as ca
 import mpmath
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from noslip.cli.main import main
 from noslip.codegen import optimize
-from noslip.codegen.derivation import stages
+from noslip.codegen.derivation import grip, stages
 from noslip.codegen.files import dynamics_program, law_program
 from noslip.codegen.printing import dynamics_c, law_c, robot_c
 from noslip.controllers.compiled import library
@@ -43,11 +44,11 @@ def all_sums(self, terms, original=optimize.Optimizer._chain):
     return original(self, [(1, node) for _, node in terms] if len(terms) == 3 else terms)
 
 
-def takes_one_velocity_for_another(stages_, expression, w, original=stages._by_monomials):
+def takes_one_velocity_for_another(stages_, expression, w, original=stages.by_monomials):
     return original(stages_, ca.substitute(expression, w[0], w[1]), w)
 
 
-def wrong_at_standstill(stages_, expression, w, original=stages._by_monomials):
+def wrong_at_standstill(stages_, expression, w, original=stages.by_monomials):
     """A factor that cancels everywhere except where the vehicle does not turn."""
     return original(stages_, expression, w) * (w[1] + 2 * w[1] ** 3) / (w[1] * (1 + 2 * w[1] ** 2))
 
@@ -61,6 +62,12 @@ def other_curvature(law, outputs=None, original=stages.staged):
 
 def wrong_slope(self, row, original=stages._Feedback.slope):
     return original(self, row) * ca.SX([1.0, -1.0])
+
+
+def other_forces(system, original=grip.staged_ground):
+    """A limiter that knows the forces at the contacts, but not how the inputs change them."""
+    made = original(system)
+    return replace(made, quantities=made.quantities | {"ground_by_inputs": 1.001 * made.quantities["ground_by_inputs"]})
 
 
 def never_singular(stages_, Phi, W, inverse, original=stages._singular):
@@ -89,10 +96,11 @@ robot.moves_in_plane(x, y, heading)
 
 DEFECTS = {
     "optimizer": (optimize.Optimizer, "_chain", all_sums, ""),
-    "monomials": (stages, "_by_monomials", takes_one_velocity_for_another, "tau by step"),
-    "standstill": (stages, "_by_monomials", wrong_at_standstill, "tau by step"),
+    "monomials": (stages, "by_monomials", takes_one_velocity_for_another, "tau by step"),
+    "standstill": (stages, "by_monomials", wrong_at_standstill, "tau by step"),
     "foot": ("noslip.codegen.derivation.foot", "staged", other_curvature, "tau by follow"),
     "slope": (stages._Feedback, "slope", wrong_slope, "tau by step, slowed"),
+    "grip": ("noslip.codegen.program", "staged_ground", other_forces, "ground_by_inputs by ground_by_inputs"),
     "singular": (stages, "_singular", never_singular, "status of step differs: the C gives status ok"),
 }
 

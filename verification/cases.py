@@ -24,6 +24,41 @@ FILE_KEYS = ("cases", "robot", "about", "seed", "$schema")
 CASE_KEYS = ("params", "output", "q", "nu", "reference", "gains", "expect", "about")
 EXPECTED = (*QUANTITIES, *MODEL_QUANTITIES, "Sdot", "v")  # the last two are intermediate results that no backend returns
 REFERENCE = ("y", "yd", "ydd")
+MEANING = {  # of the keys, for the schema
+    "cases": "evaluations, each for itself",
+    "robot": "name of a shipped robot, or path/to/file.py:name",
+    "about": "what these numbers are and where they come from; not read",
+    "seed": "with which random numbers were drawn; not read",
+    "$schema": "the schema of this file, for editors",
+    "params": "every parameter of the robot by name, in SI units",
+    "output": "the law: its type and its parameters by name, in SI units",
+    "type": f"{', '.join(TYPES)}, or the name of a law",
+    "path": "the curve of type IV and its parameters by name, in SI units",
+    "kind": f"of curve: {', '.join(PATHS)}",
+    "q": "every coordinate, in m or rad",
+    "nu": "every quasi-velocity, in m/s or rad/s",
+    "reference": "desired outputs and their rates",
+    "y": "desired outputs, in m, rad or m/s",
+    "yd": "their first derivatives, in m/s, rad/s or m/s^2",
+    "ydd": "their second derivatives, in m/s^2 or rad/s^2",
+    "gains": "by name, or kp, kd, kv for all of a kind, in SI units",
+    "expect": "results to compare with",
+    "h": "outputs (14), in m, rad or m/s",
+    "ydot": "rates of the outputs, in SI units",
+    "Phi": "decoupling matrix (15), in SI units",
+    "Phidot": "its rate, in SI units",
+    "u": "accelerations of the quasi-velocities (20), in m/s^2 or rad/s^2",
+    "tau": "inputs, in N or N m",
+    "M": "mass matrix (8), in SI units",
+    "V": "velocity terms and forces (8), in N or N m",
+    "A": "constraint matrix, in SI units",
+    "S": "null-space basis of A, in SI units",
+    "Mbar": "mass matrix S' M S of (10), in SI units",
+    "bias": "the other terms of (10), in SI units",
+    "lam": "constraint forces, in N",
+    "Sdot": "rate of S, in SI units",
+    "v": "virtual input (20), in SI units",
+}
 DECIMAL = r"^\s*[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[nN][aA][nN]|[iI][nN][fF]([iI][nN][iI][tT][yY])?)\s*$"
 SHORT_GAINS = ("kp", "kd", "kv")
 INTEGRAL = "ki"
@@ -62,16 +97,16 @@ def schema() -> Schema:
     number = ref("number")
     numbers: Schema = {"type": "array", "items": number}
     named: Schema = {"type": "object", "additionalProperties": number}
-    path = {"type": "object", "properties": {"kind": {"type": "string"}}, "additionalProperties": number}
-    output = {"type": "object", "properties": {"type": {"type": "string"}, "path": path}, "additionalProperties": number}
+    path = _object({"kind": {"type": "string"}}) | {"additionalProperties": number}
+    output = _object({"type": {"type": "string"}, "path": path}, ["type"]) | {"additionalProperties": number}
     expected = {"anyOf": [numbers, {"type": "array", "items": numbers}]}
     kinds: dict[str, Schema] = {
-        "params": {"description": "every parameter of the robot, SI", **named},
-        "output": {"description": "the law: type I to IV, or a law's name, and its parameters", **output, "required": ["type"]},
-        "q": {"description": "coordinates, m and rad", **numbers},
-        "nu": {"description": "quasi-velocities", **numbers},
-        "reference": {"description": "desired outputs and their rates", **_object(dict.fromkeys(REFERENCE, numbers), REFERENCE)},
-        "gains": {"description": "by name, or kp, kd, kv for all of a kind", **named},
+        "params": named,
+        "output": output,
+        "q": numbers,
+        "nu": numbers,
+        "reference": _object(dict.fromkeys(REFERENCE, numbers), REFERENCE),
+        "gains": named,
         "expect": _object(dict.fromkeys(EXPECTED, expected)),
     }
     case = _object({key: kinds.get(key, {}) for key in CASE_KEYS}, CASE_KEYS[:6])
@@ -90,7 +125,8 @@ def schema() -> Schema:
 
 
 def _object(properties: dict[str, Schema], required: Sequence[str] = ()) -> Schema:
-    return {"type": "object", "properties": properties, "required": list(required), "additionalProperties": False}
+    described = {key: {"description": MEANING[key], **schema} for key, schema in properties.items()}
+    return {"type": "object", "properties": described, "required": list(required), "additionalProperties": False}
 
 
 def write_out(path: str, evaluations: Sequence[Evaluation]) -> None:

@@ -16,6 +16,7 @@ import casadi as ca
 import cffi
 import numpy as np
 
+from ..codegen.derivation.grip import plain_ground
 from ..codegen.dynamics import ENTRIES as DYNAMICS_ENTRIES
 from ..codegen.printing.dynamics_c import NAME as DYNAMICS_NAME
 from ..codegen.printing.scalar import SCALARS
@@ -216,13 +217,15 @@ class _LawInC(_InC):
     @cached_property
     def groups(self) -> dict[str, ca.SX]:
         """All groups on which a law depends."""
-        return {name: symbols(members) for name, members in self.law.groups.items()}
+        groups = {**self.law.groups, "input": self.law.system.mechanism.inputs}
+        return {name: symbols(members) for name, members in groups.items()}
 
     @cached_property
     def expressions(self) -> dict[str, ca.SX]:
         """The model's quantities, and the measure of singularity of Phi."""
         law, measure = self.law, ca.vertcat(*self.law.linearization.measure)
-        return law.quantities | {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": measure}
+        found = law.quantities | {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": measure}
+        return found | {str(name): expression for name, expression in plain_ground(law.system).items()}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield every entry point at random regular states, and the step at singular ones."""
@@ -235,6 +238,7 @@ class _LawInC(_InC):
             for point in plant.points:
                 given = numbers | {"state": self.held(point.state), "reference": self.held(point.reference)}
                 given["demand"] = self.held(random.uniform(-2, 2, len(self.law.demand)))
+                given["input"] = self.held(random.uniform(-2, 2, len(self.law.system.mechanism.inputs)))
                 yield from self._at(controller, library, given)
                 yield from self._at_foot(controller, library, given, random)
             if singular < SINGULAR_STATES:

@@ -71,6 +71,9 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
     doubts = [
         (loop.law.output.path is None, "the outputs are not those of path following"),
         (loop.sensing is not None, "the controller does not see the true state"),
+        (spec.reference.approach is not None, "the desired distance is that of an approach"),
+        (loop.drive.commands > 0, "the drives follow velocities with a loop of their own"),
+        (loop.limits is not None and loop.limits.mode == "grip", "the limiter of friction changes the inputs"),
         (loop.limits is not None and bool(loop.integral.rows), "limits decide when integral action stops"),
     ]
     for applies, why in doubts:

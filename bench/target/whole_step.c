@@ -52,7 +52,7 @@ PART int look(void)
 ONCE int make_law(void)
 {
     static const labmate_type_iv_segment_gains_f gains = {1.0f, 2.5f, 2.0f};
-    static const labmate_options_f limits = {{20.0f, 20.0f}, NOSLIP_ZERO, NOSLIP_SLOW};
+    static const labmate_options_f limits = {.limit = {20.0f, 20.0f}, .on_limit = NOSLIP_SLOW};
     const labmate_type_iv_segment_config_f piece = {0}; /* the path tells where P_l is on which */
     return labmate_type_iv_segment_init_f(&self.law, &self.params, &piece, &gains, &limits);
 }

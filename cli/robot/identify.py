@@ -4,7 +4,6 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from ...readers.errors import BadInput
-from ...readers.robots import suggestion
 from ..commands import show
 
 if TYPE_CHECKING:
@@ -47,7 +46,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run `noslip identify`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
     from ...identification.fit import identify
-    from ...identification.log import read_log
+    from ...identification.log import check_known, read_log
     from ...readers.progress import Progress
     from ...readers.robots import find_robot, system_of
 
@@ -55,26 +54,26 @@ def run(args: argparse.Namespace) -> int:
     known = {p.name: p for p in robot.parameters}
     values = {name: p.default for name, p in known.items()}
     for name, text in _pairs(args.set, "--set"):
-        _check_name(name, known, "--set")
+        check_known("--set", name, "parameter", known)
         values[name] = known[name].check(_number(text, f"--set {name}={text}"), "--set ")
     for name in args.fit:
-        _check_name(name, known, "--fit")
+        check_known("--fit", name, "parameter", known)
         if args.fit.count(name) > 1:
             raise BadInput(f"--fit: {name} is given twice")
     system = system_of(robot)
     log = read_log(args.log, system, dict(_pairs(args.map, "--map")))
     with Progress() as progress:
-        progress(0, 1, "fit")
-        result = identify(log, system, args.fit, values, None if args.inputs is None else args.inputs == "held")
+        result = identify(log, system, args.fit, values, None if args.inputs is None else args.inputs == "held", progress)
     show(args, lambda: _text(result, log.interval), lambda: _values(result))
     return 0 if set(result.estimates) == set(args.fit) else 1
 
 
 def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
-    for text in texts:
-        if "=" not in text:
-            raise BadInput(f"{option} {text}: write NAME=VALUE")
-    return [(text.partition("=")[0], text.partition("=")[2]) for text in texts]
+    pairs = [text.partition("=") for text in texts]
+    for name, equals, _ in pairs:
+        if not equals:
+            raise BadInput(f"{option} {name}: write NAME=VALUE")
+    return [(name, value) for name, _, value in pairs]
 
 
 def _number(text: str, where: str) -> float:
@@ -82,11 +81,6 @@ def _number(text: str, where: str) -> float:
         return float(text)
     except ValueError as error:
         raise BadInput(f"{where}: {text!r} is not a number") from error
-
-
-def _check_name(name: str, known: dict[str, Any], option: str) -> None:
-    if name not in known:
-        raise BadInput(f"{option} {name}: not a parameter of this robot{suggestion(name, known)}; it has {', '.join(known)}")
 
 
 def _text(result: "Identification", interval: float) -> str:

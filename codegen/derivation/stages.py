@@ -41,6 +41,8 @@ class Result(StrEnum):
     INPUTS = "tau"
     INPUTS_OF_DEMAND = "tau_of_demand"
     SLOPE = "slope"
+    GROUND = "ground"
+    GROUND_BY_INPUTS = "ground_by_inputs"
 
     SINGULAR = "singular"
     REGULAR = "regular"
@@ -393,7 +395,7 @@ class _Feedback:
         """Return tau."""
         rest = self.bias - self.K @ (self.rest + damping)
         if self.inner.freedom <= MONOMIALS:
-            rest = _by_monomials(self.stages, rest, self.inner.nu)
+            rest = by_monomials(self.stages, rest, self.inner.nu)
         return self.inner.preferred + self._shared(self.K @ self._solved(v) + rest)
 
     def slope(self, row: int) -> ca.SX:
@@ -478,7 +480,7 @@ def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[Result, ca.
     return {Result.SINGULAR: ca.vertcat(x[0] ** 2, sum(rest, start=ca.SX(0))), Result.REGULAR: stages.exact(factors[0, 0] / 2)}
 
 
-def _by_monomials(stages: Stages, expression: ca.SX, w: ca.SX) -> ca.SX:
+def by_monomials(stages: Stages, expression: ca.SX, w: ca.SX) -> ca.SX:
     """Return a column of polynomials of degree 2 in w sorted by monomials; other entries are returned unchanged."""
     rows = []
     zeros = ca.SX.zeros(w.numel())

@@ -10,11 +10,12 @@ from ...model.mechanism import Quantity
 from ...model.reduction import ReducedSystem
 from ...readers.errors import BadInput
 from ...readers.quantities import in_base_units
+from ...readers.templates import render
+from ..derivation.grip import can_grip
 from ..files import TOOLS, banner, fingerprint
 from ..printing.dynamics_c import NAME
 from ..printing.scalar import DOUBLE
 from ..project.project import starting_value
-from ..templates import render
 
 KINDS = ("controller", "plant", "loop")
 PERIOD, INTEGRATION_STEP = 0.01, 0.001  # s
@@ -87,7 +88,7 @@ def fmu(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mappi
     robot, own = mechanism.name, f"{mechanism.name}_{law.name}" if law else ""
     identifier = f"{own or robot}_{kind}"
     has_plant = kind != "controller"
-    groups = _groups(kind, system, law)
+    groups = _groups(kind, system, law, sources)
     reals = [Variable("time", "independent", "continuous", ""), *(v for group in groups for v in group.variables)]
     choices, enumerations = _choices(law, sources)
     token = hashlib.sha256(f"{identifier} {TOOLS} {fingerprint(system, law)}".encode()).hexdigest()
@@ -106,6 +107,7 @@ def fmu(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mappi
         "choices": choices,
         "coordinates": len(mechanism.coordinates),
         "states": len(system.state),
+        "grips": law is not None and can_grip(system),
         "limits": [f"self->real.of.limit[{k}]" for k in range(len(mechanism.inputs))],
         **_arguments(system, law),
         "lengths": ["integration_step", *["period"] * (kind == "loop")],
@@ -124,7 +126,7 @@ def fmu(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mappi
     return identifier, {"modelDescription.xml": render(__file__, "modelDescription.xml", **values), **files}
 
 
-def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None) -> list[Group]:
+def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mapping[str, str]) -> list[Group]:
     """Return the variables that are numbers, except time, in the order of their value references."""
     mechanism = system.mechanism
     robot, inputs = mechanism.name, mechanism.inputs
@@ -138,6 +140,11 @@ def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None) -> list[Gr
         most = "largest absolute value; 0: no limit"
         limits = [Variable(f"limit.{q.name}", *parameter, 0.0, q.unit, f"{q.about}: {most}") for q in inputs]
         groups.append(Group(f"double limit[{len(inputs)}]", tuple(limits)))
+        if can_grip(system):
+            floor = sources["noslip_grip.h"].partition("typedef struct noslip_friction {")[2].partition("}")[0]
+            friction = re.findall(r"double (\w+); +/\* (?:(m): )?(.*?) \*/", floor)
+            members = tuple(Variable(f"friction.{name}", *parameter, 0.0, unit or "1", about) for name, unit, about in friction)
+            groups.append(Group("noslip_friction friction", members))
     if kind == "loop":
         period = Variable("period", *parameter, PERIOD, "s", "time between calls of the law")
         groups.append(Group("double period", (period,)))

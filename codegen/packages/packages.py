@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 
 from ... import __version__
 from ...model.law import ControlLaw
+from ...readers.templates import render
 from ..files import TOOLS
 from ..printing.scalar import Scalar
 from ..project.project import starting_value
-from ..templates import render
+from ..targets import SAME_BITS
 
-FLAGS = "-ffp-contract=off -fno-math-errno"  # of the library's own files
 PACKAGES: dict[str, dict[str, str]] = {  # package manager -> file -> template
     "cmake": {
         "CMakeLists.txt": "library.cmake",
@@ -39,7 +39,7 @@ def package(manager: str, project: Mapping[str, str], laws: Sequence[ControlLaw]
         "about": " ".join(robot.about.split()),
         "version": __version__,
         "tools": TOOLS,
-        "flags": FLAGS,
+        "flags": " ".join(SAME_BITS),
         "headers": [scalar.name(f"{robot.name}_{each.name}") + ".h" for each in laws],
         "sources": sorted(name for name in files if name.startswith("src/") and name.endswith(".c")),
         "law": f"{robot.name}_{law.name}",

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from ...model.mechanism import Quantity, per_second
 from ...model.names import in_c
 from ...model.outputs import FOOT
+from ..derivation.grip import is_wide
 from ..derivation.stages import Result
 from ..graph import Group, Leaf, Node, angles, executed, headers, reachable
-from ..program import EVALUATE, SLOPE, Entry, Program, hidden_inputs
+from ..program import EVALUATE, GROUND, GROUND_BY_INPUTS, SLOPE, Entry, Program, hidden_inputs
 from .layout import body, comment, fill
 from .meaning import users
 from .program_c import ProgramC, init_given
@@ -21,7 +22,12 @@ def runtime_types(scalar: Scalar) -> str:
     foot = struct(
         scalar.name("noslip_foot"), "Position of the vehicle relative to the foot of P_l on a path.", fields(scalar, FOOT)
     )
-    return f"typedef int noslip_on_error;\ntypedef int noslip_on_limit;\n{foot}"
+    parts = ("mu", "margin", "share", "height"), ("weight", "height")
+    names = "noslip_friction", "noslip_grip"
+    floor = [
+        struct(scalar.name(n), "", [(f"{scalar.real} {p};", "") for p in each]) for n, each in zip(names, parts, strict=True)
+    ]
+    return "\n".join(["typedef int noslip_on_error;", "typedef int noslip_on_limit;", foot, *floor])
 
 
 class LawC(ProgramC[Program]):
@@ -63,8 +69,10 @@ class LawC(ProgramC[Program]):
                 [
                     (f"{real} limit[{self.inputs}];", "largest absolute values of the inputs"),
                     (f"{real} held[{self.inputs}];", "last inputs returned"),
+                    *([(f"{real} clear[{self.inputs}];", "inputs up to which nothing is left to check")] if self.grips else []),
                     ("noslip_on_error on_error;", "what to return on an error"),
-                    *([("noslip_on_limit on_limit;", "NOSLIP_CUT or NOSLIP_SLOW")] if self.slows else []),
+                    *([("noslip_on_limit on_limit;", _listed(self.on_limit))] if len(self.on_limit) > 1 else []),
+                    *([(f"{name('noslip_grip')} grip;", "of the floor, with NOSLIP_GRIP")] if self.grips else []),
                     ("int ready;", "set by init"),
                     *[(f"{real} {field};", self.meanings.constant(node)) for node, field in self.program.constants.items()],
                 ],
@@ -77,6 +85,21 @@ class LawC(ProgramC[Program]):
     def slows(self) -> bool:
         """Whether a step can reduce the desired acceleration to keep the path within the limits."""
         return SLOPE in self.program.entries
+
+    @property
+    def grips(self) -> bool:
+        """Whether a step can keep the wheels rolling."""
+        return GROUND in self.program.entries
+
+    @property
+    def on_limit(self) -> list[str]:
+        """The choices of on_limit."""
+        return ["NOSLIP_CUT", *(["NOSLIP_SLOW"] if self.slows else []), *(["NOSLIP_GRIP"] if self.grips else [])]
+
+    @property
+    def contacts(self) -> int:
+        """The number of contacts with the ground."""
+        return len(self.system.mechanism.contacts)
 
     def shape(self, entry: Entry, quantity: Result) -> str:
         """Return the C array bounds of a quantity: a column has one, a matrix two (row major)."""
@@ -103,8 +126,16 @@ class LawC(ProgramC[Program]):
             Result.ACCELERATION: "desired rates of " + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in motions),
             Result.INPUTS: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
             Result.INPUTS_OF_DEMAND: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
+            Result.GROUND: "along (N), across (N), shift (N/m), mass (kg) of " + self._contact_names(),
+            Result.GROUND_BY_INPUTS: "along, across, shift of "
+            + self._contact_names()
+            + " by "
+            + ", ".join(q.name for q in inputs),
             Result.SLOPE: ", ".join(f"{q.name} ({q.unit})" for q in inputs) + f", by {', '.join(first)}",
         }[quantity]
+
+    def _contact_names(self) -> str:
+        return ", ".join(contact.name for contact in self.system.mechanism.contacts)
 
     def _prototype(self, entry: Entry) -> str:
         return self._about(entry) + "\n" + "\n".join(fill(self.signature(entry) + ";", ""))
@@ -134,6 +165,7 @@ class LawC(ProgramC[Program]):
             "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.",
             *(["At a state: 1 / (|Phi| |Phi^-1|), in the 1-norm and these units, is not above 1e-5."] if large else []),
             self._on_limit(),
+            *([self._on_grip()] if self.grips else []),
         ]
         return comment(lines) + "\n" + "\n".join(fill(self._init_signature() + ";", ""))
 
@@ -146,6 +178,10 @@ class LawC(ProgramC[Program]):
         kept = f" and keeps {', '.join(demand)}" if demand else ""
         return f"on_limit = NOSLIP_SLOW changes {given_up}{kept} if the inputs would exceed their limits."
 
+    def _on_grip(self) -> str:
+        wide = "" if is_wide(self.system) else " friction.height must be 0: an axle has no width to carry the moment."
+        return f"on_limit = NOSLIP_GRIP keeps {self._contact_names()} rolling, see noslip_grip.h; it requires friction.mu.{wide}"
+
     def _reset_prototype(self) -> str:
         return comment(["Sets the held inputs to zero."]) + f"\nint {self.function('reset')}({self.type} *self);"
 
@@ -157,7 +193,7 @@ class LawC(ProgramC[Program]):
         computed = [*program.conditions, *program.regular, *(root for law in program.entries.values() for root in law.roots)]
         includes = [self.type, *headers(computed)]
         parts = [
-            self._head(f"{self.type}.c", includes),
+            self._head(f"{self.type}.c", includes, own=self.grips),
             self._init(),
             self._reset(),
             *self._admits(),
@@ -184,8 +220,7 @@ class LawC(ProgramC[Program]):
         for node in self.program.regular:
             writer.lines.append(self.leave(f"!({writer.text(node)} > 0)", "NOSLIP_SINGULAR"))
         finite = f"{name('noslip_is_finite')}({' + '.join(constants)})"
-        on_limit = ["NOSLIP_CUT", "NOSLIP_SLOW"] if self.slows else ["NOSLIP_CUT"]
-        refused = " && ".join(f"options->on_limit != {choice}" for choice in on_limit)
+        refused = " && ".join(f"options->on_limit != {choice}" for choice in self.on_limit)
         return "\n".join(
             [
                 *fill(self._init_signature(), ""),
@@ -209,7 +244,7 @@ class LawC(ProgramC[Program]):
                 f"    status = {self.function('reset')}(self);",
                 f"    if (options != NULL && (!{name('noslip_limits_ok')}(options->limit, {self.inputs}) ||",
                 "        (options->on_error != NOSLIP_ZERO && options->on_error != NOSLIP_HOLD) ||",
-                f"        ({refused}))) {{",
+                f"        ({refused}){self._refused_friction()})) {{",
                 "        return NOSLIP_BAD_PARAMETER;",
                 "    }",
                 *[
@@ -217,7 +252,8 @@ class LawC(ProgramC[Program]):
                     for k in range(self.inputs)
                 ],
                 "    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;",
-                *(["    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;"] if self.slows else []),
+                *(["    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;"] if len(self.on_limit) > 1 else []),
+                *(self._init_grip() if self.grips else []),
                 body(writer.lines),
                 *([body([self.leave(f"!{finite}", "NOSLIP_BAD_PARAMETER")])] if constants else []),
                 "    self->ready = NOSLIP_READY;",
@@ -225,6 +261,23 @@ class LawC(ProgramC[Program]):
                 "}",
             ]
         )
+
+    def _refused_friction(self) -> str:
+        if not self.grips:
+            return ""
+        friction_ok, wide = self.scalar.name("noslip_friction_ok"), int(is_wide(self.system))
+        return f" ||\n        (options->on_limit == NOSLIP_GRIP && !{friction_ok}(&options->friction, {wide}))"
+
+    def _init_grip(self) -> list[str]:
+        free = [f"self->on_limit == NOSLIP_GRIP ? -1 : self->limit[{k}];" for k in range(self.inputs)]
+        return [
+            *(f"    self->clear[{k}] = {value}" for k, value in enumerate(free)),
+            "    self->grip.weight = 0;",
+            "    self->grip.height = 0;",
+            "    if (self->on_limit == NOSLIP_GRIP) {",
+            f"        self->grip = {self.scalar.name('noslip_grip_of')}(&options->friction);",
+            "    }",
+        ]
 
     def _reset(self) -> str:
         zeros = [f"    self->held[{k}] = 0;" for k in range(self.inputs)]
@@ -291,7 +344,8 @@ class LawC(ProgramC[Program]):
             writer.assign(place, node)
         constants = self.meanings.legend(program.constants, writer.lines)
         unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
-        head = f"static int {self.function(entry.name)}_law({', '.join(self.parameters(entry).values())})"
+        kind = "NOSLIP_HOT" if entry == GROUND else "static"
+        head = f"{kind} int {self.function(entry.name)}_law({', '.join(self.parameters(entry).values())})"
         return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
 
     def _entry_point(self, entry: Entry) -> str:
@@ -305,8 +359,9 @@ class LawC(ProgramC[Program]):
         lines.append(self.leave(f"{answer} == NULL", "NOSLIP_NULL"))
         present = " && ".join(f"{name} != NULL" for name in given)
         lines.append(f"if ({present}) {{\n    status = {self._admission(entry)};\n}}")
-        if entry.takes is Group.DEMAND:
-            finite = f"{self.scalar.name('noslip_all_finite')}(v, {len(self.law.demand)})"
+        if entry.takes in (Group.DEMAND, Group.INPUT):
+            array = f"v, {len(self.law.demand)}" if entry.takes is Group.DEMAND else f"tau, {self.inputs}"
+            finite = f"{self.scalar.name('noslip_all_finite')}({array})"
             lines.append(f"if (status == NOSLIP_OK && !{finite}) {{\n    status = NOSLIP_NONFINITE;\n}}")
         call = f"{self.function(entry.name)}_law({', '.join([*given, 'all' if entry.name == 'evaluate' else 'made'])})"
         lines += written_once(self.scalar, call, pieces)
@@ -327,22 +382,29 @@ class LawC(ProgramC[Program]):
         hidden = [place for place in self._hidden(entry) if place not in headings]
         begin = [*(f"{argument} != NULL" for argument in names), "self->ready == NOSLIP_READY"]
         begin += [self.in_range(angle) for angle in headings]
-        within = (f"{name('noslip_within')}(made[{k}], self->limit[{k}])" for k in range(self.inputs))
-        end = ["status == NOSLIP_OK", *within]
-        if hidden:
-            end.append(f"{name('noslip_is_finite')}({' + '.join(hidden)})")
+        seen = [f"{name('noslip_is_finite')}({' + '.join(hidden)})"] if hidden else []
+        end = ["status == NOSLIP_OK", *self._within("clear" if self.grips else "limit"), *seen]
+        written = [f"    {place}[{k}] = made[{k}];" for k in range(self.inputs) for place in ("tau", "self->held")]
+        written.append("    return NOSLIP_OK;")
+        # by value, so that the results stay in registers
+        asked = [f"made_{k}" for k in range(self.inputs)]
+        passed = ["status", *(f"status == NOSLIP_OK ? made[{k}] : 0" for k in range(self.inputs))]
+        care, grip = self.function(entry.name) + "_with_care", self.function(entry.name) + "_with_grip"
+        results = [f"{self.scalar.real} {one}" for one in asked]
+        parameters = [*self.parameters(entry, public=True).values(), "int status", *results]
+        made = f"{self.scalar.real} made[{self.inputs}]"
         fast = [
             f"status = {self.function(entry.name)}_law({', '.join([*names[:-1], 'made'])});",
             "/* Any other input that is not finite shows in the result. */",
             f"if ({' && '.join(end)}) {{",
-            *[f"    {place}[{k}] = made[{k}];" for k in range(self.inputs) for place in ("tau", "self->held")],
-            "    return NOSLIP_OK;",
+            *written,
             "}",
         ]
-        slow = self.function(entry.name) + "_with_care"
-        parameters = self.parameters(entry, public=True)
-        made = f"{self.scalar.real} made[{self.inputs}]"
-        care = [
+        lines = [f"{made};", "int status = NOSLIP_NULL;"]
+        lines += [f"if ({' && '.join(begin)}) {{", *(f"    {line}" for line in fast), "}"]
+        lines.append(f"return {grip if self.grips else care}({', '.join([*names, *passed])});")
+        with_care = [
+            f"{made} = {{{', '.join(asked)}}};",
             self.leave("tau == NULL", "NOSLIP_NULL"),
             "if (self == NULL || self->ready != NOSLIP_READY) {",
             f"    {name('noslip_write_zeros')}(tau, {self.inputs});",
@@ -353,21 +415,21 @@ class LawC(ProgramC[Program]):
             "    status = admitted == NOSLIP_OK ? status : admitted;",
             "}",
             *(self._slow(slope) if self.slows else []),
+            *(self._grip(slope) if self.grips else []),
             f"return {name('noslip_apply_limits')}(status, self->on_error, self->limit, self->held, made, tau, {self.inputs});",
         ]
-        # by value, so that the results stay in registers
-        asked = [f"made_{k}" for k in range(self.inputs)]
-        passed = [f"status == NOSLIP_OK ? made[{k}] : 0" for k in range(self.inputs)]
-        care.insert(0, f"{made} = {{{', '.join(asked)}}};")
-        lines = [f"{made};", "int status = NOSLIP_NULL;"]
-        lines += [f"if ({' && '.join(begin)}) {{", *(f"    {line}" for line in fast), "}"]
-        lines.append(f"return {slow}({', '.join([*names, 'status', *passed])});")
-        declared = [*parameters.values(), "int status", *(f"{self.scalar.real} {name}" for name in asked)]
-        head = f"static NOSLIP_COLD int {slow}({', '.join(declared)})"
-        return "\n".join(
-            ["/* The step when something is wrong, or cut: finds out what. */", *fill(head, ""), "{", body(care), "}", ""]
-            + [*fill(self.signature(entry), ""), "{", body(lines), "}"]
-        )
+        texts = ["/* The step when something is wrong, or cut: finds out what. */"]
+        texts += [*fill(f"static NOSLIP_COLD int {care}({', '.join(parameters)})", ""), "{", body(with_care), "}", ""]
+        if self.grips:
+            rolls = ["status == NOSLIP_OK", "self != NULL", "state != NULL", "self->on_limit == NOSLIP_GRIP"]
+            rolls += [*self._within("limit"), *seen, self._rolls()]
+            with_grip = [f"const {made} = {{{', '.join(asked)}}};", f"{self.scalar.real} ground[{4 * self.contacts}];"]
+            with_grip += [f"if ({' && '.join(rolls)}) {{", *written, "}"]
+            with_grip.append(f"return {care}({', '.join([*names, 'status', *asked])});")
+            texts.append("/* The step with NOSLIP_GRIP: is each contact within friction? Then all that is not ordinary. */")
+            head = f"static NOSLIP_BESIDE int {grip}({', '.join(parameters)})"
+            texts += [*fill(head, ""), "{", body(with_grip), "}", ""]
+        return "\n".join([*texts, *fill(self.signature(entry), ""), "{", body(lines), "}"])
 
     def _slow(self, slope: Entry) -> list[str]:
         """Return the function that brings tau within the limits by reducing the speed."""
@@ -382,10 +444,47 @@ class LawC(ProgramC[Program]):
             "}",
         ]
 
+    def _within(self, limit: str) -> list[str]:
+        """Return the C conditions that the inputs made are within an array of the struct."""
+        return [f"{self.scalar.name('noslip_within')}(made[{k}], self->{limit}[{k}])" for k in range(self.inputs)]
+
+    def _rolls(self) -> str:
+        """Return the C condition that the inputs made keep every contact within friction; computes `ground`."""
+        holds = self.scalar.name("noslip_holds")
+        parts = [f"{self.function(GROUND.name)}_law(self, state, made, ground) == NOSLIP_OK"]
+        places = [f"&ground[{4 * k}]" if k else "ground" for k in range(self.contacts)]
+        return " && ".join(parts + [f"{holds}({place}, &self->grip)" for place in places])
+
+    def _grip(self, slope: Entry) -> list[str]:
+        """Return the statements that change tau so that the wheels keep rolling, within the limits."""
+        real, keep_grip = self.scalar.real, self.scalar.name("noslip_keep_grip")
+        calls = [f"{self.function(GROUND.name)}_law(self, state, made, ground)"]
+        calls.append(f"{self.function(GROUND_BY_INPUTS.name)}_law(self, state, by_inputs)")
+        calls += [f"{self.function(slope.name)}_law({', '.join(self._arguments(slope))})"] if self.slows else []
+        along = "slope" if self.slows else "NULL"
+        return [
+            "if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {",
+            f"    {real} ground[{4 * self.contacts}];",
+            f"    {real} by_inputs[{3 * self.contacts}][{self.inputs}];",
+            *([f"    {real} slope[{self.inputs}];"] if self.slows else []),
+            f"    status = {calls[0]};",
+            *(f"    status = status == NOSLIP_OK ? {call} : status;" for call in calls[1:]),
+            "    if (status == NOSLIP_OK) {",
+            f"        {keep_grip}(made, {along}, ground, by_inputs[0], &self->grip, self->limit, {self.contacts});",
+            f"        status = {self._rolls()} ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;",
+            "    }",
+            "}",
+        ]
+
     def _state_angles(self, entry: Entry) -> list[str]:
         """Return the entries of the state, as C, whose range an entry point checks: those in a sine or cosine."""
-        taken = angles(executed(self.program.entries[entry].roots)) if entry.at_foot else self.program.angles
+        taken = angles(executed(self._read_by(entry))) if entry.at_foot else self.program.angles
         return [f"state->{in_c(angle.name)}" for angle in self.program.angles if isinstance(angle, Leaf) and angle in taken]
+
+    def _read_by(self, entry: Entry) -> list[Node]:
+        """Return what an entry point computes; for a step the forces at the contacts too."""
+        entries = [entry, GROUND, GROUND_BY_INPUTS] if entry.slope and self.grips else [entry]
+        return [root for each in entries for root in self.program.entries[each].roots]
 
     def _hidden(self, entry: Entry) -> list[str]:
         """Return inputs, as C, that may be infinite or NaN although the result is finite."""
@@ -398,7 +497,7 @@ class LawC(ProgramC[Program]):
         """Return the arguments of an entry point besides `self`, by group and name; at the foot only those that it reads."""
         groups = {group: [q.name for q in self.law.groups[group]] for group in (Group.STATE, Group.REFERENCE)}
         if entry.at_foot:
-            read = {leaf.name for leaf in _leaves(self.program.entries[entry].roots) if leaf.group is Group.STATE}
+            read = {leaf.name for leaf in _leaves(self._read_by(entry)) if leaf.group is Group.STATE}
             groups[Group.STATE] = [name for name in groups[Group.STATE] if name in read]
             groups[Group.FOOT] = [q.name for q in FOOT]
         return [(group, name) for group, names in groups.items() for name in names]
@@ -427,6 +526,8 @@ class LawC(ProgramC[Program]):
             declared["reference"] = f"const {self.scalar.name(self.prefix + '_reference')} *reference"
         if entry.takes is Group.DEMAND:
             declared["v"] = f"const {real} v[{len(self.law.demand)}]"
+        if entry.takes is Group.INPUT:
+            declared["tau"] = f"const {real} tau[{self.inputs}]"
         if entry.whole:
             declared["all"] = f"{self.evaluation_type} *all"
         else:
@@ -438,12 +539,17 @@ class LawC(ProgramC[Program]):
         return list(self.parameters(entry))
 
     def array(self, leaf: Leaf) -> tuple[str, Sequence[Quantity]] | None:
-        """Return the array of the virtual input."""
-        return ("v", self.law.demand) if leaf.group is Group.DEMAND else None
+        """Return the array of the virtual input, or of the inputs."""
+        arrays = {Group.DEMAND: ("v", self.law.demand), Group.INPUT: ("tau", self.system.mechanism.inputs)}
+        return arrays.get(leaf.group)
 
 
 def _leaves(roots: Sequence[Node]) -> list[Leaf]:
     return [node for node in reachable(roots) if isinstance(node, Leaf)]
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"{', '.join(names[:-1])} or {names[-1]}" if len(names) > 1 else names[0]
 
 
 def _uses(line: str, name: str) -> bool:

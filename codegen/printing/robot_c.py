@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from ...model.mechanism import Mechanism, Quantity
 from ...model.reduction import ReducedSystem
+from ..derivation.grip import can_grip
 from .layout import c_linkage, comment, guard_name, table, version_check
 from .scalar import Scalar
 
@@ -64,8 +65,10 @@ def robot_declarations(system: ReducedSystem, scalar: Scalar) -> str:
         ("noslip_on_error on_error;", "NOSLIP_ZERO (0) or NOSLIP_HOLD"),
         (
             "noslip_on_limit on_limit;",
-            "NOSLIP_CUT (0) or, for laws with exactly one output of relative degree 1 (Type IV), NOSLIP_SLOW",
+            "NOSLIP_CUT (0) or, for laws with exactly one output of relative degree 1 (Type IV), NOSLIP_SLOW"
+            + ("; NOSLIP_GRIP" if can_grip(system) else ""),
         ),
+        *([(f"{own('noslip_friction')} friction;", "the floor, for NOSLIP_GRIP")] if can_grip(system) else []),
     ]
     return "\n\n".join(
         [
@@ -100,7 +103,7 @@ def robot_header(system: ReducedSystem, scalar: Scalar, banner: Sequence[str]) -
             f"#ifndef {guard}",
             f"#define {guard}",
             "",
-            '#include "noslip_controller.h"',
+            f'#include "noslip_{"grip" if can_grip(system) else "controller"}.h"',
             "",
             *version_check(file_name),
             "",

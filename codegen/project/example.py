@@ -4,8 +4,9 @@ import json
 from collections.abc import Mapping
 
 from ...model.law import ControlLaw
+from ...readers.templates import render
 from ..printing.scalar import SCALARS
-from ..templates import render
+from ..targets import STANDARD
 from .project import initializers
 
 
@@ -27,6 +28,7 @@ def example(generated: Mapping[str, str], law: ControlLaw) -> dict[str, str]:
         "printed": " ".join(["%g"] * len(inputs)),
         "values": ", ".join(f"(double)tau[{k}]" for k in range(len(inputs))),
         "state": ", ".join(f".{q.in_c} = {scalar.literal((k + 1) / 8)}" for k, q in enumerate(law.state)),
+        "standard": STANDARD,
         **initializers(law, scalar),
     }
     names = {"Makefile": "example.mk", "README.md": "example.md", "example.c": "example.c"}

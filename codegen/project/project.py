@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from ...model.law import ControlLaw
 from ...model.mechanism import Quantity
+from ...readers.templates import render
 from ..printing.layout import table
 from ..printing.scalar import Scalar
-from ..targets import STANDARD
-from ..templates import render
+from ..targets import SAME_BITS, STANDARD
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def makefile(robot: str, board: Board) -> str:
 
 def cmake(robot: str, board: Board) -> str:
     """Return CMakeLists.txt: the library with the flags of the including project; as the top-level project also the self-test."""
-    return render(__file__, "project.cmake", robot=robot, board=board)
+    return render(__file__, "project.cmake", robot=robot, board=board, flags=SAME_BITS)
 
 
 def loop(law: ControlLaw, scalar: Scalar) -> str:

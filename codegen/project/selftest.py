@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...model.law import ControlLaw
+from ...readers.templates import render
+from ..derivation.grip import can_grip
 from ..files import law_program
 from ..printing.scalar import Scalar
 from ..program import FOLLOW, SLOPE
-from ..templates import render
 
 BITS = {"float": (np.float32, np.uint32, 8), "double": (np.float64, np.uint64, 16)}  # scalar, bits, hexadecimal digits
 
@@ -97,6 +98,7 @@ def _law(golden: Golden, scalar: Scalar) -> dict[str, object]:
         "prefix": f"{law.system.mechanism.name}_{law.name}",
         "about": law.output.about,
         "slows": slows(law),
+        "grips": can_grip(law.system),
         "follows": FOLLOW in law_program(law).entries,
         "state": len(law.state),
         "reference": len(law.reference),

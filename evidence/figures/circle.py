@@ -73,7 +73,7 @@ def draw_8a(runs: Runs) -> matplotlib.figure.Figure:
     over_time(axes[2], "distance (m), outside positive")
     axes[2].set_xlim(0, 6)
     axes[2].axhline(0.0, color="black", linewidth=0.8)
-    axes[2].legend(loc="upper right", title="initial heading, way round")
+    axes[2].legend(loc="upper right", title="initial heading, sense of rotation")
     return figure
 
 
@@ -136,7 +136,7 @@ def draw_8b(runs: Runs) -> matplotlib.figure.Figure:
         start(panel, place, "start (30, 15) m")
     plane(axes[0], np.array([[8.5, 8.5], [33.0, 31.5]]))
     plane(axes[1], np.array([[28.6, 14.6], [32.0, 19.0]]))
-    axes[0].legend(loc="center", title="initial speed")
+    legend_below(axes[0], 2, title="initial speed")
     over_time(axes[2], "distance (m)")
     axes[2].set_xlim(0, 6)
     axes[2].axhline(0.0, color="black", linewidth=0.8)

@@ -93,7 +93,7 @@ def _mark_joins(axes: Axes, segments: tuple[Segment, ...]) -> None:
 
 
 def draw_10(runs: Runs) -> matplotlib.figure.Figure:
-    """The path with its pieces, and its curvature along the way."""
+    """The path with its segments, and its curvature along it."""
     figure, axes = panels("desired path: arc A, line B, arc C", "its curvature", widths=(1.3, 1), height=4.4)
     way, joins = 0.0, []
     for name, segment, colour in zip(NAMES, _segments(runs), COLOURS, strict=False):
@@ -113,7 +113,7 @@ def draw_10(runs: Runs) -> matplotlib.figure.Figure:
     plane(axes[0], np.array([[-0.5, -0.5], [9.5, 13.5]]))
     axes[0].legend(loc="upper left")
     steps = _steps(runs)
-    axes[1].set(xlabel="way along the path (m)", ylabel="curvature (1/m), left positive", ylim=(-0.45, 0.35))
+    axes[1].set(xlabel="length along the path (m)", ylabel="curvature (1/m), left positive", ylim=(-0.45, 0.35))
     for segment, step, at in zip(_segments(runs), steps, joins, strict=False):
         axes[1].annotate(
             "", (at, segment.curvature + step), (at, segment.curvature), arrowprops={"arrowstyle": "-|>", "color": STOP}
@@ -239,11 +239,11 @@ def draw_12(runs: Runs) -> matplotlib.figure.Figure:
         way, distance = _past(runs[CONTINUOUS], _joins(runs[CONTINUOUS])[number])
         panel.plot(way, distance * 1e3, color="black", linewidth=1.2, label="continuous")
         panel.axvline(0.0, color=STOP, linestyle=":", linewidth=1.2, label="join")
-        panel.set(xlabel="way along the path from the join (m)", ylabel="distance (mm), left positive", ylim=(-0.7, 1.6))
-        panel.legend(loc="upper left")
+        panel.set(xlabel="length along the path from the join (m)", ylabel="distance (mm), left positive", ylim=(-0.7, 1.6))
+        legend_below(panel)
     axes[2].axhline(0.0, color="black", linewidth=0.8)
     axes[2].set(xlabel="time since the join (s)", ylabel="change of the distance (mm)", xlim=(0, AFTER))
-    axes[2].legend(loc="upper right")
+    legend_below(axes[2])
     return figure
 
 

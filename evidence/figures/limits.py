@@ -55,10 +55,10 @@ def draw_limits(runs: Runs) -> matplotlib.figure.Figure:
     axes[3].axhspan(LIMIT, 30, color=STOP, alpha=0.08)
     axes[3].axhline(LIMIT, color=STOP, linewidth=1.2)
     say(axes[3], "more than the motors give", (0.98, 0.66), STOP, ha="right")
-    for panel, top in zip(axes[1:], (20, 6.5, 27), strict=True):
+    for panel, top in zip(axes[1:], (17, 5.5, 27), strict=True):
         panel.set_xlim(0, 5)
         panel.set_ylim(top=top)
-        panel.legend(loc="upper right")
+        legend_below(panel)
     return figure
 
 

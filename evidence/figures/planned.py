@@ -207,7 +207,7 @@ def draw_waypoints(runs: Runs) -> matplotlib.figure.Figure:
     ends = np.cumsum([0.0, *(segment.length for segment in _segments(run))])
     axes[1].stairs([segment.curvature for segment in _segments(run)], ends, baseline=None, color=FORWARD, linewidth=1.8)
     axes[1].axhline(0.0, color="black", linewidth=0.8)
-    axes[1].set(xlabel="way along the path (m)", ylabel="curvature (1/m), left positive")
+    axes[1].set(xlabel="length along the path (m)", ylabel="curvature (1/m), left positive")
     axes[2].plot(run.t, run.y[:, 0] * 1e3, color=FORWARD)
     axes[2].axhline(0.0, color="black", linewidth=0.8)
     for n, k in enumerate(np.flatnonzero(np.diff(run.piece))):

@@ -65,7 +65,7 @@ def draw_reversing(runs: Runs) -> matplotlib.figure.Figure:
         dots = np.arange(0.0, min(4.0, run.t[-1]), 0.2)
         axes[2].semilogy(dots, np.abs(closed(dots)), "o", color=colour, markersize=4)
     stopped = runs[WRONG]
-    say(axes[0], f"stopped after {stopped.t[-1]:.2f} s:\nnormal to the path, singular", (0.03, 0.86), STOP)
+    say(axes[0], f"stopped after {stopped.t[-1]:.2f} s:\nnormal to the path,\nsingular", (0.03, 0.83), STOP)
     axes[2].semilogy([], [], "o", color="black", markersize=4, label="closed form")
     axes[2].axhline(1.0, color=STOP, linewidth=1.2)
     axes[2].plot(stopped.t[-1], 1.0, "X", color=STOP, markersize=9)

@@ -98,7 +98,7 @@ def _friction_circle(axes: Axes) -> None:
     axes.fill(np.cos(angle), np.sin(angle), color=COLOURS[2], alpha=0.12, linewidth=0)
     axes.plot(np.cos(angle), np.sin(angle), color=STOP, linewidth=1.2)
     axes.set(xlim=(2.9, -2.9), ylim=(-3.2, 2.6), aspect="equal", xlabel="sideways, left positive", ylabel="forward")
-    axes.text(0.92, -0.45, "rolls", color=COLOURS[2])
+    axes.text(1.0, 0.8, "rolls\ninside", color=COLOURS[2], ha="right")
     say(axes, "solid: right wheel\ndashed: left wheel\ndots: at the start", (0.03, 0.03))
 
 
@@ -165,7 +165,7 @@ FIGURES = (
         "Beyond the paper: does it still roll?",
         "The whole method rests on rolling without slip. The constraint forces of the runs tell what the ground must give.",
         "friction coefficient 0.7 (the paper names none), the whole weight on the driven wheels, no load transfer; wheels of an "
-        "axle share its side force by load; gains, starts and the circle as in figures 1 and 8; wheel radius 0.15 m",
+        "axle share its side force by load at rest; gains, starts and the circle as in figures 1 and 8; wheel radius 0.15 m",
         {**LINES, **CIRCLES, GENTLE: Case("rolling.toml"), **STEADY},
         draw_rolling,
         claims_rolling,

@@ -123,7 +123,7 @@ def draw_14(runs: Runs) -> matplotlib.figure.Figure:
         axes[2].plot(run.t, sensed_distance(run), style, color=SENSED, label=f"sensed, {label}")
     over_time(axes[2], "distance (m), outside positive")
     axes[2].set_ylim(-8, 45)
-    axes[2].legend(loc="upper left")
+    legend_below(axes[2])
     return figure
 
 
@@ -214,14 +214,14 @@ def draw_reset(runs: Runs) -> matplotlib.figure.Figure:
     for moved, colour, label in zip(steps(run), (SENSED, TRUE), ("sensed", "true"), strict=True):
         axes[2].semilogy(
             run.t[1:],
-            moved * 100,
+            moved,
             color=colour,
             linewidth=1.2,
-            label=f"{label}: up to {moved[set_right[0] - 1 :].max() * 100:.1f} cm",
+            label=f"{label}: up to {moved[set_right[0] - 1 :].max():.3f} m",
         )
-    over_time(axes[2], "change (cm)")
+    over_time(axes[2], "change (m)")
     axes[2].legend(loc="upper right")
-    _plain(axes[2], (2, 500), (2, 5, 10, 20, 50, 100, 200))
+    _plain(axes[2], (0.02, 5), (0.02, 0.05, 0.1, 0.2, 0.5, 1, 2))
     return figure
 
 
@@ -318,13 +318,13 @@ def draw_rates(runs: Runs) -> matplotlib.figure.Figure:
         run = runs[_rate(1.0, mode, FIRST)]
         axes[2].semilogy(
             run.t[1:],
-            steps(run)[0] * 100,
+            steps(run)[0],
             color=colour,
             linewidth=1.0,
-            label=f"{mode}, 1 Hz: up to {steps(run)[0].max() * 100:.1f} cm",
+            label=f"{mode}, 1 Hz: up to {steps(run)[0].max():.3f} m",
         )
-    over_time(axes[2], "change (cm)")
-    _plain(axes[2], (1, 500), (1, 2, 5, 10, 20, 50, 100, 200))
+    over_time(axes[2], "change (m)")
+    _plain(axes[2], (0.01, 5), (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2))
     axes[2].legend(loc="upper right")
     return figure
 

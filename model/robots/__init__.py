@@ -13,6 +13,7 @@ from .rolling_disk import rolling_disk
 from .slope_platform import slope_platform
 from .steered import car, tricycle
 from .tractor_trailer import tractor_trailer
+from .turtlebot3 import turtlebot3_burger
 
 ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "labmate": labmate,
@@ -26,4 +27,5 @@ ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "slope_platform": slope_platform,
     "tractor_trailer": tractor_trailer,
     "four_wheel": four_wheel,
+    "turtlebot3_burger": turtlebot3_burger,
 }

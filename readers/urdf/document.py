@@ -127,7 +127,9 @@ def read(file: str) -> Document:
     if root.tag != "robot":
         raise BadInput(f"{file}: the first element is <{root.tag}>, and that of a URDF is <robot>; give a URDF")
     notes = _check_elements(file, root)
-    driven = {j.get("name") for path in ("transmission/joint", "ros2_control/joint") for j in root.iterfind(path)}
+    driven = {
+        j.get("name") for path in ("transmission/joint", "ros2_control/joint[command_interface]") for j in root.iterfind(path)
+    }
     rubbing = [e.getparent().get("name") for e in root.iterfind("joint/dynamics") if _rubs(e)]
     if rubbing:
         notes = (*notes, f"damping and friction are left out: joints {', '.join(rubbing)}")

@@ -65,7 +65,7 @@ class _Recognition:
         if len(fixed) < 2:
             raise self.wrong(
                 f"wheels on {document.root!r}, without castors and those on vertical joints: {_joints(fixed) or 'none'}; "
-                f"{self.unused()}a robot file describes a body on an axle of two wheels, with steered wheels and trailers if any"
+                f"{self.unused()}a robot file describes a body on an axle of two wheels, which turn on continuous joints"
             )
         self.heading = self.common_heading(wheels)
         self.castors |= self.fixed_castors(wheels)
@@ -124,37 +124,36 @@ class _Recognition:
     def wheels(self) -> list[Wheel]:
         """Return the wheels that stand on the ground, those of castors included. Raises BadInput if there are none."""
         document, named = self.document, self.options.wheels
-        found, self.reasons = [], {}
+        found: list[Wheel] = []
+        self.reasons: dict[str, str] = {}  # why joints that turn are no wheels
         for joint in document.joints.values():
-            if joint.name not in named and joint.type != "continuous":
-                continue
-            try:
-                found.append(self.wheel(joint))
-            except NotRound as error:
-                if joint.name in named:
-                    raise self.wrong(f"joint {joint.name!r} cannot be a wheel: {error}") from error
-                if abs(document.axis(joint)[2]) < 0.5:  # not a joint that was never meant as a wheel's
+            if joint.name in named or joint.type == "continuous":
+                try:
+                    found.append(self.wheel(joint))
+                except NotRound as error:
                     self.reasons[joint.name] = str(error)
-        if found:
-            ground = min(wheel.centre[2] - wheel.radius for wheel in found if not named or wheel.joint in named)
-            for wheel in list(found):
-                height = wheel.centre[2] - wheel.radius - ground
-                if abs(height) > GROUND * wheel.radius:
-                    self.reasons[wheel.joint] = f"its rim is {height:.3g} m above the ground, where the other wheels stand"
-                    if wheel.joint in named:
-                        raise self.wrong(f"joint {wheel.joint!r} cannot be a wheel: {self.reasons[wheel.joint]}")
-                    found.remove(wheel)
+        lowest_named = [wheel.centre[2] - wheel.radius for wheel in found if not named or wheel.joint in named]
+        for wheel in list(found):
+            height = wheel.centre[2] - wheel.radius - min(lowest_named, default=0.0)
+            if abs(height) > GROUND * wheel.radius:
+                self.reasons[wheel.joint] = f"its rim is {height:.3g} m above the ground, where the other wheels stand"
+                found.remove(wheel)
+        for joint in set(named) & self.reasons.keys():
+            raise self.wrong(f"joint {joint!r} cannot be a wheel: {self.reasons[joint]}")
         if not found:
             raise self.wrong(f"no wheel found; {self.unused()}name the joints of the wheels by --wheels JOINT ...")
         for wheel in found:
-            below = [j for link in document.subtree(wheel.link) for j in document.below(link) if j.type != "fixed"]
-            if below:
-                raise self.wrong(
-                    f"joint {below[0].name!r} turns on the wheel of joint {wheel.joint!r}; wheels with rollers slip aside"
-                )
-            if document.joints[wheel.joint].mimic is not None:
-                raise self.wrong(f"joint {wheel.joint!r} is a wheel that mimics another joint; remove <mimic>")
+            self.refuse_more_joints(wheel)
         return found
+
+    def refuse_more_joints(self, wheel: Wheel) -> None:
+        """Raise BadInput for a wheel that carries joints, as one with rollers does, or that turns with another."""
+        for link in self.document.subtree(wheel.link):
+            for joint in self.document.below(link):
+                if joint.type != "fixed":
+                    raise self.wrong(f"joint {joint.name!r} turns on the wheel of joint {wheel.joint!r}; rollers slip aside")
+        if self.document.joints[wheel.joint].mimic is not None:
+            raise self.wrong(f"joint {wheel.joint!r} is a wheel that mimics another joint; remove <mimic>")
 
     def wheel(self, joint: Any) -> Wheel:
         """Return the wheel on a joint. Raises NotRound."""
@@ -178,8 +177,10 @@ class _Recognition:
         return Wheel(joint.name, joint.child, self.pivot(joint.name) + along * document.axis(joint), size, source)
 
     def unused(self) -> str:
-        """Return why joints that turn are no wheels, to be followed by advice."""
-        return "".join(f"joint {name!r}: {reason}; " for name, reason in list(self.reasons.items())[:2])
+        """Return why horizontal joints that turn are no wheels, to be followed by advice."""
+        joints = self.document.joints
+        level = [n for n in self.reasons if abs(self.document.axis(joints[n])[2]) < 0.5 and not CASTOR.search(n)]
+        return "".join(f"joint {name!r}: {self.reasons[name]}; " for name in level[:2])
 
     def ancestors(self, joint: str) -> list[Any]:
         """Return the joints that carry a joint, from it to the root."""
@@ -224,7 +225,7 @@ class _Recognition:
         rims = {link for wheel in wheels for link in document.subtree(wheel.link)}
         for name, link in document.links.items():
             spheres = any(s.geometry.sphere is not None for s in (*link.collisions, *link.visuals))
-            if name in rims or name == document.root or not (spheres or CASTOR.search(name) or name in named):
+            if name in rims or not (spheres or CASTOR.search(name) or name in named):
                 continue
             place = lowest(document, name)
             if place and abs(place[0] - self.ground) <= GROUND * wheels[0].radius:
@@ -280,7 +281,7 @@ class _Recognition:
             raise self.wrong(f"joints {_joints(fixed)}: give as many wheels on the left as on the right, and two on one axle")
         if track is None:
             return "two wheels", actual / 2, origin
-        if not track >= actual:
+        if not actual <= track < math.inf:
             raise self.wrong(f"--skid-steer-track {track:g} m: the effective track is at least that of the wheels, {actual:g} m")
         if max(w.radius for w in fixed) > (1 + 1e-6) * min(w.radius for w in fixed):
             raise self.wrong(f"joints {_joints(fixed)}: the radii of the wheels differ; give one by --radius LINK=METRES")

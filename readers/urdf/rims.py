@@ -1,7 +1,7 @@
 """The radius of a wheel, from the shapes of its link."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ def lowest(document: Document, link: str) -> tuple[float, np.ndarray] | None:
     return min(found, key=lambda pair: pair[0]) if found else None
 
 
-def extent(document: Document, links: list[str]) -> np.ndarray:
+def extent(document: Document, links: Sequence[str]) -> np.ndarray:
     """Return the corners of the boxes around the shapes of links but meshes, in the frame of the root, count x 3."""
     corners = []
     for kind in ("collision", "visual"):
@@ -67,7 +67,7 @@ def extent(document: Document, links: list[str]) -> np.ndarray:
     return np.concatenate(corners) if corners else np.zeros((0, 3))
 
 
-def _shapes(document: Document, links: list[str], kind: str) -> Iterator[tuple[str, np.ndarray, Any]]:
+def _shapes(document: Document, links: Sequence[str], kind: str) -> Iterator[tuple[str, np.ndarray, Any]]:
     for link in links:
         pose = document.pose(link)
         for element in getattr(document.links[link], f"{kind}s"):

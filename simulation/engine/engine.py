@@ -17,7 +17,7 @@ from ..integrate import Refused
 from ..plant import Plant
 from ..specification.spec import ContactSection, Floor
 from .frames import planar
-from .friction import coulomb
+from .friction import LEAST, coulomb
 from .mjcf import mjcf
 
 STEP = 1e-3  # s, the longest; half of it changes a path by less than 1 mm where no wheel chatters
@@ -49,7 +49,7 @@ class Engine:
         self._geoms = [self.model.geom(f"wheel_{k}").id for k in range(len(wheels))]
         self._bodies = self.model.geom_bodyid[self._geoms]
         self._radii = [abs(wheel.radius) for wheel in wheels]
-        self._load, self._friction = np.zeros(len(wheels)), np.zeros(2 * len(wheels))
+        self._load, self._limit, self._friction = np.zeros(len(wheels)), np.ones(len(wheels)), np.zeros(2 * len(wheels))
         self._jacobian, self._slot = np.zeros((2 * len(wheels), self.model.nv)), np.zeros((3, self.model.nv))
         self._rates = np.linalg.inv(self.planar.joints)  # of the coordinates, by those of the joints
         self._headings = np.array([self.planar.frames[wheel.frame].heading for wheel in wheels])
@@ -94,13 +94,14 @@ class Engine:
             raise Refused("range", t, x)
         return self.state()
 
-    def look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return for each contact slip (m/s), load (N), and force along and across in turn (N)."""
+    def look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return for each contact slip (m/s), load (N), friction use, and force along and across in turn (N)."""
         q, qdot = self.coordinates()
         slip = np.hypot(*self._functions["slip"](q, qdot, self._parameters)[0].reshape(-1, 2).T)
         c, s = np.cos(self._headings @ q), np.sin(self._headings @ q)
         x, y = self._friction.reshape(-1, 2).T
-        return slip, self._load.copy(), np.column_stack([c * x + s * y, c * y - s * x]).ravel()
+        use = np.hypot(x, y) / self._limit
+        return slip, self._load.copy(), use, np.column_stack([c * x + s * y, c * y - s * x]).ravel()
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Return q and qdot of the Mechanism."""
@@ -129,7 +130,9 @@ class Engine:
         moved = np.empty_like(J)
         self._mujoco.mj_solveM(self.model, self.data, moved, J)
         free = J @ (self.data.qvel + h * self.data.qacc_smooth)
-        self._friction = coulomb(h * (J @ moved.T), free, self._load, self._mu())
+        mu = self._mu()
+        self._friction = coulomb(h * (J @ moved.T), free, self._load, mu)
+        self._limit = np.maximum(mu * self._load, np.hypot(*self._friction.reshape(-1, 2).T)) + LEAST
         self.data.qfrc_applied += J.T @ self._friction
 
     def _mu(self) -> np.ndarray:

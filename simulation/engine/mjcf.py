@@ -130,8 +130,8 @@ def _inertial(body: xml.Element, planar: Planar, k: int, height: float) -> None:
     about = frame.inertia - frame.mass * float(centre @ centre) - sum(_diameter(wheel) for wheel in wheels)
     if about <= 0:
         raise BadInput(f"--engine mujoco: the wheels of body {k + 1} have more inertia about a vertical than the body itself")
-    place = (*centre, height if frame.mass else 0.0)
-    xml.SubElement(body, "inertial", pos=_text(place), mass=_text([frame.mass or NOTHING]), diaginertia=_text([about] * 3))
+    place = [*centre.tolist(), height if frame.mass else 0.0]
+    xml.SubElement(body, "inertial", pos=_text(place), mass=_text([frame.mass or NOTHING]), diaginertia=_text([float(about)] * 3))
     rests = sum(wheel.load for wheel in planar.wheels) / sum(other.mass for other in planar.frames)
     if abs(rests - 1) > SMALL:  # as on a slope that the Mechanism has itself
         body.set("gravcomp", _text([1 - rests]))

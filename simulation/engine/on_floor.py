@@ -10,10 +10,10 @@ import numpy as np
 from ...readers.errors import BadInput
 from ..integrate import Row, sampled
 from ..loop import Loop
-from ..measured import Measured
 from ..sensing import Sensing
-from ..specification.spec import Floor, Sensors, Spec
+from ..specification.spec import ContactSection, Floor, Sensors, Spec
 from .engine import Engine
+from .measured import Measured
 
 
 class OnFloor:
@@ -23,8 +23,9 @@ class OnFloor:
         """Raises BadInput for a loop without a period, and as Engine."""
         if not spec.simulation.period:
             raise BadInput("--engine mujoco requires [simulation] period > 0: the controller is called as in firmware")
-        self._floor = spec.floor or Floor()
-        self.engine = Engine(loop.plant, spec.contact, self._floor, loop.start)
+        if spec.drive and spec.drive.takes_velocity:
+            raise BadInput(f'[drive] kind = "{spec.drive.kind}" is not there with --engine mujoco yet; use kind = "torque"')
+        self.engine = Engine(loop.plant, spec.contact or ContactSection(), spec.floor or Floor(), loop.start)
         self.loop, self._simulation = replace(loop, sensing=loop.sensing or _reckoning(loop, spec)), spec.simulation
         self._looks: list[tuple[np.ndarray, ...]] = []
 
@@ -37,8 +38,8 @@ class OnFloor:
 
     def measured(self) -> Measured:
         """Return what was measured at the rows so far."""
-        slip, load, force, reckoned = (np.array(each) for each in zip(*self._looks, strict=True))
-        return Measured(slip, load, force, reckoned if self.loop.sensing else None, self.engine.mu)
+        slip, load, use, force, reckoned = (np.array(each) for each in zip(*self._looks, strict=True))
+        return Measured(slip, load, use, force, reckoned if self.loop.sensing else None, self.engine.mu)
 
     def constraint_forces(self, x: np.ndarray) -> np.ndarray:
         """Return lambda of (8), with the paper's sign, as the floor supplied it at each row x, (N, m)."""

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from ...readers.errors import BadInput
 from ..drawing import is_outline, outlines
 from ..guidance import vehicle_motion
-from ..measured import SLIPS
 from ..run import Run
+from .measured import SLIPS
 
 RATE = 20  # pictures a second, of the run and of the film
 AROUND = 3.0  # m on each side of the vehicle

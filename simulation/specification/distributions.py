@@ -5,16 +5,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from ...readers.errors import BadInput
-from ...readers.reading import DEFINITIONS, angle, check_keys, entry, flag, number, numbers, one_of, reads, ref, text, whole
+from ...readers.reading import DEFINITIONS, SI, angle, check_keys, entry, flag, number, numbers, one_of, reads, ref, text, whole
 
 SEEDS = 2**21  # of a sweep: the seed of a sample is that of the sweep times 2^32 plus the sample's number, below 2^53
 PERIOD = 0.01  # s between calls for a SPEC with period 0 (continuous): the compiled loop of a sweep is sampled
 BAND = 0.05  # m, rad, m/s: an error has settled if it stays within
 DESIGNS = ("random", "sobol", "latin")
 KINDS = {"normal": "[mean, sd]", "uniform": "[a, b]", "log_uniform": "[a, b]"}
+KEYS = {
+    "normal": "mean and standard deviation",
+    "uniform": "lowest and highest value",
+    "log_uniform": "lowest and highest value; the logarithm is uniform",
+    "within": "lowest and highest value of a normal distribution",
+}
 EXAMPLE = "for example { normal = [30.0, 6.0] } or { uniform = [-1.0, 1.0] }"
 
 
@@ -32,6 +37,8 @@ class Margin:
     def quantile(self, u: np.ndarray) -> np.ndarray:
         """Return the value below which a part u, 0 < u < 1, of the distribution lies."""
         if self.kind == "normal":
+            from scipy.special import ndtr, ndtri  # slow to import, and most SPECs have no distribution
+
             if self.within:
                 low, high = (ndtr((bound - self.a) / self.b) for bound in self.within)
                 return np.clip(self.a + self.b * ndtri(low + u * (high - low)), *self.within)
@@ -47,7 +54,9 @@ _PAIR = {"type": "array", "items": number().schema(), "minItems": 2, "maxItems":
 _OF_KIND = [
     {
         "type": "object",
-        "properties": dict.fromkeys((kind, "within") if kind == "normal" else (kind,), _PAIR),
+        "properties": {
+            key: _PAIR | {"description": f"{KEYS[key]}, {SI}"} for key in ((kind, "within") if kind == "normal" else (kind,))
+        },
         "required": [kind],
         "additionalProperties": False,
     }
@@ -59,19 +68,19 @@ DEFINITIONS["distribution"] = {
         {"type": "array", "items": {"anyOf": [*number().schema()["anyOf"], ref("distribution")]}},
         {
             "type": "object",
-            "properties": dict.fromkeys((*KINDS, "within"), False),
+            "properties": dict.fromkeys(KEYS, False),
             "additionalProperties": ref("distribution"),
         },
     ]
 }
 DEFINITIONS["criterion"] = {
     "type": "object",
-    "properties": {"status": flag.schema()},
+    "properties": {"status": flag.about("whether a sample that stops early fails").schema()},
     "additionalProperties": {"anyOf": [*number("positive").schema()["anyOf"], ref("criterion")]},
 }
 
 
-@reads({"type": "object", "additionalProperties": ref("distribution")})
+@reads({"type": "object", "additionalProperties": ref("distribution"), "description": "by name, " + SI})
 def margins(value: Any, where: str) -> dict[str, Margin]:
     """Reads a table of distributions, of tables and of lists of them: dotted name -> distribution."""
     found: dict[str, Margin] = {}
@@ -119,6 +128,8 @@ def _margin(table: Mapping[str, Any], where: str) -> Margin:
         return Margin(kind, a, b)
     if kind != "normal":
         raise BadInput(f"{where} within applies to normal only; {kind} has bounds already")
+    from scipy.special import ndtr  # slow to import
+
     low, high = _two(table["within"], f"{where} within", "[a, b]")
     if not low < high:
         raise BadInput(f"{where} within: {low:g} must be below {high:g}")
@@ -137,6 +148,7 @@ def _two(value: Any, where: str, wanted: str) -> tuple[float, float]:
 @reads(
     {
         "type": "array",
+        "description": "[[name, name, correlation], ...], numbers without unit between -1 and 1",
         "items": {
             "type": "array",
             "items": [text.schema(), text.schema(), number(unit="1").schema()],
@@ -161,7 +173,7 @@ def _correlations(value: Any, where: str) -> tuple[tuple[str, str, float], ...]:
     return tuple(made)
 
 
-@reads(ref("criterion"))
+@reads({"allOf": [ref("criterion")], "description": SI})
 def _criterion(value: Any, where: str) -> dict[str, float | bool]:
     """Read the criterion of failure: status = true, and outcomes with their limits."""
     if not isinstance(value, dict):
@@ -179,28 +191,26 @@ def _criterion(value: Any, where: str) -> dict[str, float | bool]:
 
 @dataclass(frozen=True, kw_only=True)
 class Sweep:
-    """What varies, and the criterion of failure.
+    """What varies, and the criterion of failure: a sample fails if it stops early, or an outcome exceeds a limit."""
 
-    `fails`: a sample fails if it stops early (`status`), or an outcome exceeds a limit. `period` (s) between calls of the
-    controller if the SPEC itself is continuous. `correlation` is that of the normal variables underlying two numbers.
-    """
-
-    seed: int = entry(whole(0), 0)
-    design: str = entry(one_of(*DESIGNS), "random")
-    band: float = entry(number("positive"), BAND)
-    period: float | None = entry(number("positive", "s"), None)
-    fails: Mapping[str, float | bool] | None = entry(_criterion, None)
-    correlation: tuple[tuple[str, str, float], ...] = entry(_correlations, ())
-    parameters: Mapping[str, Margin] = entry(margins, {})
-    plant: Mapping[str, Margin] = entry(margins, {})
-    gains: Mapping[str, Margin] = entry(margins, {})
-    output: Mapping[str, Margin] = entry(margins, {})
-    reference: Mapping[str, Margin] = entry(margins, {})
-    initial: Mapping[str, Margin] = entry(margins, {})
-    limits: Mapping[str, Margin] = entry(margins, {})
-    sensors: Mapping[str, Margin] = entry(margins, {})
-    correction: Mapping[str, Margin] = entry(margins, {})
-    simulation: Mapping[str, Margin] = entry(margins, {})
+    seed: int = entry(whole(0), 0, f"seed of the random numbers, below {SEEDS}")
+    design: str = entry(one_of(*DESIGNS), "random", "how the samples fill the space")
+    band: float = entry(number("positive"), BAND, "an error has settled when it stays within")
+    period: float | None = entry(number("positive", "s"), None, "between calls of the controller, for a continuous SPEC")
+    fails: Mapping[str, float | bool] | None = entry(_criterion, None, "limits of outcomes above which a sample fails")
+    correlation: tuple[tuple[str, str, float], ...] = entry(
+        _correlations, (), "correlations of the normal variables that underlie two numbers"
+    )
+    parameters: Mapping[str, Margin] = entry(margins, {}, "distributions of what the controller believes, and the robot has")
+    plant: Mapping[str, Margin] = entry(margins, {}, "distributions of the parameters that only the robot has")
+    gains: Mapping[str, Margin] = entry(margins, {}, "distributions of gains")
+    output: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [output]")
+    reference: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [reference]")
+    initial: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [initial]")
+    limits: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [limits]")
+    sensors: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [sensors]")
+    correction: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [correction]")
+    simulation: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [simulation]")
 
     def __post_init__(self):
         if self.seed >= SEEDS:

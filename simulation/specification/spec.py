@@ -4,6 +4,7 @@ Each section is a dataclass, and each entry has a reader for its value. Unknown 
 """
 
 import dataclasses
+import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -85,7 +86,7 @@ def _read_segments(value: Any, where: str) -> list[Segment]:
     return tables.segments_from_tables(value, where)
 
 
-@reads({"type": "array", "items": point.schema()})
+@reads({"type": "array", "items": point.schema(), "description": "[[x, y], ...] in m"})
 def _points(value: Any, where: str) -> list[tuple[float, ...]]:
     """Read a list of [x, y]."""
     if not isinstance(value, list):
@@ -93,27 +94,39 @@ def _points(value: Any, where: str) -> list[tuple[float, ...]]:
     return [point(item, f"{where}[{k}]") for k, item in enumerate(value)]
 
 
-BETWEEN = {"from": pose, "to": pose, "radius": number("positive", "m")}
+BETWEEN = {
+    "from": pose.about("where the path begins"),
+    "to": pose.about("where it ends"),
+    "radius": number("positive", "m").about("radius of every arc"),
+}
 COMPOSITE: dict[str, dict[str, Reader]] = {  # kind -> its keys besides stop and closed
-    "composite": {"segments": Reader(_read_segments, _segments_schema)},
-    "waypoints": {"points": _points, "tolerance": number("positive", "m")},
+    "composite": {"segments": Reader(_read_segments, _segments_schema).about("lines and arcs, in the order of travel")},
+    "waypoints": {
+        "points": _points.about("the path is made of lines between them"),
+        "tolerance": number("positive", "m").about("largest distance of the rounded corners from these lines"),
+    },
     "dubins": BETWEEN,
     "reeds_shepp": BETWEEN,
 }
-OPTIONS = {"stop": one_of("point", "axle"), "closed": flag}
+KIND = "kind of curve; the other keys are its parameters"
+OPTIONS = {
+    "stop": one_of("point", "axle").about("what stops at the end and at cusps: P_l, or the middle of the axle"),
+    "closed": flag.about("whether the last segment is followed by the first"),
+}
 
 
 def _path_schema() -> Schema:
     """Return the schema of a path: that of a curve with named numbers, unless its kind is one of COMPOSITE."""
     of_kind: list[Schema] = []
     for kind, readers in COMPOSITE.items():
-        made = table_of({"kind": one_of(kind), **readers, **OPTIONS}, ["kind", *readers])
+        made = table_of({"kind": one_of(kind).about(KIND), **readers, **OPTIONS}, ["kind", *readers])
         of_kind.append({"if": {"properties": {"kind": {"const": kind}}}, "then": made})
-    curve = {"properties": {"kind": {}}, "additionalProperties": number().schema()}
+    curve = {"properties": {"kind": text.about(KIND).schema()}, "additionalProperties": number().schema()}
     others = {"if": {"properties": {"kind": {"not": {"enum": list(COMPOSITE)}}}}, "then": curve}
     return {
         "type": "object",
-        "properties": {"kind": {"type": "string", "examples": [*PATHS, *COMPOSITE]}},
+        "description": "the curve that type IV follows, by its kind",
+        "properties": {"kind": {**text.about(KIND).schema(), "examples": [*PATHS, *COMPOSITE]}},
         "required": ["kind"],
         "allOf": [*of_kind, others],
     }
@@ -157,13 +170,17 @@ class OutputSection:
     or avoided by a P_l on the other side of the axle, L_backward (by default as far behind the axle as L is ahead).
     """
 
-    type: str = entry(text)
-    L: float = entry(number(unit="m"), 0.0)
-    W: float = entry(number(unit="m"), 0.0)
+    type: str = entry(text, about=f"{', '.join(TYPES)}, or the name of an output of the robot")
+    L: float = entry(number(unit="m"), 0.0, "how far P_l is ahead of the vehicle's point")
+    W: float = entry(number(unit="m"), 0.0, "how far P_l is to the left of the vehicle's axis")
     path: PathSection | None = entry(_read_path, None)
-    reversing: str = entry(one_of("allow", "refuse", "switch"), "allow")
-    L_backward: float | None = entry(number(unit="m"), None)
-    parameters: Mapping[str, float] = entry(named_numbers, {})
+    reversing: str = entry(
+        one_of("allow", "refuse", "switch"),
+        "allow",
+        "what happens where v / (L + d) < 0; switch: P_l on the other side of the axle",
+    )
+    L_backward: float | None = entry(number(unit="m"), None, 'L where v < 0, for reversing = "switch"')
+    parameters: Mapping[str, float] = entry(named_numbers, {}, "those of an output of the robot, by name")
 
     def __post_init__(self):
         if self.type in TYPES and self.parameters:
@@ -193,30 +210,47 @@ class OutputSection:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ApproachSection:
+    """How the desired distance goes from where the robot is to 0, and the desired speed from its present one: with at most
+    `acceleration` (m/s^2). `jerk` (m/s^3) must be 0: it is not limited yet.
+    """
+
+    acceleration: float = entry(number("positive", "m/s^2"), about="largest, of the desired distance and the desired speed")
+    jerk: float = entry(number("nonnegative", "m/s^3"), 0.0, "reserved: must be 0")
+
+    def __post_init__(self):
+        if self.jerk:
+            raise BadInput(f"[reference] approach: jerk = {self.jerk:g} is not supported yet; leave it out")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Reference:
-    """Desired values of the outputs. Type IV: forward speed, m/s, at distance 0 from the path.
+    """Desired values of the outputs. Type IV: forward speed, m/s, at distance 0 from the path, at once or with `approach`.
 
     On a composite path, speed is that along it; before the end and each cusp the desired speed decreases with `deceleration`
     (m/s^2; 0: at once) to `creep` (m/s), below which the vehicle counts as standing.
     Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad).
     """
 
-    speed: float | None = entry(number(unit="m/s"), None)
-    deceleration: float | None = entry(number("nonnegative", "m/s^2"), None)
-    creep: float | None = entry(number("positive", "m/s"), None)
-    position: tuple[float, ...] | None = entry(numbers, None)
-    velocity: tuple[float, ...] | None = entry(numbers, None)
+    speed: float | None = entry(number(unit="m/s"), None, "desired forward speed of type IV")
+    deceleration: float | None = entry(
+        number("nonnegative", "m/s^2"), None, "before the end and cusps of a composite path; 0: at once"
+    )
+    creep: float | None = entry(number("positive", "m/s"), None, "speed below which the vehicle counts as standing")
+    position: tuple[float, ...] | None = entry(numbers, None, "desired outputs of types I to III at t = 0, one for each")
+    velocity: tuple[float, ...] | None = entry(numbers, None, "rates of these desired outputs, one for each")
+    approach: ApproachSection | None = entry(section(ApproachSection), None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Initial:
     """Initial state: P_l (m), heading (rad) and forward speed (m/s) without turning; or coordinates q and quasi-velocities nu."""
 
-    point: tuple[float, ...] | None = entry(point, None)
-    heading: float | None = entry(angle, None)
-    speed: float | None = entry(number(unit="m/s"), None)
-    q: tuple[float, ...] | None = entry(numbers, None)
-    nu: tuple[float, ...] | None = entry(numbers, None)
+    point: tuple[float, ...] | None = entry(point, None, "position of P_l")
+    heading: float | None = entry(angle, None, "heading of the vehicle, from the x-axis to the left")
+    speed: float | None = entry(number(unit="m/s"), None, "forward, without turning")
+    q: tuple[float, ...] | None = entry(numbers, None, "every coordinate, in the order of the robot")
+    nu: tuple[float, ...] | None = entry(numbers, None, "every quasi-velocity, in the order of the robot")
 
     def __post_init__(self):
         by_pose = [name for name in ("point", "heading", "speed") if getattr(self, name) is not None]
@@ -231,8 +265,8 @@ class Initial:
 class NoiseSection:
     """Gaussian noise added to the sensed quasi-velocities (rad/s): mean and standard deviation of each, or one for all."""
 
-    mean: tuple[float, ...] = entry(one_or_more, (0.0,))
-    sd: tuple[float, ...] = entry(one_or_more, (0.0,))
+    mean: tuple[float, ...] = entry(one_or_more, (0.0,), "mean error of each quasi-velocity, or one for all")
+    sd: tuple[float, ...] = entry(one_or_more, (0.0,), "standard deviation of each, or one for all")
 
     def __post_init__(self):
         if min(self.sd, default=0.0) < 0:
@@ -241,47 +275,113 @@ class NoiseSection:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """State that the controller sees: wheel rates with noise, drawn every `period` s (0: at each call), and a pose from dead
-    reckoning. `counts` of an encoder per turn of a wheel; 0: no encoder, the exact angle. `pose` "true": the true pose instead.
-    """
+    """State that the controller sees: wheel rates with noise, and a pose from dead reckoning or the true one."""
 
     noise: NoiseSection = entry(section(NoiseSection), NoiseSection())
-    seed: int = entry(whole(0), 0)
-    period: float = entry(number("nonnegative", "s"), 0.0)
-    counts: int = entry(whole(0), 0)
-    pose: str = entry(one_of("reckoned", "true"), "reckoned")
+    seed: int = entry(whole(0), 0, "seed of the random numbers of the noise")
+    period: float = entry(number("nonnegative", "s"), 0.0, "between two values of the noise; 0: new at each call")
+    counts: int = entry(whole(0), 0, "counts of an encoder per turn of a wheel; 0: no encoder, the exact angle")
+    pose: str = entry(one_of("reckoned", "true"), "reckoned", "the pose that the controller is given")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Correction:
-    """Corrections of the pose at a rate (Hz): at once ("reset") or gradually over `release` s ("bumpless")."""
+    """Corrections of the pose: at once ("reset") or gradually ("bumpless")."""
 
-    rate: float = entry(number("positive", "1/s"))
-    mode: str = entry(one_of("reset", "bumpless"), "reset")
-    release: float | None = entry(number("positive", "s"), None)
+    rate: float = entry(number("positive", "1/s"), about="how often the pose is corrected")
+    mode: str = entry(one_of("reset", "bumpless"), "reset", "at once, or gradually over the time `release`")
+    release: float | None = entry(number("positive", "s"), None, "time in which a gradual correction is made")
 
 
 @dataclass(frozen=True, kw_only=True)
 class LimitsSection:
-    """Largest input of each motor (N m; 0: none), one or one each; above it each is limited, or the vehicle slows down.
+    """Largest input of each motor (N m; 0: none), one or one each; above it each is limited ("cut"), or the vehicle slows down
+    ("slow"). Mode "grip" also keeps the wheels rolling on the floor of [contact], with `margin`, a part of mu, in reserve; torque
+    may then be left out.
 
     `integral`: maximum that integral action may add to a desired derivative (0: no limit), one or one for each output with ki.
     """
 
-    torque: tuple[float, ...] = entry(one_or_more)
-    mode: str = entry(one_of("cut", "slow"), "slow")
-    integral: tuple[float, ...] = entry(one_or_more, (0.0,))
+    torque: tuple[float, ...] | None = entry(one_or_more, None, "largest input of each motor, or one for all; 0: none")
+    mode: str = entry(
+        one_of("cut", "slow", "grip"), "slow", "above it, each input is limited, or the vehicle slows down, or grip is kept too"
+    )
+    margin: float = entry(number("nonnegative", "1"), 0.05, "with grip: the part of mu kept in reserve")
+    integral: tuple[float, ...] = entry(
+        one_or_more, (0.0,), "the most that integral action adds to each desired derivative; 0: no limit"
+    )
+
+    def __post_init__(self):
+        if self.torque is None and self.mode != "grip":
+            raise BadInput(f'[limits] torque is missing; mode = "{self.mode}" requires it')
+        if self.margin >= 1:
+            raise BadInput(f"[limits] margin = {self.margin:g} must be below 1: it is the part of mu kept in reserve")
+
+
+@reads({"anyOf": [number("positive").schema(), {"type": "array", "items": number("positive").schema(), "minItems": 1}]})
+def _positive(value: Any, where: str) -> tuple[float, ...]:
+    """Read a positive number, or a list of them."""
+    given = value if isinstance(value, list) else [value]
+    if not given:
+        raise BadInput(f"{where} is empty: give a number, or one for each quasi-velocity")
+    return tuple(number("positive")(each, where) for each in given)
+
+
+NO_LIMIT = 1e6  # rad/s and rad/s^2: far beyond any drive, and finite, as limits of the C are
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveSection:
+    """What the drives take: the controller's torque; or commands for the quasi-velocities, which their own loop follows, of first
+    order with a `bandwidth` (Hz), `delay` s later; or both, the torque as a feed-forward.
+
+    `most_speed` and `most_acceleration` limit commands and drives, in the unit of the quasi-velocities (rad/s for wheels) and
+    per second: one for all or one for each. Without them there is practically no limit.
+    """
+
+    kind: str = entry(one_of("torque", "velocity", "velocity+torque"), about="what the drives take")
+    bandwidth: float | None = entry(number("positive", "Hz"), None, "of their own loop; required where they take velocities")
+    delay: float = entry(number("nonnegative", "s"), 0.0, "from a command until the drives follow it")
+    most_speed: tuple[float, ...] = entry(_positive, (NO_LIMIT,), "largest speed of each, or one for all, in rad/s for wheels")
+    most_acceleration: tuple[float, ...] = entry(_positive, (NO_LIMIT,), "largest change of it per second, in rad/s^2 for wheels")
+
+    def __post_init__(self):
+        if self.takes_velocity and self.bandwidth is None:
+            raise BadInput(f'[drive] bandwidth is missing; kind = "{self.kind}" requires it')
+        given = {"bandwidth": self.bandwidth is not None, "delay": self.delay > 0}
+        given |= {name: getattr(self, name) != (NO_LIMIT,) for name in ("most_speed", "most_acceleration")}
+        for name in () if self.takes_velocity else (name for name, is_given in given.items() if is_given):
+            raise BadInput(f'[drive] {name} does not apply to kind = "torque": the torque acts as given')
+
+    @property
+    def takes_velocity(self) -> bool:
+        """Whether the drives take velocities."""
+        return self.kind != "torque"
+
+    @property
+    def feeds(self) -> bool:
+        """Whether the torque is a feed-forward."""
+        return self.kind == "velocity+torque"
+
+    @property
+    def omega(self) -> float:
+        """Bandwidth of the drives' own loop, rad/s."""
+        return 2 * math.pi * (self.bandwidth or math.inf)
+
+    @property
+    def lag(self) -> float:
+        """How late a drive follows a steady acceleration, s."""
+        return self.delay + 1 / self.omega
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactSection:
-    """Assumptions of the check of rolling without slip: friction `mu`, the `share` of the weight on the driven wheels,
-    the `height` (m) of the centre of mass, which moves load to the outer wheel.
-    """
+    """Assumptions of the check of rolling without slip."""
 
-    mu: float = entry(number("positive", "1"), 0.7)  # the middle of the range 0.6 to 0.85 of rubber on dry concrete in textbooks
-    share: float = entry(number("positive", "1"), 1.0)
-    height: float = entry(number("nonnegative", "m"), 0.0)
+    # 0.7: the middle of the range 0.6 to 0.85 of rubber on dry concrete in textbooks
+    mu: float = entry(number("positive", "1"), 0.7, "friction coefficient")
+    share: float = entry(number("positive", "1"), 1.0, "part of the weight on the driven wheels, at most 1")
+    height: float = entry(number("nonnegative", "m"), 0.0, "height of the centre of mass, which moves load to the outer wheel")
 
     def __post_init__(self):
         if self.share > 1:
@@ -301,9 +401,9 @@ def _interval(value: Any, where: str) -> tuple[float, ...]:
 class Patch:
     """A rectangle of the floor, x from x[0] to x[1] and y from y[0] to y[1] (m), with a friction coefficient of its own."""
 
-    x: tuple[float, ...] = entry(_interval)
-    y: tuple[float, ...] = entry(_interval)
-    mu: float = entry(number("nonnegative", "1"))
+    x: tuple[float, ...] = entry(_interval, about="from a to b")
+    y: tuple[float, ...] = entry(_interval, about="from a to b")
+    mu: float = entry(number("nonnegative", "1"), about="friction coefficient")
 
 
 @reads(lambda: {"type": "array", "items": section(Patch).schema()})
@@ -314,7 +414,7 @@ def _patches(value: Any, where: str) -> tuple[Patch, ...]:
     return tuple(section(Patch)(item, f"{where}[{k}]") for k, item in enumerate(value))
 
 
-@reads({"anyOf": [angle.schema(), row("[angle, heading]", angle, angle).schema()]}, "rad")
+@reads({"anyOf": [angle.schema(), row("[angle, heading]", angle, angle).schema()], "description": "in rad"}, "rad")
 def _slope(value: Any, where: str) -> tuple[float, float]:
     """Read an angle below the horizontal, or with it the heading of the way down."""
     made = row("[angle, heading]", angle, angle)(value if isinstance(value, list) else [value, 0.0], where)
@@ -325,29 +425,25 @@ def _slope(value: Any, where: str) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class Floor:
-    """The floor of a run in a physics engine: friction `mu` (default: that of [contact]), `slope`: its angle (rad), or [angle,
-    heading of the way down], and patches with another friction.
-    """
+    """The floor of a run in a physics engine."""
 
-    mu: float | None = entry(number("nonnegative", "1"), None)
-    slope: tuple[float, float] = entry(_slope, (0.0, 0.0))
-    patch: tuple[Patch, ...] = entry(_patches, ())
+    mu: float | None = entry(number("nonnegative", "1"), None, "friction coefficient, by default that of [contact]")
+    slope: tuple[float, float] = entry(_slope, (0.0, 0.0), "angle below the horizontal, or [angle, heading of the way down]")
+    patch: tuple[Patch, ...] = entry(_patches, (), "rectangles with a friction coefficient of their own; the last one counts")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """Options of the simulation: duration (s), period between calls of the controller (s, 0: continuous), s between rows,
-    backend, integration tolerance.
+    """Options of the simulation."""
 
-    `delay`: s from a call until its inputs act, at most a period; before the first ones act, the torque is zero.
-    """
-
-    duration: float = entry(number("positive", "s"))
-    period: float = entry(number("nonnegative", "s"), 0.0)
-    delay: float = entry(number("nonnegative", "s"), 0.0)
-    output_step: float = entry(number("positive", "s"), 0.01)
-    backend: str = entry(text, "c")
-    tolerance: float = entry(number("positive", "1"), 1e-10)
+    duration: float = entry(number("positive", "s"), about="how long the run lasts")
+    period: float = entry(number("nonnegative", "s"), 0.0, "between calls of the controller; 0: continuous")
+    delay: float = entry(
+        number("nonnegative", "s"), 0.0, "from a call until its inputs act, at most the period; before the first, they are zero"
+    )
+    output_step: float = entry(number("positive", "s"), 0.01, "between rows of the result")
+    backend: str = entry(text, "c", "what computes the law: c, cf (float), casadi, or an emulated processor such as m4f")
+    tolerance: float = entry(number("positive", "1"), 1e-10, "relative error of a step of the integration")
 
     def __post_init__(self):
         low, high = TOLERANCES
@@ -383,17 +479,20 @@ class Spec:
     `sweep` is used by `noslip sweep` only.
     """
 
-    robot: str = entry(text)
-    parameters: Mapping[str, float] = entry(named_numbers, {})
-    plant: Mapping[str, float] = entry(named_numbers, {})
-    gains: Mapping[str, float] = entry(named_numbers, {})
+    robot: str = entry(text, about="name of a shipped robot, or path/to/file.py:name")
+    parameters: Mapping[str, float] = entry(named_numbers, {}, "parameters of the robot that differ from its defaults, by name")
+    plant: Mapping[str, float] = entry(named_numbers, {}, "parameters of the simulated robot that differ from these, by name")
+    gains: Mapping[str, float] = entry(
+        named_numbers, {}, "gains of the law by name, or kp, kd, kv for all of a kind; ki, ki_distance, ... add integral action"
+    )
     output: OutputSection = entry(section(OutputSection))
     reference: Reference = entry(section(Reference))
     initial: Initial | None = entry(section(Initial), None)
     limits: LimitsSection | None = entry(section(LimitsSection), None)
     sensors: Sensors | None = entry(section(Sensors), None)
     correction: Correction | None = entry(section(Correction), None)
-    contact: ContactSection = entry(section(ContactSection), ContactSection())
+    drive: DriveSection | None = entry(section(DriveSection), None)
+    contact: ContactSection | None = entry(section(ContactSection), None)
     floor: Floor | None = entry(section(Floor), None)
     simulation: Simulation = entry(section(Simulation))
     sweep: "Sweep | None" = entry(_read_sweep, None)
@@ -401,6 +500,10 @@ class Spec:
     def __post_init__(self):
         if self.sensors and not self.simulation.period:
             raise BadInput("[sensors] requires [simulation] period > 0: sensors are read at the calls of the controller")
+        if self.drive and self.drive.takes_velocity and not self.simulation.period:
+            raise BadInput(f'[drive] kind = "{self.drive.kind}" requires [simulation] period > 0: commands are given at calls')
+        if self.limits and self.limits.mode == "grip" and self.contact is None:
+            raise BadInput('[limits] mode = "grip" requires [contact] mu, the friction that the controller may use')
         if self.correction and not self.sensors:
             raise BadInput("[correction] requires [sensors]: without them the pose is the true one")
         if self.correction and self.sensors and self.sensors.pose == "true":
@@ -408,6 +511,8 @@ class Spec:
         composite = self.output.segments
         if self.initial is None and not composite:
             raise BadInput("[initial] is missing: point, heading and speed, or q and nu")
+        if self.reference.approach and (self.output.type != "IV" or composite or not self.simulation.period):
+            raise BadInput("[reference] approach requires type IV with a path that is not composite, and [simulation] period > 0")
         for name in ("deceleration", "creep"):
             if getattr(self.reference, name) is not None and not composite:
                 raise BadInput(f"[reference] {name} applies to composite paths only")

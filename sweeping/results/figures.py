@@ -11,6 +11,7 @@ from matplotlib.ticker import FuncFormatter, NullLocator
 
 from ...model.mechanism import Quantity
 from ...model.outputs import OutputRow
+from ...readers.progress import Reported, silent
 from ...simulation.drawing import COLOURS, FAINT, STOP, over_time, pictures
 from ..runner import run_table
 from ..store import open_sweep
@@ -29,7 +30,7 @@ STARTS = 1000  # samples in it
 NOMINAL: dict[str, Any] = {"marker": "*", "s": 170, "color": "white", "edgecolor": "black", "linewidth": 1.2, "zorder": 6}
 
 
-def figures_of(report: SweepReport, jobs: int) -> dict[str, bytes]:
+def figures_of(report: SweepReport, jobs: int, progress: Reported = silent) -> dict[str, bytes]:
     """File name -> content, png and svg."""
     study, name = report.study, Path(report.spec).name
     summary = report.summary
@@ -40,8 +41,11 @@ def figures_of(report: SweepReport, jobs: int) -> dict[str, bytes]:
     starts = _start_axes(study)
     if starts:
         made["starts"] = (lambda: _starts(report, starts, jobs), f"{name}: starts that become singular, all else as in the SPEC")
-    found = {file: pictures(draw, title, "") for file, (draw, title) in made.items()}
-    return {f"{file}.{kind}": content for file, kinds in found.items() for kind, content in kinds.items()}
+    found: dict[str, bytes] = {}
+    for number, (file, (draw, title)) in enumerate(made.items()):
+        progress(number, len(made), "pictures")
+        found |= {f"{file}.{kind}": content for kind, content in pictures(draw, title, "").items()}
+    return found
 
 
 def _envelope(report: SweepReport, jobs: int) -> matplotlib.figure.Figure:

@@ -9,6 +9,7 @@ from scipy.special import betaincinv
 from scipy.stats import rankdata, sobol_indices
 
 from ...readers.errors import BadInput
+from ...readers.progress import Reported, silent
 from ..designs import points
 from ..runner import run_table
 from ..store import open_sweep
@@ -140,7 +141,7 @@ def check_indices(study: Study, base: int) -> None:
         raise BadInput("--indices: nothing varies except the noise")
 
 
-def indices(study: Study, base: int, jobs: int) -> Indices:
+def indices(study: Study, base: int, jobs: int, progress: Reported = silent) -> Indices:
     """First and total indices by Saltelli's design of `base` points, (D + 2) base runs, beside the samples.
 
     Of the size of each outcome, a run that stopped having what it had then, and of failure (1 or 0).
@@ -150,10 +151,14 @@ def indices(study: Study, base: int, jobs: int) -> Indices:
     one, other = u[:, : len(names)], u[:, len(names) :]
     mixed = [np.where(np.arange(len(names)) == j, other, one) for j in range(len(names))]
     tables = [study.plan.rows(rows, seeds) for rows, seeds in _seeded(one, other, mixed)]
-    answers = [_answers(study, table, jobs) for table in tables]
+    answers: list[np.ndarray] = []
+    for table in tables:
+        progress(base * len(answers), base * len(tables), "runs for the indices")
+        answers.append(_answers(study, table, jobs))
     shown = [*study.shown, "failed"]
     made = {}
     for k, outcome in enumerate(shown):
+        progress(k, len(shown), "outcomes")
         values = np.array([answer[k] for answer in answers])
         if np.ptp(values[:2]):  # else it is the same whatever varies
             made[outcome] = dict(zip(names, _first_and_total(values, study.plan.sweep.seed), strict=True))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...readers.progress import Reported, silent
 from ..batch import ACCURACY
 from ..store import open_sweep, sample_of
 from ..study import sample_spec
@@ -34,7 +35,7 @@ class Verified:
         return self.largest <= self.stated and not self.otherwise
 
 
-def verify(file: Path | str, count: int, jobs: int) -> Verified:
+def verify(file: Path | str, count: int, jobs: int, progress: Reported = silent) -> Verified:
     """`count` samples of a finished sweep, evenly spread, by processes."""
     samples = open_sweep(file)[2]["samples"]
     chosen = np.unique(np.linspace(0, samples - 1, min(count, samples)).round().astype(int)).tolist()
@@ -42,7 +43,11 @@ def verify(file: Path | str, count: int, jobs: int) -> Verified:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # Ctrl-C is for this process, not for its children
         begun = pool.map(_differences, [str(file)] * len(chosen), chosen, chunksize=max(1, len(chosen) // (8 * jobs)))
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        found = list(begun)
+        progress(0, len(chosen), "samples run again")
+        found: list[tuple[float, bool]] = []
+        for difference in begun:
+            found.append(difference)
+            progress(len(found), len(chosen), "samples run again")
     worst = int(np.argmax([difference for difference, _ in found]))
     otherwise = tuple(sample for sample, (_, same) in zip(chosen, found, strict=True) if not same)
     return Verified(len(chosen), found[worst][0], chosen[worst], ACCURACY, otherwise)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import differential_evolution
 
+from ...readers.progress import Reported, silent
 from ..designs import points
 from ..inputs import SEED
 from ..runner import run_table
@@ -28,7 +29,7 @@ class Worst:
     runs: int
 
 
-def find_worst(study: Study, known: Sequence[int], jobs: int) -> Worst:
+def find_worst(study: Study, known: Sequence[int], jobs: int, progress: Reported = silent) -> Worst:
     """The largest severity between the EDGEs, with the noise of sample 0; something must vary besides.
 
     The search starts with the samples `known` to be bad among points spread evenly.
@@ -45,6 +46,7 @@ def find_worst(study: Study, known: Sequence[int], jobs: int) -> Worst:
     def good(u: np.ndarray) -> np.ndarray:
         nonlocal runs
         table = table_of(u.T)
+        progress(runs, (1 + GENERATIONS) * len(table), "runs of the search, or fewer,")
         runs += len(table)
         return -study.severity(table, run_table(study.batch, table, jobs))
 

@@ -12,6 +12,7 @@
 #include "noslip_integral.h"
 #include "noslip_odometry.h"
 #include "noslip_path.h"
+#include "noslip_velocity.h"
 #include "outputs.h"
 
 #define CALLS 2000
@@ -48,10 +49,10 @@ static void fill(void *values, size_t size)
     } while (0)
 
 enum { STEP, FOLLOW, OUTPUT, RATE, DECOUPLING, DECOUPLING_RATE, FEEDBACK, EVALUATE, REDUCED, ACCELERATION, ALL_DYNAMICS, MOVE, READ,
-       LOOK, UPDATE, INTEGRAL, ANGLE, DIFFERENTIAL, INIT_PATH, NAMES };
+       LOOK, UPDATE, INTEGRAL, VELOCITY, ANGLE, DIFFERENTIAL, INIT_PATH, NAMES };
 static const char *names[NAMES] = {"step", "follow", "output", "rate", "decoupling", "decoupling_rate", "feedback", "evaluate",
-                                   "reduced", "acceleration", "dynamics", "move", "read", "look", "update", "integral", "angle",
-                                   "differential", "path_init"};
+                                   "reduced", "acceleration", "dynamics", "move", "read", "look", "update", "integral", "velocity",
+                                   "angle", "differential", "path_init"};
 static int twice[NAMES], good[NAMES];
 
 int main(void)
@@ -60,7 +61,7 @@ int main(void)
     const labmate_type_iv_segment_config_f config = {0.25f, 0, 0, 0, 0.25f};
     const labmate_type_iv_segment_gains_f gains = {4, 4, 2};
     const noslip_path_options_f along = {.speed = 1, .deceleration = 0.5f, .L = {0.3f, -0.3f}};
-    const labmate_options_f options = {{7, 7}, NOSLIP_ZERO, NOSLIP_SLOW};
+    const labmate_options_f options = {.limit = {7, 7}, .on_limit = NOSLIP_SLOW};
     labmate_params_f params;
     labmate_type_iv_segment_f law;
     labmate_dynamics_f plant;
@@ -68,12 +69,14 @@ int main(void)
     noslip_odometry_options_f wheels;
     noslip_path_f path, other;
     noslip_integral_f integral;
+    const noslip_velocity_limits_f wheels_at_most[2] = {{2, 5, 1}, {2, 5, 1}};
+    noslip_velocity_f velocity;
     noslip_encoder_f encoder;
     int k, status = labmate_default_params_f(&params);
     status += LAW(init)(&law, &params, &config, &gains, &options) + labmate_dynamics_init_f(&plant, &params);
     status += noslip_odometry_differential_f(&wheels, 0.1f, 0.25f, 0.05f) + noslip_odometry_init_f(&odometry, &wheels, NULL);
     status += noslip_path_init_f(&path, segments, 2, &along, NULL) + noslip_integral_init_f(&integral, 1, 0.5f);
-    status += noslip_encoder_init_f(&encoder, 4096, 16);
+    status += noslip_encoder_init_f(&encoder, 4096, 16) + noslip_velocity_init_f(&velocity, wheels_at_most, 2, 0.01f);
     for (k = 0; k < CALLS && status == 0; k++) {
         labmate_state_f state;
         LAW(reference) reference;
@@ -110,6 +113,7 @@ int main(void)
         COUNT(LOOK, guide, noslip_path_look_f(&path, number(), number(), number(), number(), &guide));
         COUNT(UPDATE, guide, noslip_path_update_f(&path, number(), number(), number(), number(), &guide));
         COUNT(INTEGRAL, one, noslip_integral_step_f(&integral, number(), number(), NOSLIP_OK, &one));
+        COUNT(VELOCITY, tau, noslip_velocity_step_f(&velocity, v, h, NOSLIP_OK, k % 9 ? 0.01f : number(), tau));
         COUNT(ANGLE, one, noslip_nearest_angle_f(number(), number(), &one));
         COUNT(DIFFERENTIAL, wheels, noslip_odometry_differential_f(&wheels, number(), number(), number()));
         COUNT(INIT_PATH, fault, noslip_path_init_f(&other, segments, (int)(seed >> 31), &along, &fault));

@@ -21,7 +21,7 @@ static void *steps(void *given)
 {
     const labmate_type_iv_segment_config_f config = {0.25f, 0, 0, 0, 0.25f};
     const labmate_type_iv_segment_gains_f gains = {4, 4, 2};
-    const labmate_options_f options = {{LIMIT, LIMIT}, NOSLIP_ZERO, NOSLIP_CUT};
+    const labmate_options_f options = {.limit = {LIMIT, LIMIT}};
     labmate_params_f params;
     labmate_type_iv_segment_f law;
     labmate_state_f state = {0};

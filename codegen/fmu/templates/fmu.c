@@ -47,6 +47,7 @@ typedef char all_numbers_are_doubles[sizeof(reals) == REALS * sizeof(double) ? 1
 
 static const double start_reals[REALS] = {@{ reals | map(attribute="literal") | join(", ") }};
 static const fmi3Int64 start_choices[CHOICES] = {@{ choices | map(attribute="literal") | join(", ") }};
+static const fmi3Int64 last_choices[CHOICES] = {{% for v in choices %}@{ enumerations[v.declared][-1].value }@{ "" if loop.last else ", " }{% endfor %}};
 /* When a value may be set: i, always (inputs); s, before the first step (parameters and starting values); -, never. */
 static const char settable[] = "@{ (reals + choices) | map(attribute="settable") | join }";
 
@@ -136,7 +137,13 @@ static fmi3Status initialize(model *self)
     int status = NOSLIP_OK;
 {% if law %}
     const @{ robot }_options options = {
-        {@{ limits | join(", ") }}, (noslip_on_error)self->choice[0], (noslip_on_limit)self->choice[1]};
+        .limit = {@{ limits | join(", ") }},
+        .on_error = (noslip_on_error)self->choice[0],
+        .on_limit = (noslip_on_limit)self->choice[1],
+{% if grips %}
+        .friction = self->real.of.friction,
+{% endif %}
+    };
 {% for name in empty %}
     const @{ law }_@{ name } @{ name } = {0};
 {% endfor %}
@@ -363,8 +370,8 @@ fmi3Status fmi3SetInt64(fmi3Instance instance, const fmi3ValueReference referenc
         return fmi3Error;
     }
     for (k = 0; k < count; k++) {
-        if (values[k] != 0 && values[k] != 1) {
-            return report(self, fmi3Error, "fmi3SetInt64", "on_error and on_limit are 0 or 1");
+        if (values[k] < 0 || values[k] > last_choices[references[k] - REALS]) {
+            return report(self, fmi3Error, "fmi3SetInt64", "this is not a value of the enumeration");
         }
     }
     for (k = 0; k < count; k++) {

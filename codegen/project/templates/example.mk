@@ -3,7 +3,7 @@
 CC ?= cc
 AR ?= ar
 CFLAGS ?= -O2
-CFLAGS += -std=c99 -ffp-contract=off -fno-math-errno -Wall -Wextra
+CFLAGS += @{ standard | join(" ") } -Wall -Wextra
 OBJECTS := $(patsubst %.c,%.o,$(filter-out example.c,$(wildcard *.c)))
 
 .PHONY: all clean

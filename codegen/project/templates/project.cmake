@@ -6,7 +6,7 @@ project(@{ robot } C)
 file(GLOB NOSLIP CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/noslip/*.c)
 add_library(@{ robot } STATIC ${NOSLIP})
 target_include_directories(@{ robot } PUBLIC noslip)
-target_compile_options(@{ robot } PRIVATE -ffp-contract=off -fno-math-errno)
+target_compile_options(@{ robot } PRIVATE @{ flags | join(" ") })
 set_target_properties(@{ robot } PROPERTIES C_STANDARD 99 C_EXTENSIONS OFF)
 
 if(CMAKE_SOURCE_DIR STREQUAL CMAKE_CURRENT_SOURCE_DIR)

@@ -42,10 +42,10 @@ void check_init(int with_options)
 }
 
 /*
- * step or follow, with arbitrary bits in state, reference, foot, tau, and in the law except for its limits, held inputs and on_error.
- * Limits are specific numbers: intervals cannot show that a torque is below a limit if neither is known.
+ * step or follow, with arbitrary bits in state, reference, foot, tau, and in the law except for its limits, held inputs, on_error and
+ * friction. Limits are specific numbers: intervals cannot show that a torque is below a limit if neither is known.
  */
-void check_step(int follow, int on_error, REAL odd, REAL even, REAL held_least, REAL held_most)
+void check_step(int follow, int grip, int on_error, REAL odd, REAL even, REAL held_least, REAL held_most)
 {
     OF_ROBOT(_state) state;
     OF_LAW(_reference) reference;
@@ -61,14 +61,20 @@ void check_step(int follow, int on_error, REAL odd, REAL even, REAL held_least, 
     law.on_error = on_error;
     for (k = 0; k < INPUTS; k++) {
         law.limit[k] = k % 2 ? odd : even;
+        law.clear[k] = grip ? -1 : law.limit[k];
         law.held[k] = BETWEEN(held_least, held_most);
+    }
+    if (grip) {
+        law.on_limit = NOSLIP_GRIP;
+        law.grip.weight = BETWEEN(0, 1000);
+        law.grip.height = BETWEEN(0, 1000);
     }
 #if FOLLOWS
     if (follow) {
         status = OF_LAW(_follow)(&law, &foot, &state, &reference, tau);
         if (status == NOSLIP_OK) {
             REACHED(follow_good);
-        } else if (status == NOSLIP_SATURATED) {
+        } else if (status > 0) {
             REACHED(follow_saturated);
         } else {
             REACHED(follow_refused);
@@ -79,13 +85,13 @@ void check_step(int follow, int on_error, REAL odd, REAL even, REAL held_least, 
         status = OF_LAW(_step)(&law, &state, &reference, tau);
         if (status == NOSLIP_OK) {
             REACHED(step_good);
-        } else if (status == NOSLIP_SATURATED) {
+        } else if (status > 0) {
             REACHED(step_saturated);
         } else {
             REACHED(step_refused);
         }
     }
-    /*@ assert status <= NOSLIP_SATURATED && status >= NOSLIP_NOT_READY && status != NOSLIP_BAD_PARAMETER; */
+    /*@ assert status <= NOSLIP_WILL_SLIP && status >= NOSLIP_NOT_READY && status != NOSLIP_BAD_PARAMETER; */
     /*@ assert status >= 0 ==> law.ready == NOSLIP_READY; */
     for (k = 0; k < INPUTS; k++) {
         const REAL limit = k % 2 ? odd : even;
@@ -178,10 +184,11 @@ int main(void)
     check_init(0);
     check_init(1);
     for (follow = 0; follow <= FOLLOWS; follow++) {
-        check_step(follow, NOSLIP_ZERO, SMALLEST, LARGEST, -SMALLEST, SMALLEST);
-        check_step(follow, NOSLIP_ZERO, LARGEST, SMALLEST, -SMALLEST, SMALLEST);
-        check_step(follow, NOSLIP_HOLD, 20, 7, -7, 7);
-        check_step(follow, NOSLIP_HOLD, 20, 7, 3, 3);
+        check_step(follow, 0, NOSLIP_ZERO, SMALLEST, LARGEST, -SMALLEST, SMALLEST);
+        check_step(follow, 0, NOSLIP_ZERO, LARGEST, SMALLEST, -SMALLEST, SMALLEST);
+        check_step(follow, 0, NOSLIP_HOLD, 20, 7, -7, 7);
+        check_step(follow, 0, NOSLIP_HOLD, 20, 7, 3, 3);
+        check_step(follow, 1, NOSLIP_HOLD, 20, 7, -7, 7);
     }
     check_functions();
     REACHED(end);

@@ -1,0 +1,514 @@
+/*
+ * noslip_grip.h - inputs with which the wheels keep rolling.
+ *
+ * The force of the ground at each contact is affine in the inputs; rolling holds while its size is at most mu times the load there,
+ * a convex cone. Along a line of inputs each cone is an interval, from one square root. Used by the step of a law with
+ * options.on_limit = NOSLIP_GRIP:
+ *
+ *     labmate_options options = {.on_limit = NOSLIP_GRIP, .friction = {.mu = 0.6, .margin = 0.1, .height = 0.2}};
+ *
+ * The step returns NOSLIP_GRIP_LIMITED if it changed the inputs so that the wheels roll, and NOSLIP_WILL_SLIP if no inputs on the way
+ * to coasting keep them rolling. What is given up first: the desired speed, then everything in favour of coasting.
+ *
+ * Each function exists for double and, with the suffix _f, for float.
+ */
+#ifndef NOSLIP_GRIP_H
+#define NOSLIP_GRIP_H
+
+#include "noslip_controller.h"
+
+#define NOSLIP_GRAVITY 9.81 /* m/s^2 */
+
+/* -- double: generated from noslip_grip.inc by guarantees/headers.py --------------------------------------------------- */
+
+/* What a controller believes of friction; all zero: no limit of friction. */
+typedef struct noslip_friction {
+    double mu;          /* coefficient of friction between wheels and floor */
+    double margin;      /* part of mu that is kept in reserve, from 0 to less than 1 */
+    double share;       /* part of the weight that rests on the contacts of the model, at most 1; 0: all of it */
+    double height;      /* m: of the centre of mass above the floor, which moves load to the outer wheels of an axle */
+} noslip_friction;
+
+/* The same for a step: mu load = weight * mass + height * shift; see noslip_holds. */
+typedef struct noslip_grip {
+    double weight;      /* m/s^2 */
+    double height;      /* m */
+} noslip_grip;
+
+/* Returns 1 if the numbers are in their ranges and mu is not zero; `wide` is 0 if an axle cannot carry a height. */
+static inline int noslip_friction_ok(const noslip_friction *friction, int wide)
+{
+    return noslip_is_positive(friction->mu) && friction->margin >= 0 && friction->margin < 1 &&
+        friction->share >= 0 && friction->share <= 1 && noslip_is_finite(friction->height) &&
+        friction->height >= 0 && (wide || !(friction->height > 0));
+}
+
+/* Returns the limit of friction for a step. */
+static inline noslip_grip noslip_grip_of(const noslip_friction *friction)
+{
+    const double mu = friction->mu * (1 - friction->margin);
+    noslip_grip grip;
+    grip.weight = mu * (friction->share > 0 ? friction->share : 1) * (double)NOSLIP_GRAVITY;
+    grip.height = mu * friction->height;
+    return grip;
+}
+
+/*
+ * Returns 1 if the force at a contact is within friction, else 0; 0 for NaN. `ground` is the force along and across (N), the shift of
+ * the load by the height (N/m), and the mass (kg).
+ */
+NOSLIP_HOT int noslip_holds(const double *ground, const noslip_grip *grip)
+{
+    const double most = grip->weight * ground[3] + grip->height * ground[2];
+    return most >= 0 && ground[0] * ground[0] + ground[1] * ground[1] <= most * most;
+}
+
+/* Numbers s from low to high; none if low > high. `any` is 0 if some condition holds for no s: then low and high are the s
+ * nearest to holding. */
+typedef struct noslip_steps {
+    double low, high;
+    int any;
+} noslip_steps;
+
+/* Keeps the s from `low` to `high`. */
+static inline void noslip_narrow(noslip_steps *steps, double low, double high)
+{
+    steps->low = low > steps->low ? low : steps->low;
+    steps->high = high < steps->high ? high : steps->high;
+}
+
+/*
+ * Keeps the s with |F + s D| <= N + s M, a convex cone: `at` is (F along, F across, N), `way` is (D along, D across, M). If there
+ * are none, keeps the s at which |F + s D|^2 - (N + s M)^2 is smallest.
+ */
+NOSLIP_APART void noslip_within_cone(noslip_steps *steps, const double *at, const double *way)
+{
+    const double a = way[0] * way[0] + way[1] * way[1] - way[2] * way[2];      /* a s^2 + 2 b s + c <= 0 */
+    const double b = at[0] * way[0] + at[1] * way[1] - at[2] * way[2];
+    const double c = at[0] * at[0] + at[1] * at[1] - at[2] * at[2];
+    const double square = b * b - a * c, root = noslip_sqrt(square > 0 ? square : 0);
+    const double larger = b > 0 ? -(b + root) : root - b;      /* the root of larger size, times a */
+    if (a > 0) {
+        const double middle = -b / a;
+        if (square >= 0 && at[2] + middle * way[2] >= 0) {
+            const double one = larger / a, other = noslip_abs(larger) > 0 ? c / larger : 0;
+            noslip_narrow(steps, one < other ? one : other, one < other ? other : one);
+        } else {
+            steps->any = 0;
+            noslip_narrow(steps, middle, middle);
+        }
+    } else if (noslip_abs(larger) > 0) {              /* the load grows faster than the force: a half-line */
+        const double other = c / larger, one = a < 0 ? larger / a : other;
+        if (way[2] > 0) {
+            noslip_narrow(steps, one > other ? one : other, DBL_MAX);
+        } else {
+            noslip_narrow(steps, -DBL_MAX, one < other ? one : other);
+        }
+    } else if (!(c <= 0 && at[2] >= 0)) {
+        steps->any = 0;
+    }
+}
+
+/*
+ * Returns the s with which the inputs + s `way` keep each contact within friction and each input within its limit. `ground` as in
+ * noslip_holds for each contact, `by_inputs` its first three numbers for each contact by each of the two inputs. Parts of `way` below
+ * 1e-5 of the other count as zero for the limits.
+ */
+NOSLIP_APART noslip_steps noslip_steps_within(const double *inputs, const double *way,
+                                    const double *ground, const double *by_inputs,
+                                    const noslip_grip *grip,
+                                    const double *limits, int contacts)
+{
+    noslip_steps steps;
+    int i, k;
+    steps.low = -DBL_MAX;
+    steps.high = DBL_MAX;
+    steps.any = 1;
+    for (k = 0; k < contacts; k++) {
+        const double *from = ground + 4 * k, *by = by_inputs + 6 * k;
+        double at[3], along[3];
+        for (i = 0; i < 3; i++) {
+            at[i] = from[i];
+            along[i] = by[2 * i] * way[0] + by[2 * i + 1] * way[1];
+        }
+        at[2] = grip->weight * from[3] + grip->height * from[2];
+        along[2] = grip->height * along[2];
+        noslip_within_cone(&steps, at, along);
+    }
+    for (i = 0; i < 2; i++) {
+        if (noslip_abs(way[i]) * 100000 > noslip_abs(way[1 - i])) {
+            const double bound = way[i] > 0 ? limits[i] : -limits[i];
+            noslip_narrow(&steps, (-bound - inputs[i]) / way[i], (bound - inputs[i]) / way[i]);
+        } else if (!noslip_within(inputs[i], limits[i])) {
+            steps.any = 0;
+        }
+    }
+    return steps;
+}
+
+/* Adds s `way` to the inputs, and to `ground` what follows from it. */
+NOSLIP_APART void noslip_move(double *inputs, double *ground, const double *by_inputs,
+                const double *way, double s, int contacts)
+{
+    int i, k;
+    for (i = 0; i < 2; i++) {
+        inputs[i] += s * way[i];
+    }
+    for (k = 0; k < contacts; k++) {
+        for (i = 0; i < 3; i++) {
+            const double *by = by_inputs + 6 * k + 2 * i;
+            ground[4 * k + i] += s * (by[0] * way[0] + by[1] * way[1]);
+        }
+    }
+}
+
+/* Returns 1 / mass; 0 if there is none. */
+static inline double noslip_per_mass(double mass)
+{
+    return noslip_abs(mass) > 0 ? 1 / mass : 0;
+}
+
+/*
+ * Computes the way from two inputs to coasting, where the sum of (F / mass)^2 over the contacts is smallest: one step of
+ * least squares. If an input, or a combination of both, has no effect on the forces, goes down the gradient only.
+ */
+NOSLIP_APART void noslip_way_to_coasting(const double *ground, const double *by_inputs, int contacts,
+                                double *way)
+{
+    double xx = 0, xy = 0, yy = 0, x = 0, y = 0, determinant;
+    int i, k;
+    for (k = 0; k < contacts; k++) {
+        const double light = noslip_per_mass(ground[4 * k + 3]);
+        for (i = 0; i < 2; i++) {
+            const double *by = by_inputs + 6 * k + 2 * i;
+            const double one = by[0] * light, other = by[1] * light, force = ground[4 * k + i] * light;
+            xx += one * one;
+            xy += one * other;
+            yy += other * other;
+            x += one * force;
+            y += other * force;
+        }
+    }
+    determinant = xx * yy - xy * xy;
+    if (determinant > (double)1e-5 * xx * yy) {
+        way[0] = (xy * y - yy * x) / determinant;
+        way[1] = (xy * x - xx * y) / determinant;
+    } else {
+        const double bend = xx * x * x + 2 * xy * x * y + yy * y * y, slope = x * x + y * y;
+        const double length = bend > 0 ? slope / bend : 0;
+        way[0] = -length * x;
+        way[1] = -length * y;
+    }
+}
+
+/* Returns the s at which the sum of (F / mass)^2 over the contacts is smallest for the inputs + s `way`. */
+NOSLIP_APART double noslip_least_step(const double *ground, const double *by_inputs, int contacts,
+                             const double *way)
+{
+    double slope = 0, bend = 0;
+    int i, k;
+    for (k = 0; k < contacts; k++) {
+        const double light = noslip_per_mass(ground[4 * k + 3]);
+        for (i = 0; i < 2; i++) {
+            const double *by = by_inputs + 6 * k + 2 * i;
+            const double change = (by[0] * way[0] + by[1] * way[1]) * light;
+            slope += change * (ground[4 * k + i] * light);
+            bend += change * change;
+        }
+    }
+    return bend > 0 ? -slope / bend : 0;
+}
+
+/*
+ * Changes two inputs so that each contact stays within friction and each input within its limit (from noslip_limit). First along
+ * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
+ * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
+ * limits. `ground` and `by_inputs` as in noslip_steps_within; `ground` follows the inputs. What comes of it is to be checked by
+ * noslip_holds at the new inputs; friction is used up to 1024 roundings below its limit, so that rounding does not exceed it.
+ */
+NOSLIP_APART void noslip_keep_grip(double *inputs, const double *slope, double *ground,
+                     const double *by_inputs, const noslip_grip *grip,
+                     const double *limits, int contacts)
+{
+    noslip_grip below;
+    noslip_steps steps;
+    double s, way[2];
+    int i;
+    below.weight = grip->weight * (1 - 1024 * DBL_EPSILON);
+    below.height = grip->height * (1 - 1024 * DBL_EPSILON);
+    steps.any = 0;
+    if (slope != NULL) {
+        const double least = noslip_least_step(ground, by_inputs, contacts, slope);
+        noslip_move(inputs, ground, by_inputs, slope, least, contacts);              /* small forces have small roundings */
+        steps = noslip_steps_within(inputs, slope, ground, by_inputs, &below, limits, contacts);
+        if (steps.low > steps.high) { /* apart from each other: in the middle between them */
+            steps.any = 0;
+            s = steps.low / 2 + steps.high / 2;
+        } else {
+            s = steps.low > -least ? steps.low : steps.high < -least ? steps.high : -least;
+        }
+        noslip_move(inputs, ground, by_inputs, slope, s, contacts);
+    }
+    if (!steps.any) {
+        noslip_way_to_coasting(ground, by_inputs, contacts, way);
+        noslip_move(inputs, ground, by_inputs, way, 1, contacts);
+        steps = noslip_steps_within(inputs, way, ground, by_inputs, &below, limits, contacts);
+        s = steps.low > -1 ? steps.low : -1;
+        s = steps.any && s <= steps.high && s <= 0 ? s : 0;
+        noslip_move(inputs, ground, by_inputs, way, s, contacts);
+    }
+    for (i = 0; i < 2; i++) {
+        if (!noslip_within(inputs[i], limits[i]) && noslip_is_finite(inputs[i])) {
+            inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];
+        }
+    }
+}
+
+/* -- float: generated from noslip_grip.inc by guarantees/headers.py ---------------------------------------------------- */
+
+/* What a controller believes of friction; all zero: no limit of friction. */
+typedef struct noslip_friction_f {
+    float mu;           /* coefficient of friction between wheels and floor */
+    float margin;       /* part of mu that is kept in reserve, from 0 to less than 1 */
+    float share;        /* part of the weight that rests on the contacts of the model, at most 1; 0: all of it */
+    float height;       /* m: of the centre of mass above the floor, which moves load to the outer wheels of an axle */
+} noslip_friction_f;
+
+/* The same for a step: mu load = weight * mass + height * shift; see noslip_holds. */
+typedef struct noslip_grip_f {
+    float weight;       /* m/s^2 */
+    float height;       /* m */
+} noslip_grip_f;
+
+/* Returns 1 if the numbers are in their ranges and mu is not zero; `wide` is 0 if an axle cannot carry a height. */
+static inline int noslip_friction_ok_f(const noslip_friction_f *friction, int wide)
+{
+    return noslip_is_positive_f(friction->mu) && friction->margin >= 0 && friction->margin < 1 &&
+        friction->share >= 0 && friction->share <= 1 && noslip_is_finite_f(friction->height) &&
+        friction->height >= 0 && (wide || !(friction->height > 0));
+}
+
+/* Returns the limit of friction for a step. */
+static inline noslip_grip_f noslip_grip_of_f(const noslip_friction_f *friction)
+{
+    const float mu = friction->mu * (1 - friction->margin);
+    noslip_grip_f grip;
+    grip.weight = mu * (friction->share > 0 ? friction->share : 1) * (float)NOSLIP_GRAVITY;
+    grip.height = mu * friction->height;
+    return grip;
+}
+
+/*
+ * Returns 1 if the force at a contact is within friction, else 0; 0 for NaN. `ground` is the force along and across (N), the shift of
+ * the load by the height (N/m), and the mass (kg).
+ */
+NOSLIP_HOT int noslip_holds_f(const float *ground, const noslip_grip_f *grip)
+{
+    const float most = grip->weight * ground[3] + grip->height * ground[2];
+    return most >= 0 && ground[0] * ground[0] + ground[1] * ground[1] <= most * most;
+}
+
+/* Numbers s from low to high; none if low > high. `any` is 0 if some condition holds for no s: then low and high are the s
+ * nearest to holding. */
+typedef struct noslip_steps_f {
+    float low, high;
+    int any;
+} noslip_steps_f;
+
+/* Keeps the s from `low` to `high`. */
+static inline void noslip_narrow_f(noslip_steps_f *steps, float low, float high)
+{
+    steps->low = low > steps->low ? low : steps->low;
+    steps->high = high < steps->high ? high : steps->high;
+}
+
+/*
+ * Keeps the s with |F + s D| <= N + s M, a convex cone: `at` is (F along, F across, N), `way` is (D along, D across, M). If there
+ * are none, keeps the s at which |F + s D|^2 - (N + s M)^2 is smallest.
+ */
+NOSLIP_APART void noslip_within_cone_f(noslip_steps_f *steps, const float *at, const float *way)
+{
+    const float a = way[0] * way[0] + way[1] * way[1] - way[2] * way[2];       /* a s^2 + 2 b s + c <= 0 */
+    const float b = at[0] * way[0] + at[1] * way[1] - at[2] * way[2];
+    const float c = at[0] * at[0] + at[1] * at[1] - at[2] * at[2];
+    const float square = b * b - a * c, root = noslip_sqrt_f(square > 0 ? square : 0);
+    const float larger = b > 0 ? -(b + root) : root - b;       /* the root of larger size, times a */
+    if (a > 0) {
+        const float middle = -b / a;
+        if (square >= 0 && at[2] + middle * way[2] >= 0) {
+            const float one = larger / a, other = noslip_abs_f(larger) > 0 ? c / larger : 0;
+            noslip_narrow_f(steps, one < other ? one : other, one < other ? other : one);
+        } else {
+            steps->any = 0;
+            noslip_narrow_f(steps, middle, middle);
+        }
+    } else if (noslip_abs_f(larger) > 0) {            /* the load grows faster than the force: a half-line */
+        const float other = c / larger, one = a < 0 ? larger / a : other;
+        if (way[2] > 0) {
+            noslip_narrow_f(steps, one > other ? one : other, FLT_MAX);
+        } else {
+            noslip_narrow_f(steps, -FLT_MAX, one < other ? one : other);
+        }
+    } else if (!(c <= 0 && at[2] >= 0)) {
+        steps->any = 0;
+    }
+}
+
+/*
+ * Returns the s with which the inputs + s `way` keep each contact within friction and each input within its limit. `ground` as in
+ * noslip_holds for each contact, `by_inputs` its first three numbers for each contact by each of the two inputs. Parts of `way` below
+ * 1e-5 of the other count as zero for the limits.
+ */
+NOSLIP_APART noslip_steps_f noslip_steps_within_f(const float *inputs, const float *way,
+                                      const float *ground, const float *by_inputs,
+                                      const noslip_grip_f *grip,
+                                      const float *limits, int contacts)
+{
+    noslip_steps_f steps;
+    int i, k;
+    steps.low = -FLT_MAX;
+    steps.high = FLT_MAX;
+    steps.any = 1;
+    for (k = 0; k < contacts; k++) {
+        const float *from = ground + 4 * k, *by = by_inputs + 6 * k;
+        float at[3], along[3];
+        for (i = 0; i < 3; i++) {
+            at[i] = from[i];
+            along[i] = by[2 * i] * way[0] + by[2 * i + 1] * way[1];
+        }
+        at[2] = grip->weight * from[3] + grip->height * from[2];
+        along[2] = grip->height * along[2];
+        noslip_within_cone_f(&steps, at, along);
+    }
+    for (i = 0; i < 2; i++) {
+        if (noslip_abs_f(way[i]) * 100000 > noslip_abs_f(way[1 - i])) {
+            const float bound = way[i] > 0 ? limits[i] : -limits[i];
+            noslip_narrow_f(&steps, (-bound - inputs[i]) / way[i], (bound - inputs[i]) / way[i]);
+        } else if (!noslip_within_f(inputs[i], limits[i])) {
+            steps.any = 0;
+        }
+    }
+    return steps;
+}
+
+/* Adds s `way` to the inputs, and to `ground` what follows from it. */
+NOSLIP_APART void noslip_move_f(float *inputs, float *ground, const float *by_inputs,
+               const float *way, float s, int contacts)
+{
+    int i, k;
+    for (i = 0; i < 2; i++) {
+        inputs[i] += s * way[i];
+    }
+    for (k = 0; k < contacts; k++) {
+        for (i = 0; i < 3; i++) {
+            const float *by = by_inputs + 6 * k + 2 * i;
+            ground[4 * k + i] += s * (by[0] * way[0] + by[1] * way[1]);
+        }
+    }
+}
+
+/* Returns 1 / mass; 0 if there is none. */
+static inline float noslip_per_mass_f(float mass)
+{
+    return noslip_abs_f(mass) > 0 ? 1 / mass : 0;
+}
+
+/*
+ * Computes the way from two inputs to coasting, where the sum of (F / mass)^2 over the contacts is smallest: one step of
+ * least squares. If an input, or a combination of both, has no effect on the forces, goes down the gradient only.
+ */
+NOSLIP_APART void noslip_way_to_coasting_f(const float *ground, const float *by_inputs, int contacts,
+                                float *way)
+{
+    float xx = 0, xy = 0, yy = 0, x = 0, y = 0, determinant;
+    int i, k;
+    for (k = 0; k < contacts; k++) {
+        const float light = noslip_per_mass_f(ground[4 * k + 3]);
+        for (i = 0; i < 2; i++) {
+            const float *by = by_inputs + 6 * k + 2 * i;
+            const float one = by[0] * light, other = by[1] * light, force = ground[4 * k + i] * light;
+            xx += one * one;
+            xy += one * other;
+            yy += other * other;
+            x += one * force;
+            y += other * force;
+        }
+    }
+    determinant = xx * yy - xy * xy;
+    if (determinant > (float)1e-5 * xx * yy) {
+        way[0] = (xy * y - yy * x) / determinant;
+        way[1] = (xy * x - xx * y) / determinant;
+    } else {
+        const float bend = xx * x * x + 2 * xy * x * y + yy * y * y, slope = x * x + y * y;
+        const float length = bend > 0 ? slope / bend : 0;
+        way[0] = -length * x;
+        way[1] = -length * y;
+    }
+}
+
+/* Returns the s at which the sum of (F / mass)^2 over the contacts is smallest for the inputs + s `way`. */
+NOSLIP_APART float noslip_least_step_f(const float *ground, const float *by_inputs, int contacts,
+                            const float *way)
+{
+    float slope = 0, bend = 0;
+    int i, k;
+    for (k = 0; k < contacts; k++) {
+        const float light = noslip_per_mass_f(ground[4 * k + 3]);
+        for (i = 0; i < 2; i++) {
+            const float *by = by_inputs + 6 * k + 2 * i;
+            const float change = (by[0] * way[0] + by[1] * way[1]) * light;
+            slope += change * (ground[4 * k + i] * light);
+            bend += change * change;
+        }
+    }
+    return bend > 0 ? -slope / bend : 0;
+}
+
+/*
+ * Changes two inputs so that each contact stays within friction and each input within its limit (from noslip_limit). First along
+ * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
+ * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
+ * limits. `ground` and `by_inputs` as in noslip_steps_within; `ground` follows the inputs. What comes of it is to be checked by
+ * noslip_holds at the new inputs; friction is used up to 1024 roundings below its limit, so that rounding does not exceed it.
+ */
+NOSLIP_APART void noslip_keep_grip_f(float *inputs, const float *slope, float *ground,
+                    const float *by_inputs, const noslip_grip_f *grip,
+                    const float *limits, int contacts)
+{
+    noslip_grip_f below;
+    noslip_steps_f steps;
+    float s, way[2];
+    int i;
+    below.weight = grip->weight * (1 - 1024 * FLT_EPSILON);
+    below.height = grip->height * (1 - 1024 * FLT_EPSILON);
+    steps.any = 0;
+    if (slope != NULL) {
+        const float least = noslip_least_step_f(ground, by_inputs, contacts, slope);
+        noslip_move_f(inputs, ground, by_inputs, slope, least, contacts);            /* small forces have small roundings */
+        steps = noslip_steps_within_f(inputs, slope, ground, by_inputs, &below, limits, contacts);
+        if (steps.low > steps.high) { /* apart from each other: in the middle between them */
+            steps.any = 0;
+            s = steps.low / 2 + steps.high / 2;
+        } else {
+            s = steps.low > -least ? steps.low : steps.high < -least ? steps.high : -least;
+        }
+        noslip_move_f(inputs, ground, by_inputs, slope, s, contacts);
+    }
+    if (!steps.any) {
+        noslip_way_to_coasting_f(ground, by_inputs, contacts, way);
+        noslip_move_f(inputs, ground, by_inputs, way, 1, contacts);
+        steps = noslip_steps_within_f(inputs, way, ground, by_inputs, &below, limits, contacts);
+        s = steps.low > -1 ? steps.low : -1;
+        s = steps.any && s <= steps.high && s <= 0 ? s : 0;
+        noslip_move_f(inputs, ground, by_inputs, way, s, contacts);
+    }
+    for (i = 0; i < 2; i++) {
+        if (!noslip_within_f(inputs[i], limits[i]) && noslip_is_finite_f(inputs[i])) {
+            inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];
+        }
+    }
+}
+
+/* -- end of the generated part ----------------------------------------------------------------------------------------- */
+
+#endif

@@ -1,0 +1,160 @@
+"""The drives between the controller and the robot: they take torques, or velocities that a loop of their own follows."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import TYPE_CHECKING, Protocol
+
+import casadi as ca
+import numpy as np
+
+from ..controllers.controller import RUNNING
+from ..controllers.direct import Direct
+from ..controllers.velocity import make_acceleration, make_velocity, velocity_limits
+from ..model.algebra.portable import portable
+from ..model.reduction import ReducedSystem
+from ..readers.errors import BadInput
+from . import runge_kutta
+from .plant import Plant
+
+if TYPE_CHECKING:
+    from .specification.spec import DriveSection, Simulation
+
+
+class Drive(Protocol):
+    """What moves the robot. What is given to it is one vector, `given`, that is held between two calls of the controller.
+
+    `delay` (s): from when it is given until it acts; `commands`: the number of commanded velocities.
+    """
+
+    delay: float
+    commands: int
+
+    def begin(self, x: np.ndarray) -> np.ndarray:
+        """Return what is given before the first call, in the state x at the start."""
+
+    def take(self, x: np.ndarray, status: str, tau: np.ndarray) -> tuple[str, np.ndarray]:
+        """Return status and what is given until the next call: from the state that the controller sees and its result."""
+
+    def step(self, x: np.ndarray, given: np.ndarray, h: float, tolerance: float) -> tuple[np.ndarray, float]:
+        """Return the state after h seconds, as Plant.step."""
+
+    def torque(self, x: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """Return the inputs of the robot at a state, N or N m."""
+
+    def command(self, given: np.ndarray) -> np.ndarray:
+        """Return the commanded velocities."""
+
+
+class TorqueDrive:
+    """Drives that take the torques of the controller."""
+
+    delay, commands = 0.0, 0
+
+    def __init__(self, plant: Plant):
+        self._inputs = len(plant.system.mechanism.inputs)
+        self.step = plant.step
+
+    def begin(self, x: np.ndarray) -> np.ndarray:
+        """No torque."""
+        return np.zeros(self._inputs)
+
+    def take(self, x: np.ndarray, status: str, tau: np.ndarray) -> tuple[str, np.ndarray]:
+        """See Drive."""
+        return status, tau
+
+    def torque(self, x: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """See Drive."""
+        return given
+
+    def command(self, given: np.ndarray) -> np.ndarray:
+        """None."""
+        return np.zeros(0)
+
+
+class VelocityDrive:
+    """Drives whose own loop makes each quasi-velocity follow its command c: nudot = omega (c - nu), and with feed-forward of the
+    controller's torque the acceleration that this causes in addition; the whole within the largest acceleration.
+
+    What is given: [c; tau].
+    """
+
+    def __init__(self, section: DriveSection, simulation: Simulation, plant: Plant, believed: np.ndarray):
+        """`believed`: the controller's parameters. Raises BadInput for a wrong number of limits."""
+        system, period = plant.system, simulation.period
+        names = [v.name for v in system.quasi_velocities]
+        self.delay, self.commands = section.delay, len(names)
+        speed = _each("most_speed", section.most_speed, names)
+        acceleration = _each("most_acceleration", section.most_acceleration, names)
+        limits = velocity_limits(speed, acceleration, section.lag + period)
+        self._velocity = make_velocity(simulation.backend, limits, period)
+        self._acceleration = make_acceleration(simulation.backend, system, believed)
+        self._period, self._inputs = period, len(system.mechanism.inputs)
+        step, torque = driven(system, section.feeds)
+        self._step, self._torque = Direct(step), Direct(torque)
+        self._own = (plant.parameters, section.omega, np.array(acceleration))
+
+    def begin(self, x: np.ndarray) -> np.ndarray:
+        """The present velocities, and no torque."""
+        nu = x[-self.commands :]
+        self._velocity.reset(nu)
+        return np.concatenate([nu, np.zeros(self._inputs)])
+
+    def take(self, x: np.ndarray, status: str, tau: np.ndarray) -> tuple[str, np.ndarray]:
+        """See Drive."""
+        caused, u = self._acceleration(x, tau)
+        status, command = self._velocity.step(u, x[-self.commands :], status if caused in RUNNING else caused, self._period)
+        return status, np.concatenate([command, tau])
+
+    def step(self, x: np.ndarray, given: np.ndarray, h: float, tolerance: float) -> tuple[np.ndarray, float]:
+        """See Drive."""
+        after, error = self._step(x, given, *self._own, h, tolerance)
+        return after, float(error[0])
+
+    def torque(self, x: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """See Drive."""
+        return self._torque(x, given, *self._own)[0]
+
+    def command(self, given: np.ndarray) -> np.ndarray:
+        """See Drive."""
+        return given[: self.commands]
+
+
+def make_drive(section: DriveSection | None, simulation: Simulation, plant: Plant, believed: np.ndarray) -> Drive:
+    """Return the drives of a SPEC. Raises BadInput for limits that do not fit the robot, and backends without commands."""
+    if section is None or not section.takes_velocity:
+        return TorqueDrive(plant)
+    return VelocityDrive(section, simulation, plant, believed)
+
+
+@lru_cache(maxsize=16)
+def driven(system: ReducedSystem, feeds: bool) -> tuple[ca.Function, ca.Function]:
+    """Return the functions from state, given, parameters, omega (1/s) and largest accelerations: to the state after h seconds and
+    its error norm (with h and tolerance as further arguments), and to the torque of the drives.
+    """
+    mechanism = system.mechanism
+    x, p = ca.vertcat(mechanism.q, system.nu), mechanism.p
+    command, tau = ca.SX.sym("command", system.freedom), ca.SX.sym("tau", len(mechanism.inputs))
+    omega, most = ca.SX.sym("omega"), ca.SX.sym("most", system.freedom)
+    h, tolerance = ca.SX.sym("h"), ca.SX.sym("tolerance")
+    fed = system.acceleration(tau) if feeds else ca.SX.zeros(system.freedom)
+    nudot = ca.fmax(-most, ca.fmin(most, fed + omega * (command - system.nu)))
+    given = [x, ca.vertcat(command, tau), p, omega, most]
+    rate = portable(ca.Function("rate", given, [ca.densify(ca.vertcat(system.qdot, nudot))]))
+    step = runge_kutta.step(lambda _, x: rate(x, *given[1:]), ca.SX(0), x, rate(*given), h, tolerance)
+    torque = portable(ca.Function("torque", given, [ca.densify(system.first_feedback(nudot))]))
+    return ca.Function("step", [*given, h, tolerance], [ca.densify(s) for s in step]), torque
+
+
+def whole_periods(delay: float, period: float) -> tuple[int, float]:
+    """Return a delay (s) as a number of whole periods and the rest, above 0 and up to a period, or 0."""
+    whole = max(0, math.ceil(delay / period - 1e-9) - 1)
+    return whole, delay - whole * period
+
+
+def _each(name: str, given: tuple[float, ...], of: list[str]) -> tuple[float, ...]:
+    """Return one limit for each quasi-velocity."""
+    if len(given) not in (1, len(of)):
+        raise BadInput(f"[drive] {name} has {len(given)} numbers; it must have 1 or {len(of)}: {', '.join(of)}")
+    return given * len(of) if len(given) == 1 else given

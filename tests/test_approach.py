@@ -1,0 +1,119 @@
+"""The approach of a path: bounded acceleration, no overshoot, as fast as any; C as the reference implementation."""
+
+import math
+
+import numpy as np
+import pytest
+from noslip.controllers.approach import SETTLING, CompiledApproach, ReferenceApproach, make_approach
+from noslip.controllers.runtime import runtime
+from noslip.readers.errors import BadInput
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.specification.spec import spec_of
+from noslip.tests.test_grip import SPEC
+
+STEP = 0.01  # s
+
+
+def led(generator, distance: float, rate: float, speed: float, final: float, seconds: float) -> np.ndarray:
+    """What is desired from a start on, a row for each step."""
+    generator.start(distance, rate, speed)
+    return np.array([generator.step(STEP if k else 0.0, final) for k in range(round(seconds / STEP))])
+
+
+def starts(count: int):
+    random = np.random.default_rng(7)
+    for _ in range(count):
+        yield random.uniform(0.1, 3.0), *random.uniform(-5, 5, 1), *random.uniform(-1.5, 1.5, 3)
+
+
+def fastest(distance: float, rate: float, acceleration: float) -> float:
+    """The shortest time to rest at 0, by bisection of the time at which braking begins: x'' = -s a, then s a."""
+    side = math.copysign(1.0, distance + rate * abs(rate) / (2 * acceleration))
+    x, v = side * distance, side * rate
+    turn = v / acceleration + math.sqrt(v**2 / (2 * acceleration**2) + x / acceleration)
+    return 2 * turn - v / acceleration
+
+
+def test_acceleration_is_bounded_and_the_end_is_at_rest():
+    for acceleration, distance, rate, speed, final in starts(60):
+        time = fastest(distance, rate, acceleration)
+        rows = led(
+            ReferenceApproach(acceleration, SETTLING), distance, rate, speed, final, time + 12 * SETTLING + 6 / acceleration
+        )
+        y, y_rate, y_acceleration, v, v_rate = rows.T
+        assert (np.abs(y_acceleration) <= acceleration).all() and (np.abs(v_rate) <= acceleration).all()
+        assert np.abs(np.diff(y) - STEP * y_rate[:-1] - STEP**2 * y_acceleration[:-1] / 2).max() < 1e-12
+        assert np.abs(np.diff(y_rate) - STEP * y_acceleration[:-1]).max() < 1e-12
+        assert np.abs(np.diff(v) - STEP * v_rate[:-1]).max() < 1e-12
+        zone = acceleration * SETTLING**2
+        late = round((time + 2 * SETTLING) / STEP)
+        assert np.abs(y[late:]).max() < 1.5 * zone, "not as fast as any, up to the linear zone"
+        assert np.abs(rows[-1] - [0, 0, 0, final, 0]).max() < 1e-3 * (1 + acceleration)
+
+
+def test_from_rest_it_does_not_overshoot_and_brakes_once():
+    for acceleration, distance, *_ in starts(40):
+        y, y_rate, y_acceleration, *_ = led(ReferenceApproach(acceleration, SETTLING), distance, 0.0, 0.0, 1.0, 20.0).T
+        side = math.copysign(1.0, distance)
+        assert (side * y).min() > -1e-2 * acceleration * SETTLING**2
+        pushes = np.sign(np.where(np.abs(y_acceleration) > 0.02 * acceleration, side * y_acceleration, 0.0))
+        assert np.count_nonzero(np.diff(pushes[pushes != 0])) <= 1, "it chatters"
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_c_is_the_reference(scalar):
+    tolerance = 1e-12 if scalar == "double" else 1e-3
+    for acceleration, *start in starts(15):
+        both = [
+            led(make(acceleration), *start, 4.0)
+            for make in (lambda a: CompiledApproach(a, SETTLING, scalar), lambda a: ReferenceApproach(a, SETTLING))
+        ]
+        assert np.abs(both[0] - both[1])[:, [0, 1, 3]].max() < tolerance * 10
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_refused(scalar):
+    made = runtime("noslip_approach.h")
+    self, wanted = made.new("noslip_approach", scalar), made.new("noslip_approached", scalar)
+
+    def call(name, *arguments):
+        return made.status(made.function(f"noslip_approach_{name}", scalar)(self, *arguments))
+
+    assert call("step", 0.01, 1.0, wanted) == "not_ready"
+    for acceleration, settling, jerk in ((0, 1, 0), (1, 0, 0), (math.nan, 1, 0), (1, math.inf, 0), (1, 1, 1), (1, 1, math.nan)):
+        assert call("init", acceleration, settling, jerk) == "bad_parameter" and call("start", 1, 0, 0) == "not_ready"
+    assert call("init", 0.5, 0.25, 0.0) == "ok"
+    assert call("start", math.nan, 0, 0) == "nonfinite" and call("start", 1, 0, 0) == "ok"
+    for dt, speed, status in ((math.nan, 1, "nonfinite"), (0.01, math.inf, "nonfinite"), (-0.01, 1, "range"), (0.26, 1, "range")):
+        wanted.distance = math.nan
+        assert call("step", dt, speed, wanted) == status and wanted.distance == 0.0
+    assert call("step", 0.0, 1.0, wanted) == "ok" and wanted.distance == 1.0
+
+
+def test_the_path_is_reached_sooner_and_the_wheels_roll():
+    """The paper's start at mu 0.7, where the distance alone decides: 5 cm after 3 s instead of 7 s."""
+    text = SPEC.replace("2.0, period", "9.0, period") + '[contact]\nmu = 0.7\n[limits]\nmode = "grip"\n'
+    after = {}
+    approach = "speed = 1.414, approach = { acceleration = 0.5 }"
+    for name, given in {"without": text, "with": text.replace("speed = 1.414", approach)}.items():
+        run = simulate(spec_of(given, "test"))
+        far = np.abs(run.y[:, 0]) > 0.05
+        after[name] = run.t[far].max()
+        assert max(use.max() for use in run.use.values()) < 0.96
+    assert after["with"] < 3.5 < 6.5 < after["without"], after
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        (("speed = 1.414", "speed = 1.414, approach = { acceleration = 0.5, jerk = 1.0 }"), "jerk = 1 is not supported yet"),
+        (("period = 0.01", "period = 0.0"), r"approach requires type IV .* period > 0"),
+    ],
+)
+def test_refused_specs(change, said):
+    text = SPEC.replace("speed = 1.414", "speed = 1.414, approach = { acceleration = 0.5 }").replace(*change)
+    text = text if "jerk" not in change[1] else SPEC.replace(*change)
+    with pytest.raises(BadInput, match=said):
+        simulate(spec_of(text, "test"))
+    with pytest.raises(BadInput, match="approach is there for"):
+        make_approach("m4f", 0.5, 0.01)

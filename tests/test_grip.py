@@ -1,0 +1,234 @@
+"""Inputs that keep the wheels rolling: the generated C against a second implementation, and against plain searches."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from noslip.controllers.backends import make_controller
+from noslip.controllers.controller import Friction, Limits
+from noslip.controllers.grip import Cones, GripReference
+from noslip.controllers.symbolic import slope_function
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, law_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.contact import contact_forces
+from noslip.simulation.plant import Plant
+from noslip.simulation.specification.spec import ContactSection, spec_of
+from noslip.verification.sampling import random_plants
+from scipy.optimize import minimize, minimize_scalar
+
+LAWS = (("labmate", "type_iv_line"), ("labmate", "type_i"))
+OTHERS = (("car", "type_iv_line"),)
+NARROW = ("car", "tricycle", "rolling_disk", "knife_edge")
+STATES = 40
+
+each_law = pytest.mark.parametrize("robot, name", [*LAWS, *OTHERS])
+
+
+@cache
+def law(robot: str, name: str):
+    return law_of(find_robot(robot), name)
+
+
+@cache
+def situations(robot: str, name: str) -> list[tuple]:
+    """Numbers of a law, state, reference, limits: friction from slippery to more than is needed, some limits of the inputs."""
+    source = np.random.default_rng(14)
+    found = []
+    for plant in random_plants(law(robot, name), STATES, seed=6):
+        for point in plant.points:
+            height = 0.0 if robot in NARROW else float(source.choice([0.0, 0.1, 0.4]))
+            mu = float(np.exp(source.uniform(math.log(1e-3), math.log(100.0))))
+            friction = Friction(mu, float(source.choice([0.0, 0.05])), float(source.choice([1.0, 0.7])), height)
+            tau = point.truth.values["tau"]
+            torque = np.abs(tau) * source.choice([0.2, 0.9, 2.0], 2) * source.choice([0.0, 0.0, 1.0])
+            found.append(((plant.params, plant.config, plant.gains), point.state, point.reference, tau, friction, torque))
+    return found
+
+
+def limited(backend: str, robot: str, name: str):
+    """Situation, status and tau of a backend in every situation."""
+    for situation in situations(robot, name):
+        numbers, state, reference, _, friction, torque = situation
+        controller = make_controller(backend, law(robot, name), *numbers, Limits(tuple(torque), "grip", friction))
+        yield (*situation, *controller.step(state, reference))
+
+
+def cones_at(robot: str, name: str, numbers, state, friction) -> Cones:
+    return GripReference(law(robot, name), numbers[0], friction, np.full(2, np.inf)).cones(np.asarray(state))
+
+
+def slope_of(robot: str, name: str, numbers, state, reference) -> np.ndarray:
+    return np.asarray(slope_function(law(robot, name))(*numbers, state, reference)).ravel()
+
+
+@each_law
+def test_c_is_the_reference(robot, name):
+    """Alike but for rounding, which is larger where an input is large beside the friction there is."""
+    statuses = set()
+    for ours, truth in zip(limited("c", robot, name), limited("casadi", robot, name), strict=True):
+        *_, free, _, _, status, tau = ours
+        assert status == truth[-2], (ours, truth)
+        assert np.abs(tau - truth[-1]).max() <= 1e-9 * max(1, np.abs(free).max()), (ours, truth)
+        statuses.add(status)
+    assert statuses == {"ok", "grip", "will_slip"}
+
+
+@pytest.mark.parametrize("backend", ["c", "cf"])
+@each_law
+def test_it_rolls_or_says_so(robot, name, backend):
+    """Friction use by the plant's own constraint forces; inputs within limits, and unchanged where nothing had to change."""
+    slack = 1e-9 if backend == "c" else 2e-3
+    for numbers, state, _, free, friction, torque, status, tau in limited(backend, robot, name):
+        most = np.array([limit or math.inf for limit in torque])
+        assert np.isfinite(tau).all() and (np.abs(tau) <= most * (1 + slack)).all()
+        floor = ContactSection(mu=friction.mu * (1 - friction.margin), share=friction.share, height=friction.height)
+        plant = Plant(law(robot, name).system, numbers[0])
+        use = max(contact.use[0] for contact in contact_forces(plant, np.asarray(state), tau, floor))
+        if status == "will_slip":
+            continue
+        assert use <= 1 + slack, (status, use, friction)
+        if status == "ok":
+            assert np.abs(tau - free).max() <= (1e-11 if backend == "c" else 2e-4) * max(1, np.abs(free).max())
+
+
+@pytest.mark.parametrize("robot, name", [("labmate", "type_iv_line")])
+def test_the_speed_is_given_up_first_and_no_more_than_needed(robot, name):
+    """On the line of the speed's virtual input: the nearest to what was asked for, wherever a search finds any that rolls."""
+    ways = {"speed": 0, "coasting": 0}
+    for numbers, state, reference, free, friction, torque, status, tau in limited("c", robot, name):
+        if status != "grip":
+            continue
+        slope, cones = slope_of(robot, name, numbers, state, reference), cones_at(robot, name, numbers, state, friction)
+        most = np.array([limit or math.inf for limit in torque])
+
+        def beyond(inputs, cones=cones, most=most):
+            return max(cones.excess(inputs).max(), (np.abs(inputs) - most).max() if np.isfinite(most).any() else -np.inf)
+
+        s = slope @ (tau - free) / (slope @ slope)
+        on_line = np.abs(free + s * slope - tau).max() <= 1e-9 * max(1, np.abs(free).max())
+        if on_line and s:
+            ways["speed"] += 1
+            assert beyond(free + 0.9999 * s * slope) > 0, "more than needed"
+        elif not on_line:
+            ways["coasting"] += 1
+            scale = np.abs(free).max() / np.abs(slope).max()
+            best = minimize_scalar(lambda s, a=free, b=slope: beyond(a + s * b), bracket=(-scale, scale), options={"xtol": 1e-10})
+            assert best.fun > -1e-6 * max(1, np.abs(free).max()), "the speed would have been enough"
+    assert min(ways.values()) > 2, ways
+
+
+@pytest.mark.parametrize("robot, name", [("labmate", "type_i"), ("labmate", "type_iv_line")])
+def test_coasting_is_least_squares(robot, name):
+    """Where it will slip, the inputs are those of smallest sum (F / mass)^2, by a search; and a search finds none near them that
+    roll with a tenth less friction use."""
+    seen = 0
+    for numbers, state, _, _, friction, torque, status, tau in limited("c", robot, name):
+        if status != "will_slip" or torque.any():
+            continue
+        cones = cones_at(robot, name, numbers, state, friction)
+
+        def cost(inputs, cones=cones):
+            force = cones.force + np.tensordot(inputs, cones.force_by, 1)
+            return np.sum((force / cones.mass[:, None]) ** 2)
+
+        scale = max(1.0, np.abs(tau).max())
+        found = minimize(lambda x, cost=cost, scale=scale: cost(scale * x), tau / scale + 0.1, tol=1e-14)
+        assert cost(tau) <= found.fun * (1 + 1e-6) + 1e-12
+        seen += 1
+        if seen == 40:
+            break
+    assert seen > 1
+
+
+def test_a_cone_is_cut_by_a_line_where_it_is():
+    """The reference's interval against a fine grid, also where the load grows faster than the force."""
+    source = np.random.default_rng(3)
+    kinds = set()
+    for _ in range(200):
+        force, most, by, most_by = (
+            source.normal(size=(1, 2)),
+            source.normal(size=1),
+            source.normal(size=(1, 1, 2)),
+            source.normal(),
+        )
+        cones = Cones(force, most, by, np.array([[most_by]]), np.ones(1))
+        low, high, found = cones.interval(0, np.zeros(1), np.ones(1))
+        grid = np.linspace(-30, 30, 301)
+        inside = np.array([cones.excess(np.array([s]))[0] <= 0 for s in grid])
+        if not found:
+            assert not inside.any()
+        else:
+            assert not inside[(grid < low - 1e-9) | (grid > high + 1e-9)].any()
+            assert inside[(grid > low + 1e-9) & (grid < high - 1e-9)].all()
+        kinds.add((found, math.isfinite(low), math.isfinite(high)))
+    assert len(kinds) >= 4
+
+
+SPEC = """
+robot = "labmate"
+gains = { kp = 1.0, kd = 2.5, kv = 2.0 }
+output = { type = "IV", path = { kind = "line", A = 1.0, B = -1.0, C = 0.0 } }
+reference = { speed = 1.414 }
+initial = { point = [0.0, 2.0], heading = "90 deg", speed = 0.0 }
+simulation = { duration = 2.0, period = 0.01, tolerance = 1e-9 }
+"""
+
+
+def run(more: str, **replaced: str):
+    text = SPEC + more
+    for old, new in replaced.items():
+        text = text.replace(old, new)
+    return simulate(spec_of(text, "test"))
+
+
+def test_the_papers_start_rolls():
+    """Which asks for 2.4 times what friction gives; and all backends compute the same run."""
+    floor = "[contact]\nmu = 0.7\nheight = 0.1\n"
+    bare = run(floor)
+    assert max(use.max() for use in bare.use.values()) > 2
+    runs = {
+        backend: run(floor + '[limits]\nmode = "grip"\n', **{"2.0, period": f'2.0, backend = "{backend}", period'})
+        for backend in ("c", "cf", "casadi")
+    }
+    for backend, made in runs.items():
+        assert "grip" in made.status and "will_slip" not in made.status
+        assert max(use.max() for use in made.use.values()) <= 0.95 * (1 + (1e-9 if backend != "cf" else 1e-2))
+        assert np.abs(made.x - runs["c"].x).max() < (1e-8 if backend != "cf" else 1e-2)
+
+
+@pytest.mark.parametrize(
+    "more, said",
+    [
+        ('[limits]\nmode = "grip"\n', r"\[limits\] mode = \"grip\" requires \[contact\] mu"),
+        ('[limits]\nmode = "cut"\n', r"\[limits\] torque is missing"),
+        ('[contact]\n[limits]\nmode = "grip"\nmargin = 1.0\n', "margin = 1 must be below 1"),
+    ],
+)
+def test_refused_specs(more, said):
+    with pytest.raises(BadInput, match=said):
+        run(more)
+
+
+@pytest.mark.parametrize(
+    "robot, name, limits, said",
+    [
+        ("four_wheel", "type_iv_line", Limits((0.0,) * 4, "grip", Friction(0.5)), "this one has 4 inputs and n - m = 2"),
+        ("mobile_manipulator", None, None, "this one has 4 inputs"),
+        (
+            "car",
+            "type_iv_line",
+            Limits((0.0, 0.0), "grip", Friction(0.5, height=0.2)),
+            "height = 0.2: car has an axle without width",
+        ),
+        ("labmate", "type_i", Limits((0.0, 0.0), "grip"), "requires friction"),
+        ("labmate", "type_i", Limits((0.0, 0.0), "grip", Friction(-0.5)), "mu must be positive"),
+    ],
+)
+def test_refused_robots_and_numbers(robot, name, limits, said):
+    mechanism = find_robot(robot)
+    made = law_of(mechanism, name or mechanism.outputs[0].name)
+    limits = limits or Limits((0.0,) * len(mechanism.inputs), "grip", Friction(0.5))
+    with pytest.raises(BadInput, match=said):
+        limits.check(made)
