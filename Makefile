@@ -96,7 +96,7 @@ types: $(READY_DEV)
 lint: $(READY_DEV)
 	$(VENV)/bin/ruff check .
 
-quick test nightly: export PYTHONDONTWRITEBYTECODE := # what the tests start finds noslip compiled
+export PYTHONDONTWRITEBYTECODE := # what is started here finds noslip compiled
 quick: lint types check-generated
 	$(PYTEST) $(QUICK:%=tests/test_%.py)
 
