@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..controllers import DRIVES
 from ..readers.errors import BadInput
 from ..readers.files import check_folder, write_folder
 from ..readers.progress import Progress
@@ -26,7 +27,6 @@ EXAMPLE = """examples:
   noslip outer-loop labmate --output type_iv_line --period 0.01 --drive velocity --bandwidth 5 --drive-delay 0.02
   noslip outer-loop labmate --spec specs/circle.toml --lqr distance=0.1,0.2,0.5 --lqr speed=0.2,0.5"""
 
-DRIVES = ("torque", "velocity", "velocity+torque")
 DESIGNS = ("poles", "discrete_poles", "settling", "lqr")
 
 

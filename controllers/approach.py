@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from ..readers.errors import BadInput
+from . import SCALAR
 
 HEADER = "noslip_approach.h"
 SETTLING = 0.25  # s, at least; the time constant with which the distance ends
@@ -90,6 +91,6 @@ def make_approach(backend: str, acceleration: float, period: float) -> Approach:
     settling = max(SETTLING, PERIODS * period)
     if backend == "casadi":
         return ReferenceApproach(acceleration, settling)
-    if backend not in ("c", "cf"):
+    if backend not in SCALAR:
         raise BadInput(f"[reference] approach is there for the backends casadi, c and cf, not for {backend!r}")
-    return CompiledApproach(acceleration, settling, "double" if backend == "c" else "float")
+    return CompiledApproach(acceleration, settling, SCALAR[backend])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..readers.errors import BadInput
+from . import SCALAR
 from .controller import BACKENDS, ON_TARGET, Controller, Limits, Numbers, ParameterRefused
 from .runtime import Runtime, runtime
 
@@ -40,7 +41,7 @@ def make_controller(
         from .pil import target_library
 
         return CompiledController(law, params, config, gains, limits=limits, made_by=target_library(law, backend))
-    return CompiledController(law, params, config, gains, "double" if backend == "c" else "float", limits)
+    return CompiledController(law, params, config, gains, SCALAR[backend], limits)
 
 
 def check_parameters(law: ControlLaw, params: Numbers, config: Numbers, gains: Numbers) -> None:
@@ -66,8 +67,8 @@ def runtime_of(backend: str, header: str, law: ControlLaw | None = None) -> tupl
 
     Raises BadInput for another backend, and for m4f and rv32 without a law.
     """
-    if backend in ("c", "cf"):
-        return runtime(header), "double" if backend == "c" else "float"
+    if backend in SCALAR:
+        return runtime(header), SCALAR[backend]
     if backend in ON_TARGET and law is not None:
         from .pil import target_runtime
 

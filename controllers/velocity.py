@@ -16,7 +16,8 @@ import numpy as np
 from ..model.algebra.portable import portable
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
-from .controller import Numbers
+from . import SCALAR
+from .controller import RUNNING, Numbers
 from .direct import Direct
 
 HEADER = "noslip_velocity.h"
@@ -60,7 +61,7 @@ class ReferenceVelocity:
 
     def step(self, u: np.ndarray, nu: np.ndarray, status: str, dt: float) -> tuple[str, np.ndarray]:
         """See Velocity."""
-        if status not in ("ok", "saturated", "grip", "will_slip"):
+        if status not in RUNNING:
             return status, self._towards(np.zeros(len(nu)), self._period)
         if not (np.isfinite(u).all() and np.isfinite(nu).all()):
             return "nonfinite", self._towards(np.zeros(len(nu)), self._period)
@@ -155,9 +156,9 @@ def acceleration_function(system: ReducedSystem) -> ca.Function:
 
 
 def _scalar(backend: str) -> str:
-    if backend not in ("c", "cf"):
+    if backend not in SCALAR:
         raise BadInput(f"[drive] of kind velocity is there for the backends casadi, c and cf, not for {backend!r}")
-    return "double" if backend == "c" else "float"
+    return SCALAR[backend]
 
 
 def velocity_limits(speed: Sequence[float], acceleration: Sequence[float], lag: float) -> VelocityLimits:

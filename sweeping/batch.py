@@ -5,6 +5,7 @@ from threading import Lock
 import casadi as ca
 import numpy as np
 
+from ..controllers import SCALAR
 from ..controllers.controller import ON_LIMIT
 from ..controllers.odometry import MODES, wheels_function
 from ..controllers.tracking import REVERSING, STOP
@@ -16,7 +17,6 @@ from ..simulation.starts import starts
 from .inputs import SEED, SEEDS, inputs_of
 from .program import program
 
-SCALAR = {"c": "double", "cf": "float"}  # backend -> scalar of the controller
 LONGEST = 0.01  # s
 ACCURACY = 1e-9
 BAND = 0.01

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...controllers import DRIVES
 from ...model.names import TYPES, LawName
 from ...model.paths import PATHS
 from ...model.segments import Segment
@@ -339,7 +340,7 @@ class DriveSection:
     per second: one for all or one for each. Without them there is practically no limit.
     """
 
-    kind: str = entry(one_of("torque", "velocity", "velocity+torque"), about="what the drives take")
+    kind: str = entry(one_of(*DRIVES), about="what the drives take")
     bandwidth: float | None = entry(number("positive", "Hz"), None, "of their own loop; required where they take velocities")
     delay: float = entry(number("nonnegative", "s"), 0.0, "from a command until the drives follow it")
     most_speed: tuple[float, ...] = entry(_positive, (NO_LIMIT,), "largest speed of each, or one for all, in rad/s for wheels")
