@@ -674,6 +674,23 @@ def test_canonical_finds(name):
     assert ca.is_equal(canonical(expression), ca.SX(expected), 1) or (expected == 0 and canonical(expression).is_zero())
 
 
+@pytest.mark.parametrize("power", [2, 3])
+def test_canonical_keeps_a_power_of_a_small_denominator(power):
+    """Written out as a sum, the power of a denominator of 1e-4 of its terms has lost 8 or 12 digits in 16; as a power, 4."""
+    one, other = 10 * y * cos(x) + y - 13 * z * sin(x) ** 2, cos(x) + 0.1 - sin(x) * (1.3 * (z * sin(x)) / y)
+    simple = canonical(3 * (13 * (z * sin(x)) / one) ** power + 7 / other**power)
+    rng = np.random.default_rng(271)
+    for _ in range(100):
+        a, b = rng.uniform(0.5, 1.2), rng.uniform(0.5, 2.0)
+        c = b * (10 * math.cos(a) + 1) / (13 * math.sin(a) ** 2) * (1 + 1e-4 * rng.uniform(1, 2))
+        with mpmath.workdps(50):
+            X, Y, Z = map(mpmath.mpf, (a, b, c))
+            d = 10 * Y * mpmath.cos(X) + Y - 13 * Z * mpmath.sin(X) ** 2
+            expected = 3 * (13 * Z * mpmath.sin(X) / d) ** power + 7 * (10 * Y / d) ** power
+        value = float(ca.Function("simple", VARIABLES, [simple])(a, b, c))
+        assert abs(value - expected) <= 1e-10 * abs(expected)
+
+
 @pytest.mark.parametrize("expression", [ca.sqrt(x) + y, ca.tan(x) * y, ca.exp(x), ca.fabs(x), ca.if_else(x > 0, x, y)])
 def test_canonical_leaves_what_is_not_rational(expression):
     assert ca.is_equal(canonical(expression), expression, 20)

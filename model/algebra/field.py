@@ -1,7 +1,7 @@
 """The field of rational functions that contains one expression, with its sines, cosines and roots."""
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -73,6 +73,7 @@ class Field:
         self.cosines: list[Radical] = []  # the sines among the radicals, with the roles exchanged
         self.floats: dict[QQ, float] = {}  # exact number -> the float from which it was made
         self.known: dict[Step, int] = {}  # function and canonical arguments -> generator
+        self.divisors: dict[PolyElement, None] = {}  # the sums that occur as denominators, as an ordered set
 
     def simplify(self) -> Element:
         """Return the expression in canonical form.
@@ -95,7 +96,7 @@ class Field:
         """Return a ratio as an expression, with numerator and denominator factored."""
         if not ratio[0]:
             return ca.SX(0)
-        (upper, above), (lower, below) = map(self._product, ratio)
+        (upper, above), (lower, below) = self._product(ratio[0]), self._product(ratio[1], self.divisors)
         content = upper / lower
         decimal = abs(content) in self.floats and int(content.denominator).bit_count() > 1
         if not decimal and max(abs(content.numerator), content.denominator) <= LARGEST_WHOLE:
@@ -161,6 +162,8 @@ class Field:
                 value = self._reduce(*RATIONAL[kind](*[values[place] for place in arguments]))
             else:
                 value = self._atom((kind, *arguments), [values[place] for place in arguments])
+            if len(value[1]) > 1:
+                self.divisors[value[1]] = None
             values.append(value)
         return values[self.result]
 
@@ -253,17 +256,50 @@ class Field:
 
     # -- back to expressions --------------------------------------------------------------------------------------
 
-    def _product(self, polynomial: PolyElement) -> tuple[QQ, ca.SX]:
-        """Return a number, and the polynomial divided by it as a product of its factors, each a sum of products."""
+    def _product(self, polynomial: PolyElement, divisors: Iterable[PolyElement] = ()) -> tuple[QQ, ca.SX]:
+        """Return a number, and the polynomial divided by it as a product of its factors, each a sum of products.
+
+        Factors are also looked for among the divisors.
+        """
         if len(polynomial) == 1:
             return polynomial.LC, self._sum(polynomial.monic())
         content, factors = _factors(polynomial)
-        parts = []
-        for factor, power in factors:
-            scale, factor = normalized(factor)
-            content *= scale**power
-            parts.append(self._sum(factor) ** power)
+        powers: dict[PolyElement, int] = {}
+        for whole, power in factors:
+            among, parts = self._split(whole, divisors)
+            content *= among**power
+            for part in parts:
+                scale, factor = normalized(part)
+                content *= scale**power
+                powers[factor] = powers.get(factor, 0) + power
+        parts = [self._sum(factor) ** power for factor, power in powers.items()]
         return content, prod(parts[1:], start=parts[0])
+
+    def _split(self, polynomial: PolyElement, divisors: Iterable[PolyElement]) -> tuple[QQ, list[PolyElement]]:
+        """Return a number and shorter factors of a polynomial: divisors and quotients by them, or the polynomial alone.
+
+        A square of a sum with sines has no factors as a polynomial once sin^2 + cos^2 = 1 was used in it, and where the sum is
+        small, most of the digits of the expanded square cancel.
+        """
+        found = []
+        rest, _ = self._reduce(polynomial, self.ring.one)
+        for divisor in sorted(divisors, key=len):
+            while len(divisor) < len(rest) and (quotient := self._quotient(rest, divisor)) and len(quotient) < len(rest):
+                found.append(divisor)
+                rest = quotient
+        if not found:
+            return QQ(1), [polynomial]
+        contents, factors = zip(*[_primitive(self._by_sines(factor)) for factor in (*found, rest)], strict=True)
+        return prod(contents, start=QQ(1)), list(factors)
+
+    def _quotient(self, polynomial: PolyElement, divisor: PolyElement) -> PolyElement | None:
+        """Return polynomial / divisor, modulo the squares of radicals, if it is a polynomial that is not too large."""
+        try:
+            upper, lower = self._rationalize(*self._reduce(polynomial, divisor))
+        except NotRational:
+            return None
+        upper, lower = upper.cancel(lower)
+        return upper.quo_ground(lower.LC) if lower.is_ground else None
 
     def _multiple(self, factor: QQ, expression: ca.SX) -> ca.SX:
         if factor in (1, -1):
@@ -294,7 +330,11 @@ def _factors(polynomial: PolyElement) -> tuple[QQ, Sequence[tuple[PolyElement, i
     irreducible = any([powers[k] for powers in rest if powers[k]] == [1] for k in generators)
     if not irreducible and len(polynomial) <= FACTORED:
         return factored(polynomial)
-    content, primitive = rest.primitive()
-    if primitive.LC < 0:
-        content, primitive = -content, -primitive
+    content, primitive = _primitive(rest)
     return content, [(polynomial.ring.gens[k], common[k]) for k in generators if common[k]] + [(primitive, 1)]
+
+
+def _primitive(polynomial: PolyElement) -> tuple[QQ, PolyElement]:
+    """Return a number, and the polynomial divided by it: whole coefficients without a common factor, the leading one positive."""
+    content, primitive = polynomial.primitive()
+    return (-content, -primitive) if primitive.LC < 0 else (content, primitive)

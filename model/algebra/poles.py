@@ -53,8 +53,8 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
     distance of BESIDE from zeros of each denominator, on random lines in the space of the `moving` symbols, and where some of
     these are exactly 0, a common position of joints. The other symbols are random positive numbers.
     """
-    known = {each.element_hash() for expression in given for each in denominators(ca.SX(expression))}
-    below = [each for each in denominators(found) if each.element_hash() not in known]
+    known = {str(each) for expression in given for each in denominators(ca.SX(expression))}
+    below = [each for each in denominators(found) if str(each) not in known]
     if not below:
         return None
     symbols = free_symbols(ca.veccat(found, *given))
