@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import sympy as sp
@@ -208,6 +209,7 @@ def uncontrolled(form: NormalForm) -> str:
 # -- constraints --------------------------------------------------------------------------------------------------------
 
 
+@lru_cache(maxsize=16)  # a robot is often analysed again with other starts
 def _of_distribution(system: Mechanism | Kinematics) -> Constraints:
     found = structure.analyse(system)
     basis, before = found.certificate.basis, (0, *found.growth)
@@ -274,6 +276,7 @@ def _outputs(system: System, laws: Sequence[str], progress: Reported) -> tuple[d
     return found, refused, "" if found else nothing
 
 
+@lru_cache(maxsize=64)
 def _form(system: ReducedSystem, law: str) -> NormalForm:
     return normal_form(decouple(linearize(system, output_map(system, law))))
 

@@ -50,8 +50,8 @@ each_scalar = pytest.mark.parametrize("scalar", list(SCALARS))
 
 
 @cache
-def compiled(name: str):
-    return compile_law(laws()[name])
+def compiled(name: str, optimize: bool = True):
+    return compile_law(laws()[name], optimize)
 
 
 # -- graph --------------------------------------------------------------------------------------------------------------
@@ -174,7 +174,7 @@ def test_passes_keep_the_value_of_laws(name, monkeypatch):
 @each_law
 def test_steps_are_the_law(name):
     """The cheap frame, the steps and all passes against the law as the model writes it."""
-    plain = compile_law(laws()[name], optimize=False)
+    plain = compiled(name, optimize=False)
     assert list(plain.entries) == list(compiled(name).entries)
     for seed in range(3):
         leaf = random_leaves(seed)
@@ -189,7 +189,7 @@ def test_steps_are_the_law(name):
 
 def test_what_the_foot_tells_is_enough():
     """At the foot of P_l the torques and their slope are those at the pose, on arcs to the left and to the right."""
-    programs = compiled("type_iv_segment"), compile_law(laws()["type_iv_segment"], optimize=False)
+    programs = compiled("type_iv_segment"), compiled("type_iv_segment", optimize=False)
     ours, truth = ({entry.name: body.quantities for entry, body in program.entries.items()} for program in programs)
     for seed in range(6):
         leaf, turns = random_leaves(seed), -1 if seed % 2 else 1
@@ -204,7 +204,7 @@ def test_what_the_foot_tells_is_enough():
 @each_law
 def test_singular_is_where_the_law_says(name):
     """Near the boundary, in exact arithmetic: the cheap condition holds where the plain one does."""
-    plain, singular = compile_law(laws()[name], optimize=False), []
+    plain, singular = compiled(name, optimize=False), []
     entries = [entry for entry in compiled(name).entries if entry.inverts]
     sources = {entry.name: (compiled(name).entries[entry].singular, plain.entries[entry].singular) for entry in entries}
     Phi = next(body.quantities["Phi"] for entry, body in plain.entries.items() if entry.name == "evaluate")
@@ -263,7 +263,7 @@ def test_names_stand_for_their_values(name):
 
 @each_labmate_law
 def test_fewer_operations_than_the_plain_law(name):
-    plain = compile_law(laws()[name], optimize=False)
+    plain = compiled(name, optimize=False)
     for entry, body in compiled(name).entries.items():
         both = []
         for roots in (body.roots, plain.entries[entry].roots):
@@ -571,16 +571,18 @@ def test_shipped_files_are_current(capsys):
     assert main(["generate", "labmate", "-o", str(SHIPPED), "--check"]) == 0, "run noslip generate labmate"
 
 
-def test_the_same_bytes_everywhere(tmp_path):
+@pytest.mark.parametrize("names", [("type_i", "type_iv_segment"), tuple(OUTPUTS)], ids=["some", "all"])
+def test_the_same_bytes_everywhere(names, tmp_path):
     """Under another hash seed, from another folder, in another process."""
     run = "import sys; from noslip.cli.main import main; sys.exit(main())"
     command = [sys.executable, "-c", run, "generate", "labmate", "-o", "here"]
+    command += [word for name in (*names, "dynamics") for word in ("--output", name)]
     environment = os.environ | {"PYTHONHASHSEED": "4242"}  # this process has a random one
     process = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.DEVNULL)
     system = system_of(find_robot("labmate"))
-    ours = robot_files(system, [law_of(system, name) for name in OUTPUTS])
+    ours = robot_files(system, [law_of(system, name) for name in names])
     assert process.wait() == 0
-    assert ours == robot_files(system_of(fresh := find_robot.__wrapped__("labmate")), [law_of(fresh, name) for name in OUTPUTS])
+    assert ours == robot_files(system_of(fresh := find_robot.__wrapped__("labmate")), [law_of(fresh, name) for name in names])
     folder = tmp_path / "here" / "labmate"
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == {name: text.encode() for name, text in ours.items()}
 

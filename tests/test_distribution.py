@@ -258,14 +258,17 @@ def test_integration_of_one_form(row, text):
 # -- places -----------------------------------------------------------------------------------------------------------
 
 
-def test_places_of_the_trailers():
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_places_of_the_trailers(count):
     """Jean 1996: singular where trailers 1 .. N-1 are at right angles to what pulls them; the last one does not matter."""
-    for count in (1, 2, 3, 4):
-        found = analysed(f"unicycle_{count}").places
-        assert {place.words for place in found.places} == {
-            f"theta_{k} - theta_{k + 1} is an odd multiple of 90 degrees" for k in range(count - 1)
-        }
-        assert found.complete
+    found = analysed(f"unicycle_{count}").places
+    assert {place.words for place in found.places} == {
+        f"theta_{k} - theta_{k + 1} is an odd multiple of 90 degrees" for k in range(count - 1)
+    }
+    assert found.complete
+
+
+def test_growth_where_a_trailer_is_at_right_angles():
     growths = {place.words[:17]: place.growth for place in analysed("unicycle_2").places.places}
     assert growths == {"theta_0 - theta_1": (2, 3, 4, 4, 5)}
 

@@ -220,7 +220,8 @@ def test_diagrams_need_no_runs():
         assert b"<svg" in each.pictures["svg"]
 
 
-def test_pictures_are_the_same_every_time():
-    made = figure_of("12")
+@pytest.mark.parametrize("name", ["7", "12"])
+def test_pictures_are_the_same_every_time(name):
+    made = figure_of(name)
     first, second = (pictures(lambda: made.figure.draw(made.runs), made.figure.title, made.figure.assumed) for _ in range(2))
     assert first == second and first["svg"] == made.pictures["svg"]

@@ -1,6 +1,6 @@
 """Functions beyond sine and cosine: what a robot's file may use, its C beside CasADi, and what is refused where it is written."""
 
-from functools import partial
+from functools import cache, partial
 
 import casadi as ca
 import mpmath
@@ -191,11 +191,16 @@ OUTSIDE = {  # a force of the forward speed that has no value at some speed
 }
 
 
+@cache
+def astray(name: str):
+    force, _ = OUTSIDE[name]
+    return law_of(rover("astray", lambda x, y: force(x, y) if "turn" not in str(x) else y), "type_i")
+
+
 @pytest.mark.parametrize("scalar", ["double", "float"])
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_outside_a_domain_is_a_status(name, scalar):
-    force, speed = OUTSIDE[name]
-    law = law_of(rover("astray", lambda x, y: force(x, y) if "turn" not in str(x) else y), "type_i")
+    law, (_, speed) = astray(name), OUTSIDE[name]
     made = CompiledController(law, *numbers(law), scalar=scalar)
     state, reference = np.array([1.0, 0.5, 0.4, speed, 0.3]), np.arange(6) / 7
     status, tau = made.step(state, reference)

@@ -24,7 +24,7 @@ LIMIT = {"double": 1e-10, "float": 2e-4}  # of a quantity's largest entry, or of
 STATES = 6
 HEAVY = 1e3  # the largest condition number of S'MS at a state that is compared, scaled to a diagonal of ones
 NIGHTLY = range(500)
-FEW = 2  # in the normal suite: the first with up to two quasi-velocities, which are quick to generate
+FEW = 1  # in the normal suite: the first with up to two quasi-velocities, which is quick to generate
 OF_LAW = ("h", "ydot", "Phi", "Phidot", "u", "tau")
 
 

@@ -319,8 +319,8 @@ def test_halves_make_up_the_whole():
 
 
 def test_no_verdict_is_wrong():
-    counts = compare(range(5))
-    assert counts[SAFE] >= 3
+    counts = compare(range(3))
+    assert counts[SAFE] >= 2
 
 
 @pytest.mark.nightly
