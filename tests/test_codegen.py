@@ -347,8 +347,9 @@ def test_masses_and_bias_do_not_know_the_heading(name):
 @each_labmate_law
 def test_one_sincos(name, scalar):
     text = law_text(compiled(name), SCALARS[scalar])
+    source = text.source()
     for entry in text.entries:
-        assert law_function(text.source(), entry.name).count("noslip_sincos") <= 1
+        assert law_function(source, entry.name).count("noslip_sincos") <= 1
 
 
 # -- printing ------------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import casadi as ca
 import mpmath
 import numpy as np
 import pytest
-from noslip.codegen.files import robot_files
+from noslip.codegen.files import law_program, robot_files
 from noslip.codegen.graph import FROM_CASADI, FUNCTIONS, Graph, from_casadi
 from noslip.codegen.program import Body, compile_law, hidden_inputs
 from noslip.controllers.compiled import CompiledController
@@ -111,7 +111,7 @@ def agree(law) -> None:
                 size = max(1.0, np.abs(right.values[quantity]).max())
                 assert np.abs(found.values[quantity].ravel() - right.values[quantity].ravel()).max() <= tolerance * size, quantity
     assert seen > 40
-    short, plain = compile_law(law), compile_law(law, optimize=False)
+    short, plain = law_program(law), compile_law(law, optimize=False)
     for entry, body in plain.entries.items():
         values = [
             evaluate(made.entries[entry].roots[len(b.singular) :], random_leaves(3))

@@ -445,7 +445,7 @@ def test_worst_indices_and_figures_of_a_sweep(spec, tmp_path, capsys):
 
 def test_a_scheduler_that_is_not_there_is_refused(spec, tmp_path, bad_input, monkeypatch):
     pytest.importorskip("distributed", reason="the cluster extra is not installed")
-    monkeypatch.setattr("noslip.sweeping.cluster.PATIENCE", "1s")
+    monkeypatch.setattr("noslip.sweeping.cluster.PATIENCE", "0.3s")
     command = ["sweep", spec(), "--samples", "10", "-o", str(tmp_path / "a.parquet"), "--scheduler"]
     for address in ("tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:port"):
         assert f"--scheduler {address}: no scheduler answers" in bad_input([*command, address])
