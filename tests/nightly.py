@@ -75,7 +75,8 @@ NIGHTLY = {
     ),
     "test_grip": (r"c_is_the_reference\[car-",),
     "test_guarantees": (
-        r"test_guarantee\[(fuzz|misra|eva-bits|symbols-m4f)\]",
+        r"test_guarantee\[(fuzz|misra|eva|eva-bits|symbols-m4f)\]",
+        r"test_eva_finds\[(an angle|a write)",
         r"fuzzing_finds\[(an angle beyond integers|a command that changes too fast)\]",
         r"seeded_numbers_find\[an answer beyond its limit\]",
     ),

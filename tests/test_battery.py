@@ -31,7 +31,8 @@ from noslip.model.robots import ROBOTS
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of, system_of
 from noslip.simulation.plant import Plant
-from noslip.tests.test_runtime import FLAGS, STRICT, need
+from noslip.tests.test_runtime import FLAGS, STRICT
+from noslip.tests.tools import need, skip_without
 from noslip.verification import project
 from noslip.verification.project import FIRMWARE
 from noslip.verification.sampling import RandomPlant as Sample
@@ -374,9 +375,7 @@ EXPORTED = {"car": "type_iv_circle", "tractor_trailer": "type_iv_line", "ball_pl
 def test_an_exported_project_passes_its_own_test(robot, target, tmp_path, monkeypatch):
     """With nothing of this process's environment but the path to the tools. That the export itself has it measured is tested in
     test_project.py."""
-    missing = FIRMWARE[target].missing("make")
-    if missing:
-        (pytest.fail if required() else pytest.skip)(f"{', '.join(missing)} not installed")
+    skip_without(FIRMWARE[target].missing("make"))
     monkeypatch.setattr(project, "_measured", lambda *_: "")
     folder, law = tmp_path / robot, EXPORTED[robot]
     assert main_of_noslip(["export", robot, "--output", law, "--firmware", target, "-o", str(folder)]) == 0

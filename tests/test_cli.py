@@ -14,8 +14,8 @@ from noslip.cli import COMMANDS, INTERNAL, READER_GONE
 from noslip.cli.main import main
 from noslip.model.errors import ModelError
 from noslip.readers.errors import BadInput
+from noslip.tests.tools import NOSLIP
 
-RUN = [sys.executable, "-c", "import sys; from noslip.cli.main import main; sys.exit(main())"]
 CASES = os.path.join(os.path.dirname(__file__), "..", "specs", "reference", "labmate_paper.json")
 
 
@@ -121,7 +121,9 @@ def test_reader_that_leaves_is_no_error():
     """The output is longer than a pipe holds, and nobody reads it."""
     read, written = os.pipe()
     os.close(read)
-    result = subprocess.run([*RUN, "evaluate", CASES, "--backend", "casadi"], stdout=written, stderr=subprocess.PIPE, text=True)
+    result = subprocess.run(
+        [*NOSLIP, "evaluate", CASES, "--backend", "casadi"], stdout=written, stderr=subprocess.PIPE, text=True
+    )
     os.close(written)
     assert (result.returncode, result.stderr) == (READER_GONE, "")
 
@@ -132,7 +134,7 @@ def test_full_disk(to_file):
     out = ["-o", "/dev/full"] if to_file else []
     with open("/dev/full", "w") as full:
         stdout = subprocess.DEVNULL if to_file else full
-        command = [*RUN, "evaluate", CASES, "--backend", "casadi", *out]
+        command = [*NOSLIP, "evaluate", CASES, "--backend", "casadi", *out]
         result = subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True)
     assert result.returncode == 2
     assert result.stderr.count("\n") == 1 and "No space left on device" in result.stderr
@@ -174,7 +176,7 @@ def test_a_signal_ends_at_once_and_leaves_nothing(number, event, k, tmp_path):
 def test_ctrl_c_from_outside(command, tmp_path):
     """Also inside CasADi, where an exception would be lost. Before the first line of noslip Python itself answers."""
     target = [] if command[0] == "check" else ["-o", str(tmp_path / "made")]
-    process = subprocess.Popen([*RUN, *command, *target], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = subprocess.Popen([*NOSLIP, *command, *target], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     while "libcasadi" not in Path(f"/proc/{process.pid}/maps").read_text():
         time.sleep(0.005)
     process.send_signal(signal.SIGINT)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from noslip.cli.main import main
 from noslip.codegen.targets import flags
-from noslip.controllers.targets import required
+from noslip.tests.tools import need
 
 LAWS = ("type_iv_segment", "type_iv_circle", "type_i")
 PRAGMA = '#pragma GCC optimize("fp-contract=off", '
@@ -61,12 +61,6 @@ EACH_TIME = (
     Dialect("gcc", "-std=gnu11", "-std=c99", "-O2 -mfma -flto"),
     Dialect("clang", "-std=c++11", "-std=gnu99", "-O2 -mfma"),
 )
-
-
-def need(*tools: str) -> None:
-    absent = [tool for tool in tools if shutil.which(tool) is None]
-    if absent:
-        (pytest.fail if required() else pytest.skip)(f"{', '.join(absent)} not installed")
 
 
 def export(target: str, folder: Path) -> Path:

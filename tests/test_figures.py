@@ -33,11 +33,11 @@ from noslip.simulation.drawing import over_time, panels, plotted
 from noslip.simulation.specification.spec import read_spec
 from noslip.simulation.specification.vary import change, read_varied
 from noslip.tests.figures_made import figure_of, runs_here
+from noslip.tests.tools import NOSLIP
 from scipy.optimize import minimize_scalar
 
 ROOT = Path(noslip.__file__).parent
 SHORT = {"simulation.duration": 0.2}
-RUN = [sys.executable, "-c", "import sys; from noslip.cli.main import main; sys.exit(main())"]
 
 
 # -- specs with entries changed ------------------------------------------------------------------------------------------
@@ -486,7 +486,7 @@ def test_where_nothing_can_be_written(bad_input):
 
 @pytest.mark.parametrize("wait", [0.5, 2.0])
 def test_ctrl_c_leaves_nothing(wait, tmp_path):
-    process = subprocess.Popen([*RUN, "figures", "-o", str(tmp_path / "new" / "out")], stderr=subprocess.PIPE)
+    process = subprocess.Popen([*NOSLIP, "figures", "-o", str(tmp_path / "new" / "out")], stderr=subprocess.PIPE)
     time.sleep(wait)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)

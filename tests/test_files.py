@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,9 @@ from noslip.readers.errors import BadInput
 from noslip.readers.files import MARK, replacing, write_folder, write_whole
 from noslip.sweeping.store import Parts
 from noslip.sweeping.study import study_of
+from noslip.tests.tools import NOSLIP
 
 ROOT = Path(__file__).parent.parent
-RUN = [sys.executable, "-c", "import sys; from noslip.cli.main import main; sys.exit(main())"]
 SPEC = (ROOT / "specs/line.toml").read_text().replace("duration = 15.0", "duration = 0.5")
 SWEPT = SPEC + "\n[sweep]\nseed = 7\n[sweep.plant]\nm_c = { normal = [30.0, 6.0] }\n"
 SAMPLES = 40
@@ -328,9 +327,9 @@ def test_results_are_remembered_until_they_are_damaged(cache, monkeypatch):
 def test_without_a_home_there_is_one_line(tmp_path):
     """Where no folder is known, and where it cannot be made."""
     environment = {k: v for k, v in os.environ.items() if k not in ("HOME", "NOSLIP_CACHE", "XDG_CACHE_HOME")}
-    code = f"import pathlib; pathlib.Path.home = lambda: (_ for _ in ()).throw(RuntimeError('no home')); {RUN[2]}"
+    code = f"import pathlib; pathlib.Path.home = lambda: (_ for _ in ()).throw(RuntimeError('no home')); {NOSLIP[2]}"
     cases = str(ROOT / "specs/reference/labmate_paper.json")
-    done = subprocess.run([RUN[0], "-c", code, "evaluate", cases], env=environment, capture_output=True, text=True)
+    done = subprocess.run([NOSLIP[0], "-c", code, "evaluate", cases], env=environment, capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.startswith("noslip: there is no home folder") and done.stderr.count("\n") == 1
 
 

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from noslip.codegen.targets import makefile
 from noslip.controllers.build import RUNTIME
-from noslip.controllers.targets import QUIET, TARGETS, missing, required
+from noslip.controllers.targets import QUIET, TARGETS
 from noslip.guarantees.vehicle import HOLD, PERIOD, ROOT, RUN, STOP, Firmware, FirmwareLoop, change
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.plant import Plant
+from noslip.tests.tools import need
 
 FIRMWARE, GENERATED = ROOT / "firmware", ROOT / "generated/labmate"
 TURN = 2 * math.pi
@@ -565,12 +566,6 @@ PLATFORM = {"netduinoplus2": "cortex-m4f", "stm32f405": "cortex-m4f"}  # targets
 MACHINE = {"netduinoplus2": "netduinoplus2", "stm32f405": "netduinoplus2"}  # of QEMU
 CLOCK = ("-icount", "shift=5,sleep=off")  # time passes with the instructions, and at once while the processor sleeps
 CONSOLE = ("-chardev", "stdio,id=console", "-semihosting-config", "enable=on,target=native,chardev=console")
-
-
-def need(*tools: str) -> None:
-    """Skips where a tool is not there, unless it has to be."""
-    if absent := missing(*tools):
-        (pytest.fail if required() else pytest.skip)(f"{', '.join(absent)} not installed")
 
 
 def build(folder: Path, target: str, compiler: str = "gcc", source: Path = FIRMWARE, defines: str = "") -> Path:

@@ -2,6 +2,7 @@
 
 import json
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 import casadi as ca
@@ -18,7 +19,7 @@ from noslip.readers.urdf.recognition import recognize
 from noslip.readers.urdf.text import name_of, robot_file
 from noslip.tests.urdfs import QUARTER, ROBOTS, WHEEL, Urdf, four_wheels, steered, turtlebot3_burger, two_wheels
 
-pytest.importorskip("yourdfpy", reason="yourdfpy, of the extra `physics`, reads URDFs")
+pytestmark = pytest.mark.skipif(find_spec("yourdfpy") is None, reason="yourdfpy, of the extra `physics`, reads URDFs")
 STATES = 5
 
 

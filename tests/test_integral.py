@@ -23,8 +23,9 @@ from noslip.simulation.loop import make_loop
 from noslip.simulation.specification.spec import Initial, LimitsSection, OutputSection, Reference, Spec, read_spec
 from noslip.tests.test_guidance import NOISE, chain, composite
 from noslip.tests.test_odometry import used
-from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, need, run
+from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, run
 from noslip.tests.test_simulate import LINE, SPECS, changed, toml
+from noslip.tests.tools import need
 from noslip.verification.cases import read_cases
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm

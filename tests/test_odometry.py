@@ -17,7 +17,8 @@ from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.plant import Plant
 from noslip.tests.codegen_tools import unicycle
-from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, need, run
+from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, run
+from noslip.tests.tools import need
 from scipy.integrate import solve_ivp
 
 FORWARD, TURN, AHEAD = (0.075, 0.075), (0.1, -0.1), 0.3  # the LABMATE's: r/2, r/(2b), d

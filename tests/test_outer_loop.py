@@ -28,7 +28,8 @@ from noslip.simulation.loop import Loop, make_loop
 from noslip.simulation.specification.spec import Initial, OutputSection, Reference, Simulation, Spec, read_spec
 from noslip.simulation.specification.spec import PathSection as Curve
 from noslip.simulation.specification.vary import read_varied
-from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, need, run
+from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, run
+from noslip.tests.tools import need
 from scipy.linalg import expm
 
 ROOT = Path(noslip.__file__).parent

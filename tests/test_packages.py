@@ -12,7 +12,7 @@ import pytest
 from noslip import __version__
 from noslip.cli.main import main
 from noslip.codegen.packages.packages import PACKAGES
-from noslip.controllers.targets import required
+from noslip.tests.tools import need
 
 LAW, HEADER = "type_iv_circle", "labmate_type_iv_circle_f.h"
 USES = f"""#include "{HEADER}"
@@ -39,11 +39,6 @@ def exported(tmp_path_factory):
         return folder
 
     return exported
-
-
-def need(*tools):
-    if absent := [tool for tool in tools if shutil.which(tool) is None]:
-        (pytest.fail if required() else pytest.skip)(f"{', '.join(absent)} not installed")
 
 
 def run(*command, **options):

@@ -18,13 +18,14 @@ from noslip.controllers.compiled import library
 from noslip.controllers.controller import ON_TARGET, Limits
 from noslip.controllers.odometry import make_odometry
 from noslip.controllers.pil import Session, TargetFault
-from noslip.controllers.targets import HOST, TARGETS, required
+from noslip.controllers.targets import HOST, TARGETS
 from noslip.model.segments import Segment
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.replay import first_difference, read_record, record_text
 from noslip.tests import firmware
+from noslip.tests.tools import skip_without
 from noslip.verification.sampling import random_plants
 
 ROOT = Path(__file__).parents[1]
@@ -34,11 +35,7 @@ LAW = law_of(find_robot("labmate"), "type_iv_line")
 @pytest.fixture(params=ON_TARGET)
 def backend(request) -> str:
     """A backend whose tools are here."""
-    missing = TARGETS[ON_TARGET[request.param]].missing()
-    if missing and required():
-        pytest.fail(f"{', '.join(missing)} not installed")
-    if missing:
-        pytest.skip(f"{', '.join(missing)} not installed")
+    skip_without(TARGETS[ON_TARGET[request.param]].missing())
     return request.param
 
 

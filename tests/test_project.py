@@ -14,8 +14,8 @@ from noslip.codegen.printing.scalar import SCALARS
 from noslip.controllers.backends import make_controller
 from noslip.controllers.compiled import CompiledController
 from noslip.controllers.controller import Limits
-from noslip.controllers.targets import required
 from noslip.readers.robots import find_robot, law_of
+from noslip.tests.tools import need, skip_without
 from noslip.verification.project import FIRMWARE, STEPS, _golden, _limits
 
 LAWS = ("type_iv_circle", "type_i")
@@ -42,8 +42,7 @@ def exported(tmp_path_factory):
 @pytest.fixture(params=list(FIRMWARE))
 def project(request, exported):
     """The folder of a target's project, and its name."""
-    if absent := FIRMWARE[request.param].missing("make"):
-        (pytest.fail if required() else pytest.skip)(f"{', '.join(absent)} not installed")
+    skip_without(FIRMWARE[request.param].missing("make"))
     return exported(request.param)[0], request.param
 
 
@@ -193,8 +192,7 @@ def cmake(*arguments: str | Path) -> None:
 
 def test_cmake_runs_the_selftest_where_it_belongs(project, tmp_path):
     """`ctest` runs an image in the emulator, and finds a wrong bit."""
-    if shutil.which("cmake") is None:
-        (pytest.fail if required() else pytest.skip)("cmake not installed")
+    need("cmake")
     folder, name = project
     text = (folder / "CMakeLists.txt").read_text()
     cross = re.findall(r"-D\S+", text.splitlines()[0])
@@ -212,8 +210,7 @@ def test_cmake_runs_the_selftest_where_it_belongs(project, tmp_path):
 
 def test_cmake_leaves_the_users_flags_alone(project, tmp_path):
     """add_subdirectory in a project for this machine: the library is built for it too, and the application gets no option."""
-    if shutil.which("cmake") is None:
-        (pytest.fail if required() else pytest.skip)("cmake not installed")
+    need("cmake")
     folder, _ = project
     (tmp_path / "CMakeLists.txt").write_text(
         f"cmake_minimum_required(VERSION 3.13)\nproject(yours C)\nadd_subdirectory({folder} labmate)\n"

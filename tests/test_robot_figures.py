@@ -43,7 +43,7 @@ def test_claims_hold_and_can_fail(name):
 
 
 def test_a_report_has_robots_without_contacts_and_without_the_labmates_integral():
-    made = [figure_of(name) for name in ("geared_arm", "car")]
+    made = [figure_of(name) for name in ("geared_arm", "knife_edge")]
     pictured = [dataclasses.replace(each, pictures={"svg": b"<svg/>", "png": b""}) for each in made]
     text = report(pictured)
     assert "Parameters of the geared_arm" in text and "φ − c(θ_r − θ_l) constant" not in text

@@ -17,6 +17,7 @@ from noslip.controllers.runtime import declarations, runtime
 from noslip.guarantees.headers import headers
 from noslip.model.outputs import OUTPUTS
 from noslip.readers.robots import find_robot, law_of
+from noslip.tests.tools import need
 from noslip.verification.sampling import random_plants
 
 ROOT = Path(noslip.__file__).parent
@@ -37,12 +38,6 @@ compilers = pytest.mark.parametrize("cc", ["gcc", "clang"])
 each_level = pytest.mark.parametrize("level", LEVELS)
 each_law = pytest.mark.parametrize("law", list(OUTPUTS))
 each_scalar = pytest.mark.parametrize("scalar", list(SCALARS))
-
-
-def need(tool: str) -> str:
-    if shutil.which(tool) is None:
-        pytest.skip(f"{tool} is not installed")
-    return tool
 
 
 def run(command: list[str], **options) -> str:

@@ -19,6 +19,7 @@ from noslip.controllers.controller import STATUS
 from noslip.controllers.runtime import runtime
 from noslip.controllers.tracking import CompiledTracker, Guide, PathFault, Tracker, TrackerOptions, make_tracker
 from noslip.model.segments import Segment
+from noslip.tests.tools import need
 
 ROOT = Path(noslip.__file__).parent
 RUNTIME, DRIVERS = ROOT / "runtime_c", ROOT / "tests" / "c"
@@ -737,12 +738,6 @@ def test_tight_is_where_no_axle_can_go(backend):
 
 
 # -- the C by itself -----------------------------------------------------------------------------------------------------
-
-
-def need(tool: str) -> str:
-    if shutil.which(tool) is None:
-        pytest.skip(f"{tool} is not installed")
-    return tool
 
 
 def run(command: list[str], **options) -> str:
