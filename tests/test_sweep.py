@@ -415,13 +415,13 @@ def test_a_run_that_stops_is_worse_than_any_that_ends():
     assert severity[0] == 0.5 and np.all(np.diff(severity) > 0) and severity[2] > STOPPED
 
 
-def test_an_error_in_any_place_is_a_failure_by_default():
+@pytest.mark.parametrize(("law", "rows"), [("I", ("x_l", "y_l")), ("II", ("x_l", "heading"))])
+def test_an_error_in_any_place_is_a_failure_by_default(law, rows):
     """Types I and II have two outputs of relative degree 2, Type IV one."""
-    for law, rows in (("I", ("x_l", "y_l")), ("II", ("x_l", "heading"))):
-        text = (ROOT / "specs/figures/figure_7_type_i.toml").read_text().replace('type = "I"', f'type = "{law}"')
-        text = re.sub(r"^heading = .*", "heading = 0.5", text, flags=re.MULTILINE)
-        study = study_of(text + "\n[sweep.plant]\nm_c = { uniform = [25.0, 35.0] }\n", "s", 4)
-        assert study.criterion.limits == {f"final.{row}": 0.05 for row in rows}
+    text = (ROOT / "specs/figures/figure_7_type_i.toml").read_text().replace('type = "I"', f'type = "{law}"')
+    text = re.sub(r"^heading = .*", "heading = 0.5", text, flags=re.MULTILINE)
+    study = study_of(text + "\n[sweep.plant]\nm_c = { uniform = [25.0, 35.0] }\n", "s", 4)
+    assert study.criterion.limits == {f"final.{row}": 0.05 for row in rows}
     assert study_of(text_of(SWEPT.replace("fails = { final = 1.2 }", "")), "s", 4).criterion.limits == {"final.distance": 0.05}
 
 

@@ -29,13 +29,21 @@ def run(command: str, tmp_path, *more: str) -> tuple[int, list]:
 
 
 @pytest.fixture
-def afresh(monkeypatch, tmp_path_factory):
-    """Nothing made before is known: neither programs nor what has been compared."""
+def not_compared(monkeypatch, tmp_path_factory):
+    """Nothing is known of what has been written and compared before."""
     monkeypatch.setenv("NOSLIP_CACHE", str(tmp_path_factory.mktemp("cache")))
-    for made in (law_program, dynamics_program, library):
+    library.cache_clear()
+    yield
+    library.cache_clear()
+
+
+@pytest.fixture
+def afresh(not_compared):
+    """Nor of programs."""
+    for made in (law_program, dynamics_program):
         made.cache_clear()
     yield
-    for made in (law_program, dynamics_program, library):
+    for made in (law_program, dynamics_program):
         made.cache_clear()
 
 
@@ -116,7 +124,7 @@ def test_a_wrong_generator_writes_nothing(command, defect, tmp_path, monkeypatch
     assert re.search(r"the C gives .*; the model gives .* \(at params .*; state x_c = .*\)", err.splitlines()[0])
 
 
-def test_a_wrong_digit_in_the_text_is_found(tmp_path, monkeypatch, capsys, afresh):
+def test_a_wrong_digit_in_the_text_is_found(tmp_path, monkeypatch, capsys, not_compared):
     """In float only: what the text says counts, not the program it was made from."""
     original = law_c.LawC.source
 
@@ -131,7 +139,7 @@ def test_a_wrong_digit_in_the_text_is_found(tmp_path, monkeypatch, capsys, afres
 
 
 @pytest.mark.parametrize("command", ["generate", "export"])
-def test_wrong_dynamics_write_nothing(command, tmp_path, monkeypatch, capsys, afresh):
+def test_wrong_dynamics_write_nothing(command, tmp_path, monkeypatch, capsys, not_compared):
     original = dynamics_c.DynamicsC.source
     wrong = lambda self: re.sub(r"(bias\[0\] = )", r"\g<1>0.5 * ", original(self))  # noqa: E731
     monkeypatch.setattr(dynamics_c.DynamicsC, "source", wrong)
@@ -157,14 +165,14 @@ def test_what_the_generator_drops_is_found(tmp_path, capsys):
     assert all(np.abs(s.value - s.wanted).max() <= 1e-11 * np.abs(s.wanted).max() for s in samples)
 
 
-def test_c_that_does_not_compile_is_not_written(tmp_path, monkeypatch, capsys, afresh):
+def test_c_that_does_not_compile_is_not_written(tmp_path, monkeypatch, capsys, not_compared):
     original = robot_c.refuse_parameters
     monkeypatch.setattr(law_c, "refuse_parameters", lambda *given: original(*given) + ")")
     code, left = run("generate", tmp_path)
     assert code == 1 and left == [] and "does not compile" in capsys.readouterr().err
 
 
-def test_what_was_compared_is_remembered(tmp_path, monkeypatch, capsys, afresh):
+def test_what_was_compared_is_remembered(tmp_path, monkeypatch, capsys, not_compared):
     """By the text: nothing is run again, until a file changes."""
     assert run("generate", tmp_path)[0] == 0
     marks = len([name for name in os.listdir(os.environ["NOSLIP_CACHE"]) if name.endswith(".compared")])
@@ -177,7 +185,7 @@ def test_what_was_compared_is_remembered(tmp_path, monkeypatch, capsys, afresh):
     assert capsys.readouterr().err.count("compared again") == 2
 
 
-def test_without_a_compiler_a_warning(tmp_path, monkeypatch, capsys, afresh):
+def test_without_a_compiler_a_warning(tmp_path, monkeypatch, capsys, not_compared):
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     code, left = run("generate", tmp_path)
