@@ -227,8 +227,8 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
 
 def _groups(law: ControlLaw) -> dict[str, Sequence[Quantity]]:
     """The leaves of the graph, by group."""
-    state = {Group.STATE: law.system.state, Group.EXTENSION: law.extension}
-    return {**law.groups, **state, Group.FOOT: FOOT, Group.INPUT: law.system.mechanism.inputs}
+    groups = law.groups | {Group.STATE: law.system.state, Group.EXTENSION: law.extension}
+    return {**groups, Group.FOOT: FOOT, Group.INPUT: law.system.mechanism.inputs}
 
 
 def in_steps(law: ControlLaw) -> Stages:
@@ -335,4 +335,14 @@ def constants_of(roots: Sequence[Node], labels: dict[Node, str]) -> dict[Node, s
     return {node: names[node] for node in kept}
 
 
-OWN_FIELDS = ("limit", "held", "clear", "extension", "extension_rate", "on_error", "on_limit", "grip", "ready")  # of every law's struct
+OWN_FIELDS = (
+    "limit",
+    "held",
+    "clear",
+    "extension",
+    "extension_rate",
+    "on_error",
+    "on_limit",
+    "grip",
+    "ready",
+)  # of every law's struct

@@ -120,7 +120,8 @@ class CompiledController:
         self._self = self._library.instance()
         self._state = ffi.new(f"{self._library.robot_name('state')} *")
         self._reference = ffi.new(f"{name('reference')} *")
-        self._extension = [self._library.numbers(getattr(self._self, field)) for field in self._of_extension()]
+        fields = ("extension", "extension_rate") if law.extension else ()
+        self._extension = [self._library.numbers(getattr(self._self, field)) for field in fields]
         self._dt = (0.0,) if law.extension else ()
         self._evaluation = ffi.new(f"{name('evaluation')} *")
         self._tau = ffi.new(f"{self._library.text.scalar.real}[{len(law.system.mechanism.inputs)}]")
@@ -172,9 +173,6 @@ class CompiledController:
         """See Controller."""
         return self._extension[1].astype(float) if self._extension else np.zeros(0)
 
-    def _of_extension(self) -> tuple[str, ...]:
-        return ("extension", "extension_rate") if self.law.extension else ()
-
     def entry(self, entry: Entry, state: np.ndarray, foot: Iterable[float] = (), more: Iterable[float] = ()) -> Evaluation:
         """Return the quantity that an entry point computes. `more`: the reference, virtual input or inputs that it takes."""
         if self.refused:
@@ -224,14 +222,6 @@ class CompiledDynamics:
         self._self = made_by.instance()
         status = made_by.status(made_by.function("init")(self._self, made_by.struct(made_by.robot_name("params"), params)))
         self.refused = None if status == "ok" else status
-
-    @property
-    def extension_rate(self) -> np.ndarray:
-        """See Controller."""
-        return self._extension[1].astype(float) if self._extension else np.zeros(0)
-
-    def _of_extension(self) -> tuple[str, ...]:
-        return ("extension", "extension_rate") if self.law.extension else ()
 
     def entry(self, entry: Entry, state: Iterable[float], tau: Iterable[float]) -> Evaluation:
         """Return the flattened result of an entry point at a state [q; nu] with the inputs tau (N or N m), which not all of

@@ -141,8 +141,8 @@ def extend(system: ReducedSystem, chains: Sequence[Chain], of: OutputMap) -> Ext
         states = [_state(found.velocities[k], found.orders[k]) for k in choice.columns]
         made, found = found.on(made, choice, states, of)
     raise ModelError(
-        f"{_where(system, of)}: no dynamic extension makes Phi regular: after {len(system.state)} integrators in a row, as many as the system "
-        "has states, the outputs still depend on each other; replace one of them"
+        f"{_where(system, of)}: no dynamic extension makes Phi regular: after {len(system.state)} integrators in a row, one for "
+        "each state of the system, the outputs still depend on each other; replace one of them"
     )
 
 

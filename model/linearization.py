@@ -92,9 +92,7 @@ class Linearization:
         """Return u, (n-m) x 1, and d xi/dt, k x 1, of what `second_feedback` returns: u itself, unless there is an extension."""
         return self.integrators.rates(w) if self.integrators else (w, ca.SX(0, 1))
 
-    def _checked(
-        self, name: str, found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]
-    ) -> ca.SX:
+    def _checked(self, name: str, found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]) -> ca.SX:
         moving = ca.vertcat(self.system.mechanism.q, self.system.nu, *[q.symbol for q in self.extension])
         return without_pole(self.system.mechanism.name, name, found, given, combined, moving)
 
@@ -201,7 +199,8 @@ def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX, integra
         if max(np.abs(value[:, column]).max() for value in values) < 1e-12:
             raise ModelError(
                 f"{where}: no output depends on the input along {velocity}; replace one by {velocity} itself or by an output "
-                f"whose rate depends on it, such as a point that {velocity} moves (ahead of a steered wheel, not on its axle){way_out}"
+                f"whose rate depends on it, such as a point that {velocity} moves (ahead of a steered wheel, not on its axle)"
+                + way_out
             )
     if max(map(rank, values)) == len(rows):
         best = max(1 / np.linalg.cond(value, 1) for value in values)

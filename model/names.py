@@ -130,7 +130,9 @@ def refuse_output(name: str, others: Iterable[str], where: str) -> None:
     if name.startswith(TYPE):
         raise ModelError(f"{where}: the name has a meaning already: {TYPE} begins the names of Types I to IV; choose another")
     if name.endswith(EXTENDED):
-        raise ModelError(f"{where}: the name has a meaning already: {EXTENDED} ends those of laws with an extension; choose another")
+        raise ModelError(
+            f"{where}: the name has a meaning already: {EXTENDED} ends those of laws with an extension; choose another"
+        )
     made = set(_law_names(name))
     robots = {FLOAT, *(f"_{own}{after}" for own in OF_ROBOT for after in ("", FLOAT)), *_law_names("dynamics")}
     taken = {"the robot itself": robots} | {f"output {other!r}": set(_law_names(other)) for other in others}

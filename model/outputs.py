@@ -78,7 +78,8 @@ class OutputMap:
     def at_foot(self) -> "OutputMap | None":
         """Return the same outputs in the frame at P_l's foot, with the parameters FOOT: y increases with the distance.
 
-        In that frame cosine and sine of the heading are those in FOOT. None unless the path defines its unit normal, and with an extension.
+        In that frame cosine and sine of the heading are those in FOOT. None unless the path defines its unit normal,
+        and with an extension.
         """
         if self.path is None or self.path.unit_normal is None or self.extension:
             return None
@@ -187,16 +188,22 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     return replace(made, name=name, about=made.about + (", P_l anywhere on the vehicle" if base != name else ""))
 
 
-def on_axle(system: ReducedSystem, output: OutputMap) -> OutputMap:
-    """Return one of OUTPUTS with P_l on the axle, where the vehicle's turning does not move it sideways: without L.
+def axle(system: ReducedSystem) -> ca.SX:
+    """Return how far the axle is ahead of the vehicle's point, m, in parameters only: where turning does not move the vehicle
+    sideways.
 
     Raises ModelError if no such point is fixed to the vehicle.
     """
-    (L, *others), sideways = output.parameters, velocity(system)[1]
-    ahead = ca.densify(canonical(-sideways / system.along_motion(system.mechanism.required_vehicle.heading)))
+    turning = system.along_motion(system.mechanism.required_vehicle.heading)
+    ahead = ca.densify(canonical(-velocity(system)[1] / turning))
     if ca.depends_on(ahead, ca.vertcat(system.mechanism.q, system.nu)):
-        name = system.mechanism.name
-        raise ModelError(f"{name}, output {output.name}: no point of the vehicle's axis moves along its heading at all times")
+        raise ModelError(f"{system.mechanism.name}: no point on the vehicle's axis moves along its heading at all times")
+    return ahead
+
+
+def on_axle(system: ReducedSystem, output: OutputMap) -> OutputMap:
+    """Return one of OUTPUTS with P_l on the axle, without L. Raises ModelError as `axle` does."""
+    (L, *others), ahead = output.parameters, axle(system)
 
     def moved(expression: ca.SX) -> ca.SX:
         return canonical(ca.substitute(expression, L.symbol, ahead))

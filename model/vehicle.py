@@ -9,7 +9,6 @@ from .mechanism import quantity
 from .outputs import forward_speed, velocity
 from .reduction import ReducedSystem
 
-
 VELOCITIES = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
 
 

@@ -107,6 +107,14 @@ def check_law(robot: Mechanism, law_name: str) -> None:
         raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, known)}")
 
 
+def refuse_extension(law_name: str, where: str) -> None:
+    """Raise BadInput for a law with a dynamic extension, which what is named by `where` does not support."""
+    if without_extension(law_name) != law_name:
+        raise BadInput(
+            f"{where}: {law_name!r} has a dynamic extension; only simulate, generate, check and plain export support one"
+        )
+
+
 @cache
 def system_of(robot: Mechanism) -> ReducedSystem:
     """Return the reduced system, built once per process. Raises ModelError as `reduce` does."""

@@ -234,4 +234,5 @@ def approached_from(law: ControlLaw) -> ca.Function:
 @lru_cache(maxsize=16)
 def outputs(law: ControlLaw) -> ca.Function:
     """Return the function from state, parameters and config to the outputs y = h (14)."""
-    return portable(law.at_state(law.linearization.h))
+    given = [symbols(group) for group in (law.system.state, law.parameters, law.config)]
+    return portable(ca.Function(law.name, given, [ca.densify(law.linearization.h)]))

@@ -10,6 +10,7 @@ from ..controllers.controller import ON_LIMIT
 from ..controllers.odometry import MODES, wheels_function
 from ..controllers.tracking import REVERSING, STOP
 from ..readers.errors import BadInput
+from ..readers.robots import refuse_extension
 from ..simulation.guidance import Route
 from ..simulation.loop import make_loop
 from ..simulation.specification.spec import MOST_ROWS, Spec
@@ -65,6 +66,7 @@ class Batch:
             raise BadInput(f'[drive] kind = "{spec.drive.kind}": a sweep does not have it yet; use noslip simulate, or "torque"')
         if spec.limits and spec.limits.mode == "grip":
             raise BadInput('[limits] mode = "grip": a sweep does not have it yet; use noslip simulate, or mode "slow"')
+        refuse_extension(spec.output.law, "sweep")
         self.loop = make_loop(spec)
         self.law = law = self.loop.law
         self._route = self.loop.guidance if isinstance(self.loop.guidance, Route) else None

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...controllers import DRIVES
-from ...model.names import TYPES, LawName
+from ...model.names import EXTENDED, TYPES, LawName
 from ...model.paths import PATHS
 from ...model.segments import Segment
 from ...readers.errors import BadInput
@@ -165,7 +165,8 @@ def _pieces(kind: str, given: dict[str, Any], closed: bool) -> list[Segment]:
 @dataclass(frozen=True, kw_only=True)
 class OutputSection:
     """The outputs: Type I to IV, with the point P_l at a distance L (m) ahead of the vehicle's point and W (m) to its left; or
-    an output of the robot by its name, with its `parameters`, if any.
+    an output of the robot by its name, with its `parameters`, if any. With `extension` their decoupling matrix may be singular
+    everywhere, as it is with P_l on the axle: integrators on inputs then make it regular where the vehicle moves.
 
     If v / (L + d) < 0 for the speed v, the heading diverges from the path: `reversing` selects whether that is allowed, refused,
     or avoided by a P_l on the other side of the axle, L_backward (by default as far behind the axle as L is ahead).
@@ -182,8 +183,13 @@ class OutputSection:
     )
     L_backward: float | None = entry(number(unit="m"), None, 'L where v < 0, for reversing = "switch"')
     parameters: Mapping[str, float] = entry(named_numbers, {}, "those of an output of the robot, by name")
+    extension: bool = entry(
+        flag, False, "put integrators on inputs where outputs need it, such as those of a P_l in the middle of the axle"
+    )
 
     def __post_init__(self):
+        if self.extension and (self.segments or self.reversing != "allow"):
+            raise BadInput("[output] extension applies to a path that is not composite, and not with reversing")
         if self.type in TYPES and self.parameters:
             raise BadInput(f"[output] parameters apply to a robot's own output; type {self.type} has L, W and path")
         if self.own and (self.L or self.W or self.path):
@@ -207,7 +213,9 @@ class OutputSection:
     @property
     def law(self) -> str:
         """Name of the control law."""
-        return self.type if self.own else str(LawName(self.type, self.path.law if self.path else "", bool(self.W)))
+        if self.own:
+            return self.type + EXTENDED * self.extension
+        return str(LawName(self.type, self.path.law if self.path else "", bool(self.W), self.extension))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -512,6 +520,8 @@ class Spec:
         composite = self.output.segments
         if self.initial is None and not composite:
             raise BadInput("[initial] is missing: point, heading and speed, or q and nu")
+        if self.output.extension:
+            self._check_extension()
         if self.reference.approach and (self.output.type != "IV" or composite or not self.simulation.period):
             raise BadInput("[reference] approach requires type IV with a path that is not composite, and [simulation] period > 0")
         for name in ("deceleration", "creep"):
@@ -525,6 +535,18 @@ class Spec:
                 raise BadInput(f"[reference] {name} does not apply to type {self.output.type}, which takes {takes}")
             if not given and name == wanted:
                 raise BadInput(f"[reference] {name} is missing; type {self.output.type} requires it")
+
+    def _check_extension(self) -> None:
+        """Raise BadInput for what a dynamic extension is not there for yet."""
+        without = "[output] extension = true does not go with"
+        if any(name[:2] == "ki" for name in self.gains):
+            raise BadInput(f"{without} a gain ki: integral action applies to outputs of relative degree 1 and 2")
+        if self.reference.approach:
+            raise BadInput(f"{without} [reference] approach, whose reference has no third derivative")
+        if self.limits and self.limits.mode != "cut":
+            raise BadInput(f'{without} [limits] mode = "{self.limits.mode}"; set mode = "cut"')
+        if self.drive and self.drive.takes_velocity:
+            raise BadInput(f'{without} [drive] kind = "{self.drive.kind}"; use drives that take torques')
 
 
 def schema() -> Schema:
