@@ -96,12 +96,11 @@ class Integrators:
         """Return the chains and integrators after one more integrator on each combination of inputs of a choice."""
         count, columns = len(self.velocities), list(choice.columns)
         others = [k for k in range(count) if k not in columns]
-        Phi = ca.vertcat(*[chains[row].row for row in choice.rows])
-        shared = canonical(solve(Phi[:, columns], Phi[:, others]))  # w[columns] = xi - shared w[others]
+        Phi = ca.vertcat(*[chain.row for chain in chains])
         held, free = ca.SX(count, len(columns)), ca.SX(count, count)
         held[columns, :] = ca.SX.eye(len(columns))
         free[others, others] = ca.SX.eye(len(others))
-        free[columns, others] = -shared
+        free[columns, others] = -_relation(Phi, choice.rows, columns, others)  # w[columns] = held - relation w[others]
         xi = ca.vertcat(*[q.symbol for q in states])
         after = Integrators(
             self.system,
@@ -177,7 +176,8 @@ def _choice(chains: Sequence[Chain], integrators: Integrators, of: OutputMap) ->
     """Return which inputs to extend: the fewest outputs that depend on each other, and inputs through which they do; None if
     Phi is regular somewhere.
 
-    Of several such inputs, those are taken whose relation to the others is the shortest.
+    Of several such inputs, those are taken through which they do where all coordinates are 0 (joints straight), and of these
+    the ones whose relation to the others is the shortest.
     """
     Phi, count = ca.vertcat(*[chain.row for chain in chains]), len(chains)
     values = integrators.sampled(Phi, of).values
@@ -185,10 +185,24 @@ def _choice(chains: Sequence[Chain], integrators: Integrators, of: OutputMap) ->
         return None
     dependent = next(dependent_sets(values))
     shared = max(rank(value[dependent]) for value in values)
+    q = integrators.system.mechanism.q
+    try:
+        straight = integrators.sampled(ca.substitute(Phi, q, ca.SX.zeros(q.shape)), of).values
+    except ModelError:  # it is not finite there
+        straight = []
+
+    def hidden(rows: tuple[int, ...], columns: tuple[int, ...], values: list[np.ndarray]) -> bool:
+        return max((rank(value[np.ix_(rows, columns)]) for value in values), default=0) < shared
+
     candidates = [
-        (ca.n_nodes(canonical(solve(Phi[list(rows), list(columns)], Phi[list(rows), :]))), rows, columns)
+        (hidden(rows, columns, straight), ca.n_nodes(_relation(Phi, rows, columns, range(count))), rows, columns)
         for rows in combinations(dependent, shared)
         for columns in combinations(range(count), shared)
-        if max(rank(value[np.ix_(rows, columns)]) for value in values) == shared
+        if not hidden(rows, columns, values)
     ]
-    return Choice(*min(candidates)[1:])
+    return Choice(*min(candidates)[2:])
+
+
+def _relation(Phi: ca.SX, rows: Sequence[int], columns: Sequence[int], others: Sequence[int]) -> ca.SX:
+    """Return how the inputs in `columns` and in `others` act on the outputs `rows`: as w[columns] + relation w[others]."""
+    return canonical(solve(Phi[list(rows), list(columns)], Phi[list(rows), list(others)]))

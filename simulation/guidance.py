@@ -101,16 +101,16 @@ class ShortWay:
 
 
 class OnePath:
-    """A single path, or none; the reference is offset + slope t, with headings shifted to the nearest."""
+    """A single path, or none; the reference is `wanted(t)`, with headings shifted to the nearest."""
 
     piece, arrived = 0, False
 
-    def __init__(self, leg: Leg, offset: np.ndarray, slope: np.ndarray, prepare: ShortWay):
-        self.leg, self._offset, self._slope, self._prepare = leg, offset, slope, prepare
+    def __init__(self, leg: Leg, wanted: Callable[[float], np.ndarray], prepare: ShortWay):
+        self.leg, self._wanted, self._prepare = leg, wanted, prepare
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference at t."""
-        return self._prepare(x, self._offset + self._slope * t)
+        return self._prepare(x, self._wanted(t))
 
     def left(self, t: float, x: np.ndarray) -> float:
         """Return infinity: the path does not end."""

@@ -1,5 +1,6 @@
 """Builds the loop of a controller and a robot from a SPEC."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -135,7 +136,7 @@ def make_loop(spec: Spec) -> Loop:
             speed = spec.reference.speed or 0.0
             guidance = Approaching(leg, generator, speed, approached_from(law), believed, start)
         else:
-            guidance = OnePath(leg, *_reference(law, spec), ShortWay(law, believed, leg.config))
+            guidance = OnePath(leg, _reference(law, spec), ShortWay(law, believed, leg.config))
     sensing = None
     if spec.sensors:
         seen = (plant.parameters, believed, start, spec.simulation.backend)
@@ -249,9 +250,9 @@ def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
     return np.array(values_of(list(law.config), given, "[output]"))
 
 
-def _reference(law: ControlLaw, spec: Spec) -> tuple[np.ndarray, np.ndarray]:
-    """Offset and slope of the reference, in the order of law.reference."""
-    rows = len(law.output.rows)
+def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
+    """Return the function from t to the reference, in the order of law.reference."""
+    rows, degrees = len(law.output.rows), law.linearization.relative_degree
     position, velocity = spec.reference.position or (), spec.reference.velocity
     if spec.output.type == "IV":
         position = (0.0, spec.reference.speed or 0.0)
@@ -262,10 +263,25 @@ def _reference(law: ControlLaw, spec: Spec) -> tuple[np.ndarray, np.ndarray]:
             wanted = ", ".join(row.name for row in law.output.rows)
             raise BadInput(f"[reference] {name} has {len(given)} numbers; it must have {rows}: {wanted}")
     offset, slope = [], []
-    for degree, start, rate in zip(law.linearization.relative_degree, position, velocity, strict=True):
+    for degree, start, rate in zip(degrees, position, velocity, strict=True):
         offset += [start, rate, *[0.0] * (degree - 1)]
         slope += [rate, *[0.0] * degree]
-    return np.array(offset), np.array(slope)
+    begin, rates, circle = np.array(offset), np.array(slope), spec.reference.circle
+    if circle is None:
+        return lambda t: begin + rates * t
+    if [row.unit for row in law.output.rows[:2]] != ["m", "m"]:
+        raise BadInput(f"[reference] circle: the first two outputs of {law.name} are not a point: give position and velocity")
+    orders = [range(degree + 1) for degree in degrees[:2]]
+    sizes = np.array([circle.radius * circle.rate**order for each in orders for order in each])
+    quarters = np.array([*orders[0], *(order + 3 for order in orders[1])]) % 4  # sin a = cos(a + 3 quarter turns)
+
+    def wanted(t: float) -> np.ndarray:
+        s, c = sine_cosine(circle.angle + circle.rate * t)
+        made = begin + rates * t
+        made[: len(sizes)] += sizes * np.array([c, -s, -c, s])[quarters]
+        return made
+
+    return wanted
 
 
 def initial_of(spec: Spec, options: TrackerOptions) -> Initial:

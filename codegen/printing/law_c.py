@@ -172,8 +172,8 @@ class LawC(ProgramC[Program]):
             return [entry.about + "."]
         return [
             entry.about + ", dynamic extension.",
-            "First the states of the extension advance by dt (s), the time since the previous step, 0 at the first. Their rates are",
-            "those of that step, or 0 unless it returned NOSLIP_OK: the states are held while inputs are limited.",
+            "First the states of the extension advance by dt (s), the time since the previous step, 0 at the first. Their rates",
+            "are those of that step, or 0 unless it returned NOSLIP_OK: the states are held while inputs are limited.",
         ]
 
     def _read(self, entry: Entry) -> list[str]:

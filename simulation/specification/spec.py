@@ -233,12 +233,22 @@ class ApproachSection:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CircleSection:
+    """A circle on which the desired point moves: from `angle`, with `rate` (rad/s, positive turns left), about `position`."""
+
+    radius: float = entry(number("positive", "m"), about="of the circle")
+    rate: float = entry(number(unit="rad/s"), about="at which the desired point turns, positive to the left")
+    angle: float = entry(angle, 0.0, "of the desired point at t = 0, from the x-axis to the left")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Reference:
     """Desired values of the outputs. Type IV: forward speed, m/s, at distance 0 from the path, at once or with `approach`.
 
     On a composite path, speed is that along it; before the end and each cusp the desired speed decreases with `deceleration`
     (m/s^2; 0: at once) to `creep` (m/s), below which the vehicle counts as standing.
-    Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad).
+    Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad). With `circle` the
+    first two outputs, a point, also move on a circle about it.
     """
 
     speed: float | None = entry(number(unit="m/s"), None, "desired forward speed of type IV")
@@ -249,6 +259,7 @@ class Reference:
     position: tuple[float, ...] | None = entry(numbers, None, "desired outputs of types I to III at t = 0, one for each")
     velocity: tuple[float, ...] | None = entry(numbers, None, "rates of these desired outputs, one for each")
     approach: ApproachSection | None = entry(section(ApproachSection), None)
+    circle: CircleSection | None = entry(section(CircleSection), None, "on which a desired point moves, in addition")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -527,8 +538,8 @@ class Spec:
         for name in ("deceleration", "creep"):
             if getattr(self.reference, name) is not None and not composite:
                 raise BadInput(f"[reference] {name} applies to composite paths only")
-        wanted, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity",))
-        for name in ("speed", "position", "velocity"):
+        wanted, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle"))
+        for name in ("speed", "position", "velocity", "circle"):
             given = getattr(self.reference, name) is not None
             if given and name not in (wanted, *optional):
                 takes = " and ".join((wanted, *optional))
