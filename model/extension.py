@@ -130,19 +130,21 @@ Extended = tuple[list[Chain], Integrators]
 def extend(system: ReducedSystem, chains: Sequence[Chain], of: OutputMap) -> Extended:
     """Return the chains after a dynamic extension, and the integrators. Raises ModelError if none makes Phi regular.
 
-    The algorithm ends after at most as many stages as the system has states, or not at all.
+    Each stage adds more derivatives of outputs than states. Either Phi becomes regular, or the derivatives, as functions of the
+    states, become dependent: then the outputs satisfy a differential equation whatever the inputs are.
     """
     made, found = _begin(system, chains)
-    for _ in range(len(system.state)):
-        choice = _choice(made, found, of)
-        if choice is None:
-            return made, found
-        states = [_state(found.velocities[k], found.orders[k]) for k in choice.columns]
-        made, found = found.on(made, choice, states, of)
-    raise ModelError(
-        f"{_where(system, of)}: no dynamic extension makes Phi regular: after {len(system.state)} integrators in a row, one for "
-        "each state of the system, the outputs still depend on each other; replace one of them"
-    )
+    while (choice := _choice(made, found, of)) is not None:
+        derivatives = ca.vertcat(*[row.expression for row in of.rows], *[rate for chain in made for rate in chain.rates])
+        states = ca.vertcat(system.mechanism.q, system.nu, found.xi)
+        if found.sampled(ca.jacobian(derivatives, states), of).rank() < derivatives.numel():
+            names = ", ".join(row.name for row in of.rows)
+            raise ModelError(
+                f"{_where(system, of)}: no dynamic extension makes Phi regular: {names} and their derivatives satisfy an "
+                "equation that no input changes; replace one of these outputs"
+            )
+        made, found = found.on(made, choice, [_state(found.velocities[k], found.orders[k]) for k in choice.columns], of)
+    return made, found
 
 
 def extended_alike(system: ReducedSystem, chains: Sequence[Chain], integrators: Integrators, of: OutputMap) -> Extended:

@@ -58,8 +58,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
         status, tau = command(t, state)
         if status not in RUNNING:
             raise Refused(status, t, state[:n])
-        own = loop.guidance.leg.controller.extension_rate
-        return np.concatenate([loop.plant.rate(state[:n], tau), loop.error(t, state[:n]), own])
+        return np.concatenate([loop.plant.rate(state[:n], tau), loop.error(t, state[:n]), loop.extension_rate])
 
     begin, steps = 0.0, 0  # of the current piece of the path
     solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.at_rest]), simulation.tolerance)
@@ -112,7 +111,7 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
         add = np.array([one.step(e, period, status) for one, e in zip(integrators, loop.error(t, x), strict=True)])
         z = np.array([one.z for one in integrators])
         if k:
-            xi = xi + period * loop.guidance.leg.controller.extension_rate
+            xi = xi + period * loop.extension_rate
         status, given = loop.drive.take(loop.seen(x), *loop.command(t, x, add, xi))
         if status not in RUNNING:
             yield _row(loop, t, x, None, status, z, xi)

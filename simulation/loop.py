@@ -90,6 +90,11 @@ class Loop:
         """The states of the dynamic extension at the start: zero, as `reset` of the C sets them; empty without one."""
         return np.zeros(len(self.law.extension))
 
+    @property
+    def extension_rate(self) -> np.ndarray:
+        """The rates of these states as the last command gave them."""
+        return self.guidance.leg.controller.extension_rate if self.law.extension else np.zeros(0)
+
     def beyond(self, x: np.ndarray, xi: np.ndarray) -> bool:
         """Return whether the robot has crossed the singular set; only checked if the controller sees the true state."""
         return not self.sensing and self.guidance.leg.side(np.append(x, xi)) <= 0
