@@ -280,13 +280,13 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
     sizes = np.array([circle.radius * circle.rate**order for each in orders for order in each])
     quarters = np.array([*orders[0], *(order + 3 for order in orders[1])]) % 4  # sin a = cos(a + 3 quarter turns)
 
-    def wanted(t: float) -> np.ndarray:
+    def at(t: float) -> np.ndarray:
         s, c = sine_cosine(circle.angle + circle.rate * t)
         made = begin + rates * t
         made[: len(sizes)] += sizes * np.array([c, -s, -c, s])[quarters]
         return made
 
-    return wanted
+    return at
 
 
 def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
