@@ -179,7 +179,7 @@ def test_a_wrong_generator_writes_nothing(place, name, wrong, says, tmp_path, mo
     monkeypatch.setattr(place, name, wrong)
     for made in (law_program, library):
         made.cache_clear()
-    assert main(["generate", "labmate", "--output", "type_i_extended", "-o", str(tmp_path / "made")]) == 1
+    assert main(["generate", "labmate", "--output", "type_i_extended", "--scalar", "double", "-o", str(tmp_path / "made")]) == 1
     for made in (law_program, library):
         made.cache_clear()
     assert says in capsys.readouterr().err and not (tmp_path / "made").exists()
@@ -328,3 +328,22 @@ def test_a_sampled_run_integrates_between_its_calls(tmp_path):
     made = run_of(AXLE, tmp_path, period=0.01, duration=20.0)
     assert made.stopped is None and np.abs(made.error[-1]).max() < 1e-3
     assert made.columns[-1] == "forward_speed_rate" and np.isfinite(made.extension).all() and made.extension.any()
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_no_input_makes_a_step_return_what_is_not_finite(scalar):
+    controller, state, reference = compiled(scalar)
+    made, random = controller._library, np.random.default_rng(11)
+    strange = [np.nan, np.inf, -np.inf, 1e308, -3e38, 1e30, 1e-40, 0.0]
+    for _ in range(400):
+        made.function("reset")(controller._self)
+        step(controller, state, reference, 0.0)
+        x, y = state.copy(), reference.copy()
+        for values in (x, y):
+            if random.random() < 0.5:
+                values[random.integers(len(values))] = random.choice(strange)
+        dt = random.choice([0.01, *strange]) if random.random() < 0.3 else 0.01
+        with np.errstate(over="ignore"):
+            status, tau, _, rate = step(controller, x, y, dt)
+        assert np.isfinite([*tau, rate]).all()
+        assert (status == "ok") or (not tau.any() and rate == 0.0)
