@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
-import numpy as np
 from numpy.polynomial import polynomial
 
 from .linearization import Linearization, linearize
@@ -176,10 +175,9 @@ def gain_names(degree: int) -> tuple[str, ...]:
 
 
 def default_gains(degree: int) -> list[float]:
-    """Return default gains: a pole at -2 1/s; a pair at -0.5 and -2 1/s from degree 2 on, each further one at -2 1/s."""
-    if degree == 1:
-        return [2.0]
-    return (np.rint(4 * polynomial.polyfromroots([-0.5, *[-2.0] * (degree - 1)])[:-1]) / 4).tolist()
+    """Return default gains: a pole at -2 1/s; from degree 2 on one at -0.5 1/s, and all others at -2 1/s."""
+    poles = [-2.0] if degree == 1 else [-0.5, *[-2.0] * (degree - 1)]
+    return polynomial.polyfromroots(poles)[:-1].tolist()
 
 
 def _outer_loop_symbols(found: Linearization) -> tuple[tuple[Quantity, ...], tuple[Quantity, ...]]:
