@@ -61,7 +61,7 @@ class Group(StrEnum):
     EXTENSION = "extension"
     REFERENCE = "reference"
     FOOT = "foot"
-    DEMAND = "demand"
+    VIRTUAL_INPUT = "virtual_input"
     INPUT = "input"
     STEP = "step"
 

@@ -45,7 +45,7 @@ class Entry:
     name: str
     about: str
     answers: tuple[Result, ...]
-    takes: Group | None = None  # REFERENCE, DEMAND or INPUT
+    takes: Group | None = None  # REFERENCE, VIRTUAL_INPUT or INPUT
     whole: bool = False  # returns all in one struct
     public: bool = True
     at_foot: bool = False  # takes FOOT in place of the vehicle's position and heading
@@ -54,7 +54,7 @@ class Entry:
     @property
     def inverts(self) -> bool:
         """Whether it uses the inverse of Phi."""
-        return not {Result.ACCELERATION, Result.INPUTS, Result.INPUTS_OF_DEMAND, Result.SLOPE}.isdisjoint(self.answers)
+        return not {Result.ACCELERATION, Result.INPUTS, Result.INPUTS_OF_V, Result.SLOPE}.isdisjoint(self.answers)
 
 
 SLOPE = Entry(
@@ -103,8 +103,8 @@ ENTRIES = (
     Entry(
         "feedback",
         "Linearizing feedback (12) with (20): from the virtual input v to the inputs",
-        (Result.INPUTS_OF_DEMAND,),
-        Group.DEMAND,
+        (Result.INPUTS_OF_V,),
+        Group.VIRTUAL_INPUT,
     ),
     GROUND,
     GROUND_BY_INPUTS,
@@ -117,7 +117,7 @@ ENTRIES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class EntryBody:
     """What one entry point computes: its quantities as nodes; singular where not first > second of `singular`.
 
     `singular` is empty where nothing is inverted, or where the inversion itself tells.
@@ -137,7 +137,7 @@ class Program:
     """A law's entry points, the constants init makes for them, and names for the nodes that have one."""
 
     law: ControlLaw
-    entries: dict[Entry, Body]
+    entries: dict[Entry, EntryBody]
     constants: dict[Node, str]  # node -> field of the law's struct, in the order init makes them
     labels: dict[Node, str]
     conditions: list[Node]  # functions of the configuration that must be positive
@@ -164,7 +164,7 @@ class Program:
         return [root for body in self.entries.values() for root in body.roots]
 
 
-def hidden_inputs(body: Body) -> list[Leaf]:
+def hidden_inputs(body: EntryBody) -> list[Leaf]:
     """Inputs of a step that can be infinite or NaN while every result is finite.
 
     Sums, products, roots and numerators pass such a value on; a denominator or a function that is bounded need not, and an
@@ -216,7 +216,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         given = at_foot if entry.at_foot else quantities
         chosen = {name: given[name] for name in entry.answers if given.get(name)}
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
-        body = Body(chosen, singular)
+        body = EntryBody(chosen, singular)
         if chosen and not (entry.at_foot and (_reads(body, place_names(law)) or _grip_reads(law, place_names(law)))):
             entries[entry] = _optimized(graph, body, labels) if optimize else body
     conditions = [row[0] for row in quantities[Result.CONDITIONS]]
@@ -238,10 +238,10 @@ def in_steps(law: ControlLaw) -> Stages:
     found.steps += floor.steps
     found.quantities |= floor.quantities
     if has_foot_form(law):
-        told = staged_at_foot(law)
+        foot = staged_at_foot(law)
         shared = {step.symbol.element_hash() for step in found.steps if step.symbol.is_symbolic()}  # the velocities
-        found.steps += [step for step in told.steps if step.symbol.element_hash() not in shared]
-        found.at_foot = told.quantities
+        found.steps += [step for step in foot.steps if step.symbol.element_hash() not in shared]
+        found.at_foot = foot.quantities
     return found
 
 
@@ -256,7 +256,7 @@ def plain(law: ControlLaw) -> Stages:
         Result.ACCELERATION: law.u,
         Result.INPUTS: law.tau,
         Result.EXTENSION_RATE: law.extension_rate,
-        Result.INPUTS_OF_DEMAND: law.tau_of_demand,
+        Result.INPUTS_OF_V: law.tau_of_v,
         Result.SINGULAR: _singular(found),
         Result.REGULAR: ca.SX(0, 1),
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
@@ -269,21 +269,21 @@ def plain(law: ControlLaw) -> Stages:
 
 def _singular(found: Linearization) -> ca.SX:
     """What must be greater than what, for Phi not to be singular; without a root up to 2 x 2."""
-    if found.system.freedom <= 2:
+    if found.system.dof <= 2:
         return ca.vertcat(found.determinant**2, SINGULAR_SQUARED * found.scale_squared)
     one, condition = found.measure
     return ca.vertcat(one, SINGULAR * condition)
 
 
-def _optimized(graph: Graph, body: Body, labels: dict[Node, str]) -> Body:
+def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str]) -> EntryBody:
     """The body after the optimizer's passes; names follow the nodes whose value they are."""
     improved = iter(Optimizer(graph, labels).run(body.roots))
     singular = tuple(next(improved) for _ in body.singular)
     quantities = {name: [[next(improved) for _ in row] for row in matrix] for name, matrix in body.quantities.items()}
-    return Body(quantities, singular)
+    return EntryBody(quantities, singular)
 
 
-def _reads(body: Body, names: frozenset[str]) -> bool:
+def _reads(body: EntryBody, names: frozenset[str]) -> bool:
     """Is one of these coordinates read? A sine of more than the heading, which FOOT does not have, keeps it."""
     return any(isinstance(node, Leaf) and node.group is Group.STATE and node.name in names for node in reachable(body.roots))
 

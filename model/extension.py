@@ -159,9 +159,9 @@ def extended_alike(system: ReducedSystem, chains: Sequence[Chain], integrators: 
 def _begin(system: ReducedSystem, chains: Sequence[Chain]) -> Extended:
     """Return the chains as functions of the rates of `velocities`, and no integrators."""
     W = velocity_map(system)
-    effect = ca.SX.eye(system.freedom) if W is None else canonical(solve(W, ca.SX.eye(system.freedom)))
+    effect = ca.SX.eye(system.dof) if W is None else canonical(solve(W, ca.SX.eye(system.dof)))
     velocities = system.quasi_velocities if W is None else VELOCITIES
-    none = Integrators(system, velocities, (1,) * system.freedom, ca.SX.zeros(system.freedom), effect)
+    none = Integrators(system, velocities, (1,) * system.dof, ca.SX.zeros(system.dof), effect)
     return [Chain(chain.rates, canonical(chain.row @ effect), chain.drift) for chain in chains], none
 
 

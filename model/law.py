@@ -19,7 +19,7 @@ class ControlLaw:
     Outer loop, row of relative degree 2: v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y); degree 1: v = ydot_d + kv (y_d - y);
     longer chains as degree 2, with ka on the error of the second derivative and so on (GAINS).
     `v` and `u` are (n-m) x 1, `tau` is r x 1 in the units of the inputs. They depend on `groups`: parameters, config (of the
-    output map), gains, state [q; nu] and reference, in SI units. `u_of_demand` and `tau_of_demand` are functions of v itself.
+    output map), gains, state [q; nu] and reference, in SI units. `u_of_v` and `tau_of_v` are functions of v itself.
     With a dynamic extension its states xi are the last of the state, and `extension_rate` is d xi/dt, k x 1; else 0 x 1.
     """
 
@@ -28,13 +28,13 @@ class ControlLaw:
     config: tuple[Quantity, ...]
     gains: tuple[Quantity, ...]
     reference: tuple[Quantity, ...]
-    demand: tuple[Quantity, ...]
+    virtual_input: tuple[Quantity, ...]
     v: ca.SX = field(repr=False)
     u: ca.SX = field(repr=False)
     tau: ca.SX = field(repr=False)
     extension_rate: ca.SX = field(repr=False)
-    u_of_demand: ca.SX = field(repr=False)
-    tau_of_demand: ca.SX = field(repr=False)
+    u_of_v: ca.SX = field(repr=False)
+    tau_of_v: ca.SX = field(repr=False)
 
     @property
     def name(self) -> str:
@@ -82,7 +82,7 @@ class ControlLaw:
         """
         if self.speed_row is None:
             return ca.SX(0, 1)
-        return ca.jacobian(self.tau_of_demand, self.demand[self.speed_row].symbol)
+        return ca.jacobian(self.tau_of_v, self.virtual_input[self.speed_row].symbol)
 
     @property
     def groups(self) -> dict[str, tuple[Quantity, ...]]:
@@ -93,7 +93,7 @@ class ControlLaw:
             "gains": self.gains,
             "state": self.state,
             "reference": self.reference,
-            "demand": self.demand,
+            "virtual_input": self.virtual_input,
         }
 
     @property
@@ -110,7 +110,7 @@ class ControlLaw:
 
     def function(self, quantities: dict[str, ca.SX]) -> ca.Function:
         """Return the CasADi function from (params, config, gains, state, reference) to the named quantities."""
-        names = [name for name in self.groups if name != "demand"]
+        names = [name for name in self.groups if name != "virtual_input"]
         arguments = [symbols(self.groups[name]) for name in names]
         return ca.Function(self.name, arguments, [ca.densify(q) for q in quantities.values()], names, list(quantities))
 
@@ -125,14 +125,14 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
     found = linearize(system, output)
     gains, reference = _outer_loop_symbols(found)
     v = outer_loop(found.relative_degree, [k.symbol for k in gains], [y.symbol for y in reference], found.h, found.rate)
-    demand = tuple(
+    virtual_input = tuple(
         quantity(f"v_{row.name}", derivative_unit(row.unit, degree), f"virtual input: derivative {degree} of {row.name}")
         for row, degree in zip(output.rows, found.relative_degree, strict=True)
     )
     for group, members in (("reference", reference), ("gains", gains)):
         refuse_twice([q.name for q in members], f"{system.mechanism.name}, output {output.name}, {group}")
     u, extension_rate = found.accelerations(found.second_feedback(v))
-    u_of_demand, _ = found.accelerations(found.second_feedback(symbols(demand)))
+    u_of_v, _ = found.accelerations(found.second_feedback(symbols(virtual_input)))
     mechanism = system.mechanism
     return ControlLaw(
         linearization=found,
@@ -140,13 +140,13 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
         config=tuple(output.parameters),
         gains=gains,
         reference=reference,
-        demand=demand,
+        virtual_input=virtual_input,
         v=v,
         u=u,
         tau=system.first_feedback(u),
         extension_rate=extension_rate,
-        u_of_demand=u_of_demand,
-        tau_of_demand=system.first_feedback(u_of_demand),
+        u_of_v=u_of_v,
+        tau_of_v=system.first_feedback(u_of_v),
     )
 
 
@@ -156,11 +156,11 @@ def _derivative(row: OutputRow, order: int, about: str = "") -> Quantity:
 
 def outer_loop(degree: Sequence[int], gains: Sequence[ca.SX], reference: Sequence[ca.SX], h: ca.SX, rate: ca.SX) -> ca.SX:
     """Return the virtual input v from outputs h and their derivatives, with gains and references in order, row by row."""
-    gain, wanted, rates = iter(gains), iter(reference), iter(ca.vertsplit(rate) if rate.numel() else ())
+    gain, desired, rates = iter(gains), iter(reference), iter(ca.vertsplit(rate) if rate.numel() else ())
     v = []
     for k, y in zip(degree, ca.vertsplit(h), strict=True):
-        errors = [next(wanted) - y, *[next(wanted) - next(rates) for _ in range(1, k)]]
-        v.append(sum((next(gain) * error for error in errors), start=next(wanted)))
+        errors = [next(desired) - y, *[next(desired) - next(rates) for _ in range(1, k)]]
+        v.append(sum((next(gain) * error for error in errors), start=next(desired)))
     return ca.vertcat(*v)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..controllers.controller import ON_TARGET
 from .contact import contact_forces, grip
-from .engine.measured import Measured
+from .engine.measured import FloorMeasurements
 from .guidance import outputs
 from .integrate import continuous, sampled
 from .loop import Loop, make_loop
@@ -46,7 +46,7 @@ def simulate(
     law, n = loop.law, len(loop.law.system.mechanism.coordinates)
     t, x, tau = (np.array([getattr(row, name) for row in rows]) for name in ("t", "x", "tau"))
     config, reference = (np.array([getattr(row, name) for row in rows]) for name in ("config", "reference"))
-    wanted = [[r.name for r in law.reference].index(row.name) for row in law.output.rows]
+    entries = [[r.name for r in law.reference].index(row.name) for row in law.output.rows]
     measured = floor.measured() if floor else None
     return Run(
         spec=spec,
@@ -57,7 +57,7 @@ def simulate(
         nu=x[:, n:],
         tau=tau,
         y=outputs(law)(x.T, loop.plant.parameters, config.T).full().T,
-        y_d=reference[:, wanted],
+        y_d=reference[:, entries],
         status=np.array([row.status for row in rows]),
         forces=floor.constraint_forces(x) if floor else loop.plant.constraint_forces(x, tau),
         seen=np.array([row.seen for row in rows]),
@@ -73,7 +73,7 @@ def simulate(
     )
 
 
-def _use(loop: Loop, x: np.ndarray, tau: np.ndarray, spec: Spec, measured: Measured | None) -> dict[str, np.ndarray]:
+def _use(loop: Loop, x: np.ndarray, tau: np.ndarray, spec: Spec, measured: FloorMeasurements | None) -> dict[str, np.ndarray]:
     """Return the friction use of each contact by name: measured on a floor, else what rolling needs if the SPEC has [contact]."""
     if measured:
         return {c.name: use for c, use in zip(loop.law.system.mechanism.contacts, measured.use.T, strict=True)}

@@ -101,12 +101,12 @@ class ShortWay:
 
 
 class OnePath:
-    """A single path, or none; the reference is `wanted(t)`, with headings shifted to the nearest."""
+    """A single path, or none; the reference is `reference(t)`, with headings shifted to the nearest."""
 
     piece, arrived = 0, False
 
-    def __init__(self, leg: Leg, wanted: Callable[[float], np.ndarray], prepare: ShortWay):
-        self.leg, self._wanted, self._prepare = leg, wanted, prepare
+    def __init__(self, leg: Leg, reference: Callable[[float], np.ndarray], prepare: ShortWay):
+        self.leg, self._wanted, self._prepare = leg, reference, prepare
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference at t."""
@@ -176,9 +176,9 @@ class Route:
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference: on the path, at the tracker's speed."""
         guide = self.guide(x)
-        wanted = self._zeros.copy()
-        wanted[self._speed : self._speed + 2] = guide.speed, guide.speed_rate
-        return wanted
+        reference = self._zeros.copy()
+        reference[self._speed : self._speed + 2] = guide.speed, guide.speed_rate
+        return reference
 
     def guide(self, x: np.ndarray) -> Guide:
         """Where on the path the robot is."""

@@ -15,7 +15,7 @@ from ..model.segments import Segment
 from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries
 from .drawing import at_times, draw_implicit, evenly_spread, implicit_path, is_outline, outlines
-from .engine.measured import SLIPS, Measured
+from .engine.measured import SLIPS, FloorMeasurements
 from .guidance import vehicle_motion
 from .run import Run
 
@@ -248,9 +248,9 @@ def _draw_speed(axes: Axes, run: Run) -> None:
     """Draw the forward speed of the vehicle, and the desired one if there is one."""
     speed = _motion(run)[:, 5]
     axes.plot(run.t, speed, color=VEHICLE, label="forward speed")
-    for row, wanted in zip(run.law.output.rows, run.y_d.T, strict=True):
+    for row, desired in zip(run.law.output.rows, run.y_d.T, strict=True):
         if row.name == "speed":
-            axes.plot(run.t, wanted, color=FOLLOWED, linewidth=3, alpha=0.6, label="desired", zorder=0)
+            axes.plot(run.t, desired, color=FOLLOWED, linewidth=3, alpha=0.6, label="desired", zorder=0)
     low, high = axes.get_ylim()
     spread = 0.05 * np.abs(speed).max()  # so that a constant speed looks constant
     axes.set_ylim(min(low, speed.min() - spread), max(high, speed.max() + spread))
@@ -281,7 +281,7 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
     axes.legend(loc="best", fontsize=9)
 
 
-def _draw_slip(axes: Axes, run: Run, floor: Measured) -> None:
+def _draw_slip(axes: Axes, run: Run, floor: FloorMeasurements) -> None:
     """Draw the slip of each contact on a logarithmic axis that is linear below the slip that counts."""
     for contact, slip, colour in zip(run.law.system.mechanism.contacts, floor.slip.T, COLOURS, strict=False):
         axes.plot(run.t, slip, color=colour, label=f"{contact.name}, at most {slip.max():.2g} m/s")

@@ -10,13 +10,13 @@ import numpy as np
 from ..controllers.controller import RUNNING
 from ..model.law import ControlLaw
 from ..model.mechanism import Mechanism
-from .engine.measured import Measured
+from .engine.measured import FloorMeasurements
 from .plant import Plant
 from .specification.spec import Spec
 
 
 class Outputs:
-    """What follows from the outputs y, what was wanted of them, y_d, and the status of each row."""
+    """What follows from the outputs y, their desired values y_d, and the status of each row."""
 
     y: np.ndarray
     y_d: np.ndarray
@@ -69,7 +69,7 @@ class Run(Outputs):
     command: np.ndarray
     use: Mapping[str, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    floor: Measured | None = None
+    floor: FloorMeasurements | None = None
 
     @property
     def columns(self) -> list[str]:
