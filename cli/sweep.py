@@ -92,10 +92,10 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _run_samples(study: "Study", output: Path, jobs: int, scheduler: str | None) -> None:
-    from ..sweeping.runner import Engine, Threads, run_parts
+    from ..sweeping.runner import TableRunner, Threads, run_parts
     from ..sweeping.store import Parts, merge
 
-    engine: Engine
+    engine: TableRunner
     if scheduler:
         from ..sweeping.cluster import Cluster
 

@@ -43,7 +43,7 @@ ENTRIES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class DynamicsStep:
     """A named value, represented by `leaf` in later steps; a pivot is singular if it is not greater than `bound`."""
 
     leaf: Node
@@ -52,13 +52,13 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class DynamicsBody:
     """The computation of an entry point: steps in order, then its quantities.
 
     `looped`: S'MS and S'E tau - bias, from which the runtime computes the quantity nudot.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[DynamicsStep, ...]
     quantities: dict[Result, Matrix]
     looped: tuple[Matrix, Matrix] | None = None
 
@@ -75,7 +75,7 @@ class DynamicsProgram:
     """The entry points, the constants that init computes for them, names of nodes, and pivots that init checks."""
 
     system: ReducedSystem
-    entries: dict[Entry, Body]
+    entries: dict[Entry, DynamicsBody]
     constants: dict[Node, str]
     labels: dict[Node, str]
     regular: list[tuple[Node, Node]]  # init returns singular if the first is not greater than the second
@@ -109,7 +109,7 @@ class _Builder:
         self.system, self.optimize = system, optimize
         self.graph = Graph()
         self.labels: dict[Node, str] = {}
-        self.steps: dict[Node, Step] = {}  # by leaf
+        self.steps: dict[Node, DynamicsStep] = {}  # by leaf
         self.regular: list[tuple[Node, Node]] = []
         self.taken: set[str] = set()  # names of steps
         groups = _groups(system)
@@ -153,15 +153,15 @@ class _Builder:
             rows.append(of_nu @ self.system.nu if fixed and of_nu.is_constant() else row @ w)
         return ca.vertcat(*rows)
 
-    def _body(self, entry: Entry, quantities: dict[Result, ca.SX], looped: tuple[ca.SX, ca.SX] | None) -> Body:
+    def _body(self, entry: Entry, quantities: dict[Result, ca.SX], looped: tuple[ca.SX, ca.SX] | None) -> DynamicsBody:
         chosen = {name: quantities[name] for name in entry.answers if name in quantities}
         matrices = iter(self._built([*chosen.values(), *(looped or ())]))
         made = {name: next(matrices) for name in chosen}
         loop = (next(matrices), next(matrices)) if looped else None
-        body = Body((), made, loop)
-        return Body(tuple(self._needed(body.roots)), made, loop)
+        body = DynamicsBody((), made, loop)
+        return DynamicsBody(tuple(self._needed(body.roots)), made, loop)
 
-    def _needed(self, roots: Sequence[Node]) -> Iterator[Step]:
+    def _needed(self, roots: Sequence[Node]) -> Iterator[DynamicsStep]:
         """Yield the steps on which the roots depend, in order."""
         needed: set[Node] = set()
         stack = list(roots)
@@ -185,7 +185,7 @@ class _Builder:
                 if bound is not None:
                     self.regular.append((node, bound))
             else:
-                self.steps[leaf] = Step(leaf, node, bound)
+                self.steps[leaf] = DynamicsStep(leaf, node, bound)
                 self.labels.setdefault(node, str(symbol))
 
     def _built(self, matrices: Sequence[ca.SX]) -> list[Matrix]:

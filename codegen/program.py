@@ -114,7 +114,7 @@ ENTRIES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class EntryBody:
     """What one entry point computes: its quantities as nodes; singular where not first > second of `singular`.
 
     `singular` is empty where nothing is inverted, or where the inversion itself tells.
@@ -134,7 +134,7 @@ class Program:
     """A law's entry points, the constants init makes for them, and names for the nodes that have one."""
 
     law: ControlLaw
-    entries: dict[Entry, Body]
+    entries: dict[Entry, EntryBody]
     constants: dict[Node, str]  # node -> field of the law's struct, in the order init makes them
     labels: dict[Node, str]
     conditions: list[Node]  # functions of the configuration that must be positive
@@ -161,7 +161,7 @@ class Program:
         return [root for body in self.entries.values() for root in body.roots]
 
 
-def hidden_inputs(body: Body) -> list[Leaf]:
+def hidden_inputs(body: EntryBody) -> list[Leaf]:
     """Inputs of a step that can be infinite or NaN while every result is finite.
 
     Sums, products, roots and numerators pass such a value on; a denominator or a function that is bounded need not, and an
@@ -211,7 +211,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
         given = at_foot if entry.at_foot else quantities
         chosen = {name: given[name] for name in entry.answers if given.get(name)}
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
-        body = Body(chosen, singular)
+        body = EntryBody(chosen, singular)
         if chosen and not (entry.at_foot and (_reads(body, place_names(law)) or _grip_reads(law, place_names(law)))):
             entries[entry] = _optimized(graph, body, labels) if optimize else body
     conditions = [row[0] for row in quantities[Result.CONDITIONS]]
@@ -268,15 +268,15 @@ def _singular(found: Linearization) -> ca.SX:
     return ca.vertcat(one, SINGULAR * condition)
 
 
-def _optimized(graph: Graph, body: Body, labels: dict[Node, str]) -> Body:
+def _optimized(graph: Graph, body: EntryBody, labels: dict[Node, str]) -> EntryBody:
     """The body after the optimizer's passes; names follow the nodes whose value they are."""
     improved = iter(Optimizer(graph, labels).run(body.roots))
     singular = tuple(next(improved) for _ in body.singular)
     quantities = {name: [[next(improved) for _ in row] for row in matrix] for name, matrix in body.quantities.items()}
-    return Body(quantities, singular)
+    return EntryBody(quantities, singular)
 
 
-def _reads(body: Body, names: frozenset[str]) -> bool:
+def _reads(body: EntryBody, names: frozenset[str]) -> bool:
     """Is one of these coordinates read? A sine of more than the heading, which FOOT does not have, keeps it."""
     return any(isinstance(node, Leaf) and node.group is Group.STATE and node.name in names for node in reachable(body.roots))
 

@@ -76,7 +76,7 @@ class Claim:
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome(Outputs):
+class FigureRun(Outputs):
     """A run on the generated C as figures see it: every array of `Run` by its name (t, q, nu, tau, y, forces, seen, ...), SI,
     with `energy` (J) and `power` (W) of inputs and friction.
 
@@ -174,7 +174,7 @@ class Outcome(Outputs):
         return along[:, None] * self.forward + across[:, None] * self.leftward
 
 
-Runs = Mapping[str, Outcome]
+Runs = Mapping[str, FigureRun]
 
 
 @dataclass(frozen=True)
@@ -198,14 +198,14 @@ class Figure:
         return [*self.claims(runs), *claims_of_every_run(runs)]
 
 
-def carry_out(spec: Spec, singular: bool = False) -> Outcome:
+def carry_out(spec: Spec, singular: bool = False) -> FigureRun:
     """Run a SPEC on the generated C and on CasADi. Raises BadInput unless a `singular` start is refused by both."""
     try:
         run = simulate(spec, "c")
     except BadInput as error:
         if not (singular and "singular" in str(error)):
             raise
-        return Outcome(spec, refused=_refusal(spec, "casadi") and str(error))
+        return FigureRun(spec, refused=_refusal(spec, "casadi") and str(error))
     arrays = {f.name: getattr(run, f.name) for f in dataclasses.fields(run) if isinstance(getattr(run, f.name), np.ndarray)}
     entries = [c.name for c in run.law.config]
     none = np.zeros(len(run.t))
@@ -214,7 +214,7 @@ def carry_out(spec: Spec, singular: bool = False) -> Outcome:
     parameters = dict(zip(names, map(float, run.plant.parameters), strict=True))
     arrays |= {"energy": run.plant.energy(run.x), "power": run.plant.power(run.x, run.tau)}
     going = slice(None, -1) if run.stopped else slice(None)  # where it stopped, rates are without bound
-    return Outcome(
+    return FigureRun(
         spec=spec,
         parameters=parameters,
         arrays=arrays,

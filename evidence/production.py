@@ -12,7 +12,7 @@ from typing import IO
 
 from ..simulation.drawing import pictures
 from ..simulation.specification.spec import Spec
-from .framework import Claim, Figure, Outcome, Runs
+from .framework import Claim, Figure, FigureRun, Runs
 
 WORKER = (sys.executable, "-m", f"{__package__}.worker")
 
@@ -51,7 +51,7 @@ def _draw(figure: Figure, runs: Runs) -> Made:
 
 
 @contextmanager
-def _workers(count: int) -> Iterator[Callable[[Spec, bool], Outcome]]:
+def _workers(count: int) -> Iterator[Callable[[Spec, bool], FigureRun]]:
     """`framework.carry_out`, but executed by the first idle one of `count` processes; to be called from as many threads.
 
     The processes have their own session, so that only this process receives Ctrl-C; when it ends, they end.
@@ -62,7 +62,7 @@ def _workers(count: int) -> Iterator[Callable[[Spec, bool], Outcome]]:
     for worker in workers:
         free.put(worker)
 
-    def carry_out(spec: Spec, singular: bool) -> Outcome:
+    def carry_out(spec: Spec, singular: bool) -> FigureRun:
         worker = free.get()
         asked, answers = _pipes(worker)
         try:

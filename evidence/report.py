@@ -16,7 +16,7 @@ from ..readers.files import MARK
 from ..readers.printing import toml
 from ..readers.robots import find_robot
 from ..readers.templates import render
-from .framework import SPECS, Outcome
+from .framework import SPECS, FigureRun
 from .production import Made
 
 
@@ -91,12 +91,12 @@ def as_json(made: Iterable[Made]) -> list[dict[str, Any]]:
     ]
 
 
-def _friction(run: Outcome) -> float | None:
+def _friction(run: FigureRun) -> float | None:
     """Return the friction coefficient that rolling requires at the worst row; None for a robot without contacts."""
     return max((float(contact.needs.max()) for contact in run.grip.contacts), default=None)
 
 
-def _ending(run: Outcome) -> str:
+def _ending(run: FigureRun) -> str:
     return f"{run.stopped} at {run.t[-1]:.4g} s" if run.stopped else f"{run.t[-1]:g} s, {len(run.t)} rows"
 
 

@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..simulation.drawing import is_outline, outlines
-from .framework import Outcome
+from .framework import FigureRun
 
 
-def draw_vehicle(axes: Axes, run: Outcome, k: int, colour: str, alpha: float = 0.12) -> None:
+def draw_vehicle(axes: Axes, run: FigureRun, k: int, colour: str, alpha: float = 0.12) -> None:
     """Bodies and wheels at row k, to scale, a tick at the nose."""
     lines = [line[0] for line in outlines(run.robot, run.q[[k]], run.plant)]
     for line in lines:

@@ -8,7 +8,7 @@ import traceback
 from queue import SimpleQueue
 
 from ..readers.files import remove, unfinished
-from .framework import Outcome, carry_out
+from .framework import FigureRun, carry_out
 
 
 def main() -> None:
@@ -19,7 +19,7 @@ def main() -> None:
     threading.Thread(target=_listen, args=(asked,), daemon=True).start()
     while True:
         spec, singular = asked.get()
-        answer: Outcome | Exception
+        answer: FigureRun | Exception
         try:
             answer = carry_out(spec, singular)
         except Exception as error:

@@ -18,7 +18,7 @@ from ..controllers.controller import Limits
 from ..readers.robots import find_laws, find_robot, law_of, system_of
 from ..verification.sampling import random_plants
 from .tools import Failed, Task, need
-from .vehicle import STOP, Firmware, FirmwareLoop, Refused
+from .vehicle import STOP, Firmware, FirmwareLoop, SettingsRefused
 
 PAGE = "docs/faults.md"
 SEED, STATES, BITS = 1992, 20, 32
@@ -180,7 +180,7 @@ def outcome(c: Firmware, fault: Fault) -> FaultOutcome:
     """Run the vehicle with a fault. Raises Failed if a command is not finite, exceeds its limit, or is not 0 after a stop."""
     try:
         loop = FirmwareLoop(c, **dict(fault.settings))
-    except Refused as refused:
+    except SettingsRefused as refused:
         return FaultOutcome((refused.status,), "rejected before anything moves")
     random = np.random.default_rng(SEED)
     statuses: dict[str, None] = {}

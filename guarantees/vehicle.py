@@ -63,7 +63,7 @@ void move(float dt);
 """
 
 
-class Refused(Exception):
+class SettingsRefused(Exception):
     """The settings are rejected; `status` is the name of the status that init returned."""
 
     def __init__(self, status: str):
@@ -105,7 +105,7 @@ class Firmware(InC):
         made = self.used("vehicle")
         status = self.lib.vehicle_init(made, settings)
         if status != 0:
-            raise Refused(self.status(status))
+            raise SettingsRefused(self.status(status))
         return made
 
     def motor(self, **settings):

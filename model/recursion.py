@@ -33,19 +33,19 @@ LARGEST_PRODUCT = 100  # terms; longer products are not expanded
 
 
 @dataclass(frozen=True)
-class Velocity:
+class VelocityRow:
     """sum of row[j] nu_j, with derivative sum of row[j] nudot_j + drift. Columns from n-m on are rates that are not yet known."""
 
     row: dict[int, ca.SX] = field(default_factory=dict)
     drift: ca.SX = field(default_factory=lambda: ca.SX(0))
     value: ca.SX | None = None  # the step that represents the sum
 
-    def plus(self, other: "Velocity", factor: ca.SX) -> "Velocity":
+    def plus(self, other: "VelocityRow", factor: ca.SX) -> "VelocityRow":
         """Return self + factor * other, for a factor that is constant in time."""
         row = dict(self.row)
         for j, entry in other.row.items():
             row[j] = row[j] + factor * entry if j in row else factor * entry
-        return Velocity(row, self.drift + factor * other.drift)
+        return VelocityRow(row, self.drift + factor * other.drift)
 
 
 @dataclass(frozen=True)
@@ -95,13 +95,15 @@ class Recursion:
         self.n, self.freedom = self.q.numel(), nu.numel()
         self.steps: list[Step] = []
         self._made: set[int] = set()  # symbols of steps
-        self.rates: dict[int, Velocity] = {}  # those known so far
+        self.rates: dict[int, VelocityRow] = {}  # those known so far
         self._groups: list[tuple[Step, ...]] = []
         self._grouped = 0  # number of steps in a group
         self._Mbar: Entries = {}
         self._bias: Entries = {}
         self._columns = {self.qdot[k].element_hash(): k for k in range(self.n)}
-        self._known: dict[int, tuple[ca.SX, Velocity]] = {}  # by hash; stores the expression too, so that its hash stays unique
+        self._known: dict[
+            int, tuple[ca.SX, VelocityRow]
+        ] = {}  # by hash; stores the expression too, so that its hash stays unique
         self._moving: dict[int, tuple[ca.SX, bool]] = {}
         self._names = {
             velocity.element_hash(): f"{body.name}_{what}"
@@ -119,7 +121,7 @@ class Recursion:
 
     # -- velocities -----------------------------------------------------------------------------------------------
 
-    def velocity(self, x: ca.SX) -> Velocity:
+    def velocity(self, x: ca.SX) -> VelocityRow:
         """Return an expression that is linear in the rates as a Velocity. Raises ModelError for others."""
         key = x.element_hash()
         if key not in self._known:
@@ -129,14 +131,14 @@ class Recursion:
             self._known[key] = (x, made)
         return self._known[key][1]
 
-    def named(self, name: str, velocity: Velocity) -> Velocity:
+    def named(self, name: str, velocity: VelocityRow) -> VelocityRow:
         """Return the velocity with a step for each coefficient and for its drift, simplified."""
         row = {}
         for j, entry in velocity.row.items():
             entry = self._simple(entry)
             if not entry.is_zero():
                 row[j] = self.step(f"{name}_by_{self.nu[j]}", entry)
-        return Velocity(row, self.step(f"{name}_drift", self._simple(velocity.drift)), self.step(name, self._sum(row)))
+        return VelocityRow(row, self.step(f"{name}_drift", self._simple(velocity.drift)), self.step(name, self._sum(row)))
 
     def _simple(self, matrix: ca.SX) -> ca.SX:
         """Return the matrix simplified: completely while there are no steps, else only by cancelling terms."""
@@ -159,7 +161,7 @@ class Recursion:
         self._made.add(symbol.element_hash())
         return symbol
 
-    def value(self, velocity: Velocity) -> ca.SX:
+    def value(self, velocity: VelocityRow) -> ca.SX:
         """Return the velocity at nu; unknown rates remain symbols."""
         return self._sum(velocity.row) if velocity.value is None else velocity.value
 
@@ -176,17 +178,17 @@ class Recursion:
         except ModelError:
             return operate(x.op(), *[self.at(x.dep(k)) for k in range(x.n_dep())])
 
-    def _derived(self, x: ca.SX) -> Velocity:
+    def _derived(self, x: ca.SX) -> VelocityRow:
         if x.element_hash() in self._columns:
             k = self._columns[x.element_hash()]
-            return self.rates.get(k) or Velocity({self.freedom + k: ca.SX(1)})
+            return self.rates.get(k) or VelocityRow({self.freedom + k: ca.SX(1)})
         if x.is_zero():
-            return Velocity()
+            return VelocityRow()
         code, parts = (None, []) if x.is_leaf() else (x.op(), [x.dep(k) for k in range(x.n_dep())])
         moving = [self._moves(part) for part in parts]
         if code in LINEAR and all(m or part.is_zero() for part, m in zip(parts, moving, strict=True)):
             sign = ca.SX({ca.OP_NEG: -1, ca.OP_TWICE: 2}.get(code, 1))
-            made = Velocity().plus(self.velocity(parts[0]), sign)
+            made = VelocityRow().plus(self.velocity(parts[0]), sign)
             return made.plus(self.velocity(parts[1]), ca.SX(1 if code == ca.OP_ADD else -1)) if len(parts) > 1 else made
         if code == ca.OP_MUL and moving.count(True) == 1:
             return self._times(parts[moving.index(False)], self.velocity(parts[moving.index(True)]))
@@ -194,12 +196,12 @@ class Recursion:
             return self._times(1 / parts[1], self.velocity(parts[0]))
         raise ModelError(f"{self.mechanism.name}: a velocity is not linear in the rates: {str(x)[:60]}")
 
-    def _times(self, factor: ca.SX, velocity: Velocity) -> Velocity:
-        made = Velocity().plus(velocity, factor)
+    def _times(self, factor: ca.SX, velocity: VelocityRow) -> VelocityRow:
+        made = VelocityRow().plus(velocity, factor)
         if not ca.depends_on(factor, self.q):
             return made
         rate = time_derivative(factor, self.q, ca.vertcat(*[self._rate(k) for k in range(self.n)]))
-        return Velocity(made.row, made.drift + rate * self.value(velocity))
+        return VelocityRow(made.row, made.drift + rate * self.value(velocity))
 
     def _rate(self, k: int) -> ca.SX:
         return self.value(self.rates[k]) if k in self.rates else self.qdot[k]
@@ -212,7 +214,7 @@ class Recursion:
             self._moving[key] = (x, found)
         return self._moving[key][1]
 
-    def _is_known(self, velocity: Velocity) -> bool:
+    def _is_known(self, velocity: VelocityRow) -> bool:
         return all(j < self.freedom for j in velocity.row) and not ca.depends_on(velocity.drift, self.qdot)
 
     def _is_multiple(self, expression: ca.SX) -> bool:
@@ -225,14 +227,14 @@ class Recursion:
 
     # -- rates ----------------------------------------------------------------------------------------------------
 
-    def _given(self, row: ca.SX, qdot: ca.SX) -> Velocity:
+    def _given(self, row: ca.SX, qdot: ca.SX) -> VelocityRow:
         entries = {j: row[j] for j in range(self.freedom) if not row[j].is_zero()}
-        return Velocity(entries, self._simple(time_derivative(row, self.q, qdot) @ self.nu))
+        return VelocityRow(entries, self._simple(time_derivative(row, self.q, qdot) @ self.nu))
 
     def _rest(self, constraints: Sequence[ca.SX]) -> None:
         """Replace the velocities that constraints keep zero by zero wherever they occur."""
         for constraint in constraints:
-            self._known[constraint.element_hash()] = (constraint, Velocity())
+            self._known[constraint.element_hash()] = (constraint, VelocityRow())
 
     def _solve(self, constraints: list[ca.SX], quasi: list[ca.SX], T: ca.SX) -> None:
         """Solve for all rates, in small sets of equations that contain only rates known before; each body as soon as possible."""
@@ -275,7 +277,9 @@ class Recursion:
         known = ca.vertcat(*[ca.horzcat(*row[: self.freedom]) for row in table])
         inverse = 1 / B if len(unknown) == 1 else eliminate(B, ca.SX.eye(len(unknown)), self.q, self.mechanism.name)
         rows = self._simple(inverse @ (right - known))
-        made = [Velocity({j: rows[k, j] for j in range(self.freedom) if not rows[k, j].is_zero()}) for k in range(len(unknown))]
+        made = [
+            VelocityRow({j: rows[k, j] for j in range(self.freedom) if not rows[k, j].is_zero()}) for k in range(len(unknown))
+        ]
         if len(unknown) == 1:
             made = [self.named(self.mechanism.velocities[unknown[0]].name, made[0])]
         values = ca.vertcat(*map(self.value, made))
@@ -286,7 +290,7 @@ class Recursion:
         for k, (at, velocity) in enumerate(zip(unknown, made, strict=True)):
             name = f"{self.mechanism.velocities[at].name}_drift"
             rate = self._simple(drift[k])
-            self.rates[at] = Velocity(velocity.row, self.step(name, rate) if len(unknown) == 1 else rate, velocity.value)
+            self.rates[at] = VelocityRow(velocity.row, self.step(name, rate) if len(unknown) == 1 else rate, velocity.value)
             self._known[self.qdot[at].element_hash()] = (self.qdot[at], self.rates[at])
 
     # -- equations ------------------------------------------------------------------------------------------------
@@ -317,10 +321,10 @@ class Recursion:
         turned = ca.vertcat(-body.mass * omega * w, body.mass * omega * v, 0)  # due to the rotation of the axes
         self._add(body.name, ca.diag(ca.vertcat(body.mass, body.mass, body.inertia)), [forward, left, yaw_rate], turned)
 
-    def _column(self, velocity: Velocity) -> ca.SX:
+    def _column(self, velocity: VelocityRow) -> ca.SX:
         return ca.vertcat(*[self._simple(velocity.row.get(j, ca.SX(0))) for j in range(self.freedom)])
 
-    def _add(self, name: str, M: ca.SX, velocities: Sequence[Velocity], forces: ca.SX) -> None:
+    def _add(self, name: str, M: ca.SX, velocities: Sequence[VelocityRow], forces: ca.SX) -> None:
         """Add J' M J and J' (M drift + forces), in a separate group of steps."""
         more: Entries = {}
         push: Entries = {}
@@ -339,8 +343,8 @@ class Recursion:
         self._grouped = len(self.steps)
 
     @staticmethod
-    def _weighted(weights: ca.SX, velocities: Sequence[Velocity]) -> Velocity:
-        total = Velocity()
+    def _weighted(weights: ca.SX, velocities: Sequence[VelocityRow]) -> VelocityRow:
+        total = VelocityRow()
         for k, velocity in enumerate(velocities):
             if not weights[k].is_zero():
                 total = total.plus(velocity, weights[k])

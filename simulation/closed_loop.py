@@ -8,7 +8,7 @@ import numpy as np
 
 from ..controllers.controller import ON_TARGET
 from .contact import contact_forces, grip
-from .engine.measured import Measured
+from .engine.measured import FloorMeasurements
 from .guidance import outputs
 from .integrate import continuous, sampled
 from .loop import Loop, make_loop
@@ -72,7 +72,7 @@ def simulate(
     )
 
 
-def _use(loop: Loop, x: np.ndarray, tau: np.ndarray, spec: Spec, measured: Measured | None) -> dict[str, np.ndarray]:
+def _use(loop: Loop, x: np.ndarray, tau: np.ndarray, spec: Spec, measured: FloorMeasurements | None) -> dict[str, np.ndarray]:
     """Return the friction use of each contact by name: measured on a floor, else what rolling needs if the SPEC has [contact]."""
     if measured:
         return {c.name: use for c, use in zip(loop.law.system.mechanism.contacts, measured.use.T, strict=True)}

@@ -11,7 +11,7 @@ from ..controllers.controller import RUNNING
 from ..readers.errors import BadInput
 from .drive import whole_periods
 from .loop import Loop
-from .runge_kutta import SHRINK, Integrator, Step, resize
+from .runge_kutta import SHRINK, AcceptedStep, Integrator, resize
 from .specification.spec import MOST_ROWS, Simulation
 
 SHORTEST = 1e-9  # s: a step that meets an error is shortened down to this, then the run stops
@@ -145,7 +145,7 @@ def _too_stiff(t: float, h: float) -> BadInput:
     return BadInput(f"the loop is too fast to simulate: at t = {t:.4g} s steps of {h:.1e} s are needed; make gains smaller")
 
 
-def _end_of_piece(loop: Loop, step: Step) -> tuple[float, np.ndarray] | None:
+def _end_of_piece(loop: Loop, step: AcceptedStep) -> tuple[float, np.ndarray] | None:
     """Time and [x; z] where a step leaves the piece of path, the guidance having gone on; None where it does not."""
     guidance, n = loop.guidance, len(loop.start)
     end, state = step.end, step.after

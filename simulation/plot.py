@@ -14,7 +14,7 @@ from ..model.segments import Segment
 from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries
 from .drawing import at_times, draw_implicit, evenly_spread, implicit_path, is_outline, outlines
-from .engine.measured import SLIPS, Measured
+from .engine.measured import SLIPS, FloorMeasurements
 from .guidance import vehicle_motion
 from .run import Run
 
@@ -280,7 +280,7 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
     axes.legend(loc="best", fontsize=9)
 
 
-def _draw_slip(axes: Axes, run: Run, floor: Measured) -> None:
+def _draw_slip(axes: Axes, run: Run, floor: FloorMeasurements) -> None:
     """Draw the slip of each contact on a logarithmic axis that is linear below the slip that counts."""
     for contact, slip, colour in zip(run.law.system.mechanism.contacts, floor.slip.T, COLOURS, strict=False):
         axes.plot(run.t, slip, color=colour, label=f"{contact.name}, at most {slip.max():.2g} m/s")

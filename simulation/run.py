@@ -10,7 +10,7 @@ import numpy as np
 from ..controllers.controller import RUNNING
 from ..model.law import ControlLaw
 from ..model.mechanism import Mechanism
-from .engine.measured import Measured
+from .engine.measured import FloorMeasurements
 from .plant import Plant
 from .specification.spec import Spec
 
@@ -67,7 +67,7 @@ class Run(Outputs):
     command: np.ndarray
     use: Mapping[str, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    floor: Measured | None = None
+    floor: FloorMeasurements | None = None
 
     @property
     def columns(self) -> list[str]:

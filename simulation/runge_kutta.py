@@ -45,7 +45,7 @@ def resize(error: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class AcceptedStep:
     """A step within the tolerance from `begin` to `end` (s), the state and the slope after it, and the length (s) to try next.
 
     `within` is the state as a function of the seconds since the beginning, up to the end.
@@ -72,7 +72,7 @@ class Integrator:
         self.t, self.x, self.h = t, x, FIRST
         self._slope: np.ndarray | None = None
 
-    def step(self, bound: float) -> Step:
+    def step(self, bound: float) -> AcceptedStep:
         """A step from where it is, at most to `bound` (s); not yet taken.
 
         Raises BadInput where the tolerance cannot be met, and what `rate` raises.
@@ -90,12 +90,12 @@ class Integrator:
             after, error = tried(end - t)
             if error < 1:
                 following = (end - t) * min(grow, resize(error))
-                return Step(t, end, after, self._rate(end, after), following, lambda seconds: tried(seconds)[0])
+                return AcceptedStep(t, end, after, self._rate(end, after), following, lambda seconds: tried(seconds)[0])
             self.h, grow = (end - t) * resize(error), 1.0
             if self.h < least:
                 raise BadInput(f"[simulation] tolerance = {self._tolerance:g} cannot be met at t = {t:.9g} s; loosen it")
 
-    def take(self, step: Step) -> None:
+    def take(self, step: AcceptedStep) -> None:
         """Go on from the end of a step."""
         self.t, self.x, self.h, self._slope = step.end, step.after, step.following, step.slope
 

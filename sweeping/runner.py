@@ -14,7 +14,7 @@ AHEAD = 2  # queued parts for each thread or worker
 PIECES = 4  # of a table, for each thread
 
 
-class Engine(Protocol):
+class TableRunner(Protocol):
     """Runs tables in any order, several at a time."""
 
     def results(self, tables: Iterable[tuple[int, np.ndarray]]) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
@@ -31,7 +31,7 @@ class Threads:
         self._batch, self._jobs = batch, jobs
 
     def results(self, tables: Iterable[tuple[int, np.ndarray]]) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """See `Engine`."""
+        """See `TableRunner`."""
         with ThreadPoolExecutor(self._jobs) as pool:
             yield from in_flight(tables, lambda table: pool.submit(self._batch.run, table), first_finished, AHEAD * self._jobs)
 
@@ -65,7 +65,7 @@ def first_finished(futures: Iterable[Future]) -> Iterable[Future]:
     return wait(futures, return_when=FIRST_COMPLETED).done
 
 
-def run_parts(parts: Parts, engine: Engine, progress: Reported) -> None:
+def run_parts(parts: Parts, engine: TableRunner, progress: Reported) -> None:
     """Run the missing parts and store each as soon as it is finished."""
     plan, samples, missing = parts.study.plan, parts.study.samples, parts.missing()
     done = samples - sum(parts.range(part)[1] for part in missing)

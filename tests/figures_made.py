@@ -9,7 +9,7 @@ from unittest.mock import patch
 
 from noslip.evidence import production
 from noslip.evidence.catalogue import FIGURES
-from noslip.evidence.framework import Outcome, carry_out
+from noslip.evidence.framework import FigureRun, carry_out
 from noslip.evidence.production import Made, produce
 from noslip.simulation import drawing
 from noslip.simulation.specification.spec import Spec
@@ -17,7 +17,7 @@ from noslip.simulation.specification.spec import Spec
 RUNS = {}
 
 
-def run_once(spec: Spec, singular: bool) -> Outcome:
+def run_once(spec: Spec, singular: bool) -> FigureRun:
     """`carry_out`, once for all figures that have this run."""
     key = repr((spec, singular))
     if key not in RUNS:

@@ -11,7 +11,7 @@ import pytest
 from noslip.cli.main import main
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
-from noslip.simulation.engine.engine import Engine
+from noslip.simulation.engine.engine import FloorEngine
 from noslip.simulation.engine.friction import coulomb
 from noslip.simulation.plant import Plant
 from noslip.simulation.specification.spec import ContactSection, Floor, Patch
@@ -26,12 +26,12 @@ RUBBER = Floor(mu=0.7)
 SHORT = {"simulation.period": 0.01, "simulation.duration": 1.5}
 
 
-def engine(name: str, floor: Floor = RUBBER, start=None, **contact) -> Engine:
+def engine(name: str, floor: Floor = RUBBER, start=None, **contact) -> FloorEngine:
     """A robot with its own parameters, at rest at q = 0 unless a start is given."""
     mechanism = find_robot(name)
     plant = Plant(system_of(mechanism), mechanism.parameter_values({}))
     start = np.zeros(len(plant.system.state)) if start is None else start
-    return Engine(plant, ContactSection(**contact), floor, start)
+    return FloorEngine(plant, ContactSection(**contact), floor, start)
 
 
 @cache
@@ -307,7 +307,7 @@ def test_halving_the_step_changes_a_path_by_less_than_a_millimetre(name, changes
     spec = read_varied(LINE, FAST | {"simulation.period": 0.01} | soft | changes)
     paths = []
     for step in (1e-3, 5e-4, 2.5e-4):
-        monkeypatch.setattr(Engine.__init__, "__defaults__", (step,))
+        monkeypatch.setattr(FloorEngine.__init__, "__defaults__", (step,))
         paths.append(simulate(spec, engine="mujoco").q[:, :2])
     moved = [np.abs(b - a).max() for a, b in zip(paths, paths[1:], strict=False)]
     print(f"{name}: {moved[0] * 1e3:.3f} mm, {moved[1] * 1e3:.3f} mm")

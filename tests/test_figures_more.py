@@ -8,7 +8,7 @@ import pytest
 from noslip.analysis.certification.safety import certify
 from noslip.controllers.backends import make_controller
 from noslip.evidence.figures import composite, limits, planned, redrawn, reversing, rolling, sensing
-from noslip.evidence.framework import Case, Outcome
+from noslip.evidence.framework import Case, FigureRun
 from noslip.evidence.production import produce
 from noslip.model.segments import Segment
 from noslip.readers.robots import find_robot, law_of, system_of
@@ -27,11 +27,11 @@ FIGURES = [figure for module in MODULES for figure in module.FIGURES]
 # -- claims can fail -----------------------------------------------------------------------------------------------------
 
 
-def changed(run: Outcome, **arrays) -> Outcome:
+def changed(run: FigureRun, **arrays) -> FigureRun:
     return replace(run, arrays={**run.arrays, **{name: value(run) for name, value in arrays.items()}})
 
 
-def with_segments(run: Outcome, change) -> Outcome:
+def with_segments(run: FigureRun, change) -> FigureRun:
     """The same run, its path said to be another."""
     path = run.spec.output.path
     if not (path and path.segments):
@@ -40,12 +40,12 @@ def with_segments(run: Outcome, change) -> Outcome:
     return replace(run, spec=replace(run.spec, output=replace(run.spec.output, path=replace(path, segments=segments))))
 
 
-def with_forces(run: Outcome, factor: float) -> Outcome:
+def with_forces(run: FigureRun, factor: float) -> FigureRun:
     contacts = [replace(c, longitudinal=factor * c.longitudinal, lateral=factor * c.lateral) for c in run.grip.contacts]
     return replace(run, grip=replace(run.grip, contacts=tuple(contacts)))
 
 
-def second_join_eased(run: Outcome) -> Outcome:
+def second_join_eased(run: FigureRun) -> FigureRun:
     """From the second join on torque and distance stay as they were before it."""
     k = int(np.flatnonzero(run.piece == 1)[-1]) if 1 in run.piece else 0
     frozen = np.minimum(np.arange(len(run.t)), k)

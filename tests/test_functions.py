@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from noslip.codegen.files import robot_files
 from noslip.codegen.graph import FROM_CASADI, FUNCTIONS, Graph, from_casadi
-from noslip.codegen.program import Body, compile_law, hidden_inputs
+from noslip.codegen.program import EntryBody, compile_law, hidden_inputs
 from noslip.controllers.compiled import CompiledController
 from noslip.controllers.symbolic import CasadiController
 from noslip.model import Mechanism, control_law
@@ -215,7 +215,7 @@ def test_a_bounded_function_hides_its_argument(hides):
     graph = Graph()
     x, y = graph.leaf("state", "x"), graph.leaf("state", "y")
     made = graph.apply(hides, *((x, y) if hides in ("pow", "atan2", "min", "max", "less") else (x,)))
-    assert x in hidden_inputs(Body({"tau": [[made]]}, ()))
+    assert x in hidden_inputs(EntryBody({"tau": [[made]]}, ()))
 
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])

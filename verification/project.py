@@ -14,7 +14,7 @@ import numpy as np
 from ..codegen.packages.packages import package
 from ..codegen.printing.scalar import SCALARS
 from ..codegen.project import project
-from ..codegen.project.selftest import Golden, Step, digest, digests, selftest, slows
+from ..codegen.project.selftest import ExpectedStep, Golden, digest, digests, selftest, slows
 from ..codegen.targets import BOARDS
 from ..controllers.compiled import CompiledController, library
 from ..controllers.controller import STATUS, Limits
@@ -124,7 +124,7 @@ def _golden(law: ControlLaw, scalar: str) -> Golden:
     if controller.refused:
         raise BadInput(f"{law.name}: the C rejects random parameters: {controller.refused}")
     codes = {library(law, scalar).status(n): n for n in range(-len(STATUS), len(STATUS))}
-    steps = [Step(*point, codes[status], tau, off) for point, (status, tau, off) in zip(points, right, strict=True)]
+    steps = [ExpectedStep(*point, codes[status], tau, off) for point, (status, tau, off) in zip(points, right, strict=True)]
     answers = [controller.step(*point) for point in points]
     here = digest([(codes[status], tau) for status, tau in answers], SCALARS[scalar])
     return Golden(law, params, config, gains, steps, limits, here)

@@ -12,7 +12,7 @@ from ...model.linearization import SINGULAR
 from ...simulation.specification.spec import Simulation
 from .enclosed_loop import EnclosedLoop, Inputs
 from .enclosure import Bounds
-from .tube import Flow, Lost, Step, Tube
+from .tube import Flow, Lost, Tube, TubeStep
 
 LONGEST, STEPS = 0.05, 6000  # longest step of a continuous loop, s; most steps
 SETTLED = 1e-3  # relative to 1 + |x|: minimum width of a set that is tested for invariance
@@ -249,7 +249,7 @@ class Certificate:
 
     # -- integration ---------------------------------------------------------------------------------------------------------
 
-    def _turn(self, tube: Tube, passed: Callable[[Step], Tube]) -> Tube:
+    def _turn(self, tube: Tube, passed: Callable[[TubeStep], Tube]) -> Tube:
         """Integrate one period of a sampled loop or one step of a continuous one, and check every step by `passed`."""
         loop, simulation = self._loop, self._simulation
         if not simulation.period:
@@ -327,7 +327,7 @@ class Certificate:
 
     # -- checks of a step ------------------------------------------------------------------------------------------------
 
-    def _passed(self, step: Step) -> Tube:
+    def _passed(self, step: TubeStep) -> Tube:
         """Return the result of a step after checking that the states in between are regular."""
         self._approach(step, self._guard(step.centre, step.moved, step.radius))
         self._t += step.h
@@ -358,7 +358,7 @@ class Certificate:
         found.s.append(float(s))
         return bounds
 
-    def _approach(self, step: Step, guard: Bounds) -> None:
+    def _approach(self, step: TubeStep, guard: Bounds) -> None:
         """Record whether all motions of a step are near the singular set and approach it."""
         n, found = len(self._loop.z), self._found
         side = np.sign(guard.value[2])

@@ -71,7 +71,7 @@ def _reduced(G: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Step:
+class TubeStep:
     """`h` s, and the tube behind it. In between the nominal motion was within `moved` of `centre`, the others within `radius` of
     that; `rate`: bounds of their rates of change.
     """
@@ -84,7 +84,7 @@ class Step:
     rate: Bounds
 
 
-class Field(Protocol):
+class RateOfChange(Protocol):
     """A rate of change x' = f(x, p)."""
 
     def tangent(self, x: np.ndarray, found: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -99,11 +99,11 @@ class Field(Protocol):
 class Flow:
     """Integrates a Field with an enclosure of all motions near the nominal one."""
 
-    def __init__(self, field: Field):
+    def __init__(self, field: RateOfChange):
         self._field, self._h, self._longest = field, np.inf, np.inf
         self._speeds: tuple[np.ndarray, np.ndarray] | None = None  # rates of growth of the last box
 
-    def step(self, tube: Tube, longest: float) -> Step:
+    def step(self, tube: Tube, longest: float) -> TubeStep:
         """Advance by at most `longest` s. Raises Lost."""
         h = min(self._h, self._longest, longest)
         if longest - h < SHORTEST:
@@ -116,7 +116,7 @@ class Flow:
                 if error <= 1 or h <= 10 * SHORTEST:
                     cut = self._h if h == longest else 0.0  # no information on the next step
                     self._h = max(cut, h * min(GROW, 0.9 * max(error, 1e-8) ** -0.2))
-                    return Step(h, after, tube.centre, *box)
+                    return TubeStep(h, after, tube.centre, *box)
                 h *= max(SHRINK, 0.9 * error**-0.2)
             else:
                 h *= SHRINK

@@ -262,7 +262,7 @@ def _factor(expression: sp.Expr) -> str:
 
 
 @dataclass(frozen=True)
-class _Point:
+class _MovingPoint:
     """An output that moves like a point of the vehicle in the direction of its gradient."""
 
     row: int
@@ -270,7 +270,7 @@ class _Point:
     slope: Slope
 
 
-def _points(made: Decoupling, vehicle: Planar, slopes: Sequence[Slope | None]) -> list[_Point]:
+def _points(made: Decoupling, vehicle: Planar, slopes: Sequence[Slope | None]) -> list[_MovingPoint]:
     """Return the outputs that move like a point of the vehicle, each in the direction given for its row, exactly."""
     found = []
     for row, (arm, slope) in enumerate(zip(made.arms, slopes, strict=True)):
@@ -278,7 +278,7 @@ def _points(made: Decoupling, vehicle: Planar, slopes: Sequence[Slope | None]) -
             along = slope[0] * vehicle.cosine + slope[1] * vehicle.sine
             left = slope[1] * vehicle.cosine - slope[0] * vehicle.sine
             moves = vehicle.forward * along + vehicle.yaw * (arm.ahead * left - arm.left * along)
-            found += [_Point(row, arm, slope)] if _same(made, made.Phi.row(row), moves) else []
+            found += [_MovingPoint(row, arm, slope)] if _same(made, made.Phi.row(row), moves) else []
     return found
 
 

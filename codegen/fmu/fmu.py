@@ -71,7 +71,7 @@ class Variable:
 
 
 @dataclass(frozen=True)
-class Group:
+class VariableGroup:
     """Variables that are a member of the instance: a struct of the robot, an array, or a number."""
 
     declaration: str
@@ -126,7 +126,7 @@ def fmu(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mappi
     return identifier, {"modelDescription.xml": render(__file__, "modelDescription.xml", **values), **files}
 
 
-def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mapping[str, str]) -> list[Group]:
+def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mapping[str, str]) -> list[VariableGroup]:
     """Return the variables that are numbers, except time, in the order of their value references."""
     mechanism = system.mechanism
     robot, inputs = mechanism.name, mechanism.inputs
@@ -139,18 +139,18 @@ def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: M
         groups.append(_struct(f"{own}_gains gains", "gains", parameter, law.gains))
         most = "largest absolute value; 0: no limit"
         limits = [Variable(f"limit.{q.name}", *parameter, 0.0, q.unit, f"{q.about}: {most}") for q in inputs]
-        groups.append(Group(f"double limit[{len(inputs)}]", tuple(limits)))
+        groups.append(VariableGroup(f"double limit[{len(inputs)}]", tuple(limits)))
         if can_grip(system):
             floor = sources["noslip_grip.h"].partition("typedef struct noslip_friction {")[2].partition("}")[0]
             friction = re.findall(r"double (\w+); +/\* (?:(m): )?(.*?) \*/", floor)
             members = tuple(Variable(f"friction.{name}", *parameter, 0.0, unit or "1", about) for name, unit, about in friction)
-            groups.append(Group("noslip_friction friction", members))
+            groups.append(VariableGroup("noslip_friction friction", members))
     if kind == "loop":
         period = Variable("period", *parameter, PERIOD, "s", "time between calls of the law")
-        groups.append(Group("double period", (period,)))
+        groups.append(VariableGroup("double period", (period,)))
     if kind != "controller":
         step = Variable("integration_step", *parameter, INTEGRATION_STEP, "s", "longest step of the integration")
-        groups.append(Group("double integration_step", (step,)))
+        groups.append(VariableGroup("double integration_step", (step,)))
     groups.append(_struct(f"{robot}_state state", "state", given if kind == "controller" else shown, system.state))
     if law:
         groups.append(_struct(f"{robot}_{law.name}_reference reference", "reference", given, law.reference))
@@ -158,9 +158,9 @@ def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: M
     return [group for group in groups if group.variables]
 
 
-def _struct(declaration: str, name: str, role: tuple[str, str, str], quantities: Sequence[Quantity]) -> Group:
+def _struct(declaration: str, name: str, role: tuple[str, str, str], quantities: Sequence[Quantity]) -> VariableGroup:
     starts = [starting_value(q) if name == "config" else q.default for q in quantities]
-    return Group(
+    return VariableGroup(
         declaration,
         tuple(Variable(f"{name}.{q.name}", *role, s, q.unit, q.about) for q, s in zip(quantities, starts, strict=True)),
     )

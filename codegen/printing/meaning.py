@@ -26,21 +26,21 @@ Unit = dict[str, Fraction]  # base unit -> exponent
 
 
 @dataclass(frozen=True)
-class Product:
+class Monomial:
     """coefficient * the product of factor^exponent; a factor is the text of a name, a function or a sum."""
 
     coefficient: Fraction
     powers: tuple[tuple[str, int], ...] = ()
 
-    def __mul__(self, other: "Product") -> "Product":
+    def __mul__(self, other: "Monomial") -> "Monomial":
         powers = dict(self.powers)
         for factor, exponent in other.powers:
             powers[factor] = powers.get(factor, 0) + exponent
-        return Product(self.coefficient * other.coefficient, tuple(sorted((f, e) for f, e in powers.items() if e)))
+        return Monomial(self.coefficient * other.coefficient, tuple(sorted((f, e) for f, e in powers.items() if e)))
 
-    def inverse(self) -> "Product":
+    def inverse(self) -> "Monomial":
         """Return 1 / the product, which is not zero."""
-        return Product(1 / self.coefficient, tuple((factor, -exponent) for factor, exponent in self.powers))
+        return Monomial(1 / self.coefficient, tuple((factor, -exponent) for factor, exponent in self.powers))
 
     def __str__(self) -> str:
         if self.coefficient == 1 and len(self.powers) == 1 and self.powers[0][1] == 1:
@@ -72,8 +72,8 @@ class Meanings:
         steps = [part for leaf, node in self._stands.items() for part in (*reachable([node]), leaf)]
         roots = [root for body in program.entries.values() for root in body.roots]
         self._nodes = list(dict.fromkeys([*steps, *reachable([*roots, *program.constants, *self._labels])]))
-        self._products: dict[Node, Product | None] = {}
-        self._sums: dict[str, list[Product]] = {}  # the terms of a sum, by its text
+        self._products: dict[Node, Monomial | None] = {}
+        self._sums: dict[str, list[Monomial]] = {}  # the terms of a sum, by its text
         self._known_units: dict[Node, Unit | None] = {}
 
     def constant(self, node: Node) -> str:
@@ -111,19 +111,19 @@ class Meanings:
 
     # -- formulas -------------------------------------------------------------------------------------------------
 
-    def product(self, node: Node) -> Product | None:
+    def product(self, node: Node) -> Monomial | None:
         """Return the formula of a node; None if it is too long."""
         for part in () if node in self._products else reachable([node]) if node.fixed else self._nodes:
             if part not in self._products:
                 self._products[part] = self._known(part) or self._made(part)
         return self._products[node]
 
-    def _known(self, node: Node) -> Product | None:
+    def _known(self, node: Node) -> Monomial | None:
         """Return the node as a step of the derivation, or a multiple of one by a function of the parameters, if it is."""
         if not node.arguments or node.fixed:
             return None
         if node in self._labels:
-            return Product(Fraction(1), ((self._labels[node], 1),))
+            return Monomial(Fraction(1), ((self._labels[node], 1),))
         names, steps = self._steps
         values = self._values.get(node)
         if values is None or values.ndim != 1 or not _usable(values) or not names:  # a matrix is not a step
@@ -132,10 +132,10 @@ class Meanings:
         for k in np.flatnonzero(np.all(np.abs(ratios - ratios[:, :1]) <= SAME * np.abs(ratios[:, :1]), axis=1)):
             factor = self._factor(ratios[k, 0])
             if factor is not None:
-                return factor * Product(Fraction(1), ((names[k], 1),))
+                return factor * Monomial(Fraction(1), ((names[k], 1),))
         return None
 
-    def _factor(self, ratio: float) -> Product | None:
+    def _factor(self, ratio: float) -> Monomial | None:
         """Return the formula of a function of the parameters with this value or its negative; None if the program has none."""
         numbers, nodes = self._fixed_values
         for inverted, candidates in ((False, numbers), (True, 1 / numbers)):
@@ -145,61 +145,61 @@ class Meanings:
                     continue
                 product = product.inverse() if inverted else product
                 if len(str(product)) <= LONGEST // 2:
-                    return Product(Fraction(1 if candidates[k] * ratio > 0 else -1)) * product
+                    return Monomial(Fraction(1 if candidates[k] * ratio > 0 else -1)) * product
         return None
 
-    def _made(self, node: Node) -> Product | None:
+    def _made(self, node: Node) -> Monomial | None:
         """Return the formula of a node from its arguments."""
         match node:
             case Leaf():
-                return self._products[self._stands[node]] if node in self._stands else Product(Fraction(1), ((node.name, 1),))
+                return self._products[self._stands[node]] if node in self._stands else Monomial(Fraction(1), ((node.name, 1),))
             case Constant(value):
-                return Product(Fraction(repr(value)))
+                return Monomial(Fraction(repr(value)))
         products = [product for argument in node.arguments if (product := self._products[argument]) is not None]
         if not isinstance(node, Applied) or len(products) < len(node.arguments):
             return None
         match node.operation, products:
             case Operation.NEG, [one]:
-                return Product(Fraction(-1)) * one
+                return Monomial(Fraction(-1)) * one
             case Operation.MUL, [one, other]:
                 return one * other
             case Operation.DIV, [one, other]:
                 return one * other.inverse() if other.coefficient else None
             case ((Operation.ADD | Operation.SUB), [one, other]):
-                sign = Product(Fraction(1 if node.operation is Operation.ADD else -1))
+                sign = Monomial(Fraction(1 if node.operation is Operation.ADD else -1))
                 return self._sum([*self._terms(one), *(sign * term for term in self._terms(other))])
         text = f"{node.operation}({', '.join(map(str, products))})"
-        return Product(Fraction(1), ((text, 1),)) if len(text) <= LONGEST else None
+        return Monomial(Fraction(1), ((text, 1),)) if len(text) <= LONGEST else None
 
-    def _terms(self, product: Product) -> list[Product]:
+    def _terms(self, product: Monomial) -> list[Monomial]:
         """Return the terms of a sum times other factors, else the product itself."""
         inner = [factor for factor, exponent in product.powers if exponent == 1 and factor in self._sums]
         if len(inner) != 1 or sum(_is_sum(factor) for factor, _ in product.powers) > 1:
             return [product]
-        others = Product(product.coefficient, tuple(power for power in product.powers if power[0] != inner[0]))
+        others = Monomial(product.coefficient, tuple(power for power in product.powers if power[0] != inner[0]))
         return [others * term for term in self._sums[inner[0]]]
 
-    def _sum(self, terms: Sequence[Product]) -> Product | None:
+    def _sum(self, terms: Sequence[Monomial]) -> Monomial | None:
         """Return a sum with its common factor outside."""
         merged: dict[tuple[tuple[str, int], ...], Fraction] = {}
         for term in terms:
             merged[term.powers] = merged.get(term.powers, Fraction(0)) + term.coefficient
-        kept = [Product(coefficient, powers) for powers, coefficient in merged.items() if coefficient]
+        kept = [Monomial(coefficient, powers) for powers, coefficient in merged.items() if coefficient]
         if len(kept) <= 1:
-            return kept[0] if kept else Product(Fraction(0))
+            return kept[0] if kept else Monomial(Fraction(0))
         factors = sorted({factor for term in kept for factor, _ in term.powers})
         least = {f: min(dict(term.powers).get(f, 0) for term in kept) for f in factors}
         numbers = [term.coefficient for term in kept]
         size = Fraction(gcd(*(n.numerator for n in numbers)), lcm(*(n.denominator for n in numbers)))
         size = -size if all(n < 0 for n in numbers) else size
-        common = Product(size, tuple(sorted((f, e) for f, e in least.items() if e)))
+        common = Monomial(size, tuple(sorted((f, e) for f, e in least.items() if e)))
         rest = [term * common.inverse() for term in kept]
-        rest.sort(key=lambda term: (term.coefficient < 0, str(Product(Fraction(1), term.powers))))
+        rest.sort(key=lambda term: (term.coefficient < 0, str(Monomial(Fraction(1), term.powers))))
         text = str(rest[0]) + "".join(f" {'-' if t.coefficient < 0 else '+'} {str(t).removeprefix('-')}" for t in rest[1:])
         if len(text) > 2 * LONGEST:
             return None
         self._sums[text] = rest
-        return common * Product(Fraction(1), ((text, 1),))
+        return common * Monomial(Fraction(1), ((text, 1),))
 
     # -- numbers at random states ---------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ Numbers = Sequence[float] | np.ndarray
 
 
 @dataclass(frozen=True)
-class Step:
+class ExpectedStep:
     """A call of the step of a law: state, reference, expected status and tau, in SI units and in the order of the law's groups.
 
     `within` is the permitted error of each entry of tau.
@@ -41,7 +41,7 @@ class Golden:
     params: Numbers
     config: Numbers
     gains: Numbers
-    steps: Sequence[Step]
+    steps: Sequence[ExpectedStep]
     limits: Numbers
     digest: int
 

@@ -6,7 +6,7 @@ import matplotlib.figure
 import numpy as np
 
 from ...simulation.drawing import COLOURS, STOP, over_time, panels, plane, say, start, to_follow
-from ..framework import Case, Claim, Figure, Outcome, Runs
+from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..measures import overshoot, time_to_stay_within
 from . import line
 
@@ -18,7 +18,7 @@ SHIFTS = {"1 ms": (0.7e-3, 0.46e-3), "10 ms": (7e-3, 4.5e-3), "100 ms": (66e-3, 
 SHIFT_TOLERANCE = 0.1
 
 
-def _shifts(run: Outcome, continuous: Outcome) -> tuple[np.ndarray, np.ndarray]:
+def _shifts(run: FigureRun, continuous: FigureRun) -> tuple[np.ndarray, np.ndarray]:
     """How far P_l is from where it would be under continuous control, m, and the part of it across the line, over time."""
     shift = run.P_l - continuous.P_l
     return np.hypot(*shift.T), np.abs(line.distance(shift))
@@ -194,7 +194,7 @@ def true_distance(points: np.ndarray, a: float, b: float) -> np.ndarray:
     return np.sign(outside) * np.hypot(*(points - np.column_stack([a * np.cos(t), b * np.sin(t)])).T)
 
 
-def _axes_of(run: Outcome) -> tuple[float, float]:
+def _axes_of(run: FigureRun) -> tuple[float, float]:
     path = run.spec.output.path
     assert path, "every run is along the ellipse"
     return path.parameters["a"], path.parameters["b"]

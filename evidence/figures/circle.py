@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ...simulation.drawing import COLOURS, STOP, legend_below, over_time, panels, plane, start, to_follow
-from ..framework import Case, Claim, Figure, Outcome, Runs
+from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..measures import time_to_stay_within
 
 CENTRE, RADIUS = np.array([20.0, 20.0]), 10.0  # m
@@ -21,7 +21,7 @@ ASSUMED = (
 )
 
 
-def distance(run: Outcome) -> np.ndarray:
+def distance(run: FigureRun) -> np.ndarray:
     """Signed distance of P_l from the circle, m, positive outside."""
     return np.hypot(*(run.P_l - CENTRE).T) - RADIUS
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from ...model.segments import Segment
 from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, start, to_follow, zoom
-from ..framework import Case, Claim, Figure, Outcome, Runs
+from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..vehicle import draw_vehicle
 
 NAMES, JOINS = "ABC", ("A to B", "B to C")
@@ -38,19 +38,19 @@ def _segments(runs: Runs) -> tuple[Segment, ...]:
     return runs[CONTINUOUS].spec.output.segments
 
 
-def _joins(run: Outcome) -> list[int]:
+def _joins(run: FigureRun) -> list[int]:
     """Last rows before the next piece."""
     return [int(k) for k in np.flatnonzero(np.diff(run.piece))]
 
 
-def _time(run: Outcome, k: int) -> float:
+def _time(run: FigureRun, k: int) -> float:
     """When P_l passes the join between rows k and k + 1, s."""
     before, after = (run.spec.output.segments[run.piece[row]] for row in (k, k + 1))
     left, beyond = before.length - before.progress(*run.P_l[k], before.length), after.progress(*run.P_l[k + 1])
     return float(run.t[k] + (run.t[k + 1] - run.t[k]) * left / (left + beyond))
 
 
-def torque_jump(run: Outcome, k: int) -> float:
+def torque_jump(run: FigureRun, k: int) -> float:
     """Jump of tau_r at the join between rows k and k + 1, N m: parabolas through three rows on either side, continued to it."""
     t = _time(run, k)
     before, after = (np.polyfit(run.t[rows] - t, run.tau[rows, 0], 2)[-1] for rows in (slice(k - 2, k + 1), slice(k + 1, k + 4)))
@@ -68,7 +68,7 @@ def expected_jump(parameters, speed: float, step: float, s: float) -> float:
     return p["r"] / (2 * p["b"]) * inertia * speed**2 * step / (p["d"] * (1 - s**2) ** 1.5)  # l = d, as L = 0
 
 
-def _after(run: Outcome, k: int) -> tuple[np.ndarray, np.ndarray]:
+def _after(run: FigureRun, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Seconds since a join, and what the distance from the path (m) has changed since, up to the next join."""
     rows = (run.t > run.t[k]) & (run.t <= run.t[k] + AFTER)
     return run.t[rows] - _time(run, k), run.y[rows, 0] - run.y[k, 0]
@@ -251,7 +251,7 @@ def _name(number: int) -> str:
     return f"{('first', 'second')[number]} join, {JOINS[number]}"
 
 
-def _past(run: Outcome, k: int) -> tuple[np.ndarray, np.ndarray]:
+def _past(run: FigureRun, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Way along the path from the join after row k, and distance from the path, m, near that join."""
     rows = np.flatnonzero(np.abs(run.t - run.t[k]) < NEAR)
     before, after = (run.spec.output.segments[run.piece[row]] for row in (k, k + 1))

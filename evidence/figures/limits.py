@@ -4,7 +4,7 @@ import matplotlib.figure
 import numpy as np
 
 from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, say, start, to_follow, zoom
-from ..framework import Case, Claim, Figure, Outcome, Runs
+from ..framework import Case, Claim, Figure, FigureRun, Runs
 
 RADIUS, SPEED, LIMIT, TOO_LOW = 5.0, 5.0, 6.0, 4.5  # m, m/s, N m, N m
 UNLIMITED, CUT, SLOW, LOW = "no limits", "cut", "slow", f"slow, {TOO_LOW:g} N m"
@@ -12,7 +12,7 @@ NAMES = {UNLIMITED: UNLIMITED, CUT: "each motor cut at 6 N m", SLOW: "slowed dow
 HUGE = 1e6  # N m: no limit in effect
 
 
-def _off(run: Outcome) -> np.ndarray:
+def _off(run: FigureRun) -> np.ndarray:
     """Distance of P_l from the circle, m."""
     return np.hypot(*run.P_l.T) - RADIUS
 

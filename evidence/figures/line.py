@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ...simulation.drawing import COLOURS, STOP, over_time, panels, plane, say, start, to_follow, zoom
-from ..framework import Case, Claim, Figure, Outcome, Runs
+from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..measures import cusps, overshoot, sign_changes, time_to_stay_within
 
 SPEEDS = {"A": 0.5, "B": 1.0, "C": 1.414}  # m/s
@@ -95,7 +95,7 @@ def claims_1(runs: Runs) -> list[Claim]:
     ]
 
 
-def _sharpest_turn(run: Outcome) -> float:
+def _sharpest_turn(run: FigureRun) -> float:
     """Largest angle, degrees, between the directions of motion of P_o at neighbouring rows; 180 is a cusp."""
     moving = run.speed != 0
     directions = (np.sign(run.speed)[:, None] * run.forward)[moving]
@@ -160,7 +160,7 @@ def claims_6(runs: Runs) -> list[Claim]:
     ]
 
 
-def _way_along(run: Outcome) -> float:
+def _way_along(run: FigureRun) -> float:
     """Metres made along the line by P_l until it stays within 10 cm of it; infinite when it does not."""
     there = time_to_stay_within(run.t, distance(run.P_l), 0.1)
     if math.isinf(there):

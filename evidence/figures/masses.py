@@ -4,7 +4,7 @@ import matplotlib.figure
 import numpy as np
 
 from ...simulation.drawing import COLOURS, legend_below, over_time, panels, plane, start, to_follow, zoom
-from ..framework import Case, Claim, Figure, Outcome, Runs
+from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..measures import time_to_stay_within
 from . import circle, line
 
@@ -128,7 +128,7 @@ def claims_9b(runs: Runs) -> list[Claim]:
     ]
 
 
-def _late(values: np.ndarray, run: Outcome) -> np.ndarray:
+def _late(values: np.ndarray, run: FigureRun) -> np.ndarray:
     """Those of the last 2 s."""
     return values[run.t >= run.t[-1] - 2.0]
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from ...model.segments import Segment
 from ...planning.curves import sampled, through
 from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, start, to_follow
-from ..framework import Case, Claim, Figure, Outcome, Runs
+from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..vehicle import draw_vehicle
 
 FORWARD, BACKWARD = COLOURS[0], COLOURS[1]
@@ -22,21 +22,21 @@ GOAL = np.array([0.0, 4.0, 0.0])  # x, y (m), heading (rad), as in the spec
 CREEP, KV = 0.002, 2.0  # m/s, 1/s: as in the spec
 
 
-def _segments(run: Outcome) -> tuple[Segment, ...]:
+def _segments(run: FigureRun) -> tuple[Segment, ...]:
     return run.spec.output.segments
 
 
-def backward(run: Outcome) -> np.ndarray:
+def backward(run: FigureRun) -> np.ndarray:
     """Is the piece followed driven in reverse? (N,)"""
     return np.array([segment.backward for segment in _segments(run)])[run.piece]
 
 
-def hand_overs(run: Outcome) -> list[int]:
+def hand_overs(run: FigureRun) -> list[int]:
     """First rows after a cusp."""
     return [int(k) + 1 for k in np.flatnonzero(np.diff(backward(run).astype(int)))]
 
 
-def normal_sine(run: Outcome) -> np.ndarray:
+def normal_sine(run: FigureRun) -> np.ndarray:
     """s at the foot of P_l on the piece followed, (N,); a straight extension counts as what it extends."""
     sines = []
     for place, heading, piece in zip(run.P_l, run.heading, run.piece, strict=True):
@@ -52,7 +52,7 @@ def _draw_segments(axes: Axes, segments: tuple[Segment, ...], label: str) -> Non
         to_follow(axes, x, y, label if k == 0 else None)
 
 
-def _mark_sides(axes: Axes, run: Outcome) -> None:
+def _mark_sides(axes: Axes, run: FigureRun) -> None:
     """The hand-overs, and between them where P_l is; shaded when it is behind the axle."""
     for k in hand_overs(run):
         axes.axvline(run.t[k], color=STOP, linestyle=":", linewidth=1.2)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ...simulation.drawing import COLOURS, STOP, over_time, panels, plane, say, start, to_follow
-from ..framework import Case, Claim, Figure, Outcome, Runs
+from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..vehicle import draw_vehicle
 
 WRONG, RIGHT, CONTINUOUS = "P_l ahead of the axle", "P_l behind the axle", "ahead, continuous"
@@ -17,12 +17,12 @@ LONGEST = 10.0  # s
 UNTIL = 1.45  # s: shortly before the wrong side is singular
 
 
-def sine(run: Outcome) -> np.ndarray:
+def sine(run: FigureRun) -> np.ndarray:
     """s = n . (cos phi, sin phi), n being (0, 1)."""
     return np.sin(run.heading)
 
 
-def predicted(run: Outcome) -> Callable[[np.ndarray | float], np.ndarray]:
+def predicted(run: FigureRun) -> Callable[[np.ndarray | float], np.ndarray]:
     """s(t) in closed form from the start alone, for constant v: l ds/dt + v s = h1', h1 a sum of two exponentials."""
     v, lever, s = float(run.speed[0]), float(run.place[0, 0]) + run.ahead, float(sine(run)[0])
     h, rate = float(run.P_l[0, 1]), float(run.speed[0]) * s  # not turning
@@ -33,7 +33,7 @@ def predicted(run: Outcome) -> Callable[[np.ndarray | float], np.ndarray]:
     return lambda t: own * np.exp(-v * t / lever) + sum(size * np.exp(-p * t) for p, size in driven)
 
 
-def singular_at(run: Outcome) -> float:
+def singular_at(run: FigureRun) -> float:
     """When |s| = 1 by the closed form, s; infinite when not within LONGEST."""
     s = predicted(run)
     return float(brentq(lambda t: 1 - abs(s(t)), 0.0, LONGEST)) if abs(s(LONGEST)) > 1 else float("inf")

@@ -13,7 +13,7 @@ from ...model.outputs import output_map
 from ...readers.robots import system_of
 from ...simulation import drawing
 from ...simulation.drawing import COLOURS, FAINT, STOP, WANTED, legend_below, over_time, panels, plane, start, to_follow
-from ..framework import Case, Claim, Figure, Outcome, Runs
+from ..framework import Case, Claim, Figure, FigureRun, Runs
 
 LEFT_OVER, LEFT_OVER_WRONG = 0.03, 0.2  # of what an output was off at most, at the end; where the plant is believed another
 BALANCE = 1e-6  # of the most that the energy differs from its start: what it may differ from the work done
@@ -69,7 +69,7 @@ def draw(runs: Runs) -> matplotlib.figure.Figure:
     return figure
 
 
-def _draw_way(axes: Axes, run: Outcome) -> None:
+def _draw_way(axes: Axes, run: FigureRun) -> None:
     """The desired path, where the vehicle's point or the controlled place went, and the robot at instants spread over its way."""
     robot = run.robot
     output = output_map(system_of(robot), run.spec.output.law)
@@ -102,7 +102,7 @@ def _draw_way(axes: Axes, run: Outcome) -> None:
     legend_below(axes, 2)
 
 
-def _apart(run: Outcome, point: np.ndarray) -> np.ndarray:
+def _apart(run: FigureRun, point: np.ndarray) -> np.ndarray:
     """Instants at which the robot is drawn: as many up to DRAWN as fit along its way without covering one another."""
     across = float(np.ptp(np.vstack([line[0] for line in drawing.outlines(run.robot, run.q[:1], run.plant)]), axis=0).max())
     length = float(np.hypot(*np.diff(point, axis=0).T).sum())
@@ -117,7 +117,7 @@ def _draw_path(axes: Axes, path: ca.Function, config: np.ndarray, shown: Sequenc
     drawing.draw_implicit(axes, path, config, *places, "path to follow", color=WANTED, linewidth=5, alpha=0.45)
 
 
-def work(run: Outcome) -> np.ndarray:
+def work(run: FigureRun) -> np.ndarray:
     """Integral of the power of inputs and friction, J, (N,), by splines through the rows."""
     return CubicSpline(run.t, run.power).antiderivative()(run.t)
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullLocator
 
 from ...simulation.drawing import COLOURS, STOP, legend_below, over_time, panels, plane, start
-from ..framework import Case, Claim, Figure, Outcome, Runs
+from ..framework import Case, Claim, Figure, FigureRun, Runs
 from . import circle
 
 LEFT_MEANS = {"left mean 0.5": 0.5, "left mean 5": 5.0}  # rad/s: the scan leaves both readings open
@@ -25,12 +25,12 @@ def _noise(mean: float) -> dict[str, Any]:
     return {"sensors.noise": {"mean": [RIGHT_MEAN, mean], "sd": SD}}
 
 
-def sensed_distance(run: Outcome) -> np.ndarray:
+def sensed_distance(run: FigureRun) -> np.ndarray:
     """Distance of P_l from the circle as the controller believes it, m, positive outside (L = 0)."""
     return np.hypot(*(run.seen[:, :2] - circle.CENTRE).T) - circle.RADIUS
 
 
-def _late(run: Outcome) -> np.ndarray:
+def _late(run: FigureRun) -> np.ndarray:
     return run.t >= SETTLED
 
 
@@ -103,7 +103,7 @@ def _means() -> dict[str, tuple[float, float]]:
 # -- 14: a circle followed by dead reckoning -----------------------------------------------------------------------------
 
 
-def _draw_paths(axes: Axes, run: Outcome, sensed: str = "sensed path of $P_l$") -> None:
+def _draw_paths(axes: Axes, run: FigureRun, sensed: str = "sensed path of $P_l$") -> None:
     circle.draw_circle(axes)
     axes.plot(*run.seen[:, :2].T, color=SENSED, linewidth=1.2, label=sensed)
     axes.plot(*run.P_l.T, color=TRUE, label="true path of $P_l$")
@@ -179,14 +179,14 @@ def _reset(mean: float, rate: float, mode: str = "reset") -> Case:
     return Case("figure_14.toml", {**_noise(mean), "correction": {"rate": rate, "mode": mode}})
 
 
-def _corrections(run: Outcome) -> np.ndarray:
+def _corrections(run: FigureRun) -> np.ndarray:
     """Rows at which the pose was corrected, but for the last row."""
     rate = run.spec.correction.rate if run.spec.correction else 0.0
     count = np.floor(run.t[:-1] * rate + 1e-9)
     return np.flatnonzero(np.diff(count)) + 1
 
 
-def steps(run: Outcome) -> tuple[np.ndarray, np.ndarray]:
+def steps(run: FigureRun) -> tuple[np.ndarray, np.ndarray]:
     """How far the sensed and the true P_l move between samples, m, each (N - 1,)."""
     return np.hypot(*np.diff(run.seen[:, :2], axis=0).T), np.hypot(*np.diff(run.P_l, axis=0).T)
 
@@ -245,7 +245,7 @@ def claims_reset(runs: Runs) -> list[Claim]:
     ]
 
 
-def _late_growth(run: Outcome) -> float:
+def _late_growth(run: FigureRun) -> float:
     """RMS distance in the second half of the settled time over that in the first: 1.7 where it grows evenly from the start."""
     off, half = circle.distance(run), (SETTLED + run.t[-1]) / 2
     return _rms(off[run.t > half]) / _rms(off[_late(run) & (run.t <= half)])
@@ -258,7 +258,7 @@ def _plain(axes: Axes, limits: tuple[float, float], levels: Sequence[float]) -> 
     axes.yaxis.set_minor_locator(NullLocator())
 
 
-def _continuity(run: Outcome, label: str) -> list[Claim]:
+def _continuity(run: FigureRun, label: str) -> list[Claim]:
     """What jumps at the corrections and what does not."""
     rows = _corrections(run) - 1
     sensed, true = steps(run)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from .expression import fold, free_symbols, operate
-from .field import Element, Field
+from .field import CanonicalForm, Field
 from .ratios import NotRational
 
 _Fraction = tuple[ca.SX, ca.SX]
@@ -26,7 +26,7 @@ def canonical(expression: ca.SX) -> ca.SX:
     """
     expression = ca.SX(expression)
     simplified = ca.SX(expression)
-    found: dict[int, Element] = {}
+    found: dict[int, CanonicalForm] = {}
     shortest: dict[object, ca.SX] = {}  # key of the element -> its magnitude
     for k in range(expression.nnz()):
         entry = simplified.nz[k] = _without_quotients_below(expression.nz[k])
@@ -44,7 +44,7 @@ def canonical(expression: ca.SX) -> ca.SX:
     return ca.sparsify(simplified)
 
 
-def _simplify(entry: ca.SX) -> tuple[Element, ca.SX]:
+def _simplify(entry: ca.SX) -> tuple[CanonicalForm, ca.SX]:
     """Return the entry's element, and its magnitude as an expression: the canonical one, or the entry's own if that is shorter.
 
     The entry's own form is not used if it contains a symbol without effect or a removable pole. It is used if the canonical
@@ -60,7 +60,7 @@ def _simplify(entry: ca.SX) -> tuple[Element, ca.SX]:
     return min(done, key=lambda pair: _cost(pair[1]))
 
 
-def _tried(entry: ca.SX) -> tuple[Element, ca.SX] | None:
+def _tried(entry: ca.SX) -> tuple[CanonicalForm, ca.SX] | None:
     """Return the result of `_as_written`, or None for an entry that is too large."""
     if ca.n_nodes(entry) > LARGEST:
         return None
@@ -70,7 +70,7 @@ def _tried(entry: ca.SX) -> tuple[Element, ca.SX] | None:
         return None
 
 
-def _as_written(entry: ca.SX) -> tuple[Element, ca.SX]:
+def _as_written(entry: ca.SX) -> tuple[CanonicalForm, ca.SX]:
     """As `_simplify`, treating sines and cosines of different arguments as independent."""
     field = Field(entry)
     element = field.simplify()

@@ -11,7 +11,7 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
-class Operation:
+class ScalarOperation:
     """One scalar operation `code` (a casadi.OP_* number) on earlier `values`; `result` is its index in the work vector."""
 
     code: int
@@ -20,19 +20,19 @@ class Operation:
     constant: float = 0.0
 
 
-def operations(function: ca.Function) -> Iterator[Operation]:
+def operations(function: ca.Function) -> Iterator[ScalarOperation]:
     """Yield the operations of an SX function in order of execution, with the indices assigned by CasADi (which are reused)."""
     for k in range(function.n_instructions()):
         code = function.instruction_id(k)
         if code == ca.OP_CONST:
-            yield Operation(code, (), function.instruction_output(k)[0], function.instruction_constant(k))
+            yield ScalarOperation(code, (), function.instruction_output(k)[0], function.instruction_constant(k))
         elif code == ca.OP_OUTPUT:
-            yield Operation(code, tuple(function.instruction_input(k)), function.instruction_output(k)[1])
+            yield ScalarOperation(code, tuple(function.instruction_input(k)), function.instruction_output(k)[1])
         elif code == ca.OP_INPUT:
-            yield Operation(code, (function.instruction_input(k)[1],), function.instruction_output(k)[0])
+            yield ScalarOperation(code, (function.instruction_input(k)[1],), function.instruction_output(k)[0])
         else:
             arguments = tuple(function.instruction_input(k))
-            yield Operation(code, arguments, function.instruction_output(k)[0])
+            yield ScalarOperation(code, arguments, function.instruction_output(k)[0])
 
 
 def fold(

@@ -37,7 +37,7 @@ FACTORED = 15  # terms up to which a polynomial is factored; longer ones rarely 
 
 
 @dataclass(frozen=True)
-class Element:
+class CanonicalForm:
     """A rational function in canonical form, sign and magnitude; elements of equal magnitude have equal keys."""
 
     key: Hashable
@@ -75,7 +75,7 @@ class Field:
         self.known: dict[Step, int] = {}  # function and canonical arguments -> generator
         self.divisors: dict[PolyElement, None] = {}  # the sums that occur as denominators, as an ordered set
 
-    def simplify(self) -> Element:
+    def simplify(self) -> CanonicalForm:
         """Return the expression in canonical form.
 
         The denominator has no sine or root, and there is no common factor. Then, if this has fewer terms, a sine or root is
@@ -90,7 +90,9 @@ class Field:
         magnitude = tuple(-part if part and part.LC < 0 else part for part in (numerator, denominator))
         names = (*[symbol.__hash__() for symbol in self.symbols], *self.known.items())
         pole = denominator != 1 and any(powers[r.place] for r in self.radicals for powers in given[1])
-        return Element((names, magnitude), negative, magnitude, cancelled, pole and not self._divides(denominator, given[1]))
+        return CanonicalForm(
+            (names, magnitude), negative, magnitude, cancelled, pole and not self._divides(denominator, given[1])
+        )
 
     def expression(self, ratio: Ratio) -> ca.SX:
         """Return a ratio as an expression, with numerator and denominator factored."""

@@ -7,13 +7,13 @@ import numpy as np
 
 from ...model.reduction import ReducedSystem
 from .document import placed
-from .parts import UP, Layout, Part, Wheel
+from .parts import UP, Layout, LinkWheel, Part
 
 STATES = 10
 QUARTERS = 4  # turns of the wheels over which their bodies are averaged
 
 
-class Kinematics:
+class LinkMotion:
     """The motion of every link of a URDF, given the coordinates of a robot file by name and their rates."""
 
     def __init__(self, layout: Layout):
@@ -104,17 +104,17 @@ class Kinematics:
             found[link] = v, w
         return found
 
-    def _middle(self, poses, twists, wheel: Wheel) -> np.ndarray:
+    def _middle(self, poses, twists, wheel: LinkWheel) -> np.ndarray:
         """Return the velocity of the middle of a wheel, m/s."""
         v, w = twists[wheel.link]
         return v + np.cross(w, poses[wheel.link][:3, :3] @ self.middles[wheel.joint])
 
-    def _rolling(self, poses, twists, wheel: Wheel) -> float:
+    def _rolling(self, poses, twists, wheel: LinkWheel) -> float:
         """Return the rate at which a wheel would roll forward, rad/s."""
         axle = poses[wheel.link][:3, :3] @ self.axes[wheel.joint] * wheel.sign
         return float(self._middle(poses, twists, wheel) @ np.cross(axle, UP)) / wheel.radius
 
-    def _spin(self, part: Part, wheel: Wheel, rates: Mapping[str, float], speeds: Mapping[str, float]) -> float:
+    def _spin(self, part: Part, wheel: LinkWheel, rates: Mapping[str, float], speeds: Mapping[str, float]) -> float:
         """Return the rate of a wheel's joint: that of its coordinate, or, if it has none, that at which it rolls."""
         layout = self.layout
         left = layout.seen(wheel.centre, layout.base.origin)[1]
@@ -134,7 +134,7 @@ def compare(system: ReducedSystem, layout: Layout) -> tuple[float, float | None]
     """Return the largest relative difference of the mass matrix, and the largest velocity of a rim in rolling (of the fastest
     link's), at random states; None where a pair of wheels is described by one, or four by two.
     """
-    robot, kinematics = system.mechanism, Kinematics(layout)
+    robot, kinematics = system.mechanism, LinkMotion(layout)
     names = [coordinate.name for coordinate in robot.coordinates]
     values = [parameter.default for parameter in robot.parameters]
     M = ca.Function("M", [robot.q, robot.p], [ca.densify(robot.M)])

@@ -21,7 +21,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Wheel:
+class LinkWheel:
     """A wheel: its joint, the link there, its centre in the frame of the root, its radius (m), and whence this comes.
 
     `sign` is 1 if the joint turns about the direction to the left, so that a positive angle rolls forward, else -1. `mass`
@@ -56,7 +56,7 @@ class Part:
     ahead: float
     left: float
     inertia: float
-    wheels: tuple[Wheel, ...]
+    wheels: tuple[LinkWheel, ...]
     links: tuple[str, ...]
 
 

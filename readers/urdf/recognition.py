@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import BadInput, suggestion
 from .document import Document
 from .inertial import Inertial, merged
-from .parts import UP, Layout, Options, Part, Wheel, ahead_and_left
+from .parts import UP, Layout, LinkWheel, Options, Part, ahead_and_left
 from .rims import ALIGNED, NotRound, lowest, rim
 from .statics import shares
 
@@ -70,7 +70,7 @@ class _Recognition:
         self.heading = self.common_heading(wheels)
         self.castors |= self.fixed_castors(wheels)
         kind, half, origin = self.axle(fixed)
-        groups: dict[str, list[Wheel]] = {}
+        groups: dict[str, list[LinkWheel]] = {}
         for wheel in wheels:
             if joint := self.turning[wheel.joint]:
                 groups.setdefault(joint, []).append(wheel)
@@ -121,10 +121,10 @@ class _Recognition:
                         "sideways, too; a wheel here rolls without side slip"
                     )
 
-    def wheels(self) -> list[Wheel]:
+    def wheels(self) -> list[LinkWheel]:
         """Return the wheels that stand on the ground, those of castors included. Raises BadInput if there are none."""
         document, named = self.document, self.options.wheels
-        found: list[Wheel] = []
+        found: list[LinkWheel] = []
         self.reasons: dict[str, str] = {}  # why joints that turn are no wheels
         for joint in document.joints.values():
             if joint.name in named or joint.type == "continuous":
@@ -146,7 +146,7 @@ class _Recognition:
             self.refuse_more_joints(wheel)
         return found
 
-    def refuse_more_joints(self, wheel: Wheel) -> None:
+    def refuse_more_joints(self, wheel: LinkWheel) -> None:
         """Raise BadInput for a wheel that carries joints, as one with rollers does, or that turns with another."""
         for link in self.document.subtree(wheel.link):
             for joint in self.document.below(link):
@@ -155,7 +155,7 @@ class _Recognition:
         if self.document.joints[wheel.joint].mimic is not None:
             raise self.wrong(f"joint {wheel.joint!r} is a wheel that mimics another joint; remove <mimic>")
 
-    def wheel(self, joint: Any) -> Wheel:
+    def wheel(self, joint: Any) -> LinkWheel:
         """Return the wheel on a joint. Raises NotRound."""
         document = self.document
         if joint.type not in ("continuous", "revolute"):
@@ -174,7 +174,7 @@ class _Recognition:
             size, along = given, 0.0
         if given:
             size, source = given, f"--radius {joint.child}"
-        return Wheel(joint.name, joint.child, self.pivot(joint.name) + along * document.axis(joint), size, source)
+        return LinkWheel(joint.name, joint.child, self.pivot(joint.name) + along * document.axis(joint), size, source)
 
     def unused(self) -> str:
         """Return why horizontal joints that turn are no wheels, to be followed by advice."""
@@ -191,14 +191,14 @@ class _Recognition:
             link = carrier[link].parent
         return found
 
-    def turning_joint(self, wheel: Wheel) -> str | None:
+    def turning_joint(self, wheel: LinkWheel) -> str | None:
         """Return the nearest vertical joint that carries a wheel."""
         for joint in self.ancestors(wheel.joint):
             if joint.type in ("continuous", "revolute") and abs(self.document.axis(joint)[2]) > math.cos(ALIGNED):
                 return joint.name
         return None
 
-    def is_castor(self, wheel: Wheel, wheels: list[Wheel]) -> bool:
+    def is_castor(self, wheel: LinkWheel, wheels: list[LinkWheel]) -> bool:
         """Return whether a wheel is that of a castor: named so, or alone, not driven, and behind its vertical joint."""
         joints = [self.document.joints[wheel.joint], *self.ancestors(wheel.joint)]
         names = {name for joint in joints for name in (joint.name, joint.child)}
@@ -212,13 +212,13 @@ class _Recognition:
             return False
         return self.trail(turning, wheel) > TRAIL * wheel.radius
 
-    def trail(self, turning: str, wheel: Wheel) -> float:
+    def trail(self, turning: str, wheel: LinkWheel) -> float:
         """Return the distance of a wheel from its vertical joint, at right angles to its axle, m."""
         arm = (wheel.centre - self.pivot(turning))[:2]
         axle = self.document.axis(self.document.joints[wheel.joint])[:2]
         return abs(float(arm[0] * axle[1] - arm[1] * axle[0]))
 
-    def fixed_castors(self, wheels: list[Wheel]) -> dict[str, np.ndarray]:
+    def fixed_castors(self, wheels: list[LinkWheel]) -> dict[str, np.ndarray]:
         """Return links that stand on the ground without a wheel: those named so, and spheres. Raises BadInput for a name."""
         document, found = self.document, {}
         named = {document.joints[n].child if n in document.joints else n for n in self.options.castors} - self.castors.keys()
@@ -237,7 +237,7 @@ class _Recognition:
 
     # -- the base -----------------------------------------------------------------------------------------------
 
-    def heading_of(self, wheel: Wheel) -> np.ndarray:
+    def heading_of(self, wheel: LinkWheel) -> np.ndarray:
         """Return the direction in which a wheel rolls, of the two that nearer to x, or to y if it rolls along y."""
         axis = self.document.axis(self.document.joints[wheel.joint])
         heading = np.cross(axis, UP)
@@ -245,7 +245,7 @@ class _Recognition:
         forward = heading[0] if abs(heading[0]) > ALIGNED else heading[1]
         return heading if forward > 0 else -heading
 
-    def common_heading(self, wheels: list[Wheel]) -> np.ndarray:
+    def common_heading(self, wheels: list[LinkWheel]) -> np.ndarray:
         """Return the direction in which all wheels roll. Raises BadInput if they have none."""
         headings = [self.heading_of(wheel) for wheel in wheels]
         for wheel, heading in zip(wheels, headings, strict=True):
@@ -260,7 +260,7 @@ class _Recognition:
         mean = np.sum(headings, axis=0)
         return mean / np.linalg.norm(mean)
 
-    def axle(self, fixed: list[Wheel]) -> tuple[str, float, np.ndarray]:
+    def axle(self, fixed: list[LinkWheel]) -> tuple[str, float, np.ndarray]:
         """Return the kind of a robot with these wheels on its base, half their distance, and their middle."""
         places = [ahead_and_left(wheel.centre, self.heading) for wheel in fixed]
         ahead, aside = (np.array(values) for values in zip(*places, strict=True))
@@ -290,7 +290,7 @@ class _Recognition:
         )
         return "skid steer", track / 2, origin
 
-    def hold(self, used: list[str], groups: Mapping[str, list[Wheel]]) -> None:
+    def hold(self, used: list[str], groups: Mapping[str, list[LinkWheel]]) -> None:
         """Note which castors are left out and which joints are held fixed."""
         document = self.document
         if self.castors:
@@ -319,7 +319,7 @@ class _Recognition:
         top = self.document.joints[joint].child if joint else self.document.root
         return self.document.subtree(top, lambda below: below.child not in self.carrying)
 
-    def part(self, joint: str, wheels: Sequence[Wheel], origin: np.ndarray) -> Part:
+    def part(self, joint: str, wheels: Sequence[LinkWheel], origin: np.ndarray) -> Part:
         """Return the body that a vertical joint carries, or with "" the base, in a frame with this origin."""
         document, links = self.document, self.links_of(joint)
         downward = joint and document.axis(document.joints[joint])[2] < 0
@@ -344,7 +344,7 @@ class _Recognition:
         """Return the place of a joint in the frame of the root, m."""
         return self.document.pose(self.document.joints[joint].child)[:3, 3]
 
-    def with_inertia(self, wheel: Wheel, links: list[str]) -> tuple[Wheel, Inertial]:
+    def with_inertia(self, wheel: LinkWheel, links: list[str]) -> tuple[LinkWheel, Inertial]:
         """Return a wheel with its inertia, and its mean over a turn as a body. Raises BadInput if it has none."""
         document = self.document
         bodies = [b.seen_from(document.pose(link)) for link in links if (b := document.inertial(link))]
@@ -363,11 +363,11 @@ class _Recognition:
         if uneven > UNEVEN:
             self.notes.append(f"link {wheel.link}: not a body of revolution (by {uneven:.1%}); its mean over a turn is taken")
         sign = 1 if document.axis(document.joints[wheel.joint]) @ axle > 0 else -1
-        return Wheel(wheel.joint, wheel.link, wheel.centre, wheel.radius, wheel.source, sign, body.mass, about), mean
+        return LinkWheel(wheel.joint, wheel.link, wheel.centre, wheel.radius, wheel.source, sign, body.mass, about), mean
 
     # -- steered parts and trailers -----------------------------------------------------------------------------
 
-    def steers(self, joint: str, wheels: list[Wheel]) -> bool:
+    def steers(self, joint: str, wheels: list[LinkWheel]) -> bool:
         """Return whether a vertical joint steers a wheel, and does not pull a trailer."""
         near = len(wheels) == 1 and self.trail(joint, wheels[0]) <= TRAIL * wheels[0].radius
         return len(wheels) == 1 and (near or joint in self.document.driven or STEERS.search(joint) is not None)
@@ -409,7 +409,7 @@ class _Recognition:
             )
         return tuple(parts)
 
-    def driven_in_front(self, fixed: list[Wheel], steered: tuple[Part, ...]) -> bool:
+    def driven_in_front(self, fixed: list[LinkWheel], steered: tuple[Part, ...]) -> bool:
         """Return whether the motor drives the steered wheels: as transmissions say, else those of a tricycle."""
         if not steered:
             return False
@@ -420,7 +420,7 @@ class _Recognition:
             self.notes.append(f"the motor is taken to drive {driven}: the transmissions do not decide between front and rear")
         return front
 
-    def chain(self, groups: Mapping[str, list[Wheel]], base: Part) -> tuple[Part, ...]:
+    def chain(self, groups: Mapping[str, list[LinkWheel]], base: Part) -> tuple[Part, ...]:
         """Return the trailers in the order in which they are pulled. Raises BadInput unless they are one chain of axles."""
         found: list[Part] = []
         for joint, wheels in sorted(groups.items(), key=lambda pair: len(self.ancestors(pair[0]))):

@@ -12,7 +12,7 @@ from ...model.errors import ModelError
 from ...model.mechanism import Mechanism
 from ..files import MARK
 from ..templates import render
-from .parts import Layout, Part, Wheel
+from .parts import Layout, LinkWheel, Part
 from .rims import extent
 
 NONE = 1e-9  # m, or relative: a smaller offset is none, as is a smaller difference of two wheels
@@ -206,14 +206,14 @@ class _Names:
         self.loads(f"load_{k}", [part.wheels], f"part of the weight on the wheels of trailer {k}")
         return SimpleNamespace(k=k, after=after, a=a, e=e, box=self.box(part), **vars(axle))
 
-    def loads(self, name: str, groups: Sequence[Sequence[Wheel]], about: str) -> list[str]:
+    def loads(self, name: str, groups: Sequence[Sequence[LinkWheel]], about: str) -> list[str]:
         """Add the part of the weight on each group of wheels and return the names."""
         values = [sum(self.layout.shares[wheel.joint] for wheel in group) for group in groups]
         stands = _joints([wheel for group in groups for wheel in group])
         others = f" beside links {', '.join(self.layout.castors)}" if self.layout.castors else ""
         return self.pair(name, values, "1", about, f"centre of mass above {stands}{others}", "nonnegative")
 
-    def sides(self, part: Part) -> list[list[Wheel]]:
+    def sides(self, part: Part) -> list[list[LinkWheel]]:
         """Return the wheels of a part on the right and on the left."""
         aside = [self.layout.seen(wheel.centre, part.origin)[1] for wheel in part.wheels]
         return [[wheel for wheel, left in zip(part.wheels, aside, strict=True) if (left > 0) == way] for way in (False, True)]
@@ -226,11 +226,11 @@ class _Names:
         return f"{-ahead.min():.3g}, {ahead.max():.3g}, {np.abs(left).max():.3g}"
 
 
-def _joints(items: Sequence[Part | Wheel]) -> str:
+def _joints(items: Sequence[Part | LinkWheel]) -> str:
     return f"joint{'s' * (len(items) > 1)} {', '.join(item.joint for item in items)}"
 
 
-def _angles(items: Sequence[Part | Wheel]) -> str:
+def _angles(items: Sequence[Part | LinkWheel]) -> str:
     """Return the angles of joints, with a minus if they are the negative of the coordinate."""
     return f"angle{'s' * (len(items) > 1)} of {', '.join('-' * (item.sign < 0) + item.joint for item in items)}"
 

@@ -25,7 +25,7 @@ SETTLED, LONGEST = 1e-9, 4000  # m/s, rad/s: the robot stands still; steps until
 FASTEST = 1e5  # m/s, rad/s
 
 
-class Engine:
+class FloorEngine:
     """A plant on a floor. Starts at [q; nu] = `start`, rolling, settled on its contacts.
 
     MuJoCo has the bodies and the loads. Friction is Coulomb's law with the loads of the step before: MuJoCo's cones couple slip

@@ -38,7 +38,7 @@ class Frame:
 
 
 @dataclass(frozen=True, eq=False)
-class Wheel:
+class WheelContact:
     """What touches the ground at a contact: `place` (m) in the axes of `frame`, `load` (kg) that rests on it.
 
     `angle` is the coordinate of its rotation; None: it turns freely, its rotation is no coordinate. `radius` (m) is negative
@@ -55,19 +55,19 @@ class Wheel:
 
 
 @dataclass(frozen=True, eq=False)
-class Planar:
+class PlanarBodies:
     """A Mechanism as bodies: frames, wheels, and the map from the rates of its coordinates to those of the hinges and axles.
 
     `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle] = joints @ qdot.
     """
 
     frames: tuple[Frame, ...]
-    wheels: tuple[Wheel, ...]
+    wheels: tuple[WheelContact, ...]
     joints: np.ndarray
 
 
 @dataclass(frozen=True)
-class _Point:
+class _PointVelocity:
     """Rows (S, 2, n) of the velocities forward and left at S states; `known` says which of the two are given."""
 
     name: str
@@ -76,7 +76,7 @@ class _Point:
     left: float | None = None
 
 
-def planar(mechanism: Mechanism, parameters: np.ndarray) -> Planar:
+def planar(mechanism: Mechanism, parameters: np.ndarray) -> PlanarBodies:
     """Return the bodies and wheels of a robot with these parameters (SI, in its order).
 
     Raises BadInput if it is not made of planar bodies on vertical hinges and of wheels with horizontal axles.
@@ -104,7 +104,7 @@ def planar(mechanism: Mechanism, parameters: np.ndarray) -> Planar:
         if contact is not None and axles[k] is not None:
             pair[:, :, axles[k]] = 0.0
         label = f"contact {contact.name!r}" if contact else f"body {mechanism.bodies[k - count].name!r}"
-        points.append(_Point(label, pair, known, float(places[0, k, 1]) if contact is not None else None))
+        points.append(_PointVelocity(label, pair, known, float(places[0, k, 1]) if contact is not None else None))
     frames, found, motions = _frames(name, points, turning, states, x_y)
     radii = [None if axle is None else -float(rows[0, 2 * k, axle]) for k, axle in enumerate(axles)]
     _weigh(name, frames, float(M[0, x_y[0], x_y[0]]), masses[0].ravel(), [found[count + k][0] for k in range(bodies)])
@@ -113,12 +113,12 @@ def planar(mechanism: Mechanism, parameters: np.ndarray) -> Planar:
     if not driven:
         raise _refused(name, "no contact has a wheel: none of its velocities along is forward speed minus radius times rate")
     wheels = tuple(
-        Wheel(
+        WheelContact(
             c.name, *found[k], float(places[0, k, 0]), axles[k], radii[k] or float(np.mean(driven)), inertias.get(axles[k], 0.0)
         )
         for k, c in enumerate(mechanism.contacts)
     )
-    return Planar(tuple(frames), wheels, _joints(name, frames, wheels, x_y, len(mechanism.coordinates)))
+    return PlanarBodies(tuple(frames), wheels, _joints(name, frames, wheels, x_y, len(mechanism.coordinates)))
 
 
 def _refused(name: str, why: str) -> BadInput:
@@ -159,7 +159,7 @@ def _axles(mechanism: Mechanism, rows: np.ndarray, turning: np.ndarray) -> list[
 
 
 def _frames(
-    name: str, points: list[_Point], turning: np.ndarray, states: np.ndarray, x_y: list[int]
+    name: str, points: list[_PointVelocity], turning: np.ndarray, states: np.ndarray, x_y: list[int]
 ) -> tuple[list[Frame], dict[int, tuple[int, np.ndarray]], list[np.ndarray]]:
     """Return the frames, for each point its frame and place there, and the motion (S, 3, n) of each frame's origin: forward,
     left, yaw rate.
@@ -196,7 +196,7 @@ def _frames(
 
 
 def _hinge(
-    points: list[_Point], angle: np.ndarray, motion: np.ndarray, heading: np.ndarray
+    points: list[_PointVelocity], angle: np.ndarray, motion: np.ndarray, heading: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray], np.ndarray] | None:
     """Return the hinge in the axes of a parent that moves as `motion`, the place of each point, and the motion of the hinge in
     the axes of the frame; None if no hinge reproduces the rows. `angle` (S): heading of the parent minus that of the frame.
@@ -269,7 +269,7 @@ def _spins(name: str, frames: list[Frame], motions: list[np.ndarray], M: np.ndar
     return inertias
 
 
-def _joints(name: str, frames: list[Frame], wheels: tuple[Wheel, ...], x_y: list[int], n: int) -> np.ndarray:
+def _joints(name: str, frames: list[Frame], wheels: tuple[WheelContact, ...], x_y: list[int], n: int) -> np.ndarray:
     """Return `Planar.joints`. Raises BadInput if a coordinate moves none of them."""
     unit = np.eye(n)
     hinges = [frame.heading - (0 if frame.parent is None else frames[frame.parent].heading) for frame in frames]

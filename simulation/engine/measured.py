@@ -13,7 +13,7 @@ SLIPS = 0.01  # m/s from which on a contact counts as slipping
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class FloorMeasurements:
     """For each row and contact, (N, c): slip (m/s), load (N), friction use (1: it slips); forces along and across in turn,
     (N, 2 c), N; the pose from dead reckoning, (N, 3), m and rad, None for a robot that cannot reckon. `mu` is the friction of the
     floor outside its patches.

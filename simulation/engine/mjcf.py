@@ -19,7 +19,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ...readers.errors import BadInput
-from .frames import Frame, Planar, Wheel
+from .frames import Frame, PlanarBodies, WheelContact
 
 NOTHING = 1e-12  # kg, kg m^2: a body with a joint must have a mass, also where it only holds others
 FREE = 1e-6  # kg m^2, times the radius / m squared: a wheel whose rotation is no coordinate
@@ -30,7 +30,7 @@ HARD = "0.99 0.99 0.001"  # how much of a contact's force is independent of its 
 X, Y, Z = "1 0 0", "0 1 0", "0 0 1"
 
 
-def mjcf(name: str, planar: Planar, height: float, share: float) -> str:
+def mjcf(name: str, planar: PlanarBodies, height: float, share: float) -> str:
     """Return the MJCF of a robot.
 
     `height` (m) is that of the centre of mass of each body with a mass, `share` the part of the weight on the contacts. Joints:
@@ -52,13 +52,13 @@ def mjcf(name: str, planar: Planar, height: float, share: float) -> str:
     return xml.tostring(root, encoding="unicode")
 
 
-def carried(planar: Planar, k: int) -> list[int]:
+def carried(planar: PlanarBodies, k: int) -> list[int]:
     """Return frame k and those that it carries, with what these carry."""
     others = [j for j, frame in enumerate(planar.frames) if frame.parent == k and not _stands(planar, j)]
     return [k, *[i for j in others for i in carried(planar, j)]]
 
 
-def _stands(planar: Planar, k: int) -> bool:
+def _stands(planar: PlanarBodies, k: int) -> bool:
     """Return whether frame k carries its own weight: the first, or contacts on it carry as much."""
     frame = planar.frames[k]
     load = sum(wheel.load for wheel in planar.wheels if wheel.frame == k)
@@ -66,7 +66,7 @@ def _stands(planar: Planar, k: int) -> bool:
 
 
 def _frame(
-    level: xml.Element, tilting: xml.Element, k: int, planar: Planar, pairs: xml.Element, height: float, share: float
+    level: xml.Element, tilting: xml.Element, k: int, planar: PlanarBodies, pairs: xml.Element, height: float, share: float
 ) -> None:
     """Add frame k and all that is hinged to it to its parent: to the part that stays level, or to that which tilts with the
     weight it carries.
@@ -88,7 +88,7 @@ def _frame(
             _frame(body, upper, j, planar, pairs, height, share)
 
 
-def _supports(upper: xml.Element, k: int, planar: Planar, pairs: xml.Element, share: float) -> None:
+def _supports(upper: xml.Element, k: int, planar: PlanarBodies, pairs: xml.Element, share: float) -> None:
     """Add the joints about the horizontal axes of what stands on its own, and a castor if one carries a part."""
     group = carried(planar, k)
     origins = _origins(planar, k)
@@ -113,7 +113,7 @@ def _supports(upper: xml.Element, k: int, planar: Planar, pairs: xml.Element, sh
         _joint(upper, f"roll_{k}", "hinge", X)
 
 
-def _origins(planar: Planar, k: int) -> dict[int, np.ndarray]:
+def _origins(planar: PlanarBodies, k: int) -> dict[int, np.ndarray]:
     """Return the origins of frame k and all after it in the axes of k, all hinges straight."""
     found = {k: np.zeros(2)}
     for j, frame in enumerate(planar.frames):
@@ -122,7 +122,7 @@ def _origins(planar: Planar, k: int) -> dict[int, np.ndarray]:
     return found
 
 
-def _inertial(body: xml.Element, planar: Planar, k: int, height: float) -> None:
+def _inertial(body: xml.Element, planar: PlanarBodies, k: int, height: float) -> None:
     """Add mass and inertia of frame k, without what its wheels have about a vertical diameter."""
     frame: Frame = planar.frames[k]
     wheels = [wheel for wheel in planar.wheels if wheel.frame == k]
@@ -137,12 +137,12 @@ def _inertial(body: xml.Element, planar: Planar, k: int, height: float) -> None:
         body.set("gravcomp", _text([1 - rests]))
 
 
-def _diameter(wheel: Wheel) -> float:
+def _diameter(wheel: WheelContact) -> float:
     """Return the inertia of a wheel, a disc, about a diameter, kg m^2."""
     return (wheel.inertia or FREE * wheel.radius**2) / 2
 
 
-def _wheel(body: xml.Element, j: int, wheel: Wheel, pairs: xml.Element) -> None:
+def _wheel(body: xml.Element, j: int, wheel: WheelContact, pairs: xml.Element) -> None:
     """Add a wheel; its mass is part of the body's."""
     radius, about = abs(wheel.radius), _diameter(wheel)
     made = _body(body, wheel.name, (*wheel.place, radius), (about, 2 * about, about))

@@ -12,8 +12,8 @@ from ..integrate import Row, sampled
 from ..loop import Loop
 from ..sensing import Sensing
 from ..specification.spec import ContactSection, Floor, Sensors, Spec
-from .engine import Engine
-from .measured import Measured
+from .engine import FloorEngine
+from .measured import FloorMeasurements
 
 
 class OnFloor:
@@ -25,7 +25,7 @@ class OnFloor:
             raise BadInput("--engine mujoco requires [simulation] period > 0: the controller is called as in firmware")
         if spec.drive and spec.drive.takes_velocity:
             raise BadInput(f'[drive] kind = "{spec.drive.kind}" is not there with --engine mujoco yet; use kind = "torque"')
-        self.engine = Engine(loop.plant, spec.contact or ContactSection(), spec.floor or Floor(), loop.start)
+        self.engine = FloorEngine(loop.plant, spec.contact or ContactSection(), spec.floor or Floor(), loop.start)
         self.loop, self._simulation = replace(loop, sensing=loop.sensing or _reckoning(loop, spec)), spec.simulation
         self._looks: list[tuple[np.ndarray, ...]] = []
 
@@ -36,10 +36,10 @@ class OnFloor:
             self._looks.append((*self.engine.look(), sensing.reckoned if sensing else np.zeros(0)))
             yield row
 
-    def measured(self) -> Measured:
+    def measured(self) -> FloorMeasurements:
         """Return what was measured at the rows so far."""
         slip, load, use, force, reckoned = (np.array(each) for each in zip(*self._looks, strict=True))
-        return Measured(slip, load, use, force, reckoned if self.loop.sensing else None, self.engine.mu)
+        return FloorMeasurements(slip, load, use, force, reckoned if self.loop.sensing else None, self.engine.mu)
 
     def constraint_forces(self, x: np.ndarray) -> np.ndarray:
         """Return lambda of (8), with the paper's sign, as the floor supplied it at each row x, (N, m)."""
