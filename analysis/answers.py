@@ -260,9 +260,9 @@ def _outputs(system: System, laws: Sequence[str], progress: Reported) -> tuple[d
             raise
         return {}, {}, _reason(error, system)
     found, refused = {}, {}
-    wanted = laws or output_names(system)
-    for done, law in enumerate(wanted):
-        progress(done, len(wanted), "outputs analysed")
+    selected = laws or output_names(system)
+    for done, law in enumerate(selected):
+        progress(done, len(selected), "outputs analysed")
         try:
             found[law] = _form(reduced, law)
         except ModelError as error:

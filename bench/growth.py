@@ -87,7 +87,7 @@ def sympy_cse(system: ReducedSystem, scalar: str) -> dict[str, str]:
     mechanism = system.mechanism
     given = [*ca.vertsplit(mechanism.q), *ca.vertsplit(mechanism.qdot), *ca.vertsplit(system.nu), *ca.vertsplit(mechanism.p)]
     symbols = [sympy.Symbol(str(one)) for one in given]
-    n, p = mechanism.q.numel(), system.freedom
+    n, p = mechanism.q.numel(), system.dof
     q, qdot, nu = symbols[:n], symbols[n : 2 * n], sympy.Matrix(symbols[2 * n : 2 * n + p])
     (T,) = _in_sympy(mechanism.energy(), given, symbols)
     S = sympy.Matrix(p, n, _in_sympy(system.S, given, symbols)).T
@@ -216,7 +216,7 @@ def _instructions(place: Path, parts: dict[str, str], system: ReducedSystem, sca
         write = literal if kind == scalar else repr
         return "{" + ",".join("{" + ",".join(write(float(x)) for x in row) + "}" for row in rows) + "}"
 
-    p = system.freedom
+    p = system.dof
     (place / "main.c").write_text(f"""#include <stddef.h>
 {parts["declare"]}
 static const {scalar} params[] = {array(values["params"][None], scalar)[1:-1]};

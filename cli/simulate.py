@@ -157,5 +157,5 @@ def _pictures(done: "Run", arguments: argparse.Namespace) -> dict[str, bytes]:
     from ..simulation.drawing import encoded
     from ..simulation.plot import draw  # slow to import
 
-    wanted = ((draw, arguments.plot), (draw_contact, arguments.contact))
-    return {file: encoded(made(done), Path(file).suffix[1:]) for made, file in wanted if file}
+    requested = ((draw, arguments.plot), (draw_contact, arguments.contact))
+    return {file: encoded(made(done), Path(file).suffix[1:]) for made, file in requested if file}

@@ -133,7 +133,7 @@ class _Builder:
             Result.INPUT_MAP: canonical(W.T @ reduced.input_map),
         }
         looped = None
-        if self.system.freedom > UNROLLED:
+        if self.system.dof > UNROLLED:
             looped = W.T @ reduced.Mbar @ W, W.T @ force
         else:
             quantities[Result.VELOCITY_RATES] = _inverse(W) @ self._solved(reduced.Mbar, force)
@@ -246,7 +246,7 @@ def _equations(system: ReducedSystem) -> tuple[Reduced, ca.SX, ca.SX]:
         inner, W = inner_velocities(system)
         return Reduced((), inner.Mbar, inner.bias, inner.input_map, inner.S), inner.nu, W
     known = velocity_map(system)
-    W = ca.SX.eye(system.freedom) if known is None else known
+    W = ca.SX.eye(system.dof) if known is None else known
     names = [f"w_{q.name}" for q in system.quasi_velocities] if known is None else ["forward_speed", "yaw_rate"]
     w = ca.vertcat(*[quantity(name, "").symbol for name in names])
     return Recursion(mechanism, w, _inverse(W), mechanism.quasi_expressions).reduced(), w, W

@@ -60,7 +60,7 @@ class Group(StrEnum):
     STATE = "state"
     REFERENCE = "reference"
     FOOT = "foot"
-    DEMAND = "demand"
+    VIRTUAL_INPUT = "virtual_input"
     INPUT = "input"
     STEP = "step"
 

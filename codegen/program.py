@@ -45,7 +45,7 @@ class Entry:
     name: str
     about: str
     answers: tuple[Result, ...]
-    takes: Group | None = None  # REFERENCE, DEMAND or INPUT
+    takes: Group | None = None  # REFERENCE, VIRTUAL_INPUT or INPUT
     whole: bool = False  # returns all in one struct
     public: bool = True
     at_foot: bool = False  # takes FOOT in place of the vehicle's position and heading
@@ -54,7 +54,7 @@ class Entry:
     @property
     def inverts(self) -> bool:
         """Whether it uses the inverse of Phi."""
-        return not {Result.ACCELERATION, Result.INPUTS, Result.INPUTS_OF_DEMAND, Result.SLOPE}.isdisjoint(self.answers)
+        return not {Result.ACCELERATION, Result.INPUTS, Result.INPUTS_OF_V, Result.SLOPE}.isdisjoint(self.answers)
 
 
 SLOPE = Entry(
@@ -100,8 +100,8 @@ ENTRIES = (
     Entry(
         "feedback",
         "Linearizing feedback (12) with (20): from the virtual input v to the inputs",
-        (Result.INPUTS_OF_DEMAND,),
-        Group.DEMAND,
+        (Result.INPUTS_OF_V,),
+        Group.VIRTUAL_INPUT,
     ),
     GROUND,
     GROUND_BY_INPUTS,
@@ -232,10 +232,10 @@ def in_steps(law: ControlLaw) -> Stages:
     found.steps += floor.steps
     found.quantities |= floor.quantities
     if has_foot_form(law):
-        told = staged_at_foot(law)
+        foot = staged_at_foot(law)
         shared = {step.symbol.element_hash() for step in found.steps if step.symbol.is_symbolic()}  # the velocities
-        found.steps += [step for step in told.steps if step.symbol.element_hash() not in shared]
-        found.at_foot = told.quantities
+        found.steps += [step for step in foot.steps if step.symbol.element_hash() not in shared]
+        found.at_foot = foot.quantities
     return found
 
 
@@ -249,7 +249,7 @@ def plain(law: ControlLaw) -> Stages:
         Result.DECOUPLING_RATE: found.Phidot,
         Result.ACCELERATION: law.u,
         Result.INPUTS: law.tau,
-        Result.INPUTS_OF_DEMAND: law.tau_of_demand,
+        Result.INPUTS_OF_V: law.tau_of_v,
         Result.SINGULAR: _singular(found),
         Result.REGULAR: ca.SX(0, 1),
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
@@ -262,7 +262,7 @@ def plain(law: ControlLaw) -> Stages:
 
 def _singular(found: Linearization) -> ca.SX:
     """What must be greater than what, for Phi not to be singular; without a root up to 2 x 2."""
-    if found.system.freedom <= 2:
+    if found.system.dof <= 2:
         return ca.vertcat(found.determinant**2, SINGULAR_SQUARED * found.scale_squared)
     one, condition = found.measure
     return ca.vertcat(one, SINGULAR * condition)

@@ -174,7 +174,7 @@ class CompiledController:
         given.append(library.struct(library.robot_name("state"), state))
         if entry.takes is Group.REFERENCE:
             given.append(library.struct(library.name("reference"), more))
-        elif entry.takes in (Group.DEMAND, Group.INPUT):
+        elif entry.takes in (Group.VIRTUAL_INPUT, Group.INPUT):
             given.append(library.array(more))
         answer = library.array(np.zeros(len(matrix) * len(matrix[0])))
         place = library.ffi.cast(library.ffi.typeof(library.function(entry.name)).args[-1], answer)
@@ -227,4 +227,4 @@ class CompiledDynamics:
         return Evaluation(status, found if status == "ok" else {})
 
     def _empty(self) -> np.ndarray:
-        return np.zeros(self._library.text.system.freedom)
+        return np.zeros(self._library.text.system.dof)

@@ -100,7 +100,7 @@ class IntegralAction:
 
     `rows` (K): their names, `ki` (K): their gains, 1/s^3 for relative degree 2, 1/s^2 for 1. ki z is added to the desired
     derivative of highest order, which the law adds to v: the characteristic polynomial of the output becomes
-    s^3 + kd s^2 + kp s + ki, or s^2 + kv s + ki. `acting` (K): the indices of the rows among the outputs; `wanted` and `highest`:
+    s^3 + kd s^2 + kp s + ki, or s^2 + kv s + ki. `acting` (K): indices of the rows among the outputs; `desired` and `highest`:
     the indices in the reference of their desired values and of the derivatives of highest order; `limit` (K): of ki |z|, 0 is
     none.
     """
@@ -120,9 +120,9 @@ class IntegralAction:
         for k in self.acting:
             _check(names[k], degree[k], by_row[k], known)
         self.limit, self._law = _limits(limit, self.rows), law
-        wanted = [q.name for q in law.reference]
-        self.wanted = [wanted.index(name) for name in self.rows]
-        self.highest = [entry + degree[k] for entry, k in zip(self.wanted, self.acting, strict=True)]
+        names = [q.name for q in law.reference]
+        self.desired = [names.index(name) for name in self.rows]
+        self.highest = [entry + degree[k] for entry, k in zip(self.desired, self.acting, strict=True)]
         self._angles = [law.output.rows[k].unit == "rad" for k in self.acting]
 
     def integrators(self, backend: str) -> list[OutputIntegral]:
@@ -137,7 +137,7 @@ class IntegralAction:
         found = controller.evaluate(state, reference)
         if found.status != "ok":
             return np.zeros(len(self.rows))
-        errors = reference[self.wanted] - found.values["h"][self.acting]
+        errors = reference[self.desired] - found.values["h"][self.acting]
         return np.array([math.remainder(e, 2 * math.pi) if a else e for e, a in zip(errors, self._angles, strict=True)])
 
     def added(self, reference: np.ndarray, add: np.ndarray) -> np.ndarray:

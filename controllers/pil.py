@@ -93,10 +93,10 @@ class Session:
         self._input, self._output, self._error = _pipes(self._process)
         self._lock = Lock()
         self.close = weakref.finalize(self, _end, self._process)  # at the latest at the exit of Python
-        told = self.call("hello", 0, b"")[1]
-        if len(told) != 4 * len(SIZES):
-            raise self._fault(f"sends an initial answer of {len(told)} bytes")
-        self.sizes = dict(zip(SIZES, struct.unpack(f"<{len(SIZES)}I", told), strict=True))
+        sizes = self.call("hello", 0, b"")[1]
+        if len(sizes) != 4 * len(SIZES):
+            raise self._fault(f"sends an initial answer of {len(sizes)} bytes")
+        self.sizes = dict(zip(SIZES, struct.unpack(f"<{len(SIZES)}I", sizes), strict=True))
         counts = {"law": "laws", "path": "paths", "odometry": "odometries", "integral": "integrals"}
         self._free = {kind: list(range(self.sizes[many]))[::-1] for kind, many in counts.items()}
 
@@ -169,7 +169,7 @@ def _pipes(process: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes], IO[b
 def _end(process: subprocess.Popen[bytes]) -> None:
     """End the program: it exits at the end of its input, and is killed if it does not exit soon."""
     children.discard(process)
-    given, *told = _pipes(process)
+    given, *others = _pipes(process)
     with suppress(OSError):
         given.close()
     try:
@@ -177,7 +177,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-    for pipe in told:
+    for pipe in others:
         pipe.close()
 
 

@@ -370,7 +370,7 @@ class PathTracker:
         left = piece.shape.length - progress
         remaining = left + piece.rest
         sign = -1.0 if piece.shape.backward else 1.0
-        wanted, rate = (0.0, 0.0) if state.stopped else self._profile(remaining, sign * speed)
+        speed_d, rate = (0.0, 0.0) if state.stopped else self._profile(remaining, sign * speed)
         return Guide(
             status="arrived" if arrived else "ok",
             segment=piece.segment,
@@ -389,7 +389,7 @@ class PathTracker:
             cosine=cosine(turned),
             sine=sine(turned),
             foot_curvature=piece.shape.curvature / (1 - piece.shape.curvature * distance),
-            speed=sign * wanted,
+            speed=sign * speed_d,
             speed_rate=sign * rate,
         )
 
@@ -437,8 +437,8 @@ class CompiledTracker:
         kind = f"{SCALARS[scalar].name('noslip_segment')}[]"
         self._segments = self._c.ffi.new(kind, [vars(segment) for segment in segments])
         self._self, fault = self._new("noslip_path"), self._new("noslip_path_fault")
-        wanted = vars(options) | {"reversing": _index(REVERSING, options.reversing), "stop": _index(STOP, options.stop)}
-        given = self._segments, len(segments), self._new("noslip_path_options", wanted)
+        values = vars(options) | {"reversing": _index(REVERSING, options.reversing), "stop": _index(STOP, options.stop)}
+        given = self._segments, len(segments), self._new("noslip_path_options", values)
         if self._call("noslip_path_init", *given, fault) != "ok":
             raise PathFault(_fault_names(self._c)[fault.kind], fault.segment, fault.size, segments, options)
         self._guide = self._new("noslip_guide")

@@ -63,17 +63,17 @@ def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
     places = {name: (int(at, 16), int(size, 16)) for at, size, name in re.findall(r"^(\S+) (\S+) [Tt] (\w+)$", listing, re.M)}
     steps = [(law, f"{law}_f", f"{law}_step_f") for law in task.laws]
     steps += [(law, f"{law}_follow_f", f"{law}_follow_f") for law in task.laws if task.follows(law)]
-    wanted = {(module, kind): (entry, f"{kind}_{law}_f") for law, module, entry in steps for kind in KINDS}
+    selected = {(module, kind): (entry, f"{kind}_{law}_f") for law, module, entry in steps for kind in KINDS}
     for name in ROUTE:
         module, kind = name.split("_")
         entry = "odometry_move" if module == "odometry" else "noslip_path_update_f"
-        wanted[f"noslip_{module}_f", kind] = (entry, name)
+        selected[f"noslip_{module}_f", kind] = (entry, name)
     plugin, log = folder / "count.so", folder / "count.log"
     run([need("gcc", "gcc"), *STANDARD, "-O2", "-fPIC", "-shared", task.root / "bench/target/count.c", "-o", plugin])
     calls = []
-    for entry, caller in wanted.values():
+    for entry, caller in selected.values():
         first, size = places[caller]
         calls.append(f"call={places[entry][0] & ~1:x}:{first & ~1:x}:{(first & ~1) + size - 1:x}")
     run([*MACHINE.split(), "-kernel", image, "-d", "plugin", "-D", log, "-plugin", ",".join([str(plugin), *calls])])
     rows = [list(map(int, line.split()[1:])) for line in log.read_text().splitlines()]
-    return {key: (least, most) for key, (number, _, least, most) in zip(wanted, rows, strict=True) if number}
+    return {key: (least, most) for key, (number, _, least, most) in zip(selected, rows, strict=True) if number}

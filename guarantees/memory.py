@@ -22,12 +22,12 @@ def symbols(task: Task, target: Machine = HOST) -> str:
     objects = target.compile(task, task.sources if target is HOST else task.float_sources)
     objects += target.compile(task, [task.headers()], EMIT_ALL) if target is HOST else []
     by_compilers = BY_COMPILERS if target is HOST else set()
-    found, defined, wanted = [], set(), {}
+    found, defined, undefined = [], set(), {}
     for made in objects:
         for line in run([target.tool("nm"), made]).splitlines():
             *_, kind, name = line.split()
             if kind in "Uw":
-                wanted[name] = made.name
+                undefined[name] = made.name
             elif kind in "TtRrNn":
                 defined.add(name)
             else:
@@ -35,8 +35,8 @@ def symbols(task: Task, target: Machine = HOST) -> str:
         _, data, bss = _size(target, made)
         if data or bss:
             found.append(f"{made.name}: {data} bytes of data, {bss} of bss")
-    needed = set(wanted) - defined - {"_GLOBAL_OFFSET_TABLE_"}  # exists in position-independent code; not a function
-    hold([*found, *(f"{wanted[name]} needs {name}" for name in sorted(needed - by_compilers))])
+    needed = set(undefined) - defined - {"_GLOBAL_OFFSET_TABLE_"}  # exists in position-independent code; not a function
+    hold([*found, *(f"{undefined[name]} needs {name}" for name in sorted(needed - by_compilers))])
     _link(task, target, objects)
     return f"{len(objects)} objects need {', '.join(sorted(needed)) or 'nothing'}, have no data and no bss, link with -nostdlib"
 

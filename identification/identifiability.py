@@ -33,7 +33,7 @@ def combinations(system: ReducedSystem, names: Sequence[str], values: Sequence[f
     in the order of `names`. A parameter that is the pivot of no combination, or occurs beside one, is not identifiable by itself.
     """
     mechanism = system.mechanism
-    nudot, tau = ca.SX.sym("nudot", system.freedom), ca.SX.sym("tau", len(mechanism.inputs))
+    nudot, tau = ca.SX.sym("nudot", system.dof), ca.SX.sym("tau", len(mechanism.inputs))
     residual = system.Mbar @ nudot + system.bias - system.input_map @ tau
     known = {p.name: p.symbol for p in mechanism.parameters}
     rates = ca.jacobian(residual, ca.vertcat(*[known[name] for name in names]))
@@ -44,7 +44,7 @@ def combinations(system: ReducedSystem, names: Sequence[str], values: Sequence[f
     with mpmath.workdps(DIGITS):
         for _ in range(2 + 2 * len(names)):
             entries = evaluate(ca.densify(rates), symbols, [*random.uniform(-1.5, 1.5, len(moving)), *values])
-            rows += [entries[i :: system.freedom] for i in range(system.freedom)]
+            rows += [entries[i :: system.dof] for i in range(system.dof)]
         return _reduced(rows, names)
 
 

@@ -17,7 +17,7 @@ class ControlLaw:
 
     Outer loop, row of relative degree 2: v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y); degree 1: v = ydot_d + kv (y_d - y).
     `v` and `u` are (n-m) x 1, `tau` is r x 1 in the units of the inputs. They depend on `groups`: parameters, config (of the
-    output map), gains, state [q; nu] and reference, in SI units. `u_of_demand` and `tau_of_demand` are functions of v itself.
+    output map), gains, state [q; nu] and reference, in SI units. `u_of_v` and `tau_of_v` are functions of v itself.
     """
 
     linearization: Linearization
@@ -26,12 +26,12 @@ class ControlLaw:
     gains: tuple[Quantity, ...]
     state: tuple[Quantity, ...]
     reference: tuple[Quantity, ...]
-    demand: tuple[Quantity, ...]
+    virtual_input: tuple[Quantity, ...]
     v: ca.SX = field(repr=False)
     u: ca.SX = field(repr=False)
     tau: ca.SX = field(repr=False)
-    u_of_demand: ca.SX = field(repr=False)
-    tau_of_demand: ca.SX = field(repr=False)
+    u_of_v: ca.SX = field(repr=False)
+    tau_of_v: ca.SX = field(repr=False)
 
     @property
     def name(self) -> str:
@@ -63,7 +63,7 @@ class ControlLaw:
         """
         if self.speed_row is None:
             return ca.SX(0, 1)
-        return ca.jacobian(self.tau_of_demand, self.demand[self.speed_row].symbol)
+        return ca.jacobian(self.tau_of_v, self.virtual_input[self.speed_row].symbol)
 
     @property
     def groups(self) -> dict[str, tuple[Quantity, ...]]:
@@ -74,7 +74,7 @@ class ControlLaw:
             "gains": self.gains,
             "state": self.state,
             "reference": self.reference,
-            "demand": self.demand,
+            "virtual_input": self.virtual_input,
         }
 
     @property
@@ -90,7 +90,7 @@ class ControlLaw:
 
     def function(self, quantities: dict[str, ca.SX]) -> ca.Function:
         """Return the CasADi function from (params, config, gains, state, reference) to the named quantities."""
-        names = [name for name in self.groups if name != "demand"]
+        names = [name for name in self.groups if name != "virtual_input"]
         arguments = [symbols(self.groups[name]) for name in names]
         return ca.Function(self.name, arguments, [ca.densify(q) for q in quantities.values()], names, list(quantities))
 
@@ -105,13 +105,13 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
     found = linearize(system, output)
     gains, reference = _outer_loop_symbols(found)
     v = outer_loop(found.relative_degree, [k.symbol for k in gains], [y.symbol for y in reference], found.h, found.rate)
-    demand = tuple(
+    virtual_input = tuple(
         quantity(f"v_{row.name}", _derivative_unit(row.unit, degree), f"virtual input: derivative {degree} of {row.name}")
         for row, degree in zip(output.rows, found.relative_degree, strict=True)
     )
     for group, members in (("reference", reference), ("gains", gains)):
         refuse_twice([q.name for q in members], f"{system.mechanism.name}, output {output.name}, {group}")
-    u, u_of_demand = found.second_feedback(v), found.second_feedback(symbols(demand))
+    u, u_of_v = found.second_feedback(v), found.second_feedback(symbols(virtual_input))
     mechanism = system.mechanism
     return ControlLaw(
         linearization=found,
@@ -120,25 +120,25 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
         gains=gains,
         state=system.state,
         reference=reference,
-        demand=demand,
+        virtual_input=virtual_input,
         v=v,
         u=u,
         tau=system.first_feedback(u),
-        u_of_demand=u_of_demand,
-        tau_of_demand=system.first_feedback(u_of_demand),
+        u_of_v=u_of_v,
+        tau_of_v=system.first_feedback(u_of_v),
     )
 
 
 def outer_loop(degree: Sequence[int], gains: Sequence[ca.SX], reference: Sequence[ca.SX], h: ca.SX, rate: ca.SX) -> ca.SX:
     """Return the virtual input v from outputs h and their rates, with gains and references in order, row by row."""
-    gain, wanted, rates = iter(gains), iter(reference), iter(ca.vertsplit(rate) if rate.numel() else ())
+    gain, desired, rates = iter(gains), iter(reference), iter(ca.vertsplit(rate) if rate.numel() else ())
     v = []
     for k, y in zip(degree, ca.vertsplit(h), strict=True):
-        error, rate_d = next(wanted) - y, next(wanted)
+        error, rate_d = next(desired) - y, next(desired)
         if k == 1:
             v.append(rate_d + next(gain) * error)
         else:
-            v.append(next(wanted) + next(gain) * error + next(gain) * (rate_d - next(rates)))
+            v.append(next(desired) + next(gain) * error + next(gain) * (rate_d - next(rates)))
     return ca.vertcat(*v)
 
 

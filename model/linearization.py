@@ -80,7 +80,7 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
     row of Phi vanishes identically, or Phi is singular everywhere.
     """
     where = f"{system.mechanism.name}, output {output.name}"
-    if len(output.rows) != system.freedom:
+    if len(output.rows) != system.dof:
         raise ModelError(f"{where}: {_not_square(system, output)}")
     output.check(system)
     degree, rates, rows, drift = [], [], [], []
@@ -135,10 +135,10 @@ def _sampled(system: ReducedSystem, output: OutputMap, matrix: ca.SX) -> Sampled
 
 def _not_square(system: ReducedSystem, output: OutputMap) -> str:
     """Return the reason why Phi is not square, and how to make it so."""
-    given, wanted = len(output.rows), system.freedom
+    given, needed = len(output.rows), system.dof
     rows, motions = ", ".join(row.name for row in output.rows), ", ".join(q.name for q in system.quasi_velocities)
-    more = f"add {wanted - given}" if given < wanted else f"drop {given - wanted}"
-    return f"{given} outputs for n - m = {wanted}; {more}: {rows or 'none'} must be as many as the quasi-velocities {motions}"
+    more = f"add {needed - given}" if given < needed else f"drop {given - needed}"
+    return f"{given} outputs for n - m = {needed}; {more}: {rows or 'none'} must be as many as the quasi-velocities {motions}"
 
 
 def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX) -> None:

@@ -92,7 +92,7 @@ class Recursion:
     def __init__(self, mechanism: Mechanism, nu: ca.SX, given: ca.SX, quasi: Sequence[ca.SX] = ()):
         self.mechanism, self.nu = mechanism, nu
         self.q, self.qdot = mechanism.q, mechanism.qdot
-        self.n, self.freedom = self.q.numel(), nu.numel()
+        self.n, self.dof = self.q.numel(), nu.numel()
         self.steps: list[Step] = []
         self._made: set[int] = set()  # symbols of steps
         self.rates: dict[int, VelocityRow] = {}  # those known so far
@@ -166,7 +166,7 @@ class Recursion:
         return self._sum(velocity.row) if velocity.value is None else velocity.value
 
     def _sum(self, row: dict[int, ca.SX]) -> ca.SX:
-        terms = [entry * (self.nu[j] if j < self.freedom else self.qdot[j - self.freedom]) for j, entry in row.items()]
+        terms = [entry * (self.nu[j] if j < self.dof else self.qdot[j - self.dof]) for j, entry in row.items()]
         return sum(terms[1:], start=terms[0]) if terms else ca.SX(0)
 
     def at(self, x: ca.SX) -> ca.SX:
@@ -181,7 +181,7 @@ class Recursion:
     def _derived(self, x: ca.SX) -> VelocityRow:
         if x.element_hash() in self._columns:
             k = self._columns[x.element_hash()]
-            return self.rates.get(k) or VelocityRow({self.freedom + k: ca.SX(1)})
+            return self.rates.get(k) or VelocityRow({self.dof + k: ca.SX(1)})
         if x.is_zero():
             return VelocityRow()
         code, parts = (None, []) if x.is_leaf() else (x.op(), [x.dep(k) for k in range(x.n_dep())])
@@ -215,7 +215,7 @@ class Recursion:
         return self._moving[key][1]
 
     def _is_known(self, velocity: VelocityRow) -> bool:
-        return all(j < self.freedom for j in velocity.row) and not ca.depends_on(velocity.drift, self.qdot)
+        return all(j < self.dof for j in velocity.row) and not ca.depends_on(velocity.drift, self.qdot)
 
     def _is_multiple(self, expression: ca.SX) -> bool:
         moving = [s for s in ca.symvar(expression) if s.element_hash() not in self._fixed]
@@ -228,7 +228,7 @@ class Recursion:
     # -- rates ----------------------------------------------------------------------------------------------------
 
     def _given(self, row: ca.SX, qdot: ca.SX) -> VelocityRow:
-        entries = {j: row[j] for j in range(self.freedom) if not row[j].is_zero()}
+        entries = {j: row[j] for j in range(self.dof) if not row[j].is_zero()}
         return VelocityRow(entries, self._simple(time_derivative(row, self.q, qdot) @ self.nu))
 
     def _rest(self, constraints: Sequence[ca.SX]) -> None:
@@ -252,7 +252,7 @@ class Recursion:
             ready = (s for s in sets if all(k in self.rates or k in s[1] for i in s[0] for k in needs[i]))
             rows, columns = chosen = next(ready, (sum((s[0] for s in sets), start=[]), sum((s[1] for s in sets), start=[])))
             sets = [s for s in sets if s is not chosen and chosen in sets]
-            right = [T[i - len(constraints), :] if i >= len(constraints) else ca.SX(1, self.freedom) for i in rows]
+            right = [T[i - len(constraints), :] if i >= len(constraints) else ca.SX(1, self.dof) for i in rows]
             self._solve_set([equations[i] for i in rows], columns, ca.vertcat(*right))
             self._rest([constraints[i] for i in rows if i < len(constraints)])
             for body in [body for body, needed in waiting.items() if needed <= self.rates.keys()]:
@@ -271,15 +271,13 @@ class Recursion:
 
         before = set(self._known)
         found = [self.velocity(x) for x in equations]
-        columns = range(self.freedom + self.n)
+        columns = range(self.dof + self.n)
         table = [[each.row.get(j, ca.SX(0)) for j in columns] for each in found]
-        B = ca.vertcat(*[ca.horzcat(*[row[self.freedom + k] for k in unknown]) for row in table])
-        known = ca.vertcat(*[ca.horzcat(*row[: self.freedom]) for row in table])
+        B = ca.vertcat(*[ca.horzcat(*[row[self.dof + k] for k in unknown]) for row in table])
+        known = ca.vertcat(*[ca.horzcat(*row[: self.dof]) for row in table])
         inverse = 1 / B if len(unknown) == 1 else eliminate(B, ca.SX.eye(len(unknown)), self.q, self.mechanism.name)
         rows = self._simple(inverse @ (right - known))
-        made = [
-            VelocityRow({j: rows[k, j] for j in range(self.freedom) if not rows[k, j].is_zero()}) for k in range(len(unknown))
-        ]
+        made = [VelocityRow({j: rows[k, j] for j in range(self.dof) if not rows[k, j].is_zero()}) for k in range(len(unknown))]
         if len(unknown) == 1:
             made = [self.named(self.mechanism.velocities[unknown[0]].name, made[0])]
         values = ca.vertcat(*map(self.value, made))
@@ -306,7 +304,7 @@ class Recursion:
             self._add(f"force{k + 1}", ca.SX(1, 1), [self.velocity(on)], -self.at(force))
         columns = [self.velocity(on) for on in mechanism.actuation]
         groups = (*self._groups, tuple(self.steps[self._grouped :]))
-        p = range(self.freedom)
+        p = range(self.dof)
         return Reduced(
             groups,
             ca.SX(ca.vertcat(*[ca.horzcat(*[self._Mbar.get((min(i, j), max(i, j)), 0) for j in p]) for i in p])),
@@ -322,7 +320,7 @@ class Recursion:
         self._add(body.name, ca.diag(ca.vertcat(body.mass, body.mass, body.inertia)), [forward, left, yaw_rate], turned)
 
     def _column(self, velocity: VelocityRow) -> ca.SX:
-        return ca.vertcat(*[self._simple(velocity.row.get(j, ca.SX(0))) for j in range(self.freedom)])
+        return ca.vertcat(*[self._simple(velocity.row.get(j, ca.SX(0))) for j in range(self.dof)])
 
     def _add(self, name: str, M: ca.SX, velocities: Sequence[VelocityRow], forces: ca.SX) -> None:
         """Add J' M J and J' (M drift + forces), in a separate group of steps."""

@@ -39,7 +39,7 @@ class ReducedSystem:
         return (*self.mechanism.coordinates, *self.quasi_velocities)
 
     @property
-    def freedom(self) -> int:
+    def dof(self) -> int:
         """n - m, the number of quasi-velocities."""
         return len(self.quasi_velocities)
 
@@ -118,7 +118,7 @@ class ReducedSystem:
     @property
     def redundant(self) -> bool:
         """Whether there are more inputs than n-m."""
-        return len(self.mechanism.inputs) > self.freedom
+        return len(self.mechanism.inputs) > self.dof
 
     @cached_property
     def preferred(self) -> ca.SX:
@@ -139,7 +139,7 @@ class ReducedSystem:
 
         `weight` is r positive numbers; None means the robot's own weights.
         """
-        unit = ca.SX.eye(self.freedom)
+        unit = ca.SX.eye(self.dof)
         if not self.redundant:
             return self.checked("(S'E)^-1", solve(self.input_map, unit), (self.input_map, unit), quotient)
         spread = self.spread(weight)

@@ -12,7 +12,7 @@ from .reduction import ReducedSystem
 def velocity_map(system: ReducedSystem) -> ca.SX | None:
     """Return W, 2 x 2, in parameters only, with (forward speed, yaw rate) = W nu; None if there is no invertible one."""
     vehicle = system.mechanism.vehicle
-    if vehicle is None or system.freedom != 2:
+    if vehicle is None or system.dof != 2:
         return None
     motion = ca.vertcat(forward_speed(system), system.along_motion(vehicle.heading))
     W = canonical(ca.jacobian(motion, system.nu))

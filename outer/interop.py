@@ -58,11 +58,11 @@ def controller_system(controller: Controller, period: float | None = None, name:
     With a period (s) it is a discrete-time system. If the controller returns an error, ControllerRefused is raised.
     """
     law = controller.law
-    states, wanted = [q.name for q in law.state], [q.name for q in law.reference]
+    states, desired = [q.name for q in law.state], [q.name for q in law.reference]
     return control.nlsys(
         None,
         lambda t, x, u, params: command(controller, u[: len(states)], u[len(states) :]),
-        inputs=[*states, *wanted],
+        inputs=[*states, *desired],
         outputs=[q.name for q in law.system.mechanism.inputs],
         dt=period or 0.0,
         name=name,
@@ -75,10 +75,10 @@ def integral_system(
     """Integral action around a controller: dz/dt = y_d - y, or z+ = z + period (y_d - y), without limits.
 
     Inputs: [q; nu] and every reference by its name with _d after it; outputs: the references that the controller takes, ki z
-    added to the wanted derivatives of highest order.
+    added to the desired derivatives of highest order.
     """
     law = controller.law
-    n, wanted = len(law.state), [q.name for q in law.reference]
+    n, desired = len(law.state), [q.name for q in law.reference]
 
     def update(t: float, z: np.ndarray, u: np.ndarray, params: dict) -> np.ndarray:
         error = action.error(controller, u[:n], u[n:])
@@ -91,8 +91,8 @@ def integral_system(
         update,
         references,
         states=[f"{row}_integral" for row in action.rows],
-        inputs=[*[q.name for q in law.state], *(f"{w}_d" for w in wanted)],
-        outputs=wanted,
+        inputs=[*[q.name for q in law.state], *(f"{w}_d" for w in desired)],
+        outputs=desired,
         dt=period or 0.0,
         name=name,
     )
@@ -109,12 +109,12 @@ def closed_loop_system(loop: Loop, period: float | None = None, name: str = "clo
     law, controller = loop.law, loop.guidance.leg.controller
     robot = sampled_robot_system(loop.plant, period) if period else robot_system(loop.plant)
     parts = [robot, controller_system(controller, period)]
-    wanted = [q.name for q in law.reference]
+    desired = [q.name for q in law.reference]
     if loop.integral.rows:
         parts.append(integral_system(controller, loop.integral, period))
-        wanted = [f"{w}_d" for w in wanted]
+        desired = [f"{w}_d" for w in desired]
     seen = [*[q.name for q in law.state], *[q.name for q in law.system.mechanism.inputs]]
-    return control.interconnect(parts, inputs=wanted, outputs=seen, name=name)
+    return control.interconnect(parts, inputs=desired, outputs=seen, name=name)
 
 
 class Moving:

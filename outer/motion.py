@@ -43,7 +43,7 @@ SYMMETRIC = 1e-7  # what the rates may depend on where along the motion the robo
 class Setting:
     """All numbers of a closed loop, in the order of the law's groups; SI.
 
-    `true` and `believed` are parameters of the robot and of the law; `config` is the law's, `wanted` what errors are measured
+    `true` and `believed` are parameters of the robot and of the law; `config` is the law's, `measured` what errors are measured
     by (None: the same). `bias` is added to the state that the law sees, `integral` has a gain ki for each output. `drive`: the
     drives take velocities.
     """
@@ -57,7 +57,7 @@ class Setting:
     start: np.ndarray
     integral: tuple[float, ...] = ()
     bias: np.ndarray | None = None
-    wanted: np.ndarray | None = None
+    measured: np.ndarray | None = None
     drive: DriveLoop | None = None
 
     @property
@@ -69,8 +69,8 @@ class Setting:
         """Of `functions`."""
         integral = np.array(self.integral or np.zeros(len(self.law.output.rows)))
         bias = np.zeros(len(x)) if self.bias is None else self.bias
-        wanted = self.config if self.wanted is None else self.wanted
-        return [x, z, self.true, self.believed, self.config, self.gains, integral, self.reference, bias, wanted]
+        measured = self.config if self.measured is None else self.measured
+        return [x, z, self.true, self.believed, self.config, self.gains, integral, self.reference, bias, measured]
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,15 +276,15 @@ class MotionFunctions:
     def __init__(self, law: ControlLaw, acting: tuple[int, ...], driven: bool = False):
         system, rows = law.system, _position_rows(law)
         x, p = symbols(law.state), symbols(law.parameters)
-        z, tau = ca.SX.sym("z", len(acting)), ca.SX.sym("tau", system.freedom if driven else len(system.mechanism.inputs))
-        believed, config, wanted = (ca.SX.sym(n, k) for n, k in _sizes(law))
+        z, tau = ca.SX.sym("z", len(acting)), ca.SX.sym("tau", system.dof if driven else len(system.mechanism.inputs))
+        believed, config, measured = (ca.SX.sym(n, k) for n, k in _sizes(law))
         ki, bias = ca.SX.sym("ki", len(law.output.rows)), ca.SX.sym("bias", x.numel())
         gains, reference = symbols(law.gains), symbols(law.reference)
         by_name = {q.name: q.symbol for q in law.reference}
 
         # The law at the state that it sees.
-        demand = law.v + ca.vertcat(*[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))])
-        kappa = ca.substitute(law.u_of_demand if driven else law.tau_of_demand, symbols(law.demand), demand)
+        virtual = law.v + ca.vertcat(*[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))])
+        kappa = ca.substitute(law.u_of_v if driven else law.tau_of_v, symbols(law.virtual_input), virtual)
         seen = [ca.vertcat(x, p, symbols(law.config)), ca.vertcat(x + bias, believed, config)]
         kappa = ca.substitute(kappa, *seen)
         errors = [by_name[law.output.rows[k].name] - law.linearization.h[k] for k in acting]
@@ -292,7 +292,7 @@ class MotionFunctions:
 
         # The true robot, with its outputs relative to the desired ones.
         place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
-        rho = ca.vertcat(ca.substitute(place, symbols(law.config), wanted), system.nu)
+        rho = ca.vertcat(ca.substitute(place, symbols(law.config), measured), system.nu)
         full = ca.vertcat(system.qdot, tau if driven else system.acceleration(tau))
         P = ca.jacobian(rho, x)
         rest = ca.SX(rho.numel() - len(rows), 1)
@@ -305,7 +305,7 @@ class MotionFunctions:
         answers |= {"moves": moves, "kappa_t": ca.jacobian(kappa, y_d) @ moves[: len(rows)]}
         answers |= {"kappa_x": ca.jacobian(kappa, x), "kappa_z": ca.jacobian(kappa, z), "e_x": ca.jacobian(e, x)}
         moving = {"r": r, "r_x": ca.jacobian(r, x), "r_tau": ca.jacobian(r, tau)}
-        given = [x, z, p, believed, config, gains, ki, reference, bias, wanted]
+        given = [x, z, p, believed, config, gains, ki, reference, bias, measured]
         self._law = ca.Function("law", given, [ca.densify(v) for v in answers.values()])
         self._robot = ca.Function("robot", [*given, tau], [ca.densify(v) for v in moving.values()])
         self._names = (tuple(answers), tuple(moving))
@@ -331,9 +331,9 @@ def feed_function(law: ControlLaw) -> ca.Function:
     """
     system, x, p = law.system, symbols(law.state), symbols(law.parameters)
     believed, bias = ca.SX.sym("believed", p.numel()), ca.SX.sym("bias", x.numel())
-    u, tau = ca.SX.sym("u", system.freedom), ca.SX.sym("tau", len(system.mechanism.inputs))
+    u, tau = ca.SX.sym("u", system.dof), ca.SX.sym("tau", len(system.mechanism.inputs))
     fed = ca.substitute(system.first_feedback(u), ca.vertcat(x, p), ca.vertcat(x + bias, believed))
-    moved, still = system.acceleration(tau), ca.SX.zeros(system.freedom)
+    moved, still = system.acceleration(tau), ca.SX.zeros(system.dof)
     found = [ca.jacobian(moved, x), ca.jacobian(moved, tau), ca.jacobian(fed, x), ca.jacobian(fed, u)]
     torque = ca.substitute(fed, u, still)
     at = [ca.substitute(ca.substitute(each, tau, torque), u, still) for each in found]
@@ -346,7 +346,7 @@ def _seen(setting: Setting, x: np.ndarray) -> list[np.ndarray]:
 
 
 def _sizes(law: ControlLaw) -> tuple[tuple[str, int], ...]:
-    return ("believed", len(law.parameters)), ("config", len(law.config)), ("wanted", len(law.config))
+    return ("believed", len(law.parameters)), ("config", len(law.config)), ("measured", len(law.config))
 
 
 def _position_rows(law: ControlLaw) -> list[OutputRow]:

@@ -88,7 +88,7 @@ def wrong(setting: Setting, name: str, amount: float) -> Setting:
     if name == "L" and _lever(setting):
         config = setting.config.copy()
         config[[c.name for c in law.config].index("L")] += amount * _lever(setting)
-        return replace(setting, config=config, wanted=setting.config if setting.wanted is None else setting.wanted)
+        return replace(setting, config=config, measured=setting.config if setting.measured is None else setting.measured)
     if name == "heading" and _heading_entry(setting) is not None:
         bias = np.zeros(len(setting.start)) if setting.bias is None else setting.bias.copy()
         bias[_heading_entry(setting)] += amount
@@ -96,7 +96,7 @@ def wrong(setting: Setting, name: str, amount: float) -> Setting:
     if name == "speed" and _speeds(setting):
         reference, start = setting.reference.copy(), setting.start.copy()
         reference[_speeds(setting)] *= 1 + amount
-        start[-law.system.freedom :] *= 1 + amount
+        start[-law.system.dof :] *= 1 + amount
         return replace(setting, reference=reference, start=start)
     raise BadInput(f"nothing named {name!r} can be wrong; known are {', '.join(errors_of(setting))}")
 

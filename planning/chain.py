@@ -57,11 +57,11 @@ def _of_vehicle(pose: Pose, backward: bool) -> Pose:
     return x, y, heading + math.pi * backward
 
 
-def _same(reached: Pose, wanted: Pose) -> None:
-    off = math.hypot(reached[0] - wanted[0], reached[1] - wanted[1])
-    turned = math.remainder(reached[2] - wanted[2], 2 * math.pi)
+def _same(reached: Pose, goal: Pose) -> None:
+    off = math.hypot(reached[0] - goal[0], reached[1] - goal[1])
+    turned = math.remainder(reached[2] - goal[2], 2 * math.pi)
     if not (off <= CLOSE and abs(turned) <= CLOSE):
         raise BadInput(
-            f"at ({wanted[0]:g}, {wanted[1]:g}) rounding leaves a gap of {off:.1e} m, {abs(turned):.1e} rad; "
+            f"at ({goal[0]:g}, {goal[1]:g}) rounding leaves a gap of {off:.1e} m, {abs(turned):.1e} rad; "
             "choose an origin nearer to the path, headings below a turn, a radius not far beyond the distances"
         )

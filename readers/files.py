@@ -89,8 +89,8 @@ def write_folder(folder: Path, files: Mapping[str, str | bytes], stale: Iterable
 
 def _fill(folder: Path, files: Mapping[str, str | bytes]) -> None:
     """Write those files whose content differs."""
-    wanted = {folder / name: _bytes(content) for name, content in files.items()}
-    changed = {path: data for path, data in wanted.items() if not _holds(path, data)}
+    contents = {folder / name: _bytes(content) for name, content in files.items()}
+    changed = {path: data for path, data in contents.items() if not _holds(path, data)}
     for path in changed:
         check_own(path)
     with ExitStack() as stack:

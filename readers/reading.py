@@ -78,7 +78,7 @@ def number(sign: str = "any", unit: str | None = None) -> Reader:
     A number may be given as a string with a unit and is returned in SI; without `unit`, as Measured: the robot or the law
     decides by `check_unit` whether it is the right one.
     """
-    holds, wanted = SIGNS[sign]
+    holds, requirement = SIGNS[sign]
     described = SI if unit is None else "a number without unit" if unit in PLAIN else f"in {unit}"
 
     @reads({"anyOf": [{"type": "number", **BOUNDS[sign]}, ref("quantity")], "description": described}, unit)
@@ -98,7 +98,7 @@ def number(sign: str = "any", unit: str | None = None) -> Reader:
         if not in_range(size):
             raise BadInput(f"{where} = {size:g} is out of range: give 0 or a size between {SMALLEST:g} and {LARGEST:g}")
         if not holds(size):
-            raise BadInput(f"{where} = {size:g} must be {wanted}")
+            raise BadInput(f"{where} = {size:g} must be {requirement}")
         return value if unit is None and isinstance(value, Measured) else size
 
     return read

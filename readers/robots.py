@@ -174,8 +174,8 @@ def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list
         key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__ and callable(value)
     ]
     if name not in vars(module):
-        wanted = f"it does not define a robot {name!r}" if name else "no robot is named"
-        raise BadInput(f"{path}: {wanted}; give {path}:name{suggestion(name, made)}")
+        problem = f"it does not define a robot {name!r}" if name else "no robot is named"
+        raise BadInput(f"{path}: {problem}; give {path}:name{suggestion(name, made)}")
     given = robot = getattr(module, name)
     if callable(given) or numbers:
         _check_numbers(":".join([f"{path}:{name}", *map(str, numbers)]), given, numbers)
@@ -185,8 +185,8 @@ def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list
         what = f"it is {type(robot).__name__}"
         if callable(given):
             what = f"it returns {type(robot).__name__}" + ("; is `return` missing?" if robot is None else "")
-        wanted = "neither a Mechanism nor a function without arguments that returns one"
-        raise BadInput(f"{path}:{source.line}: {name} is {wanted}: {what}")
+        problem = "neither a Mechanism nor a function without arguments that returns one"
+        raise BadInput(f"{path}:{source.line}: {name} is {problem}: {what}")
     if isinstance(robot, Mechanism):
         _sources[robot] = source
     return robot

@@ -46,7 +46,7 @@ def simulate(
     law, n = loop.law, len(loop.law.system.mechanism.coordinates)
     t, x, tau = (np.array([getattr(row, name) for row in rows]) for name in ("t", "x", "tau"))
     config, reference = (np.array([getattr(row, name) for row in rows]) for name in ("config", "reference"))
-    wanted = [[r.name for r in law.reference].index(row.name) for row in law.output.rows]
+    entries = [[r.name for r in law.reference].index(row.name) for row in law.output.rows]
     measured = floor.measured() if floor else None
     return Run(
         spec=spec,
@@ -57,7 +57,7 @@ def simulate(
         nu=x[:, n:],
         tau=tau,
         y=outputs(law)(x.T, loop.plant.parameters, config.T).full().T,
-        y_d=reference[:, wanted],
+        y_d=reference[:, entries],
         status=np.array([row.status for row in rows]),
         forces=floor.constraint_forces(x) if floor else loop.plant.constraint_forces(x, tau),
         seen=np.array([row.seen for row in rows]),

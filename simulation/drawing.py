@@ -24,7 +24,7 @@ from ..model.mechanism import Mechanism
 from ..model.outputs import OutputMap
 from ..readers.files import MARK
 
-WANTED, STOP, FAINT = "#9a9a9a", "#c00000", "#666666"
+DESIRED, STOP, FAINT = "#9a9a9a", "#c00000", "#666666"
 COLOURS = ("#0b61a4", "#c2570c", "#2e8b57", "#8a4fa3", "#b8860b", "#16808c", "#a63a50", "#4d4d4d")
 WIDEST = 190  # characters per line of the assumptions
 BELOW = 0.45  # inches from the edge of a panel to what is below its label
@@ -83,7 +83,7 @@ def start(axes: Axes, place: np.ndarray, label: str | None = "start") -> None:
 
 def to_follow(axes: Axes, x: np.ndarray, y: np.ndarray, label: str | None = "path to follow") -> None:
     """Draw the desired path, wide and grey, behind the runs."""
-    axes.plot(x, y, color=WANTED, linewidth=5, alpha=0.45, solid_capstyle="round", label=label, zorder=0)
+    axes.plot(x, y, color=DESIRED, linewidth=5, alpha=0.45, solid_capstyle="round", label=label, zorder=0)
 
 
 def legend_below(axes: Axes, ncols: int = 1, **options: Any) -> Legend:

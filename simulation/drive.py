@@ -135,10 +135,10 @@ def driven(system: ReducedSystem, feeds: bool) -> tuple[ca.Function, ca.Function
     """
     mechanism = system.mechanism
     x, p = ca.vertcat(mechanism.q, system.nu), mechanism.p
-    command, tau = ca.SX.sym("command", system.freedom), ca.SX.sym("tau", len(mechanism.inputs))
-    omega, most = ca.SX.sym("omega"), ca.SX.sym("most", system.freedom)
+    command, tau = ca.SX.sym("command", system.dof), ca.SX.sym("tau", len(mechanism.inputs))
+    omega, most = ca.SX.sym("omega"), ca.SX.sym("most", system.dof)
     h, tolerance = ca.SX.sym("h"), ca.SX.sym("tolerance")
-    fed = system.acceleration(tau) if feeds else ca.SX.zeros(system.freedom)
+    fed = system.acceleration(tau) if feeds else ca.SX.zeros(system.dof)
     nudot = ca.fmax(-most, ca.fmin(most, fed + omega * (command - system.nu)))
     given = [x, ca.vertcat(command, tau), p, omega, most]
     rate = portable(ca.Function("rate", given, [ca.densify(ca.vertcat(system.qdot, nudot))]))

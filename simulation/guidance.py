@@ -176,9 +176,9 @@ class Route:
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference: on the path, at the tracker's speed."""
         guide = self.guide(x)
-        wanted = self._zeros.copy()
-        wanted[self._speed : self._speed + 2] = guide.speed, guide.speed_rate
-        return wanted
+        reference = self._zeros.copy()
+        reference[self._speed : self._speed + 2] = guide.speed, guide.speed_rate
+        return reference
 
     def guide(self, x: np.ndarray) -> Guide:
         """Where on the path the robot is."""

@@ -234,8 +234,8 @@ def _reference(law: ControlLaw, spec: Spec) -> tuple[np.ndarray, np.ndarray]:
         velocity = (0.0,) * rows
     for name, given in (("position", position), ("velocity", velocity)):
         if len(given) != rows:
-            wanted = ", ".join(row.name for row in law.output.rows)
-            raise BadInput(f"[reference] {name} has {len(given)} numbers; it must have {rows}: {wanted}")
+            needed = ", ".join(row.name for row in law.output.rows)
+            raise BadInput(f"[reference] {name} has {len(given)} numbers; it must have {rows}: {needed}")
     offset, slope = [], []
     for degree, start, rate in zip(law.linearization.relative_degree, position, velocity, strict=True):
         offset += [start, rate, 0.0][: degree + 1]
@@ -251,22 +251,22 @@ def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
         return spec.initial
     first = spec.output.segments[0]
     heading = first.heading + (np.pi if first.backward else 0.0)
-    lever = options.L[first.backward] + options.ahead if options.stop == "axle" else 0.0
+    lookahead = options.L[first.backward] + options.ahead if options.stop == "axle" else 0.0
     s, c = sine_cosine(heading)
     ahead, left = np.array([c, s]), np.array([-s, c])
-    place = np.array([first.x, first.y]) + lever * ahead + (options.W * left if lever else 0.0)
+    place = np.array([first.x, first.y]) + lookahead * ahead + (options.W * left if lookahead else 0.0)
     return Initial(point=tuple(place), heading=float(heading), speed=0.0)
 
 
 def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
     """Return [q; nu] at t = 0: as given, or computed from P_l, heading and forward speed."""
     system = plant.system
-    n, freedom = len(system.mechanism.coordinates), system.freedom
+    n, dof = len(system.mechanism.coordinates), system.dof
     if initial.q is not None:
-        nu = (0.0,) * freedom if initial.nu is None else initial.nu
-        for name, given, wanted in (("q", initial.q, n), ("nu", nu, freedom)):
-            if len(given) != wanted:
-                raise BadInput(f"[initial] {name} has {len(given)} numbers, {system.mechanism.name} has {wanted}")
+        nu = (0.0,) * dof if initial.nu is None else initial.nu
+        for name, given, needed in (("q", initial.q, n), ("nu", nu, dof)):
+            if len(given) != needed:
+                raise BadInput(f"[initial] {name} has {len(given)} numbers, {system.mechanism.name} has {needed}")
         return np.array([*initial.q, *nu])
     if system.mechanism.vehicle is None:
         raise BadInput(f"[initial] point: {system.mechanism.name} is not a vehicle (moves_in_plane); give q and nu instead")

@@ -247,9 +247,9 @@ def _draw_speed(axes: Axes, run: Run) -> None:
     """Draw the forward speed of the vehicle, and the desired one if there is one."""
     speed = _motion(run)[:, 5]
     axes.plot(run.t, speed, color=VEHICLE, label="forward speed")
-    for row, wanted in zip(run.law.output.rows, run.y_d.T, strict=True):
+    for row, desired in zip(run.law.output.rows, run.y_d.T, strict=True):
         if row.name == "speed":
-            axes.plot(run.t, wanted, color=FOLLOWED, linewidth=3, alpha=0.6, label="desired", zorder=0)
+            axes.plot(run.t, desired, color=FOLLOWED, linewidth=3, alpha=0.6, label="desired", zorder=0)
     low, high = axes.get_ylim()
     spread = 0.05 * np.abs(speed).max()  # so that a constant speed looks constant
     axes.set_ylim(min(low, speed.min() - spread), max(high, speed.max() + spread))

@@ -16,7 +16,7 @@ from .specification.spec import Spec
 
 
 class Outputs:
-    """What follows from the outputs y, what was wanted of them, y_d, and the status of each row."""
+    """What follows from the outputs y, their desired values y_d, and the status of each row."""
 
     y: np.ndarray
     y_d: np.ndarray

@@ -38,17 +38,17 @@ class Sensing:
     ):
         """Starts from the true pose. `parameters` are the truth, `believed` what the controller reckons with."""
         system = law.system
-        n, freedom = len(system.mechanism.coordinates), system.freedom
+        n, dof = len(system.mechanism.coordinates), system.dof
         self._sensors, self._correction, self._parameters = sensors, correction, parameters
         self._motion = Direct(vehicle_motion(system))
         self._pose, self._angles = pose_coordinates(system), angle_coordinates(system)
-        self._mean, self._sd = (_each(values, freedom) for values in (sensors.noise.mean, sensors.noise.sd))
-        self._random = Noise(sensors.seed, freedom) if self._sd.any() else None  # without, no C is needed
+        self._mean, self._sd = (_each(values, dof) for values in (sensors.noise.mean, sensors.noise.sd))
+        self._random = Noise(sensors.seed, dof) if self._sd.any() else None  # without, no C is needed
         wheels = vehicle_wheels(system, believed)
         release = correction.release or 1 / correction.rate if correction else 0.0
         self._odometry = make_odometry(backend, *wheels, release=release, start=self._true_pose(start), law=law)
         self.state, self.reckoned = start.copy(), self._true_pose(start)
-        self._rates = slice(n, n + freedom)
+        self._rates = slice(n, n + dof)
         self._t, self._true_angle = 0.0, start[self._angles].copy()
         self._turned = self._true_angle.copy()  # with the noise so far; what an encoder counts
         self._noise, self._drawn, self._corrected = self._draw(), 0.0, 0.0
@@ -119,7 +119,7 @@ def angle_coordinates(system: ReducedSystem) -> list[int]:
     """For each quasi-velocity the coordinate whose rate it is."""
     found = []
     for k, velocity in enumerate(system.quasi_velocities):
-        unit = ca.SX.eye(system.freedom)[k, :]
+        unit = ca.SX.eye(system.dof)[k, :]
         rows = [i for i in range(system.S.shape[0]) if canonical(system.S[i, :] - unit).is_zero()]
         if not rows:
             raise BadInput(f"[sensors]: dead reckoning needs {velocity.name} to be the rate of a coordinate, a wheel's angle")

@@ -25,8 +25,8 @@ def starts(
     """Return [q; nu] at t = 0, (N, 2n-m), of N robots with `parameters` (N, P), such that the point P_l, L ahead and W to the
     left as in `place` (N, N), is at `pose` (N, 3): x, y (m) and heading (rad), with a forward `speed` (N) m/s and no turning.
 
-    Of the remaining freedom, the solution of least norm is used; coordinates on which the reduced mass matrix depends stay zero
-    if possible: a vehicle starts with its wheels straight. NaN if the robot cannot be there.
+    Of the remaining degrees of freedom, the solution of least norm is used; coordinates on which the reduced mass matrix
+    depends stay zero if possible: a vehicle starts with its wheels straight. NaN if the robot cannot be there.
     """
     where, motion, shape = _functions(system)
     known = [*place, *parameters.T]
@@ -34,8 +34,8 @@ def starts(
     lost = np.isnan(q).any(axis=1)
     if lost.any() and shape.any():
         q[lost] = _solved(where, pose[lost], [k[lost] for k in known], np.ones_like(shape))
-    wanted = np.column_stack([speed, np.zeros(len(speed))])
-    nu = _solved(motion, wanted, [*q.T, *parameters.T], np.ones(system.freedom, bool))
+    target = np.column_stack([speed, np.zeros(len(speed))])
+    nu = _solved(motion, target, [*q.T, *parameters.T], np.ones(system.dof, bool))
     return np.hstack([q, nu])
 
 
@@ -60,20 +60,20 @@ def _functions(system: ReducedSystem) -> tuple[ca.Function, ca.Function, np.ndar
     )
 
 
-def _solved(function: Callable, wanted: np.ndarray, given: list[np.ndarray], moves: np.ndarray) -> np.ndarray:
-    """Solve function(unknown, given) = wanted, (N, .), by Newton's method with least-norm steps from zero; NaN if it does not
+def _solved(function: Callable, target: np.ndarray, given: list[np.ndarray], moves: np.ndarray) -> np.ndarray:
+    """Solve function(unknown, given) = target, (N, .), by Newton's method with least-norm steps from zero; NaN if it does not
     converge.
     """
     known = np.array(given)
-    found = np.zeros((len(wanted), len(moves)))
-    enough = ENOUGH * np.maximum(1.0, np.abs(wanted).max(axis=1, initial=0.0))
-    left = np.flatnonzero(np.isfinite(wanted).all(axis=1) & np.isfinite(known).all(axis=0))
-    solved = np.zeros(len(wanted), bool)
+    found = np.zeros((len(target), len(moves)))
+    enough = ENOUGH * np.maximum(1.0, np.abs(target).max(axis=1, initial=0.0))
+    left = np.flatnonzero(np.isfinite(target).all(axis=1) & np.isfinite(known).all(axis=0))
+    solved = np.zeros(len(target), bool)
     for _ in range(TRIES):
         if not len(left):
             break
         value, slope = (v.full().T for v in function(found[left].T, known[:, left]))
-        residual = value - wanted[left]
+        residual = value - target[left]
         good = np.abs(residual).max(axis=1) <= enough[left]
         solved[left[good]] = True
         usable = ~good & np.isfinite(residual).all(axis=1) & np.isfinite(slope).all(axis=1)

@@ -20,12 +20,12 @@ typedef struct BATCH_PLANT() plant;
 /* Structs of scalars, and the same as arrays. */
 typedef union { BATCH_ROBOT(_state) named; BATCH_REAL at[BATCH_STATE]; } seen_state;
 typedef union { BATCH_JUDGE_ROBOT(_state) named; double at[BATCH_STATE]; } true_state;
-typedef union { BATCH_LAW(_reference) named; BATCH_REAL at[BATCH_REFERENCE]; } wanted;
+typedef union { BATCH_LAW(_reference) named; BATCH_REAL at[BATCH_REFERENCE]; } reference_values;
 typedef union { BATCH_JUDGE(_config) named; double at[BATCH_CONFIG + 1]; } config;
 
 #define AS_MANY(name, type, number) typedef char name[sizeof(type) == sizeof(number) ? 1 : -1]
 AS_MANY(states_are_scalars, BATCH_JUDGE_ROBOT(_state), ((true_state *)0)->at);
-AS_MANY(references_are_scalars, BATCH_LAW(_reference), ((wanted *)0)->at);
+AS_MANY(references_are_scalars, BATCH_LAW(_reference), ((reference_values *)0)->at);
 AS_MANY(outcomes_are_doubles, batch_outcome, double[4 + 3 * BATCH_ROWS + BATCH_INPUTS + BATCH_STATE + 1]);
 
 #if BATCH_SENSED
@@ -65,13 +65,13 @@ typedef struct loop {
     BATCH_RUNTIME(noslip_integral) integral[BATCH_INTEGRALS];
 #endif
     batch_outcome *outcome;
-    double *told;            /* errors at the settings' instants */
+    double *errors;            /* errors at the settings' instants */
     int instant;
     batch_row *rows;
     long row_count, most_rows;
 } loop;
 
-static const int wanted_of_row[BATCH_ROWS] = BATCH_WANTED;
+static const int reference_of_row[BATCH_ROWS] = BATCH_REFERENCE_OF_ROW;
 
 static double least(double a, double b)
 {
@@ -141,32 +141,32 @@ static void as_seen(const double *x, seen_state *state)
 /* det Phi at a state, by elimination for large Phi; NaN if it is undefined. */
 static double determinant(const judge *law, const double *x)
 {
-    double Phi[BATCH_FREEDOM][BATCH_FREEDOM];
+    double Phi[BATCH_DOF][BATCH_DOF];
     true_state state;
     copy(state.at, x, BATCH_STATE);
     if (BATCH_JUDGE(_decoupling)(law, &state.named, Phi) < 0) {
         return not_a_number();
     }
-#if BATCH_FREEDOM == 2
+#if BATCH_DOF == 2
     return Phi[0][0] * Phi[1][1] - Phi[0][1] * Phi[1][0];
 #else
     {
         double product = 1;
         int i, j, k;
-        for (k = 0; k < BATCH_FREEDOM; k++) {
+        for (k = 0; k < BATCH_DOF; k++) {
             int pivot = k;
-            for (i = k + 1; i < BATCH_FREEDOM; i++) {
+            for (i = k + 1; i < BATCH_DOF; i++) {
                 pivot = noslip_abs(Phi[i][k]) > noslip_abs(Phi[pivot][k]) ? i : pivot;
             }
-            for (j = k; j < BATCH_FREEDOM; j++) {
+            for (j = k; j < BATCH_DOF; j++) {
                 const double kept = Phi[k][j];
                 Phi[k][j] = Phi[pivot][j];
                 Phi[pivot][j] = kept;
             }
             product *= pivot == k ? Phi[k][k] : -Phi[k][k];
-            for (i = k + 1; i < BATCH_FREEDOM && noslip_abs(Phi[k][k]) > 0; i++) {
+            for (i = k + 1; i < BATCH_DOF && noslip_abs(Phi[k][k]) > 0; i++) {
                 const double factor = Phi[i][k] / Phi[k][k];
-                for (j = k + 1; j < BATCH_FREEDOM; j++) {
+                for (j = k + 1; j < BATCH_DOF; j++) {
                     Phi[i][j] -= factor * Phi[k][j];
                 }
             }
@@ -341,7 +341,7 @@ static void look(loop *self, double t)
         }
         for (i = 0; i < BATCH_ANGLES; i++) {
             double nearest;
-            prepared = &self->reference[wanted_of_row[angle[i]]];
+            prepared = &self->reference[reference_of_row[angle[i]]];
             if (noslip_nearest_angle(*prepared, y[angle[i]], &nearest) == NOSLIP_OK) {
                 *prepared = nearest;
             }
@@ -356,14 +356,14 @@ static const int row_of_integral[BATCH_INTEGRALS] = BATCH_INTEGRAL_ROWS;
 static const int highest[BATCH_INTEGRALS] = BATCH_HIGHEST;
 
 /* Adds the integral action. Desired headings are already those nearest to the state. */
-static int integrate(loop *self, const seen_state *state, wanted *reference)
+static int integrate(loop *self, const seen_state *state, reference_values *reference)
 {
     BATCH_LAW(_evaluation) all;
     const int good = BATCH_LAW(_evaluate)(&self->law, &state->named, &reference->named, &all) == NOSLIP_OK;
     int i;
     for (i = 0; i < BATCH_INTEGRALS; i++) {
         const int row = row_of_integral[i];
-        const double error = good ? self->reference[wanted_of_row[row]] - all.h[row] : 0;
+        const double error = good ? self->reference[reference_of_row[row]] - all.h[row] : 0;
         BATCH_REAL added;
         int status;
         status = BATCH_RUNTIME(noslip_integral_step)(&self->integral[i], (BATCH_REAL)error,
@@ -382,7 +382,7 @@ static int command(loop *self, double t, double tau[BATCH_INPUTS])
 {
     BATCH_REAL answer[BATCH_INPUTS];
     seen_state state;
-    wanted reference;
+    reference_values reference;
     int i, status;
 #if BATCH_ROUTE
     (void)t;
@@ -683,7 +683,7 @@ static void note(loop *self, double t, const double *tau)
     good = BATCH_JUDGE(_output)(&self->truth, &state.named, y) == NOSLIP_OK;
     for (i = 0; i < BATCH_ROWS; i++) {
         double size;
-        error[i] = good ? y[i] - self->reference[wanted_of_row[i]] : not_a_number();
+        error[i] = good ? y[i] - self->reference[reference_of_row[i]] : not_a_number();
         size = noslip_abs(error[i]);
         outcome->final[i] = error[i];
         outcome->peak[i] = size <= outcome->peak[i] ? outcome->peak[i] : size;
@@ -691,7 +691,7 @@ static void note(loop *self, double t, const double *tau)
     }
     while (self->instant < settings->instants && t >= settings->instant[self->instant] - 1e-9 * settings->output_step) {
         for (i = 0; i < BATCH_ROWS; i++) {
-            self->told[i * settings->instants + self->instant] = error[i];
+            self->errors[i * settings->instants + self->instant] = error[i];
         }
         self->instant++;
     }
@@ -807,7 +807,7 @@ static void attempt(loop *self, double longest, double nudge)
         numbers[i] = 0;
     }
     for (i = 0; i < BATCH_ROWS * self->settings->instants; i++) {
-        self->told[i] = not_a_number();
+        self->errors[i] = not_a_number();
     }
     self->instant = 0;
     self->row_count = 0;
@@ -873,7 +873,7 @@ static double grown(const loop *self, double longest)
     other.settings = &settings;
     other.sample = self->sample;
     other.outcome = &outcome;
-    other.told = NULL;
+    other.errors = NULL;
     other.rows = NULL;
     other.most_rows = 0;
     attempt(&other, longest, self->error);
@@ -884,7 +884,7 @@ static double grown(const loop *self, double longest)
 }
 
 /* Repeats a sample until its error is small enough. Returns the number of rows. */
-static long run(const batch_settings *settings, const batch_sample *sample, batch_outcome *outcome, double *told,
+static long run(const batch_settings *settings, const batch_sample *sample, batch_outcome *outcome, double *errors,
                 batch_row *rows, long most)
 {
     loop self;
@@ -892,7 +892,7 @@ static long run(const batch_settings *settings, const batch_sample *sample, batc
     self.settings = settings;
     self.sample = sample;
     self.outcome = outcome;
-    self.told = told;
+    self.errors = errors;
     self.rows = rows;
     self.most_rows = most;
     attempt(&self, longest, 0);

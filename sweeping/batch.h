@@ -42,7 +42,7 @@ typedef struct batch_sample {
     double start[BATCH_STATE];
     double forward[2], turn[2], ahead; /* of the vehicle, as assumed by the controller; see noslip_odometry_options */
     double speed, deceleration, creep, L[2], W; /* of a composite path, see noslip_path_options */
-    double mean[BATCH_FREEDOM], sd[BATCH_FREEDOM]; /* rad/s: noise of the quasi-velocities */
+    double mean[BATCH_DOF], sd[BATCH_DOF]; /* rad/s: noise of the quasi-velocities */
     double seed;
     double sensor_period, counts, correction_rate, release;
     double period, delay, duration;

@@ -124,7 +124,7 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
         changed["initial"] = initial_of(spec, guide)
     if initial := spec.initial:
         if initial.q is not None:
-            changed["initial"] = replace(initial, nu=initial.nu or (0.0,) * law.system.freedom)
+            changed["initial"] = replace(initial, nu=initial.nu or (0.0,) * law.system.dof)
         else:
             changed["initial"] = Initial(point=initial.point, heading=initial.heading or 0.0, speed=initial.speed or 0.0)
     if spec.limits:
@@ -133,7 +133,7 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
             spec.limits, torque=_spread(spec.limits.torque or (0.0,), count), integral=_spread(spec.limits.integral, integrals)
         )
     if spec.sensors:
-        noise = NoiseSection(**{name: _spread(getattr(spec.sensors.noise, name), law.system.freedom) for name in ("mean", "sd")})
+        noise = NoiseSection(**{name: _spread(getattr(spec.sensors.noise, name), law.system.dof) for name in ("mean", "sd")})
         changed["sensors"] = replace(spec.sensors, noise=noise)
     return replace(spec, **changed)
 

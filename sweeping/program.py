@@ -52,7 +52,7 @@ def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: 
     mechanism, own = law.system.mechanism, SCALARS[scalar]
     degree, rows = law.linearization.relative_degree, law.output.rows
     names = [q.name for q in law.reference]
-    wanted = [names.index(row.name) for row in rows]
+    entries = [names.index(row.name) for row in rows]
     acting = [k for k, row in enumerate(rows) if row.name in integrals]
     angles = [k for k, row in enumerate(rows) if row.unit == "rad" and not route]
     suffix = f"##{own.suffix}" if own.suffix else ""
@@ -66,7 +66,7 @@ def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: 
         "JUDGE(name)": f"{mechanism.name}_{law.name}##name",
         "PLANT(name)": f"{mechanism.name}_dynamics##name",
         "COORDINATES": len(mechanism.coordinates),
-        "FREEDOM": law.system.freedom,
+        "DOF": law.system.dof,
         "STATE": len(law.state),
         "PARAMETERS": len(law.parameters),
         "CONFIG": len(law.config),
@@ -74,12 +74,12 @@ def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: 
         "INPUTS": len(mechanism.inputs),
         "ROWS": len(rows),
         "REFERENCE": len(law.reference),
-        "WANTED": _list(wanted),
+        "REFERENCE_OF_ROW": _list(entries),
         "ANGLES": len(angles),
         "ANGLE_ROWS": _list(angles),
         "INTEGRALS": len(acting),
         "INTEGRAL_ROWS": _list(acting),
-        "HIGHEST": _list([wanted[k] + degree[k] for k in acting]),
+        "HIGHEST": _list([entries[k] + degree[k] for k in acting]),
         "SINGLE": int(bool(own.suffix)),
         "SENSED": int(sensed),
         "ROUTE": int(route),

@@ -108,18 +108,18 @@ class Parts:
 
     def _claim(self) -> None:
         """Raise BadInput unless the folder belongs to this sweep; an empty folder receives its manifest."""
-        manifest, wanted = self.folder / MANIFEST, self.study.identity
+        manifest, identity = self.folder / MANIFEST, self.study.identity
         if not os.path.lexists(manifest):
             if any(not path.name.endswith(".part") or not OWN.fullmatch(path.name) for path in self.folder.iterdir()):
                 raise BadInput(f"{self.folder} exists and is not a sweep's; move it or change -o")
             with replacing(manifest) as new:
-                create(new, (json.dumps(wanted, indent=1) + "\n").encode())
+                create(new, (json.dumps(identity, indent=1) + "\n").encode())
         try:
             found = dict(json.loads(manifest.read_bytes()))
         except (ValueError, TypeError, RecursionError) as error:
             raise BadInput(f"{manifest} is damaged or not a sweep's; remove {self.folder} or change -o") from error
-        if found != wanted:
-            raise BadInput(f"{self.folder} has parts of another sweep: {_difference(found, wanted)}; remove it or change -o")
+        if found != identity:
+            raise BadInput(f"{self.folder} has parts of another sweep: {_difference(found, identity)}; remove it or change -o")
 
     def _file(self, part: int) -> Path:
         return self.folder / f"{part:07d}"
@@ -225,8 +225,8 @@ def sample_of(file: Path | str, sample: int) -> tuple[str, dict[str, float], dic
     return text, dict(list(values.items())[1:first]), dict(list(values.items())[first:])
 
 
-def _difference(found: dict, wanted: dict) -> str:
+def _difference(found: dict, identity: dict) -> str:
     """Describe the difference between two identities."""
-    if found.get("spec_sha256") != wanted["spec_sha256"]:
+    if found.get("spec_sha256") != identity["spec_sha256"]:
         return "its SPEC is not this one"
-    return ", ".join(f"{key} {found.get(key)}, not {value}" for key, value in wanted.items() if found.get(key) != value)
+    return ", ".join(f"{key} {found.get(key)}, not {value}" for key, value in identity.items() if found.get(key) != value)

@@ -158,7 +158,7 @@ class RandomRobot:
     names: list[str] = field(default_factory=list)
 
     @property
-    def freedom(self) -> int:
+    def dof(self) -> int:
         """n - m."""
         return self.n - len(self.constraints)
 
@@ -463,7 +463,7 @@ def _truth(robot: RandomRobot, state: State, names: Sequence[str]) -> dict[str, 
 def states(robot: RandomRobot, count: int) -> list[State]:
     """Random states where nothing that must be inverted is near singular; every third with coordinates that are zero."""
     source, found = np.random.default_rng(robot.seed), []
-    free = robot.freedom
+    free = robot.dof
     references = sum(3 if degree == 2 else 2 for degree, _ in robot.outputs)
     gains = sum(2 if degree == 2 else 1 for degree, _ in robot.outputs)
 

@@ -74,20 +74,20 @@ def test_c_is_the_reference(scalar):
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_refused(scalar):
     made = runtime("noslip_approach.h")
-    self, wanted = made.new("noslip_approach", scalar), made.new("noslip_approached", scalar)
+    self, desired = made.new("noslip_approach", scalar), made.new("noslip_approached", scalar)
 
     def call(name, *arguments):
         return made.status(made.function(f"noslip_approach_{name}", scalar)(self, *arguments))
 
-    assert call("step", 0.01, 1.0, wanted) == "not_ready"
+    assert call("step", 0.01, 1.0, desired) == "not_ready"
     for acceleration, settling, jerk in ((0, 1, 0), (1, 0, 0), (math.nan, 1, 0), (1, math.inf, 0), (1, 1, 1), (1, 1, math.nan)):
         assert call("init", acceleration, settling, jerk) == "bad_parameter" and call("start", 1, 0, 0) == "not_ready"
     assert call("init", 0.5, 0.25, 0.0) == "ok"
     assert call("start", math.nan, 0, 0) == "nonfinite" and call("start", 1, 0, 0) == "ok"
     for dt, speed, status in ((math.nan, 1, "nonfinite"), (0.01, math.inf, "nonfinite"), (-0.01, 1, "range"), (0.26, 1, "range")):
-        wanted.distance = math.nan
-        assert call("step", dt, speed, wanted) == status and wanted.distance == 0.0
-    assert call("step", 0.0, 1.0, wanted) == "ok" and wanted.distance == 1.0
+        desired.distance = math.nan
+        assert call("step", dt, speed, desired) == status and desired.distance == 0.0
+    assert call("step", 0.0, 1.0, desired) == "ok" and desired.distance == 1.0
 
 
 def test_the_path_is_reached_sooner_and_the_wheels_roll():

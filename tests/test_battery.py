@@ -277,7 +277,7 @@ class Law:
         )
         worst, size = 0.0, np.median([np.abs(point.truth.values["Phidot"]).max() for point in self.plant.points])
         for point in self.plant.points:
-            n = len(point.state) - self.law.system.freedom
+            n = len(point.state) - self.law.system.dof
             qdot = np.concatenate([point.truth.values["S"] @ point.state[n:], np.zeros(len(point.state) - n)])
             h = 1e-3 / max(1.0, np.abs(qdot).max())
             at = {k: made.evaluate(point.state + k * h * qdot, point.reference).values["Phi"] for k in (-2, -1, 1, 2)}
@@ -355,7 +355,7 @@ def test_the_battery_has_every_robot_and_every_output_of_its_own():
     for robot, names in LAWS.items():
         made: Mechanism = find_robot(robot)
         assert {output.name for output in made.outputs} <= set(names)
-        assert system_of(made).freedom == 2 or not made.vehicle or names == ("end_point",)
+        assert system_of(made).dof == 2 or not made.vehicle or names == ("end_point",)
 
 
 def test_random_states_keep_away_from_the_poles_of_S():
@@ -396,7 +396,7 @@ def test_energy_is_the_work_done(robot):
     system, random = system_of(find_robot(robot)), np.random.default_rng(12)
     n, parameters = len(system.mechanism.coordinates), system.mechanism.parameters
     numbers = [p.default * random.uniform(0.7, 1.3) for p in parameters]
-    x = random.uniform(-0.8, 0.8, n + system.freedom)
+    x = random.uniform(-0.8, 0.8, n + system.dof)
     with_friction = Plant(system, numbers)
     for _ in range(10):
         at, tau = x * random.uniform(0.5, 1.5, len(x)), random.uniform(-5, 5, len(system.mechanism.inputs))

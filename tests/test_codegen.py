@@ -328,7 +328,7 @@ def test_masses_and_bias_do_not_know_the_heading(name):
     for masses_and_bias in ((inner.Mbar, inner.bias), (law.system.Mbar, law.system.bias)):
         assert not any(ca.depends_on(matrix, law.system.mechanism.q) for matrix in masses_and_bias)
     entry = next(entry for entry in compiled(name).entries if entry.name == "feedback")
-    roots = [node for row in compiled(name).entries[entry].quantities["tau_of_demand"] for node in row]
+    roots = [node for row in compiled(name).entries[entry].quantities["tau_of_v"] for node in row]
     functions = {"sin": np.sin, "cos": np.cos, "sqrt": np.sqrt, "abs": abs}
     degrees = np.array(law.linearization.relative_degree)
     (plant, *_), u, nu = random_plants(law, 20, seed=2), np.array([3.0, -1.7]), np.array([4.0, 2.5])
@@ -337,7 +337,7 @@ def test_masses_and_bias_do_not_know_the_heading(name):
         state = np.concatenate([point.state[:-2], nu])
         found = controller.evaluate(state, point.reference).values
         v = found["Phi"] @ u + np.where(degrees == 2, found["Phidot"] @ nu, 0)
-        groups = {"params": plant.params, "config": plant.config, "gains": plant.gains, "state": state, "demand": v}
+        groups = {"params": plant.params, "config": plant.config, "gains": plant.gains, "state": state, "virtual_input": v}
         given = {(g, q.name): value for g, values in groups.items() for q, value in zip(law.groups[g], values, strict=True)}
         torques.append(evaluate(roots, lambda n, given=given: given[n.group, n.name], float, functions))
     assert np.ptp(torques, axis=0).max() <= 1e-10 * np.abs(torques).max()

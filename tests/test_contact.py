@@ -325,7 +325,7 @@ def states_of(name: str, options: ContactSection):
     plant = Plant(system, [p.default for p in mechanism.parameters])
     random = np.random.default_rng(1992)
     n = len(mechanism.coordinates)
-    x = random.uniform(-1.5, 1.5, (STATES, n + system.freedom))
+    x = random.uniform(-1.5, 1.5, (STATES, n + system.dof))
     tau = random.uniform(-5, 5, (STATES, len(mechanism.inputs)))
     return system, plant, x, tau, contact_forces(plant, x, tau, options)
 
@@ -335,7 +335,7 @@ def test_ground_and_inputs_do_what_the_equations_of_motion_ask(name):
     """M qddot + V - E tau is what the ground does at the contacts, J' F, and what a rod does that touches no ground."""
     system, plant, x, tau, contacts = states_of(name, ContactSection())
     mechanism, n = system.mechanism, len(system.mechanism.coordinates)
-    nudot = ca.SX.sym("nudot", system.freedom)
+    nudot = ca.SX.sym("nudot", system.dof)
     forces = ca.SX.sym("F", 2 * len(contacts))
     inputs = ca.SX.sym("tau", len(mechanism.inputs))
     motion = system.S @ nudot + system.Sdot @ system.nu
@@ -388,7 +388,7 @@ def test_forces_are_affine_in_what_is_wanted(name):
     for _ in range(STATES // 10):
         values = [p.default * random.uniform(0.8, 1.25) for p in mechanism.parameters]
         plant = Plant(system, values)
-        x = random.uniform(-1.2, 1.2, n + system.freedom)
+        x = random.uniform(-1.2, 1.2, n + system.dof)
         one, other = random.uniform(-5, 5, (2, inputs))
         found = contact_forces(plant, x, one, ContactSection(height=height))
         force, mass, shift = (value.full().ravel() for value in function(x, one, values))

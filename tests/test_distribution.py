@@ -375,23 +375,23 @@ def test_theorems_without_integrals():
 
 
 @pytest.mark.parametrize(
-    "robot, driven, freedom, reached",
+    "robot, driven, dof, reached",
     [
         (lambda: systems.sleigh(0.3), 1, 2, 5),
         (lambda: systems.sleigh(0.0), 1, 2, 4),
         (systems.snakeboard, 2, 3, 8),
     ],
 )
-def test_underactuated_robots_are_judged_as_they_are_driven(robot, driven, freedom, reached):
+def test_underactuated_robots_are_judged_as_they_are_driven(robot, driven, dof, reached):
     """Chaplygin's sleigh: v' = d omega^2, so that with d = 0 no torque changes v (Neimark, Fufaev 1972). The snakeboard: locally
     accessible (J. Ostrowski, J. Burdick, Int. J. Robotics Research 17(7), 1998). What feedback (12) would allow is not said.
     """
     found = analyse(robot())
-    assert (found.actuation.driven, found.actuation.freedom, found.actuation.reached) == (driven, freedom, reached)
+    assert (found.actuation.driven, found.actuation.dof, found.actuation.reached) == (driven, dof, reached)
     assert found.check("accessible").verdict is (reached == 2 * found.n - found.m)
     assert found.check("controllable").verdict is (None if reached == 2 * found.n - found.m else False)
     for name in ("lagrange_stable", "dynamic_feedback_linearizable"):
-        assert found.check(name).verdict is None and f"{driven} of {freedom} quasi-velocities" in found.check(name).reason
+        assert found.check(name).verdict is None and f"{driven} of {dof} quasi-velocities" in found.check(name).reason
     assert "nu' = u" not in found.controlled and found.as_json()["properties_of"] == found.controlled
 
 

@@ -149,7 +149,7 @@ def states(name: str, count: int = 20, seed: int = 3) -> list[State]:
         State(
             single(defaults * random.uniform(0.7, 1.3, len(defaults))),
             single(random.uniform(-1.2, 1.2, len(robot.coordinates))),
-            single(random.uniform(-3.0, 3.0, made.freedom)),
+            single(random.uniform(-3.0, 3.0, made.dof)),
             single(random.uniform(-5.0, 5.0, len(robot.inputs))),
         )
         for _ in range(count)
@@ -218,7 +218,7 @@ class Plant:
         return self.filled("state", self.system.state, [*q, *nu])
 
     def reduced(self, q, nu) -> tuple[str, np.ndarray, np.ndarray]:
-        p = self.system.freedom
+        p = self.system.dof
         Mbar, bias = self.array(p, p), self.array(p)
         status = self.function("reduced")(self.own, self.state(q, nu), Mbar, bias)
         return self.status(status), self.numbers(Mbar), self.numbers(bias)
@@ -229,7 +229,7 @@ class Plant:
         return self.status(status), {key: self.numbers(getattr(found, key)) for key in ("Mbar", "bias", "input_map", "qdot")}
 
     def acceleration(self, q, nu, tau) -> tuple[str, np.ndarray, np.ndarray]:
-        qdot, nudot = self.array(len(q)), self.array(self.system.freedom)
+        qdot, nudot = self.array(len(q)), self.array(self.system.dof)
         given = self.ffi.new(f"{self.real}[]", list(tau))
         status = self.function("acceleration")(self.own, self.state(q, nu), given, qdot, nudot)
         return self.status(status), self.numbers(qdot), self.numbers(nudot)

@@ -96,7 +96,7 @@ def test_mass_matrix_and_bias_are_those_of_pinocchio(name, made):
     position = ca.Function("position", [robot.q], [ca.vertcat(*positions(name, model, angles, q))])
     values, random, data = [p.default for p in robot.parameters], np.random.default_rng(5), model.createData()
     for _ in range(STATES):
-        state, nu = random.uniform(-1.2, 1.2, len(q)), random.uniform(-2, 2, system.freedom)
+        state, nu = random.uniform(-1.2, 1.2, len(q)), random.uniform(-2, 2, system.dof)
         T_, Tdot_, Mbar, bias = (value.full() for value in f(state, nu, values))
         x, y, phi = (state[list(q).index(each)] for each in ("x", "y", "phi"))
         displaced = np.concatenate([[0.0] * 6, position(state).full()[:, 0]])

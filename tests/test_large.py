@@ -1,4 +1,4 @@
-"""Laws of robots that are not the LABMATE: freedom 1 to 5, more inputs than motions, gravity, damping, no angle, no parameter."""
+"""Laws of robots that are not the LABMATE: dof 1 to 5, more inputs than motions, gravity, damping, no angle, no parameter."""
 
 import math
 import re

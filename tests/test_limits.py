@@ -71,15 +71,15 @@ def bounds(limits: tuple[float, ...]) -> np.ndarray:
 
 
 @cache
-def tau_of_demand(name: str) -> ca.Function:
+def tau_of_v(name: str) -> ca.Function:
     """(params, config, state, demand) to tau."""
-    groups = [symbols(law(name).groups[group]) for group in ("params", "config", "state", "demand")]
-    return ca.Function("tau", groups, [law(name).tau_of_demand])
+    groups = [symbols(law(name).groups[group]) for group in ("params", "config", "state", "virtual_input")]
+    return ca.Function("tau", groups, [law(name).tau_of_v])
 
 
 def slope_of(name: str, numbers, state) -> np.ndarray:
     """Derivative of tau, which is affine in what is wanted of the speed, by differences."""
-    none, one = (np.asarray(tau_of_demand(name)(*numbers[:2], state, [0, v])).ravel() for v in (0, 1))
+    none, one = (np.asarray(tau_of_v(name)(*numbers[:2], state, [0, v])).ravel() for v in (0, 1))
     return one - none
 
 

@@ -148,7 +148,7 @@ def samples(system: ReducedSystem, expressions: list[ca.SX], *more: ca.SX, count
         others = [rng.uniform(-3, 3, s.numel()) for s in more]
         yield [
             np.asarray(value)
-            for value in evaluate.call([rng.uniform(-3, 3, robot.q.numel()), rng.uniform(-3, 3, system.freedom), p, *others])
+            for value in evaluate.call([rng.uniform(-3, 3, robot.q.numel()), rng.uniform(-3, 3, system.dof), p, *others])
         ]
 
 
@@ -290,7 +290,7 @@ def test_null_space_and_mass(name):
     assert canonical(robot.A @ system.S).is_zero()
     for A, S, M, Mbar in samples(system, [robot.A, system.S, robot.M, system.Mbar]):
         assert np.abs(A @ S).max() <= 1e-13 * max(1.0, np.abs(A).max() * np.abs(S).max())
-        assert np.linalg.matrix_rank(S) == system.freedom
+        assert np.linalg.matrix_rank(S) == system.dof
         for mass in (M, Mbar):
             assert np.array_equal(mass, mass.T) or close(mass, mass.T, 1e-15)
             assert np.linalg.eigvalsh(mass).min() > 0
@@ -348,7 +348,7 @@ def test_equations_of_motion_hold_with_the_constraint_forces(name):
 def test_first_feedback(name):
     """tau (12) makes nudot = u (13)."""
     system = system_of(name)
-    u = ca.SX.sym("u", system.freedom)
+    u = ca.SX.sym("u", system.dof)
     nudot = system.acceleration(system.first_feedback(u))
     for wanted, found, input_map in samples(system, [u, nudot, system.input_map], u):
         assert close(found, wanted, 1e-11 * np.linalg.cond(input_map))
@@ -365,7 +365,7 @@ def outputs_of(system: ReducedSystem) -> list[OutputMap]:
         rows or [OutputRow("place", "m", "", q[0] + q[0] ** 3)],
         mixed or [OutputRow("rate", "m/s", "", nu[0] * (1 + q[0] ** 2))],
     )
-    if system.freedom == 3:
+    if system.dof == 3:
         rows, mixed = ([*row, OutputRow("arm", "rad", "", q[3])] for row in (rows, mixed))
     return [OutputMap("positions", "", tuple(rows)), OutputMap("mixed", "", tuple(mixed))]
 
@@ -403,7 +403,7 @@ def test_second_feedback_gives_the_wanted_derivatives(name):
     system = system_of(name)
     state = ca.vertcat(system.mechanism.q, system.nu)
     for found in linearizations(name):
-        v = ca.SX.sym("v", system.freedom)
+        v = ca.SX.sym("v", system.dof)
         rates = iter(ca.vertsplit(found.rate)) if found.rate.numel() else iter(())
         lower = ca.vertcat(
             *[next(rates) if k == 2 else h for k, h in zip(found.relative_degree, ca.vertsplit(found.h), strict=True)]
@@ -434,7 +434,7 @@ def test_phidot_is_the_derivative_of_phi(name):
             assert close(exact, difference, 1e-8, scale=np.abs([left, right, exact]).max()), found.output.name
 
 
-# -- more inputs than freedom -----------------------------------------------------------------------------------------
+# -- more inputs than dof -----------------------------------------------------------------------------------------
 
 
 def test_redundant_inputs_share_by_weight():
@@ -468,7 +468,7 @@ def test_null_space_given_outright():
     heading = robot.coordinates[2].symbol
     robot.null_space(ca.blockcat([[cos(heading), 0], [sin(heading), 0], [0, 1]]), {"v": "m/s", "w": "rad/s"})
     given = reduce(robot)
-    assert [v.name for v in given.quasi_velocities] == ["v", "w"] and given.freedom == 2
+    assert [v.name for v in given.quasi_velocities] == ["v", "w"] and given.dof == 2
     pairs = zip(
         samples(chosen, [chosen.S, chosen.Mbar, chosen.bias]), samples(given, [given.S, given.Mbar, given.bias]), strict=True
     )
@@ -536,7 +536,7 @@ def test_light_rotor_on_a_heavy_truck():
     robot.rolls("wheel", place - roll / 2)
     robot.input("drive", "N", on=place)
     robot.input("motor", "N m", on=rotor)
-    assert reduce(robot).freedom == 2
+    assert reduce(robot).dof == 2
 
 
 def test_energy_added_after_a_look_at_M_counts():

@@ -134,7 +134,7 @@ def own_cache(tmp_path, monkeypatch):
 
 
 def test_some_random_robots():
-    check(islice((seed for seed in NIGHTLY if drawn(seed).freedom <= 2), FEW))
+    check(islice((seed for seed in NIGHTLY if drawn(seed).dof <= 2), FEW))
 
 
 @pytest.mark.nightly

@@ -154,7 +154,7 @@ def test_a_constraint_that_follows_from_others_is_refused_by_name(joints):
 @cache
 def sharing(made: Mechanism) -> ca.Function:
     """From q, nu, u, p: S'E, what it must give (12), torques, weights, wanted torques, nudot, lambda."""
-    system, u = system_of(made), ca.SX.sym("u", system_of(made).freedom)
+    system, u = system_of(made), ca.SX.sym("u", system_of(made).dof)
     tau = system.first_feedback(u)
     nudot = system.acceleration(tau)
     wanted = ca.substitute(made.preferred, made.qdot, system.qdot)

@@ -70,7 +70,7 @@ def states(name: str, count: int = STATES) -> list[State]:
     """Random ones, in reach of every coordinate patch; parameters around their defaults."""
     robot, random = system(name).mechanism, np.random.default_rng(8)
     defaults = np.array([parameter.default for parameter in robot.parameters])
-    sizes = len(robot.coordinates), system(name).freedom, len(robot.inputs)
+    sizes = len(robot.coordinates), system(name).dof, len(robot.inputs)
     return [
         State(
             random.uniform(-1.2, 1.2, sizes[0]),

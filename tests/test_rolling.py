@@ -623,8 +623,8 @@ def test_ball_on_plane_as_a_mechanism(spin):
     system = reduce(robot)
     values = ca.Function("f", [robot.q, system.nu, robot.p], [system.Mbar, system.bias, system.S])
     for place in places(20, 5, 10):
-        Mbar, bias, S = (np.array(v) for v in values(place, np.ones(system.freedom), [0.1, 2.0]))
-        wanted = 2.0 * 0.1**2 * np.diag([1.4, 1.4, 0.4][: system.freedom])
+        Mbar, bias, S = (np.array(v) for v in values(place, np.ones(system.dof), [0.1, 2.0]))
+        wanted = 2.0 * 0.1**2 * np.diag([1.4, 1.4, 0.4][: system.dof])
         assert np.abs(Mbar - wanted).max() < 1e-12 and np.abs(bias).max() < 1e-12
         assert np.abs(S[:2, :2] - [[0, 0.1], [-0.1, 0]]).max() < 1e-12
 

@@ -154,7 +154,7 @@ def test_what_the_generator_drops_is_found(tmp_path, capsys):
     law = law_of(find_robot(f"{robot}:robot"), "type_i")
     files = {path.name: path.read_text() for path in (folder / "sled").iterdir()}
     samples = [sample for sample in verify._LawInC(law, "double").samples(files) if sample.what == "tau by step"]
-    assert all(np.abs(s.value - s.wanted).max() <= 1e-11 * np.abs(s.wanted).max() for s in samples)
+    assert all(np.abs(s.value - s.expected).max() <= 1e-11 * np.abs(s.expected).max() for s in samples)
 
 
 def test_c_that_does_not_compile_is_not_written(tmp_path, monkeypatch, capsys, afresh):

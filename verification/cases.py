@@ -211,7 +211,7 @@ def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
             why = "a law has no memory; integral action is available in `noslip simulate`"
             raise BadInput(f"{where}: gains: unknown gain {name!r}: {why}")
     q = _numbers(case["q"], len(law.system.mechanism.coordinates), f"{where}: q")
-    nu = _numbers(case["nu"], law.system.freedom, f"{where}: nu")
+    nu = _numbers(case["nu"], law.system.dof, f"{where}: nu")
     return EvaluationCase(
         where,
         law,
@@ -272,8 +272,8 @@ def _table(given: Any, where: str) -> Mapping[str, Any]:
 
 def _numbers(given: Any, length: int | None, where: str, finite: bool = False) -> list[float]:
     if not isinstance(given, list) or length is not None and len(given) != length:
-        wanted = "a list of numbers" if length is None else f"a list of {length} numbers"
-        raise BadInput(f"{where}: must be {wanted}, not {_brief(given)}")
+        requirement = "a list of numbers" if length is None else f"a list of {length} numbers"
+        raise BadInput(f"{where}: must be {requirement}, not {_brief(given)}")
     numbers = [_number(value, where) for value in given]
     if finite and not np.all(np.isfinite(numbers)):
         raise BadInput(f"{where}: has a number that is not finite")

@@ -106,7 +106,7 @@ def _against_expected(cases: Sequence[EvaluationCase], backend: str) -> Deviatio
     deviations: Deviations = {}
     offered = (*QUANTITIES, *MODEL_QUANTITIES) if backend == "casadi" else QUANTITIES
     for case, evaluation in zip(cases, evaluate_cases(cases, backend), strict=True):
-        for name, wanted in case.expect.items():
+        for name, expected in case.expect.items():
             if name not in offered:
                 continue
             found = deviations.setdefault(name, [])
@@ -114,9 +114,9 @@ def _against_expected(cases: Sequence[EvaluationCase], backend: str) -> Deviatio
                 found.append(Deviation(float("inf"), 0.0, f"{case.where} (status {evaluation.status})"))
                 continue
             value = evaluation.values[name]
-            if wanted.shape != value.shape:
-                raise BadInput(f"{case.where}: expect.{name} has shape {list(wanted.shape)}; it must be {list(value.shape)}")
-            found.append(deviation_of(value, wanted, case.where))
+            if expected.shape != value.shape:
+                raise BadInput(f"{case.where}: expect.{name} has shape {list(expected.shape)}; it must be {list(value.shape)}")
+            found.append(deviation_of(value, expected, case.where))
     return deviations
 
 
@@ -211,9 +211,9 @@ def _random_table(tables: dict[str, dict[str, dict[str, ErrorSummary]]], backend
     return "".join(f"  {line.rstrip()}\n" for line in columns(rows))
 
 
-def deviation_of(value: np.ndarray, wanted: np.ndarray, where: str) -> Deviation:
-    difference = float(np.max(np.abs(value - wanted), initial=0.0))
-    return Deviation(difference if np.isfinite(difference) else float("inf"), float(np.max(np.abs(wanted), initial=0.0)), where)
+def deviation_of(value: np.ndarray, expected: np.ndarray, where: str) -> Deviation:
+    difference = float(np.max(np.abs(value - expected), initial=0.0))
+    return Deviation(difference if np.isfinite(difference) else float("inf"), float(np.max(np.abs(expected), initial=0.0)), where)
 
 
 def relative(found: Sequence[Deviation], typical: float) -> list[float]:

@@ -56,7 +56,7 @@ class Sample:
     what: str
     status: str
     value: np.ndarray | None
-    wanted: np.ndarray
+    expected: np.ndarray
     quantity: str
     given: Mapping[str, np.ndarray]
 
@@ -159,7 +159,7 @@ class _InC(ABC):
         if failed:
             return failed
         valued = [(s, s.value) for s in samples if s.value is not None]
-        errors = relative([deviation_of(value, s.wanted, "") for s, value in valued], TYPICAL)
+        errors = relative([deviation_of(value, s.expected, "") for s, value in valued], TYPICAL)
         for k in np.argsort(errors)[::-1]:
             if errors[k] <= LIMIT[self.scalar]:
                 return None
@@ -179,23 +179,23 @@ class _InC(ABC):
         def exact(inputs: np.ndarray) -> np.ndarray:
             return np.array(evaluate(self.expressions[sample.quantity], places, inputs), float)
 
-        wanted, response = exact(values), 0.0
+        expected, response = exact(values), 0.0
         for seed in range(4):
             rounded = values * (1 + ROUNDING[self.scalar] * np.random.default_rng(seed).choice((-1, 1), len(values)))
-            response = max(response, np.abs(exact(rounded) - wanted).max(initial=0.0))
-        off = np.abs(value.ravel(order="F") - sample.wanted.ravel(order="F")).max(initial=0.0)
+            response = max(response, np.abs(exact(rounded) - expected).max(initial=0.0))
+        off = np.abs(value.ravel(order="F") - sample.expected.ravel(order="F")).max(initial=0.0)
         plain = self.right(sample.given)[sample.quantity].ravel(order="F")
         # the latter: error of the model in double
-        return bool(off <= RESPONSE * response + 2 * np.abs(plain - wanted).max(initial=0.0))
+        return bool(off <= RESPONSE * response + 2 * np.abs(plain - expected).max(initial=0.0))
 
     def about(self, sample: Sample) -> str:
         """Return the description of a difference: both values, and the inputs on which it depends."""
         said = f"status {sample.status}" if sample.value is None else _listed(sample.value)
-        wanted = _listed(sample.wanted) if sample.quantity else f"status {SAYS_SINGULAR}"
+        expected = _listed(sample.expected) if sample.quantity else f"status {SAYS_SINGULAR}"
         model = self.expressions.get(sample.quantity, ca.vertcat(*self.groups.values()))
         used = [(name, group) for name, group in self.groups.items() if group.numel() and ca.depends_on(model, group)]
         given = "; ".join(f"{name} {_named(name, group, sample.given[name])}" for name, group in used)
-        return f"{sample.what} differs: the C gives {said}; the model gives {wanted} (at {given})"
+        return f"{sample.what} differs: the C gives {said}; the model gives {expected} (at {given})"
 
 
 def _named(name: str, group: ca.SX, values: Iterable[float]) -> str:
@@ -224,7 +224,7 @@ class _LawInC(_InC):
     def expressions(self) -> dict[str, ca.SX]:
         """The model's quantities, and the measure of singularity of Phi."""
         law, measure = self.law, ca.vertcat(*self.law.linearization.measure)
-        found = law.quantities | {"tau_of_demand": law.tau_of_demand, "slope": law.slope, "measure": measure}
+        found = law.quantities | {"tau_of_v": law.tau_of_v, "slope": law.slope, "measure": measure}
         return found | {str(name): expression for name, expression in plain_ground(law.system).items()}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
@@ -237,7 +237,7 @@ class _LawInC(_InC):
             controller = CompiledController(self.law, params, config, gains, made_by=library)
             for point in plant.points:
                 given = numbers | {"state": self.held(point.state), "reference": self.held(point.reference)}
-                given["demand"] = self.held(random.uniform(-2, 2, len(self.law.demand)))
+                given["virtual_input"] = self.held(random.uniform(-2, 2, len(self.law.virtual_input)))
                 given["input"] = self.held(random.uniform(-2, 2, len(self.law.system.mechanism.inputs)))
                 yield from self._at(controller, library, given)
                 yield from self._at_foot(controller, library, given, random)

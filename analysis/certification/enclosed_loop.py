@@ -142,13 +142,13 @@ def kink(over: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> tuple[np.nd
 
 
 class EnclosedPlant:
-    """w' = N^-1 F and the rates of the coordinates before, from an Enclosure of [rates; N; F] of [z; tau; p]; N is freedom^2.
+    """w' = N^-1 F and the rates of the coordinates before, from an Enclosure of [rates; N; F] of [z; tau; p]; N is dof^2.
 
     Nothing is inverted symbolically: N (w' + dw') = F + dF - dN w' tells how far w' can change.
     """
 
-    def __init__(self, parts: Enclosure, freedom: int):
-        self._parts, self._freedom = parts, freedom
+    def __init__(self, parts: Enclosure, dof: int):
+        self._parts, self._dof = parts, dof
         self.fixed = np.zeros(0)  # values of the other arguments
 
     def tangent(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -158,7 +158,7 @@ class EnclosedPlant:
 
     def bounds(self, x: np.ndarray, moved: np.ndarray, radius: np.ndarray, rest: np.ndarray | float = 0.0) -> Bounds:
         """See Enclosure."""
-        found, f = self._parts.bounds(x, moved, radius, rest, self.fixed), self._freedom
+        found, f = self._parts.bounds(x, moved, radius, rest, self.fixed), self._dof
         value, slope, inverse = self._solved(found.value, found.slope)
         size, k = np.abs(value[-f:]), len(value) - f
         (mN, mF), (RN, RF), (rN, rF) = (self._split(part)[1:] for part in (found.moved, found.radius, found.rest))
@@ -179,13 +179,13 @@ class EnclosedPlant:
         return Bounds(value, slope, *[np.concatenate([first[:k], second]) for first, second in both])
 
     def _split(self, part: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        f = self._freedom
+        f = self._dof
         k = len(part) - f * (f + 1)
         return part[:k], part[k : k + f * f].reshape(f, f).T, part[k + f * f :]
 
     def _solved(self, value: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         rates, N, F = self._split(value)
-        f, k = self._freedom, len(rates)
+        f, k = self._dof, len(rates)
         inverse = np.linalg.inv(N)
         w = inverse @ F
         by = slope[k + f * f :].copy()
@@ -281,13 +281,13 @@ class EnclosedLoop:
         needed = ca.vertcat(motion, law_of_z, guard)
         keep = _relevant(z, rates, ca.vertcat(needed, z[2]) if loop.composite else needed)
         self._keep, self.along = keep, keep.index(2) if loop.composite else None
-        self.first = len(keep) - system.freedom
+        self.first = len(keep) - system.dof
         bend, other = (curvature, ca.SX(0, 1)) if loop.composite else (ca.SX(0, 1), curvature)
         constants = ca.vertcat(symbols(law.config), symbols(law.gains), limits, other)
         z = ca.vertcat(*[z[k] for k in keep])
-        kept = ca.vertcat(*[rates[k] for k in keep[: -system.freedom]])
+        kept = ca.vertcat(*[rates[k] for k in keep[: -system.dof]])
         parts = Enclosure(ca.vertcat(kept, motion), ca.vertcat(z, tau, self._p, bend), constants)
-        self.plant = EnclosedPlant(parts, system.freedom)
+        self.plant = EnclosedPlant(parts, system.dof)
         fixed = ca.vertcat(constants, symbols(law.reference))
         self.law = Enclosure(law_of_z, ca.vertcat(z, self._integrals, bend), fixed)
         self.guard = Enclosure(guard, ca.vertcat(z, bend), constants)
@@ -433,16 +433,16 @@ class EnclosedLoop:
 
     def _speeds(self, coordinates: ca.SX, x_of_z: ca.SX, rates: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """z with forward speed and yaw rate, as the controller reckons them, for the quasi-velocities; the rest by this z."""
-        nu, moving = self.loop.law.system.nu, ca.SX.sym("moving", self.loop.law.system.freedom)
+        nu, moving = self.loop.law.system.nu, ca.SX.sym("moving", self.loop.law.system.dof)
         change = nu, ca.SX(ca.inv(ca.DM(self._of_nu))) @ moving
         return ca.vertcat(coordinates, moving), ca.substitute(x_of_z, *change), ca.substitute(rates, *change)
 
     def _controller(self, x_of_z: ca.SX, limits: ca.SX, curvature: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return the expressions of `law` and `guard`."""
         law, action, found = self.loop.law, self.loop.integral, self.loop.law.linearization
-        wanted = symbols(law.reference)
+        desired = symbols(law.reference)
         self._integrals = ca.SX.sym("integral", len(action.rows))
-        added = ca.SX.zeros(wanted.numel())
+        added = ca.SX.zeros(desired.numel())
         for k, entry in enumerate(action.highest):
             added[entry] = action.ki[k] * self._integrals[k]
         numbers = symbols(law.parameters), ca.SX(self.loop.believed)
@@ -457,8 +457,8 @@ class EnclosedLoop:
             raise BadInput(f"{law.name}: its first output is no distance of a point")
         gradient = ca.substitute(ca.gradient(through.outer, through.symbols), through.symbols, through.inner)
         s = ca.dot(gradient, ca.vertcat(ca.cos(heading), ca.sin(heading))) / ca.sqrt(ca.sumsqr(gradient))
-        errors = [wanted[entry] - found.h[row] for entry, row in zip(action.wanted, action.acting, strict=True)]
-        tau = self._forces @ seen(ca.substitute(law.tau, wanted, wanted + added))
+        errors = [desired[entry] - found.h[row] for entry, row in zip(action.desired, action.acting, strict=True)]
+        tau = self._forces @ seen(ca.substitute(law.tau, desired, desired + added))
         slope = seen(law.slope)
         met = []
         for i in range(len(self.most) if self.slows else 0):
@@ -470,7 +470,7 @@ class EnclosedLoop:
         """Return the factor of the inputs: with as many inputs as speeds and no limits, forces along the speeds are used."""
         system, r = self.loop.law.system, len(self.most)
         map_ = system.input_map
-        if np.isfinite(self.most).any() or r != system.freedom or ca.symvar(map_):
+        if np.isfinite(self.most).any() or r != system.dof or ca.symvar(map_):
             return ca.DM.eye(r)
         return by_nu.T @ ca.evalf(ca.densify(map_))
 
@@ -482,16 +482,16 @@ class EnclosedLoop:
         if not count or initial is None or initial.q is not None or not initial.speed:
             return rest
         system = self.loop.law.system
-        freedom, q, speed = system.freedom, system.mechanism.q, ca.SX.sym("speed")
+        dof, q, speed = system.dof, system.mechanism.q, ca.SX.sym("speed")
         motion = ca.vertcat(forward_speed(system), system.along_motion(system.mechanism.required_vehicle.heading))
         M = ca.substitute(ca.jacobian(motion, system.nu), *self._known)
-        wanted = ca.vertcat(speed, 0.0)
-        nu = ca.solve(M, wanted) if freedom == 2 else M.T @ ca.solve(M @ M.T, wanted)
+        desired = ca.vertcat(speed, 0.0)
+        nu = ca.solve(M, desired) if dof == 2 else M.T @ ca.solve(M @ M.T, desired)
         rates = Enclosure(ca.SX(self._of_nu) @ nu, self._p, ca.vertcat(q, speed))
         fixed = np.append(self.loop.start[: self._first], initial.speed)
         found = rates.bounds(self.nominal, np.zeros(count), self.spread, fixed=fixed)
         for name in ("slope", "radius", "rest"):
-            getattr(rest, name)[-freedom:] = getattr(found, name)
+            getattr(rest, name)[-dof:] = getattr(found, name)
         return rest
 
 
@@ -520,7 +520,7 @@ def _velocities(system: ReducedSystem, believed: np.ndarray) -> np.ndarray:
     try:
         forward, turn, _ = vehicle_wheels(system, believed)
     except BadInput:
-        return np.eye(system.freedom)
+        return np.eye(system.dof)
     return np.array([forward, turn])
 
 

@@ -39,17 +39,17 @@ NUMERIC: Mapping[int, Callable] = {
 
 @dataclass(frozen=True, eq=False)
 class Actuation:
-    """Actuation by the inputs of a mechanism: `driven` of the `freedom` = n - m quasi-velocities; generic ranks at random
+    """Actuation by the inputs of a mechanism: `driven` of the `dof` = n - m quasi-velocities; generic ranks at random
     states."""
 
     mechanism: Mechanism
     driven: int
-    freedom: int
+    dof: int
 
     @property
     def full(self) -> bool:
         """Whether the inputs drive every quasi-velocity, so that (13) describes the robot."""
-        return self.driven == self.freedom
+        return self.driven == self.dof
 
     @cached_property
     def reached(self) -> int | None:

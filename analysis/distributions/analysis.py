@@ -65,7 +65,7 @@ class Analysis:
         if self.actuation is None or self.actuation.full:
             return "q' = S nu, nu' = u"
         inputs = ", ".join(q.name for q in self.actuation.mechanism.inputs)
-        return f"the robot as driven by {inputs} alone, {self.actuation.driven} of {self.actuation.freedom} quasi-velocities"
+        return f"the robot as driven by {inputs} alone, {self.actuation.driven} of {self.actuation.dof} quasi-velocities"
 
     @property
     def k(self) -> int:

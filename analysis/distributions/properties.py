@@ -94,7 +94,7 @@ def _underactuated(found: Distribution, check: Check, inputs: Actuation) -> Chec
     """Return the check if inputs do not drive all quasi-velocities: the robot cannot do what (13) cannot; the rest is open."""
     reached, states = inputs.reached, 2 * found.functions.n - found.m - found.holonomic
     driven = check.hypotheses[:1]
-    reason = f"for this actuation: the inputs drive {inputs.driven} of {inputs.freedom} quasi-velocities"
+    reason = f"for this actuation: the inputs drive {inputs.driven} of {inputs.dof} quasi-velocities"
     if check.name == "accessible" and check.verdict:
         verdict = None if reached is None else reached == states
         if verdict is not None:

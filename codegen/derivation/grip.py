@@ -25,8 +25,8 @@ def why_not(system: ReducedSystem) -> str:
     inputs, n = len(mechanism.inputs), len(mechanism.coordinates)
     if not mechanism.contacts:
         return "it defines no contacts: add them with contact(name, mass, along, across)"
-    if system.freedom != INPUTS or inputs != INPUTS:
-        return f"it is there for robots of two inputs and n - m = 2; this one has {inputs} inputs and n - m = {system.freedom}"
+    if system.dof != INPUTS or inputs != INPUTS:
+        return f"it is there for robots of two inputs and n - m = 2; this one has {inputs} inputs and n - m = {system.dof}"
     if n > MOST_COORDINATES:
         return f"it is there for robots of up to {MOST_COORDINATES} coordinates; this one has {n}"
     return ""
@@ -59,7 +59,7 @@ def staged_ground(system: ReducedSystem) -> Stages:
     if not can_grip(system):
         return stages
     inner, _ = inner_velocities(system)
-    tau, u = symbols(mechanism.inputs), ca.SX.sym("u", inner.freedom)
+    tau, u = symbols(mechanism.inputs), ca.SX.sym("u", inner.dof)
     found, acceleration = ground(inner, u, tau), inner.acceleration(tau)
     none = ca.SX.zeros(tau.numel())
     without, at_rest = ca.substitute([found.force, acceleration], [tau], [none])

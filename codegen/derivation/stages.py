@@ -39,7 +39,7 @@ class Result(StrEnum):
     DECOUPLING_RATE = "Phidot"
     ACCELERATION = "u"
     INPUTS = "tau"
-    INPUTS_OF_DEMAND = "tau_of_demand"
+    INPUTS_OF_V = "tau_of_v"
     SLOPE = "slope"
     GROUND = "ground"
     GROUND_BY_INPUTS = "ground_by_inputs"
@@ -57,7 +57,7 @@ class Result(StrEnum):
     @property
     def in_c(self) -> str:
         """The name of the argument or field that returns it."""
-        return "tau" if self is Result.INPUTS_OF_DEMAND else self.value
+        return "tau" if self is Result.INPUTS_OF_V else self.value
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
     """Return the quantities of the law in steps; `outputs`: the outputs of the law, written in another frame."""
     stages = Stages([q.symbol for group in ("params", "config", "gains") for q in law.groups[group]])
     inner, W = inner_velocities(law.system)
-    to_inner, from_inner = stages.exact(W), stages.exact(solve(W, ca.SX.eye(law.system.freedom)))
+    to_inner, from_inner = stages.exact(W), stages.exact(solve(W, ca.SX.eye(law.system.dof)))
     for q, speed in zip(inner.quasi_velocities, ca.vertsplit(to_inner @ law.system.nu), strict=True):
         stages.steps.append(Step(q.symbol, speed, q.name))
     output = _in_velocities(outputs or law.output, law.system, inner, W)
@@ -223,10 +223,10 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
     gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
     damped = _damped_alone(rows, degree)
     loop = outer_loop(degree, gains, reference, h, _rest_of_rates(rows, degree, damped, inner.nu))
-    loop = ca.vertcat(*[stages.step(q.name, loop[k]) for k, q in enumerate(law.demand)])
-    demand = ca.vertcat(*[q.symbol for q in law.demand])
+    loop = ca.vertcat(*[stages.step(q.name, loop[k]) for k, q in enumerate(law.virtual_input)])
+    virtual = ca.vertcat(*[q.symbol for q in law.virtual_input])
     kd = {row.name: gain.symbol for row in output.rows for gain in law.gains if gain.name == f"kd_{row.name}"}
-    damping = ca.vertcat(*[kd[output.rows[damped[j]].name] * inner.nu[j] if j in damped else 0 for j in range(inner.freedom)])
+    damping = ca.vertcat(*[kd[output.rows[damped[j]].name] * inner.nu[j] if j in damped else 0 for j in range(inner.dof)])
 
     feedback = _Feedback(stages, inner, rows)
     Phi = ca.vertcat(*[row.Phi for row in rows])
@@ -237,7 +237,7 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
         Result.DECOUPLING_RATE: ca.vertcat(*[row.Phidot for row in rows]) @ to_inner,
         Result.ACCELERATION: from_inner @ feedback.acceleration(loop, damping),
         Result.INPUTS: feedback.inputs(loop, damping),
-        Result.INPUTS_OF_DEMAND: feedback.inputs(demand, ca.SX.zeros(inner.freedom)),
+        Result.INPUTS_OF_V: feedback.inputs(virtual, ca.SX.zeros(inner.dof)),
         **_singular(stages, Phi, W, feedback.inverse),
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         Result.SLOPE: ca.SX(0, 1) if law.speed_row is None else feedback.slope(law.speed_row),
@@ -250,7 +250,7 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
 def inner_velocities(system: ReducedSystem) -> tuple[ReducedSystem, ca.SX]:
     """Return the system in w = W nu, and W; w is forward speed and yaw rate if these are n-m fixed combinations of nu, else
     nu."""
-    n, W = system.freedom, velocity_map(system)
+    n, W = system.dof, velocity_map(system)
     if W is not None:
         names = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
         return ReducedSystem(system.mechanism, names, canonical(system.S @ solve(W, ca.SX.eye(n)))), W
@@ -384,7 +384,7 @@ class _Feedback:
             self.spread = stages.exact(inner.spread())
             self.square = stages.inverse(_symbols(stages, "square", stages.exact(inner.input_map @ self.spread)))
         else:
-            to_inputs = stages.exact(inner.input_inverse()) if inner.freedom <= 3 else stages.inverse(inner.input_map)
+            to_inputs = stages.exact(inner.input_inverse()) if inner.dof <= 3 else stages.inverse(inner.input_map)
             self.K, self.bias = stages.exact(to_inputs @ self.K), to_inputs @ self.bias
 
     def acceleration(self, v: ca.SX, damping: ca.SX) -> ca.SX:
@@ -394,7 +394,7 @@ class _Feedback:
     def inputs(self, v: ca.SX, damping: ca.SX) -> ca.SX:
         """Return tau."""
         rest = self.bias - self.K @ (self.rest + damping)
-        if self.inner.freedom <= MONOMIALS:
+        if self.inner.dof <= MONOMIALS:
             rest = by_monomials(self.stages, rest, self.inner.nu)
         return self.inner.preferred + self._shared(self.K @ self._solved(v) + rest)
 
@@ -411,16 +411,16 @@ class _Feedback:
         return self.spread @ _symbols(self.stages, "share", self.square @ effort)
 
     def _solved(self, v: ca.SX) -> ca.SX:
-        wanted = ca.vertcat(*[self.stages.step(f"wanted_{k}", v[k] - self.residual[k]) for k in range(v.numel())])
+        v_less_drift = ca.vertcat(*[self.stages.step(f"v_less_drift_{k}", v[k] - self.residual[k]) for k in range(v.numel())])
         names = [f"u_{q.name}" for q in self.inner.quasi_velocities]
-        return ca.vertcat(*[self.stages.step(name, (self.inverse @ wanted)[k]) for k, name in enumerate(names)])
+        return ca.vertcat(*[self.stages.step(name, (self.inverse @ v_less_drift)[k]) for k, name in enumerate(names)])
 
     def _acceleration_at_rest(self, rows: list[_Row]) -> ca.SX:
         """Return minus the w-dot at which the point of the outputs has no acceleration; zero if it may not exist although Phi
         is regular."""
-        none = ca.SX.zeros(self.inner.freedom)
+        none = ca.SX.zeros(self.inner.dof)
         points = [row.point for row in rows if row.point is not None]
-        if not points or points[0].jacobian.shape[0] != self.inner.freedom:
+        if not points or points[0].jacobian.shape[0] != self.inner.dof:
             return none
         if len({self.stages.key(point.jacobian) for point in points}) > 1:
             return none

@@ -61,7 +61,7 @@ class DynamicsC(ProgramC[DynamicsProgram]):
 
     def shape(self, entry: Entry, quantity: Result) -> str:
         """Return the C array bounds of a quantity."""
-        p, n, r = self.system.freedom, len(self.system.mechanism.coordinates), self.inputs
+        p, n, r = self.system.dof, len(self.system.mechanism.coordinates), self.inputs
         bounds = {
             Result.COORDINATE_RATES: (n,),
             Result.MASS: (p, p),

@@ -112,7 +112,7 @@ class LawC(ProgramC[Program]):
         law = self.law
         rows = law.output.rows
         second = [row for row, degree in zip(rows, law.linearization.relative_degree, strict=True) if degree == 2]
-        first = [q.name for q, degree in zip(law.demand, law.linearization.relative_degree, strict=True) if degree == 1]
+        first = [q.name for q, degree in zip(law.virtual_input, law.linearization.relative_degree, strict=True) if degree == 1]
         inputs = law.system.mechanism.inputs
         motions = law.system.quasi_velocities
         return {
@@ -125,7 +125,7 @@ class LawC(ProgramC[Program]):
             Result.DECOUPLING_RATE: "as Phi, per second",
             Result.ACCELERATION: "desired rates of " + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in motions),
             Result.INPUTS: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
-            Result.INPUTS_OF_DEMAND: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
+            Result.INPUTS_OF_V: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
             Result.GROUND: "along (N), across (N), shift (N/m), mass (kg) of " + self._contact_names(),
             Result.GROUND_BY_INPUTS: "along, across, shift of "
             + self._contact_names()
@@ -142,9 +142,9 @@ class LawC(ProgramC[Program]):
 
     def _about(self, entry: Entry) -> str:
         answers = [f"{q.in_c}{self.shape(entry, q)}: {self._meaning(q)}" for q in self.returned(entry) if not entry.whole]
-        demand = ", ".join(f"{q.name} ({q.unit})" for q in self.law.demand)
-        wanted = [f"v[{len(self.law.demand)}]: {demand}"] if entry.takes is Group.DEMAND else []
-        return comment([entry.about + ".", *wanted, *answers, *self._read(entry), self.cost(entry)])
+        outputs = ", ".join(f"{q.name} ({q.unit})" for q in self.law.virtual_input)
+        virtual = [f"v[{len(self.law.virtual_input)}]: {outputs}"] if entry.takes is Group.VIRTUAL_INPUT else []
+        return comment([entry.about + ".", *virtual, *answers, *self._read(entry), self.cost(entry)])
 
     def _read(self, entry: Entry) -> list[str]:
         """Return a comment on the part of the state that is read, if not all of it."""
@@ -159,7 +159,7 @@ class LawC(ProgramC[Program]):
         return self.law.output.path.parameters if self.law.output.path else ()
 
     def _init_prototype(self) -> str:
-        large = self.law.system.freedom > 2
+        large = self.law.system.dof > 2
         lines = [
             "Initializes the law from parameters. `options` may be NULL: no limits, zeros on an error.",
             "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.",
@@ -173,9 +173,9 @@ class LawC(ProgramC[Program]):
         row = self.law.speed_row
         if row is None:
             return "on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it requires exactly one output of relative degree 1, a speed."
-        demand = [q.name for q in self.law.demand]
-        given_up = demand.pop(row)
-        kept = f" and keeps {', '.join(demand)}" if demand else ""
+        outputs = [q.name for q in self.law.virtual_input]
+        given_up = outputs.pop(row)
+        kept = f" and keeps {', '.join(outputs)}" if outputs else ""
         return f"on_limit = NOSLIP_SLOW changes {given_up}{kept} if the inputs would exceed their limits."
 
     def _on_grip(self) -> str:
@@ -359,8 +359,8 @@ class LawC(ProgramC[Program]):
         lines.append(self.leave(f"{answer} == NULL", "NOSLIP_NULL"))
         present = " && ".join(f"{name} != NULL" for name in given)
         lines.append(f"if ({present}) {{\n    status = {self._admission(entry)};\n}}")
-        if entry.takes in (Group.DEMAND, Group.INPUT):
-            array = f"v, {len(self.law.demand)}" if entry.takes is Group.DEMAND else f"tau, {self.inputs}"
+        if entry.takes in (Group.VIRTUAL_INPUT, Group.INPUT):
+            array = f"v, {len(self.law.virtual_input)}" if entry.takes is Group.VIRTUAL_INPUT else f"tau, {self.inputs}"
             finite = f"{self.scalar.name('noslip_all_finite')}({array})"
             lines.append(f"if (status == NOSLIP_OK && !{finite}) {{\n    status = NOSLIP_NONFINITE;\n}}")
         call = f"{self.function(entry.name)}_law({', '.join([*given, 'all' if entry.name == 'evaluate' else 'made'])})"
@@ -524,8 +524,8 @@ class LawC(ProgramC[Program]):
         declared["state"] = f"const {self.state_type} *state"
         if entry.takes is Group.REFERENCE:
             declared["reference"] = f"const {self.scalar.name(self.prefix + '_reference')} *reference"
-        if entry.takes is Group.DEMAND:
-            declared["v"] = f"const {real} v[{len(self.law.demand)}]"
+        if entry.takes is Group.VIRTUAL_INPUT:
+            declared["v"] = f"const {real} v[{len(self.law.virtual_input)}]"
         if entry.takes is Group.INPUT:
             declared["tau"] = f"const {real} tau[{self.inputs}]"
         if entry.whole:
@@ -540,7 +540,7 @@ class LawC(ProgramC[Program]):
 
     def array(self, leaf: Leaf) -> tuple[str, Sequence[Quantity]] | None:
         """Return the array of the virtual input, or of the inputs."""
-        arrays = {Group.DEMAND: ("v", self.law.demand), Group.INPUT: ("tau", self.system.mechanism.inputs)}
+        arrays = {Group.VIRTUAL_INPUT: ("v", self.law.virtual_input), Group.INPUT: ("tau", self.system.mechanism.inputs)}
         return arrays.get(leaf.group)
 
 

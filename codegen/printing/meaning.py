@@ -94,12 +94,14 @@ class Meanings:
     def legend(self, constants: Mapping[Node, str], lines: Sequence[str]) -> list[str]:
         """Return a comment for each numbered constant that these statements read."""
         read = set(re.findall(r"self->(\w+)", " ".join(lines)))
-        told = []
+        formulas = []
         for node, field in constants.items():
             if field in read and node.arguments:
                 unit, formula = unit_text(self.unit(node)), self.formula(node)
-                told.append(f"{field}{f' ({unit})' if unit else ''} {formula if formula.startswith('of ') else f'= {formula}'}")
-        return ["\n".join(line for text in told for line in aside(text, WIDTH - 4))] if told else []
+                formulas.append(
+                    f"{field}{f' ({unit})' if unit else ''} {formula if formula.startswith('of ') else f'= {formula}'}"
+                )
+        return ["\n".join(line for text in formulas for line in aside(text, WIDTH - 4))] if formulas else []
 
     def temporary(self, node: Node, users: Sequence[str]) -> str:
         """Return the meaning of a value of a step: its formula if short, else the names of its users."""

@@ -205,10 +205,10 @@ def claims_11(runs: Runs) -> list[Claim]:
     sampled = max(np.abs(runs[label].y[:, 0]).max() for label in SAMPLED)
     run = runs[CONTINUOUS]
     jumps = [torque_jump(run, k) for k in _joins(run)]
-    lever = run.ahead  # L = 0
-    before = [lever * segment.curvature for segment in _segments(runs)[:2]]
-    wanted = [expected_jump(run.parameters, SPEED, *at) for at in zip(_steps(runs), before, strict=True)]
-    off = max(abs(jump / closed - 1) for jump, closed in zip(jumps, wanted, strict=True))
+    lookahead = run.ahead  # L = 0
+    before = [lookahead * segment.curvature for segment in _segments(runs)[:2]]
+    expected = [expected_jump(run.parameters, SPEED, *at) for at in zip(_steps(runs), before, strict=True)]
+    off = max(abs(jump / closed - 1) for jump, closed in zip(jumps, expected, strict=True))
     return [
         Claim(
             "discontinuities of the curvature are passed without difficulty: at 10 ms within 5 mm of the path",
@@ -219,7 +219,7 @@ def claims_11(runs: Runs) -> list[Claim]:
         Claim("with a continuous controller within 1e-6 m of the path", f"{continuous:.1e} m", continuous <= 1e-6),
         Claim(
             "the torque jumps at each join by v²Δκ/(l cos³α) times the inertia it turns (closed form, to 1 %)",
-            "; ".join(f"{join}: {j:+.3f} N m, closed form {w:+.3f}" for join, j, w in zip(JOINS, jumps, wanted, strict=True)),
+            "; ".join(f"{join}: {j:+.3f} N m, closed form {w:+.3f}" for join, j, w in zip(JOINS, jumps, expected, strict=True)),
             off < 0.01,
             note="right wheel; the left one's is the opposite. Where torques are limited that much has to be in reserve",
         ),

@@ -227,7 +227,7 @@ def claims_waypoints(runs: Runs) -> list[Claim]:
     ]
     error = {label: float(np.abs(run.y[:, 0]).max()) for label, run in runs.items()}
     tightest = 1 / max(abs(segment.curvature) for segment in segments)
-    lever = runs[HELD].ahead
+    lookahead = runs[HELD].ahead
     end = float(np.hypot(*(runs[HELD].P_l[-1] - POINTS[-1])))
     return [
         Claim(
@@ -238,8 +238,8 @@ def claims_waypoints(runs: Runs) -> list[Claim]:
         Claim(
             "they join without gap or kink, and no arc is tighter than P_l can go",
             f"gaps up to {max(g for g, _ in joins):.0e} m, kinks up to {max(k for _, k in joins):.0e} rad; "
-            f"radii from {tightest:.2f} m, l = {lever:g} m",
-            max(max(j) for j in joins) < 1e-9 and tightest > lever,
+            f"radii from {tightest:.2f} m, l = {lookahead:g} m",
+            max(max(j) for j in joins) < 1e-9 and tightest > lookahead,
         ),
         Claim(
             "they are followed within 5 mm at 10 ms and within 1e-6 m continuously",

@@ -24,13 +24,13 @@ def sine(run: FigureRun) -> np.ndarray:
 
 def predicted(run: FigureRun) -> Callable[[np.ndarray | float], np.ndarray]:
     """s(t) in closed form from the start alone, for constant v: l ds/dt + v s = h1', h1 a sum of two exponentials."""
-    v, lever, s = float(run.speed[0]), float(run.place[0, 0]) + run.ahead, float(sine(run)[0])
+    v, lookahead, s = float(run.speed[0]), float(run.place[0, 0]) + run.ahead, float(sine(run)[0])
     h, rate = float(run.P_l[0, 1]), float(run.speed[0]) * s  # not turning
     a, b = POLES
     first = (rate + b * h) / (b - a)  # h1 = first exp(-a t) + (h - first) exp(-b t)
-    driven = [(p, -p * size / (v - p * lever)) for p, size in ((a, first), (b, h - first))]
+    driven = [(p, -p * size / (v - p * lookahead)) for p, size in ((a, first), (b, h - first))]
     own = s - sum(size for _, size in driven)
-    return lambda t: own * np.exp(-v * t / lever) + sum(size * np.exp(-p * t) for p, size in driven)
+    return lambda t: own * np.exp(-v * t / lookahead) + sum(size * np.exp(-p * t) for p, size in driven)
 
 
 def singular_at(run: FigureRun) -> float:

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from ...model.outputs import output_map
 from ...readers.robots import system_of
 from ...simulation import drawing
-from ...simulation.drawing import COLOURS, FAINT, STOP, WANTED, legend_below, over_time, panels, plane, start, to_follow
+from ...simulation.drawing import COLOURS, DESIRED, FAINT, STOP, legend_below, over_time, panels, plane, start, to_follow
 from ..framework import Case, Claim, Figure, FigureRun, Runs
 
 LEFT_OVER, LEFT_OVER_WRONG = 0.03, 0.2  # of what an output was off at most, at the end; where the plant is believed another
@@ -114,7 +114,7 @@ def _draw_path(axes: Axes, path: ca.Function, config: np.ndarray, shown: Sequenc
     low, high = np.min([part.min(axis=0) for part in shown], axis=0), np.max([part.max(axis=0) for part in shown], axis=0)
     (x, y), half = (low + high) / 2, 1.5 * (high - low).max()
     places = np.linspace(x - half, x + half, FINE), np.linspace(y - half, y + half, FINE)
-    drawing.draw_implicit(axes, path, config, *places, "path to follow", color=WANTED, linewidth=5, alpha=0.45)
+    drawing.draw_implicit(axes, path, config, *places, "path to follow", color=DESIRED, linewidth=5, alpha=0.45)
 
 
 def work(run: FigureRun) -> np.ndarray:
@@ -123,7 +123,7 @@ def work(run: FigureRun) -> np.ndarray:
 
 
 def claims(runs: Runs) -> list[Claim]:
-    """Every output comes to what is wanted, and the energy is the work done."""
+    """Every output reaches its desired value, and the energy is the work done."""
     run = runs[RUN]
     most = LEFT_OVER_WRONG if run.spec.plant else LEFT_OVER
     peaks = np.abs(run.error).max(axis=0)

@@ -379,7 +379,7 @@ FIGURES = (
     Figure(
         "13",
         "Figure 13: noise in the sensed wheel rates",
-        "What the controller is told of either wheel's rate in a uniform straight motion, against the truth.",
+        "The rate of either wheel that the controller receives in a uniform straight motion, against the truth.",
         f"{NOISE}; the speed, 5 m/s; wheel radius 0.15 m",
         {label: Case("figure_13.toml", _noise(mean)) for label, mean in LEFT_MEANS.items()},
         draw_13,

@@ -81,7 +81,7 @@ def is_polynomial(expression: ca.SX, variables: ca.SX) -> bool:
 
 def _moving(expression: ca.SX, variables: ca.SX) -> list[tuple[int, tuple[bool, ...]]]:
     """The operations that depend on `variables`, each with which of its arguments do."""
-    wanted = {symbol.element_hash() for symbol in ca.symvar(ca.SX(variables))}
+    hashes = {symbol.element_hash() for symbol in ca.symvar(ca.SX(variables))}
     symbols, found = free_symbols(expression), []
 
     def apply(code: int, arguments: tuple[bool, ...]) -> bool:
@@ -89,5 +89,5 @@ def _moving(expression: ca.SX, variables: ca.SX) -> list[tuple[int, tuple[bool, 
             found.append((code, arguments))
         return any(arguments)
 
-    fold(expression, symbols, lambda k: symbols[k].element_hash() in wanted, lambda value: False, apply)
+    fold(expression, symbols, lambda k: symbols[k].element_hash() in hashes, lambda value: False, apply)
     return found

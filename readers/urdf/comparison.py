@@ -146,7 +146,7 @@ def compare(system: ReducedSystem, layout: Layout) -> tuple[float, float | None]
         expected = kinematics.mass_matrix(names, q)
         scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
         worst = max(worst, float(np.abs((M(numbers, values).full() - expected) / scale).max()))
-        rates = S(numbers, values).full() @ random.uniform(-1.0, 1.0, system.freedom)
+        rates = S(numbers, values).full() @ random.uniform(-1.0, 1.0, system.dof)
         named = {f"{name}_dot": rate for name, rate in zip(names, rates, strict=True)}
         slip = max(slip, kinematics.slip(q, named) / float(np.abs(rates).max()))
     exact = layout.kind != "skid steer" and len(layout.steered) < 2

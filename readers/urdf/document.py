@@ -211,8 +211,8 @@ def _check_numbers(where: str, element: Any, attribute: str) -> None:
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(abs(number) <= LARGEST for number in numbers):
-        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-        raise BadInput(f"{where}, line {element.sourceline}: {attribute}={text!r} of <{element.tag}> must be {wanted}")
+        requirement = "a finite number" if count == 1 else f"{count} finite numbers"
+        raise BadInput(f"{where}, line {element.sourceline}: {attribute}={text!r} of <{element.tag}> must be {requirement}")
 
 
 def _make_exact(origin: Any) -> bool:

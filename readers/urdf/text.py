@@ -89,10 +89,10 @@ class _Names:
 
     def parameter(self, name: str, value: float, unit: str, about: str, source: str, sign: str = "positive") -> str:
         """Add a parameter and return its name."""
-        wanted = f', sign="{sign}"' if sign != "positive" else ""
+        sign = f', sign="{sign}"' if sign != "positive" else ""
         self.parameters += _comment(source) if source != self.source else []
         self.source = source
-        self.parameters.append(f'{name} = robot.parameter("{name}", {_number(value)}, "{unit}", "{about}"{wanted})')
+        self.parameters.append(f'{name} = robot.parameter("{name}", {_number(value)}, "{unit}", "{about}"{sign})')
         return name
 
     def pair(self, name: str, values: Sequence[float], unit: str, about: str, source: str, sign: str = "positive") -> list[str]:

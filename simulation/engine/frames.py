@@ -208,14 +208,14 @@ def _hinge(
     by_pivot = np.stack([np.stack([s * -yaw, c * yaw], axis=1), np.stack([c * -yaw, s * -yaw], axis=1)])  # ahead, left
     zero = np.zeros_like(own)
     by_place = np.stack([np.stack([zero, own], axis=1), np.stack([-own, zero], axis=1)])
-    unknowns, columns, wanted = 2 + 2 * len(points), [], []
+    unknowns, columns, velocities = 2 + 2 * len(points), [], []
     for k, point in enumerate(points):
         kept = np.flatnonzero(point.known)
         block = np.zeros((unknowns, len(angle), len(kept), len(heading)))
         block[:2], block[2 + 2 * k : 4 + 2 * k] = by_pivot[:, :, kept], by_place[:, :, kept]
         columns.append(block.reshape(unknowns, -1))
-        wanted.append((point.rows - base)[:, kept].ravel())
-    A, b = np.hstack(columns).T, np.concatenate(wanted)
+        velocities.append((point.rows - base)[:, kept].ravel())
+    A, b = np.hstack(columns).T, np.concatenate(velocities)
     solution = np.linalg.lstsq(A, b, rcond=None)[0]
     if np.abs(A @ solution - b).max() > EXACT * max(1.0, np.abs(b).max()):
         return None

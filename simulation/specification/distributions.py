@@ -138,10 +138,10 @@ def _margin(table: Mapping[str, Any], where: str) -> Margin:
     return Margin(kind, a, b, (low, high))
 
 
-def _two(value: Any, where: str, wanted: str) -> tuple[float, float]:
+def _two(value: Any, where: str, requirement: str) -> tuple[float, float]:
     made = numbers(value, where)
     if len(made) != 2:
-        raise BadInput(f"{where} has {len(made)} numbers; it must be {wanted}")
+        raise BadInput(f"{where} has {len(made)} numbers; it must be {requirement}")
     return made
 
 

@@ -517,13 +517,13 @@ class Spec:
         for name in ("deceleration", "creep"):
             if getattr(self.reference, name) is not None and not composite:
                 raise BadInput(f"[reference] {name} applies to composite paths only")
-        wanted, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity",))
+        required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity",))
         for name in ("speed", "position", "velocity"):
             given = getattr(self.reference, name) is not None
-            if given and name not in (wanted, *optional):
-                takes = " and ".join((wanted, *optional))
+            if given and name not in (required, *optional):
+                takes = " and ".join((required, *optional))
                 raise BadInput(f"[reference] {name} does not apply to type {self.output.type}, which takes {takes}")
-            if not given and name == wanted:
+            if not given and name == required:
                 raise BadInput(f"[reference] {name} is missing; type {self.output.type} requires it")
 
 

@@ -55,8 +55,8 @@ def _units(spec: Spec, law: ControlLaw) -> dict[str, list[str]]:
         "sensors.noise.mean": rates,
         "sensors.noise.sd": rates,
     }
-    for name, wanted in lists.items():
-        known |= {f"{name}[{k}]": [unit] for k, unit in enumerate(wanted)} | {f"{name}[0]*": wanted}
+    for name, each in lists.items():
+        known |= {f"{name}[{k}]": [unit] for k, unit in enumerate(each)} | {f"{name}[0]*": each}
     return known
 
 

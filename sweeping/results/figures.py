@@ -34,10 +34,10 @@ def figures_of(report: SweepReport, jobs: int, progress: Reported = silent) -> d
     """File name -> content, png and svg."""
     study, name = report.study, Path(report.spec).name
     summary = report.summary
-    told = f"{name}: {summary.samples} samples, {summary.failed} fail ({100 * summary.failed / summary.samples:.3g} %)"
-    made = {"envelope": (lambda: _envelope(report, jobs), f"{told}; error over time")}
+    summary_text = f"{name}: {summary.samples} samples, {summary.failed} fail ({100 * summary.failed / summary.samples:.3g} %)"
+    made = {"envelope": (lambda: _envelope(report, jobs), f"{summary_text}; error over time")}
     if study.plan.names:
-        made["cloud"] = (lambda: _cloud(report), f"{told}; by parameter")
+        made["cloud"] = (lambda: _cloud(report), f"{summary_text}; by parameter")
     starts = _start_axes(study)
     if starts:
         made["starts"] = (lambda: _starts(report, starts, jobs), f"{name}: starts that become singular, all else as in the SPEC")

@@ -104,9 +104,9 @@ class SweepReport:
         """Return the rank correlations of each outcome, the largest first."""
         lines = []
         for outcome, ranks in self.summary.ranks.items():
-            told = sorted(((name, rho) for name, rho in ranks.items() if abs(rho) >= SAYS), key=lambda item: -abs(item[1]))
-            if told:
-                lines.append(f"  {outcome}: " + ", ".join(f"{name} {rho:+.2f}" for name, rho in told))
+            ranked = sorted(((name, rho) for name, rho in ranks.items() if abs(rho) >= SAYS), key=lambda item: -abs(item[1]))
+            if ranked:
+                lines.append(f"  {outcome}: " + ", ".join(f"{name} {rho:+.2f}" for name, rho in ranked))
         return "\n".join([f"rank correlations of absolute values, if at least {SAYS:g}", *lines]) if lines else ""
 
     def _indices(self, indices: Indices) -> str:

@@ -98,14 +98,14 @@ static fmi3Status call(model *self, @{ law } *law)
 static fmi3Status advance(model *self, double seconds)
 {
     static const double share[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0};
-    const double wanted = seconds / self->real.of.integration_step;
+    const double exact_steps = seconds / self->real.of.integration_step;
     union {
         double at[STATES];
         @{ robot }_state of;
     } now, tried;
     double steps = 1.0, k;
     int stage, i;
-    steps += (double)(int32_t)(wanted * (1.0 - 1e-12));
+    steps += (double)(int32_t)(exact_steps * (1.0 - 1e-12));
     now.of = self->real.of.state;
     for (k = 0.0; k < steps; k += 1.0) {
         double rate[STATES] = {0.0}, mean[STATES] = {0.0};

@@ -179,11 +179,11 @@ void check_integral_step(REAL limit)
 
 void check_angles(void)
 {
-    REAL lever[2], nearest;
+    REAL lookahead[2], nearest;
     int status, which;
-    ANY(lever);
+    ANY(lookahead);
     which = any_int;
-    status = OF(noslip_reversing)(any_int, any_real(), lever, &which);
+    status = OF(noslip_reversing)(any_int, any_real(), lookahead, &which);
     if (status >= 0) {
         REACHED(reversing_good);
     } else {
