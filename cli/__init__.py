@@ -16,6 +16,7 @@ COMMANDS = (
     "sweep",
     "figures",
     "identify",
+    "calibrate",
     "export",
     "completion",
 )
@@ -24,4 +25,5 @@ MODULES = {name: name.replace("-", "_") for name in COMMANDS} | {
     "laws": "robot.robots",
     "import": "robot.urdf",
     "identify": "robot.identify",
+    "calibrate": "robot.calibrate",
 }  # in this folder
