@@ -5,6 +5,7 @@
 #              random tests, the tests that tests/nightly.py names, and whether small changes of the sources are found
 # make types   the types of every room, by mypy
 # make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html
+# make site    the pages to read, with search, for a browser and no network: build/site/index.html
 # make bench   instruction counts, sizes and rates beside peers; make bits: the same bits on every target there is
 # make firmware the images of every target whose tools are here, into build/firmware
 # make firmware-test   runs them, every law's bits and closed loops in QEMU, and compares with this host
@@ -16,6 +17,7 @@ VENV := .venv
 NOSLIP := $(VENV)/bin/noslip
 READY := $(VENV)/.ready
 READY_DEV := $(VENV)/.ready-dev
+READY_SITE := $(VENV)/.ready-site
 export NOSLIP_CACHE ?= $(CURDIR)/build/compiled
 
 MODEL := $(wildcard __init__.py model/*.py model/*/*.py codegen/*.py codegen/*/*.py)
@@ -27,7 +29,7 @@ RUNS := line circle
 
 include firmware/targets.mk # standard: the flags with which all targets compute the same bits
 
-.PHONY: all setup generate check-generated check simulate figures lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
+.PHONY: all setup generate check-generated check simulate figures site lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -59,6 +61,9 @@ $(READY): pyproject.toml constraints.txt
 $(READY_DEV): $(READY)
 	$(call install,[dev])
 
+$(READY_SITE): $(READY)
+	$(call install,[site])
+
 generate: build/generated.stamp
 
 build/generated.stamp: $(READY) $(MODEL) firmware/boards/targets.toml $(ROBOTS:%=generated/%) $(wildcard generated/*/*)
@@ -84,6 +89,12 @@ figures: build/figures.stamp
 build/figures.stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard specs/figures/*.toml)
 	$(NOSLIP) figures -o build/figures
 	@touch $@
+
+# What `make figures` has drawn is in the gallery. A broken link is an error.
+site: $(READY_SITE)
+	$(VENV)/bin/python docs/site/pages.py build/pages
+	$(VENV)/bin/sphinx-build -q -W --keep-going -j 2 -c docs/site -d build/doctrees build/pages build/site
+	@echo "pages: build/site/index.html"
 
 PYTEST := $(VENV)/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder
 QUICK := rooms names poles structure model verify codegen
