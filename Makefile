@@ -6,6 +6,7 @@
 # make types   the types of every room, by mypy
 # make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html
 # make site    the pages to read, with search, for a browser and no network: build/site/index.html
+# make playground   a page with a robot to drag: the generated C as WebAssembly, with clang: build/playground/index.html
 # make bench   instruction counts, sizes and rates beside peers; make bits: the same bits on every target there is
 # make firmware the images of every target whose tools are here, into build/firmware
 # make firmware-test   runs them, every law's bits and closed loops in QEMU, and compares with this host
@@ -29,7 +30,7 @@ RUNS := line circle
 
 include firmware/targets.mk # standard: the flags with which all targets compute the same bits
 
-.PHONY: all setup generate check-generated check simulate figures site lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
+.PHONY: all setup generate check-generated check simulate figures site playground lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -95,6 +96,10 @@ site: $(READY_SITE)
 	$(VENV)/bin/python docs/site/pages.py build/pages
 	$(VENV)/bin/sphinx-build -q -W --keep-going -j 2 -c docs/site -d build/doctrees build/pages build/site
 	@echo "pages: build/site/index.html"
+
+playground: build/generated.stamp
+	$(VENV)/bin/python playground/build.py build/playground
+	@echo "page: build/playground/index.html"
 
 PYTEST := $(VENV)/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder
 QUICK := rooms names poles structure model verify codegen

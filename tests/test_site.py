@@ -1,13 +1,19 @@
 """The site and the playground: complete, without a broken link, and without anything from another machine."""
 
+import json
 import re
+import runpy
 import subprocess
 import sys
 from html import unescape
 from pathlib import Path
 
 import noslip
+import numpy as np
 import pytest
+from noslip import simulate
+from noslip.controllers.targets import missing, required
+from noslip.simulation.specification.vary import varied
 
 ROOT = Path(noslip.__file__).parent
 LOADED = re.compile(r"<(?:script|img|iframe|source)\b[^>]*\bsrc=\"(?:https?:)?//|<link\b[^>]*\bhref=\"(?:https?:)?//")
@@ -50,3 +56,72 @@ def test_site(site):
     text = unescape(re.sub("<[^>]*>", "", pages["reference/spec.html"]))
     for name in ("output.path", "reference.approach", "contact", "segments", "bandwidth"):
         assert name in text, name
+
+
+# -- playground ----------------------------------------------------------------------------------------------------------
+
+RUN = """
+const runs = JSON.parse(process.argv[2]).map((given) => {
+  const s = { ...DEFAULTS, ...given, drawn: arcsThrough(given.points || [], given.closed) }, loop = new Loop(), rows = [];
+  for (let good = loop.start(s); good && rows.length <= 1000; good = loop.step()) {
+    rows.push([loop.get("t"), ...loop.get("x"), ...loop.get("tau"), ...loop.get("y"), ...loop.get("use")]);
+  }
+  return { spec: spec(s), rows, status: loop.status };
+});
+process.stdout.write(JSON.stringify(runs));
+"""
+AHEAD = {"x": [0.0, 2.0, 0.3, 0.0, 0.0, 3.0, 3.0]}
+POINTS = {"points": [[0, 0], [4, 1], [8, 0], [10, -4], [6, -6], [2, -4]], "x": [0.0, -0.5, 0.4, 0.0, 0.0, 1.0, 1.0]}
+RUNS = {
+    "type I, another mass": {"law": "I", "angle": 30, "mass": 42, **AHEAD},
+    "type II": {"law": "II", "angle": 10, **AHEAD},
+    "type III": {"law": "III", "angle": 60, **AHEAD},
+    "line": {"law": "IV line", "angle": 20, "L": 0.5, "believed": 25, **AHEAD},
+    "circle": {},
+    "circle, limits cut": {"limit": 4, "mode": "cut"},
+    "circle, limits slow": {"limit": 4, "mode": "slow"},
+    "circle, grip": {"mode": "grip", "mu": 0.2, "speed": 3},
+    "ellipse": {"law": "IV ellipse"},
+    "drawn path": {"law": "IV path", "closed": False, **POINTS},
+    "closed path": {"law": "IV path", "closed": True, **POINTS},
+    "into the singular set": {"law": "II", "angle": 30, "x": [0.0, 2.0, 2.2, 0.0, 0.0, 3.0, 3.0]},
+}
+
+
+@pytest.fixture(scope="module")
+def playground(tmp_path_factory) -> dict[str, dict]:
+    """What the page's own scripts compute, run by Node: name -> its SPEC, a row for each period, the last status."""
+    if absent := missing("node", "clang", "wasm-ld"):
+        (pytest.fail if required() else pytest.skip)(f"{', '.join(absent)} not installed")
+    file = tmp_path_factory.mktemp("playground") / "run.js"
+    file.write_text(runpy.run_path(str(ROOT / "playground" / "build.py"))["script"]() + RUN)
+    return dict(zip(RUNS, json.loads(run("node", file, json.dumps(list(RUNS.values())))), strict=True))
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", RUNS)
+def test_playground_is_simulate(name, playground):
+    """Times, states and torques of 10 s have the same bits in the page and in `noslip simulate` of the SPEC that it gives."""
+    page = playground[name]
+    there = simulate(varied(page["spec"], name, {}))
+    rows = np.array(page["rows"])
+    stopped = there.stopped is not None
+    assert page["status"] == there.status[-1] and stopped == (name == "into the singular set")
+    assert len(rows) == len(there.t) - stopped and (len(rows) == 1001 or stopped)
+    kept = slice(0, len(rows))
+    assert (rows[:, :10] == np.column_stack([there.t, there.x, there.tau])[kept]).all()
+    assert np.abs(rows[:, 10:12] - there.y[kept]).max() <= 1e-12  # m, m/s, rad: another order of the same sums
+    use = np.column_stack(list(there.use.values()))[kept]  # up to thousands beside the singular set
+    assert np.max(np.abs(rows[:, 12:] - use) / (1 + use)) <= 1e-12
+
+
+@pytest.mark.nightly
+def test_playground_page(tmp_path):
+    """One file, below 1 MB, that loads nothing."""
+    if absent := missing("clang", "wasm-ld"):
+        pytest.skip(f"{', '.join(absent)} not installed")
+    run(sys.executable, "playground/build.py", tmp_path)
+    (page,) = tmp_path.iterdir()
+    text = page.read_text()
+    assert page.name == "index.html" and len(text) < 1_000_000
+    assert not LOADED.search(text) and "http" not in text.lower()
