@@ -47,7 +47,7 @@ function showControls() {
 
 /* Change settings, and start a run from where the robot is. */
 function change(changes) {
-  const target = settings.along + settings.speed * (running ? loop.get("t") : 0), x = changes.x || (loop.get("period") ? loop.get("x") : settings.x);
+  const target = settings.along + settings.speed * loop.get("t"), x = changes.x || loop.get("x");
   x[2] = Math.atan2(Math.sin(x[2]), Math.cos(x[2]));
   settings = { ...settings, along: target, ...changes, x };
   if (settings.law === "IV path" && settings.speed <= 0) settings.speed = DEFAULTS.speed; // a path has a direction
@@ -99,15 +99,15 @@ function frame(now) {
     remember();
   }
   drawFloor();
-  plot("errors", 0.1);
-  plot("torques", 1);
-  plot("use", 1.2, 1);
+  plot("errors", 0.1, 20);
+  plot("torques", 1, 100);
+  plot("use", 1.2, 4, 1);
   showStatus();
   requestAnimationFrame(frame);
 }
 
 function showStatus() {
-  const slips = Math.max(...loop.get("use")) > 1, status = loop.status;
+  const slips = running && Math.max(...loop.get("use")) > 1, status = loop.status;
   const text = `${MEANING[status] || status}${slips ? ", and the wheels would slip here" : ""}`;
   const shown = element("status");
   if (shown.textContent !== text) shown.textContent = text;
@@ -229,10 +229,11 @@ function dot(c, x, y, pixels, colour) {
   c.fill();
 }
 
-/* Both series of the trace over the last seconds; the axis reaches at least `least`. */
-function plot(name, least, mark) {
+/* Both series of the trace over the last seconds; the axis reaches at least `least` and at most `limit`; a line at `mark`. */
+function plot(name, least, limit, mark) {
   const { context: c, width, height } = fresh(element(name)), end = trace[trace.length - 1].now;
-  const most = Math.max(least, ...trace.map((p) => Math.max(Math.abs(p[name][0]), Math.abs(p[name][1])))), low = name === "use" ? 0 : -most;
+  const largest = Math.max(least, ...trace.map((p) => Math.max(Math.abs(p[name][0]), Math.abs(p[name][1]))));
+  const most = Math.min(largest, limit), low = name === "use" ? 0 : -most;
   const across = (t) => width * (1 - (end - t) / KEPT), up = (value) => height - ((value - low) / (most - low)) * (height - 16) - 4;
   c.font = "11px system-ui, sans-serif";
   c.fillStyle = c.strokeStyle = COLOURS.quiet;
@@ -342,7 +343,7 @@ element("floor").addEventListener("pointermove", move);
 element("floor").addEventListener("pointerup", release);
 element("floor").addEventListener("pointercancel", release);
 element("pause").addEventListener("click", ({ target }) => { paused = !paused; target.textContent = paused ? "Go on" : "Pause"; });
-element("again").addEventListener("click", () => { trace = []; settings = { ...settings, along: 0 }; running = false; change({ x: [...DEFAULTS.x], along: 0 }); });
+element("again").addEventListener("click", () => { trace = []; change({ x: [...DEFAULTS.x], along: 0 }); });
 element("draw").addEventListener("click", () => setDrawing(drawing ? null : []));
 element("spec").addEventListener("click", () => { change({}); copy(spec(settings)); });
 element("link").addEventListener("click", () => { change({}); copy(location.href); });

@@ -43,6 +43,7 @@ def test_site(site):
     pages = {str(path.relative_to(site)): path.read_text() for path in site.rglob("*.html")}
     pages = {name: text for name, text in pages.items() if not name.startswith("_")}  # linked, not written by Sphinx
     written = {"index", *(f"docs/{path.stem}" for path in ROOT.glob("docs/*.md"))}
+    written |= {f"lessons/{path.stem}" for path in ROOT.glob("docs/lessons/*.py")}  # each has run without an error
     assert {f"{name}.html" for name in written} <= pages.keys()
     for name, text in pages.items():
         assert not LOADED.search(text), name

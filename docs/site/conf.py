@@ -32,6 +32,12 @@ docs/glossary
 ```
 ```{toctree}
 :hidden:
+:glob:
+:caption: Lessons
+lessons/*
+```
+```{toctree}
+:hidden:
 :caption: How to
 docs/drives
 docs/grip
@@ -72,11 +78,14 @@ reference/citing
 
 
 def _prepare(app, page, text):
-    """Add the contents to the first page. A link to a folder leads to its README; without one it becomes plain text."""
+    """Add the contents to the first page. Links to lessons lead to their pages, links to a folder to its README; without one they
+    become plain text."""
     here = Path(app.srcdir, page).parent
 
     def link(found):
         label, target = found.groups()
+        if target.startswith("docs/lessons/"):
+            return f"[{label}](lessons/{Path(target).stem}.md)"
         folder = here / target
         if not folder.is_dir():
             return found[0]
@@ -92,7 +101,9 @@ def _plain(app, what, name, found, options, lines):
 
 def _math(writer, node):
     """Equations are MathML, which browsers set without a script."""
-    writer.body.append(convert(node.astext(), display="block" if node.tagname == "math_block" else "inline"))
+    made = convert(node.astext(), display="block" if node.tagname == "math_block" else "inline")
+    space = '<mspace width="0.2em"/>'  # beside the names of functions
+    writer.body.append(re.sub(r"<mi>(sin|cos|det)</mi>", rf"{space}<mi>\1</mi>{space}", made))
     raise SkipNode
 
 

@@ -1,5 +1,5 @@
 """Makes the folder that Sphinx reads for `make site`: a copy of the repository, and the pages that are made from
-other sources: the references of Python, C, the command line and SPEC, the gallery of figures.
+other sources: the references of Python, C, the command line and SPEC, the gallery of figures, the lessons.
 
     python docs/site/pages.py FOLDER
 """
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import noslip
+from lessons import rendered
 from noslip.cli import COMMANDS
 from noslip.cli.commands import parser_of, run
 from noslip.evidence.catalogue import FIGURES
@@ -158,6 +159,9 @@ def main(folder: Path) -> None:
         "reference/citing": f"# How to cite\n\n{_fenced('yaml', (ROOT / 'CITATION.cff').read_text())}",
         "gallery": gallery_page(folder / "figures"),
     }
+    (folder / "lessons").mkdir()
+    for lesson in sorted((ROOT / "docs/lessons").glob("*.py")):
+        pages[f"lessons/{lesson.stem}"] = rendered(lesson, folder / "lessons")
     for name, text in pages.items():
         (folder / f"{name}.md").write_text(text + "\n")
 
