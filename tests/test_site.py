@@ -3,10 +3,12 @@
 import json
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from html import unescape
 from pathlib import Path
+from urllib.parse import quote
 
 import noslip
 import numpy as np
@@ -57,6 +59,45 @@ def test_site(site):
     text = unescape(re.sub("<[^>]*>", "", pages["reference/spec.html"]))
     for name in ("output.path", "reference.approach", "contact", "segments", "bandwidth"):
         assert name in text, name
+
+
+# -- in a browser --------------------------------------------------------------------------------------------------------
+
+
+def opened(address: str) -> str:
+    """The page after some seconds in a browser without a window. Fails if a script does."""
+    browser = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+    if browser is None:
+        pytest.skip("no browser (chromium) here")
+    flags = ["--headless", "--no-sandbox", "--enable-logging=stderr", "--virtual-time-budget=4000", "--dump-dom"]
+    result = subprocess.run([browser, *flags, address], capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0 and "CONSOLE" not in result.stderr, result.stderr
+    return result.stdout
+
+
+@pytest.mark.nightly
+def test_search_needs_no_server(site):
+    """From a file: the words of a page lead to it."""
+    found = opened(f"{(site / 'search.html').as_uri()}?q=involutive")
+    assert "Search finished" in found and 'href="docs/glossary.html' in found
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("settings", "status"),
+    [
+        ({}, "the law is in force"),
+        ({"speed": 6, "size": 2}, "the wheels would slip here"),
+        ({"law": "II", "angle": 30, "x": [0, 2, 2.2, 0, 0, 3, 3]}, "singular: the law has no torque here"),
+    ],
+)
+def test_address_holds_the_run(settings, status, tmp_path):
+    """What happens is told, for the settings in the page's address."""
+    if absent := missing("clang", "wasm-ld"):
+        pytest.skip(f"{', '.join(absent)} not installed")
+    run(sys.executable, "playground/build.py", tmp_path)
+    shown = opened(f"{(tmp_path / 'index.html').as_uri()}#{quote(json.dumps(settings))}")
+    assert status in re.search(r'<output id="status"[^>]*>([^<]*)', shown)[1]
 
 
 # -- playground ----------------------------------------------------------------------------------------------------------

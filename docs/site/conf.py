@@ -16,10 +16,14 @@ html_show_search_summary = False  # would fetch pages, which a browser refuses f
 myst_enable_extensions, myst_heading_anchors = ["dollarmath"], 4
 default_role = "code"  # docstrings mark code by single backquotes
 autodoc_typehints, autodoc_member_order = "signature", "bysource"
-maximum_signature_line_length = 90
 highlight_language = "text"
 suppress_warnings = ["myst.header"]  # CHANGELOG.md and others start sections at any level
 
+ACCESSIBLE = {  # what the theme leaves out for keyboards and screen readers
+    '<p class="caption" role="heading">': '<p class="caption" role="heading" aria-level="2">',
+    '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="all pages">',
+    "<pre>": '<pre tabindex="0">',
+}
 CONTENTS = """
 
 ```{toctree}
@@ -107,8 +111,18 @@ def _math(writer, node):
     raise SkipNode
 
 
+def _complete(app, error):
+    """Make the pages accessible."""
+    for page in Path(app.outdir).rglob("*.html"):
+        text = page.read_text()
+        for found, right in ACCESSIBLE.items():
+            text = text.replace(found, right)
+        page.write_text(text)
+
+
 def setup(app):
     """Connect what is above."""
     app.connect("source-read", _prepare)
     app.connect("autodoc-process-docstring", _plain)
+    app.connect("build-finished", _complete)
     app.add_html_math_renderer("mathml", (_math, None), (_math, None))
