@@ -120,7 +120,7 @@ test: lint types
 	$(PYTEST)
 
 # What each step finds is printed; the first that fails ends it.
-nightly: test
+nightly: test $(READY_SITE)
 	$(PYTEST) -m nightly
 	$(MAKE) --no-print-directory bits
 	$(MAKE) --no-print-directory firmware-test

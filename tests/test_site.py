@@ -88,7 +88,7 @@ def test_search_needs_no_server(site):
     [
         ({}, "the law is in force"),
         ({"speed": 6, "size": 2}, "the wheels would slip here"),
-        ({"law": "II", "angle": 30, "x": [0, 2, 2.2, 0, 0, 3, 3]}, "singular: the law has no torque here"),
+        ({"law": "II", "x": [0, 2, 1.5707963267948966, 0, 0, 3, 3]}, "singular: the law has no torque here"),
     ],
 )
 def test_address_holds_the_run(settings, status, tmp_path):
