@@ -17,6 +17,7 @@ COMMANDS = (
     "figures",
     "identify",
     "calibrate",
+    "excite",
     "export",
     "completion",
 )
@@ -26,4 +27,5 @@ MODULES = {name: name.replace("-", "_") for name in COMMANDS} | {
     "import": "robot.urdf",
     "identify": "robot.identify",
     "calibrate": "robot.calibrate",
+    "excite": "robot.excite",
 }  # in this folder

@@ -39,14 +39,19 @@ def identify(
     found = combinations(system, names, every.tolist())
     if not found:
         raise BadInput(f"--fit {' '.join(names)}: the motion of {mechanism.name} does not depend on these parameters")
-    n, free = len(mechanism.coordinates), [c.pivot for c in found]
-    fits = {}
-    for way in (held,) if held is not None else (True, False):
-        windows = _windows(log, n, way)
-        steps = min(MOST_STEPS, max(1, math.ceil(float(windows.inputs[:, :, -1].max()) / LONGEST_STEP - 1e-6)))
-        fits[way] = OutputError(_prediction(system, steps, free), windows, mechanism.parameters, every, progress)
+    free = [c.pivot for c in found]
+    fits = {way: predicted(log, system, free, every, way, progress).fit() for way in ((True, False) if held is None else (held,))}
     way = min(fits, key=lambda each: fits[each].cost)
     return result_of(fits[way], names, found, len(log.t), log.remarks, inputs="held" if way else "smooth")
+
+
+def predicted(
+    log: Log, system: ReducedSystem, names: Sequence[str], values: np.ndarray, held: bool, progress: Reported = silent
+) -> OutputError:
+    """Return the prediction of the quasi-velocities of a log. `values`: all parameters; `names`: those that may be fitted."""
+    windows = _windows(log, len(system.mechanism.coordinates), held)
+    steps = min(MOST_STEPS, max(1, math.ceil(float(windows.inputs[:, :, -1].max()) / LONGEST_STEP - 1e-6)))
+    return OutputError(_prediction(system, steps, names), windows, system.mechanism.parameters, values, progress)
 
 
 def _windows(log: Log, n: int, held: bool) -> Windows:

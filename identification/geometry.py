@@ -80,7 +80,7 @@ def calibrate(
             f"{system.mechanism.name}: the motion of the pose does not depend on {', '.join(names) or 'any parameter'}"
         )
     prediction = geometry.prediction(quantities, [c.pivot for c in found])
-    fit = OutputError(prediction, _windows(logs, system, pose_names(system)), quantities, every, progress, robust=True)
+    fit = OutputError(prediction, _windows(logs, system, pose_names(system)), quantities, every, progress).fit(robust=True)
     remarks = tuple(dict.fromkeys(remark for log in logs for remark in log.remarks))
     return result_of(fit, names, found, sum(len(log.t) for log in logs), remarks)
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..model.errors import ModelError
 from ..model.mechanism import Quantity
 from ..readers.errors import BadInput
-from ..readers.progress import Reported
+from ..readers.progress import Reported, silent
 
 ITERATIONS = 60
 CONVERGED = 1e-9  # relative change of the parameters
@@ -61,8 +61,7 @@ class OutputError:
         windows: Windows,
         quantities: Sequence[Quantity],
         values: np.ndarray,
-        progress: Reported,
-        robust: bool = False,
+        progress: Reported = silent,
     ):
         """`quantities` and `values`: all parameters, in the order in which `step` takes them."""
         self.windows, self.progress, self.values = windows, progress, values.copy()
@@ -78,6 +77,12 @@ class OutputError:
         with np.errstate(invalid="ignore"):
             spread = np.nanmax(windows.measured, axis=(0, 1)) - np.nanmin(windows.measured, axis=(0, 1))
         self.scale = np.maximum(spread, 1e-9 * spread.max())
+        self.unseen: list[str] = []
+        self.cost = math.inf
+
+    def fit(self, robust: bool = False) -> "OutputError":
+        """Fit the parameters and return self. Raises BadInput if the log does not show them, or the fit does not converge."""
+        spread = self.scale
         self.unseen = self._unseen()
         for _ in range(ROBUST_WEIGHTINGS if robust else WEIGHTINGS):
             self._converge()
@@ -85,6 +90,18 @@ class OutputError:
             if robust:
                 self._reweigh()
         self.cost = float(np.sum(np.log(self.scale)))
+        return self
+
+    def expected_deviations(self, noise: np.ndarray) -> dict[str, float]:
+        """Return the standard deviations that a fit will have if the errors of each output have the standard deviation `noise`
+        and are independent: the bound of Cramer and Rao, before anything is fitted. Infinite for what is not seen.
+        """
+        self.scale = noise
+        self.unseen = self._unseen()
+        rows = self._projected(self.values, self.start, slice(None))[1].reshape(-1, len(self.names))
+        sizes = np.linalg.norm(rows, axis=0)
+        variance = np.diag(np.linalg.inv((rows / sizes).T @ (rows / sizes))) / sizes**2
+        return dict(zip(self.names, np.sqrt(variance), strict=True)) | dict.fromkeys(self.unseen, math.inf)
 
     def value(self, name: str) -> float:
         return float(self.values[self.places[name]])
