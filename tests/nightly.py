@@ -19,7 +19,7 @@ NIGHTLY = {
     "test_contact": (r"affine_in_what_is_wanted\[(tractor_trailer[01]|mobile_manipulator)\]",),
     "test_dialects": (r"on_arm\[-O2-m7\]", r"passes_on_arm\[-std=gnu17 -O3\]"),
     "test_evaluate": (r"many_random_states\[(type_iii?|type_iv_(line|circle|ellipse))\]",),
-    "test_extension": (r"that_were_placed\[(train|car-casadi|path-casadi)", r"the_c_is_the_model\[type_i_offset"),
+    "test_extension": (r"that_were_placed\[(train|arm|car-casadi|path-casadi)", r"the_c_is_the_model\[type_i_offset"),
     "test_figures": (r"every_claim_\w+\[(8b|9b|10|11|12|14|16|waypoints|rates|ellipse|limits|cusp)\]",),
     "test_figures_more": (r"every_claim_can_fail\[(10|11|12|14|16|limits|waypoints|rates)\]",),
     "test_firmware": (r"image_arrives\[(cortex-m4f-clang|netduinoplus2-gcc|rv32imafc-gcc)\]",),

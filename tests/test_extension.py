@@ -17,6 +17,7 @@ from noslip.model import Mechanism, ModelError, control_law, reduce
 from noslip.model.law import ControlLaw, default_gains
 from noslip.model.mechanism import values_of
 from noslip.model.outputs import output_map
+from noslip.model.robots.mobile_manipulator import mobile_manipulator
 from noslip.model.robots.steered import car
 from noslip.model.robots.tractor_trailer import tractor_trailer
 from noslip.readers.errors import BadInput
@@ -56,8 +57,15 @@ reference = { position = [0.0, 0.0], velocity = [-0.5, 0.0] }
 initial = { q = [1.2, 0.3, 0.1, 0.0, 0.0, 0.2], nu = [-2.0, -2.0] }
 simulation = { duration = 20.0, output_step = 1.0 }
 """
+ARM = """
+robot = "robots.py:arm"
+output = { type = "axle", extension = true }
+reference = { position = [0.0, 0.0, 0.4, 0.6], velocity = [0.6, 0.1, 0.1, -0.1] }
+initial = { q = [0.2, 0.05, 0.1, 0.0, 0.0, 0.5, 0.5], nu = [3.5, 3.5, 0.0, 0.0] }
+simulation = { duration = 6.0, output_step = 0.5 }
+"""
 ROBOTS = """
-from noslip.tests.test_extension import car_by_its_rear_axle as car, train_by_its_last_axle as train
+from noslip.tests.test_extension import car_by_its_rear_axle as car, train_by_its_last_axle as train, arm_on_its_axle as arm
 """
 
 
@@ -74,8 +82,17 @@ def train_by_its_last_axle() -> Mechanism:
     return robot
 
 
-SPECS = {"line": AXLE, "circle": CIRCLE, "path": PATH, "car": CAR, "train": TRAIN}
-DEGREES = {"line": (3, 3), "circle": (3, 3), "path": (3, 2), "car": (4, 4), "train": (4, 4)}
+SPECS = {"line": AXLE, "circle": CIRCLE, "path": PATH, "car": CAR, "train": TRAIN, "arm": ARM}
+DEGREES = {"line": (3, 3), "circle": (3, 3), "path": (3, 2), "car": (4, 4), "train": (4, 4), "arm": (3, 3, 2, 2)}
+
+
+def arm_on_its_axle() -> Mechanism:
+    """Only the outputs that depend on each other are extended: the joints keep relative degree 2."""
+    robot = mobile_manipulator()
+    place = [robot[axis] - robot["d"] * turned(robot["phi"]) for axis, turned in (("x_c", cos), ("y_c", sin))]
+    rows = zip(("x_o", "y_o", "link_1", "link_2"), ("m", "m", "rad", "rad"), (*place, robot["q_1"], robot["q_2"]), strict=True)
+    robot.output("axle", "middle of the axle, and the joints", list(rows))
+    return robot
 
 
 def run_of(text: str, tmp_path, **simulation) -> Run:
@@ -102,10 +119,9 @@ def test_errors_have_the_poles_that_were_placed(name, backend, tmp_path):
     assert law.linearization.relative_degree == degrees and run.stopped is None
     start = np.append(run.x[0], np.zeros(len(law.extension)))
     loop = make_loop(run.spec)
-    found = make_controller("casadi", law, loop.believed, run.config[0], loop.gains).evaluate(
-        start, loop.guidance.reference(0, start)
-    )
-    wanted, rates = iter(loop.guidance.reference(0, run.x[0])), iter(found.values["ydot"])
+    reference = loop.guidance.reference(0, run.x[0])
+    found = make_controller("casadi", law, loop.believed, run.config[0], loop.gains).evaluate(start, reference)
+    wanted, rates = iter(reference), iter(found.values["ydot"])
     gains = iter(loop.gains)
     for k, degree in enumerate(degrees):
         actual = [found.values["h"][k], *[next(rates) for _ in range(1, degree)]]
