@@ -107,7 +107,7 @@ def _math(writer, node):
     """Equations are MathML, which browsers set without a script."""
     made = convert(node.astext(), display="block" if node.tagname == "math_block" else "inline")
     space = '<mspace width="0.2em"/>'  # beside the names of functions
-    writer.body.append(re.sub(r"<mi>(sin|cos|det)</mi>", rf"{space}<mi>\1</mi>{space}", made))
+    writer.body.append(re.sub(r"<mi>(sin|cos|det|log)</mi>", rf"{space}<mi>\1</mi>{space}", made))
     raise SkipNode
 
 
