@@ -88,4 +88,8 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    try:
+        main(Path(sys.argv[1]))
+    except BadInput as error:
+        print(f"playground: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -3,9 +3,11 @@
 import re
 from pathlib import Path
 
-from docutils.nodes import SkipNode
+from docutils.nodes import Element, SkipNode
 from latex2mathml.converter import convert
 from noslip import __version__
+from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
 
 project, version, copyright = "noslip", __version__, "the noslip maintainers"
 include_patterns = ["*.md", "docs/*.md", "lessons/*.md", "reference/*.md", "guarantees/*.md", "codegen/derivation/*.md"]
@@ -23,6 +25,7 @@ ACCESSIBLE = {  # what the theme leaves out for keyboards and screen readers
     '<p class="caption" role="heading">': '<p class="caption" role="heading" aria-level="2">',
     '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="all pages">',
     "<pre>": '<pre tabindex="0">',
+    '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
 }
 CONTENTS = """
 
@@ -81,12 +84,12 @@ reference/citing
 """
 
 
-def _prepare(app, page, text):
+def _prepare(app: Sphinx, page: str, text: list[str]) -> None:
     """Add the contents to the first page. Links to lessons lead to their pages, links to a folder to its README; without one they
     become plain text."""
     here = Path(app.srcdir, page).parent
 
-    def link(found):
+    def link(found: re.Match[str]) -> str:
         label, target = found.groups()
         if target.startswith("docs/lessons/"):
             return f"[{label}](lessons/{Path(target).stem}.md)"
@@ -98,20 +101,20 @@ def _prepare(app, page, text):
     text[0] = re.sub(r"(?<!!)\[([^]]*)\]\(([\w./-]+)\)", link, text[0]) + (CONTENTS if page == "index" else "")
 
 
-def _plain(app, what, name, found, options, lines):
+def _plain(app: Sphinx, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
     """Docstrings are plain text: what reStructuredText would read as marks, such as |F|, stands for itself."""
     lines[:] = [re.sub(r"(?<!`)([*|]|(?<=\w)_(?=[\s,.);]|$))(?!`)", r"\\\1", line) for line in lines]
 
 
-def _math(writer, node):
+def _math(writer: HTML5Translator, node: Element) -> None:
     """Equations are MathML, which browsers set without a script."""
     made = convert(node.astext(), display="block" if node.tagname == "math_block" else "inline")
     space = '<mspace width="0.2em"/>'  # beside the names of functions
-    writer.body.append(re.sub(r"<mi>(sin|cos|det)</mi>", rf"{space}<mi>\1</mi>{space}", made))
+    writer.body.append(re.sub(r"<mi>(sin|cos|det|log)</mi>", rf"{space}<mi>\1</mi>{space}", made))
     raise SkipNode
 
 
-def _complete(app, error):
+def _complete(app: Sphinx, error: Exception | None) -> None:
     """Make the pages accessible."""
     for page in Path(app.outdir).rglob("*.html"):
         text = page.read_text()
@@ -120,7 +123,7 @@ def _complete(app, error):
         page.write_text(text)
 
 
-def setup(app):
+def setup(app: Sphinx) -> None:
     """Connect what is above."""
     app.connect("source-read", _prepare)
     app.connect("autodoc-process-docstring", _plain)

@@ -51,7 +51,7 @@ def c_page(title: str, files: list[Path]) -> str:
     """The headers: what each is for, then its types and functions in double; those in float have the suffix _f."""
     parts = [f"# {title}", "Everything exists for `double` and, with the suffix `_f`, for `float`."]
     for file in files:
-        head, text = re.match(r"/\*\n(.*?)\*/(.*)", BODY.sub(";", file.read_text()), re.S).groups()
+        head, _, text = BODY.sub(";", file.read_text()).removeprefix("/*").partition("*/")
         parts += [f"## {file.name}", _fenced("text", _comment(head))]
         parts += [_fenced("c", f"/*{said}*/\n{code}" if said else code) for said, code in TYPE.findall(text) if "_f;" not in code]
         for said, code, name in FUNCTION.findall(text):
