@@ -5,6 +5,8 @@
 #              random tests, the tests that tests/nightly.py names, and whether small changes of the sources are found
 # make types   the types of every room, by mypy
 # make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html
+# make site    the pages to read, with search, for a browser and no network: build/site/index.html
+# make playground   a page with a robot to drag: the generated C as WebAssembly, with clang: build/playground/index.html
 # make bench   instruction counts, sizes and rates beside peers; make bits: the same bits on every target there is
 # make firmware the images of every target whose tools are here, into build/firmware
 # make firmware-test   runs them, every law's bits and closed loops in QEMU, and compares with this host
@@ -16,6 +18,7 @@ VENV := .venv
 NOSLIP := $(VENV)/bin/noslip
 READY := $(VENV)/.ready
 READY_DEV := $(VENV)/.ready-dev
+READY_SITE := $(VENV)/.ready-site
 export NOSLIP_CACHE ?= $(CURDIR)/build/compiled
 
 MODEL := $(wildcard __init__.py model/*.py model/*/*.py codegen/*.py codegen/*/*.py)
@@ -27,7 +30,7 @@ RUNS := line circle
 
 include firmware/targets.mk # standard: the flags with which all targets compute the same bits
 
-.PHONY: all setup generate check-generated check simulate figures lint types quick test all-tests nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
+.PHONY: all setup generate check-generated check simulate figures site playground lint types quick test all-tests nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -59,6 +62,9 @@ $(READY): pyproject.toml constraints.txt
 $(READY_DEV): $(READY)
 	$(call install,[dev])
 
+$(READY_SITE): $(READY)
+	$(call install,[site])
+
 generate: build/generated.stamp
 
 build/generated.stamp: $(READY) $(MODEL) firmware/boards/targets.toml $(ROBOTS:%=generated/%) $(wildcard generated/*/*)
@@ -85,6 +91,16 @@ build/figures.stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard s
 	$(NOSLIP) figures -o build/figures
 	@touch $@
 
+# What `make figures` has drawn is in the gallery. A broken link is an error.
+site: $(READY_SITE)
+	$(VENV)/bin/python docs/site/pages.py build/pages
+	$(VENV)/bin/sphinx-build -q -W --keep-going -j 2 -c docs/site -d build/doctrees build/pages build/site
+	@echo "pages: build/site/index.html"
+
+playground: build/generated.stamp
+	$(VENV)/bin/python playground/build.py build/playground
+	@echo "page: build/playground/index.html"
+
 PYTEST := $(VENV)/bin/pytest -n 2 --dist loadgroup --no-loadscope-reorder
 QUICK := rooms names poles structure model verify codegen
 
@@ -107,7 +123,7 @@ all-tests: $(READY_DEV)
 	$(PYTEST)
 
 # What each step finds is printed; the first that fails ends it.
-nightly: test
+nightly: test $(READY_SITE)
 	$(PYTEST) -m nightly
 	$(MAKE) --no-print-directory bits
 	$(MAKE) --no-print-directory firmware-test

@@ -17,7 +17,7 @@ from ..model.rolling.contact import PlanarContact, RollingContact, RollingGrowth
 from ..model.rolling.kinematics import Kinematics
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
-from ..readers.robots import check_law, find_robot, placed, system_of
+from ..readers.robots import check_law, find_robot, placed, refuse_extension, system_of
 from ..simulation.closed_loop import simulate
 from ..simulation.contact import Grip, grip
 from ..simulation.loop import make_loop
@@ -106,6 +106,7 @@ def analyse(
     are no SPEC of it.
     """
     for law in laws:
+        refuse_extension(law, "analyse")
         if isinstance(system, Mechanism):
             check_law(system, law)
     verdicts = {file: start_verdict(system.name, file, uncertainty) for file in starts}
@@ -127,6 +128,9 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
     try:
         if find_robot(spec.robot).name != name:
             raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
+        refuse_extension(spec.output.law, "analyse --start")
+        if spec.reference.circle:
+            raise BadInput("[reference] circle: starts are certified along lines and paths; leave it out")
         loop = make_loop(spec)
         return certify(loop, spec, of_each(uncertainty, loop))
     except (BadInput, ModelError) as error:

@@ -16,6 +16,8 @@ COMMANDS = (
     "sweep",
     "figures",
     "identify",
+    "calibrate",
+    "excite",
     "export",
     "completion",
 )
@@ -24,4 +26,6 @@ MODULES = {name: name.replace("-", "_") for name in COMMANDS} | {
     "laws": "robot.robots",
     "import": "robot.urdf",
     "identify": "robot.identify",
+    "calibrate": "robot.calibrate",
+    "excite": "robot.excite",
 }  # in this folder

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..readers.errors import BadInput
@@ -62,6 +63,8 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(f"{args.out}: exists and is not an empty folder; choose another")
     if (args.firmware or args.package) and args.scalar == "both":
         args.scalar = "float"
+    if args.firmware or args.package:
+        _refuse_extensions(args.output, f"--{'package' if args.package else 'firmware'}")
     generated = selected_files(args, dynamics=DYNAMICS in args.output)
     laws = selected_laws(args)
     library = {**_runtime(args.scalar), **generated}
@@ -102,6 +105,13 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _refuse_extensions(laws: Sequence[str], option: str) -> None:
+    from ..readers.robots import refuse_extension  # slow to import
+
+    for law in laws:
+        refuse_extension(law, option)
+
+
 def _export_fmu(args: argparse.Namespace) -> int:
     """Write an FMU, whose steps have been compared with those of the compiled C."""
     if not args.out.endswith(".fmu"):
@@ -111,6 +121,7 @@ def _export_fmu(args: argparse.Namespace) -> int:
     check_targets([args.out])
     args.scalar = "double"
     laws = [name for name in args.output if name != DYNAMICS]
+    _refuse_extensions(laws, "--fmu")
     if args.fmu == "plant":
         args.output = [DYNAMICS]
     elif len(laws) != 1:

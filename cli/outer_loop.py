@@ -149,7 +149,7 @@ def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
 
 def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
     from ..outer.setting import SPEED, default_spec, with_speed
-    from ..readers.robots import find_robot, law_of
+    from ..readers.robots import find_robot, law_of, refuse_extension
     from ..simulation.loop import make_loop
     from ..simulation.specification.vary import read_varied
 
@@ -158,12 +158,14 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
     if args.spec is None:
         if args.output is None:
             raise BadInput("outer-loop needs --output LAW or --spec SPEC.toml")
+        refuse_extension(args.output, "outer-loop")
         law = law_of(find_robot(args.robot), args.output)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
     spec = read_varied(args.spec, {"simulation.backend": "casadi"})
     for option, given, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.output.law)):
         if given is not None and given != own:
             raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {given}")
+    refuse_extension(spec.output.law, f"{args.spec}: outer-loop")
     law = law_of(find_robot(spec.robot), spec.output.law)
     try:
         make_loop(spec)  # refuses what `noslip simulate` refuses

@@ -106,6 +106,7 @@ def fingerprint(system: ReducedSystem, law: ControlLaw | None = None) -> str:
     if law is not None:
         groups += [q for group in law.groups.values() for q in group]
         expressions += [law.linearization.h, law.linearization.Phi, law.linearization.Phidot, law.tau]
+        expressions += [law.extension_rate] if law.extension else []
     expressions += [
         part for contact in mechanism.contacts for part in (contact.along, contact.across, contact.mass, contact.left)
     ]

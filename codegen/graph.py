@@ -58,6 +58,7 @@ class Group(StrEnum):
     CONFIG = "config"
     GAINS = "gains"
     STATE = "state"
+    EXTENSION = "extension"
     REFERENCE = "reference"
     FOOT = "foot"
     VIRTUAL_INPUT = "virtual_input"

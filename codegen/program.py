@@ -73,14 +73,17 @@ GROUND_BY_INPUTS = Entry("ground_by_inputs", "Derivatives of the first three of 
 EVALUATE = Entry(
     "evaluate",
     "All quantities, with one sine and cosine",
-    (Result.OUTPUTS, Result.RATES, Result.DECOUPLING, Result.DECOUPLING_RATE, Result.ACCELERATION, Result.INPUTS),
+    (
+        *(Result.OUTPUTS, Result.RATES, Result.DECOUPLING, Result.DECOUPLING_RATE),
+        *(Result.ACCELERATION, Result.INPUTS, Result.EXTENSION_RATE),
+    ),
     Group.REFERENCE,
     whole=True,
 )
 STEP = Entry(
     "step",
     "The controller: outer loop and feedback (12) with (20), limits, safe outputs",
-    (Result.INPUTS,),
+    (Result.EXTENSION_RATE, Result.INPUTS),
     Group.REFERENCE,
     slope=SLOPE,
 )
@@ -208,6 +211,8 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     labels = _own_names(law, quantities) | labels
     entries = {}
     for entry in ENTRIES:
+        if law.extension and entry in (GROUND, GROUND_BY_INPUTS):
+            continue  # a step with an extension does not keep grip
         given = at_foot if entry.at_foot else quantities
         chosen = {name: given[name] for name in entry.answers if given.get(name)}
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
@@ -222,7 +227,8 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
 
 def _groups(law: ControlLaw) -> dict[str, Sequence[Quantity]]:
     """The leaves of the graph, by group."""
-    return {**law.groups, Group.FOOT: FOOT, Group.INPUT: law.system.mechanism.inputs}
+    groups = law.groups | {Group.STATE: law.system.state, Group.EXTENSION: law.extension}
+    return {**groups, Group.FOOT: FOOT, Group.INPUT: law.system.mechanism.inputs}
 
 
 def in_steps(law: ControlLaw) -> Stages:
@@ -249,6 +255,7 @@ def plain(law: ControlLaw) -> Stages:
         Result.DECOUPLING_RATE: found.Phidot,
         Result.ACCELERATION: law.u,
         Result.INPUTS: law.tau,
+        Result.EXTENSION_RATE: law.extension_rate,
         Result.INPUTS_OF_V: law.tau_of_v,
         Result.SINGULAR: _singular(found),
         Result.REGULAR: ca.SX(0, 1),
@@ -291,18 +298,18 @@ def _grip_reads(law: ControlLaw, names: frozenset[str]) -> bool:
 def _own_names(law: ControlLaw, quantities: dict[Result, Matrix]) -> dict[Node, str]:
     """The field's own names for what a law answers."""
     rows = [row.name for row in law.output.rows]
-    second = [row for row, degree in zip(rows, law.linearization.relative_degree, strict=True) if degree == 2]
     size = range(1, len(rows) + 1)
     names = {
         Result.OUTPUTS: [[name] for name in rows],
-        Result.RATES: [[f"{name}_rate"] for name in second],
+        Result.RATES: [[q.name] for q in law.rates],
         Result.DECOUPLING: [[f"Phi_{i}{j}" for j in size] for i in size],
         Result.DECOUPLING_RATE: [[f"Phidot_{i}{j}" for j in size] for i in size],
         Result.ACCELERATION: [[f"u_{q.name}"] for q in law.system.quasi_velocities],
         Result.INPUTS: [[q.name] for q in law.system.mechanism.inputs],
+        Result.EXTENSION_RATE: [[f"{q.name}_rate"] for q in law.extension],
     }
     labels: dict[Node, str] = {}
-    for quantity, texts in names.items():
+    for quantity, texts in ((quantity, texts) for quantity, texts in names.items() if quantities[quantity]):
         for nodes, row in zip(quantities[quantity], texts, strict=True):
             for node, text in zip(nodes, row, strict=True):
                 if node.arguments:
@@ -328,4 +335,14 @@ def constants_of(roots: Sequence[Node], labels: dict[Node, str]) -> dict[Node, s
     return {node: names[node] for node in kept}
 
 
-OWN_FIELDS = ("limit", "held", "clear", "on_error", "on_limit", "grip", "ready")  # of every law's struct
+OWN_FIELDS = (
+    "limit",
+    "held",
+    "clear",
+    "extension",
+    "extension_rate",
+    "on_error",
+    "on_limit",
+    "grip",
+    "ready",
+)  # of every law's struct

@@ -120,6 +120,9 @@ class CompiledController:
         self._self = self._library.instance()
         self._state = ffi.new(f"{self._library.robot_name('state')} *")
         self._reference = ffi.new(f"{name('reference')} *")
+        fields = ("extension", "extension_rate") if law.extension else ()
+        self._extension = [self._library.numbers(getattr(self._self, field)) for field in fields]
+        self._dt = (0.0,) if law.extension else ()
         self._evaluation = ffi.new(f"{name('evaluation')} *")
         self._tau = ffi.new(f"{self._library.text.scalar.real}[{len(law.system.mechanism.inputs)}]")
         groups = [
@@ -152,7 +155,8 @@ class CompiledController:
             status = self._evaluate(self._self, self._state, self._reference, self._evaluation)
             if status != 0:
                 return Evaluation(self._status(status), {})
-            return Evaluation("ok", {q: self._found[q].astype(float) if q in self._found else np.zeros(0) for q in QUANTITIES})
+            names = (*QUANTITIES, "extension_rate") if self._extension else QUANTITIES
+            return Evaluation("ok", {q: self._found[q].astype(float) if q in self._found else np.zeros(0) for q in names})
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         """Return status and inputs (N or N m), zeros on an error."""
@@ -161,8 +165,13 @@ class CompiledController:
             return self.refused, np.zeros(len(self._tau))
         with self._lock:
             self._load(state, reference)
-            status = self._step(self._self, self._state, self._reference, self._tau)
+            status = self._step(self._self, self._state, self._reference, *self._dt, self._tau)
             return self._status(status), self._answer.astype(float)
+
+    @property
+    def extension_rate(self) -> np.ndarray:
+        """See Controller."""
+        return self._extension[1].astype(float) if self._extension else np.zeros(0)
 
     def entry(self, entry: Entry, state: np.ndarray, foot: Iterable[float] = (), more: Iterable[float] = ()) -> Evaluation:
         """Return the quantity that an entry point computes. `more`: the reference, virtual input or inputs that it takes."""
@@ -179,14 +188,21 @@ class CompiledController:
         answer = library.array(np.zeros(len(matrix) * len(matrix[0])))
         place = library.ffi.cast(library.ffi.typeof(library.function(entry.name)).args[-1], answer)
         with self._lock:
+            self._load_extension(state)
             status = self._status(library.function(entry.name)(self._self, *given, place))
         values = library.numbers(answer).reshape(len(matrix), -1).astype(float)
         return Evaluation(status, {quantity: values} if status in RUNNING else {})
 
     def _load(self, state: np.ndarray, reference: np.ndarray) -> None:
         with np.errstate(over="ignore"):  # values too large for float become infinite, which the law rejects
-            for numbers, values in zip(self._seen, (state, reference), strict=True):
+            for numbers, values in zip(self._seen, (state[: len(self._seen[0])], reference), strict=True):
                 numbers[:] = values
+            self._load_extension(state)
+
+    def _load_extension(self, state: np.ndarray) -> None:
+        """Set the states of the extension, the last of the state."""
+        if self._extension:
+            self._extension[0][:] = state[len(self._seen[0]) :]
 
     @cached_property
     def _found(self) -> dict[str, np.ndarray]:

@@ -101,11 +101,15 @@ class Evaluation:
 class Controller(Protocol):
     """A control law with its parameters, config and gains fixed.
 
-    `state` is q then nu in the order of law.state, `reference` in the order of law.reference, SI: one-dimensional, else
-    BadInput is raised. Threads may share a controller; they take turns.
+    `state` is q, then nu, then the states of a dynamic extension, in the order of law.state, `reference` in the order of
+    law.reference, SI: one-dimensional, else BadInput is raised. Threads may share a controller; they take turns.
     """
 
     law: ControlLaw
+
+    @property
+    def extension_rate(self) -> np.ndarray:
+        """Rates of the states of a dynamic extension at the last step, zero unless it returned "ok"; empty without one."""
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
         """All quantities at a state."""

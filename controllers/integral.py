@@ -100,7 +100,7 @@ class IntegralAction:
 
     `rows` (K): their names, `ki` (K): their gains, 1/s^3 for relative degree 2, 1/s^2 for 1. ki z is added to the desired
     derivative of highest order, which the law adds to v: the characteristic polynomial of the output becomes
-    s^3 + kd s^2 + kp s + ki, or s^2 + kv s + ki. `acting` (K): the indices of the rows among the outputs; `desired` and `highest`:
+    s^3 + kd s^2 + kp s + ki, or s^2 + kv s + ki. `acting` (K): indices of the rows among the outputs; `desired` and `highest`:
     the indices in the reference of their desired values and of the derivatives of highest order; `limit` (K): of ki |z|, 0 is
     none.
     """

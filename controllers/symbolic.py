@@ -15,7 +15,7 @@ from .grip import GripReference
 
 ANGLE_MAX = 2.0**20  # rad; the C in double rejects larger angles
 FLAT = 1e-5  # entries of a gradient below this part of the largest count as zero, as in the C runtime
-VECTORS = ("h", "ydot", "u", "tau", "V", "bias", "lam")  # the other quantities are matrices
+VECTORS = ("h", "ydot", "u", "tau", "extension_rate", "V", "bias", "lam")  # the other quantities are matrices
 
 
 class CasadiController:
@@ -30,6 +30,7 @@ class CasadiController:
         limits: Limits | None = None,
     ):
         self.law = law
+        self.extension_rate = np.zeros(len(law.extension))
         self._fixed = tuple(np.array(group, dtype=float) for group in (params, config, gains))
         self._step = Direct(step_function(law))
         self._slows = limits is not None and limits.mode == "slow"
@@ -58,6 +59,8 @@ class CasadiController:
         """Return status and tau, N or N m, within the limits; zeros if the status is an error."""
         check_point(self.law, state, reference)
         status, tau = self._unlimited(state, reference)
+        if not (status == "ok" and (np.abs(tau) <= self._limits).all()):
+            self.extension_rate = np.zeros_like(self.extension_rate)
         if self._grip and status == "ok":
             return self._grip(state, tau, self._slope(state, reference))
         if (np.abs(tau) <= self._limits).all():
@@ -73,12 +76,12 @@ class CasadiController:
         zero = np.zeros(len(self.law.system.mechanism.inputs))
         if not (np.isfinite(state).all() and np.isfinite(reference).all()):
             return "nonfinite", zero
-        tau, measure, angles = self._step(*self._fixed, state, reference)
+        tau, measure, angles, self.extension_rate = self._step(*self._fixed, state, reference)
         if not (np.abs(angles) <= ANGLE_MAX).all():
             return "range", zero
         if not measure[0] > SINGULAR * measure[1]:
             return "singular", zero
-        if not np.isfinite(tau).all():
+        if not (np.isfinite(tau).all() and np.isfinite(self.extension_rate).all()):
             return "nonfinite", zero
         return "ok", tau
 
@@ -118,10 +121,13 @@ def evaluation_function(law: ControlLaw) -> ca.Function:
 
 @cache
 def step_function(law: ControlLaw) -> ca.Function:
-    """Return the function (params, config, gains, state, reference) to tau, the measure of singularity of Phi, and all angles."""
+    """Return the function (params, config, gains, state, reference) to tau, the measure of singularity of Phi, all angles, and
+    the rates of the states of the extension.
+    """
     found = law.linearization
     used = ca.vertcat(found.h, found.rate, ca.vec(found.Phi), ca.vec(found.Phidot), law.tau)
-    return portable(law.function({"tau": law.tau, "measure": ca.vertcat(*found.measure), "angles": angles(law, used)}))
+    measure, rate = ca.vertcat(*found.measure), law.extension_rate
+    return portable(law.function({"tau": law.tau, "measure": measure, "angles": angles(law, used), "extension_rate": rate}))
 
 
 def angles(law: ControlLaw, expression: ca.SX) -> ca.SX:

@@ -1,6 +1,6 @@
 """Which combinations of parameters the inverse dynamics determine, whatever the motion."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -29,22 +29,37 @@ class Combination:
 def combinations(system: ReducedSystem, names: Sequence[str], values: Sequence[float], seed: int = 1) -> list[Combination]:
     """Return a basis of what S'MS nudot + bias - S'E tau (10) determines of the named parameters near `values` (all parameters).
 
-    Its derivatives by the parameters are evaluated with DIGITS digits at random motions; their row space is reduced with pivots
-    in the order of `names`. A parameter that is the pivot of no combination, or occurs beside one, is not identifiable by itself.
+    As `determined`.
     """
     mechanism = system.mechanism
     nudot, tau = ca.SX.sym("nudot", system.dof), ca.SX.sym("tau", len(mechanism.inputs))
     residual = system.Mbar @ nudot + system.bias - system.input_map @ tau
-    known = {p.name: p.symbol for p in mechanism.parameters}
-    rates = ca.jacobian(residual, ca.vertcat(*[known[name] for name in names]))
     moving = [*[q.symbol for q in system.state], *ca.vertsplit(nudot), *ca.vertsplit(tau)]
-    symbols = [*moving, *known.values()]
+    parameters = {p.name: p.symbol for p in mechanism.parameters}
+    return determined(residual, moving, parameters, names, values, seed)
+
+
+def determined(
+    seen: ca.SX,
+    moving: Sequence[ca.SX],
+    parameters: Mapping[str, ca.SX],
+    names: Sequence[str],
+    values: Sequence[float],
+    seed: int = 1,
+) -> list[Combination]:
+    """Return a basis of what `seen`, known for all values of `moving`, determines of the named parameters near `values`.
+
+    Its derivatives by the parameters are evaluated with DIGITS digits at random motions; their row space is reduced with pivots
+    in the order of `names`. A parameter that is the pivot of no combination, or occurs beside one, is not identifiable by itself.
+    """
+    rates = ca.jacobian(seen, ca.vertcat(*[parameters[name] for name in names]))
+    symbols, dimension = [*moving, *parameters.values()], seen.shape[0]
     random = np.random.default_rng(seed)
     rows: list[list[mpmath.mpf]] = []
     with mpmath.workdps(DIGITS):
         for _ in range(2 + 2 * len(names)):
             entries = evaluate(ca.densify(rates), symbols, [*random.uniform(-1.5, 1.5, len(moving)), *values])
-            rows += [entries[i :: system.dof] for i in range(system.dof)]
+            rows += [entries[i::dimension] for i in range(dimension)]
         return _reduced(rows, names)
 
 

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
+from numpy.polynomial import polynomial
 
 from .linearization import Linearization, linearize
-from .mechanism import Quantity, per_second, quantity, refuse_twice
-from .outputs import OutputMap
+from .mechanism import Quantity, derivative_name, derivative_unit, quantity, refuse_twice
+from .outputs import OutputMap, OutputRow
 from .reduction import ReducedSystem
 
 
@@ -15,21 +16,23 @@ from .reduction import ReducedSystem
 class ControlLaw:
     """A control law from state and reference to the inputs, symbolic.
 
-    Outer loop, row of relative degree 2: v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y); degree 1: v = ydot_d + kv (y_d - y).
+    Outer loop, row of relative degree 2: v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y); degree 1: v = ydot_d + kv (y_d - y);
+    longer chains as degree 2, with ka on the error of the second derivative and so on (GAINS).
     `v` and `u` are (n-m) x 1, `tau` is r x 1 in the units of the inputs. They depend on `groups`: parameters, config (of the
     output map), gains, state [q; nu] and reference, in SI units. `u_of_v` and `tau_of_v` are functions of v itself.
+    With a dynamic extension its states xi are the last of the state, and `extension_rate` is d xi/dt, k x 1; else 0 x 1.
     """
 
     linearization: Linearization
     parameters: tuple[Quantity, ...]
     config: tuple[Quantity, ...]
     gains: tuple[Quantity, ...]
-    state: tuple[Quantity, ...]
     reference: tuple[Quantity, ...]
     virtual_input: tuple[Quantity, ...]
     v: ca.SX = field(repr=False)
     u: ca.SX = field(repr=False)
     tau: ca.SX = field(repr=False)
+    extension_rate: ca.SX = field(repr=False)
     u_of_v: ca.SX = field(repr=False)
     tau_of_v: ca.SX = field(repr=False)
 
@@ -47,6 +50,22 @@ class ControlLaw:
     def output(self) -> OutputMap:
         """Return the outputs that it controls."""
         return self.linearization.output
+
+    @property
+    def extension(self) -> tuple[Quantity, ...]:
+        """Return the states of the dynamic extension; empty without one."""
+        return self.linearization.extension
+
+    @property
+    def state(self) -> tuple[Quantity, ...]:
+        """Return [q; nu], followed by the states of the extension."""
+        return (*self.system.state, *self.extension)
+
+    @property
+    def rates(self) -> tuple[Quantity, ...]:
+        """Return the derivatives of the outputs below the highest, in the order of `Linearization.rate`."""
+        degrees = zip(self.output.rows, self.linearization.relative_degree, strict=True)
+        return tuple(_derivative(row, order) for row, degree in degrees for order in range(1, degree))
 
     @property
     def speed_row(self) -> int | None:
@@ -81,7 +100,8 @@ class ControlLaw:
     def quantities(self) -> dict[str, ca.SX]:
         """What an evaluation of the law returns, by name."""
         found = self.linearization
-        return {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": self.u, "tau": self.tau}
+        made = {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": self.u, "tau": self.tau}
+        return made | ({"extension_rate": self.extension_rate} if self.extension else {})
 
     def at_state(self, *expressions: ca.SX) -> ca.Function:
         """CasADi function from (state, parameters, config) to the expressions, which depend on nothing else."""
@@ -106,40 +126,58 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
     gains, reference = _outer_loop_symbols(found)
     v = outer_loop(found.relative_degree, [k.symbol for k in gains], [y.symbol for y in reference], found.h, found.rate)
     virtual_input = tuple(
-        quantity(f"v_{row.name}", _derivative_unit(row.unit, degree), f"virtual input: derivative {degree} of {row.name}")
+        quantity(f"v_{row.name}", derivative_unit(row.unit, degree), f"virtual input: derivative {degree} of {row.name}")
         for row, degree in zip(output.rows, found.relative_degree, strict=True)
     )
     for group, members in (("reference", reference), ("gains", gains)):
         refuse_twice([q.name for q in members], f"{system.mechanism.name}, output {output.name}, {group}")
-    u, u_of_v = found.second_feedback(v), found.second_feedback(symbols(virtual_input))
+    u, extension_rate = found.accelerations(found.second_feedback(v))
+    u_of_v, _ = found.accelerations(found.second_feedback(symbols(virtual_input)))
     mechanism = system.mechanism
     return ControlLaw(
         linearization=found,
         parameters=tuple(mechanism.parameters),
         config=tuple(output.parameters),
         gains=gains,
-        state=system.state,
         reference=reference,
         virtual_input=virtual_input,
         v=v,
         u=u,
         tau=system.first_feedback(u),
+        extension_rate=extension_rate,
         u_of_v=u_of_v,
         tau_of_v=system.first_feedback(u_of_v),
     )
 
 
+def _derivative(row: OutputRow, order: int, about: str = "") -> Quantity:
+    return quantity(derivative_name(row.name, order), derivative_unit(row.unit, order), about)
+
+
 def outer_loop(degree: Sequence[int], gains: Sequence[ca.SX], reference: Sequence[ca.SX], h: ca.SX, rate: ca.SX) -> ca.SX:
-    """Return the virtual input v from outputs h and their rates, with gains and references in order, row by row."""
+    """Return the virtual input v from outputs h and their derivatives, with gains and references in order, row by row."""
     gain, desired, rates = iter(gains), iter(reference), iter(ca.vertsplit(rate) if rate.numel() else ())
     v = []
     for k, y in zip(degree, ca.vertsplit(h), strict=True):
-        error, rate_d = next(desired) - y, next(desired)
-        if k == 1:
-            v.append(rate_d + next(gain) * error)
-        else:
-            v.append(next(desired) + next(gain) * error + next(gain) * (rate_d - next(rates)))
+        errors = [next(desired) - y, *[next(desired) - next(rates) for _ in range(1, k)]]
+        v.append(sum((next(gain) * error for error in errors), start=next(desired)))
     return ca.vertcat(*v)
+
+
+GAINS = ("kp", "kd", "ka", "kj", "ks", "kc")  # on the error of the derivative of order 0, 1, ...; kv for relative degree 1
+ORDINAL = ("", "rate", *(f"{nth} derivative" for nth in ("second", "third", "fourth", "fifth", "sixth")))
+SHORT_GAINS = ("kv", *GAINS)
+
+
+def gain_names(degree: int) -> tuple[str, ...]:
+    """Return the names of the gains of a chain, without that of the output."""
+    return GAINS[:degree] if degree > 1 else ("kv",)
+
+
+def default_gains(degree: int) -> list[float]:
+    """Return default gains: a pole at -2 1/s; from degree 2 on one at -0.5 1/s, and all others at -2 1/s."""
+    poles = [-2.0] if degree == 1 else [-0.5, *[-2.0] * (degree - 1)]
+    return polynomial.polyfromroots(poles)[:-1].tolist()
 
 
 def _outer_loop_symbols(found: Linearization) -> tuple[tuple[Quantity, ...], tuple[Quantity, ...]]:
@@ -147,17 +185,11 @@ def _outer_loop_symbols(found: Linearization) -> tuple[tuple[Quantity, ...], tup
     gains: list[Quantity] = []
     reference: list[Quantity] = []
     for row, degree in zip(found.output.rows, found.relative_degree, strict=True):
-        name, unit = row.name, row.unit
-        reference.append(quantity(name, unit, f"desired {row.about}"))
-        reference.append(quantity(f"{name}_rate", per_second(unit), f"desired rate of {name}"))
-        if degree == 1:
-            gains.append(quantity(f"kv_{name}", "1/s", f"{name} error", 2.0, "nonnegative"))
-            continue
-        reference.append(quantity(f"{name}_acceleration", _derivative_unit(unit, 2), f"desired second derivative of {name}"))
-        gains.append(quantity(f"kp_{name}", "1/s^2", f"{name} error", 1.0, "nonnegative"))
-        gains.append(quantity(f"kd_{name}", "1/s", f"error of the rate of {name}", 2.5, "nonnegative"))
+        name = row.name
+        for order in range(degree + 1):
+            what = row.about if order == 0 else f"{ORDINAL[order]} of {name}"
+            reference.append(_derivative(row, order, f"desired {what}"))
+        for order, (gain, default) in enumerate(zip(gain_names(degree), default_gains(degree), strict=True)):
+            what = f"{name} error" if order == 0 else f"error of the {ORDINAL[order]} of {name}"
+            gains.append(quantity(f"{gain}_{name}", derivative_unit("1", degree - order), what, default, "nonnegative"))
     return tuple(gains), tuple(reference)
-
-
-def _derivative_unit(unit: str, degree: int) -> str:
-    return per_second(unit) if degree == 1 else per_second(per_second(unit))

@@ -1,10 +1,9 @@
 """Input-output linearization: relative degrees, decoupling matrix (15), its derivative, second feedback (20)."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 
 import casadi as ca
 import numpy as np
@@ -12,10 +11,12 @@ import numpy as np
 from .algebra.exact import canonical
 from .algebra.expression import degree as degree_in
 from .algebra.linear import condition, solve
-from .algebra.poles import determinant, quotient
-from .algebra.samples import Sampled, rank
+from .algebra.poles import determinant, quotient, without_pole
+from .algebra.samples import Sampled, dependent_sets, rank
 from .errors import ModelError
-from .outputs import OutputMap
+from .extension import Chain, Integrators, extend
+from .mechanism import Quantity
+from .outputs import OutputMap, OutputRow
 from .reduction import ReducedSystem
 
 SINGULAR = 1e-5  # Phi is regarded as singular if its measure (`Linearization.measure`) is at or below this
@@ -26,9 +27,12 @@ SINGULAR_SQUARED = 1e-10  # the same for squares, which avoid a root
 class Linearization:
     """Input-output linearization of a reduced system: y_i^(k) = drift_i + (Phi u)_i with k = relative_degree[i], 1 or 2.
 
-    Symbolic, in q, nu and parameters: outputs `h` ((n-m) x 1), first derivatives `rate` of the rows of relative degree 2 in
-    order, decoupling matrix `Phi` (15) and its time derivative `Phidot` (both (n-m) x (n-m)), `drift` ((n-m) x 1).
+    Symbolic, in q, nu and parameters: outputs `h` ((n-m) x 1), derivatives `rate` of order 1 to k - 1 of each row in order,
+    decoupling matrix `Phi` (15) and its time derivative `Phidot` (both (n-m) x (n-m)), `drift` ((n-m) x 1).
     Units are those of the output map's rows, per second for each derivative.
+
+    With a dynamic extension, `integrators`, k may be larger, the inputs of the integrators take the place of u, all but h
+    depend on their states xi too, and `Phidot`, which no law needs, is 0 x 0.
     """
 
     system: ReducedSystem
@@ -39,11 +43,22 @@ class Linearization:
     Phi: ca.SX
     Phidot: ca.SX
     drift: ca.SX
+    integrators: Integrators | None = None
+
+    @property
+    def extension(self) -> tuple[Quantity, ...]:
+        """The states xi of the integrators; empty without an extension."""
+        return self.integrators.states if self.integrators else ()
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The names of the columns of Phi: quasi-velocities, or with an extension the inputs of the integrators."""
+        return self.integrators.inputs if self.integrators else tuple(q.name for q in self.system.quasi_velocities)
 
     @cached_property
     def determinant(self) -> ca.SX:
         """Return det Phi."""
-        return self.system.simplified("det Phi", ca.det(self.Phi), (self.Phi,), determinant)
+        return self._checked("det Phi", canonical(ca.det(self.Phi)), (self.Phi,), determinant)
 
     @property
     def scale_squared(self) -> ca.SX:
@@ -65,17 +80,28 @@ class Linearization:
         return ca.SX(1), condition(self.Phi)
 
     def second_feedback(self, v: ca.SX) -> ca.SX:
-        """Return u = Phi^-1 (v - drift) (20), (n-m) x 1, which makes the highest derivatives equal to v."""
+        """Return u = Phi^-1 (v - drift) (20), (n-m) x 1, which makes the highest derivatives equal to v. With an extension the
+        inputs of the integrators.
+        """
         right = v - self.drift
         small = self.Phi.shape[0] <= 3
         found = ca.adj(self.Phi) @ right / self.determinant if small else solve(self.Phi, right)
-        return self.system.checked("u", found, (self.Phi, right), quotient)
+        return self._checked("u", found, (self.Phi, right), quotient)
+
+    def accelerations(self, w: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return u, (n-m) x 1, and d xi/dt, k x 1, of what `second_feedback` returns: u itself, unless there is an extension."""
+        return self.integrators.rates(w) if self.integrators else (w, ca.SX(0, 1))
+
+    def _checked(self, name: str, found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]) -> ca.SX:
+        moving = ca.vertcat(self.system.mechanism.q, self.system.nu, *[q.symbol for q in self.extension])
+        return without_pole(self.system.mechanism.name, name, found, given, combined, moving)
 
 
 def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
     """Return the linearization: the relative degree of each row, Phi, its derivative along the motion and the drift.
 
     A row that depends on nu has degree 1; its row of Phi is dh/dnu. A row h(q) has degree 2; its row of Phi is dh/dq S.
+    If the output map allows an extension and Phi is singular everywhere, see `extend`.
     Raises ModelError if the output map does not belong to this system (`OutputMap.check`), the number of rows is not n-m, a
     row of Phi vanishes identically, or Phi is singular everywhere.
     """
@@ -83,34 +109,51 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
     if len(output.rows) != system.dof:
         raise ModelError(f"{where}: {_not_square(system, output)}")
     output.check(system)
-    degree, rates, rows, drift = [], [], [], []
-    h = ca.vertcat(*[row.expression for row in output.rows])
-    for row, expression in zip(output.rows, ca.vertsplit(h), strict=True):
-        first, first_drift = derivative(system, expression, 1)
-        if not _vanishes(system, output, first):
-            degree.append(1)
-            rows.append(first)
-            drift.append(first_drift)
-            continue
-        if degree_in(canonical(expression), system.nu) == math.inf:
-            raise ModelError(
-                f"{where}: row {row.name!r} depends on the quasi-velocities, but its derivative by them vanishes (a step, or a "
-                "constant part); replace it by an output whose rate depends on the inputs"
-            )
-        second, second_drift = derivative(system, expression, 2)
-        if _vanishes(system, output, second):
-            raise ModelError(
-                f"{where}: row {row.name!r} of Phi vanishes identically: neither the output nor its rate "
-                "depends on an input, because the constraints keep the output constant; replace it by one that moves"
-            )
-        degree.append(2)
-        rates.append(second @ system.nu)
-        rows.append(second)
-        drift.append(second_drift)
-    Phi = ca.vertcat(*rows)
-    _check_regular(system, output, Phi)
-    Phidot = ca.densify(system.along_motion(Phi))
-    return Linearization(system, output, tuple(degree), h, ca.vertcat(*rates), ca.densify(Phi), Phidot, ca.vertcat(*drift))
+    found, integrators = chains(system, output), None
+    if output.extension and _sampled(system, output, _rows(found)).rank() < system.dof:
+        found, integrators = extend(system, found, output)
+    Phi = _rows(found)
+    _check_regular(system, output, Phi, integrators)
+    return Linearization(
+        system,
+        output,
+        tuple(chain.degree for chain in found),
+        ca.vertcat(*[row.expression for row in output.rows]),
+        ca.vertcat(*[rate for chain in found for rate in chain.rates]),
+        ca.densify(Phi),
+        ca.SX(0, 0) if integrators else ca.densify(system.along_motion(Phi)),
+        ca.vertcat(*[chain.drift for chain in found]),
+        integrators,
+    )
+
+
+def chains(system: ReducedSystem, output: OutputMap) -> list[Chain]:
+    """Return each output as a chain of integrators, of degree 1 or 2. Raises ModelError for one that no input affects."""
+    return [_chain(system, output, row, row.expression) for row in output.rows]
+
+
+def _chain(system: ReducedSystem, output: OutputMap, row: OutputRow, expression: ca.SX) -> Chain:
+    where = f"{system.mechanism.name}, output {output.name}"
+    first, first_drift = derivative(system, expression, 1)
+    if not _vanishes(system, output, first):
+        return Chain((), first, first_drift)
+    if degree_in(canonical(expression), system.nu) == math.inf:
+        raise ModelError(
+            f"{where}: row {row.name!r} depends on the quasi-velocities, but its derivative by them vanishes (a step, or a "
+            "constant part); replace it by an output whose rate depends on the inputs"
+        )
+    second, second_drift = derivative(system, expression, 2)
+    if _vanishes(system, output, second):
+        raise ModelError(
+            f"{where}: row {row.name!r} of Phi vanishes identically: neither the output nor its rate "
+            "depends on an input, because the constraints keep the output constant; replace it by one that moves"
+        )
+    return Chain((second @ system.nu,), second, second_drift)
+
+
+def _rows(found: Sequence[Chain]) -> ca.SX:
+    """Return Phi."""
+    return ca.vertcat(*[chain.row for chain in found])
 
 
 def derivative(system: ReducedSystem, expression: ca.SX, degree: int) -> tuple[ca.SX, ca.SX]:
@@ -141,20 +184,23 @@ def _not_square(system: ReducedSystem, output: OutputMap) -> str:
     return f"{given} outputs for n - m = {needed}; {more}: {rows or 'none'} must be as many as the quasi-velocities {motions}"
 
 
-def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX) -> None:
+def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX, integrators: Integrators | None) -> None:
     """Raise ModelError if Phi is singular everywhere; the message names the dependent outputs and the directions without
     effect.
     """
-    values = _sampled(system, output, Phi).values
+    values = (integrators.sampled(Phi, output) if integrators else _sampled(system, output, Phi)).values
     if any(map(is_regular, values)):
         return
     where = f"{system.mechanism.name}, output {output.name}: Phi is singular everywhere"
-    motions, rows = [q.name for q in system.quasi_velocities], [row.name for row in output.rows]
+    motions = integrators.inputs if integrators else [q.name for q in system.quasi_velocities]
+    rows = [row.name for row in output.rows]
+    way_out = "" if integrators else "; or allow a dynamic extension: [output] extension = true"
     for column, velocity in enumerate(motions):
         if max(np.abs(value[:, column]).max() for value in values) < 1e-12:
             raise ModelError(
                 f"{where}: no output depends on the input along {velocity}; replace one by {velocity} itself or by an output "
                 f"whose rate depends on it, such as a point that {velocity} moves (ahead of a steered wheel, not on its axle)"
+                + way_out
             )
     if max(map(rank, values)) == len(rows):
         best = max(1 / np.linalg.cond(value, 1) for value in values)
@@ -162,13 +208,13 @@ def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX) -> None
             f"{where}: its reciprocal condition number is at most {best:.0e}, and values up to {SINGULAR:g} count as singular; "
             "choose units of outputs and quasi-velocities in which they are of similar size"
         )
-    together = next(_dependent(values))
+    together = next(dependent_sets(values))
     shared = max(rank(value[together, :]) for value in values)
     felt = [q for j, q in enumerate(motions) if max(np.abs(value[together, j]).max() for value in values) > 1e-12]
     raise ModelError(
         f"{where}: the outputs {', '.join(rows[i] for i in together)} depend on each other: they contain only {shared} "
         f"{'combination' if shared == 1 else 'combinations'} of {', '.join(felt)}; replace one of them by an output that "
-        "contains another, such as a point elsewhere on the robot (ahead of a steered wheel, off an axle)"
+        f"contains another, such as a point elsewhere on the robot (ahead of a steered wheel, off an axle){way_out}"
     )
 
 
@@ -177,11 +223,3 @@ def is_regular(Phi: np.ndarray) -> bool:
     if len(Phi) <= 2:
         return abs(np.linalg.det(Phi)) > SINGULAR * np.prod(np.linalg.norm(Phi, axis=1))
     return rank(Phi) == len(Phi) and 1 > SINGULAR * np.linalg.cond(Phi, 1)
-
-
-def _dependent(values: list[np.ndarray]) -> Iterator[list[int]]:
-    """Yield sets of rows that are dependent in every sample, smallest first."""
-    for size in range(2, len(values[0]) + 1):
-        for rows in map(list, combinations(range(len(values[0])), size)):
-            if all(rank(value[rows, :]) < size for value in values):
-                yield rows

@@ -92,6 +92,21 @@ def per_second(unit: str) -> str:
     return f"{base}/s^{int(power[1:] or 1) + 1}"
 
 
+DERIVATIVES = ("", "_rate", "_acceleration", "_jerk", "_snap", "_crackle", "_pop")  # what follows the name, by order
+
+
+def derivative_name(name: str, order: int) -> str:
+    """Return the name of a time derivative. Raises ModelError for an order without a name."""
+    if order >= len(DERIVATIVES):
+        raise ModelError(f"{name}: its derivative of order {order} is needed; names exist up to order {len(DERIVATIVES) - 1}")
+    return name + DERIVATIVES[order]
+
+
+def derivative_unit(unit: str, order: int) -> str:
+    """Return the unit of a time derivative."""
+    return unit if order == 0 else derivative_unit(per_second(unit), order - 1)
+
+
 def scalar(expression: ca.SX | float, where: str) -> ca.SX:
     """Return the expression as a 1 x 1 SX. Raises ModelError if it is not a scalar."""
     made = matrix(expression, where)

@@ -13,7 +13,7 @@ from .algebra.exact import canonical
 from .algebra.operations import refuse_jumps, refuse_unsupported
 from .errors import ModelError
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
-from .names import LawName, without_offset
+from .names import LawName, without_extension, without_offset
 from .paths import PATHS, Path, config
 from .reduction import ReducedSystem
 
@@ -55,7 +55,9 @@ FOOT = (
 
 @dataclass(frozen=True, eq=False)
 class OutputMap:
-    """n-m outputs with their additional parameters. `path` is the curve followed, for Type IV."""
+    """n-m outputs with their additional parameters. `path` is the curve followed, for Type IV; `extension` allows a dynamic
+    extension.
+    """
 
     name: str
     about: str
@@ -63,6 +65,7 @@ class OutputMap:
     parameters: tuple[Quantity, ...] = ()
     conditions: tuple[tuple[ca.SX, str], ...] = ()
     path: Path | None = None
+    extension: bool = False
 
     @property
     def required_path(self) -> Path:
@@ -75,9 +78,10 @@ class OutputMap:
     def at_foot(self) -> "OutputMap | None":
         """Return the same outputs in the frame at P_l's foot, with the parameters FOOT: y increases with the distance.
 
-        In that frame cosine and sine of the heading are those in FOOT. None unless the path defines its unit normal.
+        In that frame cosine and sine of the heading are those in FOOT. None unless the path defines its unit normal,
+        and with an extension.
         """
-        if self.path is None or self.path.unit_normal is None:
+        if self.path is None or self.path.unit_normal is None or self.extension:
             return None
         distance, _, _, curvature = (q.symbol for q in FOOT)
         along_and_beside = ca.vertcat(ca.SX.sym("way"), ca.SX.sym("distance"))
@@ -168,13 +172,50 @@ def output_names(robot: Mechanism) -> tuple[str, ...]:
 
 
 def output_map(system: ReducedSystem, name: str) -> OutputMap:
-    """Return the output map of a law by name: one of OUTPUTS, optionally with an offset, or the robot's own. Raises KeyError."""
+    """Return the output map of a law by name: one of OUTPUTS, optionally with an offset, or the robot's own. Raises KeyError.
+
+    With EXTENDED of names.py it allows a dynamic extension, and P_l of one of OUTPUTS is on the axle.
+    """
+    if (plain := without_extension(name)) != name:
+        made = output_map(system, plain)
+        about = f"{made.about}, with dynamic extension"
+        return replace(made if is_own(system, plain) else on_axle(system, made), name=name, about=about, extension=True)
     own = {output.name: output for output in system.mechanism.outputs}
     if name in own:
         return _own(system, own[name])
     base = without_offset(name)
     made = OUTPUTS[base](system, offset=base != name)
     return replace(made, name=name, about=made.about + (", P_l anywhere on the vehicle" if base != name else ""))
+
+
+def axle(system: ReducedSystem) -> ca.SX:
+    """Return how far the axle is ahead of the vehicle's point, m, in parameters only: where turning does not move the vehicle
+    sideways.
+
+    Raises ModelError if no such point is fixed to the vehicle.
+    """
+    turning = system.along_motion(system.mechanism.required_vehicle.heading)
+    ahead = ca.densify(canonical(-velocity(system)[1] / turning))
+    if ca.depends_on(ahead, ca.vertcat(system.mechanism.q, system.nu)):
+        raise ModelError(f"{system.mechanism.name}: no point on the vehicle's axis moves along its heading at all times")
+    return ahead
+
+
+def on_axle(system: ReducedSystem, output: OutputMap) -> OutputMap:
+    """Return one of OUTPUTS with P_l on the axle, without L. Raises ModelError as `axle` does."""
+    (L, *others), ahead = output.parameters, axle(system)
+
+    def moved(expression: ca.SX) -> ca.SX:
+        return canonical(ca.substitute(expression, L.symbol, ahead))
+
+    rows = [replace(row, expression=moved(row.expression), through=None) for row in output.rows]
+    about = f"{output.about}, P_l on the axle"
+    return replace(output, about=about, rows=tuple(rows), parameters=tuple(others))
+
+
+def is_own(system: ReducedSystem, name: str) -> bool:
+    """Return whether this is the name of one of the robot's own outputs."""
+    return name in [output.name for output in system.mechanism.outputs]
 
 
 def _own(system: ReducedSystem, output: Output) -> OutputMap:

@@ -5,8 +5,11 @@ import casadi as ca
 from .algebra.exact import canonical
 from .algebra.linear import solve
 from .errors import ModelError
+from .mechanism import quantity
 from .outputs import forward_speed, velocity
 from .reduction import ReducedSystem
+
+VELOCITIES = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
 
 
 def velocity_map(system: ReducedSystem) -> ca.SX | None:

@@ -10,6 +10,7 @@ import numpy as np
 from ..controllers.controller import Controller
 from ..controllers.integral import IntegralAction
 from ..readers.errors import BadInput
+from ..readers.robots import refuse_extension
 from ..simulation.loop import RUNNING, Loop
 from ..simulation.plant import Plant
 from .design import positive
@@ -58,6 +59,7 @@ def controller_system(controller: Controller, period: float | None = None, name:
     With a period (s) it is a discrete-time system. If the controller returns an error, ControllerRefused is raised.
     """
     law = controller.law
+    refuse_extension(law.name, "controller_system")
     states, desired = [q.name for q in law.state], [q.name for q in law.reference]
     return control.nlsys(
         None,

@@ -17,7 +17,7 @@ from weakref import WeakKeyDictionary
 from ..model.errors import ModelError
 from ..model.law import ControlLaw, control_law
 from ..model.mechanism import Mechanism
-from ..model.names import without_offset
+from ..model.names import without_extension, without_offset
 from ..model.outputs import OUTPUTS, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import ROBOTS
@@ -102,9 +102,17 @@ def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
 
 def check_law(robot: Mechanism, law_name: str) -> None:
     """Raise BadInput unless the name is one of Types I to IV or of the robot's own outputs."""
-    known = output_names(robot)
-    if law_name not in known and without_offset(law_name) not in OUTPUTS:
+    known, plain = output_names(robot), without_extension(law_name)
+    if plain not in known and without_offset(plain) not in OUTPUTS:
         raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, known)}")
+
+
+def refuse_extension(law_name: str, where: str) -> None:
+    """Raise BadInput for a law with a dynamic extension, which what is named by `where` does not support."""
+    if without_extension(law_name) != law_name:
+        raise BadInput(
+            f"{where}: {law_name!r} has a dynamic extension; only simulate, generate, check and plain export support one"
+        )
 
 
 @cache

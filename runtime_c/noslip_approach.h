@@ -33,7 +33,7 @@ typedef struct noslip_approached {
 typedef struct noslip_approach {
     double acceleration;                  /* m/s^2: largest */
     double settling;                      /* s: time constant of the end */
-    noslip_approached wanted;              /* of the last step */
+    noslip_approached desired;              /* of the last step */
     int ready;
 } noslip_approach;
 
@@ -55,7 +55,7 @@ static inline int noslip_approach_init(noslip_approach *self, double acceleratio
     }
     self->acceleration = acceleration;
     self->settling = settling;
-    self->wanted = zero;
+    self->desired = zero;
     self->ready = NOSLIP_READY;
     return NOSLIP_OK;
 }
@@ -77,11 +77,11 @@ static inline int noslip_approach_start(noslip_approach *self, double distance,
         noslip_is_finite(speed))) {
         return NOSLIP_NONFINITE;
     }
-    self->wanted.distance = distance;
-    self->wanted.distance_rate = distance_rate;
-    self->wanted.distance_acceleration = 0;
-    self->wanted.speed = speed;
-    self->wanted.speed_rate = 0;
+    self->desired.distance = distance;
+    self->desired.distance_rate = distance_rate;
+    self->desired.distance_acceleration = 0;
+    self->desired.speed = speed;
+    self->desired.speed_rate = 0;
     return NOSLIP_OK;
 }
 
@@ -103,23 +103,23 @@ static inline double noslip_approach_acceleration(const noslip_approach *self,
 /*
  * Advances by dt (s), the time since the previous call (0 at the first after a start), and computes what is desired until the next:
  * `speed` (m/s) is the final one. dt must be at most settling. Returns NOSLIP_NONFINITE or NOSLIP_RANGE if an argument is not
- * finite or out of range; then nothing changes and `wanted` is zero.
+ * finite or out of range; then nothing changes and `desired` is zero.
  */
 static inline int noslip_approach_step(noslip_approach *self, double dt, double speed,
-                noslip_approached *wanted)
+                noslip_approached *desired)
 {
     static const noslip_approached zero = {0, 0, 0, 0, 0};
     noslip_approached next;
     double missing;
     int status = NOSLIP_OK;
-    if (wanted == NULL) {
+    if (desired == NULL) {
         return NOSLIP_NULL;
     }
     if (self == NULL || self->ready != NOSLIP_READY) {
-        *wanted = zero;
+        *desired = zero;
         return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
     }
-    next = self->wanted;
+    next = self->desired;
     if (!(noslip_is_finite(dt) && noslip_is_finite(speed))) {
         status = NOSLIP_NONFINITE;
     } else if (!(dt >= 0 && dt <= self->settling)) {
@@ -139,9 +139,9 @@ static inline int noslip_approach_step(noslip_approach *self, double dt, double 
         }
     }
     if (status == NOSLIP_OK) {
-        self->wanted = next;
+        self->desired = next;
     }
-    *wanted = status == NOSLIP_OK ? next : zero;
+    *desired = status == NOSLIP_OK ? next : zero;
     return status;
 }
 
@@ -157,7 +157,7 @@ typedef struct noslip_approached_f {
 typedef struct noslip_approach_f {
     float acceleration;                   /* m/s^2: largest */
     float settling;                       /* s: time constant of the end */
-    noslip_approached_f wanted;            /* of the last step */
+    noslip_approached_f desired;            /* of the last step */
     int ready;
 } noslip_approach_f;
 
@@ -179,7 +179,7 @@ static inline int noslip_approach_init_f(noslip_approach_f *self, float accelera
     }
     self->acceleration = acceleration;
     self->settling = settling;
-    self->wanted = zero;
+    self->desired = zero;
     self->ready = NOSLIP_READY;
     return NOSLIP_OK;
 }
@@ -201,11 +201,11 @@ static inline int noslip_approach_start_f(noslip_approach_f *self, float distanc
         noslip_is_finite_f(speed))) {
         return NOSLIP_NONFINITE;
     }
-    self->wanted.distance = distance;
-    self->wanted.distance_rate = distance_rate;
-    self->wanted.distance_acceleration = 0;
-    self->wanted.speed = speed;
-    self->wanted.speed_rate = 0;
+    self->desired.distance = distance;
+    self->desired.distance_rate = distance_rate;
+    self->desired.distance_acceleration = 0;
+    self->desired.speed = speed;
+    self->desired.speed_rate = 0;
     return NOSLIP_OK;
 }
 
@@ -227,23 +227,23 @@ static inline float noslip_approach_acceleration_f(const noslip_approach_f *self
 /*
  * Advances by dt (s), the time since the previous call (0 at the first after a start), and computes what is desired until the next:
  * `speed` (m/s) is the final one. dt must be at most settling. Returns NOSLIP_NONFINITE or NOSLIP_RANGE if an argument is not
- * finite or out of range; then nothing changes and `wanted` is zero.
+ * finite or out of range; then nothing changes and `desired` is zero.
  */
 static inline int noslip_approach_step_f(noslip_approach_f *self, float dt, float speed,
-                  noslip_approached_f *wanted)
+                  noslip_approached_f *desired)
 {
     static const noslip_approached_f zero = {0, 0, 0, 0, 0};
     noslip_approached_f next;
     float missing;
     int status = NOSLIP_OK;
-    if (wanted == NULL) {
+    if (desired == NULL) {
         return NOSLIP_NULL;
     }
     if (self == NULL || self->ready != NOSLIP_READY) {
-        *wanted = zero;
+        *desired = zero;
         return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
     }
-    next = self->wanted;
+    next = self->desired;
     if (!(noslip_is_finite_f(dt) && noslip_is_finite_f(speed))) {
         status = NOSLIP_NONFINITE;
     } else if (!(dt >= 0 && dt <= self->settling)) {
@@ -263,9 +263,9 @@ static inline int noslip_approach_step_f(noslip_approach_f *self, float dt, floa
         }
     }
     if (status == NOSLIP_OK) {
-        self->wanted = next;
+        self->desired = next;
     }
-    *wanted = status == NOSLIP_OK ? next : zero;
+    *desired = status == NOSLIP_OK ? next : zero;
     return status;
 }
 

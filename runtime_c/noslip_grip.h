@@ -201,24 +201,6 @@ NOSLIP_APART void noslip_way_to_coasting(const double *ground, const double *by_
     }
 }
 
-/* Returns the s at which the sum of (F / mass)^2 over the contacts is smallest for the inputs + s `way`. */
-NOSLIP_APART double noslip_least_step(const double *ground, const double *by_inputs, int contacts,
-                             const double *way)
-{
-    double slope = 0, bend = 0;
-    int i, k;
-    for (k = 0; k < contacts; k++) {
-        const double light = noslip_per_mass(ground[4 * k + 3]);
-        for (i = 0; i < 2; i++) {
-            const double *by = by_inputs + 6 * k + 2 * i;
-            const double change = (by[0] * way[0] + by[1] * way[1]) * light;
-            slope += change * (ground[4 * k + i] * light);
-            bend += change * change;
-        }
-    }
-    return bend > 0 ? -slope / bend : 0;
-}
-
 /*
  * Changes two inputs so that each contact stays within friction and each input within its limit (from noslip_limit). First along
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
@@ -238,14 +220,12 @@ NOSLIP_APART void noslip_keep_grip(double *inputs, const double *slope, double *
     below.height = grip->height * (1 - 1024 * DBL_EPSILON);
     steps.any = 0;
     if (slope != NULL) {
-        const double least = noslip_least_step(ground, by_inputs, contacts, slope);
-        noslip_move(inputs, ground, by_inputs, slope, least, contacts);              /* small forces have small roundings */
         steps = noslip_steps_within(inputs, slope, ground, by_inputs, &below, limits, contacts);
         if (steps.low > steps.high) { /* apart from each other: in the middle between them */
             steps.any = 0;
             s = steps.low / 2 + steps.high / 2;
         } else {
-            s = steps.low > -least ? steps.low : steps.high < -least ? steps.high : -least;
+            s = steps.low > 0 ? steps.low : steps.high < 0 ? steps.high : 0;
         }
         noslip_move(inputs, ground, by_inputs, slope, s, contacts);
     }
@@ -446,24 +426,6 @@ NOSLIP_APART void noslip_way_to_coasting_f(const float *ground, const float *by_
     }
 }
 
-/* Returns the s at which the sum of (F / mass)^2 over the contacts is smallest for the inputs + s `way`. */
-NOSLIP_APART float noslip_least_step_f(const float *ground, const float *by_inputs, int contacts,
-                            const float *way)
-{
-    float slope = 0, bend = 0;
-    int i, k;
-    for (k = 0; k < contacts; k++) {
-        const float light = noslip_per_mass_f(ground[4 * k + 3]);
-        for (i = 0; i < 2; i++) {
-            const float *by = by_inputs + 6 * k + 2 * i;
-            const float change = (by[0] * way[0] + by[1] * way[1]) * light;
-            slope += change * (ground[4 * k + i] * light);
-            bend += change * change;
-        }
-    }
-    return bend > 0 ? -slope / bend : 0;
-}
-
 /*
  * Changes two inputs so that each contact stays within friction and each input within its limit (from noslip_limit). First along
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
@@ -483,14 +445,12 @@ NOSLIP_APART void noslip_keep_grip_f(float *inputs, const float *slope, float *g
     below.height = grip->height * (1 - 1024 * FLT_EPSILON);
     steps.any = 0;
     if (slope != NULL) {
-        const float least = noslip_least_step_f(ground, by_inputs, contacts, slope);
-        noslip_move_f(inputs, ground, by_inputs, slope, least, contacts);            /* small forces have small roundings */
         steps = noslip_steps_within_f(inputs, slope, ground, by_inputs, &below, limits, contacts);
         if (steps.low > steps.high) { /* apart from each other: in the middle between them */
             steps.any = 0;
             s = steps.low / 2 + steps.high / 2;
         } else {
-            s = steps.low > -least ? steps.low : steps.high < -least ? steps.high : -least;
+            s = steps.low > 0 ? steps.low : steps.high < 0 ? steps.high : 0;
         }
         noslip_move_f(inputs, ground, by_inputs, slope, s, contacts);
     }

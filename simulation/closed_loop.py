@@ -64,6 +64,7 @@ def simulate(
         piece=np.array([row.piece for row in rows]),
         config=config,
         integral=np.array([row.integral for row in rows]),
+        extension=np.array([row.extension for row in rows]),
         integral_rows=loop.integral.rows,
         command=np.array([row.command for row in rows]),
         use=_use(loop, x, tau, spec, measured),

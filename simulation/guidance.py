@@ -101,16 +101,16 @@ class ShortWay:
 
 
 class OnePath:
-    """A single path, or none; the reference is offset + slope t, with headings shifted to the nearest."""
+    """A single path, or none; the reference is `reference(t)`, with headings shifted to the nearest."""
 
     piece, arrived = 0, False
 
-    def __init__(self, leg: Leg, offset: np.ndarray, slope: np.ndarray, prepare: ShortWay):
-        self.leg, self._offset, self._slope, self._prepare = leg, offset, slope, prepare
+    def __init__(self, leg: Leg, reference: Callable[[float], np.ndarray], prepare: ShortWay):
+        self.leg, self._wanted, self._prepare = leg, reference, prepare
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference at t."""
-        return self._prepare(x, self._offset + self._slope * t)
+        return self._prepare(x, self._wanted(t))
 
     def left(self, t: float, x: np.ndarray) -> float:
         """Return infinity: the path does not end."""
@@ -234,4 +234,5 @@ def approached_from(law: ControlLaw) -> ca.Function:
 @lru_cache(maxsize=16)
 def outputs(law: ControlLaw) -> ca.Function:
     """Return the function from state, parameters and config to the outputs y = h (14)."""
-    return portable(law.at_state(law.linearization.h))
+    given = [symbols(group) for group in (law.system.state, law.parameters, law.config)]
+    return portable(ca.Function(law.name, given, [ca.densify(law.linearization.h)]))

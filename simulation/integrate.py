@@ -24,7 +24,8 @@ BEYOND = 1e-9  # m: a piece of a path is left so little beyond its end, where ro
 class Row:
     """One instant: true state, state the controller saw, inputs, status, what was followed and how (config, reference).
 
-    `integral`: of the error, for each output with integral action; `command`: the velocities that drives were given, if any.
+    `integral`: of the error, for each output with integral action; `extension`: the states of the dynamic extension; `command`:
+    the velocities that drives were given, if any.
     """
 
     t: float
@@ -36,29 +37,31 @@ class Row:
     config: np.ndarray
     reference: np.ndarray
     integral: np.ndarray
+    extension: np.ndarray
     command: np.ndarray
 
 
 def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
     """The controller is part of the right-hand side. Steps end on the rows, so that rows are as good as steps. The integrals z
-    of the errors of outputs with integral action are further states: [x; z].
+    of the errors of outputs with integral action and the states xi of a dynamic extension are further states: [x; z; xi].
 
     Where a trial step meets an error, a shorter one is tried; the run stops when none of at least SHORTEST is left. Where a
     step passes the end of a piece of the path, it is taken again up to that end.
     """
-    n, ki = len(loop.start), loop.integral.ki
+    ki = loop.integral.ki
+    n, m = len(loop.start), len(loop.start) + len(ki)
 
     def command(t: float, state: np.ndarray) -> tuple[str, np.ndarray]:
-        return loop.command(t, state[:n], ki * state[n:])
+        return loop.command(t, state[:n], ki * state[n:m], state[m:])
 
     def rate(t: float, state: np.ndarray) -> np.ndarray:
         status, tau = command(t, state)
         if status not in RUNNING:
             raise Refused(status, t, state[:n])
-        return np.concatenate([loop.plant.rate(state[:n], tau), loop.error(t, state[:n])])
+        return np.concatenate([loop.plant.rate(state[:n], tau), loop.error(t, state[:n]), loop.extension_rate])
 
     begin, steps = 0.0, 0  # of the current piece of the path
-    solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki))]), simulation.tolerance)
+    solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.at_rest]), simulation.tolerance)
     for t in _row_times(simulation):
         while solver.t < t:
             try:
@@ -66,7 +69,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
                 end = _end_of_piece(loop, step)
             except Refused as refused:
                 if solver.h <= SHORTEST:
-                    yield _row(loop, solver.t, solver.x[:n], None, refused.status, solver.x[n:])
+                    yield _row(loop, solver.t, solver.x[:n], None, refused.status, solver.x[n:m], solver.x[m:])
                     return
                 solver.h *= SHRINK
                 continue
@@ -79,7 +82,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
                 solver.restart(*end)
                 begin, steps = end[0], 0
         status, tau = command(t, solver.x)
-        yield _row(loop, t, solver.x[:n], tau, status, solver.x[n:])
+        yield _row(loop, t, solver.x[:n], tau, status, solver.x[n:m], solver.x[m:])
         if status not in RUNNING:
             return
 
@@ -93,7 +96,8 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
     `hold` moves the robot in between; without one it is the plant, which rolls.
     """
     period = simulation.period
-    hold = hold or (lambda t, x, given, duration: _hold(loop, t, x, given, duration, simulation.tolerance))
+    xi = loop.at_rest
+    hold = hold or (lambda t, x, given, duration: _hold(loop, t, x, xi, given, duration, simulation.tolerance))
     whole, rest = whole_periods(simulation.delay + loop.drive.delay, period)
     slack = 1e-9 * min(period, simulation.output_step)  # a row this near to a call belongs to the call
     rows = iter(_row_times(simulation))
@@ -106,9 +110,11 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
         loop.guidance.update(t, loop.seen(x))
         add = np.array([one.step(e, period, status) for one, e in zip(integrators, loop.error(t, x), strict=True)])
         z = np.array([one.z for one in integrators])
-        status, given = loop.drive.take(loop.seen(x), *loop.command(t, x, add))
+        if k:
+            xi = xi + period * loop.extension_rate
+        status, given = loop.drive.take(loop.seen(x), *loop.command(t, x, add, xi))
         if status not in RUNNING:
-            yield _row(loop, t, x, None, status, z)
+            yield _row(loop, t, x, None, status, z, xi)
             return
         end = (k + 1) * period
         waiting.append((min((k + whole) * period + rest, end + whole * period), given))
@@ -122,11 +128,11 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
                 try:
                     x = hold(t, x, held, until - t)
                 except Refused as refused:
-                    yield _row(loop, refused.t, refused.x, None, refused.status, z)
+                    yield _row(loop, refused.t, refused.x, None, refused.status, z, xi)
                     return
                 t = max(t, until)
                 if due:
-                    yield _row(loop, row, x, held, status, z)
+                    yield _row(loop, row, x, held, status, z, xi)
                     row = next(rows, np.inf)
                     if row == np.inf:
                         return
@@ -161,7 +167,9 @@ def _end_of_piece(loop: Loop, step: AcceptedStep) -> tuple[float, np.ndarray] | 
     return None if left > 0 else (end, state)
 
 
-def _hold(loop: Loop, t: float, x: np.ndarray, given: np.ndarray, duration: float, tolerance: float) -> np.ndarray:
+def _hold(
+    loop: Loop, t: float, x: np.ndarray, xi: np.ndarray, given: np.ndarray, duration: float, tolerance: float
+) -> np.ndarray:
     """State after `duration` seconds, with what the drives are given held. Raises Refused where it meets the singular set or
     overflows.
     """
@@ -176,28 +184,28 @@ def _hold(loop: Loop, t: float, x: np.ndarray, given: np.ndarray, duration: floa
                 raise Refused("nonfinite", t + duration - left, x)
             h *= resize(error)
             continue
-        if loop.beyond(after):
-            raise _crossing(loop, t + duration - left, x, given, h, tolerance)
+        if loop.beyond(after, xi):
+            raise _crossing(loop, t + duration - left, x, xi, given, h, tolerance)
         x, left = after, left - h
     raise _too_stiff(t + duration - left, h)
 
 
-def _crossing(loop: Loop, t: float, x: np.ndarray, given: np.ndarray, h: float, tolerance: float) -> Refused:
+def _crossing(loop: Loop, t: float, x: np.ndarray, xi: np.ndarray, given: np.ndarray, h: float, tolerance: float) -> Refused:
     """Where a step of h seconds from x at t goes through the singular set."""
 
     def after(s: float) -> np.ndarray:
         return loop.drive.step(x, given, s, tolerance)[0]
 
-    s = _root(lambda s: loop.guidance.leg.side(after(s)), h, SHORTEST)
+    s = _root(lambda s: loop.guidance.leg.side(np.append(after(s), xi)), h, SHORTEST)
     return Refused("singular", t + s, after(s))
 
 
-def _row(loop: Loop, t: float, x: np.ndarray, given: np.ndarray | None, status: str, z: np.ndarray) -> Row:
+def _row(loop: Loop, t: float, x: np.ndarray, given: np.ndarray | None, status: str, z: np.ndarray, xi: np.ndarray) -> Row:
     """A row with what the drives are given; None: nothing."""
     seen, guidance, drive = loop.seen(x), loop.guidance, loop.drive
     tau = np.zeros(len(loop.law.system.mechanism.inputs)) if given is None else drive.torque(x, given)
     command = np.zeros(drive.commands) if given is None else drive.command(given)
-    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg.config, guidance.reference(t, seen), z, command)
+    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg.config, guidance.reference(t, seen), z, xi, command)
 
 
 def _row_times(simulation: Simulation) -> list[float]:

@@ -1,7 +1,9 @@
 """Builds the loop of a controller and a robot from a SPEC."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 
 from ..controllers.approach import make_approach
@@ -15,6 +17,7 @@ from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import TYPES
+from ..model.outputs import axle
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
 from ..readers.robots import find_robot, law_of
@@ -26,6 +29,8 @@ from .sensing import Sensing
 from .specification.spec import Initial, PathSection, Spec
 from .specification.units import check_units
 from .starts import starts
+
+ON_AXLE = 1e-9  # m: a point this near to the axle is on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,20 +73,31 @@ class Loop:
         seen = self.seen(x)
         return self.integral.error(self.guidance.leg.controller, seen, self.guidance.reference(t, seen))
 
-    def command(self, t: float, x: np.ndarray, add: np.ndarray) -> tuple[str, np.ndarray]:
+    def command(self, t: float, x: np.ndarray, add: np.ndarray, xi: np.ndarray) -> tuple[str, np.ndarray]:
         """Return status and inputs (N, N m) of the controller at time t in state x; zeros on an error.
 
-        `add`: value of integral action for each output that has it.
+        `add`: value of integral action for each output that has it; `xi`: states of the dynamic extension, if any.
         """
         seen, leg = self.seen(x), self.guidance.leg
-        status, tau = leg.controller.step(seen, self.integral.added(self.guidance.reference(t, seen), add))
-        if status in RUNNING and leg.side(seen) <= 0:
+        known = np.append(seen, xi)
+        status, tau = leg.controller.step(known, self.integral.added(self.guidance.reference(t, seen), add))
+        if status in RUNNING and leg.side(known) <= 0:
             return "singular", np.zeros_like(tau)
         return status, tau
 
-    def beyond(self, x: np.ndarray) -> bool:
+    @property
+    def at_rest(self) -> np.ndarray:
+        """The states of the dynamic extension at the start: zero, as `reset` of the C sets them; empty without one."""
+        return np.zeros(len(self.law.extension))
+
+    @property
+    def extension_rate(self) -> np.ndarray:
+        """The rates of these states as the last command gave them."""
+        return self.guidance.leg.controller.extension_rate if self.law.extension else np.zeros(0)
+
+    def beyond(self, x: np.ndarray, xi: np.ndarray) -> bool:
         """Return whether the robot has crossed the singular set; only checked if the controller sees the true state."""
-        return not self.sensing and self.guidance.leg.side(x) <= 0
+        return not self.sensing and self.guidance.leg.side(np.append(x, xi)) <= 0
 
 
 def make_loop(spec: Spec) -> Loop:
@@ -92,6 +108,7 @@ def make_loop(spec: Spec) -> Loop:
     """
     mechanism = find_robot(spec.robot)
     law = _law(mechanism, spec)
+    _check_axle(law, mechanism, spec)
     names = [p.name for p in law.parameters]
     for where in ("parameters", "plant"):
         check_keys(getattr(spec, where), names, where)
@@ -103,7 +120,7 @@ def make_loop(spec: Spec) -> Loop:
 
     def make_leg(config: np.ndarray, x: np.ndarray) -> Leg:
         controller = make_controller(spec.simulation.backend, law, believed, config, gains, limits)
-        return Leg(config, controller, Side(law, believed, config, x))
+        return Leg(config, controller, Side(law, believed, config, np.append(x, np.zeros(len(law.extension)))))
 
     warnings: tuple[str, ...] = ()
     guidance: Guidance
@@ -124,7 +141,7 @@ def make_loop(spec: Spec) -> Loop:
             speed = spec.reference.speed or 0.0
             guidance = Approaching(leg, generator, speed, approached_from(law), believed, start)
         else:
-            guidance = OnePath(leg, *_reference(law, spec), ShortWay(law, believed, leg.config))
+            guidance = OnePath(leg, _reference(law, spec), ShortWay(law, believed, leg.config))
     sensing = None
     if spec.sensors:
         seen = (plant.parameters, believed, start, spec.simulation.backend)
@@ -142,6 +159,19 @@ def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
         known = ", ".join([*TYPES, *own])
         raise BadInput(f"[output] type = {spec.output.type!r} is not one of {known}")
     return law_of(mechanism, spec.output.law)
+
+
+def _check_axle(law: ControlLaw, mechanism: Mechanism, spec: Spec) -> None:
+    """Raise BadInput if P_l of a law with a dynamic extension is not on the axle, where that law has it."""
+    if not law.output.extension or spec.output.own:
+        return
+    p = mechanism.parameter_values(spec.parameters)
+    ahead = float(ca.Function("ahead", [mechanism.p], [axle(law.system)])(p))
+    if abs(spec.output.L - ahead) > ON_AXLE:
+        raise BadInput(
+            f"[output] extension = true is for a P_l on the axle, L = {ahead:g} m; L is {spec.output.L:g}: change it, or omit "
+            "extension; for another point that needs one, define an output of the robot's own"
+        )
 
 
 def _limits(spec: Spec, inputs: int) -> Limits | None:
@@ -214,6 +244,7 @@ def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
     if spec.output.own:
         return np.array(values_of(list(law.config), spec.output.parameters, "[output] parameters"))
     given = {"L": spec.output.L, **({"W": spec.output.W} if spec.output.W else {})}
+    given = {name: value for name, value in given.items() if name in [c.name for c in law.config]}
     if path := spec.output.path:
         names = [c.name for c in law.config if c.name not in ("L", "W")]
         check_keys(path.parameters, names, "[output] path")
@@ -224,9 +255,9 @@ def _config(law: ControlLaw, spec: Spec) -> np.ndarray:
     return np.array(values_of(list(law.config), given, "[output]"))
 
 
-def _reference(law: ControlLaw, spec: Spec) -> tuple[np.ndarray, np.ndarray]:
-    """Offset and slope of the reference, in the order of law.reference."""
-    rows = len(law.output.rows)
+def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
+    """Return the function from t to the reference, in the order of law.reference."""
+    rows, degrees = len(law.output.rows), law.linearization.relative_degree
     position, velocity = spec.reference.position or (), spec.reference.velocity
     if spec.output.type == "IV":
         position = (0.0, spec.reference.speed or 0.0)
@@ -237,10 +268,25 @@ def _reference(law: ControlLaw, spec: Spec) -> tuple[np.ndarray, np.ndarray]:
             needed = ", ".join(row.name for row in law.output.rows)
             raise BadInput(f"[reference] {name} has {len(given)} numbers; it must have {rows}: {needed}")
     offset, slope = [], []
-    for degree, start, rate in zip(law.linearization.relative_degree, position, velocity, strict=True):
-        offset += [start, rate, 0.0][: degree + 1]
-        slope += [rate, 0.0, 0.0][: degree + 1]
-    return np.array(offset), np.array(slope)
+    for degree, start, rate in zip(degrees, position, velocity, strict=True):
+        offset += [start, rate, *[0.0] * (degree - 1)]
+        slope += [rate, *[0.0] * degree]
+    begin, rates, circle = np.array(offset), np.array(slope), spec.reference.circle
+    if circle is None:
+        return lambda t: begin + rates * t
+    if [row.unit for row in law.output.rows[:2]] != ["m", "m"]:
+        raise BadInput(f"[reference] circle: the first two outputs of {law.name} are not a point: give position and velocity")
+    orders = [range(degree + 1) for degree in degrees[:2]]
+    sizes = np.array([circle.radius * circle.rate**order for each in orders for order in each])
+    quarters = np.array([*orders[0], *(order + 3 for order in orders[1])]) % 4  # sin a = cos(a + 3 quarter turns)
+
+    def at(t: float) -> np.ndarray:
+        s, c = sine_cosine(circle.angle + circle.rate * t)
+        made = begin + rates * t
+        made[: len(sizes)] += sizes * np.array([c, -s, -c, s])[quarters]
+        return made
+
+    return at
 
 
 def initial_of(spec: Spec, options: TrackerOptions) -> Initial:
@@ -280,23 +326,29 @@ def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
 
 def _check_start(loop: Loop) -> None:
     """Raise BadInput with the reason if the controller returns an error at the start."""
-    status, _ = loop.command(0.0, loop.start, np.zeros(len(loop.integral.rows)))
+    status, _ = loop.command(0.0, loop.start, np.zeros(len(loop.integral.rows)), loop.at_rest)
     if status in RUNNING:
         return
     if status != "singular":
         raise BadInput(f"[initial]: the controller returns {status!r} at the start")
-    size = loop.guidance.leg.side.relative(loop.start)
+    size = loop.guidance.leg.side.relative(np.append(loop.start, loop.at_rest))
     raise BadInput(f"[initial]: Phi is singular at the start: |det Phi| = {size:.1e} of its row norms; {_why_singular(loop)}")
 
 
 def _why_singular(loop: Loop) -> str:
     """Return what to change: the output, if it is singular at other states too, else the start."""
-    if np.isnan(loop.guidance.leg.side.relative(loop.start)):
+    start = np.append(loop.start, loop.at_rest)
+    if np.isnan(loop.guidance.leg.side.relative(start)):
         return "an output has no derivative there (such as at the centre of a circle), or a number is too large: change either"
     random = np.random.default_rng(1992)
-    others = loop.start + random.uniform(-1.0, 1.0, (8, len(loop.start)))
+    others = start + random.uniform(-1.0, 1.0, (8, len(start)))
     if max(loop.guidance.leg.side.relative(x) for x in others) <= SINGULAR:
-        return "it is singular at every state, because P_l is on the axle (L = -d): change [output] L"
+        return (
+            "it is singular at every state, because P_l is on the axle (L = -d): change [output] L, or set [output] "
+            "extension = true, which puts an integrator on an input"
+        )
+    if loop.law.extension:
+        return "with a dynamic extension it is where the point that is tracked stands still: start with a speed, [initial] speed"
     if loop.law.output.path:
         return "the heading is normal to the path: change it or move the point"
     return "the inputs do not affect the outputs independently there: change the heading"

@@ -19,7 +19,7 @@ class Plant:
     def __init__(self, system: ReducedSystem, parameters: Sequence[float]):
         self.system = system
         self.parameters = np.array(parameters, float)
-        self._functions = _functions(system)
+        self._functions = functions(system)
         self._rate, self._step = Direct(self._functions["rate"]), Direct(self._functions["step"])
 
     def rate(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
@@ -60,7 +60,8 @@ class Plant:
 
 
 @lru_cache(maxsize=16)
-def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
+def functions(system: ReducedSystem) -> dict[str, ca.Function]:
+    """Return what the methods of Plant evaluate, by name; arguments are columns, in the order of the method, then parameters."""
     mechanism = system.mechanism
     x, p = ca.vertcat(mechanism.q, system.nu), mechanism.p
     tau, h, tolerance = ca.SX.sym("tau", len(mechanism.inputs)), ca.SX.sym("h"), ca.SX.sym("tolerance")

@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -231,10 +232,10 @@ def _draw_vehicles(axes: Axes, run: Run, place: np.ndarray, heading: np.ndarray)
 
 
 def _draw_errors(axes: Axes, run: Run) -> None:
-    """Draw the errors of the outputs of relative degree 2, each with its unit."""
-    second = [k for k, degree in enumerate(run.law.linearization.relative_degree) if degree == 2]
-    rows = [run.law.output.rows[k] for k in second]
-    for k, row, colour in zip(second, rows, COLOURS, strict=False):
+    """Draw the errors of the outputs that are functions of q, each with its unit."""
+    of_place = [k for k, row in enumerate(run.law.output.rows) if not ca.depends_on(row.expression, run.law.system.nu)]
+    rows = [run.law.output.rows[k] for k in of_place]
+    for k, row, colour in zip(of_place, rows, COLOURS, strict=False):
         label = f"{row.name} - desired, {run.error[-1, k]:.2g} {row.unit} at the end"
         axes.plot(run.t, run.error[:, k], color=colour, label=label)
     axes.axhline(0.0, color="black", linewidth=0.8)
@@ -312,6 +313,7 @@ def _vehicle_motion(run: Run, x: np.ndarray) -> np.ndarray:
 def _reference_points(run: Run, motion: np.ndarray) -> np.ndarray:
     """Return P_l of every row, with its position on the vehicle at that time."""
     names = [c.name for c in run.law.config]
-    ahead, left = (run.config[:, names.index(name)] if name in names else 0.0 for name in ("L", "W"))
+    given = {"L": run.spec.output.L, "W": run.spec.output.W}
+    ahead, left = (run.config[:, names.index(name)] if name in names else value for name, value in given.items())
     cosine, sine = np.cos(motion[:, 2]), np.sin(motion[:, 2])
     return motion[:, :2] + np.column_stack([ahead * cosine - left * sine, ahead * sine + left * cosine])

@@ -41,7 +41,8 @@ class Run(Outputs):
     SI units, columns named by `law`; `spec` is the SPEC with backend and tolerance used. y are the true outputs, with the
     plant's parameters; y_d are the desired ones. `forces` (N, m) are the constraint forces lambda (8) in the paper's sign, N;
     `seen` (N, 2n-m) is the state that the controller sees, `piece` (N) the current segment of a composite path, `integral`
-    (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action, `integral_rows`. `command`
+    (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action, `integral_rows`, `extension`
+    (N, k) the states of the law's dynamic extension. `command`
     (N, n-m) are the velocities that velocity-controlled drives were given, (N, 0) with other drives. `use` is the
     friction use (N) of each contact by name, if the SPEC has [contact]. `floor` is what was measured in a physics engine, where
     the robot need not roll; None otherwise.
@@ -63,6 +64,7 @@ class Run(Outputs):
     piece: np.ndarray
     config: np.ndarray
     integral: np.ndarray
+    extension: np.ndarray
     integral_rows: tuple[str, ...]
     command: np.ndarray
     use: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -73,11 +75,13 @@ class Run(Outputs):
     def columns(self) -> list[str]:
         """Return the names of the CSV columns."""
         mechanism = self.law.system.mechanism
-        names = ["t", *[q.name for q in (*self.law.state, *mechanism.inputs)]]
+        state = self.law.system.state
+        names = ["t", *[q.name for q in (*state, *mechanism.inputs)]]
         names += [*[f"y{k + 1}" for k in range(self.y.shape[1])], "status"]
         names += [*lambda_columns(mechanism), *(f"use_{name.replace(' ', '_')}" for name in self.use)]
-        names += [f"seen_{q.name}" for q in self.law.state] if self.spec.sensors else []
+        names += [f"seen_{q.name}" for q in state] if self.spec.sensors else []
         names += [f"integral_{row}" for row in self.integral_rows]
+        names += [q.name for q in self.law.extension]
         names += [f"command_{v.name}" for v in self.law.system.quasi_velocities[: self.command.shape[1]]]
         names += self.floor.columns(mechanism) if self.floor else []
         return [*names, "piece"] if self.composite else names
@@ -96,7 +100,9 @@ class Run(Outputs):
         """Return the run as CSV, with 17 significant digits."""
         numbers = np.column_stack([self.t, self.x, self.tau, self.y]).tolist()
         seen, floor = [self.seen] if self.spec.sensors else [], [self.floor.values] if self.floor else []
-        more = np.column_stack([self.forces, *self.use.values(), *seen, self.integral, self.command, *floor]).tolist()
+        more = np.column_stack(
+            [self.forces, *self.use.values(), *seen, self.integral, self.extension, self.command, *floor]
+        ).tolist()
         pieces = [[str(piece)] if self.composite else [] for piece in self.piece]
         lines = [
             ",".join([*(f"{v:.17g}" for v in row), status, *(f"{v:.17g}" for v in rest), *piece])

@@ -25,8 +25,8 @@ def starts(
     """Return [q; nu] at t = 0, (N, 2n-m), of N robots with `parameters` (N, P), such that the point P_l, L ahead and W to the
     left as in `place` (N, N), is at `pose` (N, 3): x, y (m) and heading (rad), with a forward `speed` (N) m/s and no turning.
 
-    Of the remaining degrees of freedom, the solution of least norm is used; coordinates on which the reduced mass matrix depends stay zero
-    if possible: a vehicle starts with its wheels straight. NaN if the robot cannot be there.
+    Of the remaining degrees of freedom, the solution of least norm is used; coordinates on which the reduced mass matrix
+    depends stay zero if possible: a vehicle starts with its wheels straight. NaN if the robot cannot be there.
     """
     where, motion, shape = _functions(system)
     known = [*place, *parameters.T]

@@ -10,6 +10,7 @@ from ..controllers.controller import ON_LIMIT
 from ..controllers.odometry import MODES, wheels_function
 from ..controllers.tracking import REVERSING, STOP
 from ..readers.errors import BadInput
+from ..readers.robots import refuse_extension
 from ..simulation.guidance import Route
 from ..simulation.loop import make_loop
 from ..simulation.specification.spec import MOST_ROWS, Spec
@@ -59,12 +60,15 @@ class Batch:
             raise BadInput("[simulation] period = 0: a sweep runs sampled controllers; give the time between two calls in s")
         if spec.simulation.backend not in SCALAR:
             raise BadInput(f"[simulation] backend = {spec.simulation.backend!r}: a sweep runs the C, {' or '.join(SCALAR)}")
+        if spec.reference.circle:
+            raise BadInput("[reference] circle: a sweep does not have it yet; use noslip simulate, or leave it out")
         if spec.reference.approach:
             raise BadInput("[reference] approach: a sweep does not have it yet; use noslip simulate, or leave it out")
         if spec.drive and spec.drive.takes_velocity:
             raise BadInput(f'[drive] kind = "{spec.drive.kind}": a sweep does not have it yet; use noslip simulate, or "torque"')
         if spec.limits and spec.limits.mode == "grip":
             raise BadInput('[limits] mode = "grip": a sweep does not have it yet; use noslip simulate, or mode "slow"')
+        refuse_extension(spec.output.law, "sweep")
         self.loop = make_loop(spec)
         self.law = law = self.loop.law
         self._route = self.loop.guidance if isinstance(self.loop.guidance, Route) else None

@@ -62,6 +62,7 @@ _PATH = _chosen(
 _SHIPPED = "tests/test_codegen.py::test_shipped_files_are_current"
 _CODEGEN = {  # by what else than the shipped C
     "derivation/foot": ("test_codegen test_follow", "what_the_foot labmate who_has no_follow any_shape"),
+    "derivation/grip": ("test_codegen test_grip", "c_is_the_reference rolls_or_says"),
     "derivation/stages": ("test_codegen", "steps_are singular_is masses"),
     "derivation/taylor": ("test_codegen test_functions", "derivatives in_a_path"),
     "graph": ("test_codegen", "equal_expressions simplifying random_graphs random_c powers tangent functions_without any_name"),
@@ -90,6 +91,9 @@ SOURCES: Mapping[str, Source] = {
             "written_and slow_by_itself nothing_helps any_size line-cut bad_limits small_steps time_nothing refused",
         )
     ),
+    "runtime_c/noslip_grip.inc": Source(_chosen("test_grip", "c_is rolls_or_says given_up least_squares init_checks")),
+    "runtime_c/noslip_approach.inc": Source(_chosen("test_approach", "bounded at_rest overshoot c_is refused -specs")),
+    "runtime_c/noslip_velocity.inc": Source(_chosen("test_drives", "c_is any_bits stop_together blocked keep_the misuse")),
     "runtime_c/noslip_reversing.inc": Source(_chosen("test_odometry", "reversing")),
     "runtime_c/noslip_angle.inc": Source(_chosen("test_outer_loop", "nearest_angle")),
     "runtime_c/noslip_solve.inc": Source(_chosen("test_large", "runtimes no_inverse")),

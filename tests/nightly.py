@@ -51,6 +51,7 @@ NIGHTLY = {
     ),
     "test_dynamics": (r"the_c_is_the_textbook\[(coupled_6|tractor_trailer:3)-",),
     "test_evaluate": (r"many_random_states\[(type_iii?|type_iv_(line|circle|ellipse))\]",),
+    "test_extension": (r"that_were_placed\[(train|arm|car-casadi|path-casadi)", r"the_c_is_the_model\[type_i_offset"),
     "test_faults": (r"may_not_be_is_found\[supplies",),
     "test_figures": (
         r"every_claim_\w+\[(8b|9b|10|11|12|14|16|waypoints|rates|ellipse|limits|cusp|1|rolling|sampled|8a|damping|radius|9a|15)\]",

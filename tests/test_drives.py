@@ -185,6 +185,8 @@ def test_misuse(scalar):
         assert status == "bad_parameter"
         assert made.status(step(self, one, one, 0, PERIOD, one)) == "not_ready" and one[0] == 7.0
         assert made.status(reset(self, one)) == "not_ready"
+    again, _ = initialized(*good, scalar)
+    assert made.status(init(again, NULL, 1, PERIOD)) == "null" and made.status(reset(again, one)) == "not_ready"
     for period in (0.0, -0.1, math.nan, math.inf):
         assert initialized(*good, scalar, period)[1] == "bad_parameter"
     for count in (0, 9):

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from noslip.controllers.backends import make_controller
+from noslip.controllers.compiled import CompiledController
 from noslip.controllers.controller import Friction, Limits
 from noslip.controllers.grip import Cones, GripReference
 from noslip.controllers.symbolic import slope_function
@@ -232,3 +233,24 @@ def test_refused_robots_and_numbers(robot, name, limits, said):
     limits = limits or Limits((0.0,) * len(mechanism.inputs), "grip", Friction(0.5))
     with pytest.raises(BadInput, match=said):
         limits.check(made)
+
+
+REFUSED = {
+    **{"mu": (0.0, -0.5, math.inf, math.nan), "margin": (-0.1, 1.0, math.nan)},
+    **{"share": (-0.1, 1.1, math.nan), "height": (-0.1, math.inf, math.nan)},
+}
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_init_checks_the_friction(scalar):
+    def status(robot: str, **changed: float) -> str | None:
+        made = law(robot, "type_iv_line")
+        numbers = [[1.0] * len(group) for group in (made.parameters, made.config, made.gains)]
+        friction = Friction(**{"mu": 0.5, **changed})
+        return CompiledController(made, *numbers, scalar, Limits((0.0, 0.0), "grip", friction)).refused
+
+    for changed in ({}, {"margin": 0.9}, {"share": 0.0}, {"share": 1.0}, {"height": 0.3}):
+        assert status("labmate", **changed) is None, changed
+    for name, values in REFUSED.items():
+        assert {status("labmate", **{name: value}) for value in values} == {"bad_parameter"}, name
+    assert (status("car"), status("car", height=0.3)) == (None, "bad_parameter")

@@ -98,3 +98,12 @@ def test_every_room_is_named_and_of_a_size_to_walk_through():
         text = ROOT.joinpath(folder, "__init__.py")
         described = text.is_file() and ast.get_docstring(ast.parse(text.read_text()))
         assert described or ROOT.joinpath(folder, "README.md").is_file(), f"{folder} says nowhere what it holds"
+
+
+def test_one_name_is_one_class():
+    places = defaultdict(list)
+    for name, file in modules().items():
+        for node in ast.parse(file.read_text()).body:
+            if isinstance(node, ast.ClassDef):
+                places[node.name].append("/".join(name))
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}

@@ -9,14 +9,14 @@ import numpy as np
 
 from ..controllers.controller import MODEL_QUANTITIES, QUANTITIES, Evaluation
 from ..model.errors import ModelError
-from ..model.law import ControlLaw
+from ..model.law import SHORT_GAINS, ControlLaw
 from ..model.mechanism import Mechanism, Quantity
 from ..model.names import TYPES, LawName
 from ..model.paths import PATHS
 from ..readers.errors import BadInput
 from ..readers.files import file_or_shipped, read_input, write_whole
 from ..readers.reading import DRAFT, Schema, ref
-from ..readers.robots import beside, find_robot, law_of, suggestion
+from ..readers.robots import beside, find_robot, law_of, refuse_extension, suggestion
 
 DEFAULT_ROBOT = "labmate"
 MOST = 256  # MB, limit of a file of cases
@@ -60,7 +60,6 @@ MEANING = {  # of the keys, for the schema
     "v": "virtual input (20), in SI units",
 }
 DECIMAL = r"^\s*[-+]?(([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[nN][aA][nN]|[iI][nN][fF]([iI][nN][iI][tT][yY])?)\s*$"
-SHORT_GAINS = ("kp", "kd", "kv")
 INTEGRAL = "ki"
 
 
@@ -200,6 +199,7 @@ def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
     _check_keys(case, CASE_KEYS, CASE_KEYS[:6], where)
     output = _table(case["output"], f"{where}: output")
     name, config = read_output(output, f"{where}: output")
+    refuse_extension(name, f"{where}: output")
     try:
         law = law_of(robot, name)
     except (BadInput, ModelError) as error:

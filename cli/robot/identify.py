@@ -1,13 +1,16 @@
 """`noslip identify`: fits parameters of a robot to a log of its motion and inputs."""
 
 import argparse
+import math
+from collections.abc import Container, Iterable
 from typing import TYPE_CHECKING, Any
 
 from ...readers.errors import BadInput
 from ..commands import show
 
 if TYPE_CHECKING:
-    from ...identification.fit import Identification
+    from ...identification.result import Identification
+    from ...model.mechanism import Mechanism, Quantity
 
 EXAMPLE = """example:
   noslip simulate line --set simulation.period=0.01 -o run.csv
@@ -27,14 +30,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         epilog=EXAMPLE,
     )
     parser.add_argument("log", metavar="LOG", help="CSV or .parquet with the columns of `noslip simulate`, SI units")
-    parser.add_argument("--robot", required=True, metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
     parser.add_argument("--fit", required=True, nargs="+", metavar="NAME", help="parameters to fit, such as m_c I_c")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="value of another parameter, SI; may be repeated"
-    )
-    parser.add_argument(
-        "--map", action="append", default=[], metavar="NAME=COLUMN", help="the column of a quantity, if it has another name"
-    )
+    add_options(parser)
     parser.add_argument(
         "--inputs",
         choices=("held", "smooth"),
@@ -46,26 +43,51 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run `noslip identify`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
     from ...identification.fit import identify
-    from ...identification.log import check_known, read_log
+    from ...identification.log import read_log
     from ...readers.progress import Progress
     from ...readers.robots import find_robot, system_of
 
     robot = find_robot(args.robot)
-    known = {p.name: p for p in robot.parameters}
+    values = fitted_and_set(args, robot.parameters)
+    system = system_of(robot)
+    log = read_log(args.log, system, columns(args))
+    with Progress() as progress:
+        result = identify(log, system, args.fit, values, None if args.inputs is None else args.inputs == "held", progress)
+    held = "constant" if result.inputs == "held" else "smooth"
+    head = f"{result.rows} rows, one in {log.interval:.4g} s; inputs {held} between rows"
+    return show_result(args, robot, result, head, "each quasi-velocity, and over the rows that were not fitted")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what all fits of parameters have in common."""
+    parser.add_argument("--robot", required=True, metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="value of another parameter, SI; may be repeated"
+    )
+    parser.add_argument(
+        "--map", action="append", default=[], metavar="NAME=COLUMN", help="the column of a quantity, if it has another name"
+    )
+
+
+def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"]) -> dict[str, float]:
+    """Return the values with which the fit begins: those of --set, else defaults. Raises BadInput, ModelError."""
+    from ...identification.log import check_known
+
+    known = {p.name: p for p in parameters}
     values = {name: p.default for name, p in known.items()}
     for name, text in _pairs(args.set, "--set"):
         check_known("--set", name, "parameter", known)
         values[name] = known[name].check(_number(text, f"--set {name}={text}"), "--set ")
-    for name in args.fit:
+    for name in args.fit or ():
         check_known("--fit", name, "parameter", known)
         if args.fit.count(name) > 1:
             raise BadInput(f"--fit: {name} is given twice")
-    system = system_of(robot)
-    log = read_log(args.log, system, dict(_pairs(args.map, "--map")))
-    with Progress() as progress:
-        result = identify(log, system, args.fit, values, None if args.inputs is None else args.inputs == "held", progress)
-    show(args, lambda: _text(result, log.interval), lambda: _values(result))
-    return 0 if set(result.estimates) == set(args.fit) else 1
+    return values
+
+
+def columns(args: argparse.Namespace) -> dict[str, str]:
+    """Return the columns of --map by the quantity."""
+    return dict(_pairs(args.map, "--map"))
 
 
 def _pairs(texts: list[str], option: str) -> list[tuple[str, str]]:
@@ -83,29 +105,38 @@ def _number(text: str, where: str) -> float:
         raise BadInput(f"{where}: {text!r} is not a number") from error
 
 
-def _text(result: "Identification", interval: float) -> str:
-    lines = [f"{result.rows} rows, one in {interval:.4g} s; inputs {'constant' if result.held else 'smooth'} between rows", ""]
+def show_result(args: argparse.Namespace, robot: "Mechanism", result: "Identification", head: str, outputs: str) -> int:
+    """Print a fit; `outputs` says what its errors are of. Return 0, or 1 if a parameter of --fit is not identified."""
+    show(args, lambda: _text(result, {p.name for p in robot.parameters}, head, outputs), lambda: _values(result))
+    return 0 if set(result.estimates) >= set(args.fit or ()) and result.estimates else 1
+
+
+def _text(result: "Identification", robot: Container[str], head: str, outputs: str) -> str:
+    lines = [head, ""]
     width = max((len(name) for name in result.estimates), default=0)
     for name, each in result.estimates.items():
-        low, high = each.value - 1.96 * each.sd, each.value + 1.96 * each.sd
-        lines.append(f"{name:{width}} = {each.value:.6g} {each.quantity.unit}, 95 % between {low:.6g} and {high:.6g}")
+        unit = "" if each.quantity.unit == "1" else f" {each.quantity.unit}"
+        lines.append(f"{name:{width}} = {each.value:.7g}{unit}, within {1.96 * each.sd:.2g} of that with 95 %")
     lines += [f"not identified: {sentence}" for sentence in result.unidentifiable]
-    errors = ", ".join(f"{fit:.3g} ({other:.3g})" for fit, other in zip(result.residual, result.validation, strict=True))
-    lines += ["", f"RMS error of each quasi-velocity, and over the rows that were not fitted: {errors}"]
+    pairs = zip(result.residual, result.validation, strict=True)
+    errors = ", ".join(f"{fit:.3g}" if math.isnan(other) else f"{fit:.3g} ({other:.3g})" for fit, other in pairs)
+    lines += ["", f"RMS error of {outputs}: {errors}"]
     lines += [f"note: {remark}" for remark in result.remarks]
-    if result.estimates:
-        values = ", ".join(f"{name} = {each.value:.9g}" for name, each in result.estimates.items())
+    if of_robot := {name: each for name, each in result.estimates.items() if name in robot}:
+        values = ", ".join(f"{name} = {each.value:.9g}" for name, each in of_robot.items())
         lines += ["", f"in a SPEC: parameters = {{ {values} }}"]
     return "\n".join(lines)
 
 
 def _values(result: "Identification") -> dict[str, Any]:
+    whole = {"residual": result.residual, "validation": result.validation}
     return {
         "parameters": {name: {"value": e.value, "sd": e.sd, "unit": e.quantity.unit} for name, e in result.estimates.items()},
         "unidentifiable": list(result.unidentifiable),
-        "residual": float((result.residual**2).mean() ** 0.5),
-        "validation": float((result.validation**2).mean() ** 0.5),
+        **{
+            name: None if math.isnan(each[0]) else math.sqrt(sum(e * e for e in each) / len(each)) for name, each in whole.items()
+        },
         "rows": result.rows,
-        "inputs": "held" if result.held else "smooth",
+        **({"inputs": result.inputs} if result.inputs else {}),
         "remarks": list(result.remarks),
     }

@@ -7,7 +7,7 @@ step is exact: terms that cancel are removed, and factors that depend on paramet
 
 import math
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
 
@@ -17,12 +17,13 @@ from ...model.algebra.exact import canonical
 from ...model.algebra.expression import degree, fold, operate, operations, time_derivative
 from ...model.algebra.linear import norm, solve, solve_by_blocks
 from ...model.algebra.operations import is_polynomial
+from ...model.extension import Integrators, extended_alike
 from ...model.law import ControlLaw, outer_loop
-from ...model.linearization import SINGULAR, SINGULAR_SQUARED, derivative
-from ...model.mechanism import Quantity, quantity
+from ...model.linearization import SINGULAR, SINGULAR_SQUARED, chains, derivative
+from ...model.mechanism import Quantity, derivative_name, quantity
 from ...model.outputs import OutputMap, OutputRow, Through
 from ...model.reduction import ReducedSystem
-from ...model.vehicle import velocity_map
+from ...model.vehicle import VELOCITIES, velocity_map
 from .taylor import Taylor
 
 MONOMIALS = 3  # most quasi-velocities for which quadratic forms are sorted by monomials; above, that takes more operations
@@ -39,6 +40,7 @@ class Result(StrEnum):
     DECOUPLING_RATE = "Phidot"
     ACCELERATION = "u"
     INPUTS = "tau"
+    EXTENSION_RATE = "extension_rate"
     INPUTS_OF_V = "tau_of_v"
     SLOPE = "slope"
     GROUND = "ground"
@@ -213,29 +215,34 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
     for q, speed in zip(inner.quasi_velocities, ca.vertsplit(to_inner @ law.system.nu), strict=True):
         stages.steps.append(Step(q.symbol, speed, q.name))
     output = _in_velocities(outputs or law.output, law.system, inner, W)
-    degree = law.linearization.relative_degree
-    rows = [
-        _point_row(stages, inner, row.name, row.through) if row.through else _plain_row(stages, inner, row, k)
-        for row, k in zip(output.rows, degree, strict=True)
-    ]
-    second = [row for row, k in zip(rows, degree, strict=True) if k == 2]
+    degree, integrators = law.linearization.relative_degree, law.linearization.integrators
+    if integrators:
+        rows, integrators = _extended_rows(stages, inner, output, integrators)
+        to_inner = W = ca.SX.eye(inner.dof)  # the columns of Phi are the inputs of the integrators
+    else:
+        rows = [
+            _point_row(stages, inner, row.name, row.through) if row.through else _plain_row(stages, inner, row, k)
+            for row, k in zip(output.rows, degree, strict=True)
+        ]
+    second = [row for row, k in zip(rows, degree, strict=True) if k > 1]
     h, rate = ca.vertcat(*[row.h for row in rows]), ca.vertcat(*[row.rate for row in second])
     gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
-    damped = _damped_alone(rows, degree)
+    damped = {} if integrators else _damped_alone(rows, degree)
     loop = outer_loop(degree, gains, reference, h, _rest_of_rates(rows, degree, damped, inner.nu))
     loop = ca.vertcat(*[stages.step(q.name, loop[k]) for k, q in enumerate(law.virtual_input)])
     virtual = ca.vertcat(*[q.symbol for q in law.virtual_input])
     kd = {row.name: gain.symbol for row in output.rows for gain in law.gains if gain.name == f"kd_{row.name}"}
     damping = ca.vertcat(*[kd[output.rows[damped[j]].name] * inner.nu[j] if j in damped else 0 for j in range(inner.dof)])
 
-    feedback = _Feedback(stages, inner, rows)
+    feedback = _Feedback(stages, inner, rows, integrators)
     Phi = ca.vertcat(*[row.Phi for row in rows])
     quantities = {
         Result.OUTPUTS: h,
         Result.RATES: rate,
         Result.DECOUPLING: Phi @ to_inner,
-        Result.DECOUPLING_RATE: ca.vertcat(*[row.Phidot for row in rows]) @ to_inner,
+        Result.DECOUPLING_RATE: ca.SX(0, 0) if integrators else ca.vertcat(*[row.Phidot for row in rows]) @ to_inner,
         Result.ACCELERATION: from_inner @ feedback.acceleration(loop, damping),
+        Result.EXTENSION_RATE: feedback.extension_rate(loop),
         Result.INPUTS: feedback.inputs(loop, damping),
         Result.INPUTS_OF_V: feedback.inputs(virtual, ca.SX.zeros(inner.dof)),
         **_singular(stages, Phi, W, feedback.inverse),
@@ -252,7 +259,7 @@ def inner_velocities(system: ReducedSystem) -> tuple[ReducedSystem, ca.SX]:
     nu."""
     n, W = system.dof, velocity_map(system)
     if W is not None:
-        names = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
+        names = tuple(quantity(q.name, q.unit) for q in VELOCITIES)
         return ReducedSystem(system.mechanism, names, canonical(system.S @ solve(W, ca.SX.eye(n)))), W
     same = tuple(Quantity(f"w_{q.name}", q.unit, q.about, symbol=ca.SX.sym(f"w_{q.name}")) for q in system.quasi_velocities)
     return ReducedSystem(system.mechanism, same, system.S), ca.SX.eye(n)
@@ -340,6 +347,19 @@ def _point_row(stages: Stages, inner: ReducedSystem, name: str, through: Through
     return _Row(stages.step(name, outer), rate, Phi, written_out, Phidot, drift, _Point(point, point_drift, curvature))
 
 
+def _extended_rows(
+    stages: Stages, inner: ReducedSystem, output: OutputMap, integrators: Integrators
+) -> tuple[list[_Row], Integrators]:
+    """Return the rows as functions of the inputs of the integrators, and these in w: the same choices, derived in w."""
+    made, found = extended_alike(inner, chains(inner, output), integrators, output)
+    none, rows = ca.SX(0, 0), []
+    for row, chain in zip(output.rows, made, strict=True):
+        rates = [stages.step(derivative_name(row.name, k), stages.exact(rate)) for k, rate in enumerate(chain.rates, start=1)]
+        Phi, h = stages.exact(chain.row), stages.step(row.name, stages.exact(row.expression))
+        rows.append(_Row(h, ca.vertcat(*rates), Phi, Phi, none, stages.exact(chain.drift)))
+    return rows, replace(found, drift=stages.exact(found.drift), effect=stages.exact(found.effect))
+
+
 def _damped_alone(rows: list[_Row], degree: tuple[int, ...]) -> dict[int, int]:
     """Return column j of Phi -> row i, where only row i has an entry in the column, has degree 2, and its point contributes no
     curvature.
@@ -356,10 +376,12 @@ def _damped_alone(rows: list[_Row], degree: tuple[int, ...]) -> dict[int, int]:
 
 
 def _rest_of_rates(rows: list[_Row], degree: tuple[int, ...], damped: dict[int, int], w: ca.SX) -> ca.SX:
-    """Return the rates of the outputs of degree 2 without the terms whose damping is applied outside the inverse."""
+    """Return the derivatives of the outputs below the highest, without the terms whose damping is applied outside the
+    inverse.
+    """
     rates = []
     for i, (row, k) in enumerate(zip(rows, degree, strict=True)):
-        if k == 2:
+        if k > 1:
             left = [row.Phi[j] * w[j] for j in range(len(rows)) if damped.get(j) != i]
             rates.append(row.rate if len(left) == len(rows) else sum(left, start=ca.SX(0)))
     return ca.vertcat(*rates)
@@ -368,12 +390,13 @@ def _rest_of_rates(rows: list[_Row], degree: tuple[int, ...], damped: dict[int, 
 class _Feedback:
     """Both feedbacks in w: u = Phi^-1 (v - residual) - rest - damping, tau = K u + bias (12), (20).
 
+    With an extension Phi^-1 (v - residual) are the inputs of the `integrators`, which give u.
     `damping` is the part of the outer loop that is applied outside the inverse, see _damped_alone. With more inputs than n-m,
     K u + bias is the required S'E (tau - preferred), which is distributed last: fewer operations than the r rows of (S'E)^+.
     """
 
-    def __init__(self, stages: Stages, inner: ReducedSystem, rows: list[_Row]):
-        self.stages, self.inner = stages, inner
+    def __init__(self, stages: Stages, inner: ReducedSystem, rows: list[_Row], integrators: Integrators | None):
+        self.stages, self.inner, self.integrators = stages, inner, integrators
         Phi = ca.vertcat(*[row.Phi for row in rows])
         self.inverse = stages.inverse(Phi, SINGULAR)
         self.rest = self._acceleration_at_rest(rows)
@@ -389,14 +412,18 @@ class _Feedback:
 
     def acceleration(self, v: ca.SX, damping: ca.SX) -> ca.SX:
         """Return u, the derivative of w."""
-        return self._solved(v) - self.rest - damping
+        return self._accelerations(v) - self.rest - damping
+
+    def extension_rate(self, v: ca.SX) -> ca.SX:
+        """Return d xi/dt of the extension."""
+        return self.integrators.rates(self._solved(v))[1] if self.integrators else ca.SX(0, 1)
 
     def inputs(self, v: ca.SX, damping: ca.SX) -> ca.SX:
         """Return tau."""
         rest = self.bias - self.K @ (self.rest + damping)
         if self.inner.dof <= MONOMIALS:
             rest = by_monomials(self.stages, rest, self.inner.nu)
-        return self.inner.preferred + self._shared(self.K @ self._solved(v) + rest)
+        return self.inner.preferred + self._shared(self.K @ self._accelerations(v) + rest)
 
     def slope(self, row: int) -> ca.SX:
         """Return the derivative of tau by the virtual input of a row."""
@@ -410,9 +437,16 @@ class _Feedback:
         effort = _symbols(self.stages, "effort", effort)
         return self.spread @ _symbols(self.stages, "share", self.square @ effort)
 
+    def _accelerations(self, v: ca.SX) -> ca.SX:
+        """Return the derivative of w but for what is applied outside the inverse."""
+        if not self.integrators:
+            return self._solved(v)
+        u, _ = self.integrators.rates(self._solved(v))
+        return _symbols(self.stages, "acceleration", u)
+
     def _solved(self, v: ca.SX) -> ca.SX:
         v_less_drift = ca.vertcat(*[self.stages.step(f"v_less_drift_{k}", v[k] - self.residual[k]) for k in range(v.numel())])
-        names = [f"u_{q.name}" for q in self.inner.quasi_velocities]
+        names = self.integrators.inputs if self.integrators else [f"u_{q.name}" for q in self.inner.quasi_velocities]
         return ca.vertcat(*[self.stages.step(name, (self.inverse @ v_less_drift)[k]) for k, name in enumerate(names)])
 
     def _acceleration_at_rest(self, rows: list[_Row]) -> ca.SX:

@@ -73,6 +73,7 @@ class LawC(ProgramC[Program]):
                     ("noslip_on_error on_error;", "what to return on an error"),
                     *([("noslip_on_limit on_limit;", _listed(self.on_limit))] if len(self.on_limit) > 1 else []),
                     *([(f"{name('noslip_grip')} grip;", "of the floor, with NOSLIP_GRIP")] if self.grips else []),
+                    *self._extension_fields(),
                     ("int ready;", "set by init"),
                     *[(f"{real} {field};", self.meanings.constant(node)) for node, field in self.program.constants.items()],
                 ],
@@ -80,6 +81,21 @@ class LawC(ProgramC[Program]):
         ]
         functions = [self._prototype(entry) for entry in self.entries if entry.public]
         return "\n\n".join([*types, self._init_prototype(), self._reset_prototype(), *functions])
+
+    def _extension_fields(self) -> list[tuple[str, str]]:
+        """Return the fields of the states of the dynamic extension."""
+        if not self.extends:
+            return []
+        states = ", ".join(f"{q.name} ({q.unit})" for q in self.law.extension)
+        return [
+            (f"{self.scalar.real} extension[{self.extends}];", f"states of the dynamic extension: {states}"),
+            (f"{self.scalar.real} extension_rate[{self.extends}];", "their rates at the last step, 0 where it was limited"),
+        ]
+
+    @property
+    def extends(self) -> int:
+        """The number of states of the dynamic extension."""
+        return len(self.law.extension)
 
     @property
     def slows(self) -> bool:
@@ -111,20 +127,20 @@ class LawC(ProgramC[Program]):
     def _meaning(self, quantity: Result) -> str:
         law = self.law
         rows = law.output.rows
-        second = [row for row, degree in zip(rows, law.linearization.relative_degree, strict=True) if degree == 2]
         first = [q.name for q, degree in zip(law.virtual_input, law.linearization.relative_degree, strict=True) if degree == 1]
         inputs = law.system.mechanism.inputs
         motions = law.system.quasi_velocities
         return {
             Result.OUTPUTS: ", ".join(f"{row.name} ({row.unit})" for row in rows),
-            Result.RATES: ", ".join(f"{row.name}_rate ({per_second(row.unit)})" for row in second),
+            Result.RATES: ", ".join(f"{q.name} ({q.unit})" for q in law.rates),
             Result.DECOUPLING: "rows: "
             + ", ".join(row.name for row in rows)
             + "; columns: "
-            + ", ".join(q.name for q in motions),
+            + ", ".join(law.linearization.inputs),
             Result.DECOUPLING_RATE: "as Phi, per second",
             Result.ACCELERATION: "desired rates of " + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in motions),
             Result.INPUTS: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
+            Result.EXTENSION_RATE: "rates of " + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in law.extension),
             Result.INPUTS_OF_V: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
             Result.GROUND: "along (N), across (N), shift (N/m), mass (kg) of " + self._contact_names(),
             Result.GROUND_BY_INPUTS: "along, across, shift of "
@@ -141,10 +157,24 @@ class LawC(ProgramC[Program]):
         return self._about(entry) + "\n" + "\n".join(fill(self.signature(entry) + ";", ""))
 
     def _about(self, entry: Entry) -> str:
-        answers = [f"{q.in_c}{self.shape(entry, q)}: {self._meaning(q)}" for q in self.returned(entry) if not entry.whole]
+        public = [q for q in self.returned(entry) if not entry.whole and not (entry.slope and q is Result.EXTENSION_RATE)]
+        answers = [f"{q.in_c}{self.shape(entry, q)}: {self._meaning(q)}" for q in public]
         outputs = ", ".join(f"{q.name} ({q.unit})" for q in self.law.virtual_input)
         virtual = [f"v[{len(self.law.virtual_input)}]: {outputs}"] if entry.takes is Group.VIRTUAL_INPUT else []
-        return comment([entry.about + ".", *virtual, *answers, *self._read(entry), self.cost(entry)])
+        return comment([*self._purpose(entry), *virtual, *answers, *self._read(entry), self.cost(entry)])
+
+    def _purpose(self, entry: Entry) -> list[str]:
+        if not self.extends:
+            return [entry.about + "."]
+        if Result.RATES in entry.answers and not entry.whole:
+            return ["Derivatives of the outputs below the highest, which the virtual input is."]
+        if not entry.slope:
+            return [entry.about + "."]
+        return [
+            entry.about + ", dynamic extension.",
+            "First the states of the extension advance by dt (s), the time since the previous step, 0 at the first. Their rates",
+            "are those of that step, or 0 unless it returned NOSLIP_OK: the states are held while inputs are limited.",
+        ]
 
     def _read(self, entry: Entry) -> list[str]:
         """Return a comment on the part of the state that is read, if not all of it."""
@@ -183,7 +213,8 @@ class LawC(ProgramC[Program]):
         return f"on_limit = NOSLIP_GRIP keeps {self._contact_names()} rolling, see noslip_grip.h; it requires friction.mu.{wide}"
 
     def _reset_prototype(self) -> str:
-        return comment(["Sets the held inputs to zero."]) + f"\nint {self.function('reset')}({self.type} *self);"
+        too = " and the states of the dynamic extension" if self.extends else ""
+        return comment([f"Sets the held inputs{too} to zero."]) + f"\nint {self.function('reset')}({self.type} *self);"
 
     # -- source ---------------------------------------------------------------------------------------------------
 
@@ -281,6 +312,7 @@ class LawC(ProgramC[Program]):
 
     def _reset(self) -> str:
         zeros = [f"    self->held[{k}] = 0;" for k in range(self.inputs)]
+        zeros += [f"    self->{name}[{k}] = 0;" for k in range(self.extends) for name in ("extension", "extension_rate")]
         head = [
             f"int {self.function('reset')}({self.type} *self)",
             "{",
@@ -354,7 +386,7 @@ class LawC(ProgramC[Program]):
         answer, given = names[-1], names[:-1]
         pieces = self.pieces(entry)
         if entry.slope:
-            return self._step(entry, entry.slope)
+            return self._extended_step(entry) if self.extends else self._step(entry, entry.slope)
         lines = [*self._local(entry), "int status = NOSLIP_NULL;"]
         lines.append(self.leave(f"{answer} == NULL", "NOSLIP_NULL"))
         present = " && ".join(f"{name} != NULL" for name in given)
@@ -431,6 +463,44 @@ class LawC(ProgramC[Program]):
             texts += [*fill(head, ""), "{", body(with_grip), "}", ""]
         return "\n".join([*texts, *fill(self.signature(entry), ""), "{", body(lines), "}"])
 
+    def _extended_step(self, entry: Entry) -> str:
+        """Return the controller with a dynamic extension: all checks, the states advanced, the law."""
+        name, real, count = self.scalar.name, self.scalar.real, self.extends
+        given = [argument for argument in self.parameters(entry, public=True) if argument not in ("self", "tau")]
+        advanced = [f"    self->extension[{k}] += dt * self->extension_rate[{k}];" for k in range(count)]
+        passed = ["rate" if argument == Result.EXTENSION_RATE.in_c else argument for argument in self._arguments(entry)]
+        finite = f"{name('noslip_all_finite')}"
+        lines = [
+            f"{real} made[{self.inputs}] = {{{', '.join(['0'] * self.inputs)}}};",
+            f"{real} rate[{count}] = {{{', '.join(['0'] * count)}}};",
+            "int status = NOSLIP_NULL;",
+            self.leave("tau == NULL", "NOSLIP_NULL"),
+            "if (self == NULL || self->ready != NOSLIP_READY) {",
+            f"    {name('noslip_write_zeros')}(tau, {self.inputs});",
+            "    return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;",
+            "}",
+            f"if ({' && '.join(f'{one} != NULL' for one in given if one != 'dt')}) {{",
+            f"    status = {self._admission(entry)};",
+            "}",
+            f"if (status == NOSLIP_OK && !{name('noslip_is_finite')}(dt)) {{",
+            "    status = NOSLIP_NONFINITE;",
+            "}",
+            "if (status == NOSLIP_OK && dt < 0) {",
+            "    status = NOSLIP_BAD_PARAMETER;",
+            "}",
+            "if (status == NOSLIP_OK) {",
+            *advanced,
+            f"    status = {self.function(entry.name)}_law({', '.join([*passed[:-1], 'made'])});",
+            "}",
+            f"if (status == NOSLIP_OK && !({finite}(rate, {count}) && {finite}(self->extension, {count}))) {{",
+            "    status = NOSLIP_NONFINITE;",
+            "}",
+            f"status = {name('noslip_apply_limits')}(status, self->on_error, self->limit, self->held, made, tau, {self.inputs});",
+            *[f"self->extension_rate[{k}] = status == NOSLIP_OK ? rate[{k}] : 0;" for k in range(count)],
+            "return status;",
+        ]
+        return "\n".join([*fill(self.signature(entry), ""), "{", body(lines), "}"])
+
     def _slow(self, slope: Entry) -> list[str]:
         """Return the function that brings tau within the limits by reducing the speed."""
         given = self._arguments(slope)
@@ -495,7 +565,7 @@ class LawC(ProgramC[Program]):
 
     def _inputs(self, entry: Entry) -> list[tuple[Group, str]]:
         """Return the arguments of an entry point besides `self`, by group and name; at the foot only those that it reads."""
-        groups = {group: [q.name for q in self.law.groups[group]] for group in (Group.STATE, Group.REFERENCE)}
+        groups = {group: [q.name for q in self.program.groups[group]] for group in (Group.STATE, Group.REFERENCE)}
         if entry.at_foot:
             read = {leaf.name for leaf in _leaves(self._read_by(entry)) if leaf.group is Group.STATE}
             groups[Group.STATE] = [name for name in groups[Group.STATE] if name in read]
@@ -531,8 +601,11 @@ class LawC(ProgramC[Program]):
         if entry.whole:
             declared["all"] = f"{self.evaluation_type} *all"
         else:
-            (quantity,) = self.returned(entry)
-            declared[quantity.in_c] = f"{real} {quantity.in_c}{self.shape(entry, quantity)}"
+            for quantity in self.returned(entry):
+                declared[quantity.in_c] = f"{real} {quantity.in_c}{self.shape(entry, quantity)}"
+        if public and entry.slope and self.extends:
+            declared = {"dt" if name == Result.EXTENSION_RATE.in_c else name: text for name, text in declared.items()}
+            declared["dt"] = f"{real} dt"
         return declared
 
     def _arguments(self, entry: Entry) -> list[str]:
@@ -540,7 +613,11 @@ class LawC(ProgramC[Program]):
 
     def array(self, leaf: Leaf) -> tuple[str, Sequence[Quantity]] | None:
         """Return the array of the virtual input, or of the inputs."""
-        arrays = {Group.VIRTUAL_INPUT: ("v", self.law.virtual_input), Group.INPUT: ("tau", self.system.mechanism.inputs)}
+        arrays = {
+            Group.VIRTUAL_INPUT: ("v", self.law.virtual_input),
+            Group.INPUT: ("tau", self.system.mechanism.inputs),
+            Group.EXTENSION: ("self->extension", self.law.extension),
+        }
         return arrays.get(leaf.group)
 
 

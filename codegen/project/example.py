@@ -27,7 +27,8 @@ def example(generated: Mapping[str, str], law: ControlLaw) -> dict[str, str]:
         "names": ", ".join(f"{q.name} ({q.unit})" for q in inputs),
         "printed": " ".join(["%g"] * len(inputs)),
         "values": ", ".join(f"(double)tau[{k}]" for k in range(len(inputs))),
-        "state": ", ".join(f".{q.in_c} = {scalar.literal((k + 1) / 8)}" for k, q in enumerate(law.state)),
+        "state": ", ".join(f".{q.in_c} = {scalar.literal((k + 1) / 8)}" for k, q in enumerate(law.system.state)),
+        "dt": f", {scalar.literal(0.0)}" if law.extension else "",  # at the first step
         "standard": STANDARD,
         **initializers(law, scalar),
     }

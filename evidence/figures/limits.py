@@ -91,7 +91,7 @@ def claims_limits(runs: Runs) -> list[Claim]:
             first[UNLIMITED] < first[SLOW] <= first[CUT] + 0.05,
         ),
         Claim(
-            f"a limit below what the path asks for at the desired speed ({steady:.2f} N m steadily) slowing down cannot make good",
+            f"a limit below what the path needs at the desired speed ({steady:.2f} N m steadily) cannot be made good by slowing",
             f"at {TOO_LOW:g} N m up to {off[LOW]:.2f} m off",
             steady > TOO_LOW and off[LOW] > 0.1,
             note="it gives up acceleration, not speed already gained: the desired speed has to suit the path's curvature",

@@ -368,9 +368,9 @@ static int labmate_type_ii_feedback_f_law(const labmate_type_ii_f *self, const l
     const float t4 = self->k6 * v[1] + self->k21 * t2 * t3; /* part of tau[0], tau[1] */
     const float yaw_rate = self->Phi_21 * t3;
     const float y_l_rate = self->k17 * cos_phi * t3 + self->k1 * sin_phi * t2;
-    const float wanted_0 = v[0] + yaw_rate * y_l_rate;
+    const float v_less_drift_0 = v[0] + yaw_rate * y_l_rate;
     /* part of tau[0], tau[1] */
-    const float t5 = self->k5 * (wanted_0 + v[1] * self->k4 * sin_phi) / cos_phi - self->k22 * t3 * t3;
+    const float t5 = self->k5 * (v_less_drift_0 + v[1] * self->k4 * sin_phi) / cos_phi - self->k22 * t3 * t3;
     tau[0] = t4 + t5;
     tau[1] = t5 - t4;
     return NOSLIP_OK;
@@ -579,8 +579,8 @@ static int labmate_type_ii_evaluate_f_law(const labmate_type_ii_f *self, const l
     const float t12 = reference->x_l_acceleration + self->kp_x_l * (reference->x_l - x_l) + self->kd_x_l *
         (reference->x_l_rate + t6);
     const float y_l_rate = self->k1 * sin_phi * t3 + self->k17 * t9;
-    const float wanted_0 = t12 + yaw_rate * y_l_rate;
-    const float u_forward_speed = (wanted_0 + sin_phi * self->k4 * v_heading) / cos_phi;
+    const float v_less_drift_0 = t12 + yaw_rate * y_l_rate;
+    const float u_forward_speed = (v_less_drift_0 + sin_phi * self->k4 * v_heading) / cos_phi;
     const float t13 = self->k2 * (self->k27 * t3 - u_forward_speed); /* (forward_speed kd_x_l - u_forward_speed)/r */
     all->u[0] = t11 - t13;
     all->u[1] = -(t11 + t13);
@@ -657,9 +657,9 @@ static int labmate_type_ii_step_f_law(const labmate_type_ii_f *self, const labma
     const float t6 = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L * cos_phi) +
         self->kd_x_l * (reference->x_l_rate + t5 * sin_phi);
     const float y_l_rate = self->k1 * sin_phi * t2 + t5 * cos_phi;
-    const float wanted_0 = t6 + yaw_rate * y_l_rate;
+    const float v_less_drift_0 = t6 + yaw_rate * y_l_rate;
     /* part of tau[0], tau[1] */
-    const float t7 = self->k5 * (wanted_0 + sin_phi * self->k4 * v_heading) / cos_phi - (self->k22 * t3 * t3 +
+    const float t7 = self->k5 * (v_less_drift_0 + sin_phi * self->k4 * v_heading) / cos_phi - (self->k22 * t3 * t3 +
         self->k28 * t2);
     tau[0] = t4 + t7;
     tau[1] = t7 - t4;

@@ -365,9 +365,9 @@ static int labmate_type_iii_feedback_law(const labmate_type_iii *self, const lab
     const double t2 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t3 = self->k7 * v[1] + self->k21 * t1 * t2; /* part of tau[0], tau[1] */
     const double yaw_rate = self->Phi_21 * t2;
-    const double wanted_0 = v[0] + yaw_rate * (self->k17 * sin_phi * t2 - self->k1 * cos_phi * t1);
+    const double v_less_drift_0 = v[0] + yaw_rate * (self->k17 * sin_phi * t2 - self->k1 * cos_phi * t1);
     /* part of tau[0], tau[1] */
-    const double t4 = self->k6 * (wanted_0 - v[1] * self->k4 * cos_phi) / sin_phi - self->k22 * t2 * t2;
+    const double t4 = self->k6 * (v_less_drift_0 - v[1] * self->k4 * cos_phi) / sin_phi - self->k22 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -575,8 +575,8 @@ static int labmate_type_iii_evaluate_law(const labmate_type_iii *self, const lab
     const double t11 = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
         (reference->y_l_rate - t5);
     const double x_l_rate = self->k1 * cos_phi * t2 - self->k17 * t8;
-    const double wanted_0 = t11 - yaw_rate * x_l_rate;
-    const double u_forward_speed = (wanted_0 - cos_phi * self->k4 * v_heading) / sin_phi;
+    const double v_less_drift_0 = t11 - yaw_rate * x_l_rate;
+    const double u_forward_speed = (v_less_drift_0 - cos_phi * self->k4 * v_heading) / sin_phi;
     const double t12 = self->k2 * (self->k27 * t2 - u_forward_speed); /* (forward_speed kd_y_l - u_forward_speed)/r */
     all->u[0] = t10 - t12;
     all->u[1] = -(t10 + t12);
@@ -651,10 +651,10 @@ static int labmate_type_iii_step_law(const labmate_type_iii *self, const labmate
     /* v_y_l */
     const double t5 = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
         self->kd_y_l * (reference->y_l_rate - t4 * cos_phi);
-    const double wanted_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
+    const double v_less_drift_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
     /* part of tau[0], tau[1] */
-    const double t6 = self->k22 * t2 * t2 + self->k28 * t1 + self->k6 * (cos_phi * self->k4 * v_heading - wanted_0) /
-        sin_phi;
+    const double t6 = self->k22 * t2 * t2 + self->k28 * t1 + self->k6 * (cos_phi * self->k4 * v_heading -
+        v_less_drift_0) / sin_phi;
     tau[0] = t3 - t6;
     tau[1] = -(t3 + t6);
     return NOSLIP_OK;

@@ -366,9 +366,9 @@ static int labmate_type_iii_feedback_f_law(const labmate_type_iii_f *self, const
     const float t2 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t3 = self->k7 * v[1] + self->k21 * t1 * t2; /* part of tau[0], tau[1] */
     const float yaw_rate = self->Phi_21 * t2;
-    const float wanted_0 = v[0] + yaw_rate * (self->k17 * sin_phi * t2 - self->k1 * cos_phi * t1);
+    const float v_less_drift_0 = v[0] + yaw_rate * (self->k17 * sin_phi * t2 - self->k1 * cos_phi * t1);
     /* part of tau[0], tau[1] */
-    const float t4 = self->k6 * (wanted_0 - v[1] * self->k4 * cos_phi) / sin_phi - self->k22 * t2 * t2;
+    const float t4 = self->k6 * (v_less_drift_0 - v[1] * self->k4 * cos_phi) / sin_phi - self->k22 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -576,8 +576,8 @@ static int labmate_type_iii_evaluate_f_law(const labmate_type_iii_f *self, const
     const float t11 = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
         (reference->y_l_rate - t5);
     const float x_l_rate = self->k1 * cos_phi * t2 - self->k17 * t8;
-    const float wanted_0 = t11 - yaw_rate * x_l_rate;
-    const float u_forward_speed = (wanted_0 - cos_phi * self->k4 * v_heading) / sin_phi;
+    const float v_less_drift_0 = t11 - yaw_rate * x_l_rate;
+    const float u_forward_speed = (v_less_drift_0 - cos_phi * self->k4 * v_heading) / sin_phi;
     const float t12 = self->k2 * (self->k27 * t2 - u_forward_speed); /* (forward_speed kd_y_l - u_forward_speed)/r */
     all->u[0] = t10 - t12;
     all->u[1] = -(t10 + t12);
@@ -652,10 +652,10 @@ static int labmate_type_iii_step_f_law(const labmate_type_iii_f *self, const lab
     /* v_y_l */
     const float t5 = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
         self->kd_y_l * (reference->y_l_rate - t4 * cos_phi);
-    const float wanted_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
+    const float v_less_drift_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
     /* part of tau[0], tau[1] */
-    const float t6 = self->k22 * t2 * t2 + self->k28 * t1 + self->k6 * (cos_phi * self->k4 * v_heading - wanted_0) /
-        sin_phi;
+    const float t6 = self->k22 * t2 * t2 + self->k28 * t1 + self->k6 * (cos_phi * self->k4 * v_heading -
+        v_less_drift_0) / sin_phi;
     tau[0] = t3 - t6;
     tau[1] = -(t3 + t6);
     return NOSLIP_OK;

@@ -476,10 +476,11 @@ static int labmate_type_iv_circle_feedback_f_law(const labmate_type_iv_circle_f 
     const float forward_speed = self->Phi_21 * t9;
     const float t12 = forward_speed * t8 - self->k16 * t7 * t10; /* -distance_rate */
     const float distance_curvature = t4 * (self->k17 * t9 * t9 + self->k18 * t11 - t12 * t12);
-    const float wanted_0 = v[0] - distance_curvature;
-    const float wanted_1 = v[1] - self->k19 * t11;
-    const float t13 = self->k20 * t9 * t10 + self->k6 * (wanted_0 + t8 * wanted_1) / t7; /* part of tau[0], tau[1] */
-    const float t14 = self->k5 * wanted_1 - self->k21 * t11; /* part of tau[0], tau[1] */
+    const float v_less_drift_0 = v[0] - distance_curvature;
+    const float v_less_drift_1 = v[1] - self->k19 * t11;
+    /* part of tau[0], tau[1] */
+    const float t13 = self->k20 * t9 * t10 + self->k6 * (v_less_drift_0 + t8 * v_less_drift_1) / t7;
+    const float t14 = self->k5 * v_less_drift_1 - self->k21 * t11; /* part of tau[0], tau[1] */
     tau[0] = t13 + t14;
     tau[1] = t14 - t13;
     return NOSLIP_OK;
@@ -695,22 +696,22 @@ static int labmate_type_iv_circle_evaluate_f_law(const labmate_type_iv_circle_f 
     all->Phidot[1][1] = 0.0f;
     const float t21 = t10 * t10; /* 4 b^2 yaw_rate^2/r^2 */
     const float t22 = self->k19 * t21; /* yaw_rate^2 (L + d) */
-    const float wanted_1 = reference->speed_rate - t22 + self->kv_speed * (reference->speed - forward_speed);
-    const float t23 = self->k2 * (wanted_1 + t22); /* v_speed/r */
+    const float v_less_drift_1 = reference->speed_rate - t22 + self->kv_speed * (reference->speed - forward_speed);
+    const float t23 = self->k2 * (v_less_drift_1 + t22); /* v_speed/r */
     const float t24 = t9 * t10; /* 4 b forward_speed yaw_rate/r^2 */
     const float distance_curvature = t4 * (self->k17 * t9 * t9 + self->k18 * t21 - t16 * t16);
     /* distance_acceleration - distance_curvature */
     const float t25 = reference->distance_acceleration + self->kp_distance * (self->R - t3 + reference->distance) -
         distance_curvature;
-    const float wanted_0 = t25 + self->kd_distance * (t16 + reference->distance_rate);
-    const float t26 = (wanted_0 + t8 * wanted_1) / t7; /* u_yaw_rate (L + d) */
+    const float v_less_drift_0 = t25 + self->kd_distance * (t16 + reference->distance_rate);
+    const float t26 = (v_less_drift_0 + t8 * v_less_drift_1) / t7; /* u_yaw_rate (L + d) */
     const float u_yaw_rate = self->k4 * t26;
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
     const float t27 = self->k3 * (t24 * self->k27 - u_yaw_rate);
     all->u[0] = t23 - t27;
     all->u[1] = t23 + t27;
     const float t28 = t24 * self->k26 + self->k6 * t26; /* part of all->tau[0], all->tau[1] */
-    const float t29 = self->k5 * wanted_1 - self->k21 * t21; /* part of all->tau[0], all->tau[1] */
+    const float t29 = self->k5 * v_less_drift_1 - self->k21 * t21; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t28 + t29;
     all->tau[1] = t29 - t28;
     return NOSLIP_OK;
@@ -783,16 +784,17 @@ static int labmate_type_iv_circle_step_f_law(const labmate_type_iv_circle_f *sel
     const float t10 = t9 * t9; /* 4 b^2 yaw_rate^2/r^2 */
     const float t11 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t11;
-    const float wanted_1 = reference->speed_rate - self->k19 * t10 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k19 * t10 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t12 = self->k5 * wanted_1 - self->k21 * t10; /* part of tau[0], tau[1] */
+    const float t12 = self->k5 * v_less_drift_1 - self->k21 * t10; /* part of tau[0], tau[1] */
     const float t13 = self->k16 * t7 * t9 - forward_speed * t8; /* distance_rate */
     const float distance_curvature = t4 * (self->k17 * t11 * t11 + self->k18 * t10 - t13 * t13);
     /* distance_acceleration - distance_curvature */
     const float t14 = reference->distance_acceleration - distance_curvature + self->kd_distance *
         (reference->distance_rate - t13);
-    const float wanted_0 = t14 + self->kp_distance * (self->R + reference->distance - t3);
-    const float t15 = self->k20 * t11 * t9 + self->k6 * (wanted_0 + t8 * wanted_1) / t7; /* part of tau[0], tau[1] */
+    const float v_less_drift_0 = t14 + self->kp_distance * (self->R + reference->distance - t3);
+    /* part of tau[0], tau[1] */
+    const float t15 = self->k20 * t11 * t9 + self->k6 * (v_less_drift_0 + t8 * v_less_drift_1) / t7;
     tau[0] = t12 + t15;
     tau[1] = t12 - t15;
     return NOSLIP_OK;

@@ -562,8 +562,8 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     }
     const float t7 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t8 = t7 * t7; /* 4 b^2 yaw_rate^2/r^2 */
-    const float wanted_1 = v[1] - self->k25 * t8;
-    const float t9 = self->k13 * wanted_1 - self->k27 * t8; /* part of tau[0], tau[1] */
+    const float v_less_drift_1 = v[1] - self->k25 * t8;
+    const float t9 = self->k13 * v_less_drift_1 - self->k27 * t8; /* part of tau[0], tau[1] */
     const float t10 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t10;
     const float t11 = self->k24 * t7; /* yaw_rate (L + d) */
@@ -576,9 +576,10 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     const float t16 = self->k8 * t13 + self->k9 * t14 + t5 * (0.5f * (self->k10 * t13 + self->k11 * t14) - t15 * (t15 *
         0.25f));
     const float distance_curvature = t4 * (t16 + t15 * (t11 * t6 - forward_speed * distance_by_forward_speed));
-    const float wanted_0 = v[0] - distance_curvature;
+    const float v_less_drift_0 = v[0] - distance_curvature;
     /* part of tau[0], tau[1] */
-    const float t17 = self->k26 * t10 * t7 + self->k14 * (distance_by_forward_speed * wanted_1 - wanted_0) / t6;
+    const float t17 = self->k26 * t10 * t7 + self->k14 * (distance_by_forward_speed * v_less_drift_1 - v_less_drift_0) /
+        t6;
     tau[0] = t9 + t17;
     tau[1] = t9 - t17;
     return NOSLIP_OK;
@@ -815,8 +816,8 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     all->Phidot[1][1] = 0.0f;
     const float t28 = t11 * t11; /* 4 b^2 yaw_rate^2/r^2 */
     const float t29 = self->k25 * t28; /* yaw_rate^2 (L + d) */
-    const float wanted_1 = reference->speed_rate - t29 + self->kv_speed * (reference->speed - forward_speed);
-    const float t30 = self->k2 * (wanted_1 + t29); /* v_speed/r */
+    const float v_less_drift_1 = reference->speed_rate - t29 + self->kv_speed * (reference->speed - forward_speed);
+    const float t30 = self->k2 * (v_less_drift_1 + t29); /* v_speed/r */
     const float t31 = t10 * t11; /* 4 b forward_speed yaw_rate/r^2 */
     /* v_distance */
     const float t32 = reference->distance_acceleration + self->kp_distance * (reference->distance + t6) +
@@ -827,14 +828,14 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     const float t35 = self->k8 * t33 + self->k9 * t34 + t7 * (0.5f * (self->k10 * t33 + self->k11 * t34) - t19 * (t19 *
         0.25f));
     const float distance_curvature = t4 * (t35 - t19 * t13);
-    const float wanted_0 = t32 - distance_curvature;
-    const float t36 = (distance_by_forward_speed * wanted_1 - wanted_0) / t9; /* u_yaw_rate (L + d) */
+    const float v_less_drift_0 = t32 - distance_curvature;
+    const float t36 = (distance_by_forward_speed * v_less_drift_1 - v_less_drift_0) / t9; /* u_yaw_rate (L + d) */
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
     const float t37 = self->k3 * (t31 * self->k33 - self->k12 * t36);
     all->u[0] = t30 - t37;
     all->u[1] = t30 + t37;
     const float t38 = t31 * self->k32 + self->k14 * t36; /* part of all->tau[0], all->tau[1] */
-    const float t39 = self->k13 * wanted_1 - self->k27 * t28; /* part of all->tau[0], all->tau[1] */
+    const float t39 = self->k13 * v_less_drift_1 - self->k27 * t28; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t38 + t39;
     all->tau[1] = t39 - t38;
     return NOSLIP_OK;
@@ -916,8 +917,9 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float t9 = t8 * t8; /* 4 b^2 yaw_rate^2/r^2 */
     const float t10 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t10;
-    const float wanted_1 = reference->speed_rate - self->k25 * t9 + self->kv_speed * (reference->speed - forward_speed);
-    const float t11 = self->k13 * wanted_1 - self->k27 * t9; /* part of tau[0], tau[1] */
+    const float v_less_drift_1 = reference->speed_rate - self->k25 * t9 + self->kv_speed * (reference->speed -
+        forward_speed);
+    const float t11 = self->k13 * v_less_drift_1 - self->k27 * t9; /* part of tau[0], tau[1] */
     const float t12 = self->k24 * t8; /* yaw_rate (L + d) */
     const float t13 = forward_speed * cos_phi - t12 * sin_phi; /* x_l_rate */
     const float t14 = t13 * t13; /* x_l_rate^2 */
@@ -932,9 +934,10 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     /* distance_acceleration - distance_curvature */
     const float t19 = reference->distance_acceleration - distance_curvature + self->kp_distance * (reference->distance +
         t5);
-    const float wanted_0 = t19 + self->kd_distance * (t18 + reference->distance_rate);
+    const float v_less_drift_0 = t19 + self->kd_distance * (t18 + reference->distance_rate);
     /* part of tau[0], tau[1] */
-    const float t20 = self->k26 * t10 * t8 + self->k14 * (distance_by_forward_speed * wanted_1 - wanted_0) / t7;
+    const float t20 = self->k26 * t10 * t8 + self->k14 * (distance_by_forward_speed * v_less_drift_1 - v_less_drift_0) /
+        t7;
     tau[0] = t11 + t20;
     tau[1] = t11 - t20;
     return NOSLIP_OK;

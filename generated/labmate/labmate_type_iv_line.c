@@ -435,11 +435,11 @@ static int labmate_type_iv_line_feedback_law(const labmate_type_iv_line *self, c
     }
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
-    const double wanted_1 = v[1] - self->k21 * t2;
+    const double v_less_drift_1 = v[1] - self->k21 * t2;
     /* part of tau[0], tau[1] */
     const double t3 = self->k22 * (state->thetadot_r + state->thetadot_l) * t1 - self->k8 * (v[0] -
-        distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
-    const double t4 = self->k7 * wanted_1 - self->k23 * t2; /* part of tau[0], tau[1] */
+        distance_by_forward_speed * v_less_drift_1) / distance_by_yaw_rate;
+    const double t4 = self->k7 * v_less_drift_1 - self->k23 * t2; /* part of tau[0], tau[1] */
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -647,18 +647,18 @@ static int labmate_type_iv_line_evaluate_law(const labmate_type_iv_line *self, c
     all->Phidot[1][1] = 0.0;
     const double t9 = t3 * t3; /* 4 b^2 yaw_rate^2/r^2 */
     const double t10 = self->k21 * t9; /* yaw_rate^2 (L + d) */
-    const double wanted_1 = reference->speed_rate - t10 + self->kv_speed * (reference->speed - forward_speed);
-    const double t11 = self->k1 * (wanted_1 + t10); /* v_speed/r */
+    const double v_less_drift_1 = reference->speed_rate - t10 + self->kv_speed * (reference->speed - forward_speed);
+    const double t11 = self->k1 * (v_less_drift_1 + t10); /* v_speed/r */
     const double t12 = t1 * t3; /* 4 b forward_speed yaw_rate/r^2 */
     const double v_distance = reference->distance_acceleration + self->kp_distance * (reference->distance - distance) +
         self->kd_distance * (reference->distance_rate - t2);
     /* u_yaw_rate (L + d) */
-    const double t13 = (distance_by_forward_speed * wanted_1 - v_distance) / distance_by_yaw_rate;
+    const double t13 = (distance_by_forward_speed * v_less_drift_1 - v_distance) / distance_by_yaw_rate;
     /* part of u_thetadot_r, u_thetadot_l */
     const double t14 = self->k2 * (t12 * self->k29 + self->k30 * t3 - self->k6 * t13);
     all->u[0] = t11 - t14;
     all->u[1] = t11 + t14;
-    const double t15 = self->k7 * wanted_1 - self->k23 * t9; /* part of all->tau[1], all->tau[0] */
+    const double t15 = self->k7 * v_less_drift_1 - self->k23 * t9; /* part of all->tau[1], all->tau[0] */
     const double t16 = self->k31 * t3 - (t12 * self->k28 + self->k8 * t13); /* part of all->tau[1], all->tau[0] */
     all->tau[0] = t15 - t16;
     all->tau[1] = t16 + t15;
@@ -724,9 +724,9 @@ static int labmate_type_iv_line_step_law(const labmate_type_iv_line *self, const
     const double t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const double t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double forward_speed = self->Phi_21 * t3;
-    const double wanted_1 = reference->speed_rate - self->k21 * t2 + self->kv_speed * (reference->speed -
+    const double v_less_drift_1 = reference->speed_rate - self->k21 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t4 = self->k7 * wanted_1 - self->k23 * t2; /* part of tau[0], tau[1] */
+    const double t4 = self->k7 * v_less_drift_1 - self->k23 * t2; /* part of tau[0], tau[1] */
     /* part of v_distance */
     const double t5 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate - forward_speed *
         distance_by_forward_speed);
@@ -735,7 +735,7 @@ static int labmate_type_iv_line_step_law(const labmate_type_iv_line *self, const
     const double v_distance = t5 + self->kp_distance * (reference->distance - self->k5 - self->k3 * x_l - self->k4 *
         y_l);
     /* part of tau[0], tau[1] */
-    const double t6 = t1 * (self->k31 - self->k22 * t3) - self->k8 * (distance_by_forward_speed * wanted_1 -
+    const double t6 = t1 * (self->k31 - self->k22 * t3) - self->k8 * (distance_by_forward_speed * v_less_drift_1 -
         v_distance) / distance_by_yaw_rate;
     tau[0] = t4 - t6;
     tau[1] = t4 + t6;

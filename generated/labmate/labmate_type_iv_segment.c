@@ -563,15 +563,15 @@ static int labmate_type_iv_segment_feedback_law(const labmate_type_iv_segment *s
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
     const double t2 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
-    /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
+    /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
     const double t3 = 1.0 + self->curvature * (self->k4 * t1 - self->k5 * t2);
-    const double t4 = self->k4 * t2 + self->k5 * t1; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
-    /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
+    const double t4 = self->k4 * t2 + self->k5 * t1; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
     const double t5 = noslip_sqrt(t3 * t3 + self->k7 * t4 * t4);
     if (!(t5 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t6 = 1.0 / t5; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
+    const double t6 = 1.0 / t5; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
     const double distance_by_x_l = t6 * (self->k5 * t3 - self->k6 * t4);
     const double distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
@@ -585,13 +585,13 @@ static int labmate_type_iv_segment_feedback_law(const labmate_type_iv_segment *s
     const double t9 = t8 * t8; /* 4 b^2 yaw_rate^2/r^2 */
     const double forward_speed = self->Phi_21 * t7;
     const double distance_rate = self->k21 * distance_by_yaw_rate * t8 - forward_speed * distance_by_forward_speed;
-    const double wanted_0 = v[0] + t6 * self->curvature * (self->k22 * t7 * t7 + self->k23 * t9 - distance_rate *
+    const double v_less_drift_0 = v[0] + t6 * self->curvature * (self->k22 * t7 * t7 + self->k23 * t9 - distance_rate *
         distance_rate);
-    const double wanted_1 = v[1] - self->k24 * t9;
+    const double v_less_drift_1 = v[1] - self->k24 * t9;
     /* part of tau[0], tau[1] */
-    const double t10 = self->k25 * t7 * t8 + self->k11 * (wanted_0 + distance_by_forward_speed * wanted_1) /
+    const double t10 = self->k25 * t7 * t8 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
         distance_by_yaw_rate;
-    const double t11 = self->k10 * wanted_1 - self->k26 * t9; /* part of tau[0], tau[1] */
+    const double t11 = self->k10 * v_less_drift_1 - self->k26 * t9; /* part of tau[0], tau[1] */
     tau[0] = t10 + t11;
     tau[1] = t11 - t10;
     return NOSLIP_OK;
@@ -770,19 +770,19 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
     const double t2 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
-    /* part of distance_by_x_l, distance_by_y_l, all->h[0], wanted_0, ... */
+    /* part of distance_by_x_l, distance_by_y_l, all->h[0], v_less_drift_0, ... */
     const double t3 = self->k4 * t1 + self->k5 * t2;
-    const double t4 = t3 * t3; /* part of all->h[0], distance_by_x_l, distance_by_y_l, wanted_0, ... */
-    /* part of all->h[0], distance_by_x_l, distance_by_y_l, wanted_0, ... */
+    const double t4 = t3 * t3; /* part of all->h[0], distance_by_x_l, distance_by_y_l, v_less_drift_0, ... */
+    /* part of all->h[0], distance_by_x_l, distance_by_y_l, v_less_drift_0, ... */
     const double t5 = self->k4 * t2 - self->k5 * t1;
-    /* part of distance_by_x_l, distance_by_y_l, all->h[0], wanted_0, ... */
+    /* part of distance_by_x_l, distance_by_y_l, all->h[0], v_less_drift_0, ... */
     const double t6 = 1.0 + self->curvature * t5;
-    /* part of distance_by_x_l, distance_by_y_l, all->h[0], wanted_0, ... */
+    /* part of distance_by_x_l, distance_by_y_l, all->h[0], v_less_drift_0, ... */
     const double t7 = noslip_sqrt(self->k7 * t4 + t6 * t6);
     if (!(t7 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t8 = 1.0 / t7; /* part of distance_by_x_l, distance_by_y_l, wanted_0, all->Phidot[0][1], ... */
+    const double t8 = 1.0 / t7; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0, all->Phidot[0][1], ... */
     const double distance_by_x_l = t8 * (self->k5 * t6 - self->k6 * t3);
     const double distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
@@ -791,7 +791,7 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
         distance_by_forward_speed)) {
         return NOSLIP_SINGULAR;
     }
-    const double t9 = 1.0 + t7; /* part of all->h[0], wanted_0 */
+    const double t9 = 1.0 + t7; /* part of all->h[0], v_less_drift_0 */
     if (!(noslip_abs(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -811,7 +811,7 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     all->Phi[0][1] = -(t16 + t17);
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t18 = t8 * self->curvature; /* part of wanted_0, all->Phidot[0][1], all->Phidot[0][0] */
+    const double t18 = t8 * self->curvature; /* part of v_less_drift_0, all->Phidot[0][1], all->Phidot[0][0] */
     const double t19 = t15 - t14; /* -distance_rate */
     const double yaw_rate = self->k1 * t12;
     /* curvature distance_by_y_l_rate - distance_by_x_l yaw_rate */
@@ -829,22 +829,22 @@ static int labmate_type_iv_segment_evaluate_law(const labmate_type_iv_segment *s
     all->Phidot[1][1] = 0.0;
     const double t24 = t12 * t12; /* 4 b^2 yaw_rate^2/r^2 */
     const double t25 = self->k24 * t24; /* yaw_rate^2 (L + d) */
-    const double wanted_1 = reference->speed_rate - t25 + self->kv_speed * (reference->speed - forward_speed);
-    const double t26 = self->k2 * (wanted_1 + t25); /* v_speed/r */
+    const double v_less_drift_1 = reference->speed_rate - t25 + self->kv_speed * (reference->speed - forward_speed);
+    const double t26 = self->k2 * (v_less_drift_1 + t25); /* v_speed/r */
     const double t27 = t11 * t12; /* 4 b forward_speed yaw_rate/r^2 */
     /* v_distance */
     const double t28 = reference->distance_acceleration + self->kp_distance * (reference->distance + t10) +
         self->kd_distance * (t19 + reference->distance_rate);
-    const double wanted_0 = t28 + t18 * (self->k22 * t11 * t11 + self->k23 * t24 - t19 * t19);
+    const double v_less_drift_0 = t28 + t18 * (self->k22 * t11 * t11 + self->k23 * t24 - t19 * t19);
     /* u_yaw_rate (L + d) */
-    const double t29 = (wanted_0 + distance_by_forward_speed * wanted_1) / distance_by_yaw_rate;
+    const double t29 = (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) / distance_by_yaw_rate;
     const double u_yaw_rate = self->k9 * t29;
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
     const double t30 = self->k3 * (t27 * self->k32 - u_yaw_rate);
     all->u[0] = t26 - t30;
     all->u[1] = t26 + t30;
     const double t31 = t27 * self->k31 + self->k11 * t29; /* part of all->tau[0], all->tau[1] */
-    const double t32 = self->k10 * wanted_1 - self->k26 * t24; /* part of all->tau[0], all->tau[1] */
+    const double t32 = self->k10 * v_less_drift_1 - self->k26 * t24; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t31 + t32;
     all->tau[1] = t32 - t31;
     return NOSLIP_OK;
@@ -905,15 +905,16 @@ static int labmate_type_iv_segment_step_law(const labmate_type_iv_segment *self,
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double t1 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
     const double t2 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
-    const double t3 = self->k4 * t1 + self->k5 * t2; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
-    const double t4 = t3 * t3; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
-    const double t5 = self->k4 * t2 - self->k5 * t1; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
-    const double t6 = 1.0 + self->curvature * t5; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
-    const double t7 = noslip_sqrt(self->k7 * t4 + t6 * t6); /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
+    const double t3 = self->k4 * t1 + self->k5 * t2; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    const double t4 = t3 * t3; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    const double t5 = self->k4 * t2 - self->k5 * t1; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    const double t6 = 1.0 + self->curvature * t5; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    const double t7 = noslip_sqrt(self->k7 * t4 + t6 * t6);
     if (!(t7 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t8 = 1.0 / t7; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
+    const double t8 = 1.0 / t7; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
     const double distance_by_x_l = t8 * (self->k5 * t6 - self->k6 * t3);
     const double distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const double distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
@@ -926,23 +927,23 @@ static int labmate_type_iv_segment_step_law(const labmate_type_iv_segment *self,
     const double t10 = t9 * t9; /* 4 b^2 yaw_rate^2/r^2 */
     const double t11 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double forward_speed = self->Phi_21 * t11;
-    const double wanted_1 = reference->speed_rate - self->k24 * t10 + self->kv_speed * (reference->speed -
+    const double v_less_drift_1 = reference->speed_rate - self->k24 * t10 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t12 = self->k10 * wanted_1 - self->k26 * t10; /* part of tau[0], tau[1] */
+    const double t12 = self->k10 * v_less_drift_1 - self->k26 * t10; /* part of tau[0], tau[1] */
     const double distance_rate = self->k21 * t9 * distance_by_yaw_rate - forward_speed * distance_by_forward_speed;
     /* curvature distance_curvature + distance_acceleration */
     const double t13 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate -
         distance_rate) + t8 * self->curvature * (self->k22 * t11 * t11 + self->k23 * t10 - distance_rate *
         distance_rate);
-    const double t14 = 1.0 + t7; /* part of wanted_0 */
+    const double t14 = 1.0 + t7; /* part of v_less_drift_0 */
     if (!(noslip_abs(t14) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double wanted_0 = t13 + self->kp_distance * (reference->distance + (t5 * (t6 + 1.0) + t4 * self->curvature) /
-        t14);
+    const double v_less_drift_0 = t13 + self->kp_distance * (reference->distance + (t5 * (t6 + 1.0) + t4 *
+        self->curvature) / t14);
     /* part of tau[0], tau[1] */
-    const double t15 = self->k25 * t11 * t9 + self->k11 * (wanted_0 + distance_by_forward_speed * wanted_1) /
-        distance_by_yaw_rate;
+    const double t15 = self->k25 * t11 * t9 + self->k11 * (v_less_drift_0 + distance_by_forward_speed *
+        v_less_drift_1) / distance_by_yaw_rate;
     tau[0] = t12 + t15;
     tau[1] = t12 - t15;
     return NOSLIP_OK;
@@ -1049,18 +1050,18 @@ static int labmate_type_iv_segment_follow_law(const labmate_type_iv_segment *sel
     const double t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const double t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double forward_speed = self->Phi_21 * t3;
-    const double wanted_1 = reference->speed_rate - self->k24 * t2 + self->kv_speed * (reference->speed -
+    const double v_less_drift_1 = reference->speed_rate - self->k24 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t4 = self->k10 * wanted_1 - self->k26 * t2; /* part of tau[0], tau[1] */
+    const double t4 = self->k10 * v_less_drift_1 - self->k26 * t2; /* part of tau[0], tau[1] */
     const double distance_rate = self->k21 * foot->cosine * t1 + forward_speed * foot->sine;
     const double distance_curvature = foot->curvature * (self->k22 * t3 * t3 + self->k23 * t2 - distance_rate *
         distance_rate);
     /* distance_acceleration + distance_curvature */
     const double t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - foot->distance) +
         distance_curvature;
-    const double wanted_0 = t5 + self->kd_distance * (reference->distance_rate - distance_rate);
+    const double v_less_drift_0 = t5 + self->kd_distance * (reference->distance_rate - distance_rate);
     /* part of tau[0], tau[1] */
-    const double t6 = self->k25 * t3 * t1 + self->k11 * (wanted_0 - foot->sine * wanted_1) / foot->cosine;
+    const double t6 = self->k25 * t3 * t1 + self->k11 * (v_less_drift_0 - foot->sine * v_less_drift_1) / foot->cosine;
     tau[0] = t4 + t6;
     tau[1] = t4 - t6;
     return NOSLIP_OK;

@@ -564,15 +564,15 @@ static int labmate_type_iv_segment_feedback_f_law(const labmate_type_iv_segment_
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
     const float t2 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
-    /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
+    /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
     const float t3 = 1.0f + self->curvature * (self->k4 * t1 - self->k5 * t2);
-    const float t4 = self->k4 * t2 + self->k5 * t1; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
-    /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
+    const float t4 = self->k4 * t2 + self->k5 * t1; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
     const float t5 = noslip_sqrt_f(t3 * t3 + self->k7 * t4 * t4);
     if (!(t5 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t6 = 1.0f / t5; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
+    const float t6 = 1.0f / t5; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
     const float distance_by_x_l = t6 * (self->k5 * t3 - self->k6 * t4);
     const float distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
@@ -586,13 +586,13 @@ static int labmate_type_iv_segment_feedback_f_law(const labmate_type_iv_segment_
     const float t9 = t8 * t8; /* 4 b^2 yaw_rate^2/r^2 */
     const float forward_speed = self->Phi_21 * t7;
     const float distance_rate = self->k21 * distance_by_yaw_rate * t8 - forward_speed * distance_by_forward_speed;
-    const float wanted_0 = v[0] + t6 * self->curvature * (self->k22 * t7 * t7 + self->k23 * t9 - distance_rate *
+    const float v_less_drift_0 = v[0] + t6 * self->curvature * (self->k22 * t7 * t7 + self->k23 * t9 - distance_rate *
         distance_rate);
-    const float wanted_1 = v[1] - self->k24 * t9;
+    const float v_less_drift_1 = v[1] - self->k24 * t9;
     /* part of tau[0], tau[1] */
-    const float t10 = self->k25 * t7 * t8 + self->k11 * (wanted_0 + distance_by_forward_speed * wanted_1) /
+    const float t10 = self->k25 * t7 * t8 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
         distance_by_yaw_rate;
-    const float t11 = self->k10 * wanted_1 - self->k26 * t9; /* part of tau[0], tau[1] */
+    const float t11 = self->k10 * v_less_drift_1 - self->k26 * t9; /* part of tau[0], tau[1] */
     tau[0] = t10 + t11;
     tau[1] = t11 - t10;
     return NOSLIP_OK;
@@ -771,19 +771,19 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
     const float t2 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
-    /* part of distance_by_x_l, distance_by_y_l, all->h[0], wanted_0, ... */
+    /* part of distance_by_x_l, distance_by_y_l, all->h[0], v_less_drift_0, ... */
     const float t3 = self->k4 * t1 + self->k5 * t2;
-    const float t4 = t3 * t3; /* part of all->h[0], distance_by_x_l, distance_by_y_l, wanted_0, ... */
-    /* part of all->h[0], distance_by_x_l, distance_by_y_l, wanted_0, ... */
+    const float t4 = t3 * t3; /* part of all->h[0], distance_by_x_l, distance_by_y_l, v_less_drift_0, ... */
+    /* part of all->h[0], distance_by_x_l, distance_by_y_l, v_less_drift_0, ... */
     const float t5 = self->k4 * t2 - self->k5 * t1;
-    /* part of distance_by_x_l, distance_by_y_l, all->h[0], wanted_0, ... */
+    /* part of distance_by_x_l, distance_by_y_l, all->h[0], v_less_drift_0, ... */
     const float t6 = 1.0f + self->curvature * t5;
-    /* part of distance_by_x_l, distance_by_y_l, all->h[0], wanted_0, ... */
+    /* part of distance_by_x_l, distance_by_y_l, all->h[0], v_less_drift_0, ... */
     const float t7 = noslip_sqrt_f(self->k7 * t4 + t6 * t6);
     if (!(t7 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t8 = 1.0f / t7; /* part of distance_by_x_l, distance_by_y_l, wanted_0, all->Phidot[0][1], ... */
+    const float t8 = 1.0f / t7; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0, all->Phidot[0][1], ... */
     const float distance_by_x_l = t8 * (self->k5 * t6 - self->k6 * t3);
     const float distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
@@ -792,7 +792,7 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
         distance_by_forward_speed)) {
         return NOSLIP_SINGULAR;
     }
-    const float t9 = 1.0f + t7; /* part of all->h[0], wanted_0 */
+    const float t9 = 1.0f + t7; /* part of all->h[0], v_less_drift_0 */
     if (!(noslip_abs_f(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -812,7 +812,7 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     all->Phi[0][1] = -(t16 + t17);
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const float t18 = t8 * self->curvature; /* part of wanted_0, all->Phidot[0][1], all->Phidot[0][0] */
+    const float t18 = t8 * self->curvature; /* part of v_less_drift_0, all->Phidot[0][1], all->Phidot[0][0] */
     const float t19 = t15 - t14; /* -distance_rate */
     const float yaw_rate = self->k1 * t12;
     /* curvature distance_by_y_l_rate - distance_by_x_l yaw_rate */
@@ -829,21 +829,22 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     all->Phidot[1][1] = 0.0f;
     const float t24 = t12 * t12; /* 4 b^2 yaw_rate^2/r^2 */
     const float t25 = self->k24 * t24; /* yaw_rate^2 (L + d) */
-    const float wanted_1 = reference->speed_rate - t25 + self->kv_speed * (reference->speed - forward_speed);
-    const float t26 = self->k2 * (wanted_1 + t25); /* v_speed/r */
+    const float v_less_drift_1 = reference->speed_rate - t25 + self->kv_speed * (reference->speed - forward_speed);
+    const float t26 = self->k2 * (v_less_drift_1 + t25); /* v_speed/r */
     const float t27 = t11 * t12; /* 4 b forward_speed yaw_rate/r^2 */
     /* v_distance */
     const float t28 = reference->distance_acceleration + self->kp_distance * (reference->distance + t10) +
         self->kd_distance * (t19 + reference->distance_rate);
-    const float wanted_0 = t28 + t18 * (self->k22 * t11 * t11 + self->k23 * t24 - t19 * t19);
-    const float t29 = (wanted_0 + distance_by_forward_speed * wanted_1) / distance_by_yaw_rate; /* u_yaw_rate (L + d) */
+    const float v_less_drift_0 = t28 + t18 * (self->k22 * t11 * t11 + self->k23 * t24 - t19 * t19);
+    /* u_yaw_rate (L + d) */
+    const float t29 = (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) / distance_by_yaw_rate;
     const float u_yaw_rate = self->k9 * t29;
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
     const float t30 = self->k3 * (t27 * self->k32 - u_yaw_rate);
     all->u[0] = t26 - t30;
     all->u[1] = t26 + t30;
     const float t31 = t27 * self->k31 + self->k11 * t29; /* part of all->tau[0], all->tau[1] */
-    const float t32 = self->k10 * wanted_1 - self->k26 * t24; /* part of all->tau[0], all->tau[1] */
+    const float t32 = self->k10 * v_less_drift_1 - self->k26 * t24; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t31 + t32;
     all->tau[1] = t32 - t31;
     return NOSLIP_OK;
@@ -904,15 +905,16 @@ static int labmate_type_iv_segment_step_f_law(const labmate_type_iv_segment_f *s
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
     const float t2 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
-    const float t3 = self->k4 * t1 + self->k5 * t2; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
-    const float t4 = t3 * t3; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
-    const float t5 = self->k4 * t2 - self->k5 * t1; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
-    const float t6 = 1.0f + self->curvature * t5; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
-    const float t7 = noslip_sqrt_f(self->k7 * t4 + t6 * t6); /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
+    const float t3 = self->k4 * t1 + self->k5 * t2; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    const float t4 = t3 * t3; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    const float t5 = self->k4 * t2 - self->k5 * t1; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    const float t6 = 1.0f + self->curvature * t5; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
+    const float t7 = noslip_sqrt_f(self->k7 * t4 + t6 * t6);
     if (!(t7 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t8 = 1.0f / t7; /* part of distance_by_x_l, distance_by_y_l, wanted_0 */
+    const float t8 = 1.0f / t7; /* part of distance_by_x_l, distance_by_y_l, v_less_drift_0 */
     const float distance_by_x_l = t8 * (self->k5 * t6 - self->k6 * t3);
     const float distance_by_y_l = t8 * (self->k4 * t6 + self->k8 * t3);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
@@ -925,22 +927,22 @@ static int labmate_type_iv_segment_step_f_law(const labmate_type_iv_segment_f *s
     const float t10 = t9 * t9; /* 4 b^2 yaw_rate^2/r^2 */
     const float t11 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t11;
-    const float wanted_1 = reference->speed_rate - self->k24 * t10 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k24 * t10 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t12 = self->k10 * wanted_1 - self->k26 * t10; /* part of tau[0], tau[1] */
+    const float t12 = self->k10 * v_less_drift_1 - self->k26 * t10; /* part of tau[0], tau[1] */
     const float distance_rate = self->k21 * t9 * distance_by_yaw_rate - forward_speed * distance_by_forward_speed;
     /* curvature distance_curvature + distance_acceleration */
     const float t13 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate -
         distance_rate) + t8 * self->curvature * (self->k22 * t11 * t11 + self->k23 * t10 - distance_rate *
         distance_rate);
-    const float t14 = 1.0f + t7; /* part of wanted_0 */
+    const float t14 = 1.0f + t7; /* part of v_less_drift_0 */
     if (!(noslip_abs_f(t14) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float wanted_0 = t13 + self->kp_distance * (reference->distance + (t5 * (t6 + 1.0f) + t4 * self->curvature) /
-        t14);
+    const float v_less_drift_0 = t13 + self->kp_distance * (reference->distance + (t5 * (t6 + 1.0f) + t4 *
+        self->curvature) / t14);
     /* part of tau[0], tau[1] */
-    const float t15 = self->k25 * t11 * t9 + self->k11 * (wanted_0 + distance_by_forward_speed * wanted_1) /
+    const float t15 = self->k25 * t11 * t9 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
         distance_by_yaw_rate;
     tau[0] = t12 + t15;
     tau[1] = t12 - t15;
@@ -1050,17 +1052,18 @@ static int labmate_type_iv_segment_follow_f_law(const labmate_type_iv_segment_f 
     const float t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const float t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t3;
-    const float wanted_1 = reference->speed_rate - self->k24 * t2 + self->kv_speed * (reference->speed - forward_speed);
-    const float t4 = self->k10 * wanted_1 - self->k26 * t2; /* part of tau[0], tau[1] */
+    const float v_less_drift_1 = reference->speed_rate - self->k24 * t2 + self->kv_speed * (reference->speed -
+        forward_speed);
+    const float t4 = self->k10 * v_less_drift_1 - self->k26 * t2; /* part of tau[0], tau[1] */
     const float distance_rate = self->k21 * foot->cosine * t1 + forward_speed * foot->sine;
     const float distance_curvature = foot->curvature * (self->k22 * t3 * t3 + self->k23 * t2 - distance_rate *
         distance_rate);
     /* distance_acceleration + distance_curvature */
     const float t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - foot->distance) +
         distance_curvature;
-    const float wanted_0 = t5 + self->kd_distance * (reference->distance_rate - distance_rate);
+    const float v_less_drift_0 = t5 + self->kd_distance * (reference->distance_rate - distance_rate);
     /* part of tau[0], tau[1] */
-    const float t6 = self->k25 * t3 * t1 + self->k11 * (wanted_0 - foot->sine * wanted_1) / foot->cosine;
+    const float t6 = self->k25 * t3 * t1 + self->k11 * (v_less_drift_0 - foot->sine * v_less_drift_1) / foot->cosine;
     tau[0] = t4 + t6;
     tau[1] = t4 - t6;
     return NOSLIP_OK;

@@ -1,6 +1,7 @@
 """Random states and parameters for evaluating generic properties: ranks, relative degrees, signs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import combinations
 
 import casadi as ca
 import numpy as np
@@ -55,6 +56,14 @@ def rank(value: np.ndarray) -> int:
     """Return the number of singular values that are not negligible."""
     singular = np.linalg.svd(value, compute_uv=False)
     return int(np.sum(singular > RANK_TOLERANCE * max(singular.max(initial=0.0), np.finfo(float).tiny)))
+
+
+def dependent_sets(values: Sequence[np.ndarray]) -> Iterator[list[int]]:
+    """Yield sets of rows that are dependent in every sample, smallest first."""
+    for size in range(2, len(values[0]) + 1):
+        for rows in map(list, combinations(range(len(values[0])), size)):
+            if all(rank(value[rows, :]) < size for value in values):
+                yield rows
 
 
 def smallest_eigenvalue(value: np.ndarray) -> float:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...controllers import DRIVES
-from ...model.names import TYPES, LawName
+from ...model.names import EXTENDED, TYPES, LawName
 from ...model.paths import PATHS
 from ...model.segments import Segment
 from ...readers.errors import BadInput
@@ -165,7 +165,8 @@ def _pieces(kind: str, given: dict[str, Any], closed: bool) -> list[Segment]:
 @dataclass(frozen=True, kw_only=True)
 class OutputSection:
     """The outputs: Type I to IV, with the point P_l at a distance L (m) ahead of the vehicle's point and W (m) to its left; or
-    an output of the robot by its name, with its `parameters`, if any.
+    an output of the robot by its name, with its `parameters`, if any. With `extension` their decoupling matrix may be singular
+    everywhere, as it is with P_l on the axle: integrators on inputs then make it regular where the vehicle moves.
 
     If v / (L + d) < 0 for the speed v, the heading diverges from the path: `reversing` selects whether that is allowed, refused,
     or avoided by a P_l on the other side of the axle, L_backward (by default as far behind the axle as L is ahead).
@@ -182,8 +183,13 @@ class OutputSection:
     )
     L_backward: float | None = entry(number(unit="m"), None, 'L where v < 0, for reversing = "switch"')
     parameters: Mapping[str, float] = entry(named_numbers, {}, "those of an output of the robot, by name")
+    extension: bool = entry(
+        flag, False, "put integrators on inputs where outputs need it, such as those of a P_l in the middle of the axle"
+    )
 
     def __post_init__(self):
+        if self.extension and (self.segments or self.reversing != "allow"):
+            raise BadInput("[output] extension applies to a path that is not composite, and not with reversing")
         if self.type in TYPES and self.parameters:
             raise BadInput(f"[output] parameters apply to a robot's own output; type {self.type} has L, W and path")
         if self.own and (self.L or self.W or self.path):
@@ -207,7 +213,9 @@ class OutputSection:
     @property
     def law(self) -> str:
         """Name of the control law."""
-        return self.type if self.own else str(LawName(self.type, self.path.law if self.path else "", bool(self.W)))
+        if self.own:
+            return self.type + EXTENDED * self.extension
+        return str(LawName(self.type, self.path.law if self.path else "", bool(self.W), self.extension))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,12 +233,22 @@ class ApproachSection:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CircleSection:
+    """A circle on which the desired point moves: from `angle`, with `rate` (rad/s, positive turns left), about `position`."""
+
+    radius: float = entry(number("positive", "m"), about="of the circle")
+    rate: float = entry(number(unit="rad/s"), about="at which the desired point turns, positive to the left")
+    angle: float = entry(angle, 0.0, "of the desired point at t = 0, from the x-axis to the left")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Reference:
     """Desired values of the outputs. Type IV: forward speed, m/s, at distance 0 from the path, at once or with `approach`.
 
     On a composite path, speed is that along it; before the end and each cusp the desired speed decreases with `deceleration`
     (m/s^2; 0: at once) to `creep` (m/s), below which the vehicle counts as standing.
-    Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad).
+    Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad). With `circle` the
+    first two outputs, a point, also move on a circle about it.
     """
 
     speed: float | None = entry(number(unit="m/s"), None, "desired forward speed of type IV")
@@ -241,6 +259,7 @@ class Reference:
     position: tuple[float, ...] | None = entry(numbers, None, "desired outputs of types I to III at t = 0, one for each")
     velocity: tuple[float, ...] | None = entry(numbers, None, "rates of these desired outputs, one for each")
     approach: ApproachSection | None = entry(section(ApproachSection), None)
+    circle: CircleSection | None = entry(section(CircleSection), None, "on which a desired point moves, in addition")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -512,19 +531,33 @@ class Spec:
         composite = self.output.segments
         if self.initial is None and not composite:
             raise BadInput("[initial] is missing: point, heading and speed, or q and nu")
+        if self.output.extension:
+            self._check_extension()
         if self.reference.approach and (self.output.type != "IV" or composite or not self.simulation.period):
             raise BadInput("[reference] approach requires type IV with a path that is not composite, and [simulation] period > 0")
         for name in ("deceleration", "creep"):
             if getattr(self.reference, name) is not None and not composite:
                 raise BadInput(f"[reference] {name} applies to composite paths only")
-        required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity",))
-        for name in ("speed", "position", "velocity"):
+        required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle"))
+        for name in ("speed", "position", "velocity", "circle"):
             given = getattr(self.reference, name) is not None
             if given and name not in (required, *optional):
                 takes = " and ".join((required, *optional))
                 raise BadInput(f"[reference] {name} does not apply to type {self.output.type}, which takes {takes}")
             if not given and name == required:
                 raise BadInput(f"[reference] {name} is missing; type {self.output.type} requires it")
+
+    def _check_extension(self) -> None:
+        """Raise BadInput for what a dynamic extension is not there for yet."""
+        without = "[output] extension = true does not go with"
+        if any(name[:2] == "ki" for name in self.gains):
+            raise BadInput(f"{without} a gain ki: integral action applies to outputs of relative degree 1 and 2")
+        if self.reference.approach:
+            raise BadInput(f"{without} [reference] approach, whose reference has no third derivative")
+        if self.limits and self.limits.mode != "cut":
+            raise BadInput(f'{without} [limits] mode = "{self.limits.mode}"; set mode = "cut"')
+        if self.drive and self.drive.takes_velocity:
+            raise BadInput(f'{without} [drive] kind = "{self.drive.kind}"; use drives that take torques')
 
 
 def schema() -> Schema:

@@ -1,6 +1,7 @@
 """A SPEC with some entries changed, for example `initial.heading` = 0.5."""
 
 import copy
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -53,3 +54,28 @@ def _set(table: dict[str, Any], key: str, value: Any) -> None:
         if not isinstance(table, dict):
             raise BadInput(f"{key}: {'.'.join(sections[: depth + 1])} is not a table")
     table[last] = copy.deepcopy(value)
+
+
+def spec_text(table: Mapping[str, Any]) -> str:
+    """Return a table of a SPEC as TOML, sections last; tables inside sections are written in one line."""
+    sections = {key: value for key, value in table.items() if isinstance(value, Mapping) and not _is_numbers(value)}
+    lines = [f"{_key(key)} = {_value(value)}" for key, value in table.items() if key not in sections]
+    for name, section in sections.items():
+        lines += ["", f"[{_key(name)}]", *(f"{_key(key)} = {_value(value)}" for key, value in section.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _is_numbers(value: Mapping[str, Any]) -> bool:
+    return bool(value) and all(type(each) in (int, float) for each in value.values())
+
+
+def _key(key: str) -> str:
+    return key if re.fullmatch(r"[\w-]+", key, re.ASCII) else json.dumps(key)
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(key)} = {_value(each)}" for key, each in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    return repr(value) if type(value) is float else json.dumps(value)  # integers, strings, true and false as in JSON

@@ -18,7 +18,7 @@ int main(void)
         status = @{ own(law ~ "_init") }(&law, &params, &config, &gains, NULL);
     }
     if (status == NOSLIP_OK) {
-        status = @{ own(law ~ "_step") }(&law, &state, &reference, tau);
+        status = @{ own(law ~ "_step") }(&law, &state, &reference@{ dt }, tau);
     }
     if (status < 0) {
         printf("@{ own(law) }: %s\n", noslip_status_name(status));

@@ -1,0 +1,170 @@
+"""Makes the folder that Sphinx reads for `make site`: a copy of the repository, and the pages that are made from
+other sources: the references of Python, C, the command line and SPEC, the gallery of figures, the lessons.
+
+    python docs/site/pages.py FOLDER
+"""
+
+import inspect
+import json
+import re
+import shlex
+import shutil
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import noslip
+from lessons import rendered
+from noslip.cli import COMMANDS
+from noslip.cli.commands import parser_of, run
+from noslip.evidence.catalogue import FIGURES
+from noslip.evidence.framework import SPECS, Case
+from noslip.readers.printing import toml
+
+ROOT = Path(noslip.__file__).parent
+NO_SOURCES = ("build", "dist", ".git", ".venv", "__pycache__", ".*_cache", "*.egg-info")
+QUICK = ("1", "6", "waypoints")  # figures that are drawn if `make figures` has not drawn all
+RESULTS = (  # what functions of the package return
+    *("model.reduction.ReducedSystem", "model.outputs.OutputMap", "model.linearization.Linearization", "model.law.ControlLaw"),
+    *("simulation.specification.spec.Spec", "simulation.run.Run", "analysis.answers.Answer"),
+)
+COMMENT = r"(?:^/\*((?:(?!\*/).)*)\*/\n)?"
+TYPE = re.compile(COMMENT + r"^((?:typedef )?(?:enum|struct)\b[^;{]*\{.*?^\}[^;]*;)", re.S | re.M)
+MARKS = r"^(?:(?:static|inline|NOSLIP_HOT|NOSLIP_APART) )*"
+FUNCTION = re.compile(COMMENT + MARKS + r"((?!typedef)[a-z][\w *]*?(\w+)\([^;{]*\));", re.S | re.M)
+BODY = re.compile(r"(?<=\))(?:\n\{\n.*?^\}| \{ .*? \})$", re.S | re.M)
+
+
+def python_page() -> str:
+    """The names of the package, and what its functions return."""
+    lines = ["# Python", "", "[noslip from Python](../docs/api.md) has an overview with an example.", "", "```{eval-rst}"]
+    for name in noslip.__all__:
+        class_or_not = ["class", "   :members:"] if inspect.isclass(getattr(noslip, name)) else ["function"]
+        lines += [f".. auto{class_or_not[0]}:: noslip.{name}", *class_or_not[1:], ""]
+    for name in RESULTS:
+        lines += [f".. autoclass:: noslip.{name}", "   :members:", ""]
+    return "\n".join([*lines, "```"])
+
+
+def c_page(title: str, files: list[Path]) -> str:
+    """The headers: what each is for, then its types and functions in double; those in float have the suffix _f."""
+    parts = [f"# {title}", "Everything exists for `double` and, with the suffix `_f`, for `float`."]
+    for file in files:
+        head, _, text = BODY.sub(";", file.read_text()).removeprefix("/*").partition("*/")
+        parts += [f"## {file.name}", _fenced("text", _comment(head))]
+        parts += [_fenced("c", f"/*{said}*/\n{code}" if said else code) for said, code in TYPE.findall(text) if "_f;" not in code]
+        for said, code, name in FUNCTION.findall(text):
+            if not name.endswith("_f"):
+                parts += [f"````{{c:function}} {' '.join(code.split())}\n\n{_fenced('text', _comment(said))}\n````"]
+    return "\n\n".join(parts)
+
+
+def _comment(text: str) -> str:
+    """The words of a comment in C."""
+    return re.sub(r"^ \* ?", "", text, flags=re.M).strip()
+
+
+def command_line_page() -> str:
+    """The help of each command."""
+    parser, commands = parser_of(COMMANDS)
+    helps = {"": parser, **commands.choices}
+    parts = [f"## noslip {name}\n\n{_fenced('text', each.format_help())}" for name, each in helps.items()]
+    return "\n\n".join(["# Command line", *parts])
+
+
+def spec_page() -> str:
+    """The entries of a SPEC, from its schema."""
+    schema = json.loads((ROOT / "specs/spec.schema.json").read_text())
+    head = 'In [TOML](https://toml.io). Numbers are in SI units; with a unit they are strings, such as `"90 deg"`.'
+    return "\n\n".join(["# SPEC.toml", schema["description"], head, *_sections(schema, "")])
+
+
+def _sections(schema: Mapping[str, Any], name: str) -> Iterator[str]:
+    """A table of the entries, then a section for each entry that is a table."""
+    entries = {key: value for key, value in schema["properties"].items() if value}
+    rows = [f"| `{key}` | {_allowed(value)} | {_cell(value.get('description', ''))} |" for key, value in entries.items()]
+    yield "\n".join(["| entry | value | meaning |", "|---|---|---|", *rows])
+    for kind in schema.get("allOf", ()):
+        if value := kind["if"]["properties"]["kind"].get("const"):
+            yield f"### `[{name}]` with `kind = {json.dumps(value)}`"
+            yield from _sections(kind["then"], name)
+    for key, value in entries.items():
+        if "properties" in value:
+            inner = f"{name}.{key}".lstrip(".")
+            yield f"{'##' if not name else '###'} `[{inner}]`\n\n{value.get('description', '')}"
+            yield from _sections(value, inner)
+
+
+def _allowed(value: Mapping[str, Any]) -> str:
+    """What a value may be, and what it is by default."""
+    kinds = [json.dumps(each) for each in value.get("enum", value.get("examples", ()))]
+    kind = value.get("type") or ("number" if "anyOf" in value else "")
+    said = ", ".join(f"`{each}`" for each in kinds) or {"object": "table", "array": "list"}.get(kind, kind)
+    return said + (f"; default `{json.dumps(value['default'])}`" if "default" in value else "")
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.replace("|", r"\|").split())
+
+
+def gallery_page(folder: Path) -> str:
+    """The figures that were drawn, each with the runs that it shows, and their SPECs."""
+    parts = ["# Gallery", "Every figure is drawn from runs of the generated C."]
+    parts += ["[The report](figures/report.html) has the claims about each and what was measured."]
+    drawn = [figure for figure in FIGURES if (folder / f"figure_{figure.name}.svg").exists()]
+    if len(drawn) < len(FIGURES):
+        parts += ["`make figures` draws the others, `make site` then shows them here."]
+    for figure in drawn:
+        parts += [f"## {figure.title}\n\n{figure.paper}\n\n![{figure.title}](figures/figure_{figure.name}.svg)"]
+        if figure.cases:
+            parts += [_fenced("sh", "\n".join(_command(label, case) for label, case in figure.cases.items()))]
+        for file in dict.fromkeys(case.file for case in figure.cases.values()):
+            parts += [f"<details><summary>{file}</summary>", _fenced("toml", (SPECS / file).read_text()), "</details>"]
+    return "\n\n".join(parts)
+
+
+def _command(label: str, case: Case) -> str:
+    """What simulates a run of a figure, in a clone."""
+    changes = [f"--set {shlex.quote(f'{key}={toml(value)}')}" for key, value in case.changes.items()]
+    return " ".join(["noslip simulate", f"specs/figures/{case.file}", *changes, f"-o run.csv  # {label}"])
+
+
+def _fenced(language: str, text: str) -> str:
+    return f"```{language}\n{text.rstrip()}\n```"
+
+
+def figures() -> Path:
+    """The folder of `make figures`; without it, that of a few figures, drawn now if they are not there."""
+    every, few = ROOT / "build/figures", ROOT / "build/gallery"
+    if not (every / "report.html").exists() and not (few / "report.html").exists():
+        assert run(["figures", "--only", *QUICK, "-o", str(few)]) == 0
+    return every if (every / "report.html").exists() else few
+
+
+def main(folder: Path) -> None:
+    """Make the folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*NO_SOURCES))
+    (folder / "reference").mkdir()
+    (folder / "README.md").rename(folder / "index.md")
+    shutil.copytree(figures(), folder / "figures")
+    generated = [path for path in sorted((ROOT / "generated/labmate").glob("*.h")) if not path.stem.endswith("_f")]
+    pages = {
+        "reference/python": python_page(),
+        "reference/c_labmate": c_page("C of the LABMATE", generated),
+        "reference/c_runtime": c_page("C of the runtime", sorted((ROOT / "runtime_c").glob("*.h"))),
+        "reference/command_line": command_line_page(),
+        "reference/spec": spec_page(),
+        "reference/citing": f"# How to cite\n\n{_fenced('yaml', (ROOT / 'CITATION.cff').read_text())}",
+        "gallery": gallery_page(folder / "figures"),
+    }
+    (folder / "lessons").mkdir()
+    for lesson in sorted((ROOT / "docs/lessons").glob("*.py")):
+        pages[f"lessons/{lesson.stem}"] = rendered(lesson, folder / "lessons")
+    for name, text in pages.items():
+        (folder / f"{name}.md").write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

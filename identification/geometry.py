@@ -1,0 +1,207 @@
+"""Parameters of the geometry: measured poses compared with those that follow from the angles of wheels and joints."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ..model.algebra.linear import solve
+from ..model.mechanism import Quantity
+from ..model.reduction import ReducedSystem
+from ..readers.errors import BadInput
+from ..readers.progress import Reported, silent
+from .identifiability import Combination, determined
+from .log import PoseLog
+from .output_error import OutputError, Prediction, Windows, with_derivatives
+from .result import Identification, result_of
+
+WINDOWS = 10  # into which the log is divided, about; each has an initial pose of its own
+
+
+def pose_names(system: ReducedSystem) -> tuple[str, str, str]:
+    """Return the coordinates by which the vehicle's x, y and heading are displaced. Raises BadInput if there are none."""
+    mechanism, found = system.mechanism, []
+    vehicle = mechanism.vehicle
+    for place, unit in ((vehicle.x, "m"), (vehicle.y, "m"), (vehicle.heading, "rad")) if vehicle else ():
+        found += [q.name for q in mechanism.coordinates if q.unit == unit and ca.jacobian(place, q.symbol).is_one()][:1]
+    if len(set(found)) != 3:
+        raise BadInput(f"calibration requires a vehicle with a pose of three coordinates; {mechanism.name} has none")
+    return found[0], found[1], found[2]
+
+
+def sensor_parameters(angles: Sequence[str]) -> tuple[Quantity, ...]:
+    """Return parameters of the sensors: of each angle its scale, true per reported, and its zero; the place of what measures the
+    pose, ahead and to the left of the vehicle's point, and its direction; the time by which the poses are late.
+    """
+
+    def quantity(name: str, unit: str, about: str, default: float = 0.0, sign: str = "any") -> Quantity:
+        return Quantity(name, unit, about, default, sign, symbol=ca.SX.sym(name))
+
+    return (
+        *(quantity(f"scale_{name}", "1", f"true {name} per reported one", 1.0, "positive") for name in angles),
+        *(quantity(f"zero_{name}", "rad", f"true {name} where zero is reported") for name in angles),
+        quantity("offset_x", "m", "place of the pose sensor ahead of the point (x, y)"),
+        quantity("offset_y", "m", "place of the pose sensor to the left of the point (x, y)"),
+        quantity("offset_heading", "rad", "direction of the pose sensor, counterclockwise from the vehicle's heading"),
+        quantity("delay", "s", "age of a pose when it is logged"),
+    )
+
+
+def calibrate(
+    logs: Sequence[PoseLog],
+    system: ReducedSystem,
+    names: Sequence[str] | None,
+    values: Mapping[str, float],
+    progress: Reported = silent,
+) -> Identification:
+    """Fit the named parameters of the robot or of `sensor_parameters`; None: all parameters of the robot that the motion of its
+    pose determines. The others keep `values`, or their defaults.
+
+    From the start of each window q' = S(q) nu is integrated with the nu of least squares that gives the measured angles
+    (kinematics (6)); the pose there is fitted. Errors beyond the usual ones have less weight. Raises BadInput if the angles do
+    not determine the motion, nothing can be identified, or the fit does not converge.
+    """
+    first = logs[0]
+    if any(log.names != first.names for log in logs):
+        raise BadInput("the logs have different columns; calibrate them one by one")
+    geometry = _Geometry.of(system, first.names)
+    quantities = (*system.mechanism.parameters, *geometry.sensors)
+    every = np.array([values.get(q.name, q.default) for q in quantities])
+    if names is None:
+        names = [p.name for p in system.mechanism.parameters if ca.depends_on(geometry.rate, p.symbol)]
+        found = [c for c in geometry.determined(quantities, names, every) if not c.others]
+        names = [c.pivot for c in found]
+    else:
+        found = geometry.determined(quantities, names, every)
+    if not found:
+        raise BadInput(
+            f"{system.mechanism.name}: the motion of the pose does not depend on {', '.join(names) or 'any parameter'}"
+        )
+    prediction = geometry.prediction(quantities, [c.pivot for c in found])
+    fit = OutputError(prediction, _windows(logs, system, pose_names(system)), quantities, every, progress).fit(robust=True)
+    remarks = tuple(dict.fromkeys(remark for log in logs for remark in log.remarks))
+    return result_of(fit, names, found, sum(len(log.t) for log in logs), remarks)
+
+
+@dataclass(frozen=True, eq=False)
+class _Geometry:
+    """The motion as the angles tell it. `rate` (n): derivative of the coordinates, in which `angles` are reported angles, by the
+    path parameter of which `turning` (k) are the rates of the reported angles; `pose` (3) is what the sensor shows, late by
+    `delay`.
+    """
+
+    system: ReducedSystem
+    sensors: tuple[Quantity, ...]
+    turning: ca.SX
+    rate: ca.SX
+    pose: ca.SX
+    delay: ca.SX
+
+    @classmethod
+    def of(cls, system: ReducedSystem, angles: Sequence[str]) -> "_Geometry":
+        """Raises BadInput if the angles do not determine the quasi-velocities."""
+        mechanism, sensors = system.mechanism, sensor_parameters(angles)
+        known = {q.name: q.symbol for q in (*mechanism.coordinates, *sensors)}
+        places = [k for k, q in enumerate(mechanism.coordinates) if q.name in angles]
+        reported = mechanism.q[places]
+        scale, zero = (ca.vertcat(*[known[f"{kind}_{name}"] for name in angles]) for kind in ("scale", "zero"))
+        turning = ca.SX.sym("turning", len(places))
+        S = ca.substitute(system.S, reported, scale * reported + zero)
+        rows = S[places, :]
+        if _generic_rank(rows) < system.dof:
+            others = [q.name for q in mechanism.coordinates if q.name not in (*pose_names(system), *angles)]
+            raise BadInput(
+                f"{', '.join(angles)} alone cannot tell how {mechanism.name} moves in its {system.dof} quasi-velocities; "
+                + (f"log {' or '.join(others)} too" if others else "no other angle is a coordinate of it")
+            )
+        nu = solve(rows, scale * turning) if len(places) == system.dof else solve(rows.T @ rows, rows.T @ (scale * turning))
+        rate = S @ nu
+        for row, k in enumerate(places):
+            rate[k] = turning[row]
+        x, y, heading = (known[name] for name in pose_names(system))
+        ahead = ca.vertcat(ca.cos(heading), ca.sin(heading))
+        left = ca.vertcat(-ahead[1], ahead[0])
+        place = ca.vertcat(x, y) + known["offset_x"] * ahead + known["offset_y"] * left
+        return cls(system, sensors, turning, rate, ca.vertcat(place, heading + known["offset_heading"]), known["delay"])
+
+    def determined(self, quantities: Sequence[Quantity], names: Sequence[str], values: np.ndarray) -> list[Combination]:
+        """Return the combinations of the named parameters that the velocity of the measured pose, seen along its own axes,
+        determines; the delay by itself.
+        """
+        q, heading = self.system.mechanism.q, self.pose[2]
+        velocity = ca.jtimes(self.pose, q, self.rate)
+        along = ca.vertcat(ca.cos(heading), ca.sin(heading))
+        seen = ca.vertcat(ca.dot(along, velocity[:2]), along[0] * velocity[1] - along[1] * velocity[0], velocity[2])
+        moving = [*ca.vertsplit(q), *ca.vertsplit(self.turning)]
+        parameters = {p.name: p.symbol for p in quantities}
+        return determined(ca.vertcat(seen, self.delay), moving, parameters, names, values.tolist())
+
+    def prediction(self, quantities: Sequence[Quantity], names: Sequence[str]) -> Prediction:
+        """Return the motion from row to row. Inputs of a row are the changes of the angles until the next, and their rates
+        before it, which move a late pose back.
+        """
+        q, change = self.system.mechanism.q, ca.SX.sym("change", self.turning.shape[0])
+        inputs = ca.vertcat(change, self.turning)
+        parameters = [p.symbol for p in quantities]
+        rate = ca.Function("rate", [q, self.turning, ca.vertcat(*parameters)], [self.rate])
+
+        def f(at: ca.SX) -> ca.SX:
+            return rate(at, change, ca.vertcat(*parameters))
+
+        k1 = f(q)
+        k2 = f(q + k1 / 2)
+        k3 = f(q + k2 / 2)
+        end = q + (k1 + 2 * k2 + 2 * k3 + f(q + k3)) / 6
+        late = self.pose - self.delay * ca.jtimes(self.pose, q, self.rate)
+        fitted = [p.symbol for name in names for p in quantities if p.name == name]
+        return Prediction(
+            with_derivatives("step", end, q, inputs, parameters, fitted),
+            with_derivatives("output", late, q, inputs, parameters, fitted),
+            tuple(names),
+            np.array([False, False, True]),
+        )
+
+
+def _generic_rank(matrix: ca.SX) -> int:
+    """Return the largest rank at some random values of the symbols."""
+    symbols = ca.symvar(matrix)
+    at = ca.Function("at", [ca.vertcat(*symbols)], [ca.densify(matrix)])
+    points = np.random.default_rng(1).uniform(0.3, 1.2, (4, len(symbols)))
+    return max(int(np.linalg.matrix_rank(at(point).full())) for point in points)
+
+
+def _windows(logs: Sequence[PoseLog], system: ReducedSystem, pose: Sequence[str]) -> Windows:
+    """Divide the logs at measured poses; shorter windows are filled with rows in which nothing moves or is measured."""
+    coordinates = [q.name for q in system.mechanism.coordinates]
+    angles, places = ([coordinates.index(name) for name in names] for names in (logs[0].names, pose))
+    longest = max(2, math.ceil(sum(len(log.t) for log in logs) / WINDOWS))
+    pieces = [(log, *piece) for log in logs for stretch in log.stretches for piece in _pieces(log, stretch, longest)]
+    if not pieces:
+        raise BadInput("the log has no two poses on a stretch without a gap; two or more are needed")
+    rows = max(last - first for _, first, last in pieces) + 1
+    start = np.zeros((len(pieces), len(coordinates)))
+    inputs, measured = np.zeros((len(pieces), rows, 2 * len(angles))), np.full((len(pieces), rows, 3), math.nan)
+    for k, (log, first, last) in enumerate(pieces):
+        here, count = slice(first, last + 1), last + 1 - first
+        change = np.diff(log.angles[here], axis=0)
+        inputs[k, : count - 1, : len(angles)] = change
+        rates = change / np.diff(log.t[here])[:, None]
+        inputs[k, :count, len(angles) :] = np.concatenate([rates[:1], rates])  # before the row: poses are late
+        measured[k, :count] = log.pose[here]
+        start[k, angles] = log.angles[first]
+        start[k, places] = np.nan_to_num(log.pose[first])
+    return Windows(start, places, inputs, measured, np.ones(len(pieces), bool))
+
+
+def _pieces(log: PoseLog, stretch: range, longest: int) -> list[tuple[int, int]]:
+    """Return first and last row of the windows of a stretch, both with a pose; each begins where the one before ends."""
+    with_pose = [k for k in stretch if np.isfinite(log.pose[k, :2]).all()]
+    pieces, first = [], 0
+    while first < len(with_pose) - 1:
+        within = [k for k in range(first + 1, len(with_pose)) if with_pose[k] - with_pose[first] <= longest]
+        last = within[-1] if within else first + 1
+        pieces.append((with_pose[first], with_pose[last]))
+        first = last
+    return pieces

@@ -1,0 +1,70 @@
+"""What a fit found, and what no motion, or not this log, tells."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.mechanism import Quantity
+from .identifiability import Combination
+from .output_error import OutputError
+
+DOUBTFUL = 0.5  # standard deviation relative to the value above which the log is said not to tell
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter's value and standard deviation, both in its unit."""
+
+    quantity: Quantity
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Result of a fit. `estimates` by name; `unidentifiable`: what no motion, or not this log, tells, one sentence each.
+
+    `residual` and `validation` are the RMS errors of each output (for the dynamics a quasi-velocity) over the fitted windows and
+    over those left out, in the output's unit; NaN if none were left out. `inputs` tells how inputs were taken between the rows.
+    """
+
+    estimates: Mapping[str, Estimate]
+    unidentifiable: tuple[str, ...]
+    residual: np.ndarray
+    validation: np.ndarray
+    rows: int
+    inputs: str
+    remarks: tuple[str, ...]
+
+
+def result_of(
+    fit: OutputError, names: Sequence[str], found: Sequence[Combination], rows: int, remarks: tuple[str, ...], inputs: str = ""
+) -> Identification:
+    """Return the result of a fit of the pivots of `found`, combinations of the parameters `names`."""
+    sentences = [*_by_structure(names, found), *(_by_log(name) for name in fit.unseen)]
+    alone = {c.pivot for c in found if not c.others} - set(fit.unseen)
+    sd = fit.deviations()
+    for name in sorted(alone, key=names.index):
+        may_be_zero = fit.quantities[name].sign == "any" and not fit.quantities[name].default
+        if sd[name] > DOUBTFUL * abs(fit.value(name)) and not may_be_zero:
+            sentences.append(
+                f"{name}: its standard deviation, {sd[name]:.3g}, is more than half of its value, {fit.value(name):.3g}"
+            )
+            alone.remove(name)
+    estimates = {name: Estimate(fit.quantities[name], fit.value(name), sd[name]) for name in names if name in alone}
+    return Identification(estimates, tuple(sentences), fit.rms(), fit.rms(used=False), rows, inputs, remarks)
+
+
+def _by_structure(names: Sequence[str], found: Sequence[Combination]) -> Iterator[str]:
+    for combination in found:
+        if combination.others:
+            together = [combination.pivot, *(name for name, _ in combination.others)]
+            yield f"{', '.join(together)}: any motion shows only {combination} (factors at the given values)"
+    for name in names:
+        if not any(name in (c.pivot, *dict(c.others)) for c in found):
+            yield f"{name}: no motion depends on it"
+
+
+def _by_log(name: str) -> str:
+    return f"{name}: this log does not show it; excite it by another motion, for instance by turning and by changing speed"

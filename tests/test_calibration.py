@@ -1,0 +1,239 @@
+"""Geometry from logs of angles and poses: against logs made by the exact arcs of two wheels, and by our own simulation."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from noslip.cli.main import main
+from noslip.identification.geometry import calibrate
+from noslip.identification.log import PoseLog
+from noslip.readers.robots import find_robot, system_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.specification.spec import read_spec
+
+SYSTEM = system_of(find_robot("labmate"))
+TRUE = {"r": 0.152, "b": 0.361, "d": 0.3}
+DEFAULT = {p.name: p.default for p in SYSTEM.mechanism.parameters} | {"r": 0.15}
+PERIOD = 0.05  # s
+NOISE = np.array([0.005, 0.005, 0.004])  # m, m, rad
+
+
+def reckoned(right: np.ndarray, left: np.ndarray, start=(1.0, -2.0, 0.4)) -> np.ndarray:
+    """Poses (N, 3) of the axle's middle from distances of the wheels between rows: chords of arcs, by hand."""
+    x, y, heading = start
+    poses = [start]
+    for a, b in zip(right, left, strict=True):
+        turn, way = (a - b) / (2 * TRUE["b"]), (a + b) / 2
+        chord = way * np.sinc(turn / (2 * math.pi))
+        x, y = x + chord * math.cos(heading + turn / 2), y + chord * math.sin(heading + turn / 2)
+        heading += turn
+        poses.append((x, y, heading))
+    return np.array(poses)
+
+
+def of_center(axle: np.ndarray) -> np.ndarray:
+    """The pose of the centre of mass, d ahead of the axle."""
+    return axle + TRUE["d"] * np.column_stack([np.cos(axle[:, 2]), np.sin(axle[:, 2]), np.zeros(len(axle))])
+
+
+def winding(rows: int = 400) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (m) of both wheels between rows, constant in each: curves both ways, and some straight."""
+    t = np.arange(rows) * PERIOD
+    speed, yaw = 0.6 + 0.3 * np.sin(0.7 * t), 0.8 * np.sin(0.9 * t) * (t > 3)
+    return PERIOD * (speed + yaw * TRUE["b"]), PERIOD * (speed - yaw * TRUE["b"])
+
+
+def log_of(
+    right, left, noise=0.0, seed=0, every=1, scale_left=1.0, late=0.0, offset=(0.0, 0.0, 0.0), start=(1.0, -2.0, 0.4)
+) -> PoseLog:
+    """A log with a pose in every so many rows; the left wheel's radius is r / scale_left times what it should be."""
+    random = np.random.default_rng(seed)
+    axle = reckoned(right, left, start)
+    pose = of_center(axle)
+    if late:
+        before = np.arange(len(pose)) * PERIOD - late
+        pose = np.column_stack([np.interp(before, np.arange(len(pose)) * PERIOD, each) for each in pose.T])
+    cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    x, y, turned = offset
+    pose = pose + np.column_stack([x * cosine - y * sine, x * sine + y * cosine, np.full(len(pose), turned)])
+    pose = pose + noise * NOISE * random.normal(size=pose.shape)
+    pose[np.arange(len(pose)) % every != 0] = math.nan
+    turned_by = [np.concatenate([[0.0], np.cumsum(each)]) / TRUE["r"] for each in (right, left)]
+    angles = np.column_stack([turned_by[0], turned_by[1] / scale_left])
+    return PoseLog(np.arange(len(pose)) * PERIOD, ("theta_r", "theta_l"), angles, pose, (range(len(pose)),), ())
+
+
+def values(result) -> dict[str, float]:
+    return {name: each.value for name, each in result.estimates.items()}
+
+
+def test_exact_poses_give_exact_numbers():
+    result = calibrate([log_of(*winding())], SYSTEM, None, DEFAULT)
+    assert values(result) == {name: pytest.approx(value, rel=1e-7) for name, value in TRUE.items()}
+    assert result.residual.max() < 1e-7 and not result.unidentifiable
+
+
+def test_wheels_of_different_size_and_a_sensor_beside():
+    place = (0.07, -0.04, 0.02)
+    log = log_of(*winding(), scale_left=1.013, offset=place)
+    found = values(calibrate([log], SYSTEM, ["r", "b", "scale_theta_l", "offset_x", "offset_y", "offset_heading"], DEFAULT))
+    expected = {"r": TRUE["r"], "b": TRUE["b"], "scale_theta_l": 1.013}
+    expected |= dict(zip(("offset_x", "offset_y", "offset_heading"), place, strict=True))
+    assert found == {name: pytest.approx(value, abs=1e-7) for name, value in expected.items()}
+
+
+def test_late_poses():
+    """To first order: the pose between two rows is not on the chord, but within v w dt^2 / 8 of it."""
+    found = values(calibrate([log_of(*winding(), late=0.04)], SYSTEM, ["r", "delay"], DEFAULT | {"b": TRUE["b"]}))
+    assert found == {"r": pytest.approx(TRUE["r"], rel=1e-4), "delay": pytest.approx(0.04, rel=0.02)}
+
+
+def test_end_poses_of_squares_driven_both_ways():
+    """UMBmark: five squares each way, only the first and the last pose of each measured; dead reckoning is ten times better."""
+    side, corner = [PERIOD] * 40, [PERIOD * TRUE["b"]] * round(math.pi / 2 / PERIOD)
+    logs = []
+    for run in range(10):
+        sign = 1.0 if run % 2 else -1.0
+        right = np.array(([*side, *(sign * np.array(corner))]) * 4)
+        left = np.array(([*side, *(-sign * np.array(corner))]) * 4)
+        log = log_of(right, left, noise=0.4, seed=run, scale_left=1.006, start=(0.0, 0.0, 0.0))
+        log.pose[1:-1] = math.nan
+        logs.append(log)
+    result = calibrate(logs, SYSTEM, ["b", "scale_theta_l"], DEFAULT | {"r": TRUE["r"], "b": 0.355})
+    for name, value in (("b", TRUE["b"]), ("scale_theta_l", 1.006)):
+        assert abs(result.estimates[name].value - value) < 4 * result.estimates[name].sd < 0.02 * value
+
+    def error(b: float, scale: float) -> float:
+        """Distance (m) between the reckoned and the true end, at most."""
+        worst = 0.0
+        for log in logs:
+            right, left = np.diff(log.angles, axis=0).T * TRUE["r"]
+            true = dict(TRUE)
+            TRUE["b"] = b
+            try:
+                end = of_center(reckoned(right, scale * left, (0.0, 0.0, 0.0)))[-1]
+            finally:
+                TRUE.update(true)
+            worst = max(worst, float(np.hypot(*(end - log.pose[-1])[:2])))
+        return worst
+
+    found = values(result)
+    assert error(found["b"], found["scale_theta_l"]) < error(0.355, 1.0) / 10
+
+
+def test_poses_that_are_wrong_have_little_weight():
+    log = log_of(*winding(), noise=1.0, seed=3)
+    log.pose[50::40, 0] += 1.0
+    result = calibrate([log], SYSTEM, ["r", "b"], DEFAULT)
+    for name, each in result.estimates.items():
+        assert abs(each.value - TRUE[name]) < 5 * each.sd < 0.03 * TRUE[name]
+
+
+def deviations(count: int) -> np.ndarray:
+    """Errors of r and b by their standard deviations, of logs with a noisy pose in every second row."""
+    results = [calibrate([log_of(*winding(), 1.0, seed, 2)], SYSTEM, ["r", "b"], DEFAULT).estimates for seed in range(count)]
+    return np.array([[(e[name].value - TRUE[name]) / e[name].sd for name in ("r", "b")] for e in results])
+
+
+def test_values_lie_within_their_deviations():
+    off = deviations(4)
+    assert np.abs(off).max() < 4.0 and 0.2 < off.std() < 1.9
+
+
+@pytest.mark.nightly
+def test_values_lie_in_their_intervals_in_most_logs():
+    off = deviations(300)
+    inside = np.mean(np.abs(off) < 1.96, axis=0)
+    assert (inside > 0.93).all() and np.abs(off.mean(axis=0)).max() < 4.0 / np.sqrt(len(off))
+
+
+def test_what_no_log_and_what_this_log_does_not_tell():
+    result = calibrate([log_of(*winding())], SYSTEM, ["r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"], DEFAULT)
+    assert not {"r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"} & set(result.estimates) - {"scale_theta_l"}
+    said = " | ".join(result.unidentifiable)
+    assert "m_c: no motion depends on it" in said and "offset_x, d: any motion shows only offset_x + 1 d" in said
+    straight = np.full(200, 0.03)
+    result = calibrate([log_of(straight, straight)], SYSTEM, ["r", "b"], DEFAULT)
+    assert list(result.estimates) == ["r"] and result.unidentifiable[0].startswith("b: this log does not show it")
+
+
+@pytest.mark.parametrize(
+    "spec, robot, fitted",
+    [
+        ("robots/car", "car", {"r": 0.3, "l": 2.6}),
+        ("robots/four_wheel", "four_wheel", {"r": 0.2, "l_f": 0.5, "l_r": 0.7, "b": 0.4}),
+    ],
+)
+def test_other_robots(spec, robot, fitted, tmp_path, capsys):
+    """From the CSV of `noslip simulate`; what remains is that angles are taken as linear between rows."""
+    file = Path(__file__).resolve().parent.parent / "specs" / f"{spec}.toml"
+    rows = simulate(read_spec(str(file)), "c").csv()
+    (tmp_path / "run.csv").write_text(rows)
+    assert main(["calibrate", str(tmp_path / "run.csv"), "--robot", robot, "--json", "--fit", *fitted]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {name: found["parameters"][name]["value"] for name in fitted} == {
+        name: pytest.approx(value, rel=2e-3) for name, value in fitted.items()
+    }
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(log: PoseLog, **changed) -> str:
+        head = ["t", *log.names, "x_c", "y_c", "phi"]
+        rows = [[repr(float(e)) if e == e else "" for e in row] for row in np.column_stack([log.t, log.angles, log.pose])]
+        table = {name: [row[k] for row in rows] for k, name in enumerate(head)} | changed
+        with (tmp_path / "log.csv").open("w", newline="") as stream:
+            csv.writer(stream).writerows([list(table), *zip(*table.values(), strict=True)])
+        return str(tmp_path / "log.csv")
+
+    return write
+
+
+def test_the_command(write, capsys):
+    """Angles within one turn, as some encoders report them; poses in one row of five."""
+    log = log_of(*winding(), every=5)
+    wrapped = [repr(math.remainder(each, 2 * math.pi)) for each in log.angles[:, 0]]
+    file = write(log, theta_r=wrapped)
+    assert main(["calibrate", file, "--robot", "labmate", "--fit", "r", "b", "--set", "d=0.3"]) == 0
+    said = capsys.readouterr().out
+    assert "in a SPEC: parameters = { r = 0.152, b = 0.361 }" in said.replace("0.36099999", "0.361")
+    assert "it is continued over the turns" in said
+
+
+BAD = {
+    "no pose": ({"x_c": None}, [], "column 'x_c' is missing"),
+    "no angle": ({"theta_r": None, "theta_l": None}, [], "no column with an angle"),
+    "one angle": ({"theta_l": None}, [], "theta_r alone cannot tell"),
+    "empty": ({"x_c": ""}, [], "no two poses"),
+    "text": ({"phi": "north"}, [], "column 'phi' row 2: 'north' is not a number"),
+    "parameter": ({}, ["--fit", "radius"], "not a parameter of this robot"),
+    "mass": ({}, ["--fit", "m_c"], "does not depend on m_c"),
+    "sign": ({}, ["--set", "r=-0.1"], "must be positive"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input(case, write, bad_input):
+    changed, options, said = BAD[case]
+    log = log_of(*winding(40))
+    rows = {name: [value] * len(log.t) for name, value in changed.items() if value is not None}
+    file = Path(write(log, **rows))
+    left = [name for name, value in changed.items() if value is None]
+    table = list(csv.reader(file.open()))
+    keep = [k for k, name in enumerate(table[0]) if name not in left]
+    with file.open("w", newline="") as stream:
+        csv.writer(stream).writerows([[row[k] for k in keep] for row in table])
+    assert said in bad_input(["calibrate", str(file), "--robot", "labmate", *options])
+
+
+def test_robots_without_a_pose_or_wheels(tmp_path, bad_input):
+    (tmp_path / "log.csv").write_text("t,x,y,phi,theta\n0,0,0,0,0\n1,1,0,0,1\n")
+    for robot, said in (
+        ("geared_arm", "a pose of three coordinates"),
+        ("knife_edge", "has none"),
+        ("rolling_disk", "theta alone"),
+    ):
+        assert said in bad_input(["calibrate", str(tmp_path / "log.csv"), "--robot", robot])

@@ -1,0 +1,367 @@
+"""Dynamic extension: the middle of the axle of a unicycle and of a car, and the last axle of a train, against closed forms."""
+
+import dataclasses
+import json
+
+import casadi as ca
+import numpy as np
+import pytest
+from casadi import cos, sin
+from noslip.cli.main import main
+from noslip.codegen.derivation import stages
+from noslip.codegen.files import law_program
+from noslip.controllers.backends import make_controller
+from noslip.controllers.compiled import CompiledController, library
+from noslip.controllers.controller import Limits
+from noslip.model import Mechanism, ModelError, control_law, reduce
+from noslip.model.law import ControlLaw, default_gains
+from noslip.model.mechanism import values_of
+from noslip.model.outputs import output_map
+from noslip.model.robots.mobile_manipulator import mobile_manipulator
+from noslip.model.robots.steered import car
+from noslip.model.robots.tractor_trailer import tractor_trailer
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, law_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.loop import make_loop
+from noslip.simulation.run import Run
+from noslip.simulation.specification.spec import spec_of
+from scipy.linalg import expm
+
+AXLE = """
+robot = "labmate"
+output = { type = "I", L = -0.3, extension = true }
+reference = { position = [0.0, 0.0], velocity = [0.6, 0.1] }
+initial = { point = [-0.1, 0.05], heading = 0.1, speed = 0.5 }
+simulation = { duration = 6.0, output_step = 0.5 }
+"""
+CIRCLE = AXLE.replace("velocity = [0.6, 0.1]", "circle = { radius = 2.0, rate = 0.3, angle = -1.5 }").replace("0.05]", "-1.9]")
+PATH = """
+robot = "labmate"
+output = { type = "IV", L = -0.3, extension = true, path = { kind = "circle", x_f = 0.0, y_f = 0.0, R = 2.0 } }
+reference = { speed = 0.5 }
+initial = { point = [2.1, 0.0], heading = 1.7, speed = 0.45 }
+simulation = { duration = 6.0, output_step = 0.5 }
+"""
+CAR = """
+robot = "robots.py:car"
+output = { type = "rear", extension = true }
+reference = { position = [0.0, 0.0], velocity = [2.0, 0.0] }
+initial = { q = [-0.1, 0.2, 0.05, 0.0, 0.0], nu = [6.0, 0.0] }
+simulation = { duration = 6.0, output_step = 0.5 }
+"""
+TRAIN = """
+robot = "robots.py:train"
+output = { type = "end", extension = true }
+reference = { position = [0.0, 0.0], velocity = [-0.5, 0.0] }
+initial = { q = [1.2, 0.3, 0.1, 0.0, 0.0, 0.2], nu = [-2.0, -2.0] }
+simulation = { duration = 20.0, output_step = 1.0 }
+"""
+ARM = """
+robot = "robots.py:arm"
+output = { type = "axle", extension = true }
+reference = { position = [0.0, 0.0, 0.4, 0.6], velocity = [0.6, 0.1, 0.1, -0.1] }
+initial = { q = [0.2, 0.05, 0.1, 0.0, 0.0, 0.5, 0.5], nu = [3.5, 3.5, 0.0, 0.0] }
+simulation = { duration = 6.0, output_step = 0.5 }
+"""
+ROBOTS = """
+from noslip.tests.test_extension import car_by_its_rear_axle as car, train_by_its_last_axle as train, arm_on_its_axle as arm
+"""
+
+
+def car_by_its_rear_axle() -> Mechanism:
+    robot = car()
+    robot.output("rear", "middle of the rear axle", [("x_r", "m", robot["x"]), ("y_r", "m", robot["y"])])
+    return robot
+
+
+def train_by_its_last_axle() -> Mechanism:
+    robot = tractor_trailer(1)
+    x, y = (robot[axis] - robot["l_1"] * turned(robot["phi_1"]) for axis, turned in (("x", cos), ("y", sin)))
+    robot.output("end", "middle of the trailer's axle", [("x_e", "m", x), ("y_e", "m", y)])
+    return robot
+
+
+SPECS = {"line": AXLE, "circle": CIRCLE, "path": PATH, "car": CAR, "train": TRAIN, "arm": ARM}
+DEGREES = {"line": (3, 3), "circle": (3, 3), "path": (3, 2), "car": (4, 4), "train": (4, 4), "arm": (3, 3, 2, 2)}
+
+
+def arm_on_its_axle() -> Mechanism:
+    """Only the outputs that depend on each other are extended: the joints keep relative degree 2."""
+    robot = mobile_manipulator()
+    place = [robot[axis] - robot["d"] * turned(robot["phi"]) for axis, turned in (("x_c", cos), ("y_c", sin))]
+    rows = zip(("x_o", "y_o", "link_1", "link_2"), ("m", "m", "rad", "rad"), (*place, robot["q_1"], robot["q_2"]), strict=True)
+    robot.output("axle", "middle of the axle, and the joints", list(rows))
+    return robot
+
+
+def run_of(text: str, tmp_path, **simulation) -> Run:
+    (tmp_path / "robots.py").write_text(ROBOTS)
+    spec = spec_of(text, tmp_path / "spec.toml")
+    return simulate(dataclasses.replace(spec, simulation=dataclasses.replace(spec.simulation, **simulation)))
+
+
+def axle_law() -> ControlLaw:
+    return law_of(find_robot("labmate"), "type_i_extended")
+
+
+def chain(gains: list[float]) -> np.ndarray:
+    """The matrix of e^(k) + ... + gains[1] e' + gains[0] e = 0."""
+    return np.vstack([np.eye(len(gains))[1:], -np.array(gains)])
+
+
+@pytest.mark.parametrize("backend", ["c", "casadi"])
+@pytest.mark.parametrize("name", SPECS)
+def test_errors_have_the_poles_that_were_placed(name, backend, tmp_path):
+    """Of a train in reverse too: with its last axle as output nothing is left that could fold."""
+    run, degrees = run_of(SPECS[name], tmp_path, backend=backend), DEGREES[name]
+    law = run.law
+    assert law.linearization.relative_degree == degrees and run.stopped is None
+    start = np.append(run.x[0], np.zeros(len(law.extension)))
+    loop = make_loop(run.spec)
+    reference = loop.guidance.reference(0, run.x[0])
+    found = make_controller("casadi", law, loop.believed, run.config[0], loop.gains).evaluate(start, reference)
+    wanted, rates = iter(reference), iter(found.values["ydot"])
+    gains = iter(loop.gains)
+    for k, degree in enumerate(degrees):
+        actual = [found.values["h"][k], *[next(rates) for _ in range(1, degree)]]
+        error = np.array([next(wanted) - y for y in actual])
+        next(wanted)
+        A = chain([next(gains) for _ in range(degree)])
+        expected = [(expm(A * t) @ error)[0] for t in run.t]
+        np.testing.assert_allclose(run.y_d[:, k] - run.y[:, k], expected, rtol=0, atol=1e-6)
+
+
+def test_a_point_on_a_circle_has_all_its_derivatives():
+    spec = spec_of(CIRCLE, "")
+    guidance = make_loop(spec).guidance
+    circle, x = spec.reference.circle, make_loop(spec).start
+    for t in (0.0, 0.7, 11.0):
+        turned = circle.radius * np.exp(1j * (circle.angle + circle.rate * t)) * (1j * circle.rate) ** np.arange(4)
+        np.testing.assert_allclose(guidance.reference(t, x), [*turned.real, *turned.imag], atol=1e-14)
+
+
+def test_the_law_of_a_unicycle_is_that_of_a_pencil():
+    """x' = v cos, v' = a, phi' = w: x''' = a' cos - 2 a w sin - v w' sin - v w^2 cos, and y''' likewise."""
+    law = axle_law()
+    q, nu, p = (law.system.mechanism.q, law.system.nu, law.system.mechanism.p)
+    found = law.linearization
+    function = ca.Function("f", [ca.vertcat(q, nu), found.integrators.xi, p], [found.rate, found.Phi, found.drift])
+    random, values = np.random.default_rng(5), {q.name: q.default for q in law.parameters}
+    for _ in range(50):
+        state, a = random.uniform(-2, 2, 7), random.uniform(-2, 2)
+        c, s, r, b = np.cos(state[2]), np.sin(state[2]), values["r"], values["b"]
+        v, w = r * (state[5] + state[6]) / 2, r * (state[5] - state[6]) / (2 * b)
+        rate, Phi, drift = (each.full() for each in function(state, a, list(values.values())))
+        np.testing.assert_allclose(rate.ravel(), [v * c, a * c - v * w * s, v * s, a * s + v * w * c], atol=1e-13)
+        np.testing.assert_allclose(Phi, [[c, -v * s], [s, v * c]], atol=1e-13)
+        expected = [-2 * a * w * s - v * w**2 * c, 2 * a * w * c - v * w**2 * s]
+        np.testing.assert_allclose(drift.ravel(), expected, atol=1e-13)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4, 5, 6])
+def test_default_gains_have_the_stated_poles(degree):
+    polynomial = np.polynomial.Polynomial([*default_gains(degree), 1.0])
+    assert degree == 1 or polynomial(-0.5) == 0.0
+    for order in range(max(degree - 1, 1)):
+        assert polynomial.deriv(order)(-2.0) == 0.0
+
+
+@pytest.mark.parametrize("name", ["type_i_extended", "type_iv_circle_extended", "type_i_offset_extended"])
+def test_the_c_is_the_model(name, tmp_path, capsys):
+    """`generate` compares 200 states in both scalars; `check` says how well they agree."""
+    assert main(["generate", "labmate", "--output", name, "-o", str(tmp_path)]) == 0
+    capsys.readouterr()
+    assert main(["check", "--output", name, "--states", "200", "--json"]) == 0
+    assert list(json.loads(capsys.readouterr().out)["laws"]) == [name]
+
+
+def wrong_rate(self, v, original=stages._Feedback.extension_rate):
+    return 1.001 * original(self, v)
+
+
+def wrong_row(stages_, inner, output, integrators, original=stages._extended_rows):
+    rows, found = original(stages_, inner, output, integrators)
+    return [dataclasses.replace(rows[0], drift=-rows[0].drift), *rows[1:]], found
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "wrong", "says"),
+    [
+        (stages._Feedback, "extension_rate", wrong_rate, "extension_rate by evaluate"),
+        (stages, "_extended_rows", wrong_row, "tau by step"),
+    ],
+)
+def test_a_wrong_generator_writes_nothing(place, name, wrong, says, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("NOSLIP_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(place, name, wrong)
+    for made in (law_program, library):
+        made.cache_clear()
+    assert main(["generate", "labmate", "--output", "type_i_extended", "--scalar", "double", "-o", str(tmp_path / "made")]) == 1
+    for made in (law_program, library):
+        made.cache_clear()
+    assert says in capsys.readouterr().err and not (tmp_path / "made").exists()
+
+
+def compiled(scalar: str, limits: Limits | None = None) -> tuple[CompiledController, np.ndarray, np.ndarray]:
+    """The law in C, a state and a reference."""
+    law = axle_law()
+    values = [values_of(list(group), {}, "") for group in (law.parameters, law.config, law.gains)]
+    state = np.array([0.2, 0.1, 0.1, 0.0, 0.0, 3.0, 4.0])
+    reference = np.array([0.1, 0.5, 0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
+    return CompiledController(law, *values, scalar, limits), state, reference
+
+
+def step(controller: CompiledController, state, reference, dt: float) -> tuple[str, np.ndarray, float, float]:
+    """One step of the C, with its memory: status, inputs, state of the extension and its rate."""
+    made = controller._library
+    controller._seen[0][:], controller._seen[1][:] = state, reference
+    status = made.function("step")(controller._self, controller._state, controller._reference, dt, controller._tau)
+    own = controller._self
+    return made.status(status), np.array(list(controller._tau)), own.extension[0], own.extension_rate[0]
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_a_step_advances_the_extension_by_its_last_rate(scalar):
+    (controller, state, reference), law = compiled(scalar), axle_law()
+    model = make_controller("casadi", law, *[values_of(list(g), {}, "") for g in (law.parameters, law.config, law.gains)])
+    xi, random = 0.0, np.random.default_rng(3)
+    for k in range(20):
+        dt = 0.0 if k == 0 else random.uniform(0.0, 0.02)
+        xi += dt * (model.extension_rate[0] if k else 0.0)
+        state = state + random.uniform(-0.01, 0.01, 7)
+        status, tau, held, rate = step(controller, state, reference, dt)
+        wanted = model.step(np.append(state, xi), reference)
+        tolerance = 1e-12 if scalar == "double" else 2e-4
+        assert (status, wanted[0]) == ("ok", "ok")
+        np.testing.assert_allclose([*tau, held, rate], [*wanted[1], xi, model.extension_rate[0]], rtol=tolerance, atol=tolerance)
+    made = controller._library
+    assert made.function("reset")(controller._self) == 0
+    assert step(controller, state, reference, 5.0)[2] == 0.0
+
+
+def test_the_extension_is_held_while_inputs_are_limited():
+    controller, state, reference = compiled("double", Limits((0.1, 0.1)))
+    status, tau, xi, rate = step(controller, state, reference, 0.0)
+    assert status == "saturated" and np.abs(tau).max() == 0.1 and (xi, rate) == (0.0, 0.0)
+    assert step(controller, state, reference, 1.0)[2] == 0.0
+    law = axle_law()
+    values = [values_of(list(group), {}, "") for group in (law.parameters, law.config, law.gains)]
+    model = make_controller("casadi", law, *values, Limits((0.1, 0.1)))
+    assert model.step(np.append(state, 0.0), reference)[0] == "saturated" and not model.extension_rate.any()
+
+
+@pytest.mark.parametrize(("dt", "status"), [(-0.01, "bad_parameter"), (np.nan, "nonfinite"), (np.inf, "nonfinite")])
+def test_a_wrong_time_is_refused_and_nothing_moves(dt, status):
+    controller, state, reference = compiled("double")
+    before = step(controller, state, reference, 0.0)
+    assert before[0] == "ok" and before[3] != 0.0
+    found = step(controller, state, reference, dt)
+    assert found[0] == status and not found[1].any() and found[3] == 0.0
+
+
+@pytest.mark.parametrize("backend", ["c", "cf", "casadi"])
+def test_it_is_singular_at_standstill(backend):
+    law = axle_law()
+    values = [values_of(list(group), {}, "") for group in (law.parameters, law.config, law.gains)]
+    controller = make_controller(backend, law, *values)
+    for rates, status in (((2.0, -2.0), "singular"), ((0.0, 0.0), "singular"), ((2.0, -1.9), "ok")):
+        found, tau = controller.step(np.array([0.1, 0.2, 0.3, 0.0, 0.0, *rates, 0.4]), np.full(8, 0.1))
+        assert found == status and (status == "ok" or not tau.any())
+
+
+def test_regular_outputs_get_no_integrator():
+    law = law_of(find_robot("labmate"), "type_ii_extended")
+    assert not law.extension and law.linearization.relative_degree == (2, 2) and law.linearization.integrators is None
+
+
+def test_outputs_that_no_integrator_separates_are_refused():
+    robot = car()
+    robot.output("twice", "the same twice", [("x_1", "m", robot["x"]), ("x_2", "m", 2 * robot["x"])])
+    system = reduce(robot)
+    with pytest.raises(ModelError, match="twice.*or allow a dynamic extension"):
+        control_law(system, output_map(system, "twice"))
+    with pytest.raises(ModelError, match="twice_extended: no dynamic extension makes Phi regular: x_1, x_2 and their"):
+        control_law(system, output_map(system, "twice_extended"))
+
+
+def test_a_name_of_an_extended_law_cannot_be_that_of_an_output():
+    robot = car()
+    with pytest.raises(ModelError, match="_extended ends those of laws with an extension"):
+        robot.output("rear_extended", "", [("x_r", "m", robot["x"]), ("y_r", "m", robot["y"])])
+
+
+REFUSED = {
+    "no extension": (AXLE.replace(", extension = true", ""), "extension = true"),
+    "standstill": (AXLE.replace("speed = 0.5", "speed = 0.0"), "start with a speed"),
+    "not on the axle": (AXLE.replace("L = -0.3", "L = 0.1"), "L = -0.3 m; L is 0.1"),
+    "integral action": (AXLE + "gains = { ki = 0.1 }", "does not go with a gain ki"),
+    "slow": (AXLE + 'limits = { torque = 3.0, mode = "slow" }', 'set mode = "cut"'),
+    "target": (
+        AXLE.replace("output_step = 0.5 }", 'period = 0.01, backend = "m4f" }'),
+        "backend m4f: 'type_i_extended' has a dynamic extension",
+    ),
+    "drive": (
+        AXLE.replace("output_step = 0.5 }", "period = 0.01 }") + 'drive = { kind = "velocity", bandwidth = 5.0 }',
+        "use drives that take torques",
+    ),
+    "composite path": (
+        'robot = "labmate"\noutput = { type = "IV", L = -0.3, extension = true, path = { kind = "waypoints", tolerance = 0.1, '
+        "points = [[0, 0], [1, 0], [2, 1]] } }\nreference = { speed = 0.5 }\nsimulation = { duration = 1.0 }",
+        "not composite",
+    ),
+    "approach": (
+        PATH.replace("speed = 0.5 }", "speed = 0.5, approach = { acceleration = 0.3 } }"),
+        "requires|no third derivative",
+    ),
+    "circle of a heading": (
+        AXLE.replace('"I"', '"II"').replace("velocity = [0.6, 0.1]", "circle = { radius = 2.0, rate = 0.3 }"),
+        "are not a point",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_not_there_is_refused_with_the_reason(name):
+    text, message = REFUSED[name]
+    with pytest.raises(BadInput, match=message):
+        simulate(spec_of(text, "spec.toml"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["analyse", "labmate", "--output", "type_i_extended"],
+        ["outer-loop", "labmate", "--output", "type_i_extended", "--settling", "4"],
+        ["export", "labmate", "--output", "type_i_extended", "--fmu", "controller", "-o", "x.fmu"],
+        ["export", "labmate", "--output", "type_i_extended", "--firmware", "cortex-m4f", "-o", "x"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_commands_that_do_not_know_extensions_say_so(command, bad_input):
+    assert "'type_i_extended' has a dynamic extension" in bad_input(command)
+
+
+def test_a_sampled_run_integrates_between_its_calls(tmp_path):
+    made = run_of(AXLE, tmp_path, period=0.01, duration=20.0)
+    assert made.stopped is None and np.abs(made.error[-1]).max() < 1e-3
+    assert made.columns[-1] == "forward_speed_rate" and np.isfinite(made.extension).all() and made.extension.any()
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_no_input_makes_a_step_return_what_is_not_finite(scalar):
+    controller, state, reference = compiled(scalar)
+    made, random = controller._library, np.random.default_rng(11)
+    strange = [np.nan, np.inf, -np.inf, 1e308, -3e38, 1e30, 1e-40, 0.0]
+    for _ in range(400):
+        made.function("reset")(controller._self)
+        step(controller, state, reference, 0.0)
+        x, y = state.copy(), reference.copy()
+        for values in (x, y):
+            if random.random() < 0.5:
+                values[random.integers(len(values))] = random.choice(strange)
+        dt = random.choice([0.01, *strange]) if random.random() < 0.3 else 0.01
+        with np.errstate(over="ignore"):
+            status, tau, _, rate = step(controller, x, y, dt)
+        assert np.isfinite([*tau, rate]).all()
+        assert (status == "ok") or (not tau.any() and rate == 0.0)
