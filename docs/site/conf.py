@@ -49,6 +49,7 @@ lessons/*
 docs/drives
 docs/grip
 docs/redundant
+docs/extension
 docs/identify
 docs/sweep
 docs/engine
