@@ -94,7 +94,7 @@ build/figures.stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard s
 # What `make figures` has drawn is in the gallery. A broken link is an error.
 site: $(READY_SITE)
 	$(VENV)/bin/python docs/site/pages.py build/pages
-	$(VENV)/bin/sphinx-build -q -W --keep-going -j 2 -c docs/site -d build/doctrees build/pages build/site
+	$(VENV)/bin/sphinx-build -q -E -W --keep-going -j 2 -c docs/site -d build/doctrees build/pages build/site
 	@echo "pages: build/site/index.html"
 
 playground: build/generated.stamp
