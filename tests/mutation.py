@@ -91,7 +91,9 @@ SOURCES: Mapping[str, Source] = {
             "written_and slow_by_itself nothing_helps any_size line-cut bad_limits small_steps time_nothing refused",
         )
     ),
-    "runtime_c/noslip_grip.inc": Source(_chosen("test_grip", "c_is rolls_or_says given_up least_squares init_checks")),
+    "runtime_c/noslip_grip.inc": Source(
+        _chosen("test_grip", "c_is rolls_or_says given_up least_squares init_checks cone_is_cut")
+    ),
     "runtime_c/noslip_approach.inc": Source(_chosen("test_approach", "bounded at_rest overshoot c_is refused -specs")),
     "runtime_c/noslip_velocity.inc": Source(_chosen("test_drives", "c_is any_bits stop_together blocked keep_the misuse")),
     "runtime_c/noslip_reversing.inc": Source(_chosen("test_odometry", "reversing")),

@@ -1,7 +1,7 @@
 """Inputs that keep the wheels rolling: the generated C against a second implementation, and against plain searches."""
 
 import math
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from noslip.controllers.backends import make_controller
 from noslip.controllers.compiled import CompiledController
 from noslip.controllers.controller import Friction, Limits
 from noslip.controllers.grip import Cones, GripReference
+from noslip.controllers.runtime import runtime
 from noslip.controllers.symbolic import slope_function
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
@@ -143,26 +144,40 @@ def test_coasting_is_least_squares(robot, name):
     assert seen > 1
 
 
-def test_a_cone_is_cut_by_a_line_where_it_is():
-    """The reference's interval against a fine grid, also where the load grows faster than the force."""
-    source = np.random.default_rng(3)
-    kinds = set()
-    for _ in range(200):
-        force, most, by, most_by = (
-            source.normal(size=(1, 2)),
-            source.normal(size=1),
-            source.normal(size=(1, 1, 2)),
-            source.normal(),
-        )
-        cones = Cones(force, most, by, np.array([[most_by]]), np.ones(1))
-        low, high, found = cones.interval(0, np.zeros(1), np.ones(1))
+def cut_by_reference(at, along) -> tuple[float, float, bool]:
+    cones = Cones(at[None, :2], at[2:], along[None, None, :2], along[None, 2:], np.ones(1))
+    low, high, found = cones.interval(0, np.zeros(1), np.ones(1))
+    return low, high, bool(found)
+
+
+def cut_by_c(scalar: str, at, along) -> tuple[float, float, bool]:
+    made = runtime("noslip_grip.h")
+    steps = made.new("noslip_steps", scalar)
+    steps.low, steps.high, steps.any = -LARGEST, LARGEST, 1
+    made.function("noslip_within_cone", scalar)(steps, made.array(scalar, at), made.array(scalar, along))
+    return *(s if abs(s) < LARGEST / 2 else math.copysign(math.inf, s) for s in (steps.low, steps.high)), bool(steps.any)
+
+
+LARGEST = 3e38
+
+
+@pytest.mark.parametrize(
+    "cut", [cut_by_reference, partial(cut_by_c, "double"), partial(cut_by_c, "float")], ids=["numpy", "c", "cf"]
+)
+def test_a_cone_is_cut_by_a_line_where_it_is(cut):
+    """|F + s D| <= N + s M against a fine grid of s, also where the load N + s M grows faster than the force; at all sizes."""
+    source, kinds, near = np.random.default_rng(3), set(), 1e-3 if "float" in str(cut) else 1e-9
+    for k in range(400):
+        at, along = source.normal(size=3), source.normal(size=3) * (0.05 if k % 2 else 1.0)
+        low, high, found = cut(at, along)
         grid = np.linspace(-30, 30, 301)
-        inside = np.array([cones.excess(np.array([s]))[0] <= 0 for s in grid])
+        room = at[2] + grid * along[2] - np.hypot(at[0] + grid * along[0], at[1] + grid * along[1])
+        off = near * (1 + np.abs(grid))
         if not found:
-            assert not inside.any()
+            assert not (room > near).any()
         else:
-            assert not inside[(grid < low - 1e-9) | (grid > high + 1e-9)].any()
-            assert inside[(grid > low + 1e-9) & (grid < high - 1e-9)].all()
+            assert not (room > near)[(grid < low - off) | (grid > high + off)].any(), (at, along)
+            assert (room > -near)[(grid > low + off) & (grid < high - off)].all(), (at, along)
         kinds.add((found, math.isfinite(low), math.isfinite(high)))
     assert len(kinds) >= 4
 
