@@ -30,7 +30,7 @@ RUNS := line circle
 
 include firmware/targets.mk # standard: the flags with which all targets compute the same bits
 
-.PHONY: all setup generate check-generated check simulate figures site playground lint types quick test all-tests nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
+.PHONY: all setup generate check-generated check simulate figures site playground lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -116,10 +116,7 @@ export PYTHONDONTWRITEBYTECODE := # what is started here finds noslip compiled
 quick: lint types check-generated
 	$(PYTEST) $(QUICK:%=tests/test_%.py)
 
-test: lint
-	$(MAKE) --no-print-directory -j2 types all-tests
-
-all-tests: $(READY_DEV)
+test: lint types
 	$(PYTEST)
 
 # What each step finds is printed; the first that fails ends it.
