@@ -182,6 +182,29 @@ def test_a_cone_is_cut_by_a_line_where_it_is(cut):
     assert len(kinds) >= 4
 
 
+@pytest.mark.parametrize("scalar, accuracy", [("double", 1e-9), ("float", 2e-2)])
+def test_the_way_to_coasting_ends_at_least_forces(scalar, accuracy):
+    """Of two contacts at all sizes: the gradient of sum (F / m)^2 is zero at its end, or along it if an input has no effect."""
+    made, source = runtime("noslip_grip.h"), np.random.default_rng(8)
+    for k in range(300):
+        mass = source.uniform(0.5, 20.0, 2)
+        by = source.normal(size=(2, 3, 2)) * 10.0 ** source.uniform(-3, 3) * mass[:, None, None]
+        if k % 3 == 0:  # both inputs do the same
+            by[..., 1] = by[..., 0] * source.uniform(-2, 2)
+        elif k % 3 == 1:
+            by[..., k % 2] = 0.0
+        force = source.normal(size=(2, 4)) * mass[:, None]
+        force[:, 3] = mass
+        ground, by_inputs, way = (made.array(scalar, each) for each in (force.ravel(), by.ravel(), np.zeros(2)))
+        made.function("noslip_way_to_coasting", scalar)(ground, by_inputs, 2, way)
+        moved = np.array([way[0], way[1]])
+        effect = (by[:, :2] / mass[:, None, None]).reshape(4, 2)
+        start, end = (np.ravel(force[:, :2] / mass[:, None]) + effect @ (part * moved) for part in (0.0, 1.0))
+        gradient, size = effect.T @ end, np.linalg.norm(effect) * np.linalg.norm(start)
+        left = gradient if k % 3 == 2 else [gradient @ moved / (np.linalg.norm(moved) or 1.0)]
+        assert np.abs(left).max() <= accuracy * size and np.linalg.norm(end) <= np.linalg.norm(start) * (1 + accuracy)
+
+
 SPEC = """
 robot = "labmate"
 gains = { kp = 1.0, kd = 2.5, kv = 2.0 }
