@@ -97,12 +97,15 @@ NOSLIP_APART void noslip_within_cone(noslip_steps *steps, const double *at, cons
             steps->any = 0;
             noslip_narrow(steps, middle, middle);
         }
-    } else if (noslip_abs(larger) > 0) {              /* the load grows faster than the force: a half-line */
+    } else if (noslip_abs(larger) > 0) {              /* the load grows faster than the force: a half-line; as fast: or nothing */
         const double other = c / larger, one = a < 0 ? larger / a : other;
-        if (way[2] > 0) {
-            noslip_narrow(steps, one > other ? one : other, DBL_MAX);
+        const double end = (way[2] > 0) == (one > other) ? one : other, load = at[2] + end * way[2];
+        if (!(load >= 0 && noslip_is_finite(load))) {
+            steps->any = 0;
+        } else if (way[2] > 0) {
+            noslip_narrow(steps, end, DBL_MAX);
         } else {
-            noslip_narrow(steps, -DBL_MAX, one < other ? one : other);
+            noslip_narrow(steps, -DBL_MAX, end);
         }
     } else if (!(c <= 0 && at[2] >= 0)) {
         steps->any = 0;
@@ -322,12 +325,15 @@ NOSLIP_APART void noslip_within_cone_f(noslip_steps_f *steps, const float *at, c
             steps->any = 0;
             noslip_narrow_f(steps, middle, middle);
         }
-    } else if (noslip_abs_f(larger) > 0) {            /* the load grows faster than the force: a half-line */
+    } else if (noslip_abs_f(larger) > 0) {            /* the load grows faster than the force: a half-line; as fast: or nothing */
         const float other = c / larger, one = a < 0 ? larger / a : other;
-        if (way[2] > 0) {
-            noslip_narrow_f(steps, one > other ? one : other, FLT_MAX);
+        const float end = (way[2] > 0) == (one > other) ? one : other, load = at[2] + end * way[2];
+        if (!(load >= 0 && noslip_is_finite_f(load))) {
+            steps->any = 0;
+        } else if (way[2] > 0) {
+            noslip_narrow_f(steps, end, FLT_MAX);
         } else {
-            noslip_narrow_f(steps, -FLT_MAX, one < other ? one : other);
+            noslip_narrow_f(steps, -FLT_MAX, end);
         }
     } else if (!(c <= 0 && at[2] >= 0)) {
         steps->any = 0;
