@@ -454,6 +454,21 @@ def test_a_misread_count_too_long_after_the_last_good_one_is_where_it_goes_on(c)
     assert [encoder.last for encoder in loop.vehicle.encoders] == list(loop.counts)
 
 
+def test_counts_misread_twice_are_given_up_together(c):
+    """The ticks waited for add up; after that none are."""
+    loop = started(c)
+    assert loop.tick(lambda counts: counts.__setitem__(0, counts[0] ^ 0x4000), 1) == c.lib.NOSLIP_RANGE
+    assert (loop.state, loop.vehicle.waited) == (HOLD, 2)
+    assert loop.tick(lambda counts: counts.__setitem__(0, counts[0] ^ 0x4000), 1) == c.lib.NOSLIP_RANGE
+    assert loop.vehicle.waited == 0 and [encoder.last for encoder in loop.vehicle.encoders] == list(loop.counts)
+
+
+def test_init_forgets_what_the_memory_held(c):
+    vehicle = c.used("vehicle")
+    assert c.lib.vehicle_init(vehicle, c.settings()) == 0
+    assert list(vehicle.torque) == [0, 0] == list(vehicle.rate) and vehicle.waited == 0 == vehicle.speed
+
+
 def test_missed_ticks_are_made_up_for(c):
     """Pose and rates are right at once; one strike each."""
     loop = started(c)
