@@ -22,6 +22,7 @@ from ..model.mechanism import Mechanism
 from ..readers.errors import BadInput
 from .plant import Plant
 from .specification.spec import ContactSection
+from .starts import least_norm
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -171,8 +172,7 @@ def _shared(combination: np.ndarray, lam: np.ndarray, load: np.ndarray) -> np.nd
     root = np.sqrt(np.repeat(np.maximum(load, floor), 2, axis=1))[:, :, None]
     finite = np.isfinite(lam).all(axis=1) & np.isfinite(root).all(axis=(1, 2))
     force = np.full(root.shape[:2], np.nan)
-    inverse = np.linalg.pinv((combination * root)[finite].swapaxes(1, 2), rcond=NEGLIGIBLE)
-    force[finite] = -(root[finite] * (inverse @ lam[finite, :, None]))[:, :, 0]
+    force[finite] = -root[finite, :, 0] * least_norm((combination * root)[finite].swapaxes(1, 2), lam[finite])
     return force
 
 

@@ -81,12 +81,12 @@ def _solved(function: Callable, target: np.ndarray, given: list[np.ndarray], mov
         if len(left):
             jacobian = slope.reshape(len(left), len(moves), -1).swapaxes(1, 2) * moves
             free = (jacobian != 0).any(axis=1)  # the others stay exactly zero
-            found[left] -= _least(jacobian, residual) * free
+            found[left] -= least_norm(jacobian, residual) * free
     found[~solved] = np.nan
     return found
 
 
-def _least(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+def least_norm(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the least-norm x with A x = b, (N, k) from (N, m, k) and (N, m). A row that depends on those before it is ignored.
 
     Uses the Gram-Schmidt process twice, with sums in a fixed order: those of LAPACK depend on the processor.

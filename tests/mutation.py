@@ -109,7 +109,7 @@ SOURCES: Mapping[str, Source] = {
     "firmware/vehicle.c": Source(
         _chosen(
             "test_firmware",
-            "settings null wheel_rates width stands_where linear_recursion misread missed too_long stops resets init_forgets sees",
+            "settings null wheel_rates width stands_where linear_recursion misread missed too_long stops resets forgets sees",
         )
     ),
     **{

@@ -180,8 +180,9 @@ def test_no_fused_operation_on_arm(level, cpu, standard, arm, tmp_path):
 
 
 @each_cpu
-@each_level
+@pytest.mark.parametrize("level", ["-O2", *(pytest.param(level, marks=pytest.mark.nightly) for level in ("-O3", "-Os"))])
 def test_there_are_some_without_the_pragma_on_arm(level, cpu, arm, tmp_path):
+    """At -O1 gcc does not look for them."""
     changed = without_pragma(arm, tmp_path / "changed")
     for source in ("selftest/selftest.c", "noslip/labmate_type_i_f.c"):
         assert fused("gcc", f"-std=gnu11 {level} {ARM[cpu]}", changed / source, changed, tmp_path)

@@ -12,7 +12,7 @@ from mpmath import mp
 from noslip.model.algebra.portable import portable
 from noslip.model.algebra.trigonometry import angle_of, arcsine, product, sine_cosine, size, unit
 from noslip.simulation.dop853 import E3, E5, A, B, C
-from noslip.simulation.starts import _least
+from noslip.simulation.starts import least_norm
 from noslip.tests.processors import SPECS, choices, digest_with
 from scipy.integrate import DOP853
 
@@ -78,7 +78,7 @@ def test_least_norm(rows, columns, rank):
     A = left[:, :, :rank] * random.uniform(0.1, 2.0, (50, 1, rank)) @ right[:, :rank]
     b = (A @ random.normal(size=(50, columns, 1)))[:, :, 0]
     wanted = (np.linalg.pinv(A, rcond=1e-12) @ b[:, :, None])[:, :, 0]
-    assert np.abs(_least(A, b) - wanted).max() < 1e-11
+    assert np.abs(least_norm(A, b) - wanted).max() < 1e-11
 
 
 def test_one_digest():
