@@ -17,7 +17,7 @@ from noslip.tests.processors import SPECS, choices, digest_with
 from scipy.integrate import DOP853
 
 OLDEST = "all of the oldest"
-FEW = [spec for spec in SPECS if spec.stem in ("circle", "cusp")]  # a start that is searched; a wait
+FEW = [spec for spec in SPECS if spec.stem in ("circle", "cusp", "rolling")]  # a start that is searched; a wait; contact forces
 
 
 def test_sines_and_cosines():
