@@ -92,7 +92,7 @@ SOURCES: Mapping[str, Source] = {
         )
     ),
     "runtime_c/noslip_grip.inc": Source(
-        _chosen("test_grip", "c_is rolls_or_says given_up least_squares init_checks cone_is_cut way_to_coasting")
+        _chosen("test_grip", "c_is rolls_or_says given_up least_squares init_checks cone_is_cut way_to_coasting steps_keep")
     ),
     "runtime_c/noslip_approach.inc": Source(_chosen("test_approach", "bounded at_rest overshoot c_is refused -specs")),
     "runtime_c/noslip_velocity.inc": Source(_chosen("test_drives", "c_is any_bits stop_together blocked keep_the misuse")),

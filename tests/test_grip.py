@@ -183,6 +183,36 @@ def test_a_cone_is_cut_by_a_line_where_it_is(cut):
     assert len(kinds) >= 4
 
 
+@pytest.mark.parametrize("scalar, near", [("double", 1e-9), ("float", 1e-3)])
+def test_steps_keep_every_contact_and_every_limit(scalar, near):
+    """Of two inputs, one of which may stay as it is, and one or two contacts, against a fine grid of steps."""
+    made, source, kinds = runtime("noslip_grip.h"), np.random.default_rng(5), set()
+    grip = made.new("noslip_grip", scalar)
+    grid = np.linspace(-20.0, 20.0, 401)
+    for k in range(400):
+        contacts = 1 + k % 2
+        inputs, way, limits = source.normal(size=2), source.normal(size=2), source.uniform(0.2, 4.0, 2)
+        way[k % 3 :] *= 0.0 if k % 3 else 1.0
+        ground, by = source.normal(size=(contacts, 4)), source.normal(size=(contacts, 3, 2)) * [[[0.3], [0.3], [1.0]]]
+        ground[:, 3] = source.uniform(0.5, 3.0, contacts)
+        grip.weight, grip.height = source.uniform(0.5, 3.0), source.uniform(0.0, 1.0)
+        given = [made.array(scalar, np.ravel(each)) for each in (inputs, way, ground, by)]
+        steps = made.function("noslip_steps_within", scalar)(*given, grip, made.array(scalar, limits), contacts)
+        parts = ground[:, :3, None] + (by @ way)[..., None] * grid
+        load = grip.weight * ground[:, 3, None] + grip.height * parts[:, 2]
+        room = np.vstack(
+            [load - np.hypot(parts[:, 0], parts[:, 1]), limits[:, None] - np.abs(inputs[:, None] + np.outer(way, grid))]
+        )
+        room, off = room.min(axis=0), near * (1 + np.abs(grid))
+        if not steps.any or steps.low > steps.high:
+            assert not (room > near).any(), k
+        else:
+            assert not (room > near)[(grid < steps.low - off) | (grid > steps.high + off)].any(), k
+            assert (room > -near)[(grid > steps.low + off) & (grid < steps.high - off)].all(), k
+        kinds.add((bool(steps.any), steps.low <= steps.high, k % 3))
+    assert len(kinds) >= 6
+
+
 @pytest.mark.parametrize("scalar, accuracy", [("double", 1e-9), ("float", 2e-2)])
 def test_the_way_to_coasting_ends_at_least_forces(scalar, accuracy):
     """Of two contacts at all sizes: the gradient of sum (F / m)^2 is zero at its end, or along it if an input has no effect."""
