@@ -9,18 +9,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..model.contacts import GRAVITY
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from ..simulation.closed_loop import simulate
 from ..simulation.run import Run
-from ..simulation.specification.spec import spec_of_table
+from ..simulation.specification.spec import ContactSection, LimitsSection, spec_of_table
 from .fit import predicted
 from .identifiability import combinations
 from .log import Log
 
-G = 9.81  # m/s^2
-MU = 0.7  # where the SPEC does not say, as in [contact]
 RADII = (0.95, 0.7, 0.5)  # of the circles of the eight, in units of the largest that the room has
 SPEEDS = (0.8, 0.6, 0.4)  # of the largest, and of the one at which a steady circle uses all friction
 PERIOD = 0.01  # s, where the SPEC is continuous
@@ -66,8 +65,9 @@ def excite(
     """
     refused: dict[str, int] = {}
     best: Manoeuvre | None = None
-    contact, margin = table.get("contact", {}), table.get("limits", {}).get("margin", 0.05)
-    grip = contact.get("mu", MU) * (1 - margin) * G  # m/s^2
+    spec = spec_of_table(table, Path(file))
+    margin = spec.limits.margin if spec.limits else LimitsSection.margin
+    grip = (spec.contact or ContactSection()).mu * (1 - margin) * GRAVITY  # m/s^2
     sizes = [radius * room / 4 for radius in RADII]
     speeds = [
         (radius, part * limit) for radius in sizes for part in SPEEDS for limit in (fastest / SPEEDS[0], math.sqrt(grip * radius))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -12,7 +13,7 @@ from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .identifiability import combinations
 from .log import Log
-from .output_error import OutputError, Prediction, Windows, with_derivatives
+from .output_error import OutputError, Prediction, Windows, runge_kutta, with_derivatives
 from .result import Identification, result_of
 
 WINDOW = 25  # rows that are predicted from one initial state
@@ -97,10 +98,7 @@ def _prediction(system: ReducedSystem, steps: int, names: Sequence[str]) -> Pred
     h, end = dt / steps, state
     for k in range(steps):
         a, b, c = k / steps, (k + 0.5) / steps, (k + 1) / steps
-        k1 = f(end, a)
-        k2 = f(end + h / 2 * k1, b)
-        k3 = f(end + h / 2 * k2, b)
-        end = end + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(end + h * k3, c))
+        end = runge_kutta([partial(f, s=s) for s in (a, b, b, c)], end, h)
     inputs, fitted = (
         ca.vertcat(first, middle, last, dt),
         [p.symbol for name in names for p in mechanism.parameters if p.name == name],

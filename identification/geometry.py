@@ -14,7 +14,7 @@ from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .identifiability import Combination, determined
 from .log import PoseLog
-from .output_error import OutputError, Prediction, Windows, with_derivatives
+from .output_error import OutputError, Prediction, Windows, runge_kutta, with_derivatives
 from .result import Identification, result_of
 
 WINDOWS = 10  # into which the log is divided, about; each has an initial pose of its own
@@ -150,10 +150,7 @@ class _Geometry:
         def f(at: ca.SX) -> ca.SX:
             return rate(at, change, ca.vertcat(*parameters))
 
-        k1 = f(q)
-        k2 = f(q + k1 / 2)
-        k3 = f(q + k2 / 2)
-        end = q + (k1 + 2 * k2 + 2 * k3 + f(q + k3)) / 6
+        end = runge_kutta((f,) * 4, q, 1.0)
         late = self.pose - self.delay * ca.jtimes(self.pose, q, self.rate)
         fitted = [p.symbol for name in names for p in quantities if p.name == name]
         return Prediction(

@@ -1,7 +1,7 @@
 """Output error: parameters of a model from windows of a log, each predicted from an initial state that is fitted too."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -233,6 +233,15 @@ class OutputError:
             (starts * weight[..., None]).reshape(windows, rows * outputs, -1),
             (parameters[..., columns] * weight[..., None]).reshape(windows, rows * outputs, -1),
         )
+
+
+def runge_kutta(rates: Iterable[Callable[[ca.SX], ca.SX]], x: ca.SX, h: ca.SX | float) -> ca.SX:
+    """Return x after a step of length h of order 4; `rates` of x at its beginning, twice in its middle, and at its end."""
+    begin, middle, again, end = rates
+    k1 = begin(x)
+    k2 = middle(x + h / 2 * k1)
+    k3 = again(x + h / 2 * k2)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + end(x + h * k3))
 
 
 def with_derivatives(

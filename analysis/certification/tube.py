@@ -97,7 +97,7 @@ class RateOfChange(Protocol):
 
 
 class Flow:
-    """Integrates a Field with an enclosure of all motions near the nominal one."""
+    """Integrates a RateOfChange with an enclosure of all motions near the nominal one."""
 
     def __init__(self, field: RateOfChange):
         self._field, self._h, self._longest = field, np.inf, np.inf
