@@ -30,7 +30,7 @@ RUNS := line circle
 
 include firmware/targets.mk # standard: the flags with which all targets compute the same bits
 
-.PHONY: all setup generate check-generated check simulate figures site playground lint types quick test nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
+.PHONY: all setup generate check-generated check simulate figures site playground lint types quick test suite nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -116,8 +116,11 @@ export PYTHONDONTWRITEBYTECODE := # what is started here finds noslip compiled
 quick: lint types check-generated
 	$(PYTEST) $(QUICK:%=tests/test_%.py)
 
-test: lint types
-	$(PYTEST)
+test: $(READY_DEV)
+	$(MAKE) --no-print-directory -j3 lint types suite # the types are checked on a core that the tests leave idle
+
+suite: $(READY_DEV)
+	env -u MAKEFLAGS -u MFLAGS $(PYTEST) # tests run make themselves, without this one's jobs
 
 # What each step finds is printed; the first that fails ends it.
 nightly: test $(READY_SITE)

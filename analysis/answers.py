@@ -63,8 +63,8 @@ class Constraints:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """`outputs` by law; `refused`: why a law is none of this system's; `no_outputs`: why there is none; by file, `starts` and
-    whether the wheels roll in the run from there.
+    """`outputs` by law; `refused`: why a law does not apply to this system; `no_outputs`: why there is none; by file, `starts`
+    and whether the wheels roll in the run from there.
     """
 
     name: str
@@ -80,10 +80,10 @@ class Answer:
     @property
     def refused_by_reason(self) -> dict[str, list[str]]:
         """Reason -> the laws that are rejected for it."""
-        found: dict[str, list[str]] = {}
+        laws: dict[str, list[str]] = {}
         for law, reason in self.refused.items():
-            found.setdefault(reason, []).append(law)
-        return found
+            laws.setdefault(reason, []).append(law)
+        return laws
 
     @property
     def fails(self) -> bool:
@@ -111,11 +111,11 @@ def analyse(
             check_law(system, law)
     verdicts = {file: start_verdict(system.name, file, uncertainty) for file in starts}
     with placed(system):
-        found = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
+        constraints = _of_contact(system) if isinstance(system, Contact) else _of_distribution(system)
     outputs, refused, nothing = _outputs(system, laws, progress)
     tables = {file: start_offsets(file, uncertainty, progress) for file in starts} if table else {}
     rolling = {file: start_rolling(file) for file in starts}
-    return Answer(system.name, getattr(system, "about", ""), found, outputs, refused, nothing, verdicts, rolling, tables)
+    return Answer(system.name, getattr(system, "about", ""), constraints, outputs, refused, nothing, verdicts, rolling, tables)
 
 
 def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float = 0.0) -> Verdict:
@@ -177,8 +177,8 @@ def as_json(answer: Answer) -> dict[str, Any]:
 
 def _verdict_json(verdict: Verdict) -> dict[str, Any]:
     until = verdict.until if math.isfinite(verdict.until) else None
-    found = {"verdict": verdict.kind, "t": verdict.t, "margin": verdict.margin, "until": until}
-    return {**found, "parts": verdict.parts, "reason": verdict.reason}
+    entries = {"verdict": verdict.kind, "t": verdict.t, "margin": verdict.margin, "until": until}
+    return {**entries, "parts": verdict.parts, "reason": verdict.reason}
 
 
 def singular_when(form: NormalForm) -> list[str]:
@@ -203,8 +203,8 @@ def uncontrolled(form: NormalForm) -> str:
     first, *others = form.charts
     kept = ", ".join(form.T[2])
     if not first.everywhere and others:
-        made = form.decoupling
-        minor = made.written_out(first.minor) if made.det_for_people != made.det else first.minor
+        decoupling = form.decoupling
+        minor = decoupling.written_out(first.minor) if decoupling.det_for_people != decoupling.det else first.minor
         minor = unsigned(sp.fraction(sp.together(minor))[0])
         kept += f" where {written(minor)} != 0, else {', '.join(map(str, others[0].kept))}"
     return f"{kept}: zero dynamics {form.zero_dynamics}, {form.stability}"
@@ -215,39 +215,39 @@ def uncontrolled(form: NormalForm) -> str:
 
 @lru_cache(maxsize=16)  # a robot is often analysed again with other starts
 def _of_distribution(system: Mechanism | Kinematics) -> Constraints:
-    found = structure.analyse(system)
-    basis, before = found.certificate.basis, (0, *found.growth)
-    levels = tuple(tuple(basis[a:b]) for a, b in zip(before, found.growth, strict=False))
-    notes = {"integrals": found.holonomic.text(), "changes": found.places.text(), "taken positive": list(found.assumed)}
-    proof = tuple(found.certificate.text())
-    json = found.as_json() | {"proof": list(proof)}
-    ranks = found.n, found.m, found.k, found.growth
-    return Constraints(*ranks, levels, notes, found.checks, json, found.S, proof, found.controlled)
+    analysis = structure.analyse(system)
+    basis, before = analysis.certificate.basis, (0, *analysis.growth)
+    levels = tuple(tuple(basis[a:b]) for a, b in zip(before, analysis.growth, strict=False))
+    notes = {"integrals": analysis.holonomic.text(), "changes": analysis.places.text(), "taken positive": list(analysis.assumed)}
+    proof = tuple(analysis.certificate.text())
+    json = analysis.as_json() | {"proof": list(proof)}
+    ranks = analysis.n, analysis.m, analysis.k, analysis.growth
+    return Constraints(*ranks, levels, notes, analysis.checks, json, analysis.S, proof, analysis.controlled)
 
 
 def _of_contact(contact: Contact) -> Constraints:
     """Analyse as any distribution; if metrics have roots, by the structure equations only, which hold for any two surfaces."""
-    found, kinematics = rolling_growth(contact), contact.kinematics()
+    growth, kinematics = rolling_growth(contact), contact.kinematics()
     rough = bool(distribution(kinematics).functions.roots)
-    made = _by_structure_equations(kinematics, found) if rough else _of_distribution(kinematics)
-    notes = {"because": [found.reason], "special orbits": list(found.special)}
+    constraints = _by_structure_equations(kinematics, growth) if rough else _of_distribution(kinematics)
+    notes = {"because": [growth.reason], "special orbits": list(growth.special)}
     if contact.formal:
         notes["formal only"] = [contact.formal]
     notes = {title: lines for title, lines in notes.items() if lines}
-    return replace(made, notes=made.notes | notes, json=made.json | {"rolling": notes})
+    return replace(constraints, notes=constraints.notes | notes, json=constraints.json | {"rolling": notes})
 
 
-def _by_structure_equations(system: Kinematics, found: RollingGrowth) -> Constraints:
-    k = found.holonomic
+def _by_structure_equations(system: Kinematics, growth: RollingGrowth) -> Constraints:
+    k = growth.holonomic
     json = {"name": system.name, "coordinates": system.n, "constraints": system.m, "holonomic": k, "nonholonomic": system.m - k}
-    json |= {"growth": list(found.vector), "integrals": [], "integrals_complete": not k, "input_state_linearizable": False}
+    json |= {"growth": list(growth.vector), "integrals": [], "integrals_complete": not k, "input_state_linearizable": False}
     notes = {}
-    if found.drops_where is not None:
-        (where,) = symbolic(found.drops_where, [*system.coordinates, *system.parameters], system.name)
+    if growth.drops_where is not None:
+        (where,) = symbolic(growth.drops_where, [*system.coordinates, *system.parameters], system.name)
         above, below = map(written, sp.fraction(sp.together(where)))
         notes["changes"] = [f"where the Gaussian curvatures at the contact are equal: ({above})/({below}) = 0"]
-    levels = ROLLING_BRACKETS[found.vector[0]][: len(found.vector)]
-    return Constraints(system.n, system.m, k, found.vector, levels, notes, (), json)
+    levels = ROLLING_BRACKETS[growth.vector[0]][: len(growth.vector)]
+    return Constraints(system.n, system.m, k, growth.vector, levels, notes, (), json)
 
 
 # -- outputs ------------------------------------------------------------------------------------------------------------
@@ -265,19 +265,19 @@ def _outputs(system: System, laws: Sequence[str], progress: Reported) -> tuple[d
         if laws:
             raise
         return {}, {}, _reason(error, system)
-    found, refused = {}, {}
+    forms, refused = {}, {}
     selected = laws or output_names(system)
-    for done, law in enumerate(selected):
-        progress(done, len(selected), "outputs analysed")
+    for k, law in enumerate(selected):
+        progress(k, len(selected), "outputs analysed")
         try:
-            found[law] = _form(reduced, law)
+            forms[law] = _form(reduced, law)
         except ModelError as error:
             if laws:
                 raise
             refused[law] = _reason(error, system)
     reasons = set(refused.values())
     nothing = reasons.pop() if len(reasons) == 1 else "none of Types I to IV fits, nor of its own"
-    return found, refused, "" if found else nothing
+    return forms, refused, "" if forms else nothing
 
 
 @lru_cache(maxsize=64)
@@ -287,29 +287,31 @@ def _form(system: ReducedSystem, law: str) -> NormalForm:
 
 def _reason(error: ModelError, system: Mechanism) -> str:
     """Return an error message without the place in a user's file and the names of robot and law."""
-    said = error.__cause__ if isinstance(error.__cause__, ModelError) else error
-    message = str(said).removeprefix(system.name).removeprefix(": ").removeprefix(", output ")
+    cause = error.__cause__ if isinstance(error.__cause__, ModelError) else error
+    message = str(cause).removeprefix(system.name).removeprefix(": ").removeprefix(", output ")
     law, colon, rest = message.partition(": ")
     return rest if colon and law in output_names(system) else message
 
 
 def _output_json(form: NormalForm) -> dict[str, Any]:
-    made = form.decoupling
+    decoupling = form.decoupling
     z1, z2, z3 = form.T
     return {
-        "relative_degree": list(made.linearization.relative_degree),
-        "det": written(made.det_in_full),
+        "relative_degree": list(decoupling.linearization.relative_degree),
+        "det": written(decoupling.det_in_full),
         "singular_when": ", or ".join(singular_when(form)) or "nowhere",
         "zero_dynamics": "; ".join([uncontrolled(form), *map(str, form.moving), *_driven_straight(form)]),
-        "det_short": written(made.det_for_people),
-        "where": {str(name): written(formula) for name, formula in made.explained.items()} | made.renamed,
-        "conditions": [{"formula": written(c.formula), "words": c.words, "confirmed": c.confirmed} for c in made.conditions],
-        "undefined_where": [written(expression) for expression in made.undefined],
+        "det_short": written(decoupling.det_for_people),
+        "where": {str(name): written(formula) for name, formula in decoupling.explained.items()} | decoupling.renamed,
+        "conditions": [
+            {"formula": written(c.formula), "words": c.words, "confirmed": c.confirmed} for c in decoupling.conditions
+        ],
+        "undefined_where": [written(expression) for expression in decoupling.undefined],
         "normal_form": {
             "z1": list(z1),
             "z2": list(z2),
             "z3": list(z3),
-            "regular_where_not_zero": [written(form.charts[0].minor), written(made.det)],
+            "regular_where_not_zero": [written(form.charts[0].minor), written(decoupling.det)],
             "other_z3": [list(map(str, chart.kept)) for chart in form.charts[1:]],
         },
         "z3_rates": {name: written(rate) for name, rate in form.equations.items()},

@@ -19,17 +19,17 @@ class _Printer(MathMLPresentationPrinter):
 
     def _print_Symbol(self, symbol, style="plain"):
         name = symbol.name.removesuffix("_dot")
-        made = super()._print_Symbol(sp.Symbol(name), style)
+        element = super()._print_Symbol(sp.Symbol(name), style)
         if name == symbol.name:
-            return made
+            return element
         over, dot = self.dom.createElement("mover"), self.dom.createElement("mo")
         dot.appendChild(self.dom.createTextNode("\u02d9"))
-        letter = made.firstChild if made.tagName == "msub" else made
-        if made is not letter:
-            made.replaceChild(over, letter)
+        letter = element.firstChild if element.tagName == "msub" else element
+        if element is not letter:
+            element.replaceChild(over, letter)
         over.appendChild(letter)
         over.appendChild(dot)
-        return over if made is letter else made
+        return over if element is letter else element
 
 
 def mathml(*parts: sp.Expr | sp.Matrix | str, display: bool = False) -> Markup:

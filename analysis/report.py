@@ -46,14 +46,15 @@ def report(answer: Answer) -> str:
 
 def _normal_form(form: NormalForm) -> list[tuple[str, str]]:
     """The rows of an output's table: where it is singular, its coordinates, its zero dynamics."""
-    made, z3 = form.decoupling, Markup("z<sub>3</sub>′")
+    decoupling, z3 = form.decoupling, Markup("z<sub>3</sub>′")
     conditions = [
-        Markup("{}{}{}").format(c.words, ": " if c.words else "", mathml(c.formula, "=", sp.Integer(0))) for c in made.conditions
+        Markup("{}{}{}").format(c.words, ": " if c.words else "", mathml(c.formula, "=", sp.Integer(0)))
+        for c in decoupling.conditions
     ]
     z = [Markup(" , ").join(map(_symbol, names)) for names in form.T]
     rows = [
         ("singular", BREAK.join(conditions or ["nowhere"])),
-        ("not defined", BREAK.join(mathml("where", expression, "=", sp.Integer(0)) for expression in made.undefined)),
+        ("not defined", BREAK.join(mathml("where", expression, "=", sp.Integer(0)) for expression in decoupling.undefined)),
         ("T(x)", BREAK.join(Markup("z<sub>{}</sub> = ({})").format(k + 1, names) for k, names in enumerate(z))),
         ("regular", _regular(form.charts[0].minor)),
         (z3, BREAK.join(mathml(sp.Symbol(f"{name}_dot"), "=", rate) for name, rate in form.equations.items())),
@@ -82,28 +83,28 @@ def _symbol(name: str) -> Markup:
 # -- drawings -----------------------------------------------------------------------------------------------------------
 
 
-def _growth(found: Constraints) -> Markup:
+def _growth(constraints: Constraints) -> Markup:
     """A column of boxes for each step: what was there, what the new brackets add, and above it what integrates."""
-    wide, tall, left = max(170, 8 * max(len(name) for level in found.levels for name in level)), 34, 46
-    width, height = left + len(found.growth) * (wide + 16) + 10, found.n * tall + 44
+    wide, tall, left = max(170, 8 * max(len(name) for level in constraints.levels for name in level)), 34, 46
+    width, height = left + len(constraints.growth) * (wide + 16) + 10, constraints.n * tall + 44
     drawn, below = [], height - 30
-    for step, dimension in enumerate(found.growth):
+    for step, dimension in enumerate(constraints.growth):
         x = left + step * (wide + 16)
-        names = [name for level in found.levels[: step + 1] for name in level]
-        new = found.growth[step - 1] if step else 0
-        for k in range(found.n):
+        names = [name for level in constraints.levels[: step + 1] for name in level]
+        new = constraints.growth[step - 1] if step else 0
+        for k in range(constraints.n):
             y = below - (k + 1) * tall
             if k < dimension:
                 fill, ink = (NEW, "white") if k >= new else (OLD, INK)
                 drawn.append(_box(x, y, wide, tall - 4, fill))
                 drawn.append(_label(x + wide / 2, y + tall / 2 + 3, names[k], ink))
-            elif step == len(found.growth) - 1:
+            elif step == len(constraints.growth) - 1:
                 drawn.append(_box(x, y, wide, tall - 4, HOLD, dashed=True))
                 drawn.append(_label(x + wide / 2, y + tall / 2 + 3, "holonomic", SOFT))
         drawn.append(_label(x + wide / 2, height - 8, f"step {step + 1}: dimension {dimension}", INK))
-    top = below - found.n * tall
+    top = below - constraints.n * tall
     drawn.append(f'<line x1="{left - 10}" y1="{top - 2}" x2="{width}" y2="{top - 2}" stroke="{SOFT}" stroke-dasharray="5 4"/>')
-    drawn.append(_label(left - 28, top + 4, f"n = {found.n}", SOFT))
+    drawn.append(_label(left - 28, top + 4, f"n = {constraints.n}", SOFT))
     return _svg(width, height, drawn, "growth of the distribution, step by step")
 
 

@@ -22,7 +22,7 @@ def as_text(answer: Answer) -> str:
         lines += ["", "Starts"]
         for file, verdict in answer.starts.items():
             lines += labelled(file, [str(verdict), *answer.rolling[file].summary().splitlines()])
-        lines += [line for word, what in BASIS.items() for line in labelled(word, [what])]
+        lines += [line for word, meaning in BASIS.items() for line in labelled(word, [meaning])]
     for file, table in answer.tables.items():
         lines += ["", f"Largest offset proved to be safe on both sides of the path, {file}", *table.lines()]
     return "\n".join(lines)
@@ -30,15 +30,16 @@ def as_text(answer: Answer) -> str:
 
 def constraints(answer: Answer) -> list[str]:
     """Return the lines about constraints and properties."""
-    found = answer.constraints
-    levels = " | ".join(" ".join(level) for level in found.levels)
-    lines = [f"Constraints: {found.m} in {found.n} coordinates, {found.k} holonomic, {found.m - found.k} nonholonomic"]
-    lines += labelled("growth", [f"({', '.join(map(str, found.growth))}) of {found.n}: {levels}"])
-    for title, parts in found.notes.items():
+    structure = answer.constraints
+    levels = " | ".join(" ".join(level) for level in structure.levels)
+    n, m, k = structure.n, structure.m, structure.k
+    lines = [f"Constraints: {m} in {n} coordinates, {k} holonomic, {m - k} nonholonomic"]
+    lines += labelled("growth", [f"({', '.join(map(str, structure.growth))}) of {n}: {levels}"])
+    for title, parts in structure.notes.items():
         lines += labelled(title, parts)
-    if found.checks:
-        lines += ["", f"Properties of {found.controlled}"]
-    for check in found.checks:
+    if structure.checks:
+        lines += ["", f"Properties of {structure.controlled}"]
+    for check in structure.checks:
         lines += labelled(VERDICTS[check.verdict], [f"{check.question}, on {check.where}: {check.reason}"])
     return lines
 
@@ -58,33 +59,33 @@ def outputs(answer: Answer) -> list[str]:
 
 
 def _output(law: str, form: NormalForm) -> list[str]:
-    made = form.decoupling
-    rows, degree = made.linearization.output.rows, made.linearization.relative_degree
+    decoupling = form.decoupling
+    rows, degree = decoupling.linearization.output.rows, decoupling.linearization.relative_degree
     names = ", ".join(f"{row.name} ({k})" for row, k in zip(rows, degree, strict=True))
     lines = labelled(law, [f"outputs (relative degree) {names}"])
-    lines += labelled("  det Phi", [written(made.det_for_people)])
+    lines += labelled("  det Phi", [written(decoupling.det_for_people)])
     lines += labelled("  singular", singular_when(form) or ["nowhere"])
-    lines += labelled("  not defined", [f"where {written(pole)} = 0" for pole in made.poles])
+    lines += labelled("  not defined", [f"where {written(pole)} = 0" for pole in decoupling.poles])
     lines += labelled("  uncontrolled", [uncontrolled(form)])
     return lines + labelled("  at speed V", map(str, form.moving))
 
 
 def _legend(form: NormalForm) -> dict[str, str]:
     """Return the meaning of the symbols in the formulas of this paragraph."""
-    made = form.decoupling
-    shown = {str(s) for e in (made.det_for_people, *(c.formula for c in made.conditions)) for s in e.free_symbols}
-    found = {name: about for name, about in made.renamed.items() if name in shown}
-    if made.normal:
-        point = [str(name) for name in made.normal.point]
+    decoupling = form.decoupling
+    shown = {str(s) for e in (decoupling.det_for_people, *(c.formula for c in decoupling.conditions)) for s in e.free_symbols}
+    meanings = {name: about for name, about in decoupling.renamed.items() if name in shown}
+    if normal := decoupling.normal:
+        point = [str(name) for name in normal.point]
         if shown & set(point):
-            places = ", ".join(map(written, made.normal.point.values()))
-            found[f"({', '.join(point)})"] = f"({places}), P_l"
-        if str(made.normal.x) in shown:
-            found[f"({made.normal.x}, {made.normal.y})"] = "gradient of the distance at P_l, of length 1 on the path"
-    if form.moving and made.planar and not made.planar.heading.is_Symbol:
-        found["heading"] = f"{written(made.planar.heading)}, of the part of the vehicle with P_l and its axle"
-    said = {name for each in form.moving for name in each.symbols}
-    return found | {name: about for name, about in SYMBOLS.items() if name in said}
+            places = ", ".join(map(written, normal.point.values()))
+            meanings[f"({', '.join(point)})"] = f"({places}), P_l"
+        if str(normal.x) in shown:
+            meanings[f"({normal.x}, {normal.y})"] = "gradient of the distance at P_l, of length 1 on the path"
+    if form.moving and decoupling.planar and not decoupling.planar.heading.is_Symbol:
+        meanings["heading"] = f"{written(decoupling.planar.heading)}, of the part of the vehicle with P_l and its axle"
+    used = {name for each in form.moving for name in each.symbols}
+    return meanings | {name: about for name, about in SYMBOLS.items() if name in used}
 
 
 def labelled(label: str, parts: Iterable[str], indent: int = 2) -> list[str]:

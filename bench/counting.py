@@ -3,9 +3,11 @@
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from threading import Lock
 
 SOURCE = Path(__file__).resolve().parent / "target/count.c"
 TIMEOUT = 120  # s, of each tool
+BUILDING = Lock()  # of the plugin, by one thread
 
 Symbols = Mapping[str, tuple[int, int]]  # function -> address, bytes
 
@@ -26,18 +28,25 @@ def symbols_of(image: Path, prefix: str) -> dict[str, tuple[int, int]]:
 
 
 def count_calls(
-    machine: Sequence[str], image: Path, symbols: Symbols, calls: Sequence[tuple[str, str]], folder: Path
-) -> tuple[subprocess.CompletedProcess, dict[str, tuple[int, int, int, int]]]:
+    machine: Sequence[str],
+    image: Path,
+    symbols: Symbols,
+    calls: Sequence[tuple[str, str]],
+    folder: Path,
+    costs: Path | None = None,
+) -> tuple[subprocess.CompletedProcess, dict[str, tuple[int, int, int, int, int]]]:
     """Run an image on a machine (the command of the emulator) and count functions called by given callers: (function, caller).
 
     Returns the exit status, and function -> calls, instructions of all, of the shortest and of the longest call, including
-    callees. If one of the functions calls another, only the outer one is counted. The plugin is built in the folder.
+    callees, and cycles of all calls by the costs of cycles.py, 0 without them. If one of the functions calls another, only the
+    outer one is counted. The plugin is built in the folder.
     """
     log = image.with_suffix(".count")
     asked = []
     for function, caller in calls:
         first, size = symbols[caller]
         asked.append(f"call={symbols[function][0]:x}:{first:x}:{first + size - 1:x}")
+    asked += [f"cycles={costs}"] if costs else []
     plugin = ["-d", "plugin", "-D", str(log), "-plugin", ",".join([str(_plugin(folder)), *asked])]
     done = run([*machine, *plugin, "-kernel", str(image)], image.parent, check=False)
     rows = [line.split() for line in log.read_text().splitlines()]
@@ -47,6 +56,8 @@ def count_calls(
 
 def _plugin(folder: Path) -> Path:
     plugin = folder / "count.so"
-    if not plugin.exists() or plugin.stat().st_mtime < SOURCE.stat().st_mtime:
+    with BUILDING:
+        if plugin.exists() and plugin.stat().st_mtime >= SOURCE.stat().st_mtime:
+            return plugin
         run(["gcc", "-std=c99", "-O2", "-fPIC", "-shared", str(SOURCE), "-o", str(plugin)], folder)
     return plugin

@@ -2,8 +2,8 @@
 
     python bench/firmware.py [--json] [--build DIR] [--optimize=-Os]
 
-A tick is a call of vehicle_step; every one is counted of the run that the image makes in QEMU, from the start of its path until
-it stands at the end. These are instructions, not cycles. Exit code 1 where the run does not arrive.
+A tick is a call of labmate_follower_tick_f; every one is counted of the run that the image makes in QEMU, from the start of its
+path until it stands at the end. These are instructions, not cycles. Exit code 1 where the run does not arrive.
 """
 
 import argparse
@@ -21,12 +21,12 @@ FIRMWARE = Path(__file__).resolve().parent.parent / "firmware"
 TARGET, PREFIX = "cortex-m4f", "arm-none-eabi-"
 CLOCK = ("-icount", "shift=5,sleep=off")  # time advances with the instructions, and immediately while the processor sleeps
 PARTS = {  # function -> its caller; odometry, path and motors are inline in the first
-    "vehicle_step": "main",
-    "labmate_type_iv_segment_follow_f": "vehicle_step",
-    "watchdog_step": "vehicle_step",
-    "labmate_type_iv_segment_init_f": "init_law",
+    "labmate_follower_tick_f": "main",
+    "labmate_type_iv_segment_follow_f": "act",
+    "noslip_watchdog_step": "act",
+    "init_law": "act",
 }
-ENTRIES = ("vehicle_step", "vehicle_init", "main")
+ENTRIES = ("labmate_follower_tick_f", "labmate_follower_init_f", "main")
 
 
 def measure(folder: Path, optimize: str = "-O2") -> dict:
@@ -46,7 +46,7 @@ def measure(folder: Path, optimize: str = "-O2") -> dict:
         done, found = count_calls(machine, image, symbols, [(function, caller)], folder)
         if done.returncode:
             raise RuntimeError(f"{image}: exit {done.returncode} {done.stdout}{done.stderr}")
-        calls, total, least, most = found[function]
+        calls, total, least, most, _ = found[function]
         instructions[function] = {"calls": calls, "mean": round(total / calls, 1), "least": least, "most": most}
     graph = call_graph(sorted(built.glob("*.ci")))
     return {

@@ -11,6 +11,7 @@ from pathlib import Path
 import cases
 from callgraph import call_graph, deepest, reached
 from counting import count_calls, run, symbols_of
+from cycles import write_costs
 from noslip.codegen.targets import STANDARD, flags
 from programs import Program, main_text
 
@@ -23,11 +24,13 @@ M4F = flags("cortex-m4f")
 
 @dataclass(frozen=True)
 class Count:
-    """Per call of a function: mean, minimum and maximum of instructions (with callgrind only the mean); bytes."""
+    """Per call of a function: mean, minimum and maximum of instructions (with callgrind only the mean), mean of the cycles that
+    cycles.py estimates (None for this machine); bytes."""
 
     instructions: float
     least: int | None
     most: int | None
+    cycles: float | None
     text_bytes: int
     stack_bytes: int
 
@@ -82,12 +85,12 @@ class Target:
         }
 
     def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, tuple]:
-        """Program name -> mean, least, most."""
+        """Program name -> mean, least, most, cycles."""
         out = image.with_suffix(".callgrind")
         command = ["valgrind", "--tool=callgrind", "-q", f"--callgrind-out-file={out}", "--compress-strings=no"]
         _checked(run([*command, "--compress-pos=no", str(image)], image.parent, check=False), programs, image)
         inclusive = _inclusive(out.read_text())
-        return {p.name: (inclusive[p.measured] / cases.COUNT, None, None) for p in programs}
+        return {p.name: (inclusive[p.measured] / cases.COUNT, None, None, None) for p in programs}
 
     def _compile(self, folder: Path, program: Program, shared: Path) -> Path:
         path = folder / f"{program.name}.{'c' if program.language == 'c' else 'cc'}"
@@ -102,7 +105,7 @@ class Target:
 
 
 class CortexM4F(Target):
-    """Cortex-M4F with its single-precision FPU, in QEMU; a plugin counts every executed instruction."""
+    """Cortex-M4F with its single-precision FPU, in QEMU; a plugin counts every executed instruction, and its estimated cycles."""
 
     name = "cortex-m4f"
     prefix = "arm-none-eabi-"
@@ -114,14 +117,18 @@ class CortexM4F(Target):
     machine += ("-semihosting-config", "enable=on,target=native")
 
     def count(self, image: Path, programs: Sequence[Program], symbols: dict) -> dict[str, tuple]:
-        """Program name -> mean, least, most."""
+        """Program name -> mean, least, most, cycles."""
         calls = [(p.measured, p.driver) for p in programs]
-        done, found = count_calls(self.machine, image, symbols, calls, self.folder)
+        done, found = count_calls(self.machine, image, symbols, calls, self.folder, write_costs(image, self.prefix))
         _checked(done, programs, image)
         for name, (number, *_) in found.items():
             if number != cases.COUNT:
                 raise RuntimeError(f"{image}: {name} was called {number} times, not {cases.COUNT}")
-        return {p.name: (found[p.measured][1] / cases.COUNT, *found[p.measured][2:]) for p in programs}
+        made = {}
+        for program in programs:
+            _, total, least, most, cycles = found[program.measured]
+            made[program.name] = total / cases.COUNT, least, most, round(cycles / cases.COUNT, 1)
+        return made
 
 
 def measure_all(target: Target, jobs: Sequence[tuple[str, Sequence[Program], str]], shared: Path) -> dict:

@@ -46,9 +46,9 @@ class Unguarded(LawC):
         return "" if answer in ("NOSLIP_SINGULAR", "NOSLIP_RANGE") else super().leave(condition, answer)
 
 
-def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True) -> Program:
+def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True, kind: type[LawC] = Unguarded) -> Program:
     """Return our law without guards: the body of the generated function."""
-    text = Unguarded(compile_law(law, optimize), SCALARS[scalar], ["for the bench, without guards"])
+    text = kind(compile_law(law, optimize), SCALARS[scalar], ["for the bench, without guards"])
     core = SCALARS[scalar].name(f"{text.prefix}_{ENTRY[quantity]}") + "_law"
     types, arguments = _signature(text, quantity)
     return _program(
@@ -63,6 +63,11 @@ def ours(law: ControlLaw, scalar: str, quantity: str, optimize: bool = True) -> 
         ],
         *_own_calls(text, quantity),
     )
+
+
+def tested(law: ControlLaw, scalar: str, quantity: str) -> Program:
+    """Return our law with the tests that it is not singular, and without other guards."""
+    return ours(law, scalar, quantity, kind=LawC)
 
 
 def guarded(law: ControlLaw, scalar: str, quantity: str) -> Program:

@@ -1,7 +1,7 @@
 """The bench: instructions, bytes and rates of the generated laws, compared with hand-written ones and those of other tools.
 
-Instructions are counted by callgrind on this machine and by a plugin of QEMU on an emulated Cortex-M4F; they are not
-cycles. Writes bench.json and bench.png; what a missing tool would measure is skipped and said.
+Instructions are counted by callgrind on this machine and by a plugin of QEMU on an emulated Cortex-M4F, whose cycles
+cycles.py estimates from them. Writes bench.json and bench.png; what a missing tool would measure is skipped and said.
 """
 
 import argparse
@@ -12,6 +12,7 @@ import batch
 import cases
 import chart
 import growth
+import lanes
 import peers
 import programs
 import rates
@@ -22,7 +23,8 @@ from noslip.model.outputs import OUTPUTS
 from noslip.readers.files import write_folder, write_whole
 from noslip.readers.robots import find_robot, law_of, system_of
 
-OURS = {"ours": programs.ours, "guarded": programs.guarded, "unoptimized": programs.unoptimized, "hand": programs.hand}
+OURS = {"ours": programs.ours, "tested": programs.tested, "guarded": programs.guarded, "unoptimized": programs.unoptimized}
+OURS |= {"hand": programs.hand}
 PEERS = {"casadi": peers.casadi, "casadi_single": peers.casadi_single, "sympy": peers.sympy_cse, "symforce": peers.symforce}
 MATRICES = ("Phi", "Phidot")
 SCALARS = ("double", "float")
@@ -65,6 +67,9 @@ def main() -> int:
             else:
                 for law, entry in table.items():
                     result["laws"].setdefault(law, {})[scalar] = entry
+    if result["laws"]:
+        result["lanes"] = lanes.measure(laws, shared, work / "lanes")
+        print(f"\n{lanes.table(result['lanes'])}")
     if args.quick:
         return 0
 
@@ -101,7 +106,8 @@ def _programs(laws: list, ways: dict[str, programs.Writer]) -> dict[tuple[str, s
         for scalar in SCALARS:
             if label == "casadi_single" and scalar == "double":
                 continue
-            chosen = laws if label in ("ours", "guarded", "unoptimized") else [law for law in laws if law.name in programs.HAND]
+            ours = label in OURS and label != "hand"
+            chosen = [law for law in laws if ours or law.name in programs.HAND]
             quantities = ("tau", *MATRICES) if label in ("ours", "hand") else ("tau",)
             made = [(law, q, peers.capped(lambda w=way, a=(law, scalar, q): w(*a))) for law in chosen for q in quantities]
             for law, _, _ in (one for one in made if one[2] is None):
@@ -116,10 +122,12 @@ def _entry(law: str, scalar: str, counts: dict) -> dict:
     for (label, of), programs_counted in counts.items():
         if of == scalar and f"{law}_tau" in programs_counted:
             found[label] = programs_counted[f"{law}_tau"]
-    ours, guarded = found.pop("ours"), found.pop("guarded")
+    ours, tested, guarded = (found.pop(label) for label in ("ours", "tested", "guarded"))
     entry: dict = {"instructions": ours.mean, "guards": round(guarded.instructions - ours.instructions, 2)}
     if ours.most is not None:
         entry |= {"least": ours.least, "most": ours.most, "most_with_guards": guarded.most}
+        entry |= {"cycles": tested.cycles, "cycles_unguarded": ours.cycles, "cycles_guarded": guarded.cycles}
+        entry |= {f"cycles_{label}": count.cycles for label, count in found.items()}
     entry |= {label: count.mean for label, count in found.items()}
     entry |= {"text_bytes": ours.text_bytes, "stack_bytes": ours.stack_bytes}
     found = {"with_guards": guarded} | found
@@ -147,7 +155,18 @@ def _table(title: str, table: dict[str, dict]) -> str:
         cells = [f"{one['text']}+{one['stack']}" if one else "" for one in each]
         sizes.append([law, f"{entry['text_bytes']}+{entry['stack_bytes']}", *cells])
     note = "text + stack bytes, without libm"
-    return f"\n{title}: mean instructions of a call\n{_aligned(rows)}\n\n{title}: {note}\n{_aligned(sizes)}"
+    counted = f"\n{title}: mean instructions of a call\n{_aligned(rows)}\n\n{title}: {note}\n{_aligned(sizes)}"
+    return counted + _cycles(title, table)
+
+
+def _cycles(title: str, table: dict[str, dict]) -> str:
+    """Return a table of the estimated cycles of all laws; nothing for a target without an estimate."""
+    columns = {"cycles_unguarded": "law alone", "cycles": "+ singular test", "cycles_guarded": "+ all guards"}
+    columns |= {f"cycles_{label}": label for label in ("unoptimized", "hand", *PEERS)}
+    columns = {key: heading for key, heading in columns.items() if any(key in entry for entry in table.values())}
+    rows = [["", *columns.values()]]
+    rows += [[law, *(_number(entry.get(key)) for key in columns)] for law, entry in table.items()]
+    return f"\n\n{title}: estimated cycles of a call\n{_aligned(rows)}" if columns else ""
 
 
 def _ratio(ours: float, hand: float | None) -> str:

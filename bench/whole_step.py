@@ -95,7 +95,7 @@ class _Image:
         done, found = count_calls(machine, self._image, self._symbols, [(function, caller)], self._folder.parent)
         if done.returncode:
             raise RuntimeError(f"{self._image}: exit {done.returncode} {done.stderr}")
-        calls, total, least, most = found[function]
+        calls, total, least, most, _ = found[function]
         return {"calls": calls, "mean": round(total / calls, 1), "least": least, "most": most}
 
     @property

@@ -84,9 +84,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.report:
         from ..analysis.report import report
 
-        found = answer()
-        write_whole(arguments.report, report(found))
-        text, values, fails = _results(found)
+        analysis = answer()
+        write_whole(arguments.report, report(analysis))
+        text, values, fails = _results(analysis)
     elif key := _key(arguments, uncertainty):
         text, values, fails = remembered(key, lambda: _results(answer()), rooms=ROOMS)
     else:
@@ -120,21 +120,21 @@ def _key(arguments: argparse.Namespace, uncertainty: dict[str, float]) -> tuple:
     return "analysis", tools, arguments.robot, arguments.output, starts, sorted(uncertainty.items()), arguments.table
 
 
-def read_uncertainty(given: Sequence[str], system: "System") -> dict[str, float]:
+def read_uncertainty(texts: Sequence[str], system: "System") -> dict[str, float]:
     """Return relative uncertainties by parameter name. A size without a name applies to all parameters not named. Raises
     BadInput.
     """
-    found: dict[str, float] = {}
-    for text in given:
+    sizes: dict[str, float] = {}
+    for text in texts:
         name, _, size = text.rpartition("=")
         try:
-            found[name] = float(size)
+            sizes[name] = float(size)
         except ValueError:
             raise BadInput(f"--uncertainty {text}: give a number such as 0.01, or m_c=0.01 for one parameter") from None
-    if "" not in found:
-        return found
-    common = found.pop("")
-    return {q.name: common for q in getattr(system, "parameters", ())} | found
+    if "" not in sizes:
+        return sizes
+    common = sizes.pop("")
+    return {q.name: common for q in getattr(system, "parameters", ())} | sizes
 
 
 def find_system(text: str) -> "System":

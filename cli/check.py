@@ -55,10 +55,10 @@ def run(args: argparse.Namespace) -> int:
     if not 1 <= states <= MOST_STATES or seed < 0:
         raise BadInput(f"--states must be 1 to {MOST_STATES} and --seed 0 or more; given: {states} and {seed}")
     with Progress() as progress:
-        found = check_random(args.robot or "labmate", args.output, states, seed, backends, progress)
-    return _shown(args, found)
+        comparison = check_random(args.robot or "labmate", args.output, states, seed, backends, progress)
+    return _shown(args, comparison)
 
 
-def _shown(args: argparse.Namespace, found: "Comparison") -> int:
-    show(args, found.text, found.as_json)
-    return 1 if found.failures else 0
+def _shown(args: argparse.Namespace, comparison: "Comparison") -> int:
+    show(args, comparison.text, comparison.as_json)
+    return 1 if comparison.failures else 0

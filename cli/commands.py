@@ -161,8 +161,8 @@ def _report(error: Exception) -> int:
     if "NOSLIP_DEBUG" in os.environ:
         traceback.print_exception(error)
     last = traceback.extract_tb(error.__traceback__)[-1]
-    what = f"{type(error).__name__}: {error} ({os.path.basename(last.filename)}:{last.lineno})"
-    return _fail(INTERNAL, f"internal error, please report it: {what}; set NOSLIP_DEBUG=1 for a traceback")
+    problem = f"{type(error).__name__}: {error} ({os.path.basename(last.filename)}:{last.lineno})"
+    return _fail(INTERNAL, f"internal error, please report it: {problem}; set NOSLIP_DEBUG=1 for a traceback")
 
 
 def _fail(code: int, message: str) -> int:

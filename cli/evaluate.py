@@ -46,9 +46,9 @@ def run(args: argparse.Namespace) -> int:
     from ..verification.evaluate import evaluate_cases
 
     check_targets([args.out], inputs=[args.cases])
-    found = evaluate_cases(read_cases(args.cases), args.backend)
-    write_out(args.out, found)
+    evaluations = evaluate_cases(read_cases(args.cases), args.backend)
+    write_out(args.out, evaluations)
     if args.out != "-":  # else the JSON is printed already
-        statuses = [evaluation.status for evaluation in found]
+        statuses = [evaluation.status for evaluation in evaluations]
         show(args, str, lambda: {"backend": args.backend, "statuses": statuses, "files": [args.out]})
     return 0

@@ -8,13 +8,14 @@ from pathlib import Path
 from ..readers.errors import BadInput
 from ..readers.files import check_targets, work_folder, write_folder, write_whole
 from .commands import show
-from .generate import DYNAMICS, add_selection, robot_name, selected_files, selected_laws
+from .generate import DYNAMICS, add_selection, robot_name, select_follower, selected_files, selected_laws
 
 EXAMPLE = """examples:
   noslip export labmate --output type_iv_circle --scalar float -o my_firmware/noslip
   noslip export labmate --output type_iv_circle --firmware cortex-m4f -o my_firmware
   noslip export labmate --output type_iv_circle --fmu loop -o circle.fmu
-  noslip export labmate --output type_iv_circle --package cmake -o my_package"""
+  noslip export labmate --output type_iv_circle --package cmake -o my_package
+  noslip export labmate --output follower --firmware cortex-m4f -o my_vehicle"""
 FMU = ("controller", "plant", "loop")
 PACKAGES = ("cmake", "platformio", "arduino", "zephyr", "esp-idf")
 
@@ -56,6 +57,7 @@ def run(args: argparse.Namespace) -> int:
     """Run `noslip export`. Return 1, with nothing written, if C and model differ. Raises BadInput if a folder is not empty."""
     if args.fmu:
         return _export_fmu(args)
+    select_follower(args)
     from ..codegen.project.example import example
 
     target = Path(os.path.realpath(args.out))
@@ -81,17 +83,17 @@ def run(args: argparse.Namespace) -> int:
     parent = target.parent
     parent.mkdir(parents=True, exist_ok=True)
     with work_folder(parent) as work:
-        made = work / "export"
+        folder = work / "export"
         try:
-            write_folder(made, files)
+            write_folder(folder, files)
             if args.firmware:
-                page = project.readme(args.firmware, generated["manifest.json"], laws, args.scalar, board, made)
-                write_folder(made, {"README.md": page})
+                page = project.readme(args.firmware, generated["manifest.json"], laws, args.scalar, board, folder)
+                write_folder(folder, {"README.md": page})
         except OSError as error:
             raise OSError(error.errno, error.strerror, args.out) from error
         if target.is_dir():
             target.rmdir()
-        os.replace(made, target)
+        os.replace(folder, target)
     robot = robot_name(generated)
     goal, does = (" test", "self-test") if args.firmware else ("", "example")
     then = f"`make -C {args.out}{goal}` builds the library and runs {robot}'s {does}"

@@ -36,28 +36,30 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip figures`. Return 0, or 1 if a claim fails. Raises BadInput, ModelError, OSError."""
-    from ..evidence.catalogue import chosen  # slow to import
+    from ..evidence.catalogue import chosen, left_out  # slow to import
     from ..evidence.production import Made, produce
     from ..evidence.report import as_json, by_whom, report, summary
 
     if args.jobs < 1:
         raise BadInput(f"--jobs {args.jobs} must be 1 or more")
     figures = chosen(args.only)
+    if not args.only and (missing := left_out()):
+        print(f"left out, for want of a physics engine: {', '.join(missing)}; pip install 'noslip[physics]'", file=sys.stderr)
     done: list[Made] = []
 
-    def tell(made: Made) -> None:
-        done.append(made)
+    def tell(latest: Made) -> None:
+        done.append(latest)
         progress.clear()
-        print(f"[{len(done):2}/{len(figures)}] figure {made.figure.name}: {summary([made])}", file=sys.stderr, flush=True)
+        print(f"[{len(done):2}/{len(figures)}] figure {latest.figure.name}: {summary([latest])}", file=sys.stderr, flush=True)
         progress(len(done), len(figures), "figures")
 
     check_folder(args.out)
     with Progress() as progress:
         progress(0, len(figures), "figures")
-        made = produce(figures, args.jobs, tell)
-    drawn = {f"figure_{each.figure.name}.{kind}": picture for each in made for kind, picture in each.pictures.items()}
-    write_folder(Path(args.out), drawn | {"report.html": report(made)})
+        produced = produce(figures, args.jobs, tell)
+    drawn = {f"figure_{each.figure.name}.{kind}": picture for each in produced for kind, picture in each.pictures.items()}
+    write_folder(Path(args.out), drawn | {"report.html": report(produced)})
     where = os.path.join(args.out, "report.html")
-    claims = "; ".join(by_whom(made))
-    show(args, lambda: f"{where}: {len(made)} figure{'s' if len(made) > 1 else ''}; {claims}", lambda: as_json(made))
-    return 0 if all(claim.as_expected for each in made for claim in each.claims) else 1
+    claims = "; ".join(by_whom(produced))
+    show(args, lambda: f"{where}: {len(produced)} figure{'s' if len(produced) > 1 else ''}; {claims}", lambda: as_json(produced))
+    return 0 if all(claim.as_expected for each in produced for claim in each.claims) else 1

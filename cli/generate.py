@@ -18,8 +18,12 @@ if TYPE_CHECKING:
     from ..model.law import ControlLaw
 
 DYNAMICS = "dynamics"  # written in addition to the laws
+FOLLOWER = "follower"  # with its law and the dynamics
 
-OUTPUT_HELP = f"a law, such as type_i, or {DYNAMICS}, the plant model; may be repeated (default: all)"
+OUTPUT_HELP = (
+    f"a law, such as type_i, {DYNAMICS}, the plant model, or {FOLLOWER}, a law of lines and arcs with all that is around it; "
+    "may be repeated (default: all)"
+)
 EXAMPLE = """examples:
   noslip generate labmate                      write generated/labmate/
   noslip generate labmate --check              exit with 1 and print a diff unless generated/labmate/ is current
@@ -57,13 +61,14 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip generate`. Return 1 if --check finds a difference, or if C and model differ; nothing is written then."""
+    select_follower(args)
     if args.explain:
         from ..codegen.explain import explain
 
         explained = {law.name: explain(law) for law in selected_laws(args)}
         show(args, lambda: "\n\n".join(explained.values()), lambda: explained)
         return 0
-    files = selected_files(args, dynamics=not args.output or DYNAMICS in args.output, compare=not args.check)
+    files = selected_files(args, dynamics=not args.output or DYNAMICS in args.output, compare=not args.check, lanes=True)
     folder = Path(args.out) / robot_name(files)
     if args.check:
         differ = _compare(files, folder)
@@ -80,8 +85,22 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = True) -> dict[str, str]:
-    """Return the selected C files by name, with or without the dynamics. Print to stderr where the constraints lose rank.
+def select_follower(args: argparse.Namespace) -> None:
+    """Replace the follower in the selection by what it consists of. Raises BadInput if the robot has none."""
+    if FOLLOWER not in args.output:
+        return
+    from ..codegen.follower.follower import LAW, has_follower
+    from ..readers.robots import find_laws, find_robot, law_of, system_of
+
+    system = system_of(find_robot(args.robot))
+    if LAW not in find_laws(system) or not has_follower(law_of(system, LAW)):
+        raise BadInput(f"--output {FOLLOWER}: {args.robot} is not a vehicle with two driven wheels; choose a law instead")
+    args.output = list(dict.fromkeys([name for name in args.output if name != FOLLOWER] + [LAW, DYNAMICS]))
+
+
+def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = True, lanes: bool = False) -> dict[str, str]:
+    """Return the selected C files by name, with or without the dynamics and the batch laws. Print to stderr where the constraints
+    lose rank.
 
     Raises Mismatch if the C is to be compared with the model and differs from it.
     """
@@ -94,7 +113,8 @@ def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = Tru
     robot = find_robot(args.robot)
     system, laws = system_of(robot), _laws_of_files(args)
     with placed(robot), Progress() as progress:
-        files = generate(system, laws, scalars, dynamics, progress) if compare else robot_files(system, laws, scalars, dynamics)
+        wanted = system, laws, scalars, dynamics, lanes
+        files = generate(*wanted, progress) if compare else robot_files(*wanted)
     for line in warnings(system):
         print(f"warning: {line}", file=sys.stderr)
     return files
@@ -136,7 +156,8 @@ def _written_before(folder: Path) -> set[str]:
         listed = dict(json.loads((folder / "manifest.json").read_text())["files"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return set()
-    present = {path.name: path for path in folder.iterdir() if path.is_file() and not path.is_symlink()}
+    regular = [path for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
+    present = {path.relative_to(folder).as_posix(): path for path in regular}
     return {name for name, path in present.items() if hashlib.sha256(path.read_bytes()).hexdigest() == listed.get(name)}
 
 
@@ -144,7 +165,8 @@ def _compare(files: Mapping[str, str], folder: Path) -> list[str]:
     """Print the differences between the folder and `files`, and return the names of the files that differ, are added or are
     missing.
     """
-    present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    folders = {str(Path(name).parent) for name in files}
+    present = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - folders
     different = []
     for name in sorted(present | set(files)):
         path = folder / name

@@ -162,9 +162,9 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
         law = law_of(find_robot(args.robot), args.output)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
     spec = read_varied(args.spec, {"simulation.backend": "casadi"})
-    for option, given, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.output.law)):
-        if given is not None and given != own:
-            raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {given}")
+    for option, value, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.output.law)):
+        if value is not None and value != own:
+            raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {value}")
     refuse_extension(spec.output.law, f"{args.spec}: outer-loop")
     law = law_of(find_robot(spec.robot), spec.output.law)
     try:
@@ -188,33 +188,33 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
     from ..outer.design import Gains, from_discrete_poles, from_lqr, from_poles, from_settling
     from ..verification.cases import gain_entries, integral_entries
 
-    given = gain_entries(law, spec.gains, "gains") | integral_entries(law, spec.gains)
-    values = {gain.name: gain.default for gain in law.gains} | given
+    own = gain_entries(law, spec.gains, "gains") | integral_entries(law, spec.gains)
+    values = {gain.name: gain.default for gain in law.gains} | own
     rows = [row.name for row in law.output.rows]
-    asked = {name: _by_row(getattr(args, name), rows, f"--{name.replace('_', '-')}") for name in (*DESIGNS, "damping")}
-    made = {}
+    requested = {name: _by_row(getattr(args, name), rows, f"--{name.replace('_', '-')}") for name in (*DESIGNS, "damping")}
+    gains = {}
     for row, degree in zip(rows, law.linearization.relative_degree, strict=True):
-        ways = [name for name in DESIGNS if row in asked[name]]
+        ways = [name for name in DESIGNS if row in requested[name]]
         if len(ways) > 1:
             raise BadInput(f"{row}: --{ways[0].replace('_', '-')} and --{ways[1].replace('_', '-')}; choose one")
-        if row in asked["damping"] and ways != ["settling"]:
+        if row in requested["damping"] and ways != ["settling"]:
             raise BadInput(f"{row}: --damping requires --settling")
-        numbers = {name: asked[name][row] for name in asked if row in asked[name]}
+        numbers = {name: requested[name][row] for name in requested if row in requested[name]}
         if not ways:
             error, rate = values[f"{'kp' if degree == 2 else 'kv'}_{row}"], values.get(f"kd_{row}", 0.0)
-            made[row] = Gains(degree, error, rate, values.get(f"ki_{row}", 0.0)).check(row)
+            gains[row] = Gains(degree, error, rate, values.get(f"ki_{row}", 0.0)).check(row)
         elif ways == ["poles"]:
-            made[row] = from_poles(degree, numbers["poles"], args.integral, row)
+            gains[row] = from_poles(degree, numbers["poles"], args.integral, row)
         elif ways == ["discrete_poles"]:
-            made[row] = from_discrete_poles(degree, numbers["discrete_poles"], args.period, args.integral, row)
+            gains[row] = from_discrete_poles(degree, numbers["discrete_poles"], args.period, args.integral, row)
         elif ways == ["lqr"]:
-            made[row] = from_lqr(degree, _real(numbers["lqr"], row), args.integral, args.period, row)
+            gains[row] = from_lqr(degree, _real(numbers["lqr"], row), args.integral, args.period, row)
         else:
             settling, damping = (_one(numbers.get(name, [1.0]), name, row) for name in ("settling", "damping"))
-            made[row] = from_settling(degree, settling, damping, args.integral, row)
-    if args.integral and not any(asked[name] for name in DESIGNS):
+            gains[row] = from_settling(degree, settling, damping, args.integral, row)
+    if args.integral and not any(requested[name] for name in DESIGNS):
         raise BadInput("--integral requires a design: --poles, --discrete-poles, --settling or --lqr")
-    return made
+    return gains
 
 
 def _by_row(texts: Sequence[str], rows: Sequence[str], option: str) -> dict[str, list[complex]]:

@@ -98,18 +98,18 @@ def _between_poses(arguments: argparse.Namespace) -> tuple[list["Segment"], list
     from ..planning import dubins, reeds_shepp  # slow to import
 
     plan = dubins if arguments.way == "dubins" else reeds_shepp
-    start, goal = (_pose(*given, arguments.degrees) for given in ((arguments.start, "--from"), (arguments.goal, "--to")))
+    start, goal = (_pose(*pair, arguments.degrees) for pair in ((arguments.start, "--from"), (arguments.goal, "--to")))
     return plan(start, goal, arguments.radius), []
 
 
-def _pose(given: list[float], option: str, degrees: bool) -> tuple[float, ...]:
+def _pose(values: list[float], option: str, degrees: bool) -> tuple[float, ...]:
     """Return a pose, m and rad. Raises BadInput for a wrong unit, or a heading of more than a turn in rad."""
     from ..readers.reading import number, point, pose
 
-    x, y, heading = given
+    x, y, heading = values
     if degrees and not isinstance(heading, Measured):
         return (*point([x, y], option), number()(math.radians(heading), f"{option}[2]"))
-    return pose(given, option)
+    return pose(values, option)
 
 
 def _through_waypoints(arguments: argparse.Namespace) -> tuple[list["Segment"], list]:

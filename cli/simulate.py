@@ -93,26 +93,26 @@ def run(arguments: argparse.Namespace) -> int:
             def simulated() -> "Run":
                 return simulate(spec, progress=progress, engine=arguments.engine)
 
-            done, record = _recorded(spec, simulated) if arguments.record else (simulated(), "")
-        drawn: dict[str, str | bytes] = {**_pictures(done, arguments)}
+            completed, record = _recorded(spec, simulated) if arguments.record else (simulated(), "")
+        drawn: dict[str, str | bytes] = {**_pictures(completed, arguments)}
         if arguments.video:
             from ..simulation.engine.video import video  # slow to import
 
-            drawn[arguments.video] = video(done, Path(arguments.video).suffix)
+            drawn[arguments.video] = video(completed, Path(arguments.video).suffix)
     except (BadInput, ModelError) as error:
         raise BadInput(f"{arguments.spec}: {error}") from error
-    written: dict[str, str | bytes] = {arguments.output: done.csv()}
+    written: dict[str, str | bytes] = {arguments.output: completed.csv()}
     written |= {arguments.record: record} if arguments.record else {}
     written |= drawn
     for file, content in written.items():
         write_whole(file, content)
     files = list(written)
-    text, values = lambda: f"{summary(done)}\n  {', '.join(files)}", lambda: {**as_json(done), "files": files}
+    text, values = lambda: f"{summary(completed)}\n  {', '.join(files)}", lambda: {**as_json(completed), "files": files}
     show(arguments, text, values, arguments.output)
-    for warning in () if arguments.json else done.warnings:
+    for warning in () if arguments.json else completed.warnings:
         print(f"{arguments.spec}: warning: {warning}", file=sys.stderr)
-    if done.stopped:
-        print(f"{arguments.spec}: stopped at t = {done.t[-1]:.9g} s: {done.stopped}", file=sys.stderr)
+    if completed.stopped:
+        print(f"{arguments.spec}: stopped at t = {completed.t[-1]:.9g} s: {completed.stopped}", file=sys.stderr)
         return 1
     return 0
 
@@ -145,11 +145,11 @@ def _recorded(spec: "Spec", simulated: Callable[[], "Run"]) -> tuple["Run", str]
         raise BadInput(f"--record: backend {backend!r} has no target; set [simulation] backend to {' or '.join(ON_TARGET)}")
     law = make_loop(spec).law
     with recorded(law, backend) as calls:
-        done = simulated()
-    return done, record_text(spec.robot, law, calls)
+        completed = simulated()
+    return completed, record_text(spec.robot, law, calls)
 
 
-def _pictures(done: "Run", arguments: argparse.Namespace) -> dict[str, bytes]:
+def _pictures(completed: "Run", arguments: argparse.Namespace) -> dict[str, bytes]:
     """Return the requested plots by file name."""
     if not (arguments.plot or arguments.contact):
         return {}
@@ -158,4 +158,4 @@ def _pictures(done: "Run", arguments: argparse.Namespace) -> dict[str, bytes]:
     from ..simulation.plot import draw  # slow to import
 
     requested = ((draw, arguments.plot), (draw_contact, arguments.contact))
-    return {file: encoded(made(done), Path(file).suffix[1:]) for made, file in requested if file}
+    return {file: encoded(plot(completed), Path(file).suffix[1:]) for plot, file in requested if file}

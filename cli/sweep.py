@@ -68,10 +68,10 @@ def run(args: argparse.Namespace) -> int:
         _run_samples(study, output, jobs, args.scheduler)
     summary = summarize(output, study)
     with Progress() as progress:
-        found = indices(study, args.indices, jobs, progress) if args.indices is not None else None
+        sensitivity = indices(study, args.indices, jobs, progress) if args.indices is not None else None
         worst = find_worst(study, summary.worst, jobs, progress) if args.worst else None
         verified = verify(output, args.verify, jobs, progress) if args.verify is not None else None
-        report = SweepReport(args.spec, args.output, study, summary, found, worst, verified)
+        report = SweepReport(args.spec, args.output, study, summary, sensitivity, worst, verified)
         drawn = _draw(report, jobs, args.figures, progress) if args.figures else []
     files = [str(output), *drawn]
     show(args, lambda: f"{report.text()}\n\n  {', '.join(files)}", lambda: {**report.as_json(), "files": files})
@@ -125,6 +125,6 @@ def _clear(study: "Study", output: Path) -> None:
 def _draw(report, jobs: int, folder: str, progress: Progress) -> list[str]:
     from ..sweeping.results.figures import figures_of
 
-    made = figures_of(report, jobs, progress)
-    write_folder(Path(folder), made)
-    return [str(Path(folder) / name) for name in made if name.endswith(".png")]
+    figures = figures_of(report, jobs, progress)
+    write_folder(Path(folder), figures)
+    return [str(Path(folder) / name) for name in figures if name.endswith(".png")]

@@ -156,19 +156,19 @@ class _Builder:
     def _body(self, entry: Entry, quantities: dict[Result, ca.SX], looped: tuple[ca.SX, ca.SX] | None) -> DynamicsBody:
         chosen = {name: quantities[name] for name in entry.answers if name in quantities}
         matrices = iter(self._built([*chosen.values(), *(looped or ())]))
-        made = {name: next(matrices) for name in chosen}
+        results = {name: next(matrices) for name in chosen}
         loop = (next(matrices), next(matrices)) if looped else None
-        body = DynamicsBody((), made, loop)
-        return DynamicsBody(tuple(self._needed(body.roots)), made, loop)
+        body = DynamicsBody((), results, loop)
+        return DynamicsBody(tuple(self._needed(body.roots)), results, loop)
 
     def _needed(self, roots: Sequence[Node]) -> Iterator[DynamicsStep]:
         """Yield the steps on which the roots depend, in order."""
         needed: set[Node] = set()
         stack = list(roots)
         while stack:
-            found = [node for node in reachable([stack.pop()]) if node in self.steps and node not in needed]
-            needed.update(found)
-            stack += [node for leaf in found for node in (self.steps[leaf].node, self.steps[leaf].bound) if node is not None]
+            leaves = [node for node in reachable([stack.pop()]) if node in self.steps and node not in needed]
+            needed.update(leaves)
+            stack += [node for leaf in leaves for node in (self.steps[leaf].node, self.steps[leaf].bound) if node is not None]
         return (step for leaf, step in self.steps.items() if leaf in needed)
 
     def _group(self, steps: Sequence[tuple[ca.SX, ca.SX]], bounds: Sequence[ca.SX] = ()) -> None:
@@ -176,10 +176,10 @@ class _Builder:
         for symbol, _ in steps:
             self.symbols[symbol.element_hash()] = symbol
             self.nodes[symbol.element_hash()] = self.graph.leaf(Group.STEP, free_name(str(symbol), self.taken))
-        made = [matrix[0][0] for matrix in self._built([expression for _, expression in (*steps, *((None, b) for b in bounds))])]
+        nodes = [matrix[0][0] for matrix in self._built([expression for _, expression in (*steps, *((None, b) for b in bounds))])]
         for k, (symbol, _) in enumerate(steps):
-            leaf, node = self.nodes[symbol.element_hash()], made[k]
-            bound = made[len(steps) + k] if bounds else None
+            leaf, node = self.nodes[symbol.element_hash()], nodes[k]
+            bound = nodes[len(steps) + k] if bounds else None
             if node.fixed or bound is None and not node.arguments:
                 self.nodes[symbol.element_hash()] = node
                 if bound is not None:
@@ -218,14 +218,14 @@ class _Builder:
             symbol = ca.SX.sym(f"pivot_{i + 1}")
             self._group([(symbol, pivot)], [ca.SX(0) if alone else NEGLIGIBLE_PIVOT * matrix[i, i]])
             inverse.append(1 / symbol)
-        found = list(ca.vertsplit(right))
+        x = list(ca.vertsplit(right))
         for i in range(n):
-            found[i] -= sum((table[i, j] * found[j] for j in range(i)), start=ca.SX(0))
-            found[i] = self._step(f"force_{i + 1}", found[i])
+            x[i] -= sum((table[i, j] * x[j] for j in range(i)), start=ca.SX(0))
+            x[i] = self._step(f"force_{i + 1}", x[i])
         for i in reversed(range(n)):
-            rest = sum((table[j, i] * found[j] for j in range(i + 1, n)), start=ca.SX(0))
-            found[i] = self._step(f"w_dot_{i + 1}", found[i] * inverse[i] - rest)
-        return ca.vertcat(*found)
+            rest = sum((table[j, i] * x[j] for j in range(i + 1, n)), start=ca.SX(0))
+            x[i] = self._step(f"w_dot_{i + 1}", x[i] * inverse[i] - rest)
+        return ca.vertcat(*x)
 
     def _step(self, name: str, expression: ca.SX) -> ca.SX:
         if expression.is_constant():
@@ -245,9 +245,9 @@ def _equations(system: ReducedSystem) -> tuple[Reduced, ca.SX, ca.SX]:
     if not (mechanism.bodies and mechanism.quasi_expressions):
         inner, W = inner_velocities(system)
         return Reduced((), inner.Mbar, inner.bias, inner.input_map, inner.S), inner.nu, W
-    known = velocity_map(system)
-    W = ca.SX.eye(system.dof) if known is None else known
-    names = [f"w_{q.name}" for q in system.quasi_velocities] if known is None else ["forward_speed", "yaw_rate"]
+    mapped = velocity_map(system)
+    W = ca.SX.eye(system.dof) if mapped is None else mapped
+    names = [f"w_{q.name}" for q in system.quasi_velocities] if mapped is None else ["forward_speed", "yaw_rate"]
     w = ca.vertcat(*[quantity(name, "").symbol for name in names])
     return Recursion(mechanism, w, _inverse(W), mechanism.quasi_expressions).reduced(), w, W
 

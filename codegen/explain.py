@@ -1,4 +1,4 @@
-"""What each pass of the pipeline brings: operations of a law's step, pass by pass."""
+"""Effect of each pass of the pipeline: operations of a law's step, pass by pass."""
 
 import casadi as ca
 

@@ -15,7 +15,9 @@ from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.kept import remembered
 from .dynamics import DynamicsProgram, compile_dynamics
+from .follower.follower import follower_files, has_follower
 from .printing.dynamics_c import DynamicsC
+from .printing.lanes_c import LanesC
 from .printing.law_c import LawC
 from .printing.robot_c import robot_header, robot_source
 from .printing.scalar import SCALARS, Scalar
@@ -26,22 +28,27 @@ TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy._
 
 @lru_cache(maxsize=64)
 def law_program(law: ControlLaw) -> Program:
-    """The law as a program, the same for both scalars; derived once, and kept between runs."""
+    """The law as a program, the same for both scalars; derived once, and cached between runs."""
     return remembered(("law", TOOLS, fingerprint(law.system, law)), lambda: compile_law(law), law, law.system)
 
 
 @lru_cache(maxsize=16)
 def dynamics_program(system: ReducedSystem) -> DynamicsProgram:
-    """The robot's dynamics as a program, the same for both scalars; derived once, and kept between runs."""
+    """The robot's dynamics as a program, the same for both scalars; derived once, and cached between runs."""
     return remembered(("dynamics", TOOLS, fingerprint(system)), lambda: compile_dynamics(system), system)
 
 
 def robot_files(
-    system: ReducedSystem, laws: Sequence[ControlLaw], scalars: Sequence[str] = tuple(SCALARS), dynamics: bool = True
+    system: ReducedSystem,
+    laws: Sequence[ControlLaw],
+    scalars: Sequence[str] = tuple(SCALARS),
+    dynamics: bool = True,
+    lanes: bool = False,
 ) -> dict[str, str]:
     """File name -> text of the robot's headers and sources and a manifest that lists them with their costs.
 
-    `dynamics` says whether the plant is among them.
+    `dynamics` says whether the plant is among them; with it, the follower is where one of the laws has one. `lanes` says whether
+    the batch laws are, in a folder of their own.
     """
     files: dict[str, str] = {}
     manifest: dict[str, Any] = {"robot": system.mechanism.name, "tools": TOOLS, "model_sha256": fingerprint(system), "laws": {}}
@@ -52,6 +59,7 @@ def robot_files(
         for program in programs:
             text = law_text(program, scalar)
             files.update(text.files())
+            files.update(LanesC(program, scalar, text.banner).files() if lanes else {})
             manifest["laws"][program.law.name] = {
                 "relative_degree": list(program.law.linearization.relative_degree),
                 "model_sha256": fingerprint(system, program.law),
@@ -60,6 +68,8 @@ def robot_files(
         if plant:
             of_plant = dynamics_text(plant, scalar)
             files.update(of_plant.files())
+            for program in (program for program in programs if has_follower(program.law)):
+                files.update(follower_files(program.law, scalar, banner(fingerprint(system, program.law))))
             manifest["dynamics"] = {"operations": {entry.name: of_plant.operations(entry) for entry in plant.entries}}
     manifest["files"] = digests(files)
     files["manifest.json"] = json.dumps(manifest, indent=1) + "\n"
@@ -83,7 +93,7 @@ def law_text(program: Program, scalar: Scalar) -> LawC:
 
 
 def text_files(text: LawC | DynamicsC) -> dict[str, str]:
-    """File name -> text of a law or of dynamics; written once, and kept between runs."""
+    """File name -> text of a law or of dynamics; written once, and cached between runs."""
     return remembered(("text", text.type, *text.banner), text.files)
 
 

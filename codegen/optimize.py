@@ -6,7 +6,7 @@ The results are rounded in the order in which they are then written in C; nothin
 
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 from itertools import combinations
 from math import prod
@@ -133,7 +133,7 @@ class Optimizer:
         if len(parts) == 1:
             return parts[0]
         parts.sort(key=lambda part: part[1].order)
-        lead = next((sign for sign, _ in parts), 1)
+        lead = parts[0][0]
         return lead, self._sum_of([(lead * sign, node) for sign, node in parts])
 
     def _sum_of(self, terms: Sequence[Signed]) -> Sum:
@@ -203,6 +203,49 @@ class Optimizer:
         if signed[1].fixed:
             return self.graph.apply(Operation.NEG, signed[1])
         return self.graph.make(Product, (self.graph.constant(-1), signed[1]))
+
+    # -- a quotient within the numerator of another -----------------------------------------------------------------
+
+    def nested_quotients(self, signed: Sequence[Signed]) -> list[Signed]:
+        """Replace (a + b/c)/d by (a c + b)/(c d): a division costs as much as several products."""
+        nodes = reachable(node for _, node in signed)
+        uses = Counter(argument for node in nodes for argument in node.arguments)
+
+        def only(terms: Sequence[Term]) -> list[Reciprocal]:
+            """Return the reciprocals that these terms use, and nothing else uses."""
+            counted = Counter(factor for term in terms for factor in term.others if isinstance(factor, Reciprocal))
+            return [each for each, times in counted.items() if times == uses[each]]
+
+        def change(sign: int, node: Node) -> Signed:
+            terms = self._terms(node)
+            for outer in only(terms):
+                over = [self._without(term, outer) for term in terms if outer in term.others]
+                shared = [each for each in self._factors(over[0]) if all(each in self._factors(term) for term in over)]
+                shared = [each for each in shared if not isinstance(each, Sum)]
+                inside: list[Term] = []
+                for term in over:
+                    for factor in shared:
+                        term = self._without(term, factor)
+                    whole = term.factor is None and len(term.others) == 1 and uses[term.others[0]] == 1
+                    parts = self._terms(term.others[0]) if whole else [replace(term, sign=1)]
+                    inside += [replace(part, sign=part.sign * term.sign) for part in parts]
+                for inner in only(inside):
+                    below = inner.arguments[0]
+                    s, rest = self.sum([term for term in inside if inner not in term.others])
+                    divided = [self._without(term, inner) for term in inside if inner in term.others]
+                    numerator = self.sum([*divided, self._term(*self.product(s, below, rest))])
+                    denominator = self._plain(self.product(1, below, outer.arguments[0]))
+                    quotient = self.product(numerator[0], *shared, numerator[1], self._inverse(denominator))
+                    others = [term for term in terms if outer not in term.others]
+                    return self._signed(sign, self.sum([*others, self._term(*quotient)]) if others else quotient)
+            return sign, node
+
+        nested = any(change(1, node)[1] is not node for node in nodes if isinstance(node, Sum | Product))
+        return self._rewrite_signed(signed, change) if nested else list(signed)
+
+    def _terms(self, node: Node) -> list[Term]:
+        """Return a sum's terms, or the node as one."""
+        return [self._term(s, argument) for s, argument in node.terms] if isinstance(node, Sum) else [self._term(1, node)]
 
     # -- common factors within a sum --------------------------------------------------------------------------------
 
@@ -390,6 +433,7 @@ class Optimizer:
 SIGNS = {Operation.ADD: (1, 1), Operation.SUB: (1, -1), Operation.NEG: (-1,)}
 Pass = Callable[[Optimizer, Sequence[Signed]], list[Signed]]
 PASSES: tuple[tuple[str, Pass], ...] = (
+    ("quotients in quotients", Optimizer.nested_quotients),
     ("sums in common", Optimizer.common_sums),
     ("factors in common", Optimizer.common_factors),
     ("sums in common", Optimizer.common_sums),

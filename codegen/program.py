@@ -13,7 +13,7 @@ from ..model.names import in_c
 from ..model.outputs import FOOT
 from .derivation.foot import AT_FOOT, has_foot_form, place_names, plain_at_foot, staged_at_foot
 from .derivation.grip import plain_ground, staged_ground
-from .derivation.stages import Result, Stages, staged
+from .derivation.stages import Result, Stages, inner_velocities, staged
 from .graph import (
     ARITHMETIC,
     Applied,
@@ -234,7 +234,7 @@ def _groups(law: ControlLaw) -> dict[str, Sequence[Quantity]]:
 def in_steps(law: ControlLaw) -> Stages:
     """The law's quantities in short steps; those at the foot too, where they need nothing else of place and heading."""
     found = staged(law)
-    floor = staged_ground(law.system)
+    floor = staged_ground(inner_velocities(law.system)[0])
     found.steps += floor.steps
     found.quantities |= floor.quantities
     if has_foot_form(law):
@@ -290,7 +290,7 @@ def _reads(body: EntryBody, names: frozenset[str]) -> bool:
 
 def _grip_reads(law: ControlLaw, names: frozenset[str]) -> bool:
     """Do the ground's forces, in steps, depend on one of these coordinates?"""
-    floor = staged_ground(law.system)
+    floor = staged_ground(inner_velocities(law.system)[0])
     expressions = [*(step.expression for step in floor.steps), *floor.quantities.values()]
     return any(ca.depends_on(each, q.symbol) for each in expressions for q in law.groups[Group.STATE] if q.name in names)
 

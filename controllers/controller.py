@@ -19,7 +19,7 @@ Numbers = Sequence[float] | np.ndarray  # in a fixed order
 
 STATUS = (  # as in the C runtime
     *("ok", "saturated", "null", "nonfinite", "range", "bad_parameter", "singular", "not_ready"),
-    *("bad_path", "unstable", "arrived", "grip", "will_slip"),
+    *("bad_path", "unstable", "arrived", "grip", "will_slip", "astray"),
 )
 ON_LIMIT = ("cut", "slow", "grip")  # as the C runtime's NOSLIP_CUT, NOSLIP_SLOW and NOSLIP_GRIP
 RUNNING = ("ok", "saturated", "grip", "will_slip")  # statuses of a step that gave inputs

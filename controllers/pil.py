@@ -1,8 +1,8 @@
 """Processor in the loop: the generated C runs on an emulated processor, or as a program of this host, and is called from here.
 
 firmware/pil/pil.h defines the operations and the format of the messages, which use the emulator's standard input and output; the
-image opens both by semihosting. There is one image, and one process, for a law and a target. Controllers, trackers, odometry and
-integrators of that law are objects in it, represented here by handles.
+image opens both by semihosting. There is one image, and one process, for a law and a target. Controllers, trackers, odometry,
+integrators and approaches of that law are objects in it, represented here by handles.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class Session:
         if len(sizes) != 4 * len(SIZES):
             raise self._fault(f"sends an initial answer of {len(sizes)} bytes")
         self.sizes = dict(zip(SIZES, struct.unpack(f"<{len(SIZES)}I", sizes), strict=True))
-        counts = {"law": "laws", "path": "paths", "odometry": "odometries", "integral": "integrals"}
+        counts = {"law": "laws", "path": "paths", "odometry": "odometries", "integral": "integrals", "approach": "approaches"}
         self._free = {kind: list(range(self.sizes[many]))[::-1] for kind, many in counts.items()}
 
     @property
@@ -273,7 +273,10 @@ class TargetLibrary(Library):
 class TargetRuntime(Runtime):
     """The C of a header on the target that runs a law, in float, with the interface of Runtime."""
 
-    inputs = {"look": 4, "update": 4, "pose": 0, "move": 2, "correct": 2, "unwind": 0, "step": 3}
+    inputs = {  # 2 for the others
+        **{"path_look": 4, "path_update": 4, "odometry_pose": 0, "odometry_unwind": 0},
+        **{"integral_step": 3, "approach_init": 3, "approach_start": 3},
+    }
 
     def __init__(self, header: str, law: ControlLaw, backend: str):
         here = runtime(header)
@@ -292,7 +295,7 @@ class TargetRuntime(Runtime):
         kinds = self.ffi.typeof(super().function(name, scalar)).args[1:]
         if operation == "path_init":
             return self._path_init(remote(self.ffi, operation, kinds[1:], 2))
-        return remote(self.ffi, operation, kinds, self.inputs.get(operation.split("_")[1], 2))
+        return remote(self.ffi, operation, kinds, self.inputs.get(operation, 2))
 
     def _path_init(self, init: Function) -> Function:
         """Send the segments first, one by one: they are stored on the target too."""

@@ -30,6 +30,7 @@ REVERSING = ("refuse", "switch")  # as the C runtime's NOSLIP_REFUSE and NOSLIP_
 STOP = ("point", "axle")  # as its NOSLIP_STOP_POINT and NOSLIP_STOP_AXLE
 JOIN = 1e-6  # m and rad: default of the largest gap and kink, in double
 CREEP = 0.01  # m/s
+MOST_ENDED = 64  # segments that may end in one update
 ANGLE_MAX = 2.0**20  # rad: range of the C's sine in double
 CENTRE = 16 * sys.float_info.epsilon  # in units of the radius: nearer to the centre of an arc, progress is undefined
 
@@ -289,7 +290,7 @@ class PathTracker:
         self.options = options
         self._creep = options.creep or CREEP
         self._pieces = _pieces(segments, options)
-        self._limit = len(segments) + 1  # of segment changes in one update
+        self._limit = min(len(segments) + 1, MOST_ENDED)  # of segment changes in one update
         self._state, self._lock = _State(), Lock()
 
     def look(self, x: float, y: float, heading: float, speed: float) -> Guide:

@@ -1,10 +1,11 @@
 """All figures, in the order of the report."""
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 
 from ..readers.errors import BadInput
 from ..readers.robots import suggestion
-from .figures import beyond, circle, composite, limits, line, masses, planned, redrawn, reversing, robots, rolling, sensing
+from .figures import beyond, circle, composite, floor, limits, line, masses, planned, redrawn, reversing, robots, rolling, sensing
 from .framework import Figure
 
 FIGURES: tuple[Figure, ...] = (
@@ -21,13 +22,25 @@ FIGURES: tuple[Figure, ...] = (
     *rolling.FIGURES,
     *planned.FIGURES,
     *robots.FIGURES,
+    *floor.FIGURES,
 )
 
 
 def chosen(names: Sequence[str]) -> list[Figure]:
-    """The figures named, all when none is, in the order of the report. Raises BadInput for an unknown name."""
+    """The figures named, all that can be made when none is, in the order of the report.
+
+    Raises BadInput for an unknown name, and for one that `left_out` has.
+    """
     known = [figure.name for figure in FIGURES]
     for name in names:
         if name not in known:
             raise BadInput(f"--only: unknown figure {name!r}{suggestion(name, known)}")
-    return [figure for figure in FIGURES if not names or figure.name in names]
+    missing = left_out()
+    for name in sorted({*names} & {*missing}):
+        raise BadInput(f"--only: figure {name!r} is made in a physics engine; pip install 'noslip[physics]'")
+    return [figure for figure in FIGURES if (figure.name in names if names else figure.name not in missing)]
+
+
+def left_out() -> list[str]:
+    """The figures that cannot be made, because the physics engine is not installed."""
+    return [] if find_spec("mujoco") else [figure.name for figure in FIGURES if figure.engine]

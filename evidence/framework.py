@@ -22,6 +22,7 @@ from ..readers.errors import BadInput
 from ..readers.robots import find_robot, system_of
 from ..simulation.closed_loop import simulate
 from ..simulation.contact import Grip, grip
+from ..simulation.engine.measured import FloorMeasurements
 from ..simulation.guidance import vehicle_motion
 from ..simulation.run import Outputs, Run
 from ..simulation.specification.spec import ContactSection, Spec
@@ -29,18 +30,21 @@ from ..simulation.specification.vary import read_varied
 
 SPECS = Path(__file__).resolve().parents[1] / "specs" / "figures"
 ROLLS, AGREES = 1e-11, 1e-8  # bounds of the claims made for every run
+ON_FLOOR = 1e-3  # m, m/s: what halving the engine's step changes (docs/engine.md)
 
 
 @dataclass(frozen=True)
 class Case:
     """A run of a figure: a file of specs/figures and the entries that differ from it, dotted key -> TOML value.
 
-    `singular`: the start is expected to be rejected as singular, which is what the figure shows.
+    `singular`: the start is expected to be rejected as singular, which is what the figure shows. `engine`: the robot is on a
+    floor in this engine, as with `simulate`; otherwise it rolls.
     """
 
     file: str
     changes: Mapping[str, Any] = field(default_factory=dict)
     singular: bool = False
+    engine: str | None = None
 
     def spec(self) -> Spec:
         """The SPEC to run. Raises BadInput."""
@@ -84,6 +88,7 @@ class FigureRun(Outputs):
     `slip` is the worst ||A qdot|| (2), `integral` the worst change (rad) of phi - c (theta_r - theta_l) (28), None where the
     robot has no two wheels whose angles are coordinates, `agreement` the largest difference from the run on CasADi in any
     state, input or output; `grip` what friction rolling needs.
+    A run on a floor has `floor`, what was measured there; `slip`, `agreement` and `grip` are then nothing.
     A start that was refused has the reason in `refused`, no arrays and no contacts.
     """
 
@@ -95,6 +100,7 @@ class FigureRun(Outputs):
     slip: float = 0.0
     integral: float | None = None
     agreement: float = 0.0
+    floor: FloorMeasurements | None = None
     sources: Mapping[str, str] = field(default_factory=dict)  # file of C that ran -> SHA-256
     refused: str = ""
 
@@ -123,6 +129,16 @@ class FigureRun(Outputs):
     def ahead(self) -> float:
         """How far the vehicle's point is ahead of the axle, m."""
         return vehicle_wheels(system_of(self.robot), self.plant)[2]
+
+    @property
+    def slipping(self) -> float:
+        """Largest slip of a wheel on a floor, m/s; 0 where it rolls."""
+        return 0.0 if self.floor is None else float(self.floor.slip.max())
+
+    @property
+    def exact(self) -> float:
+        """What a length (m) or a speed (m/s) of this run may be off: on a floor as docs/engine.md states, else nothing."""
+        return 0.0 if self.floor is None else ON_FLOOR
 
     @property
     def point(self) -> np.ndarray:
@@ -193,15 +209,22 @@ class Figure:
     draw: Callable[[Runs], matplotlib.figure.Figure]
     claims: Callable[[Runs], list[Claim]]
 
+    @property
+    def engine(self) -> bool:
+        """Whether it has runs in the physics engine, which is optional."""
+        return any(case.engine for case in self.cases.values())
+
     def all_claims(self, runs: Runs) -> list[Claim]:
         """Its own, then those made for every run."""
         return [*self.claims(runs), *claims_of_every_run(runs)]
 
 
-def carry_out(spec: Spec, singular: bool = False) -> FigureRun:
-    """Run a SPEC on the generated C and on CasADi. Raises BadInput unless a `singular` start is refused by both."""
+def carry_out(spec: Spec, singular: bool = False, engine: str | None = None) -> FigureRun:
+    """Run a SPEC on the generated C and, without an `engine`, on CasADi. Raises BadInput unless a `singular` start is refused by
+    both.
+    """
     try:
-        run = simulate(spec, "c")
+        run = simulate(spec, "c", engine=engine)
     except BadInput as error:
         if not (singular and "singular" in str(error)):
             raise
@@ -213,6 +236,8 @@ def carry_out(spec: Spec, singular: bool = False) -> FigureRun:
     names = [p.name for p in run.law.parameters]
     parameters = dict(zip(names, map(float, run.plant.parameters), strict=True))
     arrays |= {"energy": run.plant.energy(run.x), "power": run.plant.power(run.x, run.tau)}
+    if run.floor:
+        return FigureRun(spec, parameters, arrays, warnings=run.warnings, sources=sources_of(run.law), floor=run.floor)
     going = slice(None, -1) if run.stopped else slice(None)  # where it stopped, rates are without bound
     return FigureRun(
         spec=spec,
@@ -228,8 +253,12 @@ def carry_out(spec: Spec, singular: bool = False) -> FigureRun:
 
 
 def claims_of_every_run(runs: Runs) -> list[Claim]:
-    """Return the claims of every run: constraints hold, including the integral, and the generated C agrees with the model."""
-    done = [run for run in runs.values() if not run.refused]
+    """Return the claims of every run that rolls: constraints hold, including the integral, and the generated C agrees with the
+    model.
+    """
+    done = [run for run in runs.values() if not run.refused and run.floor is None]
+    if not done and any(run.floor for run in runs.values()):
+        return []
     slip, agreement = (max((getattr(run, name) for run in done), default=0.0) for name in ("slip", "agreement"))
     integrals = [run.integral for run in done if run.integral is not None]
     integral = max(integrals, default=0.0)

@@ -30,15 +30,14 @@ class Made:
 def produce(figures: Sequence[Figure], jobs: int, done: Callable[[Made], None]) -> list[Made]:
     """Produce the figures with `jobs` processes and call `done` with each. Raises BadInput if a SPEC is invalid or cannot be
     run."""
-    specs = {figure.name: {label: case.spec() for label, case in figure.cases.items()} for figure in figures}
-    singular = {repr(specs[f.name][label]): case.singular for f in figures for label, case in f.cases.items()}
-    to_run = {repr(spec): spec for runs in specs.values() for spec in runs.values()}
+    tasks = {f.name: {label: (case.spec(), case.singular, case.engine) for label, case in f.cases.items()} for f in figures}
+    to_run = {repr(task): task for runs in tasks.values() for task in runs.values()}
     made = []
     with _workers(min(jobs, len(to_run))) as carry_out, ThreadPoolExecutor(jobs) as pool:
-        futures = {key: pool.submit(carry_out, spec, singular[key]) for key, spec in to_run.items()}
+        futures = {key: pool.submit(carry_out, *task) for key, task in to_run.items()}
         try:
             for figure in figures:
-                made.append(_draw(figure, {label: futures[repr(s)].result() for label, s in specs[figure.name].items()}))
+                made.append(_draw(figure, {label: futures[repr(task)].result() for label, task in tasks[figure.name].items()}))
                 done(made[-1])
         finally:
             pool.shutdown(cancel_futures=True)
@@ -51,7 +50,7 @@ def _draw(figure: Figure, runs: Runs) -> Made:
 
 
 @contextmanager
-def _workers(count: int) -> Iterator[Callable[[Spec, bool], FigureRun]]:
+def _workers(count: int) -> Iterator[Callable[[Spec, bool, str | None], FigureRun]]:
     """`framework.carry_out`, but executed by the first idle one of `count` processes; to be called from as many threads.
 
     The processes have their own session, so that only this process receives Ctrl-C; when it ends, they end.
@@ -62,11 +61,11 @@ def _workers(count: int) -> Iterator[Callable[[Spec, bool], FigureRun]]:
     for worker in workers:
         free.put(worker)
 
-    def carry_out(spec: Spec, singular: bool) -> FigureRun:
+    def carry_out(spec: Spec, singular: bool, engine: str | None) -> FigureRun:
         worker = free.get()
         asked, answers = _pipes(worker)
         try:
-            pickle.dump((spec, singular), asked)
+            pickle.dump((spec, singular, engine), asked)
             asked.flush()
             answer = pickle.load(answers)
         except (EOFError, BrokenPipeError) as error:

@@ -68,7 +68,9 @@ def by_whom(made: Iterable[Made]) -> list[str]:
 
 
 def as_json(made: Iterable[Made]) -> list[dict[str, Any]]:
-    """Return figures with their claims, and for each run the worst slip, integral and difference from CasADi."""
+    """Return figures with their claims, and for each run the worst slip, integral and difference from CasADi, and on a floor the
+    fastest a wheel slips (m/s).
+    """
     return [
         {
             "figure": each.figure.name,
@@ -81,6 +83,7 @@ def as_json(made: Iterable[Made]) -> list[dict[str, Any]]:
                     "slip": run.slip,
                     "integral": run.integral,
                     "agreement": run.agreement,
+                    "slipping": run.slipping,
                     "stopped": run.stopped,
                     "friction_needed": _friction(run),
                 }

@@ -18,10 +18,10 @@ def main() -> None:
     asked: SimpleQueue = SimpleQueue()
     threading.Thread(target=_listen, args=(asked,), daemon=True).start()
     while True:
-        spec, singular = asked.get()
+        task = asked.get()
         answer: FigureRun | Exception
         try:
-            answer = carry_out(spec, singular)
+            answer = carry_out(*task)
         except Exception as error:
             error.add_note(traceback.format_exc())
             answer = error

@@ -13,7 +13,7 @@
 /* Exit code of main, if the board can report it. */
 enum {
     BOARD_ARRIVED = 0,
-    BOARD_REFUSED = 1, /* vehicle_init rejected the settings */
+    BOARD_REFUSED = 1, /* labmate_follower_init_f rejected the config */
     BOARD_STOPPED = 2, /* the watchdog of the vehicle stopped it */
     BOARD_LATE = 3,    /* it did not arrive in time */
     BOARD_ASTRAY = 4,  /* it arrived, but too far from the end of the path */
@@ -23,7 +23,7 @@ enum {
 
 typedef struct board_report {
     int code;           /* BOARD_... */
-    int status;         /* last return value of vehicle_step */
+    int status;         /* last return value of labmate_follower_tick_f */
     int reason;         /* of the watchdog of the vehicle */
     uint32_t ticks;     /* executed */
     uint32_t missed;    /* ticks missed */

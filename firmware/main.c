@@ -6,7 +6,7 @@
 #define LONGEST 6000u /* ticks: time limit */
 
 /* Follows the path; returns the exit code. */
-static int follow(vehicle *robot, board_report *report)
+static int follow(labmate_follower_f *robot, board_report *report)
 {
     const noslip_guide_f *guide = &robot->path.guide;
     uint32_t counts[2], missed, standing = 0;
@@ -17,13 +17,13 @@ static int follow(vehicle *robot, board_report *report)
         }
         missed = board_wait();
         board_read(counts);
-        report->status = vehicle_step(robot, counts, missed, command);
+        report->status = labmate_follower_tick_f(robot, counts, missed, command);
         board_drive(command);
         board_alive();
         report->ticks++;
         report->missed += missed;
         standing += report->status == NOSLIP_ARRIVED;
-        if (robot->watchdog.state == WATCHDOG_STOP) {
+        if (robot->watchdog.state == NOSLIP_WATCHDOG_STOP) {
             return BOARD_STOPPED;
         }
     }
@@ -36,15 +36,15 @@ int main(void)
 {
     static const float none[2] = {0, 0};
     board_report report = {.code = BOARD_REFUSED};
-    vehicle_settings settings;
-    vehicle robot;
+    labmate_follower_config_f config;
+    labmate_follower_f robot;
 
-    report.status = robot_settings(&settings);
+    report.status = robot_config(&config);
     if (report.status >= 0) {
-        report.status = vehicle_init(&robot, &settings);
+        report.status = labmate_follower_init_f(&robot, &config);
     }
     if (report.status >= 0) {
-        report.code = board_start(settings.period);
+        report.code = board_start(config.period);
         if (report.code == BOARD_ARRIVED) {
             report.code = follow(&robot, &report);
         }

@@ -1,12 +1,12 @@
-/* robot.h - settings of this robot and its path: change these first. */
+/* robot.h - config of this robot and its path: change these first. */
 #ifndef ROBOT_H
 #define ROBOT_H
 
-#include "vehicle.h"
+#include "labmate_follower_f.h"
 
 #define ROBOT_TOLERANCE 0.02f /* m: largest allowed distance from the end of the path */
 
-/* Writes all settings. Returns NOSLIP_NULL for a null pointer. */
-int robot_settings(vehicle_settings *settings);
+/* Writes the whole config. Returns NOSLIP_NULL for a null pointer. */
+int robot_config(labmate_follower_config_f *config);
 
 #endif

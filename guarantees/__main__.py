@@ -56,16 +56,16 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "-o", dest="out", metavar="DIR", default="build/guarantees", help="working folder (default: build/guarantees)"
     )
-    given = parser.parse_args(argv)
-    if unknown := [name for name in given.names if name not in CHECKS]:
+    arguments = parser.parse_args(argv)
+    if unknown := [name for name in arguments.names if name not in CHECKS]:
         parser.error(f"unknown check {unknown[0]}; known are {', '.join(CHECKS)}")
-    task = Task(Path(given.out).resolve(), short=given.short, update=given.update)
+    task = Task(Path(arguments.out).resolve(), short=arguments.short, update=arguments.update)
     ends: list[str] = []
-    for name in given.names or CHECKS:
+    for name in arguments.names or CHECKS:
         began = time.monotonic()
-        end, said = checked(name, task)
+        end, summary = checked(name, task)
         ends.append(end)
-        print(f"{name:17}{end:8} {said}  [{time.monotonic() - began:.0f} s]", flush=True)
+        print(f"{name:17}{end:8} {summary}  [{time.monotonic() - began:.0f} s]", flush=True)
     words = (("holds", "hold"), ("FAILED", "failed"), ("skipped", "skipped"))
     print(", ".join(f"{ends.count(end)} {word}" for end, word in words))
     return int("FAILED" in ends)

@@ -101,11 +101,11 @@ def programs(task: Task) -> list[AnalysedProgram]:
 def eva(task: Task) -> str:
     """Check that no program has an alarm or an unproved assertion, and that functions write only to permitted objects."""
     need("frama-c", "frama-c-base")
-    found = each(lambda program: analyse(task, program), programs(task))
-    wrong = [line for _, lines in found for line in lines]
+    analyses = each(lambda program: analyse(task, program), programs(task))
+    wrong = [line for _, lines in analyses for line in lines]
     if wrong:
         raise Failed("\n".join(wrong))
-    return f"{len(found)} programs, {sum(shown for shown, _ in found)} assertions proved, 0 alarms"
+    return f"{len(analyses)} programs, {sum(shown for shown, _ in analyses)} assertions proved, 0 alarms"
 
 
 def same_bits(task: Task) -> str:
@@ -119,9 +119,9 @@ def same_bits(task: Task) -> str:
         run(["gcc", *STANDARD, "-O0" if task.short else "-O2", *flags, *include, *sources, "-lm", "-o", folder / name])
         return run([folder / name, states, states])
 
-    found = each(lambda way: digest(*way), [("shipped", []), ("analysed", ["-D__FRAMAC__"])])
-    if found[0] != found[1]:
-        raise Failed(f"shipped:  {found[0]}analysed: {found[1]}")
+    digests = each(lambda way: digest(*way), [("shipped", []), ("analysed", ["-D__FRAMAC__"])])
+    if digests[0] != digests[1]:
+        raise Failed(f"shipped:  {digests[0]}analysed: {digests[1]}")
     return f"one digest of {states} states"
 
 

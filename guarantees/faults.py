@@ -102,7 +102,7 @@ def _kind(law: str, status: str, tau: np.ndarray, good: np.ndarray) -> str:
 @dataclass(frozen=True)
 class Fault:
     """A fault: `misread` changes the counters read at a tick, `missed` returns the number of ticks missed before it, `settings`
-    are changed before the start (member names as in vehicle.h, separated by `__`)."""
+    are changed before the start (member names as in labmate_follower_f.h, separated by `__`)."""
 
     name: str
     misread: Callable[[int, np.random.Generator, list[int]], list[int]] = lambda tick, random, counts: counts
@@ -155,7 +155,7 @@ def faults() -> list[Fault]:
         Fault("every tick takes ten times too long, and the clock shows it", missed=later(9)),
         Fault("every tick takes ten times too long, and the clock does not show it", missed=later(9), reported=False),
         Fault("every tick takes twice as long, and the clock does not show it", missed=later(1), reported=False),
-        Fault("limits of 0 N m: no limits", settings=(("limits__limit__0", 0.0), ("limits__limit__1", 0.0))),
+        Fault("limits of 0 N m: those of the motors", settings=(("limits__limit__0", 0.0), ("limits__limit__1", 0.0))),
         Fault("limits of 1e-6 N m: no torque", settings=(("limits__limit__0", 1e-6), ("limits__limit__1", 1e-6))),
         Fault("supplies of 1e-6 V: no torque", settings=(("motors__0__supply", 1e-6), ("motors__1__supply", 1e-6))),
         Fault("no mass: m_c = 0", settings=(("params__m_c", 0.0),)),

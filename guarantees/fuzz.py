@@ -8,7 +8,7 @@ from pathlib import Path
 from .tools import HERE, STANDARD, Failed, Missing, Task, attempt, each, need, run
 
 CHECKS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
-RUNTIME = ("odometry", "integral", "angles", "path", "velocity")
+RUNTIME = ("odometry", "integral", "angles", "path", "velocity", "motor")
 SCALARS = {"double": "", "float": "_f"}
 CORPUS = HERE / "corpus.txt"  # one input per line, base64
 RUNS = {True: 20_000, False: 500_000}  # of libFuzzer, short or not; README.md describes longer campaigns
@@ -49,21 +49,21 @@ def fuzz(task: Task) -> str:
     if attempt([clang, flags[1], folder / "probe.c", "-o", folder / "probe"])[0]:
         raise Missing("install libclang-rt-14-dev (of the version of the installed clang)")
     program = _program(task, folder, clang, flags, folder / "fuzz.c")
-    corpus, found = _unpacked(folder), _empty(folder / "found")
-    summary = _fuzz(program, [f"-runs={RUNS[task.short]}", "-seed=1992"], found, corpus)
+    corpus, new_inputs = _unpacked(folder), _empty(folder / "found")
+    summary = _fuzz(program, [f"-runs={RUNS[task.short]}", "-seed=1992"], new_inputs, corpus)
     if task.update:
         merged = _empty(folder / "merged")
-        run([program, "-merge=1", "-use_counters=0", f"-max_len={LONGEST}", merged, corpus, found])
+        run([program, "-merge=1", "-use_counters=0", f"-max_len={LONGEST}", merged, corpus, new_inputs])
         inputs = [base64.b64encode(path.read_bytes()).decode() for path in merged.iterdir()]
         CORPUS.write_text("".join(f"{line}\n" for line in sorted(inputs, key=lambda line: (len(line), line))))
         summary += f"; corpus of {len(inputs)} inputs"
     return summary
 
 
-def _fuzz(program: Path, options: list[str], found: Path, corpus: Path) -> str:
-    """Run libFuzzer: writes new inputs to `found`, and a failing one to the folder of the program; returns a summary."""
+def _fuzz(program: Path, options: list[str], new_inputs: Path, corpus: Path) -> str:
+    """Run libFuzzer: writes new inputs to `new_inputs`, and a failing one to the folder of the program; returns a summary."""
     fixed = [f"-max_len={LONGEST}", "-print_final_stats=1", f"-artifact_prefix={program.parent}/"]
-    code, text = attempt([program, *options, *fixed, found, corpus])
+    code, text = attempt([program, *options, *fixed, new_inputs, corpus])
     if code:
         report = re.search(r"^.*(: not |: runtime error: |ERROR: )", text, re.M)  # of a check, of UBSan, of the other sanitizers
         raise Failed(text[report.start() :][:3000] if report else text[-3000:])
@@ -104,7 +104,7 @@ def _functions(task: Task) -> list[str]:
 
 def _drivers(task: Task) -> str:
     """Return C with a driver function of the same type for each law and each part of the runtime, and a table of them."""
-    names = "angle", "integral", "odometry", "path", "reversing", "velocity"
+    names = "angle", "integral", "motor", "odometry", "path", "reversing", "velocity"
     runtime = [f"noslip_{name}.h" for name in names]
     parts = [f'#include "{header}"\n' for header in ("law_fuzz.h", *runtime)] + ["#define ROBOT labmate\n"]
     for real, suffix in SCALARS.items():

@@ -3,7 +3,9 @@
 These are instructions, not cycles.
 """
 
+import json
 import re
+from collections.abc import Mapping
 
 from . import budget
 from .tools import HERE, M4F, STANDARD, Task, need, run
@@ -17,6 +19,7 @@ KINDS = {
     "gripped": "keeps the wheels rolling",
     "refused": "refuses",
 }
+PAGE = HERE / "README.md"  # contains the table of the budgeted numbers
 ROUTE = ("odometry_good", "odometry_refused", "path_line", "path_arc", "path_next", "path_refused")
 MACHINE = "qemu-system-arm -M mps2-an386 -display none -monitor none -serial none -semihosting-config enable=on,target=native"
 
@@ -35,7 +38,30 @@ def instructions(task: Task) -> str:
     spread = [f"{module} {low} to {high}" for (module, kind), (low, high) in found.items() if kind == "good" and low != high]
     said = f"the same for every successful call, except {', '.join(spread)}" if spread else "the same for every successful call"
     compared = budget.compare(task, M4F, measured)
+    if task.update:
+        PAGE.write_text(with_table(PAGE.read_text(), budget.FILE.read_text()))
     return f"{said} ({len(measured)} functions)" if task.short else f"{said}; {compared}"
+
+
+def with_table(page: str, numbers: str) -> str:
+    """Return the page with the table of the instructions of laws, odometry and path that are in budget.json (its text)."""
+    modules = json.loads(numbers)[M4F.name]["modules"]
+    rows_of = {name.removeprefix("labmate_").removesuffix("_f"): row for name, row in sorted(modules.items())}
+    laws = {law: row for law, row in rows_of.items() if "most rolling" in row}
+    rows = [" | ".join([law.replace("_follow", ", follow"), *(_range(row, kind) for kind in KINDS)]) for law, row in laws.items()]
+    head = ["Cortex-M4F, float, -O2", *KINDS]
+    table = "\n".join([f"| {' | '.join(head)} |", "|---" * len(head) + "|", *(f"| {row} |" for row in rows)])
+    path, odometry = modules["noslip_path_f"], modules["noslip_odometry_f"]
+    words = (
+        f"Odometry {_range(odometry, 'good')}; of a path (update, which takes the heading) on a line {_range(path, 'line')}, "
+        f"on an arc {_range(path, 'arc')},\nat the end of a segment {_range(path, 'next')}."
+    )
+    return re.sub(r"\| Cortex-M4F, float.*?segment\s\d+ to \d+\.", f"{table}\n\n{words}", page, flags=re.S)
+
+
+def _range(row: Mapping[str, int], kind: str) -> str:
+    least, most = row.get(f"least {kind}"), row.get(f"most {kind}")
+    return "" if most is None else str(most) if least == most else f"{least} to {most}"
 
 
 def _image(task: Task, folder):
@@ -76,4 +102,4 @@ def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
         calls.append(f"call={places[entry][0] & ~1:x}:{first & ~1:x}:{(first & ~1) + size - 1:x}")
     run([*MACHINE.split(), "-kernel", image, "-d", "plugin", "-D", log, "-plugin", ",".join([str(plugin), *calls])])
     rows = [list(map(int, line.split()[1:])) for line in log.read_text().splitlines()]
-    return {key: (least, most) for key, (number, _, least, most) in zip(selected, rows, strict=True) if number}
+    return {key: (least, most) for key, (number, _, least, most, _) in zip(selected, rows, strict=True) if number}

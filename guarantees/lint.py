@@ -43,9 +43,9 @@ def misra(task: Task) -> str:
     """Check that cppcheck and its MISRA addon have no findings except those listed in misra.md by rule and files."""
     need("cppcheck", "cppcheck")
     allowed, used = _deviations(), set()
-    found = _findings(task)
+    findings = _findings(task)
     undocumented = []
-    for path, line, rule in found:
+    for path, line, rule in findings:
         if task.short and rule.startswith("2."):
             continue  # unused items can be found only in the complete sources
         if any(Path(path).match(files) for files in allowed.get(rule, ())):
@@ -55,7 +55,7 @@ def misra(task: Task) -> str:
     hold(undocumented)
     if not task.short:
         hold(f"misra.md: nothing deviates from {rule} any more" for rule in sorted(set(allowed) - used))
-    return f"0 undocumented, {len(found)} places deviate from {len({rule for _, _, rule in found})} rules with a reason"
+    return f"0 undocumented, {len(findings)} places deviate from {len({rule for _, _, rule in findings})} rules with a reason"
 
 
 def _findings(task: Task) -> list[tuple[str, str, str]]:
@@ -69,14 +69,14 @@ def _findings(task: Task) -> list[tuple[str, str, str]]:
     code, text = attempt([*command, *AS_M4F, *task.include, *_sources(task)])
     if code:
         raise Failed(text)
-    found = set()
+    findings = set()
     for line in filter(None, text.splitlines()):
         match = re.match(r"(.*?):(\d+): (?:misra-c2012-)?([\w.-]+): ", line)
         if match is None:
             raise Failed(f"cppcheck: {line}")
         path = Path(match[1]).resolve()
-        found.add((str(path.relative_to(task.root)) if path.is_relative_to(task.root) else path.name, match[2], match[3]))
-    return sorted(found)
+        findings.add((str(path.relative_to(task.root)) if path.is_relative_to(task.root) else path.name, match[2], match[3]))
+    return sorted(findings)
 
 
 def _deviations() -> dict[str, list[str]]:
@@ -89,5 +89,5 @@ def _sources(task: Task) -> list[Path]:
     """Return all sources; in the short version a law, the inline functions of the headers, and the vehicle."""
     law = task.generated / f"{task.laws[-1]}_f.c" if task.laws else None
     if task.short and law:
-        return [law, task.headers(), task.root / "firmware/vehicle.c"]
+        return [law, task.headers(), task.generated / "labmate_follower_f.c"]
     return [*task.sources, task.headers(), *task.firmware]

@@ -9,9 +9,11 @@ from . import budget
 from .tools import HOST, M4F, Machine, Task, hold, run
 
 BY_COMPILERS = {"memcpy", "memmove", "memset"}  # calls that compilers generate
-MOST_STACK = 384  # bytes
+MOST_STACK, MOST_OF_FOLLOWER = 384, 512  # bytes
 EMIT_ALL = "-fkeep-inline-functions"  # so that the object of headers.c contains the inline functions
-IN_HEADERS = ("noslip_odometry", "noslip_encoder", "noslip_integral", "noslip_nearest_angle", "noslip_reversing")
+IN_HEADERS = tuple(
+    f"noslip_{name}" for name in ("odometry", "encoder", "integral", "motor", "nearest_angle", "reversing", "velocity")
+)
 
 
 def symbols(task: Task, target: Machine = HOST) -> str:
@@ -22,21 +24,21 @@ def symbols(task: Task, target: Machine = HOST) -> str:
     objects = target.compile(task, task.sources if target is HOST else task.float_sources)
     objects += target.compile(task, [task.headers()], EMIT_ALL) if target is HOST else []
     by_compilers = BY_COMPILERS if target is HOST else set()
-    found, defined, undefined = [], set(), {}
-    for made in objects:
-        for line in run([target.tool("nm"), made]).splitlines():
+    findings, defined, undefined = [], set(), {}
+    for path in objects:
+        for line in run([target.tool("nm"), path]).splitlines():
             *_, kind, name = line.split()
             if kind in "Uw":
-                undefined[name] = made.name
+                undefined[name] = path.name
             elif kind in "TtRrNn":
                 defined.add(name)
             else:
-                found.append(f"{made.name}: {name} is writable data (nm: {kind})")
-        _, data, bss = _size(target, made)
+                findings.append(f"{path.name}: {name} is writable data (nm: {kind})")
+        _, data, bss = _size(target, path)
         if data or bss:
-            found.append(f"{made.name}: {data} bytes of data, {bss} of bss")
+            findings.append(f"{path.name}: {data} bytes of data, {bss} of bss")
     needed = set(undefined) - defined - {"_GLOBAL_OFFSET_TABLE_"}  # exists in position-independent code; not a function
-    hold([*found, *(f"{undefined[name]} needs {name}" for name in sorted(needed - by_compilers))])
+    hold([*findings, *(f"{undefined[name]} needs {name}" for name in sorted(needed - by_compilers))])
     _link(task, target, objects)
     return f"{len(objects)} objects need {', '.join(sorted(needed)) or 'nothing'}, have no data and no bss, link with -nostdlib"
 
@@ -52,7 +54,7 @@ def stack(task: Task, target: Machine = M4F) -> str:
     outside = {(entry, name) for entry in entries for name in reached(graph, entry) - set(graph) - BY_COMPILERS}
     hold(
         [f"{entry} calls {name}" for entry, name in sorted(outside)]
-        + [f"{entry}: {bytes_} bytes, more than {MOST_STACK}" for entry, bytes_ in used.items() if bytes_ > MOST_STACK]
+        + [f"{entry}: {bytes_} bytes, more than {_most(entry)}" for entry, bytes_ in used.items() if bytes_ > _most(entry)]
     )
     measured: budget.Numbers = {}
     for entry, most in used.items():
@@ -65,7 +67,7 @@ def stack(task: Task, target: Machine = M4F) -> str:
 def sizes(task: Task, target: Machine = HOST) -> str:
     """Compare the bytes of code and data of each object, and of the struct that the caller owns, with the budget."""
     objects = target.compile(task, task.sources if target is HOST else task.float_sources)
-    measured = {made.stem: dict(zip(("text", "data", "bss"), _size(target, made), strict=True)) for made in objects}
+    measured = {path.stem: dict(zip(("text", "data", "bss"), _size(target, path), strict=True)) for path in objects}
     for module, size in _structs(task, target).items():
         if module in measured:
             measured[module]["struct"] = size
@@ -73,8 +75,8 @@ def sizes(task: Task, target: Machine = HOST) -> str:
     return f"{len(objects)} objects, {total} bytes of code; {budget.compare(task, target, measured)}"
 
 
-def _size(target: Machine, made: Path) -> tuple[int, int, int]:
-    text, data, bss = run([target.tool("size"), made]).splitlines()[-1].split()[:3]
+def _size(target: Machine, path: Path) -> tuple[int, int, int]:
+    text, data, bss = run([target.tool("size"), path]).splitlines()[-1].split()[:3]
     return int(text), int(data), int(bss)
 
 
@@ -87,7 +89,7 @@ def _link(task: Task, target: Machine, objects: list[Path]) -> None:
 
 def _graph(task: Task, target: Machine) -> Graph:
     objects = [*target.compile(task, task.float_sources), *target.compile(task, [task.headers()], EMIT_ALL)]
-    return call_graph(made.with_suffix(".ci") for made in objects)
+    return call_graph(path.with_suffix(".ci") for path in objects)
 
 
 def _structs(task: Task, target: Machine) -> dict[str, int]:
@@ -99,3 +101,7 @@ def _structs(task: Task, target: Machine) -> dict[str, int]:
     source.write_text("\n".join(lines) + "\n")
     listing = run([target.tool("nm"), "-S", *target.compile(task, [source])])
     return {name: int(size, 16) for size, name in re.findall(r"^\S+ (\S+) \w size_of_(\w+)$", listing, re.M)}
+
+
+def _most(entry: str) -> int:
+    return MOST_OF_FOLLOWER if "_follower_" in entry else MOST_STACK

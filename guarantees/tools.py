@@ -63,8 +63,9 @@ class Task:
 
     @property
     def float_sources(self) -> list[Path]:
-        """The C sources in float only."""
-        return [path for path in self.sources if path.stem.endswith("_f")]
+        """The C sources that a program in float needs: those in float, and those without a scalar."""
+        names = {path.stem for path in self.sources}
+        return [path for path in self.sources if path.stem.endswith("_f") or f"{path.stem}_f" not in names]
 
     @property
     def firmware(self) -> list[Path]:
@@ -159,7 +160,7 @@ def attempt(command: Sequence[str | Path], folder: Path | None = None, **more: s
     """Run a tool and return its exit code and output. Raises Failed if it takes too long."""
     words = [str(word) for word in command]
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             words,
             cwd=folder,
             env={**os.environ, **more},
@@ -171,7 +172,7 @@ def attempt(command: Sequence[str | Path], folder: Path | None = None, **more: s
         )
     except subprocess.TimeoutExpired as late:
         raise Failed(f"{words[0]} has not ended after {TIMEOUT} s: {' '.join(words)}") from late
-    return done.returncode, done.stdout
+    return process.returncode, process.stdout
 
 
 def each(function: Callable[[Value], Answer], values: Iterable[Value]) -> list[Answer]:
@@ -180,7 +181,7 @@ def each(function: Callable[[Value], Answer], values: Iterable[Value]) -> list[A
         return list(pool.map(function, values))
 
 
-def hold(found: Iterable[str]) -> None:
+def hold(findings: Iterable[str]) -> None:
     """Raise Failed if there are findings."""
-    if lines := list(found):
+    if lines := list(findings):
         raise Failed("\n".join(lines))

@@ -15,6 +15,8 @@ ROOT = RUNTIME.parent
 PERIOD = 0.01  # s, of firmware/robot.c
 RUN, HOLD, STOP = range(3)  # states of the watchdog
 
+LAW = ("labmate_f", "labmate_dynamics_f", "labmate_type_iv_segment_f", "labmate_follower_f")  # of generated/labmate
+
 LIBRARY = """
 #include "board.h"
 #include "clock.h"
@@ -30,20 +32,18 @@ uint32_t clock_wait(void) { return late; }
 #include "simulated.h"
 #undef static
 
-int step_motor(const motor *self, float torque, float rate, float *command) { return motor_step(self, torque, rate, command); }
-
 /* Drives laps of pieces, each so many ticks with so many counts of each wheel; answers how many ticks were refused. */
-int drive_laps(vehicle *self, const int (*pieces)[3], int count, int laps)
+int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int laps)
 {
     uint32_t at[2] = {0, 0};
     float command[2];
-    int lap, piece, tick, refused = vehicle_step(self, at, 0, command) == NOSLIP_RANGE;
+    int lap, piece, tick, refused = labmate_follower_tick_f(self, at, 0, command) == NOSLIP_RANGE;
     for (lap = 0; lap < laps; lap++) {
         for (piece = 0; piece < count; piece++) {
             for (tick = 0; tick < pieces[piece][2]; tick++) {
                 at[0] += (uint32_t)pieces[piece][0];
                 at[1] += (uint32_t)pieces[piece][1];
-                refused += vehicle_step(self, at, 0, command) == NOSLIP_RANGE;
+                refused += labmate_follower_tick_f(self, at, 0, command) == NOSLIP_RANGE;
             }
         }
     }
@@ -51,12 +51,11 @@ int drive_laps(vehicle *self, const int (*pieces)[3], int count, int laps)
 }
 """
 OWN = """
-int step_motor(const motor *self, float torque, float rate, float *command);
-int drive_laps(vehicle *self, const int (*pieces)[3], int count, int laps);
-int robot_settings(vehicle_settings *settings);
+int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int laps);
+int robot_config(labmate_follower_config_f *settings);
 int board_start(float period); uint32_t board_wait(void); void board_read(uint32_t *counts);
 void board_drive(const float *command);
-extern vehicle_settings robot;
+extern labmate_follower_config_f robot;
 extern float x, y, heading, rate[2], command[2];
 extern uint32_t counter[2], late;
 void move(float dt);
@@ -77,14 +76,14 @@ class Firmware(InC):
     def __init__(self, folder: Path, root: Path = ROOT):
         """`root`: the source tree with the firmware and its law."""
         firmware, generated = root / "firmware", root / "generated/labmate"
-        own = [firmware / f"{name}.{kind}" for name in ("vehicle", "motor", "watchdog", "robot") for kind in "ch"]
+        own = [firmware / f"{name}.{kind}" for name in ("robot",) for kind in "ch"]
         own += [firmware / "board.h", *(firmware / "boards" / name for name in ("clock.h", "simulated.c"))]
-        own += [generated / f"{name}.{kind}" for name in ("labmate_f", "labmate_type_iv_segment_f") for kind in "ch"]
+        own += [generated / f"{name}.{kind}" for name in LAW for kind in "ch"]
         files = {path.name: path.read_text().replace('"../', '"') for path in own}
         simulated = files.pop("simulated.c").replace('#include "semihosting.h"\n', "")
         self.ffi = cffi.FFI()
         write_folder(folder / "headers", {name: text for name, text in files.items() if name.endswith(".h")})
-        self.ffi.cdef(declarations("vehicle.h", folder / "headers") + OWN)
+        self.ffi.cdef(declarations("labmate_follower_f.h", folder / "headers") + OWN)
         self.lib = load(self.ffi, {**files, "simulated.h": simulated, "library.c": LIBRARY})
 
     def new(self, kind: str, *initial):
@@ -97,21 +96,16 @@ class Firmware(InC):
         return made
 
     def settings(self):
-        made = self.new("vehicle_settings")
-        assert self.lib.robot_settings(made) == 0
+        made = self.new("labmate_follower_config_f")
+        assert self.lib.robot_config(made) == 0
         return made
 
     def vehicle(self, settings):
-        made = self.used("vehicle")
-        status = self.lib.vehicle_init(made, settings)
+        made = self.used("labmate_follower_f")
+        status = self.lib.labmate_follower_init_f(made, settings)
         if status != 0:
             raise SettingsRefused(self.status(status))
         return made
-
-    def motor(self, **settings):
-        """Return the motor and the status of its init."""
-        made = self.used("motor")
-        return made, self.lib.motor_init(made, self.new("motor_settings", settings))
 
 
 def member_path(place: str) -> tuple[str | int, ...]:
@@ -147,7 +141,7 @@ class FirmwareLoop:
         assert self.c.lib.board_wait() == missed
         self.c.lib.board_read(self.counts)
         misread(self.counts)
-        status = self.c.lib.vehicle_step(self.vehicle, self.counts, missed if reported else 0, self.command)
+        status = self.c.lib.labmate_follower_tick_f(self.vehicle, self.counts, missed if reported else 0, self.command)
         self.c.lib.board_drive(self.command)
         return status
 

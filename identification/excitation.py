@@ -1,4 +1,4 @@
-"""Manoeuvres that show parameters: figures of eight of different size and speed, judged by what a log of them would tell."""
+"""Manoeuvres that show parameters: figures of eight of different size and speed, rated by the standard deviations to expect."""
 
 import math
 from collections.abc import Mapping, Sequence

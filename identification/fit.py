@@ -37,13 +37,13 @@ def identify(
     """
     mechanism = system.mechanism
     every = np.array([values[p.name] for p in mechanism.parameters])
-    found = combinations(system, names, every.tolist())
-    if not found:
+    basis = combinations(system, names, every.tolist())
+    if not basis:
         raise BadInput(f"--fit {' '.join(names)}: the motion of {mechanism.name} does not depend on these parameters")
-    free = [c.pivot for c in found]
+    free = [c.pivot for c in basis]
     fits = {way: predicted(log, system, free, every, way, progress).fit() for way in ((True, False) if held is None else (held,))}
     way = min(fits, key=lambda each: fits[each].cost)
-    return result_of(fits[way], names, found, len(log.t), log.remarks, inputs="held" if way else "smooth")
+    return result_of(fits[way], names, basis, len(log.t), log.remarks, inputs="held" if way else "smooth")
 
 
 def predicted(

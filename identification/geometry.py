@@ -22,18 +22,18 @@ WINDOWS = 10  # into which the log is divided, about; each has an initial pose o
 
 def pose_names(system: ReducedSystem) -> tuple[str, str, str]:
     """Return the coordinates by which the vehicle's x, y and heading are displaced. Raises BadInput if there are none."""
-    mechanism, found = system.mechanism, []
+    mechanism, names = system.mechanism, []
     vehicle = mechanism.vehicle
     for place, unit in ((vehicle.x, "m"), (vehicle.y, "m"), (vehicle.heading, "rad")) if vehicle else ():
-        found += [q.name for q in mechanism.coordinates if q.unit == unit and ca.jacobian(place, q.symbol).is_one()][:1]
-    if len(set(found)) != 3:
+        names += [q.name for q in mechanism.coordinates if q.unit == unit and ca.jacobian(place, q.symbol).is_one()][:1]
+    if len(set(names)) != 3:
         raise BadInput(f"calibration requires a vehicle with a pose of three coordinates; {mechanism.name} has none")
-    return found[0], found[1], found[2]
+    return names[0], names[1], names[2]
 
 
 def sensor_parameters(angles: Sequence[str]) -> tuple[Quantity, ...]:
-    """Return parameters of the sensors: of each angle its scale, true per reported, and its zero; the place of what measures the
-    pose, ahead and to the left of the vehicle's point, and its direction; the time by which the poses are late.
+    """Return parameters of the sensors: of each angle its scale, true per reported, and its zero; the place of the pose
+    sensor, ahead and to the left of the vehicle's point, and its direction; the time by which the poses are late.
     """
 
     def quantity(name: str, unit: str, about: str, default: float = 0.0, sign: str = "any") -> Quantity:
@@ -71,25 +71,24 @@ def calibrate(
     every = np.array([values.get(q.name, q.default) for q in quantities])
     if names is None:
         names = [p.name for p in system.mechanism.parameters if ca.depends_on(geometry.rate, p.symbol)]
-        found = [c for c in geometry.determined(quantities, names, every) if not c.others]
-        names = [c.pivot for c in found]
+        basis = [c for c in geometry.determined(quantities, names, every) if not c.others]
+        names = [c.pivot for c in basis]
     else:
-        found = geometry.determined(quantities, names, every)
-    if not found:
+        basis = geometry.determined(quantities, names, every)
+    if not basis:
         raise BadInput(
             f"{system.mechanism.name}: the motion of the pose does not depend on {', '.join(names) or 'any parameter'}"
         )
-    prediction = geometry.prediction(quantities, [c.pivot for c in found])
+    prediction = geometry.prediction(quantities, [c.pivot for c in basis])
     fit = OutputError(prediction, _windows(logs, system, pose_names(system)), quantities, every, progress).fit(robust=True)
     remarks = tuple(dict.fromkeys(remark for log in logs for remark in log.remarks))
-    return result_of(fit, names, found, sum(len(log.t) for log in logs), remarks)
+    return result_of(fit, names, basis, sum(len(log.t) for log in logs), remarks)
 
 
 @dataclass(frozen=True, eq=False)
 class _Geometry:
-    """The motion as the angles tell it. `rate` (n): derivative of the coordinates, in which `angles` are reported angles, by the
-    path parameter of which `turning` (k) are the rates of the reported angles; `pose` (3) is what the sensor shows, late by
-    `delay`.
+    """The motion that the angles determine. `turning` (k): derivatives of the reported angles by a parameter of the path; `rate`
+    (n): those of the coordinates, in which `angles` are reported angles; `pose` (3): reading of the sensor, late by `delay`.
     """
 
     system: ReducedSystem
@@ -103,10 +102,10 @@ class _Geometry:
     def of(cls, system: ReducedSystem, angles: Sequence[str]) -> "_Geometry":
         """Raises BadInput if the angles do not determine the quasi-velocities."""
         mechanism, sensors = system.mechanism, sensor_parameters(angles)
-        known = {q.name: q.symbol for q in (*mechanism.coordinates, *sensors)}
+        symbols = {q.name: q.symbol for q in (*mechanism.coordinates, *sensors)}
         places = [k for k, q in enumerate(mechanism.coordinates) if q.name in angles]
         reported = mechanism.q[places]
-        scale, zero = (ca.vertcat(*[known[f"{kind}_{name}"] for name in angles]) for kind in ("scale", "zero"))
+        scale, zero = (ca.vertcat(*[symbols[f"{kind}_{name}"] for name in angles]) for kind in ("scale", "zero"))
         turning = ca.SX.sym("turning", len(places))
         S = ca.substitute(system.S, reported, scale * reported + zero)
         rows = S[places, :]
@@ -120,11 +119,11 @@ class _Geometry:
         rate = S @ nu
         for row, k in enumerate(places):
             rate[k] = turning[row]
-        x, y, heading = (known[name] for name in pose_names(system))
+        x, y, heading = (symbols[name] for name in pose_names(system))
         ahead = ca.vertcat(ca.cos(heading), ca.sin(heading))
         left = ca.vertcat(-ahead[1], ahead[0])
-        place = ca.vertcat(x, y) + known["offset_x"] * ahead + known["offset_y"] * left
-        return cls(system, sensors, turning, rate, ca.vertcat(place, heading + known["offset_heading"]), known["delay"])
+        place = ca.vertcat(x, y) + symbols["offset_x"] * ahead + symbols["offset_y"] * left
+        return cls(system, sensors, turning, rate, ca.vertcat(place, heading + symbols["offset_heading"]), symbols["delay"])
 
     def determined(self, quantities: Sequence[Quantity], names: Sequence[str], values: np.ndarray) -> list[Combination]:
         """Return the combinations of the named parameters that the velocity of the measured pose, seen along its own axes,
@@ -133,10 +132,10 @@ class _Geometry:
         q, heading = self.system.mechanism.q, self.pose[2]
         velocity = ca.jtimes(self.pose, q, self.rate)
         along = ca.vertcat(ca.cos(heading), ca.sin(heading))
-        seen = ca.vertcat(ca.dot(along, velocity[:2]), along[0] * velocity[1] - along[1] * velocity[0], velocity[2])
+        relative = ca.vertcat(ca.dot(along, velocity[:2]), along[0] * velocity[1] - along[1] * velocity[0], velocity[2])
         moving = [*ca.vertsplit(q), *ca.vertsplit(self.turning)]
         parameters = {p.name: p.symbol for p in quantities}
-        return determined(ca.vertcat(seen, self.delay), moving, parameters, names, values.tolist())
+        return determined(ca.vertcat(relative, self.delay), moving, parameters, names, values.tolist())
 
     def prediction(self, quantities: Sequence[Quantity], names: Sequence[str]) -> Prediction:
         """Return the motion from row to row. Inputs of a row are the changes of the angles until the next, and their rates

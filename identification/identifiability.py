@@ -40,20 +40,20 @@ def combinations(system: ReducedSystem, names: Sequence[str], values: Sequence[f
 
 
 def determined(
-    seen: ca.SX,
+    observed: ca.SX,
     moving: Sequence[ca.SX],
     parameters: Mapping[str, ca.SX],
     names: Sequence[str],
     values: Sequence[float],
     seed: int = 1,
 ) -> list[Combination]:
-    """Return a basis of what `seen`, known for all values of `moving`, determines of the named parameters near `values`.
+    """Return a basis of what `observed`, known for all values of `moving`, determines of the named parameters near `values`.
 
     Its derivatives by the parameters are evaluated with DIGITS digits at random motions; their row space is reduced with pivots
     in the order of `names`. A parameter that is the pivot of no combination, or occurs beside one, is not identifiable by itself.
     """
-    rates = ca.jacobian(seen, ca.vertcat(*[parameters[name] for name in names]))
-    symbols, dimension = [*moving, *parameters.values()], seen.shape[0]
+    rates = ca.jacobian(observed, ca.vertcat(*[parameters[name] for name in names]))
+    symbols, dimension = [*moving, *parameters.values()], observed.shape[0]
     random = np.random.default_rng(seed)
     rows: list[list[mpmath.mpf]] = []
     with mpmath.workdps(DIGITS):

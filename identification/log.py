@@ -40,10 +40,10 @@ class Log:
         return float(np.median(np.diff(self.t)))
 
 
-def check_known(option: str, name: str, kind: str, known: Collection[str]) -> None:
-    """Raise BadInput unless `name`, given to `option`, is one of the known names of this kind."""
-    if name not in known:
-        raise BadInput(f"{option} {name}: not a {kind} of this robot{suggestion(name, known)}; it has {', '.join(known)}")
+def check_known(option: str, name: str, kind: str, names: Collection[str]) -> None:
+    """Raise BadInput unless `name`, given to `option`, is one of the `names` of this kind."""
+    if name not in names:
+        raise BadInput(f"{option} {name}: not a {kind} of this robot{suggestion(name, names)}; it has {', '.join(names)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +84,8 @@ def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], col
     values = _columns(file, ["t", *others, *pose], {"t", *pose[:2]}, columns)
     names = [name for name in others if name in values]
     if not names:
-        known = f"those of {system.mechanism.name} are {', '.join(others)}" if others else f"{system.mechanism.name} has none"
-        raise BadInput(f"{file}: no column with an angle of a wheel or joint; {known}")
+        existing = f"those of {system.mechanism.name} are {', '.join(others)}" if others else f"{system.mechanism.name} has none"
+        raise BadInput(f"{file}: no column with an angle of a wheel or joint; {existing}")
     nothing = np.full(len(values["t"]), math.nan)
     rows = np.column_stack([values.get(name, nothing) for name in ("t", *names, *pose)])
     rows, stretches, remarks = _cleaned(str(file), rows, 1 + len(names), 2)

@@ -94,7 +94,7 @@ class OutputError:
 
     def expected_deviations(self, noise: np.ndarray) -> dict[str, float]:
         """Return the standard deviations that a fit will have if the errors of each output have the standard deviation `noise`
-        and are independent: the bound of Cramer and Rao, before anything is fitted. Infinite for what is not seen.
+        and are independent: the bound of Cramer and Rao, before anything is fitted. Infinite for a parameter without effect.
         """
         self.scale = noise
         self.unseen = self._unseen()
@@ -212,20 +212,20 @@ class OutputError:
 
     def _predicted(self, values: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return residuals (W, R ny), and their derivatives by the initial states and by the fitted parameters."""
-        given, columns = self.windows, [self._all_names.index(name) for name in self.names]
-        windows, rows, outputs = given.measured.shape
-        x = given.start.copy()
-        x[:, given.fitted] = start
-        unit = np.eye(x.shape[1])[given.fitted].ravel()  # dx/d(start), column by column
+        logged, columns = self.windows, [self._all_names.index(name) for name in self.names]
+        windows, rows, outputs = logged.measured.shape
+        x = logged.start.copy()
+        x[:, logged.fitted] = start
+        unit = np.eye(x.shape[1])[logged.fitted].ravel()  # dx/d(start), column by column
         first = np.hstack([x, np.tile(unit, (windows, 1)), np.zeros((windows, x.shape[1] * len(self._all_names)))])
-        inputs, size = given.inputs, given.inputs.shape[2]
+        inputs, size = logged.inputs, logged.inputs.shape[2]
         later = self._forward(first.T, inputs[:, :-1].reshape(-1, size).T, np.tile(values[:, None], windows * (rows - 1)))
         z = np.concatenate([first[:, None], np.array(later).T.reshape(windows, rows - 1, -1)], axis=1)
         observed = self._observe(
             z.reshape(windows * rows, -1).T, inputs.reshape(-1, size).T, np.tile(values[:, None], windows * rows)
         )
         y, starts, parameters = (np.array(each).reshape(outputs, windows, rows, -1).transpose(1, 2, 0, 3) for each in observed)
-        residual = y[..., 0] - given.measured
+        residual = y[..., 0] - logged.measured
         residual = np.where(self._angles, np.remainder(residual + np.pi, 2 * np.pi) - np.pi, residual)
         weight = self._weight / self.scale
         return (

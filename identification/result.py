@@ -1,4 +1,4 @@
-"""What a fit found, and what no motion, or not this log, tells."""
+"""The result of a fit, and the parameters that no motion, or not this log, determines."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from ..model.mechanism import Quantity
 from .identifiability import Combination
 from .output_error import OutputError
 
-DOUBTFUL = 0.5  # standard deviation relative to the value above which the log is said not to tell
+DOUBTFUL = 0.5  # standard deviation relative to the value above which the log does not determine it
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,10 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """Result of a fit. `estimates` by name; `unidentifiable`: what no motion, or not this log, tells, one sentence each.
+    """Result of a fit. `estimates` by name; `unidentifiable`: what no motion, or not this log, determines, in sentences.
 
     `residual` and `validation` are the RMS errors of each output (for the dynamics a quasi-velocity) over the fitted windows and
-    over those left out, in the output's unit; NaN if none were left out. `inputs` tells how inputs were taken between the rows.
+    over those left out, in the output's unit; NaN if none were left out. `inputs`: how they were interpolated between the rows.
     """
 
     estimates: Mapping[str, Estimate]
@@ -39,11 +39,11 @@ class Identification:
 
 
 def result_of(
-    fit: OutputError, names: Sequence[str], found: Sequence[Combination], rows: int, remarks: tuple[str, ...], inputs: str = ""
+    fit: OutputError, names: Sequence[str], basis: Sequence[Combination], rows: int, remarks: tuple[str, ...], inputs: str = ""
 ) -> Identification:
-    """Return the result of a fit of the pivots of `found`, combinations of the parameters `names`."""
-    sentences = [*_by_structure(names, found), *(_by_log(name) for name in fit.unseen)]
-    alone = {c.pivot for c in found if not c.others} - set(fit.unseen)
+    """Return the result of a fit of the pivots of `basis`, combinations of the parameters `names`."""
+    sentences = [*_by_structure(names, basis), *(_by_log(name) for name in fit.unseen)]
+    alone = {c.pivot for c in basis if not c.others} - set(fit.unseen)
     sd = fit.deviations()
     for name in sorted(alone, key=names.index):
         may_be_zero = fit.quantities[name].sign == "any" and not fit.quantities[name].default
@@ -56,13 +56,13 @@ def result_of(
     return Identification(estimates, tuple(sentences), fit.rms(), fit.rms(used=False), rows, inputs, remarks)
 
 
-def _by_structure(names: Sequence[str], found: Sequence[Combination]) -> Iterator[str]:
-    for combination in found:
+def _by_structure(names: Sequence[str], basis: Sequence[Combination]) -> Iterator[str]:
+    for combination in basis:
         if combination.others:
             together = [combination.pivot, *(name for name, _ in combination.others)]
             yield f"{', '.join(together)}: any motion shows only {combination} (factors at the given values)"
     for name in names:
-        if not any(name in (c.pivot, *dict(c.others)) for c in found):
+        if not any(name in (c.pivot, *dict(c.others)) for c in basis):
             yield f"{name}: no motion depends on it"
 
 

@@ -70,14 +70,14 @@ def ground(system: ReducedSystem, nudot: ca.SX, tau: ca.SX) -> Ground:
     qddot = system.Sdot @ system.nu + system.S @ nudot
     needed = canonical(_unit_slips(mechanism).T @ (mechanism.M @ qddot + system.V - mechanism.E @ tau))  # -lambda
     rows, kept = ([k for k, part in enumerate(split(C)) if part.nnz()] for split in (ca.vertsplit, ca.horzsplit))
-    given, needed = C[rows, kept], needed[kept]
+    block, needed = C[rows, kept], needed[kept]
     mass = ca.vertcat(*[contact.mass for contact in mechanism.contacts])
     force = ca.SX(C.shape[0], 1)
     if len(rows) == len(kept):
-        force[rows] = solve(canonical(given.T), needed)
+        force[rows] = solve(canonical(block.T), needed)
     else:
-        shares = ca.diag(ca.vec(ca.horzcat(mass, mass).T)[rows]) @ given
-        force[rows] = shares @ solve(canonical(given.T @ shares), needed)
+        shares = ca.diag(ca.vec(ca.horzcat(mass, mass).T)[rows]) @ block
+        force[rows] = shares @ solve(canonical(block.T @ shares), needed)
     force = ca.densify(canonical(force))
     return Ground(force, mass, canonical(shift_of_sides(mechanism) @ force[1::2]))
 
@@ -116,16 +116,16 @@ def _unit_slips(mechanism: Mechanism) -> ca.SX:
 def axles(mechanism: Mechanism) -> list[list[int]]:
     """Return the contacts on each axle, as indices: those with the same velocity across."""
     across = mechanism.contact_rows[1::2, :]
-    found: list[list[int]] = []
+    groups: list[list[int]] = []
     for k in range(len(mechanism.contacts)):
         if across[k, :].is_zero():
             continue
-        same = [axle for axle in found if canonical(across[k, :] - across[axle[0], :]).is_zero()]
+        same = [axle for axle in groups if canonical(across[k, :] - across[axle[0], :]).is_zero()]
         if same:
             same[0].append(k)
         else:
-            found.append([k])
-    return found
+            groups.append([k])
+    return groups
 
 
 def _sampled(mechanism: Mechanism, matrix: ca.SX) -> Sampled:

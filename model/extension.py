@@ -79,8 +79,8 @@ class Integrators:
 
     def rates(self, w: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return u = nudot, (n-m) x 1, and d xi/dt, k x 1."""
-        found = ca.densify(self.drift + self.effect @ w)
-        return found[: w.numel()], found[w.numel() :]
+        rate = ca.densify(self.drift + self.effect @ w)
+        return rate[: w.numel()], rate[w.numel() :]
 
     def derivative(self, expression: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return row and drift of the derivative of an expression in q, nu and xi: row w + drift."""
@@ -133,27 +133,27 @@ def extend(system: ReducedSystem, chains: Sequence[Chain], of: OutputMap) -> Ext
     Each stage adds more derivatives of outputs than states. Either Phi becomes regular, or the derivatives, as functions of the
     states, become dependent: then the outputs satisfy a differential equation whatever the inputs are.
     """
-    made, found = _begin(system, chains)
-    while (choice := _choice(made, found, of)) is not None:
-        derivatives = ca.vertcat(*[row.expression for row in of.rows], *[rate for chain in made for rate in chain.rates])
-        states = ca.vertcat(system.mechanism.q, system.nu, found.xi)
-        if found.sampled(ca.jacobian(derivatives, states), of).rank() < derivatives.numel():
+    extended, added = _begin(system, chains)
+    while (choice := _choice(extended, added, of)) is not None:
+        derivatives = ca.vertcat(*[row.expression for row in of.rows], *[rate for chain in extended for rate in chain.rates])
+        states = ca.vertcat(system.mechanism.q, system.nu, added.xi)
+        if added.sampled(ca.jacobian(derivatives, states), of).rank() < derivatives.numel():
             names = ", ".join(row.name for row in of.rows)
             raise ModelError(
                 f"{_where(system, of)}: no dynamic extension makes Phi regular: {names} and their derivatives satisfy an "
                 "equation that no input changes; replace one of these outputs"
             )
-        made, found = found.on(made, choice, [_state(found.velocities[k], found.orders[k]) for k in choice.columns], of)
-    return made, found
+        extended, added = added.on(extended, choice, [_state(added.velocities[k], added.orders[k]) for k in choice.columns], of)
+    return extended, added
 
 
 def extended_alike(system: ReducedSystem, chains: Sequence[Chain], integrators: Integrators, of: OutputMap) -> Extended:
     """Return the chains and integrators of the same system in other quasi-velocities, with the same choices and states."""
-    made, found = _begin(system, chains)
+    extended, added = _begin(system, chains)
     states = iter(integrators.states)
     for choice in integrators.choices:
-        made, found = found.on(made, choice, [next(states) for _ in choice.columns], of)
-    return made, found
+        extended, added = added.on(extended, choice, [next(states) for _ in choice.columns], of)
+    return extended, added
 
 
 def _begin(system: ReducedSystem, chains: Sequence[Chain]) -> Extended:

@@ -99,9 +99,9 @@ class ControlLaw:
     @property
     def quantities(self) -> dict[str, ca.SX]:
         """What an evaluation of the law returns, by name."""
-        found = self.linearization
-        made = {"h": found.h, "ydot": found.rate, "Phi": found.Phi, "Phidot": found.Phidot, "u": self.u, "tau": self.tau}
-        return made | ({"extension_rate": self.extension_rate} if self.extension else {})
+        io = self.linearization
+        values = {"h": io.h, "ydot": io.rate, "Phi": io.Phi, "Phidot": io.Phidot, "u": self.u, "tau": self.tau}
+        return values | ({"extension_rate": self.extension_rate} if self.extension else {})
 
     def at_state(self, *expressions: ca.SX) -> ca.Function:
         """CasADi function from (state, parameters, config) to the expressions, which depend on nothing else."""
@@ -122,20 +122,21 @@ def symbols(quantities: Sequence[Quantity]) -> ca.SX:
 
 def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
     """Return the control law for one output map. Raises ModelError as `linearize` does."""
-    found = linearize(system, output)
-    gains, reference = _outer_loop_symbols(found)
-    v = outer_loop(found.relative_degree, [k.symbol for k in gains], [y.symbol for y in reference], found.h, found.rate)
+    linearization = linearize(system, output)
+    gains, reference = _outer_loop_symbols(linearization)
+    degrees, h, rate = linearization.relative_degree, linearization.h, linearization.rate
+    v = outer_loop(degrees, [k.symbol for k in gains], [y.symbol for y in reference], h, rate)
     virtual_input = tuple(
         quantity(f"v_{row.name}", derivative_unit(row.unit, degree), f"virtual input: derivative {degree} of {row.name}")
-        for row, degree in zip(output.rows, found.relative_degree, strict=True)
+        for row, degree in zip(output.rows, degrees, strict=True)
     )
     for group, members in (("reference", reference), ("gains", gains)):
         refuse_twice([q.name for q in members], f"{system.mechanism.name}, output {output.name}, {group}")
-    u, extension_rate = found.accelerations(found.second_feedback(v))
-    u_of_v, _ = found.accelerations(found.second_feedback(symbols(virtual_input)))
+    u, extension_rate = linearization.accelerations(linearization.second_feedback(v))
+    u_of_v, _ = linearization.accelerations(linearization.second_feedback(symbols(virtual_input)))
     mechanism = system.mechanism
     return ControlLaw(
-        linearization=found,
+        linearization=linearization,
         parameters=tuple(mechanism.parameters),
         config=tuple(output.parameters),
         gains=gains,
@@ -180,16 +181,16 @@ def default_gains(degree: int) -> list[float]:
     return polynomial.polyfromroots(poles)[:-1].tolist()
 
 
-def _outer_loop_symbols(found: Linearization) -> tuple[tuple[Quantity, ...], tuple[Quantity, ...]]:
+def _outer_loop_symbols(linearization: Linearization) -> tuple[tuple[Quantity, ...], tuple[Quantity, ...]]:
     """Return gains and references of every row. The paper's gains are illegible in the scan: 1, 2.5 and 2 are assumed."""
     gains: list[Quantity] = []
     reference: list[Quantity] = []
-    for row, degree in zip(found.output.rows, found.relative_degree, strict=True):
+    for row, degree in zip(linearization.output.rows, linearization.relative_degree, strict=True):
         name = row.name
         for order in range(degree + 1):
-            what = row.about if order == 0 else f"{ORDINAL[order]} of {name}"
-            reference.append(_derivative(row, order, f"desired {what}"))
+            meaning = row.about if order == 0 else f"{ORDINAL[order]} of {name}"
+            reference.append(_derivative(row, order, f"desired {meaning}"))
         for order, (gain, default) in enumerate(zip(gain_names(degree), default_gains(degree), strict=True)):
-            what = f"{name} error" if order == 0 else f"error of the {ORDINAL[order]} of {name}"
-            gains.append(quantity(f"{gain}_{name}", derivative_unit("1", degree - order), what, default, "nonnegative"))
+            meaning = f"{name} error" if order == 0 else f"error of the {ORDINAL[order]} of {name}"
+            gains.append(quantity(f"{gain}_{name}", derivative_unit("1", degree - order), meaning, default, "nonnegative"))
     return tuple(gains), tuple(reference)

@@ -85,16 +85,16 @@ class Linearization:
         """
         right = v - self.drift
         small = self.Phi.shape[0] <= 3
-        found = ca.adj(self.Phi) @ right / self.determinant if small else solve(self.Phi, right)
-        return self._checked("u", found, (self.Phi, right), quotient)
+        w = ca.adj(self.Phi) @ right / self.determinant if small else solve(self.Phi, right)
+        return self._checked("u", w, (self.Phi, right), quotient)
 
     def accelerations(self, w: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return u, (n-m) x 1, and d xi/dt, k x 1, of what `second_feedback` returns: u itself, unless there is an extension."""
         return self.integrators.rates(w) if self.integrators else (w, ca.SX(0, 1))
 
-    def _checked(self, name: str, found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]) -> ca.SX:
+    def _checked(self, name: str, formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]) -> ca.SX:
         moving = ca.vertcat(self.system.mechanism.q, self.system.nu, *[q.symbol for q in self.extension])
-        return without_pole(self.system.mechanism.name, name, found, given, combined, moving)
+        return without_pole(self.system.mechanism.name, name, formula, parts, combined, moving)
 
 
 def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
@@ -109,20 +109,20 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
     if len(output.rows) != system.dof:
         raise ModelError(f"{where}: {_not_square(system, output)}")
     output.check(system)
-    found, integrators = chains(system, output), None
-    if output.extension and _sampled(system, output, _rows(found)).rank() < system.dof:
-        found, integrators = extend(system, found, output)
-    Phi = _rows(found)
+    output_chains, integrators = chains(system, output), None
+    if output.extension and _sampled(system, output, _rows(output_chains)).rank() < system.dof:
+        output_chains, integrators = extend(system, output_chains, output)
+    Phi = _rows(output_chains)
     _check_regular(system, output, Phi, integrators)
     return Linearization(
         system,
         output,
-        tuple(chain.degree for chain in found),
+        tuple(chain.degree for chain in output_chains),
         ca.vertcat(*[row.expression for row in output.rows]),
-        ca.vertcat(*[rate for chain in found for rate in chain.rates]),
+        ca.vertcat(*[rate for chain in output_chains for rate in chain.rates]),
         ca.densify(Phi),
         ca.SX(0, 0) if integrators else ca.densify(system.along_motion(Phi)),
-        ca.vertcat(*[chain.drift for chain in found]),
+        ca.vertcat(*[chain.drift for chain in output_chains]),
         integrators,
     )
 
@@ -151,9 +151,9 @@ def _chain(system: ReducedSystem, output: OutputMap, row: OutputRow, expression:
     return Chain((second @ system.nu,), second, second_drift)
 
 
-def _rows(found: Sequence[Chain]) -> ca.SX:
+def _rows(output_chains: Sequence[Chain]) -> ca.SX:
     """Return Phi."""
-    return ca.vertcat(*[chain.row for chain in found])
+    return ca.vertcat(*[chain.row for chain in output_chains])
 
 
 def derivative(system: ReducedSystem, expression: ca.SX, degree: int) -> tuple[ca.SX, ca.SX]:
@@ -178,10 +178,10 @@ def _sampled(system: ReducedSystem, output: OutputMap, matrix: ca.SX) -> Sampled
 
 def _not_square(system: ReducedSystem, output: OutputMap) -> str:
     """Return the reason why Phi is not square, and how to make it so."""
-    given, needed = len(output.rows), system.dof
+    count, needed = len(output.rows), system.dof
     rows, motions = ", ".join(row.name for row in output.rows), ", ".join(q.name for q in system.quasi_velocities)
-    more = f"add {needed - given}" if given < needed else f"drop {given - needed}"
-    return f"{given} outputs for n - m = {needed}; {more}: {rows or 'none'} must be as many as the quasi-velocities {motions}"
+    more = f"add {needed - count}" if count < needed else f"drop {count - needed}"
+    return f"{count} outputs for n - m = {needed}; {more}: {rows or 'none'} must be as many as the quasi-velocities {motions}"
 
 
 def _check_regular(system: ReducedSystem, output: OutputMap, Phi: ca.SX, integrators: Integrators | None) -> None:

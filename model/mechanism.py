@@ -57,9 +57,9 @@ class Quantity:
             raise ModelError(f"{place}{self.name} = {str(value)[:12]}... is too large for a number") from error
         if not math.isfinite(number):
             raise ModelError(f"{place}{self.name} = {number} is not finite")
-        holds, wanted = SIGNS[self.sign]
+        holds, required = SIGNS[self.sign]
         if not holds(number):
-            raise ModelError(f"{place}{self.name} = {number:g} {self.unit} must be {wanted} ({self.about})")
+            raise ModelError(f"{place}{self.name} = {number:g} {self.unit} must be {required} ({self.about})")
         return number
 
 
@@ -70,13 +70,13 @@ def quantity(name: str, unit: str, about: str = "", default: float = 0.0, sign: 
             f"name {name!r} cannot be used in C: use letters, digits and _ only, no keyword of C, C++ or Python, no macro of the "
             "standard headers, no name that begins with noslip_"
         )
-    for text, what in ((unit, "unit"), (about, "about")):
+    for text, label in ((unit, "unit"), (about, "about")):
         if not isinstance(text, str) or not text.isprintable() or "*/" in text:
-            raise ModelError(f"{name}: {what} {text!r} must be text on one line that is valid in a C comment")
+            raise ModelError(f"{name}: {label} {text!r} must be text on one line that is valid in a C comment")
     if sign not in tuple(SIGNS):
         raise ModelError(f"{name}: sign {sign!r} is not one of {', '.join(SIGNS)}")
-    made = Quantity(name, unit, about, sign=sign, symbol=ca.SX.sym(name))
-    return replace(made, default=made.check(default, f"default of {name}"))
+    new = Quantity(name, unit, about, sign=sign, symbol=ca.SX.sym(name))
+    return replace(new, default=new.check(default, f"default of {name}"))
 
 
 def is_number(value: object) -> bool:
@@ -109,10 +109,10 @@ def derivative_unit(unit: str, order: int) -> str:
 
 def scalar(expression: ca.SX | float, where: str) -> ca.SX:
     """Return the expression as a 1 x 1 SX. Raises ModelError if it is not a scalar."""
-    made = matrix(expression, where)
-    if made.shape != (1, 1):
-        raise ModelError(f"{where} must be a scalar; it is {made.shape[0]} x {made.shape[1]}")
-    return made
+    value = matrix(expression, where)
+    if value.shape != (1, 1):
+        raise ModelError(f"{where} must be a scalar; it is {value.shape[0]} x {value.shape[1]}")
+    return value
 
 
 def matrix(expression: ca.SX | float, where: str) -> ca.SX:
@@ -124,9 +124,9 @@ def matrix(expression: ca.SX | float, where: str) -> ca.SX:
         raise ModelError(f"{where} is not an expression: {text[:60]}; use numbers and CasADi SX") from error
 
 
-def refuse_strangers(expression: ca.SX, known: ca.SX, where: str, belongs: str) -> None:
-    """Raise ModelError if the expression uses a symbol that is not among the known ones."""
-    elements = {symbol.element_hash() for symbol in ca.symvar(known)}
+def refuse_strangers(expression: ca.SX, symbols: ca.SX, where: str, belongs: str) -> None:
+    """Raise ModelError if the expression uses a symbol that is not one of `symbols`."""
+    elements = {symbol.element_hash() for symbol in ca.symvar(symbols)}
     for symbol in free_symbols(expression):
         if symbol.element_hash() not in elements:
             raise ModelError(f"{where} uses {symbol}, which is not a {belongs}")
@@ -134,11 +134,11 @@ def refuse_strangers(expression: ca.SX, known: ca.SX, where: str, belongs: str) 
 
 def refuse_twice(names: Iterable[str], where: str) -> None:
     """Raise ModelError if a name occurs twice."""
-    seen: set[str] = set()
+    earlier: set[str] = set()
     for name in names:
-        if name in seen:
+        if name in earlier:
             raise ModelError(f"{where}: the name {name!r} is used twice")
-        seen.add(name)
+        earlier.add(name)
 
 
 def values_of(quantities: list[Quantity], given: Mapping[str, float], where: str) -> list[float]:
@@ -148,10 +148,10 @@ def values_of(quantities: list[Quantity], given: Mapping[str, float], where: str
     """
     if not isinstance(given, Mapping):
         raise ModelError(f"{where}: must be names with their values, not {given!r}")
-    known = {q.name for q in quantities}
+    names = {q.name for q in quantities}
     for name in given:
-        if name not in known:
-            raise ModelError(f"{where}: unknown name {name!r}; known are {', '.join(sorted(known)) or 'none'}")
+        if name not in names:
+            raise ModelError(f"{where}: unknown name {name!r}; known are {', '.join(sorted(names)) or 'none'}")
     return [q.check(given.get(q.name, q.default), where) for q in quantities]
 
 
@@ -250,21 +250,21 @@ class Mechanism:
         """
         quantity(name, "")
         refuse_twice([*(b.name for b in self.bodies), name], f"{self.name}, bodies")
-        given = {"mass": mass, "inertia": inertia, "forward": forward, "left": left, "yaw_rate": yaw_rate}
-        places = {what: f"body {name!r}, {what}" for what in given}
-        made = Body(
-            name, **{what: self._smooth(self._scalar(x, places[what]), places[what], bends=False) for what, x in given.items()}
+        entries = {"mass": mass, "inertia": inertia, "forward": forward, "left": left, "yaw_rate": yaw_rate}
+        places = {key: f"body {name!r}, {key}" for key in entries}
+        body = Body(
+            name, **{key: self._smooth(self._scalar(x, places[key]), places[key], bends=False) for key, x in entries.items()}
         )
-        if ca.depends_on(ca.vertcat(made.mass, made.inertia), ca.vertcat(self.q, self.qdot)):
+        if ca.depends_on(ca.vertcat(body.mass, body.inertia), ca.vertcat(self.q, self.qdot)):
             raise ModelError(f"{self.name}: body {name!r}: mass and inertia must be parameters or numbers")
-        self.bodies.append(made)
+        self.bodies.append(body)
         self._forget()
 
     @_before_reduction
     def potential_energy(self, energy: ca.SX) -> None:
         """Add a potential energy, J, a function of the coordinates."""
-        made = self._at_rest(self._scalar(energy, "potential energy"), "potential energy")
-        self._potential += self._smooth(made, "potential energy")
+        potential = self._at_rest(self._scalar(energy, "potential energy"), "potential energy")
+        self._potential += self._smooth(potential, "potential energy")
         self._forget()
 
     @_before_reduction
@@ -312,7 +312,7 @@ class Mechanism:
         `wanted` is the former name of `preferred` and is deprecated. Raises ModelError for an invalid weight, and if both names
         are given.
         """
-        made, where = self._new(name, unit, about), f"input {name!r}"
+        new, where = self._new(name, unit, about), f"input {name!r}"
         if wanted is not None:
             if not (isinstance(preferred, int | float) and preferred == 0):
                 raise ModelError(f"{self.name}: {where}: give `preferred` or, as in older versions, `wanted`, not both")
@@ -325,19 +325,19 @@ class Mechanism:
         self._actuation.append(self._velocity(on, where))
         self._weights.append(weight)
         self._preferred.append(preferred)
-        self.inputs.append(made)
+        self.inputs.append(new)
         self._forget()
 
     @_before_reduction
     def quasi_velocity(self, name: str, unit: str, expression: ca.SX, about: str = "") -> None:
         """Choose a quasi-velocity nu_i as an expression linear in the rates; all of them together determine S(q) (9)."""
-        made = self._new(name, unit, about)
+        new = self._new(name, unit, about)
         if self._null_space is not None:
             raise ModelError(
                 f"{self.name}: quasi-velocity {name!r} after null_space, which defines them all; use one or the other"
             )
         self._quasi_expressions.append(self._velocity(expression, f"quasi-velocity {name!r}"))
-        self.quasi_velocities.append(made)
+        self.quasi_velocities.append(new)
         self._forget()
 
     @_before_reduction
@@ -347,15 +347,15 @@ class Mechanism:
             raise ModelError(
                 f"{self.name}: null_space requires the names of the quasi-velocities with their units, not {names!r}"
             )
-        made = [self._new(name, unit) for name, unit in names.items()]
+        velocities = [self._new(name, unit) for name, unit in names.items()]
         if self.quasi_velocities:
             raise ModelError(
                 f"{self.name}: null_space after quasi-velocity {self.quasi_velocities[0].name!r}; use one or the other, once"
             )
-        given = matrix(S, f"{self.name}: S")
-        refuse_unsupported(given, f"{self.name}: S")
-        self._null_space = self._smooth(self._at_rest(given, "S"), "S")
-        self.quasi_velocities = made
+        S = matrix(S, f"{self.name}: S")
+        refuse_unsupported(S, f"{self.name}: S")
+        self._null_space = self._smooth(self._at_rest(S, "S"), "S")
+        self.quasi_velocities = velocities
 
     @_before_reduction
     def moves_in_plane(self, x: ca.SX, y: ca.SX, heading: ca.SX) -> None:
@@ -383,8 +383,8 @@ class Mechanism:
         if along is None and across is None:
             raise ModelError(f"{self.name}: {where} requires a velocity along or across that the constraints keep zero")
         velocities = [ca.SX(0) if v is None else self._velocity(v, f"{where}, velocity") for v in (along, across)]
-        given = [(f"{where}, mass", mass), (f"{where}, left", left)]
-        places = [self._at_rest(self._scalar(value, place), place) for place, value in given]
+        entries = [(f"{where}, mass", mass), (f"{where}, left", left)]
+        places = [self._at_rest(self._scalar(value, place), place) for place, value in entries]
         self.contacts.append(Contact(name, *velocities, *places))
         self._forget()
 
@@ -398,16 +398,16 @@ class Mechanism:
         quantity(name, "", about)
         refuse_twice([*(o.name for o in self.outputs), name], f"{self.name}, outputs")
         refuse_output(name, [o.name for o in self.outputs], where)
-        made = []
+        checked = []
         for k, row in enumerate(rows):
             if not isinstance(row, tuple | list) or len(row) not in (3, 4):
                 raise ModelError(f"{where}: row {k + 1} must be (name, unit, expression, about)")
             label, unit, expression, meaning = (*row, "")[:4]
             place = f"output {name!r}, {label}"
-            made.append((quantity(label, unit, meaning), self._smooth(self._scalar(expression, place), place)))
+            checked.append((quantity(label, unit, meaning), self._smooth(self._scalar(expression, place), place)))
         if not all(isinstance(parameter, Quantity) for parameter in parameters):
             raise ModelError(f"{where}: parameters must be created with config(name, default, unit, about)")
-        self.outputs.append(Output(name, about, tuple(made), tuple(parameters)))
+        self.outputs.append(Output(name, about, tuple(checked), tuple(parameters)))
 
     def draws(self, *lines: Sequence[tuple[ca.SX | float, ca.SX | float]]) -> None:
         """Declare how the robot looks from above: lines through points (x, y), m, in coordinates and parameters.
@@ -426,9 +426,9 @@ class Mechanism:
         """Return the symbol of a coordinate or parameter by name, for robots built on this one. Raises ModelError for unknown
         names.
         """
-        for known in (*self.coordinates, *self.parameters):
-            if known.name == name:
-                return known.symbol
+        for each in (*self.coordinates, *self.parameters):
+            if each.name == name:
+                return each.symbol
         raise ModelError(f"{self.name}: no coordinate or parameter {name!r}")
 
     @property
@@ -550,9 +550,9 @@ class Mechanism:
             raise ModelError(f"{self.name}: no constraints; add them with rolls(name, velocity) or holds(name, position)")
         if not self.inputs:
             raise ModelError(f"{self.name}: no inputs; add them with input(name, unit, on=velocity)")
-        known = ca.vertcat(self.q, self.qdot, self.p)
+        symbols = ca.vertcat(self.q, self.qdot, self.p)
         for where, expression in self._everything():
-            refuse_strangers(expression, known, f"{self.name}: {where}", "coordinate, rate or parameter of it")
+            refuse_strangers(expression, symbols, f"{self.name}: {where}", "coordinate, rate or parameter of it")
         still = ca.SX.zeros(len(self.coordinates))
         kinetic = self._total_kinetic
         rest = ca.substitute(ca.vertcat(kinetic, ca.gradient(kinetic, self.qdot)), self.qdot, still)
@@ -565,7 +565,7 @@ class Mechanism:
     def names(self) -> list[str]:
         """All names defined so far."""
         groups = (self.coordinates, self.velocities, self.parameters, self.inputs, self.quasi_velocities)
-        return [known.name for group in groups for known in group]
+        return [each.name for group in groups for each in group]
 
     # -- internal -----------------------------------------------------------------------------------------------
 
@@ -614,10 +614,10 @@ class Mechanism:
         return rows
 
     def _new(self, name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any") -> Quantity:
-        made = quantity(name, unit, about, default, sign)
+        new = quantity(name, unit, about, default, sign)
         if name in self.names:
             raise ModelError(f"{self.name}: the name {name!r} is used twice")
-        return made
+        return new
 
     def _forget(self) -> None:
         """Discard the cached matrices, after an addition that changes them."""
@@ -625,9 +625,9 @@ class Mechanism:
             self.__dict__.pop(matrix, None)
 
     def _scalar(self, expression: ca.SX | float, where: str) -> ca.SX:
-        made = scalar(expression, f"{self.name}: {where}")
-        refuse_unsupported(made, f"{self.name}: {where}")
-        return made
+        value = scalar(expression, f"{self.name}: {where}")
+        refuse_unsupported(value, f"{self.name}: {where}")
+        return value
 
     def _velocity(self, expression: ca.SX, where: str) -> ca.SX:
         """Return a scalar that must be linear in the rates; `_rows` checks that it is."""

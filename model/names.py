@@ -60,9 +60,14 @@ HEADERS = frozenset(
     "selftest".split()
 )
 # suffixes of a robot's name, and of a law's name, in names of types, functions and files
-OF_ROBOT = ("params", "state", "options", "default_params", "check_params", "check_state", "dynamics")
+OF_FOLLOWER = ("", "_config", "_interval", "_init", "_tick", "_tick_angles", "_update", "_correct", "_reset", "_twist")
+OF_ROBOT = (
+    *("params", "state", "options", "default_params", "check_params", "check_state", "dynamics"),
+    *(f"follower{after}" for after in OF_FOLLOWER),
+)
 OF_LAW = (
-    *("", "config", "gains", "reference", "evaluation", "init", "reset", "admit", "admit_both", "admit_foot"),
+    *("", "config", "gains", "reference", "evaluation", "init", "reset", "set_limits", "update"),
+    *("admit", "admit_both", "admit_foot"),
     *(
         name + after
         for name in ("output", "rate", "decoupling", "decoupling_rate", "feedback", "evaluate", "step", "slope", "follow")
@@ -133,12 +138,12 @@ def refuse_output(name: str, others: Iterable[str], where: str) -> None:
         raise ModelError(
             f"{where}: the name has a meaning already: {EXTENDED} ends those of laws with an extension; choose another"
         )
-    made = set(_law_names(name))
+    defined = set(_law_names(name))
     robots = {FLOAT, *(f"_{own}{after}" for own in OF_ROBOT for after in ("", FLOAT)), *_law_names("dynamics")}
     taken = {"the robot itself": robots} | {f"output {other!r}": set(_law_names(other)) for other in others}
     for other, names in taken.items():
-        if made & names:
-            common = min(made & names, key=lambda each: (len(each), each))
+        if defined & names:
+            common = min(defined & names, key=lambda each: (len(each), each))
             raise ModelError(f"{where}: the name has a meaning already: {other} also defines ...{common} in C; choose another")
 
 

@@ -106,7 +106,7 @@ class OutputMap:
         refuse_twice([row.name for row in self.rows], where)
         refuse_twice([parameter.name for parameter in self.parameters], f"{where}, parameters")
         fixed = ca.vertcat(system.mechanism.p, *[parameter.symbol for parameter in self.parameters])
-        known = ca.vertcat(system.mechanism.q, system.nu, fixed)
+        symbols = ca.vertcat(system.mechanism.q, system.nu, fixed)
         for row in self.rows:
             quantity(row.name, row.unit, row.about)
             place = f"{where}: {row.name}"
@@ -118,11 +118,11 @@ class OutputMap:
                 raise ModelError(
                     f"{place} uses {rates}: write outputs in q and nu; system.along_motion(f) is the rate of f(q) in these"
                 )
-            refuse_strangers(expression, known, place, "coordinate, quasi-velocity or parameter of the robot or the output map")
+            refuse_strangers(expression, symbols, place, "coordinate, quasi-velocity or parameter of the robot or the output map")
         for condition, meaning in self.conditions:
-            made, place = scalar(condition, f"{where}: condition"), f"{where}: condition {meaning!r}"
-            refuse_unsupported(made, place)
-            refuse_strangers(made, fixed, place, "parameter")
+            value, place = scalar(condition, f"{where}: condition"), f"{where}: condition {meaning!r}"
+            refuse_unsupported(value, place)
+            refuse_strangers(value, fixed, place, "parameter")
 
 
 def type_i(system: ReducedSystem, offset: bool = False) -> OutputMap:
@@ -177,15 +177,15 @@ def output_map(system: ReducedSystem, name: str) -> OutputMap:
     With EXTENDED of names.py it allows a dynamic extension, and P_l of one of OUTPUTS is on the axle.
     """
     if (plain := without_extension(name)) != name:
-        made = output_map(system, plain)
-        about = f"{made.about}, with dynamic extension"
-        return replace(made if is_own(system, plain) else on_axle(system, made), name=name, about=about, extension=True)
+        base_map = output_map(system, plain)
+        about = f"{base_map.about}, with dynamic extension"
+        return replace(base_map if is_own(system, plain) else on_axle(system, base_map), name=name, about=about, extension=True)
     own = {output.name: output for output in system.mechanism.outputs}
     if name in own:
         return _own(system, own[name])
     base = without_offset(name)
-    made = OUTPUTS[base](system, offset=base != name)
-    return replace(made, name=name, about=made.about + (", P_l anywhere on the vehicle" if base != name else ""))
+    standard = OUTPUTS[base](system, offset=base != name)
+    return replace(standard, name=name, about=standard.about + (", P_l anywhere on the vehicle" if base != name else ""))
 
 
 def axle(system: ReducedSystem) -> ca.SX:

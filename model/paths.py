@@ -117,12 +117,15 @@ def implicit(kind: str, about: str, parameters: tuple[Quantity, ...], f: Callabl
 
 
 def ellipse() -> Path:
-    """Return (x/a)^2 + (y/b)^2 = 1 about the origin, an example of an implicit curve; positive outside."""
+    """Return (x/a)^2 + (y/b)^2 = 1 about the origin, an example of an implicit curve; positive outside.
+
+    A factor of f does not change f / |grad f|; with this one x has the coefficient 1 in the gradient.
+    """
     a = config("a", 4.0, "m", "half axis of the ellipse along x", "positive")
     b = config("b", 2.0, "m", "half axis of the ellipse along y", "positive")
 
     def f(x: ca.SX, y: ca.SX) -> ca.SX:
-        return (x / a.symbol) ** 2 + (y / b.symbol) ** 2 - 1
+        return (x**2 + a.symbol**2 / b.symbol**2 * y**2 - a.symbol**2) / 2
 
     return implicit("ellipse", "ellipse, f / |grad f|", (a, b), f)
 

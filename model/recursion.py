@@ -85,36 +85,36 @@ class Reduced:
 class Recursion:
     """Traverses the velocities of a mechanism, each once.
 
-    The rates follow from the constraints (2) and quasi = `given` nu, where `quasi` are the quasi-velocities as expressions in the
-    rates; if there are none, from qdot = `given` nu (9).
+    The rates follow from the constraints (2) and quasi = `T` nu, where `quasi` are the quasi-velocities as expressions in the
+    rates; if there are none, from qdot = `T` nu (9).
     """
 
-    def __init__(self, mechanism: Mechanism, nu: ca.SX, given: ca.SX, quasi: Sequence[ca.SX] = ()):
+    def __init__(self, mechanism: Mechanism, nu: ca.SX, T: ca.SX, quasi: Sequence[ca.SX] = ()):
         self.mechanism, self.nu = mechanism, nu
         self.q, self.qdot = mechanism.q, mechanism.qdot
         self.n, self.dof = self.q.numel(), nu.numel()
         self.steps: list[Step] = []
-        self._made: set[int] = set()  # symbols of steps
+        self._step_symbols: set[int] = set()  # symbols of steps
         self.rates: dict[int, VelocityRow] = {}  # those known so far
         self._groups: list[tuple[Step, ...]] = []
         self._grouped = 0  # number of steps in a group
         self._Mbar: Entries = {}
         self._bias: Entries = {}
         self._columns = {self.qdot[k].element_hash(): k for k in range(self.n)}
-        self._known: dict[
+        self._velocities: dict[
             int, tuple[ca.SX, VelocityRow]
         ] = {}  # by hash; stores the expression too, so that its hash stays unique
         self._moving: dict[int, tuple[ca.SX, bool]] = {}
         self._names = {
-            velocity.element_hash(): f"{body.name}_{what}"
+            velocity.element_hash(): f"{body.name}_{component}"
             for body in mechanism.bodies
-            for what, velocity in (("forward", body.forward), ("left", body.left), ("yaw_rate", body.yaw_rate))
+            for component, velocity in (("forward", body.forward), ("left", body.left), ("yaw_rate", body.yaw_rate))
         }
         self._fixed = {symbol.element_hash() for symbol in ca.symvar(ca.SX(mechanism.p))}
         if quasi:
-            self._solve(list(mechanism.constraints), list(quasi), given)
+            self._solve(list(mechanism.constraints), list(quasi), T)
         else:
-            self.rates = {k: self._given(given[k, :], given @ nu) for k in range(self.n)}
+            self.rates = {k: self._given(T[k, :], T @ nu) for k in range(self.n)}
             self._rest(mechanism.constraints)
             for body in mechanism.bodies:
                 self._add_body(body)
@@ -124,12 +124,12 @@ class Recursion:
     def velocity(self, x: ca.SX) -> VelocityRow:
         """Return an expression that is linear in the rates as a Velocity. Raises ModelError for others."""
         key = x.element_hash()
-        if key not in self._known:
-            made = self._derived(x)
-            if key in self._names and self._is_known(made):
-                made = self.named(self._names[key], made)
-            self._known[key] = (x, made)
-        return self._known[key][1]
+        if key not in self._velocities:
+            derived = self._derived(x)
+            if key in self._names and self._is_known(derived):
+                derived = self.named(self._names[key], derived)
+            self._velocities[key] = (x, derived)
+        return self._velocities[key][1]
 
     def named(self, name: str, velocity: VelocityRow) -> VelocityRow:
         """Return the velocity with a step for each coefficient and for its drift, simplified."""
@@ -144,7 +144,7 @@ class Recursion:
         """Return the matrix simplified: completely while there are no steps, else only by cancelling terms."""
         if ca.n_nodes(matrix) <= SHORT:
             return matrix
-        if not any(symbol.element_hash() in self._made for symbol in ca.symvar(matrix)):
+        if not any(symbol.element_hash() in self._step_symbols for symbol in ca.symvar(matrix)):
             return canonical(matrix)
         simple = ca.densify(matrix)
         for k in range(simple.numel()):
@@ -158,7 +158,7 @@ class Recursion:
             return expression
         symbol = ca.SX.sym(name)
         self.steps.append((symbol, expression))
-        self._made.add(symbol.element_hash())
+        self._step_symbols.add(symbol.element_hash())
         return symbol
 
     def value(self, velocity: VelocityRow) -> ca.SX:
@@ -188,8 +188,8 @@ class Recursion:
         moving = [self._moves(part) for part in parts]
         if code in LINEAR and all(m or part.is_zero() for part, m in zip(parts, moving, strict=True)):
             sign = ca.SX({ca.OP_NEG: -1, ca.OP_TWICE: 2}.get(code, 1))
-            made = VelocityRow().plus(self.velocity(parts[0]), sign)
-            return made.plus(self.velocity(parts[1]), ca.SX(1 if code == ca.OP_ADD else -1)) if len(parts) > 1 else made
+            first = VelocityRow().plus(self.velocity(parts[0]), sign)
+            return first.plus(self.velocity(parts[1]), ca.SX(1 if code == ca.OP_ADD else -1)) if len(parts) > 1 else first
         if code == ca.OP_MUL and moving.count(True) == 1:
             return self._times(parts[moving.index(False)], self.velocity(parts[moving.index(True)]))
         if code == ca.OP_DIV and moving == [True, False]:
@@ -197,11 +197,11 @@ class Recursion:
         raise ModelError(f"{self.mechanism.name}: a velocity is not linear in the rates: {str(x)[:60]}")
 
     def _times(self, factor: ca.SX, velocity: VelocityRow) -> VelocityRow:
-        made = VelocityRow().plus(velocity, factor)
+        scaled = VelocityRow().plus(velocity, factor)
         if not ca.depends_on(factor, self.q):
-            return made
+            return scaled
         rate = time_derivative(factor, self.q, ca.vertcat(*[self._rate(k) for k in range(self.n)]))
-        return VelocityRow(made.row, made.drift + rate * self.value(velocity))
+        return VelocityRow(scaled.row, scaled.drift + rate * self.value(velocity))
 
     def _rate(self, k: int) -> ca.SX:
         return self.value(self.rates[k]) if k in self.rates else self.qdot[k]
@@ -210,8 +210,8 @@ class Recursion:
         """Return whether the expression depends on the rates."""
         key = x.element_hash()
         if key not in self._moving:
-            found = key in self._columns if x.is_leaf() else any(self._moves(x.dep(k)) for k in range(x.n_dep()))
-            self._moving[key] = (x, found)
+            depends = key in self._columns if x.is_leaf() else any(self._moves(x.dep(k)) for k in range(x.n_dep()))
+            self._moving[key] = (x, depends)
         return self._moving[key][1]
 
     def _is_known(self, velocity: VelocityRow) -> bool:
@@ -234,19 +234,19 @@ class Recursion:
     def _rest(self, constraints: Sequence[ca.SX]) -> None:
         """Replace the velocities that constraints keep zero by zero wherever they occur."""
         for constraint in constraints:
-            self._known[constraint.element_hash()] = (constraint, VelocityRow())
+            self._velocities[constraint.element_hash()] = (constraint, VelocityRow())
 
     def _solve(self, constraints: list[ca.SX], quasi: list[ca.SX], T: ca.SX) -> None:
         """Solve for all rates, in small sets of equations that contain only rates known before; each body as soon as possible."""
         equations = [*constraints, *quasi]
         rates = [self._places(self.qdot, equation) for equation in equations]
         # a derivative also requires the rates of the coordinates in the coefficients
-        needs = [found | self._places(self.q, equation) for found, equation in zip(rates, equations, strict=True)]
+        needs = [unknown | self._places(self.q, equation) for unknown, equation in zip(rates, equations, strict=True)]
         waiting = {}
         for body in self.mechanism.bodies:
             velocities = ca.vertcat(body.forward, body.left, body.yaw_rate)
             waiting[body] = self._places(self.qdot, velocities) | self._places(self.q, velocities)
-        places = [(i, k) for i, found in enumerate(rates) for k in sorted(found)]
+        places = [(i, k) for i, unknown in enumerate(rates) for k in sorted(unknown)]
         sets = _sets(ca.Sparsity.triplet(self.n, self.n, *map(list, zip(*places, strict=True))))
         while sets:
             ready = (s for s in sets if all(k in self.rates or k in s[1] for i in s[0] for k in needs[i]))
@@ -262,34 +262,35 @@ class Recursion:
     def _places(self, symbols: ca.SX, velocities: ca.SX) -> set[int]:
         """Return which of the symbols occur in the velocities."""
         place = {symbols[k].element_hash(): k for k in range(self.n)}
-        found = {symbol.element_hash() for symbol in ca.symvar(velocities)}
-        return {k for key, k in place.items() if key in found}
+        used = {symbol.element_hash() for symbol in ca.symvar(velocities)}
+        return {k for key, k in place.items() if key in used}
 
     def _solve_set(self, equations: list[ca.SX], unknown: list[int], right: ca.SX) -> None:
         """Solve equations = right nu for the rates `unknown`."""
         from .algebra.linear import eliminate  # imports this module in turn
 
-        before = set(self._known)
-        found = [self.velocity(x) for x in equations]
+        before = set(self._velocities)
+        left = [self.velocity(x) for x in equations]
         columns = range(self.dof + self.n)
-        table = [[each.row.get(j, ca.SX(0)) for j in columns] for each in found]
+        table = [[each.row.get(j, ca.SX(0)) for j in columns] for each in left]
         B = ca.vertcat(*[ca.horzcat(*[row[self.dof + k] for k in unknown]) for row in table])
-        known = ca.vertcat(*[ca.horzcat(*row[: self.dof]) for row in table])
+        by_nu = ca.vertcat(*[ca.horzcat(*row[: self.dof]) for row in table])
         inverse = 1 / B if len(unknown) == 1 else eliminate(B, ca.SX.eye(len(unknown)), self.q, self.mechanism.name)
-        rows = self._simple(inverse @ (right - known))
-        made = [VelocityRow({j: rows[k, j] for j in range(self.dof) if not rows[k, j].is_zero()}) for k in range(len(unknown))]
+        rows = self._simple(inverse @ (right - by_nu))
+        nonzero = [[j for j in range(self.dof) if not rows[k, j].is_zero()] for k in range(len(unknown))]
+        velocities = [VelocityRow({j: rows[k, j] for j in columns}) for k, columns in enumerate(nonzero)]
         if len(unknown) == 1:
-            made = [self.named(self.mechanism.velocities[unknown[0]].name, made[0])]
-        values = ca.vertcat(*map(self.value, made))
-        drift = -inverse @ ca.substitute(ca.vertcat(*[each.drift for each in found]), self.qdot[unknown], values)
-        for key in set(self._known) - before:
-            if not self._is_known(self._known[key][1]):
-                del self._known[key]
-        for k, (at, velocity) in enumerate(zip(unknown, made, strict=True)):
+            velocities = [self.named(self.mechanism.velocities[unknown[0]].name, velocities[0])]
+        values = ca.vertcat(*map(self.value, velocities))
+        drift = -inverse @ ca.substitute(ca.vertcat(*[each.drift for each in left]), self.qdot[unknown], values)
+        for key in set(self._velocities) - before:
+            if not self._is_known(self._velocities[key][1]):
+                del self._velocities[key]
+        for k, (at, velocity) in enumerate(zip(unknown, velocities, strict=True)):
             name = f"{self.mechanism.velocities[at].name}_drift"
             rate = self._simple(drift[k])
             self.rates[at] = VelocityRow(velocity.row, self.step(name, rate) if len(unknown) == 1 else rate, velocity.value)
-            self._known[self.qdot[at].element_hash()] = (self.qdot[at], self.rates[at])
+            self._velocities[self.qdot[at].element_hash()] = (self.qdot[at], self.rates[at])
 
     # -- equations ------------------------------------------------------------------------------------------------
 
@@ -363,9 +364,9 @@ def check_bodies(mechanism: Mechanism) -> None:
         velocities = forward, left, omega = body.forward, body.left, body.yaw_rate
         j = [ca.gradient(u, qdot) for u in velocities]
         turned = [time_derivative(row, q, qdot) - ca.gradient(u, q) for row, u in zip(j, velocities, strict=True)]
-        wanted = [omega * j[1] - left * j[2], forward * j[2] - omega * j[0], ca.SX.zeros(q.numel())]
-        differences.append(ca.norm_inf(ca.vertcat(*turned) - ca.vertcat(*wanted)))
-        sizes.append(1 + ca.norm_inf(ca.vertcat(*wanted)))
+        required = [omega * j[1] - left * j[2], forward * j[2] - omega * j[0], ca.SX.zeros(q.numel())]
+        differences.append(ca.norm_inf(ca.vertcat(*turned) - ca.vertcat(*required)))
+        sizes.append(1 + ca.norm_inf(ca.vertcat(*required)))
     table = ca.horzcat(ca.vertcat(*differences), ca.vertcat(*sizes))
     for value in Sampled(table, ca.vertcat(q, qdot), mechanism.parameters, f"{mechanism.name}: bodies").values:
         for body, (difference, size) in zip(mechanism.bodies, value, strict=True):

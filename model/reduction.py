@@ -26,7 +26,7 @@ class ReducedSystem:
     mechanism: Mechanism
     quasi_velocities: tuple[Quantity, ...]
     S: ca.SX
-    known: Reduced | None = None  # the equations body by body, if computed together with S
+    reduced: Reduced | None = None  # the equations body by body, if computed together with S
 
     @property
     def nu(self) -> ca.SX:
@@ -66,8 +66,8 @@ class ReducedSystem:
     def by_bodies(self) -> Reduced | None:
         """The same equations body by body, if the robot defines bodies; else None."""
         mechanism, rows = self.mechanism, self.mechanism.quasi_velocity_rows
-        if self.known or not mechanism.bodies:
-            return self.known
+        if self.reduced or not mechanism.bodies:
+            return self.reduced
         if rows is None:
             return Recursion(mechanism, self.nu, self.S).reduced()
         return _by_bodies(mechanism, self.quasi_velocities, canonical(rows @ self.S))
@@ -77,8 +77,8 @@ class ReducedSystem:
         """Reduced mass matrix S'MS (10), (n-m) x (n-m)."""
         S, M = self.S, self.mechanism.M
         if self.by_bodies:
-            found = self.by_bodies.written_out(self.by_bodies.Mbar)
-            return self.checked("S'MS", found, (S, M), lambda S, M: S.T @ M @ S)
+            expression = self.by_bodies.written_out(self.by_bodies.Mbar)
+            return self.checked("S'MS", expression, (S, M), lambda S, M: S.T @ M @ S)
         return self.simplified("S'MS", S.T @ M @ S, (S, M), lambda S, M: S.T @ M @ S)
 
     @cached_property
@@ -86,8 +86,8 @@ class ReducedSystem:
         """S'(M Sdot nu + V) (10), (n-m) x 1."""
         forces = self.mechanism.M @ self.Sdot @ self.nu + self.V
         if self.by_bodies:
-            found = self.by_bodies.written_out(self.by_bodies.bias)
-            return self.checked("the bias", found, (self.S, forces), lambda S, forces: S.T @ forces)
+            expression = self.by_bodies.written_out(self.by_bodies.bias)
+            return self.checked("the bias", expression, (self.S, forces), lambda S, forces: S.T @ forces)
         return self.simplified("the bias", self.S.T @ forces, (self.S, forces), lambda S, forces: S.T @ forces)
 
     @cached_property
@@ -97,18 +97,18 @@ class ReducedSystem:
         return self.simplified("S'E", S.T @ E, (S, E), lambda S, E: S.T @ E)
 
     def simplified(
-        self, name: str, expression: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]
+        self, name: str, expression: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]
     ) -> ca.SX:
         """Return the expression in canonical form, verified by `checked`."""
-        return self.checked(name, canonical(expression), given, combined)
+        return self.checked(name, canonical(expression), parts, combined)
 
-    def checked(self, name: str, found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]) -> ca.SX:
-        """Return the expression, which must equal `combined` of the values of `given` (see `added_pole`).
+    def checked(self, name: str, expression: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None]) -> ca.SX:
+        """Return the expression, which must equal `combined` of the values of `parts` (see `added_pole`).
 
         Raises ModelError if it has a pole that the robot does not have.
         """
         moving = ca.vertcat(self.mechanism.q, self.nu)
-        return without_pole(self.mechanism.name, name, found, given, combined, moving)
+        return without_pole(self.mechanism.name, name, expression, parts, combined, moving)
 
     def acceleration(self, tau: ca.SX) -> ca.SX:
         """Return nudot = (S'MS)^-1 (S'E tau - bias) (11), (n-m) x 1."""
@@ -143,8 +143,8 @@ class ReducedSystem:
         if not self.redundant:
             return self.checked("(S'E)^-1", solve(self.input_map, unit), (self.input_map, unit), quotient)
         spread = self.spread(weight)
-        found = spread @ solve_symmetric(canonical(self.input_map @ spread), unit)
-        return self.checked("(S'E)^+", found, (self.input_map, spread), _weighted_inverse)
+        inverse = spread @ solve_symmetric(canonical(self.input_map @ spread), unit)
+        return self.checked("(S'E)^+", inverse, (self.input_map, spread), _weighted_inverse)
 
     def first_feedback(self, u: ca.SX, weight: Sequence[float] | None = None) -> ca.SX:
         """Return tau (12) that makes nudot = u (13), r x 1; `weight` as in `input_inverse`.
@@ -261,10 +261,10 @@ def _weighted_inverse(B: np.ndarray, spread: np.ndarray) -> np.ndarray | None:
 
 
 def _weights(weight: Sequence[float], r: int) -> ca.SX:
-    given = list(weight) if isinstance(weight, Iterable) else [weight]
-    if len(given) != r or not all(is_number(w) and 0 < w < np.inf for w in given):
-        raise ModelError(f"weights must be {r} positive numbers, not {given}")
-    return ca.SX([float(w) for w in given])
+    weights = list(weight) if isinstance(weight, Iterable) else [weight]
+    if len(weights) != r or not all(is_number(w) and 0 < w < np.inf for w in weights):
+        raise ModelError(f"weights must be {r} positive numbers, not {weights}")
+    return ca.SX([float(w) for w in weights])
 
 
 def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduced | None]:
@@ -288,9 +288,9 @@ def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduc
         )
     right = ca.vertcat(ca.SX(m, n - m), ca.SX.eye(n - m))
     if mechanism.bodies and mechanism.quasi_expressions:
-        found = _by_bodies(mechanism, names, ca.SX.eye(n - m))
-        S = found.written_out(found.S)
-        return without_pole(mechanism.name, "S", S, (square, right), quotient, mechanism.q), names, found
+        reduced = _by_bodies(mechanism, names, ca.SX.eye(n - m))
+        S = reduced.written_out(reduced.S)
+        return without_pole(mechanism.name, "S", S, (square, right), quotient, mechanism.q), names, reduced
     return eliminate(square, right, mechanism.q, mechanism.name), names, None
 
 
@@ -330,7 +330,7 @@ def _choose_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
 
 def _actuated_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
     """Return the velocity on which each input acts: the rate of a coordinate if it is one."""
-    found = []
+    velocities = []
     for k, force in enumerate(mechanism.inputs):
         row = mechanism.E[:, k].T
         rates = [
@@ -339,14 +339,14 @@ def _actuated_velocities(mechanism: Mechanism) -> list[tuple[ca.SX, Quantity]]:
             if ca.is_equal(ca.densify(row), ca.densify(ca.SX.eye(len(mechanism.coordinates))[j, :]), 1)
         ]
         unit = {"N": "m/s", "N m": "rad/s"}.get(force.unit, f"W/({force.unit})")
-        found.append(
+        velocities.append(
             (row, _rate(rates[0]) if rates else quantity(f"{force.name}_velocity", unit, f"velocity on which {force.name} acts"))
         )
-    return found
+    return velocities
 
 
-def _some(count: int, what: str) -> str:
-    return f"{count} {what}{'s' if count > 1 else ''}"
+def _some(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' if count > 1 else ''}"
 
 
 def _rate(coordinate: Quantity) -> Quantity:

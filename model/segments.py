@@ -34,7 +34,7 @@ class Segment:
         return self.pose(self.length)
 
     def places(self, count: int) -> list[tuple[float, float]]:
-        """So many points, m, evenly spread from its start to its end, both included."""
+        """Return `count` points, m, evenly spaced from its start to its end, both included."""
         return [self.pose(self.length * k / (count - 1))[:2] for k in range(count)]
 
     def distance(self, x: float, y: float) -> float:

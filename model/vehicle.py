@@ -43,8 +43,8 @@ def point_ahead(system: ReducedSystem) -> ca.SX:
     """
     W, (_, sideways) = required_velocity_map(system), velocity(system)
     by_speed, by_yaw_rate = ca.horzsplit(canonical(ca.jacobian(sideways, system.nu) @ solve(W, ca.SX.eye(2))))
-    known = ca.vertcat(system.mechanism.q, system.nu)
-    if not by_speed.is_zero() or ca.depends_on(by_yaw_rate, known):
+    states = ca.vertcat(system.mechanism.q, system.nu)
+    if not by_speed.is_zero() or ca.depends_on(by_yaw_rate, states):
         name = system.mechanism.name
         raise ModelError(
             f"{name}: the vehicle's point moves sideways while it drives straight: the heading is not its direction of motion"

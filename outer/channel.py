@@ -30,9 +30,9 @@ class Required:
     phase: float = math.radians(45)
     Ms: float = 2.0
 
-    def slack(self, found: Margins) -> float:
+    def slack(self, margins: Margins) -> float:
         """Return a value that is positive if all margins are kept, and zero where the first is lost."""
-        return min(math.log(found.gain / self.gain), found.phase - self.phase, math.log(self.Ms / found.Ms))
+        return min(math.log(margins.gain / self.gain), margins.phase - self.phase, math.log(self.Ms / margins.Ms))
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Channel:
 
     @property
     def dt(self) -> float:
-        """As python-control has it: the period, 0 for continuous time."""
+        """The period as in python-control: 0 for continuous time."""
         return self.period or 0.0
 
     def plant(self) -> "control.StateSpace":
@@ -232,8 +232,8 @@ def last_kept(slack: Callable[[float], float], limit: float, shortest: float = 0
 def _characteristic(gains: Gains, unit: float, delay: bool) -> list[Polynomial]:
     """Coefficients, lowest power of w first, of the characteristic polynomial, each a polynomial in the period over `unit`.
 
-    It is z^delay (z - 1)^N and for each gain, in powers of z - 1 = 2w / (1 - w): rate, error and integral see the held v
-    through T / (z - 1), T^2 (z + 1) / 2 (z - 1)^2 and T / (z - 1) times what the error sees.
+    It is z^delay (z - 1)^N plus a term for each gain, in powers of z - 1 = 2w / (1 - w). The transfer functions from the held v
+    are T / (z - 1) to the rate, T^2 (z + 1) / 2 (z - 1)^2 to the error, and T / (z - 1) times the latter to the integral.
     """
     order, w = len(gains.vector), Polynomial([0.0, 1.0])
     terms = [(0, (1 + w) ** delay * (2 * w) ** order)]
@@ -241,10 +241,10 @@ def _characteristic(gains: Gains, unit: float, delay: bool) -> list[Polynomial]:
         terms.append((k, gain * unit**k * (2 * w) ** (order - k) * (1 - w) ** (delay + 1)))
     if gains.integral:
         terms.append((order, gains.integral * unit**order * (1 - w) ** (delay + 2)))
-    made = np.zeros((order + delay + 1, order + 1))
+    coefficients = np.zeros((order + delay + 1, order + 1))
     for power, polynomial in terms:
-        made[: len(polynomial.coef), power] += np.asarray(polynomial.coef, float)
-    return [Polynomial(row) for row in made]
+        coefficients[: len(polynomial.coef), power] += np.asarray(polynomial.coef, float)
+    return [Polynomial(row) for row in coefficients]
 
 
 def _hurwitz_matrix(coefficients: list[Polynomial]) -> list[list[Polynomial]]:

@@ -46,10 +46,10 @@ class Gains:
         return by_speed(np.roots([1.0, *self.vector[::-1]]))
 
     def named(self, row: str) -> dict[str, float]:
-        """By the names of the law's gains: kp_distance, ... ; ki_distance only with integral action."""
-        made = {f"{FIRST_NAME[self.degree]}_{row}": self.error}
-        made |= {f"kd_{row}": self.rate} if self.degree == 2 else {}
-        return made | ({f"ki_{row}": self.integral} if self.integral else {})
+        """Return the gains by name as in the law: kp_distance, ... ; ki_distance only with integral action."""
+        gains = {f"{FIRST_NAME[self.degree]}_{row}": self.error}
+        gains |= {f"kd_{row}": self.rate} if self.degree == 2 else {}
+        return gains | ({f"ki_{row}": self.integral} if self.integral else {})
 
     def faster(self, factor: float) -> "Gains":
         """Return the gains whose poles are `factor` times as fast."""
@@ -74,9 +74,9 @@ def from_poles(degree: int, poles: Sequence[complex], integral: bool = False, wh
 
     Raises BadInput for a wrong number of poles, complex poles without their conjugates, and unstable ones.
     """
-    wanted = _polynomial(degree, poles, integral, where)
+    polynomial = _polynomial(degree, poles, integral, where)
     _refuse([p for p in poles if not complex(p).real < 0], "1/s is unstable; give a negative real part", where)
-    return _gains(degree, wanted[:0:-1], integral).check(where)
+    return _gains(degree, polynomial[:0:-1], integral).check(where)
 
 
 def from_settling(degree: int, settling: float, damping: float = 1.0, integral: bool = False, where: str = "channel") -> Gains:
@@ -159,13 +159,13 @@ def from_discrete_poles(
     `from_poles`.
     """
     positive("period", period, where)
-    wanted = _polynomial(degree, poles, integral, where)
+    polynomial = _polynomial(degree, poles, integral, where)
     _refuse([p for p in poles if not abs(complex(p)) < 1], "is unstable; give |z| < 1", where)
     A, B = sampled_chain(degree, period, integral)
     size = len(A)
     free = np.poly(A)  # the characteristic polynomial is affine in the gains: one column each
     columns = [np.poly(A - B @ unit[None, :]) - free for unit in np.eye(size)]
-    vector = np.linalg.solve(np.array(columns).T[1:], (wanted - free)[1:])
+    vector = np.linalg.solve(np.array(columns).T[1:], (polynomial - free)[1:])
     return _gains(degree, vector, integral).check(where)
 
 
@@ -175,7 +175,7 @@ def chain(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sampled_chain(degree: int, period: float, integral: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """The same from call to call, v held in between: exact for y and ydot; z grows by period (y_d - y) at each call."""
+    """A, B of the sampled chain, v held between calls: exact for y and ydot; z grows by period (y_d - y) at each call."""
     A = np.array([[1.0, period], [0.0, 1.0]])[:degree, :degree]
     B = np.array([[period**2 / 2], [period]])[2 - degree :]
     if not integral:
@@ -207,26 +207,26 @@ def show(pole: complex) -> str:
 
 
 def _gains(degree: int, vector: np.ndarray, integral: bool) -> Gains:
-    """From feedback of the chain [z,] y [, ydot]."""
+    """Return the gains from the feedback of the chain [z,] y [, ydot]."""
     z, y = (float(vector[0]), vector[1:]) if integral else (0.0, vector)
     return Gains(degree, float(y[0]), float(y[1]) if degree == 2 else 0.0, z)
 
 
 def _polynomial(degree: int, poles: Sequence[complex], integral: bool, where: str) -> np.ndarray:
-    """Monic polynomial with these roots. Raises BadInput where they are not ones a channel can have."""
-    wanted = _degree(degree, where) + integral
+    """Return the monic polynomial with these roots. Raises BadInput if a channel cannot have them."""
+    count = _degree(degree, where) + integral
     try:
         roots = np.array([complex(pole) for pole in poles])
     except (TypeError, ValueError) as error:
         raise BadInput(f"{where}: poles {poles!r} are not numbers") from error
-    if len(roots) > wanted:
-        better = ", or use integral action" if len(roots) == wanted + 1 and not integral else ""
+    if len(roots) > count:
+        better = ", or use integral action" if len(roots) == count + 1 and not integral else ""
         raise BadInput(
             f"{where}: {len(roots)} poles make the controller improper, it would require a derivative more than is measured; "
-            f"give {wanted}{better}"
+            f"give {count}{better}"
         )
-    if len(roots) < wanted:
-        raise BadInput(f"{where}: {len(roots)} poles for a channel that has {wanted}")
+    if len(roots) < count:
+        raise BadInput(f"{where}: {len(roots)} poles for a channel that has {count}")
     if not np.all(np.isfinite(roots)):
         raise BadInput(f"{where}: a pole is not finite")
     polynomial = np.poly(roots)

@@ -75,5 +75,5 @@ def sampled_late(F: np.ndarray, G: np.ndarray, J: np.ndarray, period: float, del
 def _moved(F: np.ndarray, G: np.ndarray, duration: float) -> tuple[np.ndarray, np.ndarray]:
     """Return exp(F t) and its integral times G."""
     n, r = G.shape
-    made = exponential(duration * np.block([[F, G], [np.zeros((r, n + r))]]))
-    return made[:n, :n], made[:n, n:]
+    transition = exponential(duration * np.block([[F, G], [np.zeros((r, n + r))]]))
+    return transition[:n, :n], transition[:n, n:]

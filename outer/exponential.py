@@ -11,9 +11,9 @@ def exponential(matrix: np.ndarray) -> np.ndarray:
     """Return exp(matrix) by scaling and squaring with the series. SciPy's takes a hundred times as long if BLAS uses threads."""
     halvings = max(0, math.frexp(2 * np.abs(matrix).sum(axis=1).max(initial=0.0))[1])
     small = matrix / 2.0**halvings
-    made = unit = np.eye(len(matrix))
+    series = unit = np.eye(len(matrix))
     for k in range(TERMS, 0, -1):
-        made = unit + small @ made / k
+        series = unit + small @ series / k
     for _ in range(halvings):
-        made = made @ made
-    return made
+        series = series @ series
+    return series

@@ -1,7 +1,7 @@
 """Robot, controller and closed loop as systems of python-control, their signals named as in the model and in C.
 
 `control.interconnect` joins them by these names: states and inputs of the robot (x_c, ..., tau_r, tau_l), references of the law
-(distance, distance_rate, ...; speed, speed_rate). The robot has no outputs of its own: its state is what the controller sees.
+(distance, distance_rate, ...; speed, speed_rate). The robot has no outputs of its own: the controller measures its state.
 """
 
 import control
@@ -39,7 +39,7 @@ def robot_system(plant: Plant, name: str | None = None) -> control.NonlinearIOSy
 def sampled_robot_system(
     plant: Plant, period: float, tolerance: float = 1e-12, name: str | None = None
 ) -> control.NonlinearIOSystem:
-    """The same from call to call of a controller, the inputs held over `period` s; integrated to `tolerance`."""
+    """The true robot in discrete time, the inputs held over each `period` (s); integrated to `tolerance`."""
     positive("period", period, "robot")
     states, inputs = _names(plant)
     return control.nlsys(
@@ -115,8 +115,8 @@ def closed_loop_system(loop: Loop, period: float | None = None, name: str = "clo
     if loop.integral.rows:
         parts.append(integral_system(controller, loop.integral, period))
         desired = [f"{w}_d" for w in desired]
-    seen = [*[q.name for q in law.state], *[q.name for q in law.system.mechanism.inputs]]
-    return control.interconnect(parts, inputs=desired, outputs=seen, name=name)
+    outputs = [*[q.name for q in law.state], *[q.name for q in law.system.mechanism.inputs]]
+    return control.interconnect(parts, inputs=desired, outputs=outputs, name=name)
 
 
 class Moving:
@@ -135,8 +135,8 @@ class Moving:
         """A state [q; nu] at rho, by Newton's method from one of the steady motion."""
         x = self._motion.state.copy()
         for _ in range(30):
-            found = self._functions(self._setting, x, np.zeros(0), self._motion.torque)
-            step = np.linalg.pinv(found["P"]) @ (rho - found["rho"])
+            values = self._functions(self._setting, x, np.zeros(0), self._motion.torque)
+            step = np.linalg.pinv(values["P"]) @ (rho - values["rho"])
             x += step
             if np.abs(step).max() <= 1e-14 * max(1.0, np.abs(x).max()):
                 break
@@ -164,7 +164,7 @@ class Moving:
         return control.nlsys(None, answer, inputs=self.names, outputs=self._inputs, name="controller")
 
     def closed_loop_system(self) -> control.InterconnectedSystem:
-        """Both joined: no inputs but a disturbance on each of the robot's, states rho, outputs rho and tau."""
+        """The closed loop of both: inputs are disturbances of tau, states rho, outputs rho and tau."""
         parts = [self.robot_system(), self.controller_system()]
         return control.interconnect(parts, inputs=self._inputs, outputs=[*self.names, *self._inputs], name="closed_loop")
 

@@ -1,7 +1,7 @@
 """Stability margins of a loop: classical margins, disk margins, peaks of the sensitivities; continuous and sampled loops.
 
 L is the loop's transfer function where it is broken, negative feedback: S = (1 + L)^-1, T = L (1 + L)^-1. Everything is
-found on a grid of frequencies and refined between its points, which needs no slycot and bears delays (poles at z = 0).
+found on a grid of frequencies and refined between its points, which does not require slycot and allows delays (poles at z = 0).
 """
 
 import math
@@ -94,13 +94,13 @@ class Response:
         omega = np.atleast_1d(np.asarray(omega, float))
         finite = np.isfinite(omega)
         at = np.exp(1j * omega[finite] * self._dt) if self._dt else 1j * omega[finite]
-        made = self._D.repeat(len(omega), axis=0)
-        made[finite] += self._C @ np.linalg.solve(at[:, None, None] * self._one - self._A, self._B)
-        return made
+        values = self._D.repeat(len(omega), axis=0)
+        values[finite] += self._C @ np.linalg.solve(at[:, None, None] * self._one - self._A, self._B)
+        return values
 
 
 def frequencies(loop: "Linear") -> np.ndarray:
-    """Where to look, rad/s: around the closed loop's poles, up to half the sampling rate, or inf in continuous time."""
+    """Return the grid, rad/s: around the closed loop's poles, up to half the sampling rate, or inf in continuous time."""
     poles = np.linalg.eigvals(loop.A - loop.B @ np.linalg.solve(np.eye(len(loop.D)) + loop.D, loop.C)).astype(complex)
     rates = np.abs(np.log(poles[poles != 0]) / loop.dt if loop.dt else poles)
     rates = rates[rates > 1e-9 * max(rates, default=1.0)]
@@ -119,7 +119,7 @@ def _of_T(L: np.ndarray) -> np.ndarray:
 
 
 def _of_balanced(L: np.ndarray) -> np.ndarray:
-    """Of (S - T) / 2."""
+    """Return the structured singular value of (S - T) / 2."""
     return structured(_sensitivity(L) - np.eye(L.shape[-1]) / 2)
 
 
@@ -162,8 +162,8 @@ def _peak(response: Response, omega: np.ndarray, values: np.ndarray, measure: Ca
     if not np.isfinite(high):
         return float(sizes[k])
     options = {"xatol": 1e-9 * high}
-    found = minimize_scalar(lambda w: -measure(response(w))[0], bounds=(low, high), method="bounded", options=options)
-    return float(max(-found.fun, sizes[k]))
+    minimum = minimize_scalar(lambda w: -measure(response(w))[0], bounds=(low, high), method="bounded", options=options)
+    return float(max(-minimum.fun, sizes[k]))
 
 
 def _classical(response: Response, omega: np.ndarray, L: np.ndarray) -> tuple[float, float, float, float, float]:

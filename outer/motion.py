@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 STEPS = 50  # of Newton's method
 CLOSE, SOLVED = 1e-12, 1e-9  # relative: its last step, and the residual that may be left
-SYMMETRIC = 1e-7  # what the rates may depend on where along the motion the robot is, relative to what they depend on
+SYMMETRIC = 1e-7  # relative: the largest derivative of the rates by the place along the motion that counts as zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Setting:
     """All numbers of a closed loop, in the order of the law's groups; SI.
 
     `true` and `believed` are parameters of the robot and of the law; `config` is the law's, `measured` what errors are measured
-    by (None: the same). `bias` is added to the state that the law sees, `integral` has a gain ki for each output. `drive`: the
+    by (None: the same). `bias` is the error of the measured state, `integral` has a gain ki for each output. `drive`: the
     drives take velocities.
     """
 
@@ -66,7 +66,7 @@ class Setting:
         return tuple(k for k, ki in enumerate(self.integral) if ki)
 
     def arguments(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
-        """Of `functions`."""
+        """Return the arguments of `functions` at a state and integrals."""
         integral = np.array(self.integral or np.zeros(len(self.law.output.rows)))
         bias = np.zeros(len(x)) if self.bias is None else self.bias
         measured = self.config if self.measured is None else self.measured
@@ -109,9 +109,9 @@ class SteadyMotion:
         return A + B @ K
 
     def eigenvalues(self, period: float | None = None, delay: bool = False) -> np.ndarray:
-        """s in 1/s, or z when sampled, slowest first."""
-        found = np.linalg.eigvals(self.closed(period, delay)).astype(complex)
-        return found[np.argsort(-(np.abs(found) if period else found.real), kind="stable")]
+        """Return the eigenvalues, slowest first: s in 1/s, or z with a period."""
+        values = np.linalg.eigvals(self.closed(period, delay)).astype(complex)
+        return values[np.argsort(-(np.abs(values) if period else values.real), kind="stable")]
 
     def decay(self, period: float | None = None, delay: bool = False) -> float:
         """Return the rate, 1/s, at which the slowest part of a deviation decays; negative if it grows."""
@@ -137,13 +137,6 @@ class SteadyMotion:
         returned = [f"{name}_returned" for name in self.inputs]
         return control.ss(A, B, -K, 0, period or 0.0, inputs=self.inputs, outputs=returned, name="loop")
 
-    def loop_at(self, k: int, period: float | None = None, delay: bool = False) -> "control.StateSpace":
-        """L as `broken_at`, as a system."""
-        import control
-
-        found = self.broken_at(k, period, delay)
-        return control.ss(found.A, found.B, found.C, 0, found.dt)
-
     def longest_period(self, delay: bool = False) -> float:
         """Return the period (s) at which the loop, stable at all shorter ones tried, has an eigenvalue on the unit circle
         (`first_unstable`).
@@ -157,7 +150,7 @@ class SteadyMotion:
         return first_unstable(excess, unit, max(FIRST, drive.shortest / unit) if drive else FIRST)
 
     def _matrices(self, period: float | None, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of [rho, z(, tau)] with tau = K state."""
+        """Return A, B and K of the loop in the state [rho, z(, tau)], with tau = K state."""
         n, held, r = len(self.rho), len(self.z), self.B.shape[1]
         A = np.block([[self.A, np.zeros((n, held))], [self.E, np.zeros((held, held))]])
         B, K = np.vstack([self.B, np.zeros((held, r))]), np.hstack([self.K, self.H])
@@ -171,7 +164,7 @@ class SteadyMotion:
         return (*delayed(A, B), np.hstack([K, np.zeros((r, r))])) if delay else (A, B, K)
 
     def _behind(self, drive: DriveLoop, period: float, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of [rho, e, the u (and tau) of the calls before, z] with u = K state."""
+        """Return A, B and K of the loop in the state [rho, e, the u (and tau) of the calls before, z], with u = K state."""
         (n, r), held = self.B.shape, len(self.z)
         F, G, J = drive.between_samples(self.A, self.B, period)
         if self.fed:  # of [u; tau]: nudot = by_state rho + by_torque tau + omega e
@@ -208,11 +201,11 @@ def steady_motion(setting: Setting) -> SteadyMotion:
     look, held = functions(setting.law, setting.acting, setting.drive is not None), len(setting.acting)
     x, z = np.array(setting.start, float), np.zeros(held)
     for _ in range(STEPS):
-        found = look(setting, x, z)
-        P = np.linalg.pinv(found["P"])
-        residual = np.concatenate([found["r"], found["e"]])
-        matrix = found["r_x"] + found["r_tau"] @ found["kappa_x"]
-        slope = np.block([[matrix @ P, found["r_tau"] @ found["kappa_z"]], [found["e_x"] @ P, np.zeros((held, held))]])
+        values = look(setting, x, z)
+        P = np.linalg.pinv(values["P"])
+        residual = np.concatenate([values["r"], values["e"]])
+        matrix = values["r_x"] + values["r_tau"] @ values["kappa_x"]
+        slope = np.block([[matrix @ P, values["r_tau"] @ values["kappa_z"]], [values["e_x"] @ P, np.zeros((held, held))]])
         if not np.all(np.isfinite(slope)):
             break
         step = np.linalg.lstsq(slope, -residual)[0]
@@ -225,10 +218,10 @@ def steady_motion(setting: Setting) -> SteadyMotion:
     raise BadInput(f"{setting.law.name}: no steady motion near the start: path or reference change, or it is singular there")
 
 
-def _linearized(setting: Setting, found: dict[str, np.ndarray], x: np.ndarray, z: np.ndarray) -> SteadyMotion:
-    right = np.linalg.pinv(found["P"])
-    reduced = {name: found[name] @ right for name in ("r_x", "kappa_x", "e_x")}
-    _check_steady(setting.law, found, reduced)
+def _linearized(setting: Setting, values: dict[str, np.ndarray], x: np.ndarray, z: np.ndarray) -> SteadyMotion:
+    right = np.linalg.pinv(values["P"])
+    reduced = {name: values[name] @ right for name in ("r_x", "kappa_x", "e_x")}
+    _check_steady(setting.law, values, reduced)
     fed = None
     if setting.drive and setting.drive.feeds:
         by_state, by_torque, of_state, of_u = feed_function(setting.law)(*_seen(setting, x))
@@ -236,26 +229,26 @@ def _linearized(setting: Setting, found: dict[str, np.ndarray], x: np.ndarray, z
     return SteadyMotion(
         setting=setting,
         state=x,
-        torque=found["kappa"],
+        torque=values["kappa"],
         names=coordinates(setting.law),
-        rho=found["rho"],
+        rho=values["rho"],
         z=z,
         A=reduced["r_x"],
-        B=found["r_tau"],
+        B=values["r_tau"],
         K=reduced["kappa_x"],
-        H=found["kappa_z"],
+        H=values["kappa_z"],
         E=reduced["e_x"],
         fed=fed,
     )
 
 
-def _check_steady(law: ControlLaw, found: dict[str, np.ndarray], reduced: dict[str, np.ndarray]) -> None:
+def _check_steady(law: ControlLaw, values: dict[str, np.ndarray], reduced: dict[str, np.ndarray]) -> None:
     """Raise BadInput if rho does not describe the motion completely, or the loop changes along a moving reference."""
-    taken = {"r_x": 0.0, "kappa_x": found["kappa_t"]}
+    taken = {"r_x": 0.0, "kappa_x": values["kappa_t"]}
     for name, matrix in reduced.items():
-        left = [found[name] - matrix @ found["P"], *([matrix @ found["moves"] + taken[name]] if name in taken else [])]
+        left = [values[name] - matrix @ values["P"], *([matrix @ values["moves"] + taken[name]] if name in taken else [])]
         largest = max(np.abs(part).max(initial=0.0) for part in left)
-        if largest > SYMMETRIC * max(1.0, np.abs(found[name]).max(initial=0.0)):
+        if largest > SYMMETRIC * max(1.0, np.abs(values[name]).max(initial=0.0)):
             raise BadInput(f"{law.name}: no steady motion: the closed loop depends on the position along it")
 
 
@@ -282,13 +275,13 @@ class MotionFunctions:
         gains, reference = symbols(law.gains), symbols(law.reference)
         by_name = {q.name: q.symbol for q in law.reference}
 
-        # The law at the state that it sees.
+        # The law at the measured state.
         virtual = law.v + ca.vertcat(*[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))])
         kappa = ca.substitute(law.u_of_v if driven else law.tau_of_v, symbols(law.virtual_input), virtual)
-        seen = [ca.vertcat(x, p, symbols(law.config)), ca.vertcat(x + bias, believed, config)]
-        kappa = ca.substitute(kappa, *seen)
+        substitution = [ca.vertcat(x, p, symbols(law.config)), ca.vertcat(x + bias, believed, config)]
+        kappa = ca.substitute(kappa, *substitution)
         errors = [by_name[law.output.rows[k].name] - law.linearization.h[k] for k in acting]
-        e = ca.substitute(ca.vertcat(ca.SX(0, 1), *errors), *seen)
+        e = ca.substitute(ca.vertcat(ca.SX(0, 1), *errors), *substitution)
 
         # The true robot, with its outputs relative to the desired ones.
         place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
@@ -305,18 +298,18 @@ class MotionFunctions:
         answers |= {"moves": moves, "kappa_t": ca.jacobian(kappa, y_d) @ moves[: len(rows)]}
         answers |= {"kappa_x": ca.jacobian(kappa, x), "kappa_z": ca.jacobian(kappa, z), "e_x": ca.jacobian(e, x)}
         moving = {"r": r, "r_x": ca.jacobian(r, x), "r_tau": ca.jacobian(r, tau)}
-        given = [x, z, p, believed, config, gains, ki, reference, bias, measured]
-        self._law = ca.Function("law", given, [ca.densify(v) for v in answers.values()])
-        self._robot = ca.Function("robot", [*given, tau], [ca.densify(v) for v in moving.values()])
+        arguments = [x, z, p, believed, config, gains, ki, reference, bias, measured]
+        self._law = ca.Function("law", arguments, [ca.densify(v) for v in answers.values()])
+        self._robot = ca.Function("robot", [*arguments, tau], [ca.densify(v) for v in moving.values()])
         self._names = (tuple(answers), tuple(moving))
 
     def __call__(self, setting: Setting, x: np.ndarray, z: np.ndarray, tau: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Return all of them, vectors as such; `tau` replaces the inputs of the law."""
-        given = setting.arguments(x, z)
-        found = dict(zip(self._names[0], self._law(*given), strict=True))
-        found |= zip(self._names[1], self._robot(*given, found["kappa"] if tau is None else tau), strict=True)
-        made = {name: value.full() for name, value in found.items()}
-        return made | {name: made[name].ravel() for name in ("rho", "kappa", "e", "moves", "kappa_t", "r")}
+        arguments = setting.arguments(x, z)
+        values = dict(zip(self._names[0], self._law(*arguments), strict=True))
+        values |= zip(self._names[1], self._robot(*arguments, values["kappa"] if tau is None else tau), strict=True)
+        arrays = {name: value.full() for name, value in values.items()}
+        return arrays | {name: arrays[name].ravel() for name in ("rho", "kappa", "e", "moves", "kappa_t", "r")}
 
 
 @lru_cache(maxsize=16)
@@ -334,9 +327,9 @@ def feed_function(law: ControlLaw) -> ca.Function:
     u, tau = ca.SX.sym("u", system.dof), ca.SX.sym("tau", len(system.mechanism.inputs))
     fed = ca.substitute(system.first_feedback(u), ca.vertcat(x, p), ca.vertcat(x + bias, believed))
     moved, still = system.acceleration(tau), ca.SX.zeros(system.dof)
-    found = [ca.jacobian(moved, x), ca.jacobian(moved, tau), ca.jacobian(fed, x), ca.jacobian(fed, u)]
+    derivatives = [ca.jacobian(moved, x), ca.jacobian(moved, tau), ca.jacobian(fed, x), ca.jacobian(fed, u)]
     torque = ca.substitute(fed, u, still)
-    at = [ca.substitute(ca.substitute(each, tau, torque), u, still) for each in found]
+    at = [ca.substitute(ca.substitute(each, tau, torque), u, still) for each in derivatives]
     return ca.Function("feed", [x, p, believed, bias], [ca.densify(each) for each in at])
 
 
@@ -355,7 +348,7 @@ def _position_rows(law: ControlLaw) -> list[OutputRow]:
 
 
 def _angles(law: ControlLaw) -> list[ca.SX]:
-    """The vehicle's heading, from the path's line where there is a path; none where it is an output itself or no vehicle is."""
+    """Return the vehicle's heading, relative to the line if there is a path; none if it is an output or there is no vehicle."""
     vehicle = law.system.mechanism.vehicle
     if vehicle is None:
         return []
@@ -373,16 +366,16 @@ def _shape(law: ControlLaw) -> tuple[Quantity, ...]:
     system, q = law.system, law.system.mechanism.q
     equations = ca.vertcat(ca.vec(system.Mbar), system.bias, ca.vec(system.input_map))
     place = ca.vertcat(*[row.expression for row in _position_rows(law)], *_angles(law))
-    found: list[Quantity] = []
+    shape: list[Quantity] = []
 
-    def rank(known: list[Quantity]) -> int:
-        jacobian = ca.jacobian(ca.vertcat(place, *[c.symbol for c in known]), q)
+    def rank(chosen: list[Quantity]) -> int:
+        jacobian = ca.jacobian(ca.vertcat(place, *[c.symbol for c in chosen]), q)
         return Sampled(jacobian, q, (*law.parameters, *law.config), f"{law.name}: coordinates").rank()
 
     for coordinate in system.mechanism.coordinates:
-        if ca.depends_on(equations, coordinate.symbol) and rank([*found, coordinate]) > rank(found):
-            found.append(coordinate)
-    return tuple(found)
+        if ca.depends_on(equations, coordinate.symbol) and rank([*shape, coordinate]) > rank(shape):
+            shape.append(coordinate)
+    return tuple(shape)
 
 
 def path_frame(law: ControlLaw) -> tuple[ca.SX, ca.SX]:

@@ -35,7 +35,7 @@ def pictures_of(report: OuterLoopReport) -> dict[str, bytes]:
     files: dict[str, bytes] = {}
     with matplotlib.rc_context(STYLE):
         for name, draw in drawn.items():
-            files |= {f"{name}.{kind}": made for kind, made in with_data(draw(report), "png").items()}
+            files |= {f"{name}.{kind}": content for kind, content in with_data(draw(report), "png").items()}
     return files
 
 
@@ -44,16 +44,16 @@ def draw_loops(report: OuterLoopReport) -> Figure:
     figure, rows = _grid(report, len(report.channels), 3, "the loop of each channel, broken at v", 4.8)
     for (magnitude, phase, nyquist), channel in zip(rows, report.channels.values(), strict=True):
         for each, colour, label in _versions(channel):
-            loop, found = each.loop(), each.margins()
+            loop, margins = each.loop(), each.margins()
             omega = frequencies(loop)
             omega = omega[np.isfinite(omega)]
             L = Response(loop)(omega)[:, 0, 0]
-            of_gain, of_phase = _said(found)
+            of_gain, of_phase = _margins_text(margins)
             magnitude.semilogx(omega, 20 * np.log10(np.abs(L)), color=colour, label=f"{label}: {of_gain}")
             phase.semilogx(omega, np.degrees(_phase(L)), color=colour, label=f"{label}: {of_phase}")
             nyquist.plot(L.real, L.imag, color=colour, label=label)
             nyquist.plot(L.real, -L.imag, color=colour, linewidth=0.8, alpha=0.6)
-            _mark_crossover(magnitude, phase, found, colour)
+            _mark_crossover(magnitude, phase, margins, colour)
             for axes in (magnitude, phase):
                 axes.set_xlim(0.1 * min(abs(channel.gains.poles)), 40 * max(abs(channel.gains.poles)))
         _finish_bode(magnitude, phase, channel)
@@ -69,8 +69,8 @@ def draw_steps(report: OuterLoopReport) -> Figure:
         for each, colour, label in _versions(channel):
             period = each.period
             times = np.linspace(0, end, 600) if period is None else period * np.arange(int(end / period) + 2)
-            found = control.step_response(each.closed(), times, squeeze=False)
-            y, v = found.outputs[0, 0], found.outputs[-1, 0]
+            response = control.step_response(each.closed(), times, squeeze=False)
+            y, v = response.outputs[0, 0], response.outputs[-1, 0]
             style = "-" if period is None else ".-"
             output.plot(times, y, style, color=colour, label=f"{label}: {_response(times, y)}", markersize=3, linewidth=1.2)
             effort.plot(
@@ -106,14 +106,14 @@ def draw_period(report: OuterLoopReport) -> Figure:
     values = [motion.eigenvalues(period) for period in periods]  # behind drives, more for shorter periods
     circle = np.exp(1j * np.linspace(0, 2 * np.pi, 400))
     plane.plot(circle.real, circle.imag, color=STOP, linewidth=1, label="limit of stability |z| = 1")
-    every, of = np.concatenate(values), np.repeat(1e3 * periods, [len(found) for found in values])
+    every, of = np.concatenate(values), np.repeat(1e3 * periods, [len(z) for z in values])
     dots = plane.scatter(every.real, every.imag, c=of, s=7, cmap="viridis", zorder=3)
     figure.colorbar(dots, ax=plane, label="period T (ms)", shrink=0.8)
     plane.set(xlabel="Re z", ylabel="Im z", title="eigenvalues of the map over a period")
     plane.set_aspect("equal", adjustable="datalim")
     legend_below(plane)
     late = np.array([np.abs(motion.eigenvalues(period, True)[0]) for period in periods])
-    size.plot(1e3 * periods, [np.abs(found[0]) for found in values], color=CONTINUOUS, label="whole loop")
+    size.plot(1e3 * periods, [np.abs(z[0]) for z in values], color=CONTINUOUS, label="whole loop")
     size.plot(1e3 * periods, late, color=SAMPLED, label="with a delay of one sample")
     size.axhline(1, color=STOP, linewidth=1)
     for limit, colour in ((limits["stable"], CONTINUOUS), (limits["stable_with_delay"], SAMPLED)):
@@ -141,8 +141,8 @@ def draw_wrong(report: OuterLoopReport) -> Figure:
     plane.scatter(together.real, together.imag, s=5, color="#c4c4c4", label="all errors at once", zorder=1)
     amounts = report.spread * np.linspace(-1, 1, AMOUNTS)
     for name, colour, marker in zip(ranked, COLOURS, MARKERS, strict=False):
-        found = np.concatenate([_rates(case.eigenvalues, loops) for case in one_by_one(report.motion, amounts, loops, [name])])
-        plane.scatter(found.real, found.imag, s=16, color=colour, marker=marker, linewidth=0.8, label=name, zorder=3)
+        rates = np.concatenate([_rates(case.eigenvalues, loops) for case in one_by_one(report.motion, amounts, loops, [name])])
+        plane.scatter(rates.real, rates.imag, s=16, color=colour, marker=marker, linewidth=0.8, label=name, zorder=3)
     exact = _rates(report.motion.eigenvalues(loops.period, loops.delay), loops)
     plane.plot(exact.real, exact.imag, "+", color="black", markersize=13, markeredgewidth=2, label="exact model", zorder=4)
     shown = np.quantile(together.real, OUTLIERS)
@@ -186,32 +186,32 @@ def _grid(
 
 def _versions(channel: Channel) -> list[tuple[Channel, str, str]]:
     """The channel in continuous time and, where it is sampled, as it is run."""
-    made = [(channel.ideal, CONTINUOUS, "continuous")]
+    versions = [(channel.ideal, CONTINUOUS, "continuous")]
     if channel.period is None:
-        return made
-    return [*made, (channel, SAMPLED, f"every {1e3 * channel.period:g} ms" + ", delay of one sample" * channel.delay)]
+        return versions
+    return [*versions, (channel, SAMPLED, f"every {1e3 * channel.period:g} ms" + ", delay of one sample" * channel.delay)]
 
 
 def _phase(L: np.ndarray) -> np.ndarray:
-    """Without jumps, near -180 degrees at the lowest frequency or less."""
+    """Return the phase (rad) without jumps, at the lowest frequency between -360 and 0 degrees."""
     phase = np.unwrap(np.angle(L))
     return phase - 2 * np.pi * math.ceil(phase[0] / (2 * np.pi))
 
 
-def _said(found: Margins) -> tuple[str, str]:
+def _margins_text(margins: Margins) -> tuple[str, str]:
     """The margins of gain and phase as text."""
-    gain = "unlimited" if found.gain == math.inf else f"{20 * math.log10(found.gain):.1f} dB"
+    gain = "unlimited" if margins.gain == math.inf else f"{20 * math.log10(margins.gain):.1f} dB"
     phase = "unlimited"
-    if math.isfinite(found.phase):
-        phase = f"{math.degrees(found.phase):.1f}° at {found.crossover:.3g} rad/s"
-    return f"gain margin {gain}, Ms {found.Ms:.3f}, Mt {found.Mt:.3f}", f"phase margin {phase}"
+    if math.isfinite(margins.phase):
+        phase = f"{math.degrees(margins.phase):.1f}° at {margins.crossover:.3g} rad/s"
+    return f"gain margin {gain}, Ms {margins.Ms:.3f}, Mt {margins.Mt:.3f}", f"phase margin {phase}"
 
 
-def _mark_crossover(magnitude: Axes, phase: Axes, found: Margins, colour: str) -> None:
-    if math.isfinite(found.phase):
-        phase.axvline(found.crossover, color=colour, linewidth=0.8, linestyle=":")
-        magnitude.plot(found.crossover, 0, "o", color=colour, markersize=5)
-        phase.plot(found.crossover, math.degrees(found.phase) - 180, "o", color=colour, markersize=5)
+def _mark_crossover(magnitude: Axes, phase: Axes, margins: Margins, colour: str) -> None:
+    if math.isfinite(margins.phase):
+        phase.axvline(margins.crossover, color=colour, linewidth=0.8, linestyle=":")
+        magnitude.plot(margins.crossover, 0, "o", color=colour, markersize=5)
+        phase.plot(margins.crossover, math.degrees(margins.phase) - 180, "o", color=colour, markersize=5)
 
 
 def _finish_bode(magnitude: Axes, phase: Axes, channel: Channel) -> None:

@@ -151,7 +151,7 @@ class OuterLoopReport:
 
     def as_json(self) -> dict[str, Any]:
         """Return all results, SI; complex numbers as [re, im]; null for infinite or unknown values."""
-        made = {
+        results = {
             "robot": self.spec.robot,
             "output": self.law.name,
             "period": self.loops.period,
@@ -165,7 +165,7 @@ class OuterLoopReport:
             "whole": {"refused": self.why_not} if self.why_not else self._whole_json(),
             "robust": {"refused": self.why_not} if self.why_not else self._robust_json(),
         }
-        return plain(made)
+        return plain(results)
 
     def _whole_json(self) -> dict[str, Any]:
         motion, (period, delay) = self.motion, (self.loops.period, self.loops.delay)
@@ -176,7 +176,7 @@ class OuterLoopReport:
             "discrete_eigenvalues": motion.eigenvalues(period, delay) if period else None,
             "decay": motion.decay(period, delay),
             "margins_at_once": _margins_json(self.at_once),
-            "margins": {name: _margins_json(found) for name, found in self.at_each.items()},
+            "margins": {name: _margins_json(margins) for name, margins in self.at_each.items()},
             "longest_period": self.longest,
             "fastest": self.fastest if self.loops.drive else None,
         }
@@ -242,7 +242,7 @@ class OuterLoopReport:
         place = ", ".join(f"{name} {round(value, 9) + 0.0:.4g}" for name, value in zip(motion.names, motion.rho, strict=True))
         lines = [f"Whole loop about its steady motion ({place})", f"  s {_show(motion.eigenvalues())} 1/s"]
         lines += [f"  z {_show(motion.eigenvalues(period, delay))}"] if period else []
-        lines += [f"  {_margins_text(name, found)}" for name, found in self.at_each.items()]
+        lines += [f"  {_margins_text(name, margins)}" for name, margins in self.at_each.items()]
         lines.append(f"  {_margins_text('both at once' if len(self.at_each) == 2 else 'all at once', self.at_once)}")
         lines += [f"    {_faster_text(self.fastest)}"] if self.loops.drive else []
         lines.append(f"    longest period {_periods_text(self.longest, delay)}")
@@ -300,18 +300,18 @@ def _channel_json(channel: Channel, required: Required) -> dict[str, Any]:
     }
 
 
-def _margins_json(found: Margins) -> dict[str, float]:
-    return asdict(found)
+def _margins_json(margins: Margins) -> dict[str, float]:
+    return asdict(margins)
 
 
-def _margins_text(name: str, found: Margins) -> str:
-    parts = [f"Ms {found.Ms:.4g}", f"Mt {found.Mt:.4g}"]
-    parts.append(f"disk {found.disk:.4g} ({_decibel(found.disk_gain)}, {math.degrees(found.disk_phase):.3g} deg)")
-    if not math.isnan(found.gain):
+def _margins_text(name: str, margins: Margins) -> str:
+    parts = [f"Ms {margins.Ms:.4g}", f"Mt {margins.Mt:.4g}"]
+    parts.append(f"disk {margins.disk:.4g} ({_decibel(margins.disk_gain)}, {math.degrees(margins.disk_phase):.3g} deg)")
+    if not math.isnan(margins.gain):
         parts = [
-            f"gain {_decibel(found.gain)}",
-            f"phase {math.degrees(found.phase):.3g} deg",
-            f"dead time {found.delay:.3g} s",
+            f"gain {_decibel(margins.gain)}",
+            f"phase {math.degrees(margins.phase):.3g} deg",
+            f"dead time {margins.delay:.3g} s",
             *parts,
         ]
     return f"  {name:14}" + ", ".join(parts)

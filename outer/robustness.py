@@ -134,26 +134,25 @@ def corners(
     progress: Reported = silent,
 ) -> Iterator[Wrong]:
     """Yield all errors at once, -spread or +spread each, in every combination; MOST_CORNERS random ones, from a fixed seed,
-    if there
-    are more."""
+    if there are more."""
     names = tuple(names or errors_of(nominal.setting))
     signs = list(product((-1.0, 1.0), repeat=len(names)))
     if len(signs) > MOST_CORNERS:
         chosen = np.random.default_rng(0).choice(len(signs), MOST_CORNERS, replace=False)
         signs = [signs[k] for k in chosen]
-    for done, each in enumerate(signs):
-        progress(done, len(signs), "combinations of errors")
+    for k, each in enumerate(signs):
+        progress(k, len(signs), "combinations of errors")
         yield with_errors(nominal, dict(zip(names, (spread * sign for sign in each), strict=True)), loops)
 
 
 def ranking(nominal: SteadyMotion, spread: float, loops: Loops = CONTINUOUS, progress: Reported = silent) -> list[Harm]:
     """Return the effect of each error of +-spread alone, the largest first (`Harm.hurt`)."""
     right = _harm("", [with_errors(nominal, {}, loops)], loops, None)
-    names, found = errors_of(nominal.setting), list[Harm]()
+    names, harms = errors_of(nominal.setting), list[Harm]()
     for name in names:
-        progress(len(found), len(names), "errors")
-        found.append(_harm(name, list(one_by_one(nominal, (-spread, spread), loops, [name])), loops, right))
-    return sorted(found, key=lambda harm: -harm.hurt)
+        progress(len(harms), len(names), "errors")
+        harms.append(_harm(name, list(one_by_one(nominal, (-spread, spread), loops, [name])), loops, right))
+    return sorted(harms, key=lambda harm: -harm.hurt)
 
 
 def _harm(name: str, cases: Sequence[Wrong], loops: Loops, right: Harm | None) -> Harm:

@@ -52,12 +52,12 @@ def setting_of(spec: Spec) -> Setting:
     if spec.sensors or spec.limits or spec.drive:
         spec = replace(spec, sensors=None, correction=None, limits=None, drive=None)
     spec = replace(spec, simulation=replace(spec.simulation, backend="casadi"))
-    given = _setting(spec)
+    setting = _setting(spec)
     if spec.output.own:  # the steady motion is searched for near the start
-        return given
+        return setting
     initial = _on_the_way(spec.output, spec.reference, spec.initial)
     moved = _setting(replace(spec, initial=initial))
-    if path is None or _along(given) == _along(moved):
+    if path is None or _along(setting) == _along(moved):
         return moved
     opposite = replace(spec, initial=replace(initial, heading=(initial.heading or 0.0) + math.pi))
     return _setting(opposite)

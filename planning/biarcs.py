@@ -60,9 +60,9 @@ def fit(
         (float(place.real), float(place.imag), phase(direction))
         for place, direction in zip(samples.places[[0, -1]], samples.directions[[0, -1]], strict=True)
     )
-    made = joined(start, arcs)
-    prove(made, start, goal)
-    return made
+    segments = joined(start, arcs)
+    prove(segments, start, goal)
+    return segments
 
 
 def _stops(samples: Samples) -> list[int]:
@@ -147,10 +147,11 @@ def _feet(points: Points, place: complex, direction: complex, curvature: float) 
     """Return the positions of the feet of points on a line or arc, m from its start, and the distances of the points to its
     left, m.
     """
-    seen = product(points - place, np.conj(direction))
-    spoke = (1 - curvature * seen.imag) + 1j * (curvature * seen.real)  # from the centre, in units of the radius; 1 at the start
-    along = phase(spoke) / curvature if curvature else seen.real
-    return along, (2 * seen.imag - curvature * (seen.real**2 + seen.imag**2)) / (1 + size(spoke))
+    local = product(points - place, np.conj(direction))
+    # from the centre, in units of the radius; 1 at the start
+    spoke = (1 - curvature * local.imag) + 1j * (curvature * local.real)
+    along = phase(spoke) / curvature if curvature else local.real
+    return along, (2 * local.imag - curvature * (local.real**2 + local.imag**2)) / (1 + size(spoke))
 
 
 def _append(arcs: list[Arc], arc: Arc, rounding: float) -> None:

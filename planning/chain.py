@@ -33,14 +33,14 @@ def joined(start: Pose, pieces: Iterable[tuple[float, float]]) -> list[Segment]:
 
     1/m, positive to the vehicle's left, and m, negative in reverse.
     """
-    made, (x, y, heading) = [], start
+    segments, (x, y, heading) = [], start
     for curvature, length in pieces:
         backward = length < 0
         travel = math.remainder(heading + math.pi * backward, 2 * math.pi)
-        made.append(Segment(x, y, travel, 0.0 - curvature if backward else curvature, abs(length), backward))
-        x, y, _ = made[-1].end
+        segments.append(Segment(x, y, travel, 0.0 - curvature if backward else curvature, abs(length), backward))
+        x, y, _ = segments[-1].end
         heading += curvature * length
-    return made
+    return segments
 
 
 def prove(segments: Sequence[Segment], start: Pose, goal: Pose) -> None:

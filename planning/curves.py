@@ -68,7 +68,7 @@ def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] 
     least = 3 if closed else 2
     if len(places) < least:
         raise BadInput(f"waypoints: {len(places)} given, a {'closed path' if closed else 'path'} requires {least} or more")
-    given = _headings(headings, len(places))
+    prescribed = _headings(headings, len(places))
     ring = np.concatenate([places[-1:], places, places[:2]]) if closed else places
     number = np.arange(len(ring)) - closed  # of the waypoint, from 0
     chords = np.diff(ring)
@@ -78,19 +78,19 @@ def through(points: Sequence[Sequence[float]], headings: Sequence[float | None] 
         raise BadInput(f"waypoints {a} and {b} are the same point {_shown(ring[k])}; remove one")
     units = chords / lengths
     for k in np.flatnonzero(math.pi - np.abs(phase(units[1:] / units[:-1])) < BACK) + 1:
-        if given[number[k] % len(places)] is None:
+        if prescribed[number[k] % len(places)] is None:
             where = f"waypoint {number[k] % len(places) + 1} {_shown(ring[k])}"
             raise BadInput(f"the path turns back at {where}; give a heading there, move it, or split the path")
     velocities = np.concatenate([units[:1], units])
     velocities[1:-1] = (lengths[1:] * units[:-1] + lengths[:-1] * units[1:]) / (lengths[1:] + lengths[:-1])
     for at, m in enumerate(number):
-        if (heading := given[m % len(places)]) is not None:
+        if (heading := prescribed[m % len(places)]) is not None:
             velocities[at] = unit(heading)
     if closed:
         ring, velocities, lengths = ring[1:-1], velocities[1:-1], lengths[1:-1]
     else:
         for end, neighbour in ((0, 1), (-1, -2)):
-            if given[end] is None:
+            if prescribed[end] is None:
                 velocities[end] = 2 * units[end] - velocities[neighbour]
     knots = np.concatenate([[0.0], np.cumsum(lengths)])
     spline = CubicHermiteSpline(knots, ring, velocities)
@@ -151,26 +151,26 @@ def sampled(curve: PlaneCurve, tolerance: float) -> Samples:
     """
     shares = np.arange(PARTS) / PARTS
     times = np.append((curve.knots[:-1, None] + np.diff(curve.knots)[:, None] * shares).ravel(), curve.knots[-1])
-    made = _at(curve, times)
+    samples = _at(curve, times)
     rough = np.ones(len(times) - 1, bool)  # intervals that may need refinement
     while rough.any():
         left = np.flatnonzero(rough)
-        if len(made.times) + len(left) > MOST:
+        if len(samples.times) + len(left) > MOST:
             raise BadInput(f"tolerance = {tolerance:g} m requires more than {MOST} samples of the curve; make it larger")
-        new = _at(curve, (made.times[left] + made.times[left + 1]) / 2)
-        chords = made.places[left + 1] - made.places[left]
-        bent = bends(chords, (made.directions[left], new.directions, made.directions[left + 1]))
+        new = _at(curve, (samples.times[left] + samples.times[left + 1]) / 2)
+        chords = samples.places[left + 1] - samples.places[left]
+        bent = bends(chords, (samples.directions[left], new.directions, samples.directions[left + 1]))
         fine = bent < np.minimum(SHARE * tolerance, TURN / 8 * size(chords))
-        made = Samples(
+        samples = Samples(
             curve,
-            *(np.insert(getattr(made, name), left + 1, getattr(new, name)) for name in ("times", "places", "directions")),
+            *(np.insert(getattr(samples, name), left + 1, getattr(new, name)) for name in ("times", "places", "directions")),
         )
         rough = np.insert(rough, left, ~fine)
         rough[left + np.arange(1, len(left) + 1)] = ~fine
-        close = rough & (np.diff(made.times) < SHORTEST * np.diff(curve.knots).min())
+        close = rough & (np.diff(samples.times) < SHORTEST * np.diff(curve.knots).min())
         for k in np.flatnonzero(close):
-            raise BadInput(f"the curve has a corner {made.near(k)}; round it, or split the path there")
-    return made
+            raise BadInput(f"the curve has a corner {samples.near(k)}; round it, or split the path there")
+    return samples
 
 
 def bends(chords: Points, directions: Sequence[Points]) -> np.ndarray:

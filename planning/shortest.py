@@ -57,9 +57,9 @@ def _plan(middles: Middles, reversing: bool, start: Pose, goal: Pose, radius: fl
     paths = [pieces for pieces in paths if reversing or all(length > 0 for _, length in pieces)]
     shortest = min(map(_length, paths))
     best = min((pieces for pieces in paths if _length(pieces) <= shortest * (1 + TIE)), key=_effort)
-    made = joined(start, [(steer / radius, length * radius) for steer, length in best])
-    prove(made, start, goal)
-    return made
+    path = joined(start, [(steer / radius, length * radius) for steer, length in best])
+    prove(path, start, goal)
+    return path
 
 
 def _paths(middles: Middles, target: complex, turn: float, slack: float) -> Iterator[list[Piece]]:
@@ -129,17 +129,17 @@ def _tidy(pieces: Iterable[Piece], reversing: bool, slack: float) -> list[Piece]
     """Return the pieces with equal steering merged, arcs taken the shorter way (forward, unless reversing), without empty
     ones.
     """
-    made: list[Piece] = []
+    merged: list[Piece] = []
     for steer, length in pieces:
-        if made and made[-1][0] == steer:
-            length += made.pop()[1]
+        if merged and merged[-1][0] == steer:
+            length += merged.pop()[1]
         if steer:
             length = math.remainder(length, 2 * math.pi)
         if steer and not reversing and length < -slack:
             length += 2 * math.pi
         if abs(length) > slack:
-            made.append((steer, length))
-    return made
+            merged.append((steer, length))
+    return merged
 
 
 def _length(pieces: Iterable[Piece]) -> float:

@@ -45,10 +45,10 @@ def segments_from_tables(tables: Any, where: str) -> list[Segment]:
     """
     if not isinstance(tables, list) or not tables:
         raise BadInput(f"{where} = {tables!r} is not a list of lines and arcs")
-    made: list[Segment] = []
+    segments: list[Segment] = []
     for k, table in enumerate(tables, 1):
-        made.append(_read(table, made[-1] if made else None, f"{where} {k}"))
-    return made
+        segments.append(_read(table, segments[-1] if segments else None, f"{where} {k}"))
+    return segments
 
 
 def _read(table: Any, before: Segment | None, where: str) -> Segment:
@@ -56,38 +56,38 @@ def _read(table: Any, before: Segment | None, where: str) -> Segment:
         raise BadInput(f"{where} = {table!r} is not a table")
     kind = one_of(*READERS)(table.get("kind"), f"{where} kind")
     check_keys(table, ["kind", "backward", *READERS[kind]], f"{where} ({kind})")
-    given = {key: read(table[key], f"{where} {key}") for key, read in READERS[kind].items() if key in table}
+    entries = {key: read(table[key], f"{where} {key}") for key, read in READERS[kind].items() if key in table}
     backward = flag(table.get("backward", False), f"{where} backward")
     if before is None:
-        _need(given, ["from"] if kind == "line" else ["from", "heading"], f"{where}, the first,")
+        _need(entries, ["from"] if kind == "line" else ["from", "heading"], f"{where}, the first,")
     x, y, heading = before.end if before else (0.0, 0.0, 0.0)
     if before and before.backward != backward:
         heading += math.pi
-    x, y = given.get("from", (x, y))
+    x, y = entries.get("from", (x, y))
     if kind == "arc":
-        _need(given, ["radius", "angle"], where)
-        heading, length = given.get("heading", heading), given["radius"] * abs(given["angle"])
-        curvature = math.copysign(1 / given["radius"], given["angle"])
+        _need(entries, ["radius", "angle"], where)
+        heading, length = entries.get("heading", heading), entries["radius"] * abs(entries["angle"])
+        curvature = math.copysign(1 / entries["radius"], entries["angle"])
     else:
         curvature = 0.0
-        if "length" in given:
-            if "from" in given or "to" in given:
+        if "length" in entries:
+            if "from" in entries or "to" in entries:
                 raise BadInput(
                     f"{where} length is only for a line that continues the previous segment; remove length, or from and to"
                 )
-            length = given["length"]
+            length = entries["length"]
         else:
-            _need(given, ["to"], where)
-            dx, dy = given["to"][0] - x, given["to"][1] - y
+            _need(entries, ["to"], where)
+            dx, dy = entries["to"][0] - x, entries["to"][1] - y
             heading, length = angle_of(dy, dx), math.hypot(dx, dy)
     if not (0 < length < math.inf):
         raise BadInput(f"{where} has length {length:g} m; remove it" if length == 0 else f"{where} is too long")
     return Segment(x, y, math.remainder(heading, 2 * math.pi), curvature, length, backward)
 
 
-def _need(given: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
+def _need(entries: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
     for key in keys:
-        if key not in given:
+        if key not in entries:
             raise BadInput(f"{where} requires {key}")
 
 

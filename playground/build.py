@@ -66,18 +66,18 @@ def module() -> bytes:
 def layout() -> dict[str, list[int]]:
     """Where the numbers of playground.c are, in doubles from the first: name -> place, count."""
     (struct,) = re.findall(r"typedef struct numbers \{(.*?)\} numbers;", (HERE / "playground.c").read_text(), re.S)
-    found, place = {}, 0
+    places, place = {}, 0
     for name, count in re.findall(r"^    double (\w+)(?:\[(\d+)\])?;", struct, re.M):
-        found[name] = [place, int(count or 1)]
+        places[name] = [place, int(count or 1)]
         place += int(count or 1)
-    return found
+    return places
 
 
 def script() -> str:
     """The page's model.js with what it needs: the module, the layout, the robot's parameters."""
     parameters = {p.name: p.default for p in find_robot(ROBOT).parameters}
-    known = {"MODULE": base64.b64encode(module()).decode(), "LAYOUT": layout(), "PARAMETERS": parameters}
-    return "\n".join([*(f"const {k} = {json.dumps(v)};" for k, v in known.items()), (HERE / "model.js").read_text()])
+    constants = {"MODULE": base64.b64encode(module()).decode(), "LAYOUT": layout(), "PARAMETERS": parameters}
+    return "\n".join([*(f"const {k} = {json.dumps(v)};" for k, v in constants.items()), (HERE / "model.js").read_text()])
 
 
 def main(folder: Path) -> None:

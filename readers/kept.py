@@ -21,40 +21,40 @@ Result = TypeVar("Result")
 DERIVES = ("model", "codegen")  # folders whose code determines a derived program
 
 
-def remembered(key: tuple, make: Callable[[], Result], *given: Any, rooms: tuple[str, ...] = DERIVES) -> Result:
+def remembered(key: tuple, make: Callable[[], Result], *shared: Any, rooms: tuple[str, ...] = DERIVES) -> Result:
     """Return make(), or a copy of its result in an earlier run with the same `key` and the same code of noslip.
 
-    `given`: objects to which the result refers; a copy refers to them too. `rooms`: the folders of that code. Without a usable
+    `shared`: objects to which the result refers; a copy refers to them too. `rooms`: the folders of that code. Without a usable
     cache folder nothing is cached.
     """
     whole = ("remembered", _digest_of_code(rooms), *key)
     with suppress(BadInput, OSError):
-        if found := kept(whole, ".pickle"):
-            return _Unpickler(io.BytesIO(found.read_bytes()), given).load()
-    made = make()
+        if file := kept(whole, ".pickle"):
+            return _Unpickler(io.BytesIO(file.read_bytes()), shared).load()
+    result = make()
     data = io.BytesIO()
-    _Pickler(data, given).dump(made)
+    _Pickler(data, shared).dump(result)
     with suppress(BadInput, OSError):
         keep(whole, ".pickle", data.getvalue())
-    return made
+    return result
 
 
 class _Pickler(pickle.Pickler):
-    def __init__(self, file: io.BytesIO, given: tuple):
+    def __init__(self, file: io.BytesIO, shared: tuple):
         super().__init__(file, pickle.HIGHEST_PROTOCOL)
-        self._places = {id(one): place for place, one in enumerate(given)}
+        self._places = {id(one): place for place, one in enumerate(shared)}
 
     def persistent_id(self, obj: Any) -> int | None:
         return self._places.get(id(obj))
 
 
 class _Unpickler(pickle.Unpickler):
-    def __init__(self, file: io.BytesIO, given: tuple):
+    def __init__(self, file: io.BytesIO, shared: tuple):
         super().__init__(file)
-        self._given = given
+        self._shared = shared
 
     def persistent_load(self, pid: Any) -> Any:
-        return self._given[pid]
+        return self._shared[pid]
 
 
 @cache
@@ -122,11 +122,11 @@ def folder_of_results() -> Path:
 
 def check_private(path: Path) -> None:
     """Raise BadInput if a folder or file with programs to execute belongs to another user, or others can write it."""
-    found = path.stat()
+    status = path.stat()
     advice = "set NOSLIP_CACHE to a folder of your own"
-    if found.st_uid != os.geteuid():
+    if status.st_uid != os.geteuid():
         raise BadInput(f"{path} belongs to another user, and noslip does not execute programs of others; {advice}")
-    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise BadInput(
             f"{path} can be written by others, and noslip does not execute programs of others; chmod go-w it, or {advice}"
         )

@@ -10,13 +10,13 @@ import numpy as np
 
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
-    """A line for each row, the first column to the left, the others to the right."""
+    """Return a line for each row, the first column aligned to the left, the others to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
 
 
 def plain(value: Any) -> Any:
-    """As JSON can hold it: arrays as lists, complex numbers as pairs, None for what is not finite."""
+    """Return a value in a form that JSON has: arrays as lists, complex numbers as pairs, None for numbers that are not finite."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = dataclasses.asdict(value)
     if isinstance(value, Mapping):
@@ -31,7 +31,7 @@ def plain(value: Any) -> Any:
 
 
 def toml(value: Any) -> str:
-    """A value as TOML writes it on one line."""
+    """Return a value as TOML, on one line."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }" if value else "{}"
     if isinstance(value, list | tuple):

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 
 PATIENCE, PAUSE = 1.0, 0.2  # s: before the first message, and between two
-Reported = Callable[[float, float, str], None]  # receives what is done, what there is to do, and of what
+Reported = Callable[[float, float, str], None]  # called with the number done, the total, and the kind of work
 
 
 class Progress:
@@ -25,16 +25,16 @@ class Progress:
     def __exit__(self, *_: object) -> None:
         self.clear()
 
-    def __call__(self, done: float, total: float, of: str) -> None:
-        """Print that `done` of `total` are done, such as 3 of 7 "laws compared", at most five times a second."""
+    def __call__(self, count: float, total: float, of: str) -> None:
+        """Print that `count` of `total` are done, such as 3 of 7 "laws compared", at most five times a second."""
         now = time.monotonic()
         if of != self._of:
-            self._of, self._start, self._before = of, now, done
+            self._of, self._start, self._before = of, now, count
         if self._terminal and now >= self._next:
             self._next, self._shown = now + PAUSE, True
-            new, passed = done - self._before, now - self._start
-            left = f", {_clock((total - done) * passed / new)} left" if new > 0 else ""
-            print(f"\r\033[K{done:.6g} of {total:.6g} {of}{left}", end="", file=sys.stderr, flush=True)
+            new, passed = count - self._before, now - self._start
+            left = f", {_clock((total - count) * passed / new)} left" if new > 0 else ""
+            print(f"\r\033[K{count:.6g} of {total:.6g} {of}{left}", end="", file=sys.stderr, flush=True)
 
     def clear(self) -> None:
         """Clear the line, as before any other output."""
@@ -43,7 +43,7 @@ class Progress:
             self._shown = False
 
 
-def silent(done: float, total: float, of: str) -> None:
+def silent(count: float, total: float, of: str) -> None:
     """Report nothing."""
 
 

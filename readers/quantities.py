@@ -69,8 +69,9 @@ def check_unit(value: float, unit: str, where: str) -> None:
     if factor != 1:
         raise BadInput(f'{where} = "{value.text}": its unit, {unit!r}, is not one of SI; write a plain number')
     if value.dimension != dimension:
-        given = " ".join(name if power == 1 else f"{name}^{power}" for name, power in sorted(value.dimension)) or "a plain number"
-        raise BadInput(f'{where} = "{value.text}" has the wrong dimension, {given}{_advice(unit)}')
+        units = (name if power == 1 else f"{name}^{power}" for name, power in sorted(value.dimension))
+        actual = " ".join(units) or "a plain number"
+        raise BadInput(f'{where} = "{value.text}" has the wrong dimension, {actual}{_advice(unit)}')
 
 
 def _advice(unit: str | None) -> str:

@@ -44,8 +44,8 @@ class Reader:
         """Return the same reader; its schema says what the value means, before unit and form."""
 
         def schema() -> Schema:
-            made = self.schema()
-            return {**made, "description": ", ".join(filter(None, (meaning, made.get("description"))))}
+            base = self.schema()
+            return {**base, "description": ", ".join(filter(None, (meaning, base.get("description"))))}
 
         return dataclasses.replace(self, schema=schema)
 
@@ -64,12 +64,12 @@ def ref(name: str) -> Schema:
     return {"$ref": f"#/definitions/{name}"}
 
 
-def check_keys(given: Iterable[str], known: Iterable[str], where: str) -> None:
-    """Raise BadInput for an unknown key, suggesting the nearest known one."""
-    known = list(known)
-    for key in given:
-        if key not in known:
-            raise BadInput(f"{where}: unknown key {key!r}{suggestion(key, known)}")
+def check_keys(keys: Iterable[str], allowed: Iterable[str], where: str) -> None:
+    """Raise BadInput for a key that is not allowed, suggesting the nearest one that is."""
+    allowed = list(allowed)
+    for key in keys:
+        if key not in allowed:
+            raise BadInput(f"{where}: unknown key {key!r}{suggestion(key, allowed)}")
 
 
 def number(sign: str = "any", unit: str | None = None) -> Reader:
@@ -111,11 +111,11 @@ _turn = {"type": "number", "minimum": -MOST_ANGLE, "maximum": MOST_ANGLE}
 @reads({**_radians.schema(), "anyOf": [_turn, ref("quantity")]}, "rad")
 def angle(value: Any, where: str) -> float:
     """Read an angle, rad. More than a turn is accepted only with its unit: it is likely to be in degrees."""
-    made = _radians(value, where)
-    if abs(made) > MOST_ANGLE and not isinstance(value, str | Measured):
-        what = f"{where} = {value:.12g} rad is more than a turn: did you mean degrees?"
-        raise BadInput(f'{what} write "{value:.12g} deg", or "{value:.12g} rad" if that is meant')
-    return made
+    radians = _radians(value, where)
+    if abs(radians) > MOST_ANGLE and not isinstance(value, str | Measured):
+        problem = f"{where} = {value:.12g} rad is more than a turn: did you mean degrees?"
+        raise BadInput(f'{problem} write "{value:.12g} deg", or "{value:.12g} rad" if that is meant')
+    return radians
 
 
 def row(form: str, *readers: Reader) -> Reader:
@@ -154,13 +154,13 @@ def text(value: Any, where: str) -> str:
     return value
 
 
-def one_of(*known: str) -> Reader:
-    """Return a reader of one of the known words."""
+def one_of(*words: str) -> Reader:
+    """Return a reader of one of these words."""
 
-    @reads({"enum": list(known)})
+    @reads({"enum": list(words)})
     def read(value: Any, where: str) -> str:
-        if value not in known:
-            raise BadInput(f"{where} = {value!r} is not one of {', '.join(known)}")
+        if value not in words:
+            raise BadInput(f"{where} = {value!r} is not one of {', '.join(words)}")
         return value
 
     return read
@@ -211,20 +211,20 @@ def section(kind: "type[DataclassInstance]") -> Reader:
     """Return a reader of a table into the dataclass `kind`."""
 
     def read(value: Any, where: str) -> Any:
-        given, entries = table(value, where), dataclasses.fields(kind)
-        check_keys(given, [e.name for e in entries], where or "top level")
+        values, entries = table(value, where), dataclasses.fields(kind)
+        check_keys(values, [e.name for e in entries], where or "top level")
         for e in entries:
-            if _required(e) and e.name not in given:
+            if _required(e) and e.name not in values:
                 raise BadInput(f"{_path(where, e)} is missing")
-        return kind(**{e.name: e.metadata["read"](given[e.name], _path(where, e)) for e in entries if e.name in given})
+        return kind(**{e.name: e.metadata["read"](values[e.name], _path(where, e)) for e in entries if e.name in values})
 
     def schema() -> Schema:
         entries = dataclasses.fields(kind)
-        made = table_of({e.name: e.metadata["read"] for e in entries}, [e.name for e in entries if _required(e)])
+        base = table_of({e.name: e.metadata["read"] for e in entries}, [e.name for e in entries if _required(e)])
         for e in entries:
             if isinstance(e.default, str | int | float):
-                made["properties"][e.name] = made["properties"][e.name] | {"default": e.default}
-        return {"description": inspect.cleandoc(kind.__doc__ or ""), **made}
+                base["properties"][e.name] = base["properties"][e.name] | {"default": e.default}
+        return {"description": inspect.cleandoc(kind.__doc__ or ""), **base}
 
     return Reader(read, schema, kind=kind)
 

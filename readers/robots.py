@@ -44,11 +44,11 @@ class Source:
         calls.sort(key=lambda call: (not self.line <= call.lineno <= self.last, call.lineno))
         for name in re.findall(r"'([^']+)'", message):
             for call in calls:
-                if any(isinstance(given, ast.Constant) and given.value == name for given in call.args):
+                if any(isinstance(argument, ast.Constant) and argument.value == name for argument in call.args):
                     return call.lineno
-        said = message.replace("-", " ")
+        words = message.replace("-", " ")
         for call in calls:
-            if isinstance(call.func, ast.Attribute) and call.func.attr.replace("_", " ") in said:
+            if isinstance(call.func, ast.Attribute) and call.func.attr.replace("_", " ") in words:
                 return call.lineno
         return self.line
 
@@ -102,13 +102,13 @@ def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
 
 def check_law(robot: Mechanism, law_name: str) -> None:
     """Raise BadInput unless the name is one of Types I to IV or of the robot's own outputs."""
-    known, plain = output_names(robot), without_extension(law_name)
-    if plain not in known and without_offset(plain) not in OUTPUTS:
-        raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, known)}")
+    names, plain = output_names(robot), without_extension(law_name)
+    if plain not in names and without_offset(plain) not in OUTPUTS:
+        raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, names)}")
 
 
 def refuse_extension(law_name: str, where: str) -> None:
-    """Raise BadInput for a law with a dynamic extension, which what is named by `where` does not support."""
+    """Raise BadInput for a law with a dynamic extension; `where` names the command that does not support one."""
     if without_extension(law_name) != law_name:
         raise BadInput(
             f"{where}: {law_name!r} has a dynamic extension; only simulate, generate, check and plain export support one"
@@ -177,24 +177,24 @@ def _check_numbers(text: str, robot: Any, numbers: list[int]) -> None:
 def _robot_of_file(path: Path, name: str, kinds: tuple[type, ...], numbers: list[int]) -> Any:
     text = read_input(path)
     module = _run(path, text)
-    made = [key for key, value in vars(module).items() if isinstance(value, kinds)]
-    made += [
+    candidates = [key for key, value in vars(module).items() if isinstance(value, kinds)]
+    candidates += [
         key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__ and callable(value)
     ]
     if name not in vars(module):
         problem = f"it does not define a robot {name!r}" if name else "no robot is named"
-        raise BadInput(f"{path}: {problem}; give {path}:name{suggestion(name, made)}")
-    given = robot = getattr(module, name)
-    if callable(given) or numbers:
-        _check_numbers(":".join([f"{path}:{name}", *map(str, numbers)]), given, numbers)
-        robot = _guarded(path, lambda: given(*numbers))
+        raise BadInput(f"{path}: {problem}; give {path}:name{suggestion(name, candidates)}")
+    attribute = robot = getattr(module, name)
+    if callable(attribute) or numbers:
+        _check_numbers(":".join([f"{path}:{name}", *map(str, numbers)]), attribute, numbers)
+        robot = _guarded(path, lambda: attribute(*numbers))
     source = Source(path, text, *_lines(text, name))
     if not isinstance(robot, kinds):
-        what = f"it is {type(robot).__name__}"
-        if callable(given):
-            what = f"it returns {type(robot).__name__}" + ("; is `return` missing?" if robot is None else "")
+        actual = f"it is {type(robot).__name__}"
+        if callable(attribute):
+            actual = f"it returns {type(robot).__name__}" + ("; is `return` missing?" if robot is None else "")
         problem = "neither a Mechanism nor a function without arguments that returns one"
-        raise BadInput(f"{path}:{source.line}: {name} is {problem}: {what}")
+        raise BadInput(f"{path}:{source.line}: {name} is {problem}: {actual}")
     if isinstance(robot, Mechanism):
         _sources[robot] = source
     return robot
@@ -233,5 +233,5 @@ def _guarded(path: Path, call):
         kind = "" if isinstance(error, ModelError) else f"{type(error).__name__}: "
         near = ""
         if isinstance(error, AttributeError) and error.name and error.obj is not None:
-            near = suggestion(error.name, [known for known in dir(error.obj) if not known.startswith("_")])
+            near = suggestion(error.name, [attribute for attribute in dir(error.obj) if not attribute.startswith("_")])
         raise BadInput(f"{path}:{lines[-1] if lines else 1}: {kind}{error}{near if 'did you mean' in near else ''}") from error

@@ -14,6 +14,14 @@
  *     noslip_approach_step(&approach, dt, 1.4, &wanted);
  *     reference.distance = wanted.distance;                       and the other fields, which have the same names
  *
+ * On a composite path (noslip_path.h) the final speed is guide.speed, the reference of the law after
+ *
+ *     noslip_approach_within(&approach, guide.speed, guide.speed_rate, &wanted);
+ *
+ * and noslip_approach_start is called again where guide.L changes. For a point in the plane, or a heading, one generator leads each
+ * output y: start with y - y_d and its rate, and add distance, its rate and acceleration to y_d and its derivatives. Of a point,
+ * each coordinate may have the acceleration divided by sqrt(2).
+ *
  * Each function exists for double and, with the suffix _f, for float.
  */
 #ifndef NOSLIP_APPROACH_H
@@ -37,11 +45,21 @@ typedef struct noslip_approach {
     int ready;
 } noslip_approach;
 
+/* Copies member by member: a compiler may call memcpy for a whole struct. */
+static inline void noslip_approach_copy(const noslip_approached *from, noslip_approached *to)
+{
+    to->distance = from->distance;
+    to->distance_rate = from->distance_rate;
+    to->distance_acceleration = from->distance_acceleration;
+    to->speed = from->speed;
+    to->speed_rate = from->speed_rate;
+}
+
 /*
  * Initializes with the largest acceleration of distance and of speed (m/s^2), and the time constant `settling` (s) with which the
  * distance ends. `jerk` is reserved: it must be 0. Returns NOSLIP_BAD_PARAMETER unless the first two are finite and positive.
  */
-static inline int noslip_approach_init(noslip_approach *self, double acceleration,
+NOSLIP_NODISCARD static inline int noslip_approach_init(noslip_approach *self, double acceleration,
                      double settling, double jerk)
 {
     static const noslip_approached zero = {0, 0, 0, 0, 0};
@@ -55,7 +73,7 @@ static inline int noslip_approach_init(noslip_approach *self, double acceleratio
     }
     self->acceleration = acceleration;
     self->settling = settling;
-    self->desired = zero;
+    noslip_approach_copy(&zero, &self->desired);
     self->ready = NOSLIP_READY;
     return NOSLIP_OK;
 }
@@ -116,10 +134,10 @@ static inline int noslip_approach_step(noslip_approach *self, double dt, double 
         return NOSLIP_NULL;
     }
     if (self == NULL || self->ready != NOSLIP_READY) {
-        *desired = zero;
+        noslip_approach_copy(&zero, desired);
         return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
     }
-    next = self->desired;
+    noslip_approach_copy(&self->desired, &next);
     if (!(noslip_is_finite(dt) && noslip_is_finite(speed))) {
         status = NOSLIP_NONFINITE;
     } else if (!(dt >= 0 && dt <= self->settling)) {
@@ -139,10 +157,37 @@ static inline int noslip_approach_step(noslip_approach *self, double dt, double 
         }
     }
     if (status == NOSLIP_OK) {
-        self->desired = next;
+        noslip_approach_copy(&next, &self->desired);
     }
-    *desired = status == NOSLIP_OK ? next : zero;
+    noslip_approach_copy(status == NOSLIP_OK ? &next : &zero, desired);
     return status;
+}
+
+/*
+ * Keeps the desired speed of the last step from 0 to `speed` (m/s), which a path allows now and changes by `speed_rate` (m/s^2);
+ * a speed on the other side of 0 stays. To be called after a step where a path ends or has cusps: it brakes later, but in time.
+ * Returns NOSLIP_NONFINITE if an argument is not finite; then nothing changes and `desired` is zero.
+ */
+static inline int noslip_approach_within(noslip_approach *self, double speed,
+                       double speed_rate, noslip_approached *desired)
+{
+    static const noslip_approached zero = {0, 0, 0, 0, 0};
+    if (desired == NULL) {
+        return NOSLIP_NULL;
+    }
+    noslip_approach_copy(&zero, desired);
+    if (self == NULL || self->ready != NOSLIP_READY) {
+        return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
+    }
+    if (!(noslip_is_finite(speed) && noslip_is_finite(speed_rate))) {
+        return NOSLIP_NONFINITE;
+    }
+    if ((speed >= 0 && self->desired.speed > speed) || (speed <= 0 && self->desired.speed < speed)) {
+        self->desired.speed = speed;
+        self->desired.speed_rate = speed_rate;
+    }
+    noslip_approach_copy(&self->desired, desired);
+    return NOSLIP_OK;
 }
 
 /* -- float: generated from noslip_approach.inc by guarantees/headers.py ------------------------------------------------ */
@@ -161,11 +206,21 @@ typedef struct noslip_approach_f {
     int ready;
 } noslip_approach_f;
 
+/* Copies member by member: a compiler may call memcpy for a whole struct. */
+static inline void noslip_approach_copy_f(const noslip_approached_f *from, noslip_approached_f *to)
+{
+    to->distance = from->distance;
+    to->distance_rate = from->distance_rate;
+    to->distance_acceleration = from->distance_acceleration;
+    to->speed = from->speed;
+    to->speed_rate = from->speed_rate;
+}
+
 /*
  * Initializes with the largest acceleration of distance and of speed (m/s^2), and the time constant `settling` (s) with which the
  * distance ends. `jerk` is reserved: it must be 0. Returns NOSLIP_BAD_PARAMETER unless the first two are finite and positive.
  */
-static inline int noslip_approach_init_f(noslip_approach_f *self, float acceleration,
+NOSLIP_NODISCARD static inline int noslip_approach_init_f(noslip_approach_f *self, float acceleration,
                         float settling, float jerk)
 {
     static const noslip_approached_f zero = {0, 0, 0, 0, 0};
@@ -179,7 +234,7 @@ static inline int noslip_approach_init_f(noslip_approach_f *self, float accelera
     }
     self->acceleration = acceleration;
     self->settling = settling;
-    self->desired = zero;
+    noslip_approach_copy_f(&zero, &self->desired);
     self->ready = NOSLIP_READY;
     return NOSLIP_OK;
 }
@@ -240,10 +295,10 @@ static inline int noslip_approach_step_f(noslip_approach_f *self, float dt, floa
         return NOSLIP_NULL;
     }
     if (self == NULL || self->ready != NOSLIP_READY) {
-        *desired = zero;
+        noslip_approach_copy_f(&zero, desired);
         return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
     }
-    next = self->desired;
+    noslip_approach_copy_f(&self->desired, &next);
     if (!(noslip_is_finite_f(dt) && noslip_is_finite_f(speed))) {
         status = NOSLIP_NONFINITE;
     } else if (!(dt >= 0 && dt <= self->settling)) {
@@ -263,10 +318,37 @@ static inline int noslip_approach_step_f(noslip_approach_f *self, float dt, floa
         }
     }
     if (status == NOSLIP_OK) {
-        self->desired = next;
+        noslip_approach_copy_f(&next, &self->desired);
     }
-    *desired = status == NOSLIP_OK ? next : zero;
+    noslip_approach_copy_f(status == NOSLIP_OK ? &next : &zero, desired);
     return status;
+}
+
+/*
+ * Keeps the desired speed of the last step from 0 to `speed` (m/s), which a path allows now and changes by `speed_rate` (m/s^2);
+ * a speed on the other side of 0 stays. To be called after a step where a path ends or has cusps: it brakes later, but in time.
+ * Returns NOSLIP_NONFINITE if an argument is not finite; then nothing changes and `desired` is zero.
+ */
+static inline int noslip_approach_within_f(noslip_approach_f *self, float speed,
+                          float speed_rate, noslip_approached_f *desired)
+{
+    static const noslip_approached_f zero = {0, 0, 0, 0, 0};
+    if (desired == NULL) {
+        return NOSLIP_NULL;
+    }
+    noslip_approach_copy_f(&zero, desired);
+    if (self == NULL || self->ready != NOSLIP_READY) {
+        return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
+    }
+    if (!(noslip_is_finite_f(speed) && noslip_is_finite_f(speed_rate))) {
+        return NOSLIP_NONFINITE;
+    }
+    if ((speed >= 0 && self->desired.speed > speed) || (speed <= 0 && self->desired.speed < speed)) {
+        self->desired.speed = speed;
+        self->desired.speed_rate = speed_rate;
+    }
+    noslip_approach_copy_f(&self->desired, desired);
+    return NOSLIP_OK;
 }
 
 /* -- end of the generated part ----------------------------------------------------------------------------------------- */

@@ -44,6 +44,15 @@ typedef enum noslip_on_limit {
 #define NOSLIP_HOT static inline
 #endif
 
+/* Copies `size` bytes, without a library. */
+NOSLIP_APART void noslip_copy(void *to, const void *from, size_t size)
+{
+    size_t i;
+    for (i = 0; i < size; i++) {
+        ((unsigned char *)to)[i] = ((const unsigned char *)from)[i];
+    }
+}
+
 /* -- double: generated from noslip_controller.inc by guarantees/headers.py --------------------------------------------- */
 
 /* Position of the vehicle relative to the foot of P_l on a path (its closest point), in the frame with x along the path and y to
@@ -109,6 +118,12 @@ static inline int noslip_within(double x, double limit)
 #else
     return noslip_abs(x) <= limit;
 #endif
+}
+
+/* Returns x, or the nearer of -limit and limit if it is beyond them; NaN for NaN. */
+static inline double noslip_clip(double x, double limit)
+{
+    return x > limit ? limit : x < -limit ? -limit : x;
 }
 
 /* Copies `count` results of an entry point to its output. */
@@ -276,6 +291,12 @@ static inline int noslip_within_f(float x, float limit)
 #else
     return noslip_abs_f(x) <= limit;
 #endif
+}
+
+/* Returns x, or the nearer of -limit and limit if it is beyond them; NaN for NaN. */
+static inline float noslip_clip_f(float x, float limit)
+{
+    return x > limit ? limit : x < -limit ? -limit : x;
 }
 
 /* Copies `count` results of an entry point to its output. */

@@ -47,7 +47,7 @@ typedef struct noslip_integral {
  * Initializes with z = 0, a gain ki and the maximum of ki |z| (0: no limit), in the unit of the derivative to which it is added.
  * Returns NOSLIP_BAD_PARAMETER unless both are finite and not negative. With ki = 0 nothing is added.
  */
-static inline int noslip_integral_init(noslip_integral *self, double ki, double limit)
+NOSLIP_NODISCARD static inline int noslip_integral_init(noslip_integral *self, double ki, double limit)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -91,6 +91,41 @@ static inline int noslip_integral_reset(noslip_integral *self, double z)
     self->rounded = 0;
     self->error = 0;
     self->added = added;
+    return NOSLIP_OK;
+}
+
+/*
+ * Changes the gain and the maximum of ki |z| between two steps without a jump: z becomes what keeps ki z. `change` is added to it, such as
+ * what the other terms of the virtual input lose by a change of their gains, so that their sum stays too; ki z ends at the limit.
+ * On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER unless ki is positive and the
+ * limit not negative.
+ */
+static inline int noslip_integral_update(noslip_integral *self, double ki, double limit,
+                  double change)
+{
+    double added, z;
+    if (self == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    if (!noslip_is_positive(ki) || !noslip_limits_ok(&limit, 1)) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    added = noslip_clip(self->added + change, noslip_limit(limit));
+    z = added / ki;
+    if (!noslip_within(ki * z, noslip_limit(limit))) {                           /* by rounding */
+        z *= 1 - 2 * DBL_EPSILON;
+    }
+    if (!noslip_is_finite(change) || !noslip_is_finite(z)) {
+        return NOSLIP_NONFINITE;
+    }
+    self->ki = ki;
+    self->limit = noslip_limit(limit);
+    self->z = z;
+    self->rounded = 0;
+    self->added = ki * z;
     return NOSLIP_OK;
 }
 
@@ -156,7 +191,7 @@ typedef struct noslip_integral_f {
  * Initializes with z = 0, a gain ki and the maximum of ki |z| (0: no limit), in the unit of the derivative to which it is added.
  * Returns NOSLIP_BAD_PARAMETER unless both are finite and not negative. With ki = 0 nothing is added.
  */
-static inline int noslip_integral_init_f(noslip_integral_f *self, float ki, float limit)
+NOSLIP_NODISCARD static inline int noslip_integral_init_f(noslip_integral_f *self, float ki, float limit)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -200,6 +235,41 @@ static inline int noslip_integral_reset_f(noslip_integral_f *self, float z)
     self->rounded = 0;
     self->error = 0;
     self->added = added;
+    return NOSLIP_OK;
+}
+
+/*
+ * Changes the gain and the maximum of ki |z| between two steps without a jump: z becomes what keeps ki z. `change` is added to it, such as
+ * what the other terms of the virtual input lose by a change of their gains, so that their sum stays too; ki z ends at the limit.
+ * On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_NONFINITE, NOSLIP_BAD_PARAMETER unless ki is positive and the
+ * limit not negative.
+ */
+static inline int noslip_integral_update_f(noslip_integral_f *self, float ki, float limit,
+                    float change)
+{
+    float added, z;
+    if (self == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    if (!noslip_is_positive_f(ki) || !noslip_limits_ok_f(&limit, 1)) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    added = noslip_clip_f(self->added + change, noslip_limit_f(limit));
+    z = added / ki;
+    if (!noslip_within_f(ki * z, noslip_limit_f(limit))) {                       /* by rounding */
+        z *= 1 - 2 * FLT_EPSILON;
+    }
+    if (!noslip_is_finite_f(change) || !noslip_is_finite_f(z)) {
+        return NOSLIP_NONFINITE;
+    }
+    self->ki = ki;
+    self->limit = noslip_limit_f(limit);
+    self->z = z;
+    self->rounded = 0;
+    self->added = ki * z;
     return NOSLIP_OK;
 }
 

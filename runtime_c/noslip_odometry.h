@@ -256,7 +256,7 @@ static inline int noslip_odometry_differential(noslip_odometry_options *options,
  * Initializes the pose; a null `start` means zeros. Returns NOSLIP_BAD_PARAMETER unless all options are finite, forward distance
  * and turn determine the angles of both wheels, and `release` is not negative; NOSLIP_NONFINITE or NOSLIP_RANGE for the pose.
  */
-static inline int noslip_odometry_init(noslip_odometry *self,
+NOSLIP_NODISCARD static inline int noslip_odometry_init(noslip_odometry *self,
                           const noslip_odometry_options *options,
                           const noslip_pose *start)
 {
@@ -492,7 +492,7 @@ static inline int noslip_odometry_unwind(noslip_odometry *self)
  * Initializes an encoder with `counts_per_turn` of its wheel (negative if it counts down when the wheel rolls forward, for example
  * because it is mounted the other way round) and a counter of 2 to 32 bits. Returns NOSLIP_BAD_PARAMETER for other values.
  */
-static inline int noslip_encoder_init(noslip_encoder *self, double counts_per_turn,
+NOSLIP_NODISCARD static inline int noslip_encoder_init(noslip_encoder *self, double counts_per_turn,
                     int counter_bits)
 {
     if (self == NULL) {
@@ -771,7 +771,7 @@ static inline int noslip_odometry_differential_f(noslip_odometry_options_f *opti
  * Initializes the pose; a null `start` means zeros. Returns NOSLIP_BAD_PARAMETER unless all options are finite, forward distance
  * and turn determine the angles of both wheels, and `release` is not negative; NOSLIP_NONFINITE or NOSLIP_RANGE for the pose.
  */
-static inline int noslip_odometry_init_f(noslip_odometry_f *self,
+NOSLIP_NODISCARD static inline int noslip_odometry_init_f(noslip_odometry_f *self,
                               const noslip_odometry_options_f *options,
                               const noslip_pose_f *start)
 {
@@ -1007,7 +1007,7 @@ static inline int noslip_odometry_unwind_f(noslip_odometry_f *self)
  * Initializes an encoder with `counts_per_turn` of its wheel (negative if it counts down when the wheel rolls forward, for example
  * because it is mounted the other way round) and a counter of 2 to 32 bits. Returns NOSLIP_BAD_PARAMETER for other values.
  */
-static inline int noslip_encoder_init_f(noslip_encoder_f *self, float counts_per_turn,
+NOSLIP_NODISCARD static inline int noslip_encoder_init_f(noslip_encoder_f *self, float counts_per_turn,
                        int counter_bits)
 {
     if (self == NULL) {

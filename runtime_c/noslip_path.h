@@ -23,7 +23,9 @@
  * Switching. The segments between two stops form a run. Stops are the cusps, where the vehicle starts or stops reversing, and
  * the end of a path that is not closed.
  *   1. A segment ends when progress >= its length. The next segment of the run is then followed. One update may pass several
- *      short segments in order, at most one lap. None is skipped.
+ *      short segments in order, at most NOSLIP_MOST_ENDED and one lap, so that its cost is bounded on any path. None is skipped:
+ *      after a larger jump the next updates go on. Until then the guide is at the foot on the tangent or circle of a segment
+ *      that has ended.
  *   2. After the last segment of a run its tangent is followed, until P_l has moved on by the distance that `stop` requires:
  *      zero, or |lookahead|, so that the axle stops at the end of the segment. This is the stop.
  *   3. Before a stop the desired speed is sqrt(2 deceleration remaining), at most `speed` and at least `creep` (without
@@ -58,6 +60,8 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+#define NOSLIP_MOST_ENDED 64 /* number of segments that may end in one update */
 
 /* The point that comes to rest at a cusp and at the end. */
 typedef enum noslip_path_stop {
@@ -192,7 +196,7 @@ typedef struct noslip_path {
  * Initializes a path at the start of its first segment. The array `segments` is not copied: the caller must keep it unchanged.
  * Returns NOSLIP_BAD_PARAMETER (options) or NOSLIP_BAD_PATH (segments) with the reason in `fault`, which may be NULL.
  */
-int noslip_path_init(noslip_path *self, const noslip_segment *segments, int count,
+NOSLIP_NODISCARD int noslip_path_init(noslip_path *self, const noslip_segment *segments, int count,
         const noslip_path_options *options, noslip_path_fault *fault);
 
 /*
@@ -485,7 +489,7 @@ typedef struct noslip_path_f {
  * Initializes a path at the start of its first segment. The array `segments` is not copied: the caller must keep it unchanged.
  * Returns NOSLIP_BAD_PARAMETER (options) or NOSLIP_BAD_PATH (segments) with the reason in `fault`, which may be NULL.
  */
-int noslip_path_init_f(noslip_path_f *self, const noslip_segment_f *segments, int count,
+NOSLIP_NODISCARD int noslip_path_init_f(noslip_path_f *self, const noslip_segment_f *segments, int count,
         const noslip_path_options_f *options, noslip_path_fault_f *fault);
 
 /*

@@ -16,6 +16,7 @@ const char *noslip_status_name(int status)
     case NOSLIP_NOT_READY: return "not_ready";
     case NOSLIP_BAD_PATH: return "bad_path";
     case NOSLIP_UNSTABLE: return "unstable";
+    case NOSLIP_ASTRAY: return "astray";
     default: return "unknown";
     }
 }

@@ -14,6 +14,15 @@
 
 #include "noslip_version.h"
 
+/* Before a function: the compiler warns where its status is ignored. GCC's warning is not silenced by a cast to void. */
+#if defined(__cplusplus) && __cplusplus >= 201703L
+#define NOSLIP_NODISCARD [[nodiscard]]
+#elif defined(__GNUC__)
+#define NOSLIP_NODISCARD __attribute__((warn_unused_result))
+#else
+#define NOSLIP_NODISCARD
+#endif
+
 /* The last value of each enum type, ..._AS_INT, is not a valid choice: it makes the type an int on every compiler. */
 
 #ifdef __cplusplus
@@ -33,7 +42,8 @@ enum {
     NOSLIP_SINGULAR = -5,      /* the decoupling matrix is singular, or the output is not differentiable */
     NOSLIP_NOT_READY = -6,     /* init was not called, or failed */
     NOSLIP_BAD_PATH = -7,      /* the vehicle cannot follow the path: see its fault */
-    NOSLIP_UNSTABLE = -8       /* forward speed and L + d have opposite signs: the heading would diverge */
+    NOSLIP_UNSTABLE = -8,      /* forward speed and L + d have opposite signs: the heading would diverge */
+    NOSLIP_ASTRAY = -9         /* the vehicle is farther from its path than it may be */
 };
 
 /* What a controller returns on an error. */

@@ -26,6 +26,13 @@
 
 #define NOSLIP_VELOCITIES 8 /* quasi-velocities of a robot, at most */
 
+/* What the drives take. */
+typedef enum noslip_drive {
+    NOSLIP_DRIVE_TORQUE = 0,   /* torques, or the currents or voltages that cause them: noslip_motor.h */
+    NOSLIP_DRIVE_VELOCITY = 1, /* velocities */
+    NOSLIP_DRIVE_AS_INT = -0x7fffffff
+} noslip_drive;
+
 /* -- double: generated from noslip_velocity.inc by guarantees/headers.py ----------------------------------------------- */
 
 /* Limits of one quasi-velocity, such as the rate of a wheel; all must be positive. Units: those of the quasi-velocity. */
@@ -49,7 +56,7 @@ typedef struct noslip_velocity {
  * `period` (s) is the usual time between two steps. Returns NOSLIP_BAD_PARAMETER for another count, or a limit, a period or a change
  * in two periods that is not finite and positive.
  */
-static inline int noslip_velocity_init(noslip_velocity *self,
+NOSLIP_NODISCARD static inline int noslip_velocity_init(noslip_velocity *self,
                           const noslip_velocity_limits *limits, int count,
                           double period)
 {
@@ -79,12 +86,6 @@ static inline int noslip_velocity_init(noslip_velocity *self,
     return NOSLIP_OK;
 }
 
-/* Returns x, or the nearer of -limit and limit if it is beyond them. */
-static inline double noslip_velocity_clip(double x, double limit)
-{
-    return x > limit ? limit : x < -limit ? -limit : x;
-}
-
 /*
  * Restarts from the measured velocities `nu`, so that the drives get no jump: before the first step, and after the drives were
  * off. Commands are limited to the largest speeds. On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_NONFINITE.
@@ -102,7 +103,7 @@ static inline int noslip_velocity_reset(noslip_velocity *self, const double *nu)
         return NOSLIP_NONFINITE;
     }
     for (i = 0; i < self->count; i++) {
-        self->command[i] = noslip_velocity_clip(nu[i], self->limits[i].speed);
+        self->command[i] = noslip_clip(nu[i], self->limits[i].speed);
     }
     return NOSLIP_OK;
 }
@@ -128,7 +129,7 @@ static inline int noslip_velocity_limit(const noslip_velocity *self, double *tar
     }
     for (i = 0; i < self->count; i++) {
         const double from = self->command[i], step = self->limits[i].acceleration * dt;
-        target[i] = from + noslip_velocity_clip((target[i] - from) / most, step);
+        target[i] = from + noslip_clip((target[i] - from) / most, step);
     }
     return NOSLIP_SATURATED;
 }
@@ -157,7 +158,7 @@ static inline int noslip_velocity_target(const noslip_velocity *self, const doub
         const double slowed = target[i] / most, band = self->limits[i].band;
         const double low = nu[i] - band, high = nu[i] + band;
         const double near = slowed > high ? high : slowed < low ? low : slowed;
-        const double made = noslip_velocity_clip(near, self->limits[i].speed);
+        const double made = noslip_clip(near, self->limits[i].speed);
         limited = made > target[i] || made < target[i] ? NOSLIP_SATURATED : limited;
         target[i] = made;
     }
@@ -182,7 +183,7 @@ static inline int noslip_velocity_target(const noslip_velocity *self, const doub
 static inline int noslip_velocity_step(noslip_velocity *self, const double *u,
                      const double *nu, int status, double dt, double *command)
 {
-    double target[NOSLIP_VELOCITIES] = {0}, time;
+    double target[NOSLIP_VELOCITIES], time;
     int i, made = NOSLIP_OK;
     if (self == NULL || command == NULL) {
         return NOSLIP_NULL;
@@ -190,6 +191,7 @@ static inline int noslip_velocity_step(noslip_velocity *self, const double *u,
     if (self->ready != NOSLIP_READY) {
         return NOSLIP_NOT_READY;
     }
+    noslip_write_zeros(target, NOSLIP_VELOCITIES);
     time = dt > 0 && dt <= 2 * self->period ? dt : self->period;
     if (status < 0) {
         made = status;
@@ -210,7 +212,7 @@ static inline int noslip_velocity_step(noslip_velocity *self, const double *u,
         }
     }
     for (i = 0; i < self->count; i++) {
-        target[i] = noslip_velocity_clip(target[i], self->limits[i].speed);
+        target[i] = noslip_clip(target[i], self->limits[i].speed);
         self->command[i] = target[i];
     }
     noslip_write(target, command, self->count);
@@ -240,7 +242,7 @@ typedef struct noslip_velocity_f {
  * `period` (s) is the usual time between two steps. Returns NOSLIP_BAD_PARAMETER for another count, or a limit, a period or a change
  * in two periods that is not finite and positive.
  */
-static inline int noslip_velocity_init_f(noslip_velocity_f *self,
+NOSLIP_NODISCARD static inline int noslip_velocity_init_f(noslip_velocity_f *self,
                               const noslip_velocity_limits_f *limits, int count,
                               float period)
 {
@@ -270,12 +272,6 @@ static inline int noslip_velocity_init_f(noslip_velocity_f *self,
     return NOSLIP_OK;
 }
 
-/* Returns x, or the nearer of -limit and limit if it is beyond them. */
-static inline float noslip_velocity_clip_f(float x, float limit)
-{
-    return x > limit ? limit : x < -limit ? -limit : x;
-}
-
 /*
  * Restarts from the measured velocities `nu`, so that the drives get no jump: before the first step, and after the drives were
  * off. Commands are limited to the largest speeds. On an error nothing changes: NOSLIP_NULL, NOSLIP_NOT_READY, NOSLIP_NONFINITE.
@@ -293,7 +289,7 @@ static inline int noslip_velocity_reset_f(noslip_velocity_f *self, const float *
         return NOSLIP_NONFINITE;
     }
     for (i = 0; i < self->count; i++) {
-        self->command[i] = noslip_velocity_clip_f(nu[i], self->limits[i].speed);
+        self->command[i] = noslip_clip_f(nu[i], self->limits[i].speed);
     }
     return NOSLIP_OK;
 }
@@ -319,7 +315,7 @@ static inline int noslip_velocity_limit_f(const noslip_velocity_f *self, float *
     }
     for (i = 0; i < self->count; i++) {
         const float from = self->command[i], step = self->limits[i].acceleration * dt;
-        target[i] = from + noslip_velocity_clip_f((target[i] - from) / most, step);
+        target[i] = from + noslip_clip_f((target[i] - from) / most, step);
     }
     return NOSLIP_SATURATED;
 }
@@ -348,7 +344,7 @@ static inline int noslip_velocity_target_f(const noslip_velocity_f *self, const 
         const float slowed = target[i] / most, band = self->limits[i].band;
         const float low = nu[i] - band, high = nu[i] + band;
         const float near = slowed > high ? high : slowed < low ? low : slowed;
-        const float made = noslip_velocity_clip_f(near, self->limits[i].speed);
+        const float made = noslip_clip_f(near, self->limits[i].speed);
         limited = made > target[i] || made < target[i] ? NOSLIP_SATURATED : limited;
         target[i] = made;
     }
@@ -373,7 +369,7 @@ static inline int noslip_velocity_target_f(const noslip_velocity_f *self, const 
 static inline int noslip_velocity_step_f(noslip_velocity_f *self, const float *u,
                         const float *nu, int status, float dt, float *command)
 {
-    float target[NOSLIP_VELOCITIES] = {0}, time;
+    float target[NOSLIP_VELOCITIES], time;
     int i, made = NOSLIP_OK;
     if (self == NULL || command == NULL) {
         return NOSLIP_NULL;
@@ -381,6 +377,7 @@ static inline int noslip_velocity_step_f(noslip_velocity_f *self, const float *u
     if (self->ready != NOSLIP_READY) {
         return NOSLIP_NOT_READY;
     }
+    noslip_write_zeros_f(target, NOSLIP_VELOCITIES);
     time = dt > 0 && dt <= 2 * self->period ? dt : self->period;
     if (status < 0) {
         made = status;
@@ -401,7 +398,7 @@ static inline int noslip_velocity_step_f(noslip_velocity_f *self, const float *u
         }
     }
     for (i = 0; i < self->count; i++) {
-        target[i] = noslip_velocity_clip_f(target[i], self->limits[i].speed);
+        target[i] = noslip_clip_f(target[i], self->limits[i].speed);
         self->command[i] = target[i];
     }
     noslip_write_f(target, command, self->count);

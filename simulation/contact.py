@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..controllers.odometry import vehicle_wheels
 from ..model.contacts import GRAVITY, axles
 from ..model.mechanism import Mechanism
+from ..planning.profile import Accelerations
 from ..readers.errors import BadInput
 from .plant import Plant
 from .specification.spec import ContactSection
@@ -36,6 +38,7 @@ LEAST = 1e-6  # of the largest load: the part of a shared force that a wheel wit
 NEGLIGIBLE = 1e-9  # relative; a singular value below it is due to rounding
 LARGE = 1e3  # friction coefficients above this are printed without decimals
 HIGHEST = 4.0  # upper limit of friction use in the plot
+WIDE_CURVE = 100.0  # m/s, on a curve with a lateral acceleration of 1 m/s^2
 WIDE = 140  # characters per line of the title
 
 
@@ -162,6 +165,38 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
         ContactForce(contact.name, force[:, 2 * k], force[:, 2 * k + 1], load[:, k], options.mu)
         for k, contact in enumerate(mechanism.contacts)
     )
+
+
+def friction_accelerations(plant: Plant, options: ContactSection, part: float) -> Accelerations:
+    """Return the accelerations that alone use a `part` of friction at some contact: towards the centre of a wide curve, along a
+    line, and of the yaw rate at rest. The robot rolls as the parameters of the plant say.
+
+    Raises BadInput as `contact_forces` and `vehicle_wheels` do, and if the robot defines no contacts.
+    """
+    mechanism = plant.system.mechanism
+    if not mechanism.contacts:
+        raise BadInput(f"[reference] {mechanism.name} defines no contacts: give lateral, acceleration, deceleration and angular")
+    forward, turn, _ = vehicle_wheels(plant.system, plant.parameters)
+    twist, n, inputs = np.array([forward, turn]), len(mechanism.coordinates), len(mechanism.inputs)
+
+    def solution(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return least_norm(A[None], b[None])[0]
+
+    def most(speed: float, yaw_rate: float, *acceleration: float) -> float:
+        """How often the acceleration, the unit of it, uses the part of friction."""
+        x = np.concatenate([np.zeros(n), solution(twist, np.array([speed, yaw_rate]))])
+        free, *pushed = (plant.rate(x, tau)[n:] for tau in np.vstack([np.zeros(inputs), np.eye(inputs)]))
+        tau = solution(np.transpose(pushed - free), solution(twist, np.array(acceleration)) - free)
+        at_rest = contact_forces(plant, np.zeros((1, len(x))), np.zeros((1, inputs)), options)
+        found = []
+        for still, moving in zip(at_rest, contact_forces(plant, x[None], tau[None], options), strict=True):
+            force = np.hypot(moving.longitudinal, moving.lateral)[0]
+            limit, change = part * options.mu * still.load[0], part * options.mu * (moving.load - still.load)[0]
+            found.append(limit / (force - change) if force > change else np.inf)
+        return float(min(found))
+
+    along = most(0.0, 0.0, 1.0, 0.0)
+    return Accelerations(most(WIDE_CURVE, 1 / WIDE_CURVE, 0.0, 0.0), along, along, most(0.0, 0.0, 0.0, 1.0))
 
 
 def _shared(combination: np.ndarray, lam: np.ndarray, load: np.ndarray) -> np.ndarray:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -23,6 +25,7 @@ from ..readers.errors import BadInput
 if TYPE_CHECKING:
     from ..controllers.approach import Approach
     from ..controllers.tracking import Guide, Tracker, TrackerOptions
+    from ..planning.profile import SpeedProfile
 
 
 class Side:
@@ -67,9 +70,17 @@ LegMaker = Callable[[np.ndarray, np.ndarray], Leg]  # from config, and the state
 class Guidance(Protocol):
     """Provides the reference for the controller. States are those that the controller sees."""
 
-    leg: Leg
-    piece: int  # which piece of the path is followed, from 0
-    arrived: bool
+    @property
+    def leg(self) -> Leg:
+        """The controller in use."""
+
+    @property
+    def piece(self) -> int:
+        """Which piece of the path is followed, from 0."""
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the end of the path is reached."""
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference, in the order of law.reference; without side effects."""
@@ -106,11 +117,11 @@ class OnePath:
     piece, arrived = 0, False
 
     def __init__(self, leg: Leg, reference: Callable[[float], np.ndarray], prepare: ShortWay):
-        self.leg, self._wanted, self._prepare = leg, reference, prepare
+        self.leg, self._desired, self._prepare = leg, reference, prepare
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference at t."""
-        return self._prepare(x, self._wanted(t))
+        return self._prepare(x, self._desired(t))
 
     def left(self, t: float, x: np.ndarray) -> float:
         """Return infinity: the path does not end."""
@@ -120,29 +131,128 @@ class OnePath:
         """Do nothing: there is no other path."""
 
 
+@dataclass(frozen=True)
+class Led:
+    """What one generator leads: an output of relative degree 2 and one of degree 1, by the numbers of their rows and of their
+    entries in the reference, and of its rate among all rates; None if there is none.
+    """
+
+    position: tuple[int, int, int] | None  # row, entry, rate
+    speed: tuple[int, int] | None  # row, entry
+
+
+def led(law: ControlLaw) -> list[Led]:
+    """Return what the generators of an approach lead: each output once."""
+    names = [q.name for q in law.reference]
+    degrees = law.linearization.relative_degree
+    rows = [(k, names.index(row.name), degrees[k]) for k, row in enumerate(law.output.rows)]
+    positions = [(k, entry, rate) for rate, (k, entry, _) in enumerate(row for row in rows if row[2] == 2)]
+    speeds = [(k, entry) for k, entry, degree in rows if degree == 1]
+    return [Led(*pair) for pair in itertools.zip_longest(positions, speeds)]
+
+
+def led_units(law: ControlLaw) -> list[str]:
+    """Return the unit of what each of `led` leads: m or rad. Raises BadInput for an output in another unit."""
+    units = [law.output.rows[each.position[0]].unit if each.position else "m" for each in led(law)]
+    if not set(units) <= {"m", "rad"}:
+        raise BadInput(f"[reference] approach: the outputs of {law.name} are not all in m or rad; leave it out")
+    return units
+
+
+Number = TypeVar("Number", float, np.ndarray)
+
+
+def accelerations(law: ControlLaw, acceleration: Number, angular: Number) -> list[Number]:
+    """Return the largest acceleration of each of `led`, in the unit of its output per s^2: coordinates in m share
+    `acceleration`, so that of a point is at most that.
+    """
+    units = led_units(law)
+    return [acceleration / math.sqrt(units.count("m")) if unit == "m" else angular for unit in units]
+
+
 class Approaching:
-    """A single path that is approached with bounded acceleration, from where the robot is at the start."""
+    """Leads outputs with bounded acceleration from where the robot is to what another guidance desires: from the start, from a
+    cusp, where P_l changes sides, and from where the pose has jumped. The speed along a composite path is that of the path where
+    it is slower.
+    """
 
-    piece, arrived = 0, False
+    def __init__(
+        self,
+        guidance: OnePath | Route,
+        law: ControlLaw,
+        parameters: np.ndarray,
+        generators: Sequence[Approach],
+        jumped: Callable[[], bool],
+        start: np.ndarray,
+    ):
+        """`generators`: one for each of `led`; `jumped`: whether the pose did at the last update of the sensors; `start`: the
+        state that the controller sees.
+        """
+        self.guidance, self._parameters, self._jumped = guidance, parameters, jumped
+        self._led = list(zip(led(law), generators, strict=True))
+        self._outputs, self._rows = Direct(approached_from(law)), len(law.output.rows)
+        self._prepare = ShortWay(law, parameters, guidance.leg.config)
+        self._L = [c.name for c in law.config].index("L") if isinstance(guidance, Route) else None
+        self._begin(0.0, start)
 
-    def __init__(self, leg: Leg, approach: Approach, speed: float, place: ca.Function, parameters: np.ndarray, start: np.ndarray):
-        """`speed` (m/s) is the final one; `place` is `approached_from` of the law, `start` the state that the controller sees."""
-        self.leg, self._approach, self._speed = leg, approach, speed
-        distance, own_speed, rate = place(start, parameters, leg.config).full().ravel()
-        approach.start(distance, rate, own_speed)
-        self._t, self._wanted = 0.0, approach.step(0.0, speed)
+    @property
+    def leg(self) -> Leg:
+        """See Guidance; of the other guidance."""
+        return self.guidance.leg
+
+    @property
+    def piece(self) -> int:
+        """See Guidance; of the other guidance."""
+        return self.guidance.piece
+
+    @property
+    def arrived(self) -> bool:
+        """See Guidance; of the other guidance."""
+        return self.guidance.arrived
 
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
-        """Return the reference since the last call of the controller."""
-        return self._wanted
+        """Return the reference: that of the other guidance, and what the generators added at the last call of the controller."""
+        reference = np.array(self.guidance.reference(t, x))
+        for (made, _), desired in zip(self._led, self._desired, strict=True):
+            if made.position:
+                reference[made.position[1] : made.position[1] + 3] += desired[:3]
+            if made.speed:
+                reference[made.speed[1] : made.speed[1] + 2] = desired[3:]
+        return self._prepare(x, reference)
 
     def left(self, t: float, x: np.ndarray) -> float:
-        """Return infinity: the path does not end."""
-        return np.inf
+        """Return what is left of the other guidance's segment."""
+        return self.guidance.left(t, x)
 
     def update(self, t: float, x: np.ndarray) -> None:
-        """Advance the generator to t."""
-        self._wanted, self._t = self._approach.step(t - self._t, self._speed), t
+        """Advance the generators to t, or begin again."""
+        before = self.leg.config
+        self.guidance.update(t, x)
+        if self._jumped() or (self._L is not None and self.leg.config[self._L] != before[self._L]):
+            self._begin(t, x)
+        else:
+            self._step(t, x)
+
+    def _begin(self, t: float, x: np.ndarray) -> None:
+        base, (found,) = self.guidance.reference(t, x), self._outputs(x, self._parameters, self.leg.config)
+        for made, generator in self._led:
+            offset = rate = speed = 0.0
+            if made.position:
+                row, entry, k = made.position
+                offset, rate = found[row] - base[entry], found[self._rows + k] - base[entry + 1]
+            if made.speed:
+                speed = found[made.speed[0]]
+            generator.start(offset, rate, speed)
+        self._t = t
+        self._step(t, x)
+
+    def _step(self, t: float, x: np.ndarray) -> None:
+        base, self._desired = self.guidance.reference(t, x), []
+        for made, generator in self._led:
+            speed, speed_rate = base[made.speed[1] : made.speed[1] + 2] if made.speed else (0.0, 0.0)
+            desired = generator.step(t - self._t, speed)
+            self._desired.append(generator.within(speed, speed_rate) if self._L is not None else desired)
+        self._t = t
 
 
 LOST = {  # status of a tracker -> why the position on the path is undefined
@@ -155,11 +265,19 @@ LOST = {  # status of a tracker -> why the position on the path is undefined
 class Route:
     """A composite path: the tracker selects the segment, and the law of a line or arc follows it."""
 
-    def __init__(self, law: ControlLaw, parameters: np.ndarray, tracker: Tracker, make_leg: LegMaker, start: np.ndarray):
-        """`parameters` are those of the controller. Starts with the first segment. Raises BadInput if the position on it is
-        undefined.
+    def __init__(
+        self,
+        law: ControlLaw,
+        parameters: np.ndarray,
+        tracker: Tracker,
+        make_leg: LegMaker,
+        start: np.ndarray,
+        profile: SpeedProfile | None = None,
+    ):
+        """`parameters` are those of the controller. Starts with the first segment. With a `profile` its speed is desired. Raises
+        BadInput if the position on the segment is undefined.
         """
-        self._law, self._tracker, self._make_leg = law, tracker, make_leg
+        self._law, self._tracker, self._make_leg, self._profile = law, tracker, make_leg, profile
         self._motion, self._parameters = Direct(vehicle_motion(law.system)), parameters
         self._speed = [q.name for q in law.reference].index("speed")
         self._zeros = np.zeros(len(law.reference))
@@ -176,8 +294,9 @@ class Route:
     def reference(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return the reference: on the path, at the tracker's speed."""
         guide = self.guide(x)
+        speed = guide.speed, guide.speed_rate
         reference = self._zeros.copy()
-        reference[self._speed : self._speed + 2] = guide.speed, guide.speed_rate
+        reference[self._speed : self._speed + 2] = self._profile.speed(guide, self._seen(x)[3]) if self._profile else speed
         return reference
 
     def guide(self, x: np.ndarray) -> Guide:
@@ -226,7 +345,7 @@ def vehicle_motion(system: ReducedSystem) -> ca.Function:
 
 @lru_cache(maxsize=16)
 def approached_from(law: ControlLaw) -> ca.Function:
-    """Return the function from state, parameters and config to distance, speed, and rate of the distance."""
+    """Return the function from state, parameters and config to all outputs, and the rates of those of relative degree 2."""
     found = law.linearization
     return portable(law.at_state(ca.vertcat(found.h, found.rate)))
 

@@ -1,12 +1,13 @@
 """Builds the loop of a controller and a robot from a SPEC."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import casadi as ca
 import numpy as np
 
-from ..controllers.approach import make_approach
+from ..controllers import ON_TARGET, SCALAR
+from ..controllers.approach import Approach, make_approach
 from ..controllers.backends import make_controller
 from ..controllers.controller import RUNNING, Friction, Limits
 from ..controllers.integral import IntegralAction
@@ -18,18 +19,21 @@ from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import TYPES
 from ..model.outputs import axle
+from ..planning.profile import Accelerations, SpeedProfile, top_speed
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
 from ..readers.robots import find_robot, law_of
 from ..verification.cases import gain_entries, integral_entries
+from .contact import friction_accelerations
 from .drive import Drive, make_drive
-from .guidance import Approaching, Guidance, Leg, OnePath, Route, ShortWay, Side, approached_from
+from .guidance import Approaching, Guidance, Leg, OnePath, Route, ShortWay, Side, accelerations, led_units
 from .plant import Plant
 from .sensing import Sensing
-from .specification.spec import Initial, PathSection, Spec
+from .specification.spec import ApproachSection, Initial, PathSection, Spec
 from .specification.units import check_units
 from .starts import starts
 
+PROFILE_PART = 0.6  # of friction that a speed profile uses by default; what is left is for staying on the path
 ON_AXLE = 1e-9  # m: a point this near to the axle is on it
 
 
@@ -53,9 +57,15 @@ class Loop:
     warnings: tuple[str, ...] = ()
 
     @property
+    def route(self) -> Route | None:
+        """The composite path that is followed, if any."""
+        found = self.guidance.guidance if isinstance(self.guidance, Approaching) else self.guidance
+        return found if isinstance(found, Route) else None
+
+    @property
     def composite(self) -> bool:
         """Whether a composite path is followed."""
-        return isinstance(self.guidance, Route)
+        return self.route is not None
 
     def seen(self, x: np.ndarray) -> np.ndarray:
         """Return the state that the controller sees if the true one is x."""
@@ -123,12 +133,13 @@ def make_loop(spec: Spec) -> Loop:
         return Leg(config, controller, Side(law, believed, config, np.append(x, np.zeros(len(law.extension)))))
 
     warnings: tuple[str, ...] = ()
-    guidance: Guidance
+    guidance: OnePath | Route | Approaching
     if (path := spec.output.path) and path.segments:
-        tracker = _tracker(law, spec, path, believed)
+        limits_along = _accelerations(law, spec, believed)
+        tracker = _tracker(law, spec, path, believed, limits_along)
         L = tracker.options.L[path.segments[0].backward]
         start = _start(initial_of(spec, tracker.options), plant, L, spec.output.W)
-        guidance = route = Route(law, believed, tracker, make_leg, start)
+        guidance = route = Route(law, believed, tracker, make_leg, start, _profile(spec, path, tracker.options, limits_along))
         if route.faces(start) < 0:
             warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
     else:
@@ -136,16 +147,14 @@ def make_loop(spec: Spec) -> Loop:
         assert spec.initial is not None, "only a composite path defines its own start"
         start = _start(spec.initial, plant, spec.output.L, spec.output.W)
         leg = make_leg(_config(law, spec), start)
-        if approach := spec.reference.approach:
-            generator = make_approach(spec.simulation.backend, approach.acceleration, spec.simulation.period)
-            speed = spec.reference.speed or 0.0
-            guidance = Approaching(leg, generator, speed, approached_from(law), believed, start)
-        else:
-            guidance = OnePath(leg, _reference(law, spec), ShortWay(law, believed, leg.config))
+        guidance = OnePath(leg, _reference(law, spec), ShortWay(law, believed, leg.config))
     sensing = None
     if spec.sensors:
         seen = (plant.parameters, believed, start, spec.simulation.backend)
         sensing = Sensing(spec.sensors, spec.correction, law, *seen)
+    if spec.reference.approach:
+        generators = _generators(law, spec, spec.reference.approach)
+        guidance = Approaching(guidance, law, believed, generators, lambda: sensing is not None and sensing.jumped, start)
     drive = make_drive(spec.drive, spec.simulation, plant, believed)
     loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, drive, warnings)
     _check_start(loop)
@@ -198,14 +207,53 @@ def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction
     return IntegralAction(law, gains, ki, spec.limits.integral)
 
 
-def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarray) -> Tracker:
+def _generators(law: ControlLaw, spec: Spec, approach: ApproachSection) -> list[Approach]:
+    """Return the generators of an approach, one for each of `led`."""
+    turns = "rad" in led_units(law)
+    if turns != (approach.angular is not None):
+        advice = "has an output in rad: give angular, in rad/s^2" if turns else "has no output in rad: leave out angular"
+        raise BadInput(f"[reference] approach: {law.name} {advice}")
+    found = accelerations(law, approach.acceleration, approach.angular or 0.0)
+    return [make_approach(spec.simulation.backend, each, spec.simulation.period, law) for each in found]
+
+
+def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Accelerations | None:
+    """Return the largest accelerations along a composite path, if its speed follows a profile: those given, the others of
+    friction. Raises BadInput if one is not known.
+    """
+    if not spec.reference.profiled:
+        return None
+    names = [each.name for each in fields(Accelerations)]
+    given = {name: value for name in names if (value := getattr(spec.reference, name))}
+    if missing := [name for name in names if name not in given]:
+        if spec.contact is None:
+            raise BadInput(f"[reference] {missing[0]} is missing; give it, or [contact] mu, the friction that there is")
+        known = friction_accelerations(Plant(law.system, list(believed)), spec.contact, PROFILE_PART)
+        given = {name: given.get(name, getattr(known, name)) for name in names}
+    return Accelerations(**given)
+
+
+def _profile(spec: Spec, path: PathSection, options: TrackerOptions, limits: Accelerations | None) -> SpeedProfile | None:
+    """Return the profile of the speed along a composite path within limits, None without."""
+    backend = spec.simulation.backend
+    if limits is None:
+        return None
+    if backend in ON_TARGET:
+        raise BadInput(f"[simulation] backend = {backend!r} does not compute speed profiles yet; set it to c or cf")
+    return SpeedProfile(path.segments, options, limits, SCALAR.get(backend, "double"))
+
+
+def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarray, limits: Accelerations | None) -> Tracker:
     """Return the tracker of a composite path. Raises BadInput for a path that cannot be followed."""
     reference, output = spec.reference, spec.output
+    speed, deceleration = reference.speed or 0.0, reference.deceleration or 0.0
+    if limits:
+        speed, deceleration = min(speed, top_speed(path.segments, limits)), limits.deceleration
     ahead = vehicle_wheels(law.system, believed)[2]
     mirrored = -output.L - 2 * ahead
     options = TrackerOptions(
-        speed=reference.speed or 0.0,
-        deceleration=reference.deceleration or 0.0,
+        speed=speed,
+        deceleration=deceleration,
         creep=reference.creep or 0.0,
         L=(output.L, mirrored if output.L_backward is None else output.L_backward),
         W=output.W,

@@ -52,11 +52,13 @@ class Sensing:
         self._t, self._true_angle = 0.0, start[self._angles].copy()
         self._turned = self._true_angle.copy()  # with the noise so far; what an encoder counts
         self._noise, self._drawn, self._corrected = self._draw(), 0.0, 0.0
+        self.jumped = False  # whether the pose was corrected at once, the last time
         self.state[self._rates] += self._noise
 
     def sense(self, t: float, x: np.ndarray) -> None:
         """Look at the true state x at time t, in order of time."""
         dt, self._t = t - self._t, t
+        self.jumped = False
         if not dt:
             return
         angle = x[self._angles]
@@ -68,7 +70,7 @@ class Sensing:
             self._odometry.unwind()
         pose = self._odometry.move(moved, dt)
         if self._correction and (due := _count(t, 1 / self._correction.rate)) > self._corrected:
-            self._corrected = due
+            self._corrected, self.jumped = due, self._correction.mode == "reset"
             *place, heading = self._true_pose(x)
             pose = self._odometry.correct((*place, nearest_angle(heading, pose[2])), self._correction.mode)
         if (sample := _count(t, self._sensors.period)) > self._drawn:

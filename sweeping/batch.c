@@ -3,6 +3,7 @@
 
 #include "noise.h"
 #include "noslip_angle.h"
+#include "noslip_approach.h"
 #include "noslip_integral.h"
 #include "noslip_odometry.h"
 
@@ -26,7 +27,7 @@ typedef union { BATCH_JUDGE(_config) named; double at[BATCH_CONFIG + 1]; } confi
 #define AS_MANY(name, type, number) typedef char name[sizeof(type) == sizeof(number) ? 1 : -1]
 AS_MANY(states_are_scalars, BATCH_JUDGE_ROBOT(_state), ((true_state *)0)->at);
 AS_MANY(references_are_scalars, BATCH_LAW(_reference), ((reference_values *)0)->at);
-AS_MANY(outcomes_are_doubles, batch_outcome, double[4 + 3 * BATCH_ROWS + BATCH_INPUTS + BATCH_STATE + 1]);
+AS_MANY(outcomes_are_doubles, batch_outcome, double[7 + 3 * BATCH_ROWS + BATCH_INPUTS + BATCH_STATE + 1]);
 
 #if BATCH_SENSED
 /* The state that the controller receives instead of the true one. */
@@ -36,6 +37,7 @@ typedef struct sensing {
     uint64_t draws;
     double angle[2], turned[2], noise[2]; /* true angle; angle with the accumulated noise; rad/s */
     double state[BATCH_STATE];
+    int jumped; /* 1: the pose was corrected at once */
 } sensing;
 #endif
 
@@ -60,6 +62,11 @@ typedef struct loop {
     BATCH_RUNTIME(noslip_path) path;
     BATCH_RUNTIME(noslip_guide) guide;
     int arrived, piece;
+    BATCH_REAL L;              /* m: of the present P_l, where approaches are advanced */
+#endif
+#if BATCH_APPROACHES
+    BATCH_RUNTIME(noslip_approach) approach[BATCH_APPROACHES];
+    double advanced;           /* s: when the approaches were */
 #endif
 #if BATCH_INTEGRALS
     BATCH_RUNTIME(noslip_integral) integral[BATCH_INTEGRALS];
@@ -80,15 +87,27 @@ static double least(double a, double b)
 
 static int running(int status)
 {
-    return status == NOSLIP_OK || status == NOSLIP_SATURATED;
+    return status == NOSLIP_OK || status == NOSLIP_SATURATED || status == NOSLIP_GRIP_LIMITED || status == NOSLIP_WILL_SLIP;
+}
+
+static double number_of(uint64_t bits)
+{
+    noslip_bits made;
+    made.bits = bits;
+    return made.value;
 }
 
 static double not_a_number(void)
 {
-    noslip_bits nan;
-    nan.bits = UINT64_C(0x7ff8000000000000);
-    return nan.value;
+    return number_of(UINT64_C(0x7ff8000000000000));
 }
+
+#if BATCH_CONTACTS
+static double infinite(void)
+{
+    return number_of(UINT64_C(0x7ff0000000000000));
+}
+#endif
 
 /* The largest integer not above x, exact if it fits into 63 bits, else x. */
 static double floor_of(double x)
@@ -182,6 +201,29 @@ static double side(const loop *self, const double *x)
     return self->sign * determinant(&self->believed, x);
 }
 
+/* Desired headings are those nearest to the estimated state. */
+static void turn(loop *self)
+{
+#if BATCH_ANGLES
+    static const int angle[BATCH_ANGLES] = BATCH_ANGLE_ROWS;
+    double y[BATCH_ROWS];
+    true_state state;
+    int i;
+    copy(state.at, seen(self), BATCH_STATE);
+    if (BATCH_JUDGE(_output)(&self->believed, &state.named, y) < 0) {
+        return;
+    }
+    for (i = 0; i < BATCH_ANGLES; i++) {
+        double nearest, *prepared = &self->reference[reference_of_row[angle[i]]];
+        if (noslip_nearest_angle(*prepared, y[angle[i]], &nearest) == NOSLIP_OK) {
+            *prepared = nearest;
+        }
+    }
+#else
+    (void)self;
+#endif
+}
+
 /* -- the controller's numbers ------------------------------------------------------------------------------------------ */
 
 /* Initializes the law of a path, for the controller and in double. The present state determines the side of the singular set. */
@@ -198,6 +240,12 @@ static int make_law(loop *self, const double *where)
     int i, status;
     options.on_error = NOSLIP_ZERO;
     options.on_limit = self->settings->on_limit;
+#if BATCH_CONTACTS
+    options.friction.mu = (BATCH_REAL)sample->mu;
+    options.friction.margin = (BATCH_REAL)sample->margin;
+    options.friction.share = (BATCH_REAL)sample->share;
+    options.friction.height = (BATCH_REAL)sample->height;
+#endif
     for (i = 0; i < BATCH_INPUTS; i++) {
         options.limit[i] = (BATCH_REAL)sample->limit[i];
     }
@@ -303,7 +351,7 @@ static int begin(loop *self)
 }
 
 /* The reference given by the path at the estimated state. */
-static void look(loop *self, double t)
+static void desire(loop *self, double t)
 {
     BATCH_REAL place[4];
     (void)t;
@@ -323,33 +371,136 @@ static int update(loop *self)
     return NOSLIP_OK;
 }
 
-/* The reference at a time; desired headings are those nearest to the estimated state. */
-static void look(loop *self, double t)
+/* The reference at a time. */
+static void desire(loop *self, double t)
 {
     int i;
     for (i = 0; i < BATCH_REFERENCE; i++) {
         self->reference[i] = self->sample->offset[i] + self->sample->slope[i] * t;
     }
-#if BATCH_ANGLES
-    {
-        static const int angle[BATCH_ANGLES] = BATCH_ANGLE_ROWS;
-        double y[BATCH_ROWS], *prepared;
-        true_state state;
-        copy(state.at, seen(self), BATCH_STATE);
-        if (BATCH_JUDGE(_output)(&self->believed, &state.named, y) < 0) {
-            return;
-        }
-        for (i = 0; i < BATCH_ANGLES; i++) {
-            double nearest;
-            prepared = &self->reference[reference_of_row[angle[i]]];
-            if (noslip_nearest_angle(*prepared, y[angle[i]], &nearest) == NOSLIP_OK) {
-                *prepared = nearest;
-            }
-        }
-    }
-#endif
+    turn(self);
 }
 #endif
+
+#if BATCH_APPROACHES
+static const int led_row[BATCH_APPROACHES] = BATCH_LED_ROWS; /* outputs of relative degree 2, and of 1; -1: none */
+static const int led_speed[BATCH_APPROACHES] = BATCH_LED_SPEEDS;
+
+/* Adds what the approaches say to the reference. */
+static void add_lead(loop *self)
+{
+    int i;
+    for (i = 0; i < BATCH_APPROACHES; i++) {
+        BATCH_RUNTIME(noslip_approached) *desired = &self->approach[i].desired;
+        if (led_row[i] >= 0) {
+            double *entry = &self->reference[reference_of_row[led_row[i]]];
+            entry[0] += (double)desired->distance;
+            entry[1] += (double)desired->distance_rate;
+            entry[2] += (double)desired->distance_acceleration;
+        }
+        if (led_speed[i] >= 0) {
+            double *entry = &self->reference[reference_of_row[led_speed[i]]];
+            entry[0] = (double)desired->speed;
+            entry[1] = (double)desired->speed_rate;
+        }
+    }
+    turn(self);
+}
+
+/* Begins the approaches at the estimated state. */
+static int begin_lead(loop *self, double t)
+{
+    double y[BATCH_ROWS], ydot[BATCH_ROWS];
+    true_state state;
+    int i, status;
+    copy(state.at, seen(self), BATCH_STATE);
+    status = BATCH_JUDGE(_output)(&self->believed, &state.named, y);
+    if (status >= 0) {
+        status = BATCH_JUDGE(_rate)(&self->believed, &state.named, ydot);
+    }
+    desire(self, t);
+    for (i = 0; i < BATCH_APPROACHES && status >= 0; i++) { /* the rates are those of the outputs that are led, in their order */
+        const int row = led_row[i], speed = led_speed[i];
+        const double *entry = row >= 0 ? &self->reference[reference_of_row[row]] : NULL;
+        status = BATCH_RUNTIME(noslip_approach_start)(&self->approach[i], entry ? (BATCH_REAL)(y[row] - entry[0]) : 0,
+                                                      entry ? (BATCH_REAL)(ydot[i] - entry[1]) : 0,
+                                                      speed >= 0 ? (BATCH_REAL)y[speed] : 0);
+    }
+    self->advanced = t;
+    return status;
+}
+
+/* Advances the approaches to a time, or begins them where P_l has changed sides or the pose has jumped. */
+static int lead(loop *self, double t)
+{
+    int i, status = NOSLIP_OK;
+#if BATCH_SENSED
+    int anew = self->sensors.jumped;
+#else
+    int anew = 0;
+#endif
+#if BATCH_ROUTE
+    anew = anew || noslip_abs((double)(self->guide.L - self->L)) > 0;
+    self->L = self->guide.L;
+#endif
+    if (anew) {
+        status = begin_lead(self, t);
+    }
+    desire(self, t);
+    for (i = 0; i < BATCH_APPROACHES && status >= 0; i++) {
+        const double *entry = led_speed[i] >= 0 ? &self->reference[reference_of_row[led_speed[i]]] : NULL;
+        const BATCH_REAL speed = entry ? (BATCH_REAL)entry[0] : 0;
+        BATCH_RUNTIME(noslip_approached) desired;
+        status = BATCH_RUNTIME(noslip_approach_step)(&self->approach[i], (BATCH_REAL)(t - self->advanced), speed, &desired);
+#if BATCH_ROUTE
+        if (status >= 0) {
+            status = BATCH_RUNTIME(noslip_approach_within)(&self->approach[i], speed, entry ? (BATCH_REAL)entry[1] : 0, &desired);
+        }
+#endif
+    }
+    self->advanced = t;
+    return status;
+}
+
+/* Initializes the approaches and begins them at the true initial state. */
+static int init_lead(loop *self)
+{
+    int i, status = NOSLIP_OK;
+    for (i = 0; i < BATCH_APPROACHES && status >= 0; i++) {
+        status = BATCH_RUNTIME(noslip_approach_init)(&self->approach[i], (BATCH_REAL)self->sample->acceleration[i],
+                                                     (BATCH_REAL)self->sample->settling, 0);
+    }
+#if BATCH_ROUTE
+    self->L = self->guide.L;
+#endif
+    return status < 0 ? status : begin_lead(self, 0);
+}
+#else
+static void add_lead(loop *self)
+{
+    (void)self;
+}
+
+static int lead(loop *self, double t)
+{
+    (void)self;
+    (void)t;
+    return NOSLIP_OK;
+}
+
+static int init_lead(loop *self)
+{
+    (void)self;
+    return NOSLIP_OK;
+}
+#endif
+
+/* The reference at a time, for the estimated state. */
+static void look(loop *self, double t)
+{
+    desire(self, t);
+    add_lead(self);
+}
 
 #if BATCH_INTEGRALS
 static const int row_of_integral[BATCH_INTEGRALS] = BATCH_INTEGRAL_ROWS;
@@ -387,6 +538,7 @@ static int command(loop *self, double t, double tau[BATCH_INPUTS])
 #if BATCH_ROUTE
     (void)t;
     take_guide(self);
+    add_lead(self);
 #else
     look(self, t);
 #endif
@@ -492,6 +644,7 @@ static int sense(loop *self, double t)
     double moved[2], now;
     int i, status;
     sensors->t = t;
+    sensors->jumped = 0;
     if (!(dt > 0)) {
         return NOSLIP_OK;
     }
@@ -511,6 +664,7 @@ static int sense(loop *self, double t)
         BATCH_RUNTIME(noslip_pose) truth = true_pose(self->x);
         double heading;
         sensors->corrected = now;
+        sensors->jumped = self->settings->correction_mode == NOSLIP_RESET;
         status = noslip_nearest_angle(self->x[pose_coordinate[2]], (double)pose.heading, &heading);
         truth.heading = (BATCH_REAL)heading;
         status = status < 0 ? status : BATCH_RUNTIME(noslip_odometry_correct)(&sensors->odometry, &truth, self->settings->correction_mode);
@@ -670,6 +824,29 @@ static int hold(loop *self, const double *tau, double duration, double weight, d
 
 /* -- a run ------------------------------------------------------------------------------------------------------------- */
 
+/* Evaluates the friction use of the contacts of the true robot. */
+static void note_use(loop *self, const true_state *state, const double *tau)
+{
+#if BATCH_CONTACTS
+    const batch_sample *sample = self->sample;
+    double ground[4 * BATCH_CONTACTS];
+    int k;
+    if (!(sample->mu > 0) || BATCH_JUDGE(_ground)(&self->truth, &state->named, tau, ground) != NOSLIP_OK) {
+        return;
+    }
+    for (k = 0; k < BATCH_CONTACTS; k++) {
+        const double *at = ground + 4 * k, load = sample->share * NOSLIP_GRAVITY * at[3] + sample->height * at[2];
+        const double size = noslip_sqrt(at[0] * at[0] + at[1] * at[1]);
+        const double use = load > 0 ? size / (sample->mu * load) : infinite();
+        self->outcome->use = use > self->outcome->use ? use : self->outcome->use;
+    }
+#else
+    (void)self;
+    (void)state;
+    (void)tau;
+#endif
+}
+
 /* Evaluates the errors of the true outputs at an output time. */
 static void note(loop *self, double t, const double *tau)
 {
@@ -680,6 +857,7 @@ static void note(loop *self, double t, const double *tau)
     int i, good;
     look(self, t);
     copy(state.at, self->x, BATCH_STATE);
+    note_use(self, &state, tau);
     good = BATCH_JUDGE(_output)(&self->truth, &state.named, y) == NOSLIP_OK;
     for (i = 0; i < BATCH_ROWS; i++) {
         double size;
@@ -726,6 +904,19 @@ static int repeats(const loop *self)
     return self->error > self->settings->accuracy && self->step > self->settings->longest / (1 << SHORTER);
 }
 
+/* Adds to the time with the present status. */
+static void spend(const loop *self, double seconds)
+{
+    batch_outcome *outcome = self->outcome;
+    if (self->status == NOSLIP_SATURATED) {
+        outcome->saturated += seconds;
+    } else if (self->status == NOSLIP_GRIP_LIMITED) {
+        outcome->grip += seconds;
+    } else if (self->status == NOSLIP_WILL_SLIP) {
+        outcome->will_slip += seconds;
+    }
+}
+
 /* From the first call to the last output time. */
 static void march(loop *self)
 {
@@ -745,15 +936,16 @@ static void march(loop *self)
             status = update(self);
         }
         if (status >= 0) {
+            status = lead(self, t);
+        }
+        if (status >= 0) {
             status = command(self, t, tau);
         }
         if (!running(status)) {
             stop(self, t, status);
             return;
         }
-        if (self->status == NOSLIP_SATURATED) {
-            self->outcome->saturated += least(end, sample->duration) - t;
-        }
+        spend(self, least(end, sample->duration) - t);
         if (k >= checked) { /* this error represents those of the calls until the next estimate; frequent at first */
             weight = 1 + floor_of(least(k / 8, LATEST - 1));
             checked = k + weight;
@@ -771,9 +963,7 @@ static void march(loop *self)
                 }
                 status = until > t ? hold(self, acting, until - t, weight, &gone) : NOSLIP_OK;
                 if (status != NOSLIP_OK) {
-                    if (self->status == NOSLIP_SATURATED) {
-                        self->outcome->saturated -= least(end, sample->duration) - (t + gone);
-                    }
+                    spend(self, -(least(end, sample->duration) - (t + gone)));
                     stop(self, t + gone, status);
                     return;
                 }
@@ -831,6 +1021,9 @@ static void attempt(loop *self, double longest, double nudge)
 #endif
     if (status >= 0) {
         status = begin(self);
+    }
+    if (status >= 0) {
+        status = init_lead(self);
     }
     if (status >= 0) {
         status = sense_first(self);

@@ -15,7 +15,7 @@
 typedef struct batch_settings {
     int corrected;                  /* 1: the dead-reckoned pose is corrected at intervals */
     int correction_mode;            /* NOSLIP_RESET or NOSLIP_BUMPLESS */
-    int on_limit;                   /* NOSLIP_CUT or NOSLIP_SLOW */
+    int on_limit;                   /* NOSLIP_CUT, NOSLIP_SLOW or NOSLIP_GRIP */
     int reversing, stop, closed;    /* of a composite path, as in noslip_path_options */
     int segments;                   /* number of its segments */
     const BATCH_SEGMENT *path;
@@ -35,10 +35,12 @@ typedef struct batch_sample {
     double config[BATCH_CONFIG + 1]; /* one more than needed, since C has no empty arrays; likewise below */
     double gains[BATCH_GAINS + 1];
     double limit[BATCH_INPUTS];     /* 0: none */
+    double mu, margin, share, height; /* of the floor, see noslip_friction; mu 0: not known */
     double ki[BATCH_INTEGRALS + 1];
     double integral_limit[BATCH_INTEGRALS + 1];
     double offset[BATCH_REFERENCE]; /* reference: offset + slope t */
     double slope[BATCH_REFERENCE];
+    double acceleration[BATCH_APPROACHES + 1], settling; /* see noslip_approach_init */
     double start[BATCH_STATE];
     double forward[2], turn[2], ahead; /* of the vehicle, as assumed by the controller; see noslip_odometry_options */
     double speed, deceleration, creep, L[2], W; /* of a composite path, see noslip_path_options */
@@ -50,12 +52,15 @@ typedef struct batch_sample {
 
 /* Outcomes. In a row of outcomes they are followed by the error of each output at each of the instants. */
 typedef struct batch_outcome {
-    double status;                  /* NOSLIP_...: OK, SATURATED, ARRIVED, or the reason of an early end */
+    double status;                  /* NOSLIP_...: that of the last call, ARRIVED, or the reason of an early end */
     double t_end;                   /* s */
     double final[BATCH_ROWS];       /* y - y_d at the end */
     double peak[BATCH_ROWS];        /* largest |y - y_d| */
     double settling[BATCH_ROWS];    /* s: the last output time at which |y - y_d| was beyond the band; 0: never */
-    double saturated;               /* s */
+    double saturated;               /* s with this status; likewise the next two */
+    double grip;
+    double will_slip;
+    double use;                     /* largest friction use at any contact at an output time; 0 if mu is not known */
     double effort[BATCH_INPUTS];    /* largest absolute value of each input */
     double end[BATCH_STATE];        /* true state at the end */
     double integration_error;       /* estimate, of the largest component of the state */

@@ -5,13 +5,15 @@ from threading import Lock
 import casadi as ca
 import numpy as np
 
+from ..codegen.derivation.grip import can_grip, is_wide
 from ..controllers import SCALAR
+from ..controllers.approach import PERIODS, SETTLING
 from ..controllers.controller import ON_LIMIT
 from ..controllers.odometry import MODES, wheels_function
 from ..controllers.tracking import REVERSING, STOP
 from ..readers.errors import BadInput
 from ..readers.robots import refuse_extension
-from ..simulation.guidance import Route
+from ..simulation.guidance import accelerations
 from ..simulation.loop import make_loop
 from ..simulation.specification.spec import MOST_ROWS, Spec
 from ..simulation.starts import starts
@@ -35,6 +37,8 @@ class Batch:
     final.ROW, peak.ROW, settling.ROW  of each output: y - y_d at the last output time, its largest absolute value, and the last
                 output time (s) at which it was beyond the band
     saturated   time (s) with an input at its limit; effort.INPUT: the largest absolute value of each input
+    grip, will_slip  time (s) with these statuses, where inputs are limited by friction
+    use         largest friction use of any contact at an output time, with [contact], of a robot whose laws can limit it
     end.STATE   true state at the end
     integration_error  estimated error of the integrator, the largest component of the state
     steps       steps of the integrator between two calls
@@ -62,16 +66,14 @@ class Batch:
             raise BadInput(f"[simulation] backend = {spec.simulation.backend!r}: a sweep runs the C, {' or '.join(SCALAR)}")
         if spec.reference.circle:
             raise BadInput("[reference] circle: a sweep does not have it yet; use noslip simulate, or leave it out")
-        if spec.reference.approach:
-            raise BadInput("[reference] approach: a sweep does not have it yet; use noslip simulate, or leave it out")
+        if spec.reference.profiled:
+            raise BadInput("[reference] a speed profile: a sweep does not have it yet; use noslip simulate, or give a speed only")
         if spec.drive and spec.drive.takes_velocity:
             raise BadInput(f'[drive] kind = "{spec.drive.kind}": a sweep does not have it yet; use noslip simulate, or "torque"')
-        if spec.limits and spec.limits.mode == "grip":
-            raise BadInput('[limits] mode = "grip": a sweep does not have it yet; use noslip simulate, or mode "slow"')
         refuse_extension(spec.output.law, "sweep")
         self.loop = make_loop(spec)
         self.law = law = self.loop.law
-        self._route = self.loop.guidance if isinstance(self.loop.guidance, Route) else None
+        self._route = self.loop.route
         self._wheels: ca.Function | None
         try:
             self._wheels = wheels_function(law.system)
@@ -82,23 +84,25 @@ class Batch:
         self.inputs, self.nominal = self._inputs.names, self._inputs.nominal
         self.table, self.spec_of = self._inputs.table, self._inputs.spec_of
         scalar = SCALAR[spec.simulation.backend]
-        followed = spec.sensors is not None, self._route is not None, self.loop.integral.rows
-        self._program = program(law, scalar, *followed)
+        followed = spec.sensors is not None, self._route is not None, spec.reference.approach is not None
+        self._program = program(law, scalar, *followed, self.loop.integral.rows)
         self._sample, self._row = (self._program.type(name) for name in ("batch_sample", "batch_row"))
         self._outcome = self._program.type("batch_outcome")
         self._settings = self._make_settings(accuracy, band, instants, longest)
-        self.outcomes = self._outcome_names(len(instants))
+        names = self._outcome_names(len(instants))
+        self._kept = np.array([self._applies(name) for name in names])
+        self.outcomes = [name for name, kept in zip(names, self._kept, strict=True) if kept]
 
     def run(self, table: np.ndarray) -> np.ndarray:
         """Outcomes (N, outcomes) of samples (N, inputs). A row depends on its sample only. The GIL is released."""
-        made = np.empty((len(table), len(self.outcomes)))
+        made = np.empty((len(table), len(self._kept)))
         cast, lib = self._program.ffi.cast, self._program.lib
         for start in range(0, len(table), CHUNK):
             samples = self._samples(np.asarray(table[start : start + CHUNK], float))
             part = made[start : start + CHUNK]
             given = cast("batch_sample *", samples.ctypes.data), len(samples), cast("double *", part.ctypes.data)
             lib.batch_run(self._settings, *given, made.shape[1])
-        return made
+        return made[:, self._kept]
 
     def status(self, number: float) -> str:
         """Return the name of a status."""
@@ -144,6 +148,12 @@ class Batch:
         names = [f"{field}.{member}" if member else field for field in fields for member in members.get(field, [""])]
         return [*names, *[f"error.{row}[{k}]" for row in rows for k in range(instants)]]
 
+    def _applies(self, outcome: str) -> bool:
+        """Return whether the SPEC asks for what an outcome says."""
+        if outcome in ("grip", "will_slip"):
+            return self.spec.limits is not None and self.spec.limits.mode == "grip"
+        return outcome != "use" or (self.spec.contact is not None and can_grip(self.law.system))
+
     # -- samples ---------------------------------------------------------------------------------------------------------
 
     def _samples(self, table: np.ndarray) -> np.ndarray:
@@ -171,6 +181,9 @@ class Batch:
             made[name] = given[f"simulation.{name}"]
         if self.spec.sensors:
             made["sensor_period"], made["counts"] = given["sensors.period"], given["sensors.counts"]
+        for name in ("mu", "share", "height"):
+            made[name] = given.get(f"contact.{name}", 0.0)
+        made["margin"] = given.get("limits.margin", 0.0)
         if self.spec.correction:
             made["correction_rate"] = given["correction.rate"]
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -178,6 +191,12 @@ class Batch:
         if self._wheels:
             W, ahead = (value.full() for value in self._wheels(made["believed"].T))
             made["forward"], made["turn"], made["ahead"] = W[0].reshape(-1, 2), W[1].reshape(-1, 2), ahead[0]
+        if self.spec.reference.approach:
+            linear, angular = (
+                given.get(f"reference.approach.{name}", np.zeros(len(made))) for name in ("acceleration", "angular")
+            )
+            made["acceleration"][:, :-1] = np.transpose(accelerations(law, linear, angular))
+            made["settling"] = np.maximum(SETTLING, PERIODS * made["period"])
         L = self._point(made, given)
         made["start"] = self._starts(made, given, L)
         made["refused"] = np.where(made["refused"] == 0, self._refused(made, table), made["refused"])
@@ -232,6 +251,10 @@ class Batch:
             good &= (duration / period <= MOST_ROWS) & (duration / self.spec.simulation.output_step <= MOST_ROWS)
             good &= (made["sd"] >= 0).all(axis=1) & (made["sensor_period"] >= 0) & (made["counts"] >= 0)
             good &= (made["seed"] >= 0) & (made["seed"] < SEEDS) & (made["limit"] >= 0).all(axis=1)
+            good &= (made["share"] <= 1) & (made["height"] >= 0) & (made["margin"] >= 0) & (made["margin"] < 1)
+            if self.spec.contact:
+                good &= (made["mu"] > 0) & (made["share"] > 0)
+                good &= (made["height"] == 0) | is_wide(self.law.system)
             if self.spec.correction:
                 good &= (made["correction_rate"] > 0) & (made["release"] > 0)
             for k, row in enumerate(self.loop.integral.rows):

@@ -11,7 +11,6 @@ from ..model.law import ControlLaw
 from ..model.mechanism import values_of
 from ..readers.errors import BadInput
 from ..readers.robots import suggestion
-from ..simulation.guidance import Route
 from ..simulation.loop import Loop, initial_of
 from ..simulation.specification.spec import Initial, NoiseSection, OutputSection, Spec
 from ..verification.cases import gain_entries, integral_entries
@@ -82,13 +81,18 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
     nominal |= {f"output.path.{name}": value for name, value in (output.path.parameters if output.path else {}).items()}
     nominal |= {f"output.parameters.{name}": value for name, value in output.parameters.items()}
     nominal |= _numbers(reference, "reference")
+    if reference.approach:
+        nominal |= {k: v for k, v in _numbers(reference.approach, "reference.approach").items() if not k.endswith("jerk")}
     initial, state = full.initial, [q.name for q in law.state]
     if initial and initial.q is not None:
         nominal |= {f"initial.{q}": v for q, v in zip(state, (*initial.q, *(initial.nu or ())), strict=True)}
     else:
         nominal |= _numbers(initial, "initial")
     if full.limits:
-        nominal |= {name: value for name, value in _numbers(full.limits, "limits").items() if name != "limits.margin"}
+        limits = _numbers(full.limits, "limits")
+        nominal |= limits if full.limits.mode == "grip" else {name: limits[name] for name in limits if name != "limits.margin"}
+    if full.contact:
+        nominal |= _numbers(full.contact, "contact")
     if full.sensors:
         nominal |= _numbers(full.sensors.noise, "sensors.noise")
         nominal |= {f"sensors.{name}": getattr(full.sensors, name) for name in ("period", "counts")}
@@ -118,8 +122,8 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
     if spec.output.type != "IV":
         rows = len(law.output.rows)
         changed["reference"] = replace(spec.reference, velocity=spec.reference.velocity or (0.0,) * rows)
-    if isinstance(loop.guidance, Route):
-        guide = loop.guidance.options
+    if loop.route:
+        guide = loop.route.options
         changed["reference"] = replace(spec.reference, deceleration=guide.deceleration)
         changed["initial"] = initial_of(spec, guide)
     if initial := spec.initial:

@@ -7,6 +7,7 @@ from importlib.resources import files
 import cffi
 import numpy as np
 
+from ..codegen.derivation.grip import can_grip
 from ..codegen.dynamics import compile_dynamics
 from ..codegen.files import dynamics_text, law_program, law_text, shared_files
 from ..codegen.printing.scalar import DOUBLE, SCALARS
@@ -14,6 +15,7 @@ from ..controllers.runtime import declarations, load
 from ..controllers.tracking import HEADER as PATH
 from ..model.law import ControlLaw
 from ..simulation import noise
+from ..simulation.guidance import led
 from ..simulation.sensing import angle_coordinates, pose_coordinates
 
 SOURCES = ("batch.c", "batch.h")
@@ -22,9 +24,9 @@ SOURCES = ("batch.c", "batch.h")
 class Simulator:
     """The simulator of a law in a scalar of the controller's. `ffi` has its types, `lib` its functions."""
 
-    def __init__(self, law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]):
+    def __init__(self, law: ControlLaw, scalar: str, sensed: bool, route: bool, approach: bool, integrals: tuple[str, ...]):
         """`integrals`: the outputs with integral action, by name. Raises BadInput as `pose_coordinates` does."""
-        law_h, own = _header(law, scalar, sensed, route, integrals), files(__package__)
+        law_h, own = _header(law, scalar, sensed, route, approach, integrals), files(__package__)
         texts = {name: (own / name).read_text() for name in SOURCES} | noise.source()
         self.ffi = cffi.FFI()
         self.ffi.cdef(declarations(PATH))
@@ -42,13 +44,14 @@ class Simulator:
 
 
 @lru_cache(maxsize=16)
-def program(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]) -> Simulator:
+def program(law: ControlLaw, scalar: str, sensed: bool, route: bool, approach: bool, integrals: tuple[str, ...]) -> Simulator:
     """Return the simulator, compiled once per process."""
-    return Simulator(law, scalar, sensed, route, integrals)
+    return Simulator(law, scalar, sensed, route, approach, integrals)
 
 
-def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: tuple[str, ...]) -> str:
+def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, approach: bool, integrals: tuple[str, ...]) -> str:
     """Return batch_law.h: names in the generated C, and sizes."""
+    leads = led(law) if approach else []
     mechanism, own = law.system.mechanism, SCALARS[scalar]
     degree, rows = law.linearization.relative_degree, law.output.rows
     names = [q.name for q in law.reference]
@@ -83,6 +86,10 @@ def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, integrals: 
         "SINGLE": int(bool(own.suffix)),
         "SENSED": int(sensed),
         "ROUTE": int(route),
+        "APPROACHES": len(leads),
+        "LED_ROWS": _list([each.position[0] if each.position else -1 for each in leads]),
+        "LED_SPEEDS": _list([each.speed[0] if each.speed else -1 for each in leads]),
+        "CONTACTS": len(mechanism.contacts) if can_grip(law.system) else 0,
     }
     if sensed or route:
         known["POSE"] = _list(pose_coordinates(law.system))

@@ -84,7 +84,7 @@ class Study:
     def shown(self) -> list[str]:
         """The outcomes that are printed: errors, outcomes with a limit, and inputs."""
         names = [long for name in SHORT for long in _in_full(name, self.batch)]
-        limited = ["saturated"] if self.spec.limits else []
+        limited = [name for name in ("saturated", "grip", "will_slip", "use") if self.spec.limits and name in self.batch.outcomes]
         return list(dict.fromkeys([*names, *self.criterion.limits, *limited]))
 
     def changes(self, row: dict[str, float]) -> list[str]:

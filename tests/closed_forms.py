@@ -197,8 +197,8 @@ def platform(values: Mapping[str, float]) -> dict[str, np.ndarray]:
     """M, V, A, S, Sdot, Mbar, bias at the state and parameters `values`."""
     with mpmath.workdps(DIGITS):
         names = ("M", "V", "A", "S", "Sdot", "Mbar", "bias")
-        found = _platform_function()(*[mpmath.mpf(values[str(s)]) for s in STATE])
-        return {name: _numbers(matrix) for name, matrix in zip(names, found, strict=True)}
+        matrices = _platform_function()(*[mpmath.mpf(values[str(s)]) for s in STATE])
+        return {name: _numbers(matrix) for name, matrix in zip(names, matrices, strict=True)}
 
 
 def law(
@@ -212,22 +212,22 @@ def law(
     output = OUTPUTS[name]
     kp, kd, kv = gains
     with mpmath.workdps(DIGITS):
-        given = [mpmath.mpf(values[str(s)]) for s in STATE]
-        mass, forces, rolling, free, free_rate, reduced, bias = _platform_function()(*given)
+        at = [mpmath.mpf(values[str(s)]) for s in STATE]
+        mass, forces, rolling, free, free_rate, reduced, bias = _platform_function()(*at)
         config = [mpmath.mpf(values[str(s)]) for s in output.config]
-        h, rate, Phi, Phidot, drift, determinant = _output_function(name)(*given, *config)
+        h, rate, Phi, Phidot, drift, determinant = _output_function(name)(*at, *config)
         v = mpmath.matrix(2, 1)
         for i, degree in enumerate(output.relative_degree):
             y, yd, ydd = (mpmath.mpf(number) for number in reference[i])
             v[i] = ydd + kd * (yd - rate[i]) + kp * (y - h[i]) if degree == 2 else ydd + kv * (y - h[i])
         u = mpmath.lu_solve(Phi, v - drift)
         tau = reduced * u + bias
-        velocity = mpmath.matrix(given[-2:])
+        velocity = mpmath.matrix(at[-2:])
         # A qddot = -Adot qdot = A Sdot nu, because A S = 0 at all times.
         right = [*(mpmath.matrix([0, 0, 0, *tau]) - forces), *(rolling * (free_rate * velocity))]
         whole = mpmath.matrix(8, 8)
         whole[:5, :5], whole[:5, 5:], whole[5:, :5] = mass, rolling.T, rolling
         lam = mpmath.lu_solve(whole, mpmath.matrix(right))[5:]
         degree_two = [rate[i] for i, degree in enumerate(output.relative_degree) if degree == 2]
-        found = {"h": h, "Phi": Phi, "Phidot": Phidot, "u": u, "tau": tau, "lam": mpmath.matrix(lam), "det": determinant}
-        return {"ydot": np.array([float(number) for number in degree_two])} | {k: _numbers(x).squeeze() for k, x in found.items()}
+        exact = {"h": h, "Phi": Phi, "Phidot": Phidot, "u": u, "tau": tau, "lam": mpmath.matrix(lam), "det": determinant}
+        return {"ydot": np.array([float(number) for number in degree_two])} | {k: _numbers(x).squeeze() for k, x in exact.items()}

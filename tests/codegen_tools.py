@@ -60,15 +60,19 @@ def random_leaves(seed: int) -> Callable[[Node], mpmath.mpf]:
     return with_foot(lambda node: value(node.group, node.name))
 
 
-def with_foot(leaf: Callable[[Node], mpmath.mpf]) -> Callable[[Node], mpmath.mpf]:
-    """The same leaves, and the foot of the LABMATE's P_l on the arc that they describe, from the arc's centre."""
+def with_foot(leaf: Callable[[Node], mpmath.mpf], offset: bool = False) -> Callable[[Node], mpmath.mpf]:
+    """The same leaves, and the foot of the LABMATE's P_l on the arc that they describe, from the arc's centre.
+
+    `offset`: whether P_l lies W to the left of the axis.
+    """
 
     def at(group: str, name: str) -> mpmath.mpf:
         return leaf(Leaf(0, (), Group(group), name))
 
     def foot(name: str) -> mpmath.mpf:
         curvature, direction, heading = at("config", "curvature"), at("config", "direction"), at("state", "phi")
-        point = mpmath.mpc(at("state", "x_c"), at("state", "y_c")) + at("config", "L") * mpmath.expj(heading)
+        ahead = mpmath.mpc(at("config", "L"), at("config", "W") if offset else 0)
+        point = mpmath.mpc(at("state", "x_c"), at("state", "y_c")) + ahead * mpmath.expj(heading)
         centre = mpmath.mpc(at("config", "x_s"), at("config", "y_s")) + mpmath.mpc(0, 1) * mpmath.expj(direction) / curvature
         out = (point - centre) / curvature * abs(curvature)  # from the centre, or towards it where the arc turns right
         turned = mpmath.expj(heading) / (mpmath.mpc(0, 1) * out / abs(out))

@@ -17,11 +17,11 @@ from noslip.simulation.specification.spec import Spec
 RUNS = {}
 
 
-def run_once(spec: Spec, singular: bool) -> FigureRun:
+def run_once(spec: Spec, singular: bool, engine: str | None) -> FigureRun:
     """`carry_out`, once for all figures that have this run."""
-    key = repr((spec, singular))
+    key = repr((spec, singular, engine))
     if key not in RUNS:
-        RUNS[key] = carry_out(spec, singular)
+        RUNS[key] = carry_out(spec, singular, engine)
     return RUNS[key]
 
 

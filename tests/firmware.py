@@ -17,25 +17,25 @@ from pathlib import Path
 from noslip.codegen.targets import STANDARD
 from noslip.controllers.controller import ON_TARGET
 from noslip.controllers.pil import recorded, replay_session
-from noslip.controllers.targets import CONSOLE, TARGETS, Target, required
+from noslip.controllers.targets import CONSOLE, TARGETS, Target, processor_of, required
 from noslip.readers.errors import BadInput
 from noslip.readers.reading import section
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.loop import make_loop
 from noslip.simulation.replay import Record, first_difference
-from noslip.simulation.specification.spec import Spec, read_spec
+from noslip.simulation.specification.spec import ApproachSection, ContactSection, LimitsSection, Spec, read_spec
 from noslip.tests.test_bits import TIMEOUT, table, targeted
 
 ROOT = Path(__file__).resolve().parent.parent
-DEMOS = ("cortex-m4f", "cortex-m7", "netduinoplus2", "rv32imafc", "rv32imac")  # of firmware/Makefile; with their emulators:
-EMULATORS = {"n": "cortex-m4f", "c": "cortex-m4f", "r": "rv32imafc"}
+DEMOS = ("cortex-m4f", "cortex-m7", "netduinoplus2", "rv32imafc", "rv32imac")  # of firmware/Makefile
 
-# Forward, into a cusp, in reverse and forward again, led by what encoders count, with noise, corrections, limits, an integral.
+# Forward, into a cusp, in reverse and forward again, led by what encoders count, with noise, corrections, limits, an integral and
+# an approach.
 COMPOSITE = """
 robot = "labmate"
 gains = { kp = 4.0, kd = 5.0, kv = 2.0, ki_distance = 1.0 }
 plant = { m_c = 40.0 }
-reference = { speed = 1.0, deceleration = 0.5 }
+reference = { speed = 1.0, deceleration = 0.5, approach = { acceleration = 0.8 } }
 limits = { torque = [15.0], mode = "slow", integral = [0.5] }
 sensors = { noise = { sd = [0.01] }, seed = 3, counts = 4096 }
 correction = { rate = 2.0, mode = "bumpless" }
@@ -57,6 +57,9 @@ def runs() -> dict[str, Spec]:
     """Closed loops by name, the controller called every 10 ms."""
     specs = {name: read_spec(ROOT / "specs" / f"{name}.toml") for name in ("line", "circle")}
     called = {name: replace(spec, simulation=replace(spec.simulation, period=0.01)) for name, spec in specs.items()}
+    gripped = {"contact": ContactSection(mu=0.4, height=0.1), "limits": LimitsSection(mode="grip")}
+    approach = replace(called["line"].reference, approach=ApproachSection(acceleration=0.4))
+    called["grip"] = replace(called["line"], reference=approach, **gripped)
     return called | {"composite": section(Spec)(tomllib.loads(COMPOSITE), "")}
 
 
@@ -146,7 +149,7 @@ def checks() -> Iterator[tuple[str, Callable[[], str], list[str]]]:
         if target.machine:
             yield f"programs on {target.name}", lambda target=target: exit_codes(target), target.missing()
     for name in DEMOS:
-        yield f"firmware on {name}", lambda name=name: demo(name), TARGETS[EMULATORS[name[0]]].missing("make")
+        yield f"firmware on {name}", lambda name=name: demo(name), processor_of(name).missing("make")
 
 
 def main() -> int:

@@ -59,9 +59,9 @@ class Description:
 
     def point(self, name: str, origin: Point, place) -> Point:
         """Some way from another point; its velocity by differentiating its place."""
-        made = origin.locatenew(name, place)
-        made.set_vel(self.N, made.pos_from(self.O).dt(self.N))
-        return made
+        other = origin.locatenew(name, place)
+        other.set_vel(self.N, other.pos_from(self.O).dt(self.N))
+        return other
 
     def body(self, name: str, centre: Point, frame: ReferenceFrame, mass, about: tuple) -> None:
         """With principal moments of inertia about the axes of its frame."""
@@ -74,33 +74,33 @@ class Description:
     def kane(self) -> Motion:
         """By Kane's method, all rates as speeds, as many of them dependent as velocities vanish."""
         u = list(dynamicsymbols(" ".join(f"u_{k}" for k in range(len(self.q)))))
-        known = dict(zip(self.rates, u, strict=True))
-        vanishing = [velocity.xreplace(known) for velocity in self.vanishing]
+        speeds = dict(zip(self.rates, u, strict=True))
+        vanishing = [velocity.xreplace(speeds) for velocity in self.vanishing]
         m = len(vanishing)
         kane = KanesMethod(
             self.N,
             q_ind=self.q,
             u_ind=u[m:],
-            kd_eqs=[rate - speed for rate, speed in known.items()],
+            kd_eqs=[rate - speed for rate, speed in speeds.items()],
             u_dependent=u[:m],
             velocity_constraints=vanishing,
         )
-        kane.kanes_equations(self.bodies, [(place, load.subs(known)) for place, load in self.loads])
+        kane.kanes_equations(self.bodies, [(place, load.subs(speeds)) for place, load in self.loads])
         order = [*u[m:], *u[:m]]
         permuted = kane.mass_matrix * sp.Matrix(len(u), len(u), lambda i, j: int(order[i] == u[j]))
-        back = {speed: rate for rate, speed in known.items()}
+        back = {speed: rate for rate, speed in speeds.items()}
         return self._motion(permuted.xreplace(back), kane.forcing.xreplace(back))
 
     def lagrange(self, holonomic: Sequence[sp.Expr] = ()) -> Motion:
         """By Lagrange's equations with multipliers."""
         lagrangian = self._kinetic() - self.potential
-        given = {"nonhol_coneqs": self.vanishing} if self.vanishing else {}
-        given |= {"hol_coneqs": list(holonomic)} if holonomic else {}
-        made = LagrangesMethod(lagrangian, self.q, forcelist=self.loads, frame=self.N, **given)
-        made.form_lagranges_equations()
+        constraints = {"nonhol_coneqs": self.vanishing} if self.vanishing else {}
+        constraints |= {"hol_coneqs": list(holonomic)} if holonomic else {}
+        method = LagrangesMethod(lagrangian, self.q, forcelist=self.loads, frame=self.N, **constraints)
+        method.form_lagranges_equations()
         n = len(self.q)
         self.vanishing += [equation.diff(t) for equation in holonomic]
-        return self._motion(made.mass_matrix_full[n:, n:], made.forcing_full[n:, :])
+        return self._motion(method.mass_matrix_full[n:, n:], method.forcing_full[n:, :])
 
     def _kinetic(self) -> sp.Expr:
         return sum((body.kinetic_energy(self.N) for body in self.bodies), start=self.turning)

@@ -207,11 +207,11 @@ class _Draw:
         return tree * tree
 
     def function(self, terms: int) -> Tree:
-        made = self.factor() * self.term()
+        total = self.factor() * self.term()
         for _ in range(self.random.randrange(terms)):
             more = self.factor() * self.term()
-            made = made + more if self.random.random() < 0.7 else made - more
-        return made
+            total = total + more if self.random.random() < 0.7 else total - more
+        return total
 
     def velocity(self, sure: int) -> Velocity:
         """One that has the rate of coordinate `sure`."""
@@ -297,36 +297,36 @@ def mechanism(robot: RandomRobot) -> Mechanism:
     """The robot as a user writes it down; its outputs are called "own"."""
     import casadi as ca
 
-    made = Mechanism(f"robot_{robot.seed}", "a random robot")
-    q = [made.coordinate(f"q_{k}", "rad") for k in range(robot.n)]
-    p = [made.parameter(f"p_{k}", float(default), "1") for k, default in enumerate(robot.parameters)]
+    result = Mechanism(f"robot_{robot.seed}", "a random robot")
+    q = [result.coordinate(f"q_{k}", "rad") for k in range(robot.n)]
+    p = [result.parameter(f"p_{k}", float(default), "1") for k, default in enumerate(robot.parameters)]
 
     def velocity(v: Velocity):
         if v.function is not None:
-            return made.rate(in_casadi(v.function, q, p))
-        parts = [in_casadi(c, q, p) * made.rate(q[k]) for k, c in enumerate(v.coefficients) if c is not None]
+            return result.rate(in_casadi(v.function, q, p))
+        parts = [in_casadi(c, q, p) * result.rate(q[k]) for k, c in enumerate(v.coefficients) if c is not None]
         return sum(parts[1:], start=parts[0])
 
     for weight, place in zip(robot.weights, robot.places, strict=True):
-        made.kinetic_energy(in_casadi(weight, q, p) * made.rate(in_casadi(place, q, p)) ** 2 / 2)
-    made.potential_energy(in_casadi(robot.potential, q, p))
+        result.kinetic_energy(in_casadi(weight, q, p) * result.rate(in_casadi(place, q, p)) ** 2 / 2)
+    result.potential_energy(in_casadi(robot.potential, q, p))
     for force in robot.forces:
         v, coefficient = velocity(force.on), in_casadi(force.coefficient, q, p)
         drag = {"linear": v, "quadratic": ca.fabs(v) * v, "smooth": v * ca.sqrt(v**2 + 0.25)}
-        drag["scrub"] = ca.fabs(made.rate(q[force.other]))
-        made.force(-coefficient * drag[force.kind], on=v)
+        drag["scrub"] = ca.fabs(result.rate(q[force.other]))
+        result.force(-coefficient * drag[force.kind], on=v)
     for k, constraint in enumerate(robot.constraints):
-        made.rolls(f"constraint {k}", velocity(constraint))
-    for k, given in enumerate(robot.inputs):
-        made.input(f"tau_{k}", "N m", on=velocity(given))
-    for k, given in enumerate(robot.quasi):
-        made.quasi_velocity(f"nu_{k}", "rad/s", velocity(given))
+        result.rolls(f"constraint {k}", velocity(constraint))
+    for k, velocity_of_input in enumerate(robot.inputs):
+        result.input(f"tau_{k}", "N m", on=velocity(velocity_of_input))
+    for k, quasi in enumerate(robot.quasi):
+        result.quasi_velocity(f"nu_{k}", "rad/s", velocity(quasi))
     rows = [
-        (f"y_{k}", "rad", in_casadi(given, q, p)) if degree == 2 else (f"y_{k}", "rad/s", velocity(given))
-        for k, (degree, given) in enumerate(robot.outputs)
+        (f"y_{k}", "rad", in_casadi(output, q, p)) if degree == 2 else (f"y_{k}", "rad/s", velocity(output))
+        for k, (degree, output) in enumerate(robot.outputs)
     ]
-    made.output("own", "random outputs", rows)
-    return made
+    result.output("own", "random outputs", rows)
+    return result
 
 
 # -- by itself ------------------------------------------------------------------------------------------------------------
@@ -347,8 +347,8 @@ class State:
 def _row(v: Velocity, q, p) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients of the rates, (n,), and their derivatives by q, (n, n)."""
     if v.function is not None:
-        found = jet(v.function, q, p)
-        return found.gradient, found.hessian
+        jet_of_function = jet(v.function, q, p)
+        return jet_of_function.gradient, jet_of_function.hessian
     n = len(q)
     parts = [jet(c, q, p) if c is not None else None for c in v.coefficients]
     zero, none = mpmath.mpf(0), np.full(n, mpmath.mpf(0))
@@ -358,8 +358,8 @@ def _row(v: Velocity, q, p) -> tuple[np.ndarray, np.ndarray]:
 
 def _rows(velocities: Sequence[Velocity], q, p) -> tuple[np.ndarray, np.ndarray]:
     """(k, n) and its derivatives (k, n, n)."""
-    found = [_row(v, q, p) for v in velocities]
-    return np.array([row for row, _ in found]), np.array([slopes for _, slopes in found])
+    rows = [_row(v, q, p) for v in velocities]
+    return np.array([row for row, _ in rows]), np.array([slopes for _, slopes in rows])
 
 
 def solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -373,12 +373,12 @@ def chosen_velocities(robot: RandomRobot, names: Sequence[str]) -> list[Velocity
     """The quasi-velocities: the robot's own, or those that noslip names: rates of coordinates, velocities that inputs act on."""
     if robot.quasi:
         return list(robot.quasi)
-    found = []
+    velocities = []
     for name in names:
         kind, number = name.split("_")[:2]
         unit = tuple(decimal("1") if k == int(number) else None for k in range(robot.n))
-        found.append(Velocity(coefficients=unit) if kind == "q" else robot.inputs[int(number)])
-    return found
+        velocities.append(Velocity(coefficients=unit) if kind == "q" else robot.inputs[int(number)])
+    return velocities
 
 
 def truth(robot: RandomRobot, state: State, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -418,20 +418,20 @@ def _truth(robot: RandomRobot, state: State, names: Sequence[str]) -> dict[str, 
     # the outputs and what their outer loops ask for
     h, ydot, J, J_dot, v = [], [], [], [], []
     reference, gains = iter(state.reference), iter(state.gains)
-    for degree, given in robot.outputs:
+    for degree, output in robot.outputs:
         if degree == 1:
-            row, row_q = _row(given, q, p)
+            row, row_q = _row(output, q, p)
             h.append(row @ qdot)
-            wanted, rate = next(reference), next(reference)
-            v.append(rate + next(gains) * (wanted - h[-1]))
+            desired, rate = next(reference), next(reference)
+            v.append(rate + next(gains) * (desired - h[-1]))
             J.append(row)
             J_dot.append(row_q @ qdot)
         else:
-            at = jet(given, q, p)
+            at = jet(output, q, p)
             h.append(at.value)
             ydot.append(at.gradient @ qdot)
-            wanted, rate, second = next(reference), next(reference), next(reference)
-            v.append(second + next(gains) * (wanted - h[-1]) + next(gains) * (rate - ydot[-1]))
+            desired, rate, second = next(reference), next(reference), next(reference)
+            v.append(second + next(gains) * (desired - h[-1]) + next(gains) * (rate - ydot[-1]))
             J.append(at.gradient)
             J_dot.append(at.hessian @ qdot)
     J, J_dot = np.array(J), np.array(J_dot)
@@ -444,7 +444,7 @@ def _truth(robot: RandomRobot, state: State, names: Sequence[str]) -> dict[str, 
     whole = np.block([[M, A.T], [A, np.full((m, m), mpmath.mpf(0))]])
     forces = E @ np.array([mpmath.mpf(t) for t in state.tau]) - V
     free = solved(whole, np.concatenate([forces, -A_dot @ qdot]))[:n]
-    found = {
+    quantities = {
         "h": np.array(h),
         "ydot": np.array(ydot),
         "Phi": J @ S,
@@ -457,12 +457,12 @@ def _truth(robot: RandomRobot, state: State, names: Sequence[str]) -> dict[str, 
         "input_map": S.T @ E,
         "nudot": G @ free + G_dot @ qdot,
     }
-    return {name: np.array(value).astype(float) for name, value in found.items()}
+    return {name: np.array(value).astype(float) for name, value in quantities.items()}
 
 
 def states(robot: RandomRobot, count: int) -> list[State]:
     """Random states where nothing that must be inverted is near singular; every third with coordinates that are zero."""
-    source, found = np.random.default_rng(robot.seed), []
+    source, accepted = np.random.default_rng(robot.seed), []
     free = robot.dof
     references = sum(3 if degree == 2 else 2 for degree, _ in robot.outputs)
     gains = sum(2 if degree == 2 else 1 for degree, _ in robot.outputs)
@@ -471,11 +471,11 @@ def states(robot: RandomRobot, count: int) -> list[State]:
         return tuple(np.float32(values).astype(float).tolist())
 
     for _ in range(TRIES):
-        if len(found) == count:
+        if len(accepted) == count:
             break
         defaults = np.array([float(default) for default in robot.parameters])
         q = source.uniform(-1.2, 1.2, robot.n)
-        if len(found) % 3 == 2:
+        if len(accepted) % 3 == 2:
             q[source.random(robot.n) < 0.5] = 0.0
         state = State(
             single(defaults * source.uniform(0.7, 1.4, len(defaults))),
@@ -486,8 +486,8 @@ def states(robot: RandomRobot, count: int) -> list[State]:
             single(source.uniform(0.5, 3, gains)),
         )
         if _well_conditioned(robot, state):
-            found.append(state)
-    return found
+            accepted.append(state)
+    return accepted
 
 
 def _well_conditioned(robot: RandomRobot, state: State) -> bool:

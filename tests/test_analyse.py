@@ -42,10 +42,10 @@ class Numbers:
     """The linearization behind a form at random states and parameters, by CasADi: nothing of the exact half is used."""
 
     def __init__(self, form: NormalForm):
-        self.found, self.form = form.decoupling.linearization, form
-        self.system = self.found.system
+        self.linearization, self.form = form.decoupling.linearization, form
+        self.system = self.linearization.system
         self.x = ca.vertcat(self.system.mechanism.q, self.system.nu)
-        self.fixed = symbols([*self.system.mechanism.parameters, *self.found.output.parameters])
+        self.fixed = symbols([*self.system.mechanism.parameters, *self.linearization.output.parameters])
         state = [s.name for s in self.system.state]
         fixed = [str(s) for s in form.decoupling.functions.symbols[: self.fixed.numel()]]
         self.names = [*state, *fixed]
@@ -71,11 +71,11 @@ class Numbers:
     @property
     def driving(self) -> list[str]:
         """Names of the rates of rows of relative degree 2 and of the outputs of relative degree 1."""
-        rows = zip(self.found.output.rows, self.found.relative_degree, strict=True)
+        rows = zip(self.linearization.output.rows, self.linearization.relative_degree, strict=True)
         return [row.name if degree == 1 else f"{row.name}_dot" for row, degree in rows]
 
     def det(self, at: np.ndarray) -> float:
-        return float(np.linalg.det(self(self.found.Phi, at)))
+        return float(np.linalg.det(self(self.linearization.Phi, at)))
 
     def set(self, at: np.ndarray, **values: float) -> np.ndarray:
         moved = at.copy()
@@ -99,7 +99,7 @@ def answer():
 
 
 @pytest.fixture(scope="module")
-def made(forms, answer) -> dict[str, dict]:
+def outputs(forms, answer) -> dict[str, dict]:
     """The outputs' part of the JSON."""
     return as_json(dataclasses.replace(answer, outputs=forms))["outputs"]
 
@@ -108,13 +108,13 @@ def made(forms, answer) -> dict[str, dict]:
 
 
 @pytest.mark.parametrize("law", LAWS + OFFSET_LAWS)
-def test_det_is_that_of_the_robots_own_phi(forms, made, law):
+def test_det_is_that_of_the_robots_own_phi(forms, outputs, law):
     numbers = Numbers(forms[law])
     for at in numbers.states(20):
-        assert abs(numbers.formula(made[law]["det"], at) - numbers.det(at)) < 1e-11
+        assert abs(numbers.formula(outputs[law]["det"], at) - numbers.det(at)) < 1e-11
 
 
-def test_det_as_in_the_table_of_the_paper(forms, made):
+def test_det_as_in_the_table_of_the_paper(forms, outputs):
     """Section 4 of the mathematics, typed from the table, with forward speed and signed distance."""
     c, s, l, k = "cos(phi)", "sin(phi)", "(L + d)", "r**2/(2*b)"  # noqa: E741
     rho = f"sqrt((x_c + L*{c} - x_f)**2 + (y_c + L*{s} - y_f)**2)"
@@ -125,28 +125,28 @@ def test_det_as_in_the_table_of_the_paper(forms, made):
         "type_iv_line": f"{k}*{l}*(B*{c} - A*{s})/sqrt(A**2 + B**2)",
         "type_iv_circle": f"{k}*{l}*((y_c - y_f)*{c} - (x_c - x_f)*{s})/{rho}",
     }
-    for law, wanted in table.items():
+    for law, expected in table.items():
         numbers = Numbers(forms[law])
         for at in numbers.states(20):
-            assert abs(numbers.formula(made[law]["det"], at) - numbers.formula(wanted, at)) < 1e-12
+            assert abs(numbers.formula(outputs[law]["det"], at) - numbers.formula(expected, at)) < 1e-12
 
 
-def test_det_is_written_in_factors(forms, made):
+def test_det_is_written_in_factors(forms, outputs):
     """The lever is a factor; a gradient is written out where that is short, and told apart where it is not."""
     for law in ("type_i", *PATHS):
         det = forms[law].decoupling.det_for_people
         assert any(str(part) in ("L + d", "-L - d") for part in sp.Mul.make_args(det)) and sp.count_ops(det) <= 30
     names = {law: {s.name for s in forms[law].decoupling.det_for_people.free_symbols} for law in PATHS}
-    assert all(("n_x" in found) == (law in PATHS[2:]) for law, found in names.items())
-    assert {"n_x", "n_y", "x_l", "y_l", "b_ellipse"} == set(made["type_iv_ellipse"]["where"])
+    assert all(("n_x" in used) == (law in PATHS[2:]) for law, used in names.items())
+    assert {"n_x", "n_y", "x_l", "y_l", "b_ellipse"} == set(outputs["type_iv_ellipse"]["where"])
 
 
 @pytest.mark.parametrize("law", PATHS)
-def test_the_short_det_is_the_long_one(forms, made, law):
+def test_the_short_det_is_the_long_one(forms, outputs, law):
     """With what `where` says about its symbols."""
-    numbers, where = Numbers(forms[law]), made[law]["where"]
+    numbers, where = Numbers(forms[law]), outputs[law]["where"]
     names = {name: sp.Symbol(name) for name in (*numbers.names, *where)}
-    short = sp.sympify(made[law]["det_short"], locals=names)
+    short = sp.sympify(outputs[law]["det_short"], locals=names)
     for name in ("n_x", "n_y", "x_l", "y_l"):
         if name in where:
             short = short.subs(names[name], sp.sympify(where[name], locals=names))
@@ -175,7 +175,7 @@ def test_words(forms, law):
 
 def heading_normal(numbers: Numbers, at: np.ndarray, arm: complex = 1.0) -> np.ndarray:
     """The same with P_l where it is, and the vehicle turned about it until `arm`, given in its frame, is along the gradient."""
-    through = numbers.found.output.rows[0].through
+    through = numbers.linearization.output.rows[0].through
     x_l, y_l = numbers(through.inner, at)[:, 0]
     gradient = ca.substitute(ca.gradient(through.outer, through.symbols), through.symbols, ca.DM([x_l, y_l]))
     n = complex(*numbers(gradient, at)[:, 0])
@@ -216,19 +216,19 @@ def test_where_det_has_no_value(forms):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_T_is_a_diffeomorphism_where_it_is_said(forms, made, law):
+def test_T_is_a_diffeomorphism_where_it_is_said(forms, outputs, law):
     """det J_T is +-minor det Phi, by differentiating T = (h, rates, h~) with CasADi."""
     form, numbers = forms[law], Numbers(forms[law])
-    found, normal = numbers.found, form.decoupling.normal
+    linearization, normal = numbers.linearization, form.decoupling.normal
     q = [c.name for c in numbers.system.mechanism.coordinates]
     for chart in form.charts[:2]:
         kept = ca.vertcat(*[numbers.system.mechanism.q[q.index(str(name))] for name in chart.kept])
-        jacobian = ca.jacobian(ca.vertcat(found.h, found.rate, kept), numbers.x)
+        jacobian = ca.jacobian(ca.vertcat(linearization.h, linearization.rate, kept), numbers.x)
         assert jacobian.shape[0] == jacobian.shape[1]
         minor = form.decoupling.in_coordinates(form.decoupling.written_out(chart.minor))
         for at in numbers.states(10):
-            wanted = abs(numbers.formula(str(minor), at) * numbers.det(at))
-            assert abs(abs(np.linalg.det(numbers(jacobian, at))) - wanted) < 1e-10
+            expected = abs(numbers.formula(str(minor), at) * numbers.det(at))
+            assert abs(abs(np.linalg.det(numbers(jacobian, at))) - expected) < 1e-10
     assert form.charts[0].everywhere == (normal is None)
 
 
@@ -236,15 +236,15 @@ def test_T_is_a_diffeomorphism_where_it_is_said(forms, made, law):
 def test_what_moves_uncontrolled(forms, law):
     """z3' in closed form is S nu, whatever the state."""
     form, numbers = forms[law], Numbers(forms[law])
-    found, q = numbers.found, [c.name for c in numbers.system.mechanism.coordinates]
-    made = form.decoupling
+    linearization, q = numbers.linearization, [c.name for c in numbers.system.mechanism.coordinates]
+    decoupling = form.decoupling
     assert list(form.equations) == [str(name) for name in form.charts[0].kept]
     parts = {(name, w): rate.coeff(sp.Symbol(w)) for name, rate in form.equations.items() for w in numbers.driving}
-    parts = {key: str(made.in_coordinates(made.written_out(part))) for key, part in parts.items()}
+    parts = {key: str(decoupling.in_coordinates(decoupling.written_out(part))) for key, part in parts.items()}
     for at in numbers.states(10):
-        own, h = numbers(numbers.system.qdot, at)[:, 0], numbers(found.h, at)[:, 0]
-        speeds = iter(numbers(found.rate, at)[:, 0])
-        w = [next(speeds) if degree == 2 else y for y, degree in zip(h, found.relative_degree, strict=True)]
+        own, h = numbers(numbers.system.qdot, at)[:, 0], numbers(linearization.h, at)[:, 0]
+        speeds = iter(numbers(linearization.rate, at)[:, 0])
+        w = [next(speeds) if degree == 2 else y for y, degree in zip(h, linearization.relative_degree, strict=True)]
         for name in form.equations:
             rate = sum(numbers.formula(parts[name, k], at) * value for k, value in zip(numbers.driving, w, strict=True))
             assert abs(rate - own[q.index(name)]) < 1e-9
@@ -257,11 +257,11 @@ def test_zero_dynamics(forms):
         assert forms[law].zero_dynamics == "z3' = 0" and forms[law].stability == "Lagrange stable, not asymptotically stable"
 
 
-def along_outputs(numbers: Numbers, expression: ca.SX, at: np.ndarray, wanted: list[float]) -> float:
-    """The rate of an expression in q when rates and speeds of the outputs are `wanted`: q' = S Phi^-1 wanted."""
-    S, Phi = numbers(numbers.system.S, at), numbers(numbers.found.Phi, at)
+def along_outputs(numbers: Numbers, expression: ca.SX, at: np.ndarray, rates: list[float]) -> float:
+    """The rate of an expression in q when rates and speeds of the outputs are `rates`: q' = S Phi^-1 rates."""
+    S, Phi = numbers(numbers.system.S, at), numbers(numbers.linearization.Phi, at)
     gradient = numbers(ca.jacobian(expression, numbers.system.mechanism.q), at)
-    return float((gradient @ S @ np.linalg.solve(Phi, wanted))[0])
+    return float((gradient @ S @ np.linalg.solve(Phi, rates))[0])
 
 
 @pytest.mark.parametrize("law", PATHS)
@@ -269,7 +269,7 @@ def test_the_heading_along_a_path(forms, law):
     """l s' = -V (s - l chi) on the robot's own equations, chi the curvature of the distance's level through P_l."""
     numbers, (moving,) = Numbers(forms[law]), forms[law].moving
     assert moving.stable_when == "V*(L + d) > 0" and str(moving.rate) == "-V/(L + d)"
-    through = numbers.found.output.rows[0].through
+    through = numbers.linearization.output.rows[0].through
     gradient = ca.gradient(through.outer, through.symbols)
     unit = gradient / ca.norm_2(gradient)
     bend = ca.trace(ca.jacobian(unit, through.symbols))
@@ -284,7 +284,7 @@ def test_the_heading_along_a_path(forms, law):
         assert abs(lever * rate + V * (s_0 - lever * chi)) < 1e-9
         constant = forms[law].decoupling.normal.chi
         if constant is not None:
-            h = numbers(numbers.found.h[0], at)[0, 0]
+            h = numbers(numbers.linearization.h[0], at)[0, 0]
             on_path = numbers.formula(str(constant), at)
             assert abs(chi - on_path / (1 + on_path * h)) < 1e-10  # parallels have one centre
 
@@ -317,7 +317,8 @@ def test_the_heading_behind_a_point(forms, law):
 def test_a_held_heading_lets_the_other_coordinate_drift(forms):
     numbers, (moving,) = Numbers(forms["type_ii"]), forms["type_ii"].moving
     assert not moving.stable_when and "drifts" in moving.settles
-    y_l = numbers.system.mechanism.q[1] + numbers.found.output.parameters[0].symbol * ca.sin(numbers.system.mechanism.q[2])
+    q, lookahead = numbers.system.mechanism.q, numbers.linearization.output.parameters[0].symbol
+    y_l = q[1] + lookahead * ca.sin(q[2])
     for at in numbers.states(5):
         rate = along_outputs(numbers, y_l, at, [0.6, 0.0])
         assert abs(rate - 0.6 * math.tan(numbers.get(at, "phi")[0])) < 1e-10
@@ -379,16 +380,15 @@ def test_general_outputs_have_formulas():
 
 
 def test_an_arm_has_three_quasi_velocities_and_no_types():
-    found = analyse(unicycle("armed", arm=True))
-    assert not found.outputs and found.no_outputs
-    assert as_json(found)["outputs"] == {} and "Outputs: none" in as_text(found)
+    analysis = analyse(unicycle("armed", arm=True))
+    assert not analysis.outputs and analysis.no_outputs
+    assert as_json(analysis)["outputs"] == {} and "Outputs: none" in as_text(analysis)
 
 
-def test_names_of_robot_and_path_are_kept_apart(made):
+def test_names_of_robot_and_path_are_kept_apart(outputs):
     """The ellipse's half axis b is not the LABMATE's b."""
-    assert (
-        "b_ellipse" in made["type_iv_ellipse"]["det"] and "b of the output map" in made["type_iv_ellipse"]["where"]["b_ellipse"]
-    )
+    ellipse = outputs["type_iv_ellipse"]
+    assert "b_ellipse" in ellipse["det"] and "b of the output map" in ellipse["where"]["b_ellipse"]
 
 
 # -- the command --------------------------------------------------------------------------------------------------------
@@ -419,20 +419,20 @@ def ask(argv: list[str], capsys, code: int = 0) -> dict:
 
 
 def test_json_of_the_labmate(capsys):
-    found = ask(["labmate"], capsys)
-    counts = [found[key] for key in ("coordinates", "constraints", "holonomic", "nonholonomic")]
-    assert counts == [5, 3, 1, 2] and found["growth"] == [2, 3, 4] and found["input_state_linearizable"] is False
-    (integral,) = found["integrals"]
+    data = ask(["labmate"], capsys)
+    counts = [data[key] for key in ("coordinates", "constraints", "holonomic", "nonholonomic")]
+    assert counts == [5, 3, 1, 2] and data["growth"] == [2, 3, 4] and data["input_state_linearizable"] is False
+    (integral,) = data["integrals"]
     left, right = integral.split(" = ")
     difference = sp.sympify(f"{left} - ({right.removesuffix(' + const')})")
     names = {s.name: s for s in difference.free_symbols}
     ratio = sp.simplify(difference.diff(names["theta_r"]) / difference.diff(names["phi"]))
     assert sp.simplify(ratio + names["r"] / (2 * names["b"])) == 0
-    assert tuple(found["outputs"]) == LAWS and found["refused"] == {} and found["starts"] == {}
-    for law, output in found["outputs"].items():
+    assert tuple(data["outputs"]) == LAWS and data["refused"] == {} and data["starts"] == {}
+    for law, output in data["outputs"].items():
         assert output["relative_degree"] == ([2, 1] if law in PATHS else [2, 2])
         assert all(isinstance(output[key], str) and output[key] for key in ("det", "singular_when", "zero_dynamics"))
-    assert found["outputs"]["type_i"]["moving_reference"][0]["lever_default"] == pytest.approx(0.3)
+    assert data["outputs"]["type_i"]["moving_reference"][0]["lever_default"] == pytest.approx(0.3)
 
 
 def test_text_of_the_labmate(answer):
@@ -450,8 +450,8 @@ def test_kinematics_and_contacts_in_a_file(system_file, capsys):
         ("balls", [2], 3),
         ("egg", [2, 3, 5], 0),
     ):
-        found = ask([f"{system_file}:{name}"], capsys)
-        assert (found["growth"], found["holonomic"], found["outputs"]) == (growth, k, {}) and "no inputs" in found["no_outputs"]
+        data = ask([f"{system_file}:{name}"], capsys)
+        assert (data["growth"], data["holonomic"], data["outputs"]) == (growth, k, {}) and "no inputs" in data["no_outputs"]
 
 
 def test_the_uncontrolled_coordinate_fits_the_line(forms):
@@ -466,18 +466,18 @@ def test_an_underactuated_robot_in_text_page_and_json(system_file, tmp_path, cap
     system_file.write_text("from noslip.tests.kinematic_systems import snakeboard\n")
     page, robot = tmp_path / "page.html", f"{system_file}:snakeboard"
     assert main(["analyse", robot, "--report", str(page)]) == 0
-    said = "the robot as driven by rotor_torque, wheel_torque alone, 2 of 3 quasi-velocities"
+    phrase = "the robot as driven by rotor_torque, wheel_torque alone, 2 of 3 quasi-velocities"
     for text in (capsys.readouterr().out, page.read_text()):
-        assert said in text and "nu' = u" not in text and "8 of 8 dimensions" in " ".join(text.split())
-    found = ask([robot], capsys)
-    assert found["properties_of"] == said and found["input_state_linearizable"] is None
-    assert {c["name"]: c["verdict"] for c in found["checks"]}["controllable"] is None
-    assert all(place["verified"] for place in found["singular_places"])
+        assert phrase in text and "nu' = u" not in text and "8 of 8 dimensions" in " ".join(text.split())
+    data = ask([robot], capsys)
+    assert data["properties_of"] == phrase and data["input_state_linearizable"] is None
+    assert {c["name"]: c["verdict"] for c in data["checks"]}["controllable"] is None
+    assert all(place["verified"] for place in data["singular_places"])
 
 
 def test_only_some_outputs(capsys):
-    found = ask(["labmate", "--output", "type_iv_line_offset", "--output", "type_i"], capsys)
-    assert list(found["outputs"]) == ["type_iv_line_offset", "type_i"]
+    data = ask(["labmate", "--output", "type_iv_line_offset", "--output", "type_i"], capsys)
+    assert list(data["outputs"]) == ["type_iv_line_offset", "type_i"]
 
 
 def test_report_is_one_page(tmp_path, capsys, answer, start):
@@ -497,12 +497,12 @@ def test_report_is_one_page(tmp_path, capsys, answer, start):
 
 def test_report_of_what_has_no_outputs():
     contact = RollingContact(sphere(ca.SX.sym("R")), plane())
-    for system, said in ((kinematic_systems.pendulum(), "1 holonomic, 0 nonholonomic"), (contact, "both Gaussian curvatures")):
-        assert said in report(analyse(system))
+    for system, phrase in ((kinematic_systems.pendulum(), "1 holonomic, 0 nonholonomic"), (contact, "both Gaussian curvatures")):
+        assert phrase in report(analyse(system))
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["labmat"], "did you mean 'labmate'"),
         (["labmate", "--output", "type_v"], "unknown output 'type_v'"),
@@ -515,9 +515,9 @@ def test_report_of_what_has_no_outputs():
         (["labmate", "--report", "{folder}/none/page.html"], "does not exist"),
     ],
 )
-def test_bad_input(bad_input, system_file, arguments, said):
+def test_bad_input(bad_input, system_file, arguments, message):
     filled = [argument.format(file=system_file, folder=system_file.parent) for argument in arguments]
-    assert said in bad_input(["analyse", *filled])
+    assert message in bad_input(["analyse", *filled])
 
 
 # -- starts -------------------------------------------------------------------------------------------------------------
@@ -543,11 +543,11 @@ def start(tmp_path):
 
 def test_starts_on_the_command_line(start, capsys, bad_input):
     safe, wide, sampled = start("safe.toml"), start("wide.toml", 5.0), start("sampled.toml", period=0.01)
-    found = ask(["labmate", "--output", "type_i", "--start", safe, "--start", sampled], capsys)["starts"]
+    starts = ask(["labmate", "--output", "type_i", "--start", safe, "--start", sampled], capsys)["starts"]
     for file in (safe, sampled):
-        assert found[file]["verdict"] == "safe" and found[file]["t"] is None and 0 < found[file]["margin"] < 1
-    found = ask(["labmate", "--output", "type_i", "--start", wide], capsys, code=1)
-    assert found["verdict"] == "singular" and abs(found["t"] - 0.845) < 1e-3 and found["starts"][wide]["t"] == found["t"]
+        assert starts[file]["verdict"] == "safe" and starts[file]["t"] is None and 0 < starts[file]["margin"] < 1
+    data = ask(["labmate", "--output", "type_i", "--start", wide], capsys, code=1)
+    assert data["verdict"] == "singular" and abs(data["t"] - 0.845) < 1e-3 and data["starts"][wide]["t"] == data["t"]
     assert main(["analyse", "labmate", "--start", wide]) == 1 and "will be singular: " in capsys.readouterr().out
     assert "singular at the start" in bad_input(["analyse", "labmate", "--start", start("normal.toml", heading=-math.pi / 4)])
 

@@ -30,8 +30,8 @@ def test_a_name_is_there_and_documented(name):
 def test_type_checkers_see_what_is_imported():
     """The imports for type checkers and the table of modules name the same."""
     (block,) = (node for node in ast.parse((ROOT / "__init__.py").read_text()).body if isinstance(node, ast.If))
-    seen = {alias.name: statement.module for statement in block.body for alias in statement.names}
-    assert seen == noslip._MODULES
+    modules = {alias.name: statement.module for statement in block.body for alias in statement.names}
+    assert modules == noslip._MODULES
 
 
 def test_importing_the_package_loads_nothing_else():
@@ -50,10 +50,10 @@ def test_c_that_differs_is_not_returned(monkeypatch):
     """A sign changed in the text of a step."""
     robot = find_robot("knife_edge")
     system, law = system_of(robot), law_of(robot, "type_i")
-    made = generation.robot_files
+    original = generation.robot_files
 
     def wrong(*arguments):
-        files = made(*arguments)
+        files = original(*arguments)
         name = "knife_edge_type_i.c"
         changed = re.sub(r"(tau\[0\] = )", r"\1-", files[name])
         assert changed != files[name]

@@ -16,6 +16,8 @@ from noslip.simulation.guidance import vehicle_motion
 from noslip.simulation.noise import Noise as Draws
 from noslip.simulation.noise import library
 from noslip.simulation.specification.spec import (
+    ApproachSection,
+    ContactSection,
     Correction,
     Initial,
     LimitsSection,
@@ -70,6 +72,17 @@ def headed():
     return replace(spec(), output=output, reference=reference, initial=start, gains={"kp": 1.0, "kd": 2.0, "ki": 0.5})
 
 
+def gripping(backend="c", approach=None, **limits):
+    """The paper's start beside the line, on a slippery floor."""
+    made = spec("line", backend=backend)
+    reference, contact = replace(made.reference, approach=approach), ContactSection(mu=0.3, share=0.9, height=0.1)
+    return replace(made, reference=reference, contact=contact, limits=LimitsSection(**{"mode": "grip", **limits}))
+
+
+LED = Reference(speed=1.5, deceleration=1.0, approach=ApproachSection(acceleration=0.5))
+TURNING = ApproachSection(acceleration=0.5, angular=1.0)
+BESIDE, GAINS = Initial(point=(0.3, 0.4), heading=0.1, speed=0.2), {"kp": 1.0, "kd": 2.0}
+CORRECTED = {"sensors": Sensors(noise=NoiseSection(mean=(0.02, -0.05)), seed=4), "correction": Correction(rate=0.7)}
 KINDS = {  # name -> SPEC and how many samples
     "line": (lambda: spec("line"), 25),
     "circle": (spec, 25),
@@ -78,6 +91,11 @@ KINDS = {  # name -> SPEC and how many samples
     "float": (lambda: sensed(backend="cf"), 4),
     "route": (route, 3),
     "heading": (headed, 4),
+    "grip": (lambda: gripping(torque=(4.0,)), 4),
+    "approach": (lambda: gripping("cf", ApproachSection(acceleration=0.3)), 4),
+    "approached": (lambda: replace(route(), reference=LED, initial=BESIDE, **CORRECTED), 2),
+    "led point": (lambda: replace(headed(), reference=replace(headed().reference, approach=TURNING), gains=GAINS), 2),
+    "slips": (lambda: gripping(torque=(20.0,), mode="cut"), 4),
 }
 
 
@@ -89,7 +107,8 @@ def made(kind):
     varied = {
         name: value * random.uniform(0.8, 1.2, count)
         for name, value in batch.nominal.items()
-        if name.startswith(("plant.m", "plant.I", "gains.")) or name in ("parameters.b", "simulation.delay", "limits.torque[1]")
+        if name.startswith(("plant.m", "plant.I", "gains.", "contact.mu", "contact.h", "limits.m", "reference.a"))
+        or name in ("parameters.b", "simulation.delay", "limits.torque[1]")
     }
     near = {"initial.point[0]": 1.0, "initial.point[1]": 0.1, "initial.heading": 0.3, "initial.x_c": 1.0, "initial.theta_r": 3.0}
     varied |= {n: batch.nominal[n] + w * random.uniform(-1, 1, count) for n, w in near.items() if n in batch.nominal}
@@ -116,12 +135,37 @@ def test_samples_are_the_runs_of_simulate(kind):
         np.testing.assert_allclose(found["final"], run.error[-1], **near)
         np.testing.assert_allclose(found["peak"], np.abs(run.error).max(axis=0), **near)
         np.testing.assert_allclose(columns(batch, outcomes, "end", state)[k], run.x[-1], **near)
-        assert batch.status(outcomes[k, 0]) == ("arrived" if kind == "route" else run.status[-1])
+        assert batch.status(outcomes[k, 0]) == ("arrived" if kind in ("route", "approached") else run.status[-1])
         last = [run.t[np.abs(e) > module.BAND].max(initial=0.0) for e in run.error.T]
         np.testing.assert_array_equal(columns(batch, outcomes, "settling", rows)[k], last)
         for i, instant in enumerate((0.5, 1.234)):
             error = run.error[np.flatnonzero(run.t >= instant - 1e-9)[0], 0]
             assert outcomes[k, batch.outcomes.index(f"error.{rows[0]}[{i}]")] == pytest.approx(error, abs=stated[k] + LEAST)
+
+
+@pytest.mark.parametrize("kind", ["grip", "approach", "slips"])
+def test_friction_is_that_of_simulate(kind):
+    """The largest friction use by the constraint forces, and how long which status lasted."""
+    batch, table = made(kind)
+    outcomes, worst = batch.run(table), []
+    for row, sample in zip(outcomes, table, strict=True):
+        run, found = simulate(batch.spec_of(sample)), dict(zip(batch.outcomes, row, strict=True))
+        worst.append(max(use.max() for use in run.use.values()))
+        assert found["use"] == pytest.approx(worst[-1], abs=1e-9)
+        for status in ("saturated", "grip", "will_slip") if kind != "slips" else ():
+            assert found[status] == pytest.approx(np.count_nonzero(run.status[:-1] == status) * 0.01, abs=1e-9)
+    assert max(worst) > 1.5 if kind == "slips" else max(worst) <= 0.97
+    assert ("will_slip" in batch.outcomes) == (kind != "slips") and "use" not in made("line")[0].outcomes
+
+
+def test_a_bend_taken_too_fast_will_slip():
+    turning = Initial(q=(30.0, 20.0, math.pi / 2, 0.0, 0.0), nu=(36.0, 31.0))  # 5 m/s on a circle of 10 m
+    gripped = {"initial": turning, "contact": ContactSection(mu=0.7), "limits": LimitsSection(mode="grip")}
+    batch = Batch(replace(spec(duration=0.5), **gripped))
+    table = batch.table({"contact.mu": 0.2}, 1)
+    outcomes, run = dict(zip(batch.outcomes, batch.run(table)[0], strict=True)), simulate(batch.spec_of(table[0]))
+    slips = np.count_nonzero(run.status[:-1] == "will_slip") * 0.01
+    assert outcomes["will_slip"] == pytest.approx(slips, abs=1e-9) and outcomes["use"] > 1 and slips > 0
 
 
 @pytest.mark.parametrize("kind", ["sensed", "route"])
@@ -210,6 +254,10 @@ def test_a_refused_number_is_an_outcome():
         "initial.heading": (math.nan,),
         "correction.rate": (0.0,),
     }
+    floor = {"contact.mu": (0.0, -1.0), "contact.share": (0.0, 1.1), "contact.height": (-0.1,), "limits.margin": (-0.1, 1.0)}
+    gripped = made("grip")[0]
+    refused = np.concatenate([gripped.table({name: value}, 1) for name, values in floor.items() for value in values])
+    assert {gripped.status(number) for number in gripped.run(refused)[:, 0]} == {"bad_parameter"}
     refused = np.concatenate([batch.table({name: value}, 1) for name, values in bad.items() for value in values])
     outcomes = batch.run(np.concatenate([table[:1], refused, table[:1]]))
     assert {batch.status(number) for number in outcomes[1:-1, 0]} == {"bad_parameter"}

@@ -45,6 +45,10 @@ TESTED = {  # each time; the others by hand
     "car": ("type_i", "type_iv_circle"),
     "slope_platform": ("type_i", "type_iv_ellipse"),
     "turtlebot3_burger": ("type_iii",),
+    "turtlebot3_waffle_pi": ("type_i",),
+    "pioneer_3dx": ("type_ii",),
+    "f1tenth": ("type_iv_line",),
+    "forklift": ("type_iv_line",),
     "tractor_trailer:1": ("type_ii",),
     "tractor_trailer:4": ("type_i",),
 }
@@ -58,6 +62,10 @@ LAWS = {
     "geared_arm": ("tip", "joints"),
     "slope_platform": VEHICLE,
     "turtlebot3_burger": VEHICLE,
+    "turtlebot3_waffle_pi": VEHICLE,
+    "pioneer_3dx": VEHICLE,
+    "f1tenth": VEHICLE,
+    "forklift": VEHICLE,
     "tractor_trailer:1": VEHICLE,
     "tractor_trailer:4": VEHICLE,
     "four_wheel": VEHICLE,
@@ -73,8 +81,8 @@ BYTES = {  # at most: of the struct that is all a law's memory, in float; in dou
     "four_wheel": 320,
     "tractor_trailer": 330,
     "tractor_trailer_4": 280,
-    "car": 420,
-    "tricycle": 380,
+    **dict.fromkeys(("car", "f1tenth"), 420),
+    **dict.fromkeys(("tricycle", "forklift"), 380),
 }
 BYTES_OF_OTHERS = 260
 CODE = {  # bytes at most of x86-64 code of all entry points together, -O2
@@ -82,8 +90,8 @@ CODE = {  # bytes at most of x86-64 code of all entry points together, -O2
     "tractor_trailer": 43_000,
     "tractor_trailer_4": 32_000,
     "four_wheel": 30_000,
-    "car": 43_000,
-    "tricycle": 40_000,
+    **dict.fromkeys(("car", "f1tenth"), 43_000),
+    **dict.fromkeys(("tricycle", "forklift"), 40_000),
 }
 CODE_OF_OTHERS = 30_000
 FAR = 2.0**22  # rad, beyond what sines are taken of in either scalar

@@ -79,16 +79,16 @@ def test_exact_poses_give_exact_numbers():
 def test_wheels_of_different_size_and_a_sensor_beside():
     place = (0.07, -0.04, 0.02)
     log = log_of(*winding(), scale_left=1.013, offset=place)
-    found = values(calibrate([log], SYSTEM, ["r", "b", "scale_theta_l", "offset_x", "offset_y", "offset_heading"], DEFAULT))
+    fitted = values(calibrate([log], SYSTEM, ["r", "b", "scale_theta_l", "offset_x", "offset_y", "offset_heading"], DEFAULT))
     expected = {"r": TRUE["r"], "b": TRUE["b"], "scale_theta_l": 1.013}
     expected |= dict(zip(("offset_x", "offset_y", "offset_heading"), place, strict=True))
-    assert found == {name: pytest.approx(value, abs=1e-7) for name, value in expected.items()}
+    assert fitted == {name: pytest.approx(value, abs=1e-7) for name, value in expected.items()}
 
 
 def test_late_poses():
     """To first order: the pose between two rows is not on the chord, but within v w dt^2 / 8 of it."""
-    found = values(calibrate([log_of(*winding(), late=0.04)], SYSTEM, ["r", "delay"], DEFAULT | {"b": TRUE["b"]}))
-    assert found == {"r": pytest.approx(TRUE["r"], rel=1e-4), "delay": pytest.approx(0.04, rel=0.02)}
+    fitted = values(calibrate([log_of(*winding(), late=0.04)], SYSTEM, ["r", "delay"], DEFAULT | {"b": TRUE["b"]}))
+    assert fitted == {"r": pytest.approx(TRUE["r"], rel=1e-4), "delay": pytest.approx(0.04, rel=0.02)}
 
 
 def test_end_poses_of_squares_driven_both_ways():
@@ -120,8 +120,8 @@ def test_end_poses_of_squares_driven_both_ways():
             worst = max(worst, float(np.hypot(*(end - log.pose[-1])[:2])))
         return worst
 
-    found = values(result)
-    assert error(found["b"], found["scale_theta_l"]) < error(0.355, 1.0) / 10
+    fitted = values(result)
+    assert error(fitted["b"], fitted["scale_theta_l"]) < error(0.355, 1.0) / 10
 
 
 def test_poses_that_are_wrong_have_little_weight():
@@ -153,8 +153,8 @@ def test_values_lie_in_their_intervals_in_most_logs():
 def test_what_no_log_and_what_this_log_does_not_tell():
     result = calibrate([log_of(*winding())], SYSTEM, ["r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"], DEFAULT)
     assert not {"r", "scale_theta_r", "scale_theta_l", "m_c", "offset_x", "d"} & set(result.estimates) - {"scale_theta_l"}
-    said = " | ".join(result.unidentifiable)
-    assert "m_c: no motion depends on it" in said and "offset_x, d: any motion shows only offset_x + 1 d" in said
+    reasons = " | ".join(result.unidentifiable)
+    assert "m_c: no motion depends on it" in reasons and "offset_x, d: any motion shows only offset_x + 1 d" in reasons
     straight = np.full(200, 0.03)
     result = calibrate([log_of(straight, straight)], SYSTEM, ["r", "b"], DEFAULT)
     assert list(result.estimates) == ["r"] and result.unidentifiable[0].startswith("b: this log does not show it")
@@ -173,8 +173,8 @@ def test_other_robots(spec, robot, fitted, tmp_path, capsys):
     rows = simulate(read_spec(str(file)), "c").csv()
     (tmp_path / "run.csv").write_text(rows)
     assert main(["calibrate", str(tmp_path / "run.csv"), "--robot", robot, "--json", "--fit", *fitted]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert {name: found["parameters"][name]["value"] for name in fitted} == {
+    printed = json.loads(capsys.readouterr().out)
+    assert {name: printed["parameters"][name]["value"] for name in fitted} == {
         name: pytest.approx(value, rel=2e-3) for name, value in fitted.items()
     }
 
@@ -198,9 +198,9 @@ def test_the_command(write, capsys):
     wrapped = [repr(math.remainder(each, 2 * math.pi)) for each in log.angles[:, 0]]
     file = write(log, theta_r=wrapped)
     assert main(["calibrate", file, "--robot", "labmate", "--fit", "r", "b", "--set", "d=0.3"]) == 0
-    said = capsys.readouterr().out
-    assert "in a SPEC: parameters = { r = 0.152, b = 0.361 }" in said.replace("0.36099999", "0.361")
-    assert "it is continued over the turns" in said
+    printed = capsys.readouterr().out
+    assert "in a SPEC: parameters = { r = 0.152, b = 0.361 }" in printed.replace("0.36099999", "0.361")
+    assert "it is continued over the turns" in printed
 
 
 BAD = {
@@ -217,7 +217,7 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input(case, write, bad_input):
-    changed, options, said = BAD[case]
+    changed, options, message = BAD[case]
     log = log_of(*winding(40))
     rows = {name: [value] * len(log.t) for name, value in changed.items() if value is not None}
     file = Path(write(log, **rows))
@@ -226,14 +226,14 @@ def test_bad_input(case, write, bad_input):
     keep = [k for k, name in enumerate(table[0]) if name not in left]
     with file.open("w", newline="") as stream:
         csv.writer(stream).writerows([[row[k] for k in keep] for row in table])
-    assert said in bad_input(["calibrate", str(file), "--robot", "labmate", *options])
+    assert message in bad_input(["calibrate", str(file), "--robot", "labmate", *options])
 
 
 def test_robots_without_a_pose_or_wheels(tmp_path, bad_input):
     (tmp_path / "log.csv").write_text("t,x,y,phi,theta\n0,0,0,0,0\n1,1,0,0,1\n")
-    for robot, said in (
+    for robot, message in (
         ("geared_arm", "a pose of three coordinates"),
         ("knife_edge", "has none"),
         ("rolling_disk", "theta alone"),
     ):
-        assert said in bad_input(["calibrate", str(tmp_path / "log.csv"), "--robot", robot])
+        assert message in bad_input(["calibrate", str(tmp_path / "log.csv"), "--robot", robot])

@@ -28,8 +28,8 @@ def test_help_lists_the_commands(capsys):
 def test_alone_says_how_to_begin(capsys):
     """Every command that it names exists."""
     assert main([]) == 2
-    said = capsys.readouterr().err
-    named = re.findall(r"^  noslip (\S+)", said, re.MULTILINE)
+    text = capsys.readouterr().err
+    named = re.findall(r"^  noslip (\S+)", text, re.MULTILINE)
     assert len(named) > 2 and set(named) <= {*COMMANDS, "--help"}
 
 
@@ -164,11 +164,11 @@ sys.exit(main())
 def test_a_signal_ends_at_once_and_leaves_nothing(number, event, k, tmp_path):
     """Whenever it comes, from the first module that is imported until the files are in their place."""
     command = [sys.executable, "-c", STOPPED, str(int(number)), event, str(k), "generate", "labmate", "--output", "type_ii"]
-    done = subprocess.run([*command, "-o", str(tmp_path / "new/made")], capture_output=True, text=True)
-    known = [(130, "noslip: interrupted\n")] if number == signal.SIGINT else [(143, "noslip: terminated\n")]
+    process = subprocess.run([*command, "-o", str(tmp_path / "new/made")], capture_output=True, text=True)
+    expected = [(130, "noslip: interrupted\n")] if number == signal.SIGINT else [(143, "noslip: terminated\n")]
     if number == signal.SIGTERM and k <= 2:
-        known += [(-number, "")]  # nothing is there yet that could answer, or have to be removed
-    assert (done.returncode, done.stderr) in known
+        expected += [(-number, "")]  # nothing is there yet that could answer, or have to be removed
+    assert (process.returncode, process.stderr) in expected
     assert not list(tmp_path.iterdir())
 
 

@@ -68,9 +68,9 @@ def analysed(name: str) -> Analysis:
 
 @pytest.mark.parametrize("name", KNOWN)
 def test_growth_is_the_known_one(name):
-    found = distribution(SYSTEMS[name]())
-    assert (found.growth, found.holonomic) == KNOWN[name]
-    assert found.functions.n - found.holonomic == found.growth[-1]
+    Delta = distribution(SYSTEMS[name]())
+    assert (Delta.growth, Delta.holonomic) == KNOWN[name]
+    assert Delta.functions.n - Delta.holonomic == Delta.growth[-1]
 
 
 # -- an independent derivation of the growth: numerical brackets ------------------------------------------------------
@@ -81,9 +81,9 @@ DIGITS, STEP, SMALL = 100, mpmath.mpf(10) ** -20, mpmath.mpf(10) ** -12
 
 def numerical_fields(name: str, parameters: dict[str, float]) -> list[Callable]:
     """The columns of S at a point, by the numbers given, with DIGITS digits."""
-    found = distribution(SYSTEMS[name]())
-    S = found.S.subs({p: sp.Rational(parameters[str(p)]) for p in found.functions.parameters})
-    return [sp.lambdify([found.functions.coordinates], list(S.col(k)), "mpmath") for k in range(S.cols)]
+    Delta = distribution(SYSTEMS[name]())
+    S = Delta.S.subs({p: sp.Rational(parameters[str(p)]) for p in Delta.functions.parameters})
+    return [sp.lambdify([Delta.functions.coordinates], list(S.col(k)), "mpmath") for k in range(S.cols)]
 
 
 def along(function: Callable, point: list, direction: list) -> list:
@@ -103,27 +103,27 @@ def numerical_rank(rows: list[list]) -> int:
 
 def numerical_growth(fields: list[Callable], point: list, steps: int) -> tuple[int, ...]:
     """Ranks of all right-normed brackets up to each length."""
-    level, known, growth = fields, list(fields), [numerical_rank([f(point) for f in fields])]
+    level, brackets, growth = fields, list(fields), [numerical_rank([f(point) for f in fields])]
     for length in range(2, steps + 1):
         pairs = itertools.combinations(fields, 2) if length == 2 else itertools.product(fields, level)
         level = [bracket(x, y) for x, y in pairs]
-        known += level
-        growth.append(numerical_rank([f(point) for f in known]))
+        brackets += level
+        growth.append(numerical_rank([f(point) for f in brackets]))
     return tuple(growth)
 
 
-def random_point(found, seed: int) -> tuple[list, dict[str, float]]:
+def random_point(Delta, seed: int) -> tuple[list, dict[str, float]]:
     rng = np.random.default_rng(seed)
-    values = [mpmath.mpf(v) for v in rng.uniform(0.3, 1.2, found.functions.n)]
-    return values, {str(p): float(v) for p, v in zip(found.functions.parameters, rng.uniform(0.5, 2, 9), strict=False)}
+    values = [mpmath.mpf(v) for v in rng.uniform(0.3, 1.2, Delta.functions.n)]
+    return values, {str(p): float(v) for p, v in zip(Delta.functions.parameters, rng.uniform(0.5, 2, 9), strict=False)}
 
 
-def satisfies_constraints(given: Kinematics, fields: list[Callable], point: list, parameters: dict[str, float]) -> bool:
+def satisfies_constraints(model: Kinematics, fields: list[Callable], point: list, parameters: dict[str, float]) -> bool:
     """A S = 0 to rounding, A by CasADi; S alone is taken as it is."""
-    if given.A is None:
+    if model.A is None:
         return True
-    symbols = [ca.vertcat(*[q.symbol for q in group]) for group in (given.coordinates, given.parameters)]
-    A = np.array(ca.Function("A", symbols, [given.A])(list(map(float, point)), [parameters[p.name] for p in given.parameters]))
+    symbols = [ca.vertcat(*[q.symbol for q in group]) for group in (model.coordinates, model.parameters)]
+    A = np.array(ca.Function("A", symbols, [model.A])(list(map(float, point)), [parameters[p.name] for p in model.parameters]))
     S = np.array([list(map(float, f(point))) for f in fields]).T
     return bool(np.abs(A @ S).max() < 1e-12 * max(1.0, np.abs(S).max()))
 
@@ -168,13 +168,13 @@ def named(name: str, S: sp.Matrix, q: list[sp.Symbol]) -> sp.Matrix:
 @pytest.mark.parametrize("name", ["labmate", "vertical_disk", "car", "unicycle_2", "labmate_1", "pendulum"])
 def test_certificate(name):
     """The minor of the named brackets is the one said, and each identity holds, at random numbers to 1e-25."""
-    found, analysis = distribution(SYSTEMS[name]()), analysed(name)
-    q, certificate = list(found.functions.coordinates), analysis.certificate
-    brackets = sp.Matrix.hstack(*[named(b, found.S, q) for b in certificate.basis])
+    Delta, analysis = distribution(SYSTEMS[name]()), analysed(name)
+    q, certificate = list(Delta.functions.coordinates), analysis.certificate
+    brackets = sp.Matrix.hstack(*[named(b, Delta.S, q) for b in certificate.basis])
     minor = brackets.extract([[str(x) for x in q].index(row) for row in certificate.rows], list(range(brackets.cols)))
     texts = {f"e_{k + 1}": field for k, field in enumerate(certificate.fields)}
     texts |= {f"g_{k + 1}": field for k, field in enumerate(certificate.generators)}
-    symbols = {str(s): s for s in (*q, *found.functions.parameters)}
+    symbols = {str(s): s for s in (*q, *Delta.functions.parameters)}
     for seed in range(3):
         rng = np.random.default_rng(seed)
         at = {s: sp.Rational(int(rng.integers(2, 90)), 61) for s in symbols.values()}
@@ -192,10 +192,10 @@ def test_certificate(name):
 def test_every_bracket_is_in_the_certificate():
     """Of a closure that is not everything: each [generator, basis field] is in the basis or has its identity."""
     for name in ("labmate", "labmate_2"):
-        found = distribution(SYSTEMS[name]())
-        columns = len(found.fields)
-        pairs = math.comb(columns, 2) + columns * (len(found.filtration.basis) - columns)
-        assert len(found.filtration.dependences) + len(found.filtration.basis) - columns == pairs
+        Delta = distribution(SYSTEMS[name]())
+        columns = len(Delta.fields)
+        pairs = math.comb(columns, 2) + columns * (len(Delta.filtration.basis) - columns)
+        assert len(Delta.filtration.dependences) + len(Delta.filtration.basis) - columns == pairs
 
 
 # -- the holonomic part ------------------------------------------------------------------------------------------------
@@ -212,14 +212,14 @@ def test_integral_of_the_labmate():
 @pytest.mark.parametrize("name", ["labmate", "labmate_1", "labmate_2", "pendulum", "slider_crank"])
 def test_integrals_are_constant_and_independent(name):
     """dC S = 0, all k of them, at random numbers with 40 digits."""
-    found, analysis = distribution(SYSTEMS[name]()), analysed(name)
+    Delta, analysis = distribution(SYSTEMS[name]()), analysed(name)
     functions = [integral.function for integral in analysis.holonomic.integrals]
     assert len(functions) == analysis.k
-    symbols = (*found.functions.coordinates, *found.functions.parameters)
-    gradient = sp.Matrix(functions).jacobian(list(found.functions.coordinates))
+    symbols = (*Delta.functions.coordinates, *Delta.functions.parameters)
+    gradient = sp.Matrix(functions).jacobian(list(Delta.functions.coordinates))
     rng = np.random.default_rng(5)
     at = {s: sp.Rational(int(rng.integers(2, 90)), 61) for s in symbols}
-    assert max(abs(entry) for entry in (gradient * found.S).subs(at).evalf(40)) < 1e-30
+    assert max(abs(entry) for entry in (gradient * Delta.S).subs(at).evalf(40)) < 1e-30
     assert gradient.subs(at).evalf(40).rank() == analysis.k
 
 
@@ -261,11 +261,11 @@ def test_integration_of_one_form(row, text):
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_places_of_the_trailers(count):
     """Jean 1996: singular where trailers 1 .. N-1 are at right angles to what pulls them; the last one does not matter."""
-    found = analysed(f"unicycle_{count}").places
-    assert {place.words for place in found.places} == {
+    singular = analysed(f"unicycle_{count}").places
+    assert {place.words for place in singular.places} == {
         f"theta_{k} - theta_{k + 1} is an odd multiple of 90 degrees" for k in range(count - 1)
     }
-    assert found.complete
+    assert singular.complete
 
 
 def test_growth_where_a_trailer_is_at_right_angles():
@@ -275,8 +275,8 @@ def test_growth_where_a_trailer_is_at_right_angles():
 
 @pytest.mark.parametrize("name", ["labmate", "knife_edge", "vertical_disk", "car", "unicycle_1", "labmate_1"])
 def test_no_place_where_the_growth_differs(name):
-    found = analysed(name).places
-    assert not found.places and found.complete and found.text() == ["nowhere, proved"]
+    singular = analysed(name).places
+    assert not singular.places and singular.complete and singular.text() == ["nowhere, proved"]
 
 
 def test_places_of_known_examples():
@@ -306,10 +306,10 @@ def test_places_of_a_trailer_hitched_behind_the_axle(by_constraints):
     """C. Altafini, Int. J. Control 74(2), 2001 (general 1-trailer): with a hitch offset of the trailer's length the joint rate is
     (1 + cos) omega - sin v / L. It vanishes with the trailer folded onto the tractor, which no motion leaves; not when straight.
     """
-    given = systems.hitched(by_constraints)
-    found = analyse(given).places
-    (place,) = found.places
-    assert place.words == "t0 - t1 is an odd multiple of 180 degrees" and found.complete
+    robot = systems.hitched(by_constraints)
+    singular = analyse(robot).places
+    (place,) = singular.places
+    assert place.words == "t0 - t1 is an odd multiple of 180 degrees" and singular.complete
     assert place.growth[:3] == (2, 3, 3) and not place.whole and place.verified and place.at_defaults
     t0, t1 = sp.symbols("t0 t1")
     columns = [0, 0, 1, -sp.cos(t0 - t1)], [sp.cos(t0), sp.sin(t0), 0, sp.sin(t0 - t1)]
@@ -335,9 +335,9 @@ def test_places_of_a_trailer_hitched_behind_the_axle(by_constraints):
 )
 def test_places_are_real(function, kind, words):
     """Only real zeros are places: f has them or not by its closed form; each is verified, and nothing else is left open."""
-    found = analyse(systems.grushin(function, kind)).places
-    assert sorted(place.words for place in found.places) == words and found.complete
-    for place in found.places:
+    singular = analyse(systems.grushin(function, kind)).places
+    assert sorted(place.words for place in singular.places) == words and singular.complete
+    for place in singular.places:
         double = place.words.endswith("180 degrees") and function(math.pi) < 1e-9 and abs(function(math.pi + 1e-4)) < 1e-7
         assert place.growth == ((1, 1, 2) if double else (1, 2)) and place.verified and place.at_defaults
 
@@ -358,23 +358,23 @@ def verdicts(name: str) -> dict[tuple[str, str], bool | None]:
 
 def test_theorems_for_the_labmate():
     """Theorems 1 to 3 on R^7, and on the leaf of dimension 6."""
-    found = verdicts("labmate")
+    verdict = verdicts("labmate")
     for name in ("accessible", "controllable"):
-        assert not found[name, SPACE] and found[name, LEAF]
+        assert not verdict[name, SPACE] and verdict[name, LEAF]
     for name in ("asymptotically_stabilizable", "input_state_linearizable"):
-        assert not found[name, SPACE] and not found[name, LEAF]
-    assert found["lagrange_stable", SPACE]
-    assert found["dynamic_feedback_linearizable", LEAF]  # Martin, Rouchon 1994: derived flag (2, 3, 4)
+        assert not verdict[name, SPACE] and not verdict[name, LEAF]
+    assert verdict["lagrange_stable", SPACE]
+    assert verdict["dynamic_feedback_linearizable", LEAF]  # Martin, Rouchon 1994: derived flag (2, 3, 4)
     assert [step.involutive for step in analysed("labmate").steps] == [True, False]
     assert "D_2 is not involutive" in analysed("labmate").check("input_state_linearizable").reason
 
 
 def test_theorems_without_integrals():
     for name in ("knife_edge", "car", "unicycle_2"):
-        found = verdicts(name)
-        assert found["accessible", SPACE] and found["controllable", SPACE] and found["dynamic_feedback_linearizable", SPACE]
-        assert not found["asymptotically_stabilizable", SPACE] and not found["input_state_linearizable", SPACE]
-        assert all(where == SPACE for _, where in found)
+        verdict = verdicts(name)
+        assert verdict["accessible", SPACE] and verdict["controllable", SPACE] and verdict["dynamic_feedback_linearizable", SPACE]
+        assert not verdict["asymptotically_stabilizable", SPACE] and not verdict["input_state_linearizable", SPACE]
+        assert all(where == SPACE for _, where in verdict)
 
 
 @pytest.mark.parametrize(
@@ -389,44 +389,44 @@ def test_underactuated_robots_are_judged_as_they_are_driven(robot, driven, dof, 
     """Chaplygin's sleigh: v' = d omega^2, so that with d = 0 no torque changes v (Neimark, Fufaev 1972). The snakeboard: locally
     accessible (J. Ostrowski, J. Burdick, Int. J. Robotics Research 17(7), 1998). What feedback (12) would allow is not said.
     """
-    found = analyse(robot())
-    assert (found.actuation.driven, found.actuation.dof, found.actuation.reached) == (driven, dof, reached)
-    assert found.check("accessible").verdict is (reached == 2 * found.n - found.m)
-    assert found.check("controllable").verdict is (None if reached == 2 * found.n - found.m else False)
+    analysis = analyse(robot())
+    assert (analysis.actuation.driven, analysis.actuation.dof, analysis.actuation.reached) == (driven, dof, reached)
+    assert analysis.check("accessible").verdict is (reached == 2 * analysis.n - analysis.m)
+    assert analysis.check("controllable").verdict is (None if reached == 2 * analysis.n - analysis.m else False)
     for name in ("lagrange_stable", "dynamic_feedback_linearizable"):
-        assert found.check(name).verdict is None and f"{driven} of {dof} quasi-velocities" in found.check(name).reason
-    assert "nu' = u" not in found.controlled and found.as_json()["properties_of"] == found.controlled
+        assert analysis.check(name).verdict is None and f"{driven} of {dof} quasi-velocities" in analysis.check(name).reason
+    assert "nu' = u" not in analysis.controlled and analysis.as_json()["properties_of"] == analysis.controlled
 
 
 def test_a_robot_with_all_its_inputs_is_the_system_of_the_theorems():
     """Pushed too, the sleigh is (13) after feedback (12): accessible by numbers as by Theorem 1."""
-    found = analyse(systems.sleigh(0.3, pushed=True))
-    assert found.actuation.full and found.actuation.reached == 5 and found.controlled == "q' = S nu, nu' = u"
-    assert found.check("accessible").verdict and found.check("controllable").verdict
+    analysis = analyse(systems.sleigh(0.3, pushed=True))
+    assert analysis.actuation.full and analysis.actuation.reached == 5 and analysis.controlled == "q' = S nu, nu' = u"
+    assert analysis.check("accessible").verdict and analysis.check("controllable").verdict
 
 
 def test_theorems_with_only_holonomic_constraints():
     """On the leaf they are double integrators; on R^(2n-m) nothing moves the integrals."""
     for name in ("pendulum", "slider_crank"):
-        found = verdicts(name)
+        verdict = verdicts(name)
         for question in ("accessible", "controllable", "asymptotically_stabilizable", "input_state_linearizable"):
-            assert not found[question, SPACE] and found[question, LEAF]
+            assert not verdict[question, SPACE] and verdict[question, LEAF]
         assert all(step.involutive for step in analysed(name).steps)
 
 
 @pytest.mark.parametrize("name", ["labmate", "knife_edge", "unicycle_1", "pendulum", "slider_crank"])
 def test_second_step_is_involutive_as_said(name):
     """D_2 = span{g, [f, g]} of (13) on R^(2n-m), as a distribution of its own."""
-    found = distribution(SYSTEMS[name]())
-    given, inputs = found.kinematics, len(found.fields)
-    S = given.S
+    Delta = distribution(SYSTEMS[name]())
+    model, inputs = Delta.kinematics, len(Delta.fields)
+    S = model.S
     if S is None:
-        symbols = (*found.functions.coordinates, *found.functions.parameters)
-        entries = sp.lambdify(symbols, list(found.S.T), [{"sin": sin, "cos": cos}, "math"])
-        S = ca.reshape(ca.vertcat(*entries(*[q.symbol for q in (*given.coordinates, *given.parameters)])), *found.S.T.shape[::-1])
-    extended = (*given.coordinates, *[quantity(f"nu_{k + 1}", "1/s") for k in range(inputs)])
-    D2 = distribution(Kinematics("D2", extended, given.parameters, S=ca.diagcat(S, ca.SX.eye(inputs))))
-    steps = linearization_steps(found)
+        symbols = (*Delta.functions.coordinates, *Delta.functions.parameters)
+        entries = sp.lambdify(symbols, list(Delta.S.T), [{"sin": sin, "cos": cos}, "math"])
+        S = ca.reshape(ca.vertcat(*entries(*[q.symbol for q in (*model.coordinates, *model.parameters)])), *Delta.S.T.shape[::-1])
+    extended = (*model.coordinates, *[quantity(f"nu_{k + 1}", "1/s") for k in range(inputs)])
+    D2 = distribution(Kinematics("D2", extended, model.parameters, S=ca.diagcat(S, ca.SX.eye(inputs))))
+    steps = linearization_steps(Delta)
     assert D2.growth[0] == steps[1].dimension and (len(D2.growth) == 1) == steps[1].involutive
 
 
@@ -453,11 +453,11 @@ def test_rolling_contacts():
         PlanarContact(circle(R), line()): ((1,), 1),
     }
     for contact, expected in contacts.items():
-        found = distribution(rolling(contact))
-        assert (found.growth, found.holonomic) == expected, contact.name
+        Delta = distribution(rolling(contact))
+        assert (Delta.growth, Delta.holonomic) == expected, contact.name
     # Not flat: P. Martin, P. Rouchon 1994, the derived flag of two inputs would have to grow one by one.
-    found = analyse(rolling(RollingContact(sphere(R), plane())))
-    assert found.check("dynamic_feedback_linearizable").verdict is False
+    analysis = analyse(rolling(RollingContact(sphere(R), plane())))
+    assert analysis.check("dynamic_feedback_linearizable").verdict is False
     (place,) = [p for p in places(distribution(rolling(RollingContact(torus(R, r), plane())))).places if not p.velocities_fail]
     assert place.words == "u1 is an odd multiple of 90 degrees" and place.growth == (2, 2, 3, 5)
 
@@ -544,9 +544,9 @@ def test_refused_systems():
         ({"A": ca.horzcat(1, 0, 0, 0), "S": unit[:, :2]}, "must be n x"),
         ({}, "neither"),
     ]
-    for given, message in wrong:
+    for matrices, message in wrong:
         with pytest.raises(ModelError, match=message):
-            distribution(Kinematics("bad", q, **given))
+            distribution(Kinematics("bad", q, **matrices))
     with pytest.raises(ModelError, match="no coordinates"):
         Kinematics("bad", (), S=ca.SX(0, 1))
     with pytest.raises(ModelError, match="used twice"):
@@ -584,11 +584,11 @@ def test_json_and_text():
 
 def test_factors_by_half_angles_are_the_function():
     """Each factor vanishes where its expression in coordinates does, and their product is the function, to 1e-12."""
-    found = distribution(systems.grushin(lambda x: sin(x) * (2 * sin(x) + cos(x) + 1), systems.angle))
-    (polynomial,) = [part for part in found.fields[1].below if not found.functions.is_constant(part)]
-    forms = factors(found.functions, polynomial)
+    Delta = distribution(systems.grushin(lambda x: sin(x) * (2 * sin(x) + cos(x) + 1), systems.angle))
+    (polynomial,) = [part for part in Delta.fields[1].below if not Delta.functions.is_constant(part)]
+    forms = factors(Delta.functions, polynomial)
     assert sum(power for _, power in forms) == 4 and len(forms) == 3  # C^2 S (C + 2 S)
-    x = found.functions.coordinates[0]
-    product = sp.prod(half_angles(found.functions, form) ** power for form, power in forms)
-    ratio = sp.lambdify(x, product / found.functions.expression(polynomial), "math")
+    x = Delta.functions.coordinates[0]
+    product = sp.prod(half_angles(Delta.functions, form) ** power for form, power in forms)
+    ratio = sp.lambdify(x, product / Delta.functions.expression(polynomial), "math")
     assert np.ptp([ratio(value) for value in np.random.default_rng(2).uniform(-3, 3, 9)]) < 1e-12

@@ -25,14 +25,14 @@ def defined(path: Path) -> frozenset[str]:
     """Functions and classes of a Python file, methods and fields as Class.name; the words of any other file."""
     if path.suffix != ".py":
         return frozenset(re.findall(r"\w+", path.read_text()))
-    found = set()
+    names = set()
     for node in ast.parse(path.read_text()).body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            found.add(node.name)
+            names.add(node.name)
         for item in node.body if isinstance(node, ast.ClassDef) else ():
             name = getattr(item, "name", getattr(getattr(item, "target", None), "id", None))
-            found.add(f"{node.name}.{name}")
-    return frozenset(found)
+            names.add(f"{node.name}.{name}")
+    return frozenset(names)
 
 
 def rows(page: str) -> list[list[str]]:
@@ -81,12 +81,12 @@ def test_links(page):
 
 def test_the_recipe_for_a_pass(monkeypatch, capsys):
     """The pass that the recipe writes, entered in PASSES as it says, finds the root in the recipe's expression."""
-    found = re.findall(r"tests/test_docs.py -->\n```python\n(.*?)^```", (ROOT / "docs/extending.md").read_text(), re.S | re.M)
-    (methods, tried), made = found, {}
-    exec(methods, vars(optimize), made)
-    for name, function in made.items():
+    blocks = re.findall(r"tests/test_docs.py -->\n```python\n(.*?)^```", (ROOT / "docs/extending.md").read_text(), re.S | re.M)
+    (methods, tried), methods_by_name = blocks, {}
+    exec(methods, vars(optimize), methods_by_name)
+    for name, function in methods_by_name.items():
         monkeypatch.setattr(optimize.Optimizer, name, function, raising=False)
-    monkeypatch.setattr(optimize, "PASSES", (("squares of roots", made["squares_of_roots"]), *optimize.PASSES))
+    monkeypatch.setattr(optimize, "PASSES", (("squares of roots", methods_by_name["squares_of_roots"]), *optimize.PASSES))
     exec(tried, {})
     before, after, *_ = capsys.readouterr().out.splitlines()
     assert before.startswith("sums of products [Applied") and after.startswith("squares of roots")

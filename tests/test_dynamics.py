@@ -118,13 +118,13 @@ def system(name: str) -> ReducedSystem:
 @cache
 def textbook(name: str) -> ca.Function:
     """From parameters, q, nu and rates: Mbar, bias, S'E, qdot by the matrices (9), (10) of the Lagrangian; energy; S'E tau."""
-    made = system(name)
-    robot = made.mechanism
-    M, S = robot.M, made.S
-    bias = S.T @ (M @ made.Sdot @ made.nu + ca.substitute(robot.V, robot.qdot, made.qdot))
-    energy = ca.substitute(robot.energy(), robot.qdot, made.qdot)
-    answers = [S.T @ M @ S, bias, S.T @ robot.E, made.qdot, energy]
-    return ca.Function("textbook", [robot.p, robot.q, made.nu], [ca.densify(answer) for answer in answers])
+    reduced = system(name)
+    robot = reduced.mechanism
+    M, S = robot.M, reduced.S
+    bias = S.T @ (M @ reduced.Sdot @ reduced.nu + ca.substitute(robot.V, robot.qdot, reduced.qdot))
+    energy = ca.substitute(robot.energy(), robot.qdot, reduced.qdot)
+    answers = [S.T @ M @ S, bias, S.T @ robot.E, reduced.qdot, energy]
+    return ca.Function("textbook", [robot.p, robot.q, reduced.nu], [ca.densify(answer) for answer in answers])
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,8 @@ class State:
 
 
 def states(name: str, count: int = 20, seed: int = 3) -> list[State]:
-    made, random = system(name), np.random.default_rng(seed)
-    robot = made.mechanism
+    reduced, random = system(name), np.random.default_rng(seed)
+    robot = reduced.mechanism
     defaults = np.array([parameter.default for parameter in robot.parameters])
 
     def single(values):
@@ -149,7 +149,7 @@ def states(name: str, count: int = 20, seed: int = 3) -> list[State]:
         State(
             single(defaults * random.uniform(0.7, 1.3, len(defaults))),
             single(random.uniform(-1.2, 1.2, len(robot.coordinates))),
-            single(random.uniform(-3.0, 3.0, made.dof)),
+            single(random.uniform(-3.0, 3.0, reduced.dof)),
             single(random.uniform(-5.0, 5.0, len(robot.inputs))),
         )
         for _ in range(count)
@@ -160,10 +160,10 @@ def answers(name: str, state: State) -> list[np.ndarray]:
     return [np.asarray(value) for value in textbook(name)(state.p, state.q, state.nu)]
 
 
-def close(found, wanted, tolerance: float, floor: float = 0.0) -> bool:
-    """To `tolerance` of the largest entry wanted, which counts for at least `floor`."""
-    found, wanted = np.ravel(found), np.ravel(wanted)
-    return bool(np.abs(found - wanted).max(initial=0.0) <= tolerance * max(np.abs(wanted).max(initial=0.0), floor))
+def close(value, expected, tolerance: float, floor: float = 0.0) -> bool:
+    """To `tolerance` of the largest entry expected, which counts for at least `floor`."""
+    value, expected = np.ravel(value), np.ravel(expected)
+    return bool(np.abs(value - expected).max(initial=0.0) <= tolerance * max(np.abs(expected).max(initial=0.0), floor))
 
 
 # -- the C ------------------------------------------------------------------------------------------------------------
@@ -179,15 +179,15 @@ class Plant:
     """A robot's compiled dynamics."""
 
     def __init__(self, name: str, scalar: str):
-        made, kind = system(name), SCALARS[scalar]
+        reduced, kind = system(name), SCALARS[scalar]
         text = dynamics_text(program(name), kind)
         self.ffi = cffi.FFI()
         self.ffi.cdef("const char *noslip_status_name(int status);")
         self.ffi.cdef(runtime_types(kind))
-        self.ffi.cdef(robot_declarations(made, kind))
+        self.ffi.cdef(robot_declarations(reduced, kind))
         self.ffi.cdef(text.declarations())
-        self.lib = load(self.ffi, {**shared_files(made, kind), **text.files()})
-        self.system, self.real, self.robot = made, kind.real, made.mechanism.name
+        self.lib = load(self.ffi, {**shared_files(reduced, kind), **text.files()})
+        self.system, self.real, self.robot = reduced, kind.real, reduced.mechanism.name
         self.name = kind.name
         self.own = self.ffi.new(f"{kind.name(self.robot + '_dynamics')} *")
 
@@ -195,10 +195,10 @@ class Plant:
         return getattr(self.lib, self.name(f"{self.robot}_dynamics_{name}"))
 
     def filled(self, kind: str, quantities, values):
-        made = self.ffi.new(f"{self.name(f'{self.robot}_{kind}')} *")
+        struct = self.ffi.new(f"{self.name(f'{self.robot}_{kind}')} *")
         for quantity, value in zip(quantities, values, strict=True):
-            setattr(made, quantity.in_c, value)
-        return made
+            setattr(struct, quantity.in_c, value)
+        return struct
 
     def status(self, number: int) -> str:
         return self.ffi.string(self.lib.noslip_status_name(number)).decode()
@@ -224,14 +224,14 @@ class Plant:
         return self.status(status), self.numbers(Mbar), self.numbers(bias)
 
     def evaluate(self, q, nu) -> tuple[str, dict[str, np.ndarray]]:
-        found = self.ffi.new(f"{self.name(self.robot + '_dynamics_evaluation')} *")
-        status = self.function("evaluate")(self.own, self.state(q, nu), found)
-        return self.status(status), {key: self.numbers(getattr(found, key)) for key in ("Mbar", "bias", "input_map", "qdot")}
+        evaluation = self.ffi.new(f"{self.name(self.robot + '_dynamics_evaluation')} *")
+        status = self.function("evaluate")(self.own, self.state(q, nu), evaluation)
+        return self.status(status), {key: self.numbers(getattr(evaluation, key)) for key in ("Mbar", "bias", "input_map", "qdot")}
 
     def acceleration(self, q, nu, tau) -> tuple[str, np.ndarray, np.ndarray]:
         qdot, nudot = self.array(len(q)), self.array(self.system.dof)
-        given = self.ffi.new(f"{self.real}[]", list(tau))
-        status = self.function("acceleration")(self.own, self.state(q, nu), given, qdot, nudot)
+        inputs = self.ffi.new(f"{self.real}[]", list(tau))
+        status = self.function("acceleration")(self.own, self.state(q, nu), inputs, qdot, nudot)
         return self.status(status), self.numbers(qdot), self.numbers(nudot)
 
 
@@ -247,19 +247,19 @@ ALL = (*(name for name in ROBOTS if name != "mobile_manipulator"), "tractor_trai
 @pytest.mark.parametrize("name", ALL)
 def test_the_c_is_the_textbook(name, scalar):
     """Mass matrix, bias, input map and rates at random states and parameters; the acceleration solves (10) to rounding."""
-    made = plant(name, scalar)
+    compiled = plant(name, scalar)
     for state in states(name):
         Mbar, bias, input_map, qdot, _ = answers(name, state)
-        assert made.init(state.p) == "ok"
+        assert compiled.init(state.p) == "ok"
         floor = np.abs(Mbar).max() * np.abs(state.nu).max()  # a bias that cancels is as good as what it is made of
-        status, found_M, found_bias = made.reduced(state.q, state.nu)
+        status, found_M, found_bias = compiled.reduced(state.q, state.nu)
         assert status == "ok" and close(found_M, Mbar, TOLERANCE[scalar]) and close(found_bias, bias, TOLERANCE[scalar], floor)
         assert np.array_equal(found_M, found_M.T) and np.linalg.eigvalsh(found_M).min() > 0.0
-        status, all_of_it = made.evaluate(state.q, state.nu)
+        status, all_of_it = compiled.evaluate(state.q, state.nu)
         assert status == "ok" and close(all_of_it["input_map"], input_map, TOLERANCE[scalar])
         assert close(all_of_it["qdot"], qdot, TOLERANCE[scalar])
         assert close(all_of_it["Mbar"], Mbar, TOLERANCE[scalar]) and close(all_of_it["bias"], bias, TOLERANCE[scalar], floor)
-        status, rates, nudot = made.acceleration(state.q, state.nu, state.tau)
+        status, rates, nudot = compiled.acceleration(state.q, state.nu, state.tau)
         force = input_map @ state.tau
         left = np.abs(Mbar @ nudot + bias[:, 0] - force).max()
         parts = np.abs(Mbar).max() * np.abs(nudot).max() + np.abs(bias).max() + np.abs(force).max() + floor
@@ -269,15 +269,15 @@ def test_the_c_is_the_textbook(name, scalar):
 @pytest.mark.parametrize("name", CHAINS)
 def test_body_by_body_is_the_textbook(name):
     """Kane's recursion against Lagrange's equations."""
-    made = system(name)
-    robot = made.mechanism
-    found = ca.Function("found", [robot.p, robot.q, made.nu], [made.Mbar, made.bias, made.input_map, robot.A @ made.S])
-    assert made.by_bodies is not None
+    chain = system(name)
+    robot = chain.mechanism
+    function = ca.Function("reduced", [robot.p, robot.q, chain.nu], [chain.Mbar, chain.bias, chain.input_map, robot.A @ chain.S])
+    assert chain.by_bodies is not None
     for state in states(name):
-        Mbar, bias, input_map, slip = (np.asarray(value) for value in found(state.p, state.q, state.nu))
-        wanted = answers(name, state)
-        floor = np.abs(wanted[0]).max() * np.abs(state.nu).max()
-        assert close(Mbar, wanted[0], 1e-12) and close(bias, wanted[1], 1e-12, floor) and close(input_map, wanted[2], 1e-12)
+        Mbar, bias, input_map, slip = (np.asarray(value) for value in function(state.p, state.q, state.nu))
+        expected = answers(name, state)
+        floor = np.abs(expected[0]).max() * np.abs(state.nu).max()
+        assert close(Mbar, expected[0], 1e-12) and close(bias, expected[1], 1e-12, floor) and close(input_map, expected[2], 1e-12)
         assert np.abs(slip).max() < 1e-12
 
 
@@ -308,10 +308,10 @@ def test_the_c_is_the_same_again():
 @pytest.mark.parametrize("name", ["labmate", "tractor_trailer", "tractor_trailer:3", "off_axle"])
 def test_energy_changes_by_the_work_done(name):
     """Conserved without torques (and drag); with torques it is their work; measured below 1e-10."""
-    made, state = plant(name, "double"), states(name, 1)[0]
+    compiled, state = plant(name, "double"), states(name, 1)[0]
     n = len(state.q)
     p = state.p if name != "off_axle" else np.where([q.name == "c" for q in system(name).mechanism.parameters], 1e-300, state.p)
-    assert made.init(p) == "ok"
+    assert compiled.init(p) == "ok"
 
     def energy(x):
         return float(textbook(name)(p, x[:n], x[n : n + len(state.nu)])[4])
@@ -321,9 +321,9 @@ def test_energy_changes_by_the_work_done(name):
         def rate(t, x, torque=torque):
             q, nu = x[:n], x[n:-1]
             tau = torque * state.tau * np.cos(t)
-            status, qdot, nudot = made.acceleration(q, nu, tau)
+            status, qdot, nudot = compiled.acceleration(q, nu, tau)
             assert status == "ok"
-            input_map = made.evaluate(q, nu)[1]["input_map"] if torque else np.zeros((len(nu), len(tau)))
+            input_map = compiled.evaluate(q, nu)[1]["input_map"] if torque else np.zeros((len(nu), len(tau)))
             return np.concatenate([qdot, nudot, [nu @ input_map @ tau]])
 
         run = solve_ivp(rate, (0.0, 2.0), [*state.q, *state.nu, 0.0], method="DOP853", rtol=1e-11, atol=1e-11)
@@ -367,32 +367,32 @@ def lagrange():
     equations.form_lagranges_equations()
     plain = [*sp.symbols(names), *sp.symbols([f"{name}_dot" for name in names])]
     inserted = dict(zip([*rates, *q], [*plain[len(q) :], *plain[: len(q)]], strict=True))
-    made = [part.subs(inserted) for part in (equations.mass_matrix_full, equations.forcing_full)]
-    return sp.lambdify([*plain, *tau, *parameters], made, cse=True)
+    matrices = [part.subs(inserted) for part in (equations.mass_matrix_full, equations.forcing_full)]
+    return sp.lambdify([*plain, *tau, *parameters], matrices, cse=True)
 
 
 def test_two_trailers_move_as_sympys_lagrangian_says():
     """Accelerations of all coordinates, from multipliers in SymPy and from the C here."""
     name = "tractor_trailer:2"
-    made, robot = plant(name, "double"), system(name).mechanism
+    compiled, robot = plant(name, "double"), system(name).mechanism
     assert [q.name for q in robot.coordinates] == ["x", "y", "phi", "theta_r", "theta_l", "phi_1", "phi_2"]
     for state in states(name):
-        assert made.init(state.p) == "ok"
-        _, qdot, nudot = made.acceleration(state.q, state.nu, state.tau)
+        assert compiled.init(state.p) == "ok"
+        _, qdot, nudot = compiled.acceleration(state.q, state.nu, state.tau)
         matrix, right = lagrange()(*state.q, *qdot, *state.tau, *state.p)
         qddot = np.linalg.solve(matrix, right)[7:14, 0]
         assert close(nudot, qddot[3:5], 1e-10)
         step = 1e-5  # the rates of the trailers' headings change as the acceleration says
-        after, before = (made.acceleration(state.q + s * qdot, state.nu + s * nudot, state.tau)[1] for s in (step, -step))
+        after, before = (compiled.acceleration(state.q + s * qdot, state.nu + s * nudot, state.tau)[1] for s in (step, -step))
         assert close((after - before) / (2 * step), qddot, 1e-6)
 
 
 def test_a_steady_circle():
     """Each axle on a circle of its own, R_i^2 = R_{i-1}^2 - l_i^2, all bodies turning alike; measured: 1e-15."""
     name = "tractor_trailer:3"
-    made, robot = plant(name, "double"), system(name).mechanism
+    compiled, robot = plant(name, "double"), system(name).mechanism
     p = {parameter.name: parameter.default for parameter in robot.parameters}
-    assert made.init(p.values()) == "ok"
+    assert compiled.init(p.values()) == "ok"
     yaw_rate, radius, heading = 0.4, 5.0, 0.3
     v = yaw_rate * radius
     headings = []
@@ -402,16 +402,16 @@ def test_a_steady_circle():
         headings.append(heading)
     nu = [(v + p["b"] * yaw_rate) / p["r"], (v - p["b"] * yaw_rate) / p["r"]]
     state = [1.0, 2.0, 0.3, 0.0, 0.0, *headings], nu
-    _, found = made.evaluate(*state)
-    assert close(found["qdot"][[2, 5, 6, 7]], [yaw_rate] * 4, 1e-14)
-    _, _, nudot = made.acceleration(*state, found["bias"])
+    _, values = compiled.evaluate(*state)
+    assert close(values["qdot"][[2, 5, 6, 7]], [yaw_rate] * 4, 1e-14)
+    _, _, nudot = compiled.acceleration(*state, values["bias"])
     assert np.abs(nudot).max() < 1e-12
     mass = p["m"] + 2 * p["I_w"] / p["r"] ** 2  # of the forward speed: twice each body's energy, by its radius
     radius = 5.0
     for k in (1, 2, 3):
         radius = np.sqrt(radius**2 - p[f"l_{k}"] ** 2)
         mass += p[f"m_{k}"] * (radius / 5) ** 2 + (p[f"I_{k}"] + p[f"m_{k}"] * p[f"d_{k}"] ** 2) / 25
-    assert close(found["Mbar"].sum(), mass * p["r"] ** 2, 1e-13)
+    assert close(values["Mbar"].sum(), mass * p["r"] ** 2, 1e-13)
 
 
 # -- what is refused --------------------------------------------------------------------------------------------------
@@ -419,38 +419,38 @@ def test_a_steady_circle():
 
 @pytest.mark.parametrize("scalar", SCALARS)
 def test_singular_where_two_motions_are_one(scalar):
-    made = plant("twins", scalar)
-    assert made.init([3.0]) == "ok"
-    for angle, wanted in ((0.0, "singular"), (5e-4, "singular"), (3e-3, "ok"), (1.0, "ok")):
-        status, qdot, nudot = made.acceleration([angle, 0.0, 0.0], [1.0, 2.0], [1.0, -1.0])
-        assert status == wanted
-        assert (not qdot.any() and not nudot.any()) == (wanted != "ok")
-    assert made.reduced([0.0, 0.0, 0.0], [1.0, 2.0])[0] == "ok"
+    compiled = plant("twins", scalar)
+    assert compiled.init([3.0]) == "ok"
+    for angle, expected in ((0.0, "singular"), (5e-4, "singular"), (3e-3, "ok"), (1.0, "ok")):
+        status, qdot, nudot = compiled.acceleration([angle, 0.0, 0.0], [1.0, 2.0], [1.0, -1.0])
+        assert status == expected
+        assert (not qdot.any() and not nudot.any()) == (expected != "ok")
+    assert compiled.reduced([0.0, 0.0, 0.0], [1.0, 2.0])[0] == "ok"
 
 
 @pytest.mark.parametrize("scalar", SCALARS)
 @pytest.mark.parametrize("p", [4, UNROLLED + 1])
 def test_singular_written_out_and_looped(p, scalar):
     """Without the mass s, the last two motions are one where the last but one coordinate is pi / 2."""
-    made = plant(f"coupled_{p}", scalar)
-    for last_but_one, s, wanted in ((np.pi / 2, 0.0, "singular"), (1.5, 0.0, "ok"), (np.pi / 2, 0.7, "ok")):
-        assert made.init([2.0, s]) == "ok"
+    compiled = plant(f"coupled_{p}", scalar)
+    for last_but_one, s, expected in ((np.pi / 2, 0.0, "singular"), (1.5, 0.0, "ok"), (np.pi / 2, 0.7, "ok")):
+        assert compiled.init([2.0, s]) == "ok"
         q = [0.0] * (p - 2) + [last_but_one, 0.7, 0.0]
-        status, qdot, nudot = made.acceleration(q, [1.0] * p, [1.0] * p)
-        assert status == wanted and qdot.any() == nudot.any() == (wanted == "ok")
+        status, qdot, nudot = compiled.acceleration(q, [1.0] * p, [1.0] * p)
+        assert status == expected and qdot.any() == nudot.any() == (expected == "ok")
 
 
 @pytest.mark.parametrize("scalar", SCALARS)
 def test_what_the_entry_points_refuse(scalar):
     """Each with its status and zeros."""
-    made = Plant("tractor_trailer", scalar)
-    p = [parameter.default for parameter in made.system.mechanism.parameters]
+    compiled = Plant("tractor_trailer", scalar)
+    p = [parameter.default for parameter in compiled.system.mechanism.parameters]
     q, nu, tau = np.zeros(6), np.ones(2), np.ones(2)
     far = 9000.0 if scalar == "float" else 1.1e6
-    assert made.acceleration(q, nu, tau)[0] == "not_ready"
-    assert made.init([-p[0], *p[1:]]) == made.init([np.nan, *p[1:]]) == "bad_parameter"
-    assert made.acceleration(q, nu, tau)[0] == "not_ready"
-    assert made.init(p) == "ok"
+    assert compiled.acceleration(q, nu, tau)[0] == "not_ready"
+    assert compiled.init([-p[0], *p[1:]]) == compiled.init([np.nan, *p[1:]]) == "bad_parameter"
+    assert compiled.acceleration(q, nu, tau)[0] == "not_ready"
+    assert compiled.init(p) == "ok"
     changed = [
         ("nonfinite", {0: np.nan}, {}, {}),
         ("nonfinite", {4: np.inf}, {}, {}),
@@ -460,21 +460,21 @@ def test_what_the_entry_points_refuse(scalar):
         ("range", {2: far}, {}, {}),
         ("range", {2: 0.6 * far, 5: -0.6 * far}, {}, {}),
     ]
-    for wanted, *changes in changed:
-        given = [values.copy() for values in (q, nu, tau)]
-        for values, change in zip(given, changes, strict=True):
+    for expected, *changes in changed:
+        passed = [values.copy() for values in (q, nu, tau)]
+        for values, change in zip(passed, changes, strict=True):
             for place, value in change.items():
                 values[place] = value
-        status, qdot, nudot = made.acceleration(*given)
-        assert status == wanted and not qdot.any() and not nudot.any()
+        status, qdot, nudot = compiled.acceleration(*passed)
+        assert status == expected and not qdot.any() and not nudot.any()
         if not changes[2]:
-            status, Mbar, bias = made.reduced(*given[:2])
-            assert status == wanted and not Mbar.any() and not bias.any()
-    ffi, function = made.ffi, made.function("acceleration")
-    state, numbers, qdot, nudot = made.state(q, nu), made.array(2), made.array(6), made.array(2)
-    for k, arguments in enumerate([(made.own, state, numbers, qdot, nudot)] * 5):
-        given = [ffi.NULL if j == k else argument for j, argument in enumerate(arguments)]
-        assert made.status(function(*given)) == "null"
+            status, Mbar, bias = compiled.reduced(*passed[:2])
+            assert status == expected and not Mbar.any() and not bias.any()
+    ffi, function = compiled.ffi, compiled.function("acceleration")
+    state, numbers, qdot, nudot = compiled.state(q, nu), compiled.array(2), compiled.array(6), compiled.array(2)
+    for k, arguments in enumerate([(compiled.own, state, numbers, qdot, nudot)] * 5):
+        passed = [ffi.NULL if j == k else argument for j, argument in enumerate(arguments)]
+        assert compiled.status(function(*passed)) == "null"
 
 
 def test_a_body_must_be_one():
@@ -485,8 +485,8 @@ def test_a_body_must_be_one():
         x, y, phi = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("phi", "rad")
         forward = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y)
         left = cos(phi) * robot.rate(y) - sin(phi) * robot.rate(x)
-        given = {"mass": 2, "inertia": 1, "forward": forward, "left": left, "yaw_rate": robot.rate(phi)}
-        robot.body("cart", **given | change(robot, x, forward, left))
+        arguments = {"mass": 2, "inertia": 1, "forward": forward, "left": left, "yaw_rate": robot.rate(phi)}
+        robot.body("cart", **arguments | change(robot, x, forward, left))
         robot.rolls("no side slip", left)
         robot.input("push", "N", on=forward)
         robot.input("turn", "N m", on=robot.rate(phi))
@@ -499,8 +499,8 @@ def test_a_body_must_be_one():
         "must be parameters": lambda robot, x, forward, left: {"mass": 1 + x**2},
         "quadratic|linear": lambda robot, x, forward, left: {"forward": forward**2},
     }
-    for said, change in wrong.items():
-        with pytest.raises(ModelError, match=said):
+    for message, change in wrong.items():
+        with pytest.raises(ModelError, match=message):
             reduce(made(change))
 
 
@@ -519,15 +519,15 @@ def test_terms_that_cancel():
 @pytest.mark.parametrize("name", ["tractor_trailer", "coupled_6"])
 def test_strict_compilers_are_silent(name, scalar, tmp_path):
     """Warnings are errors, and nothing is called that is not in these files."""
-    made = system(name)
+    reduced = system(name)
     kind = SCALARS[scalar]
-    files = {**runtime_files(), **shared_files(made, kind), **dynamics_text(program(name), kind).files()}
+    files = {**runtime_files(), **shared_files(reduced, kind), **dynamics_text(program(name), kind).files()}
     for file, text in files.items():
         (tmp_path / file).write_text(text)
-    sources = [file for file in files if file.endswith(".c") and file.startswith((made.mechanism.name, "noslip_status"))]
+    sources = [file for file in files if file.endswith(".c") and file.startswith((reduced.mechanism.name, "noslip_status"))]
     command = [*compiler(), *STRICT, "-fPIC", "-shared", "-nostdlib", "-Wl,-z,defs", *sources, "-o", "plant.so"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
 
 
 def test_generate_writes_the_dynamics(tmp_path):
@@ -548,7 +548,7 @@ def test_numbers_after_a_robots_name(bad_input, tmp_path):
     )
     assert find_robot(f"{file}:some:2").name == "tractor_trailer_2"
     assert find_robot(f"{file}:some:1:2").name == "tractor_trailer_3"
-    for name, said in {
+    for name, message in {
         "tractor_trailer:-1": "give 0 or more",
         "tractor_trailer:1:2": "it takes the numbers N; 2 are given",
         "tractor_trailer:two": "must be integers",
@@ -556,4 +556,4 @@ def test_numbers_after_a_robots_name(bad_input, tmp_path):
         f"{file}:some": "it takes the numbers n, more; 0 are given",
         f"{file}:one:1": "it takes no numbers",
     }.items():
-        assert said in bad_input(["generate", name, "-o", str(tmp_path / "out")])
+        assert message in bad_input(["generate", name, "-o", str(tmp_path / "out")])

@@ -20,6 +20,7 @@ from noslip.simulation.specification.vary import read_varied
 mujoco = pytest.importorskip("mujoco")
 LINE = Path(__file__).parents[1] / "specs" / "line.toml"
 ROBOTS = ["labmate", "slope_platform", "rolling_disk", "car", "tricycle", "mobile_manipulator", "tractor_trailer", "four_wheel"]
+ROBOTS += ["turtlebot3_burger", "turtlebot3_waffle_pi", "pioneer_3dx", "f1tenth", "forklift"]
 FAST = {"gains": {"kp": 1.0, "kd": 2.5, "kv": 2.0}, "initial": {"point": [0.0, 2.0], "heading": np.pi / 2, "speed": 0.0}}
 GENTLE = FAST | {"gains": {"kp": 0.1, "kd": 0.8, "kv": 0.5}, "reference.speed": 0.3}
 RUBBER = Floor(mu=0.7)

@@ -231,10 +231,10 @@ def test_singular_alike_at_random_states(case, write):
         off = random.choice((-1, 1)) * random.choice((1e-7, 1e-6, 1e-3, 1e-2))
         cases.append(normal_to_circle(turned, off + random.choice((0, math.pi))))
     path = write(cases)
-    wanted = statuses(path, "casadi")
-    assert {"ok", "singular"} == set(wanted)
-    assert statuses(path, "c") == wanted
-    assert statuses(path, "cf") == wanted
+    expected = statuses(path, "casadi")
+    assert {"ok", "singular"} == set(expected)
+    assert statuses(path, "c") == expected
+    assert statuses(path, "cf") == expected
 
 
 @pytest.mark.parametrize(("backend", "limit"), [("casadi", 2.0**20), ("c", 2.0**20), ("cf", 8192.0)])

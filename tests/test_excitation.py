@@ -48,14 +48,14 @@ def test_it_stays_in_the_room_and_rolls(eight):
 
 def test_the_log_tells_as_much_as_was_said(eight):
     values = {p.name: v for p, v in zip(eight.law.parameters, eight.plant.parameters, strict=True)}
-    said, off = expected(eight), []
+    stated, off = expected(eight), []
     for seed in range(8):
-        found = identify(log_of(eight, NOISE, seed), eight.law.system, list(said), values, True).estimates
-        off.append([(found[name].value - values[name]) / sd for name, sd in said.items()])
+        estimates = identify(log_of(eight, NOISE, seed), eight.law.system, list(stated), values, True).estimates
+        off.append([(estimates[name].value - values[name]) / sd for name, sd in stated.items()])
     # four fifths of the windows are fitted, the rest validates: sqrt(1.25) times the deviation with all of them
     assert 0.6 < np.std(off) / math.sqrt(1.25) < 1.5
     line = expected(simulate(read_spec("line")))
-    assert said["I_c"] < line["I_c"] / 3
+    assert stated["I_c"] < line["I_c"] / 3
 
 
 def test_the_parameters_that_the_dynamics_determine():
@@ -71,7 +71,7 @@ def test_a_spec_is_written_as_it_is_read(file):
 
 
 @pytest.mark.parametrize(
-    "options, said",
+    "options, message",
     [
         (["line", "--fit", "m_c", "m_w", "I_w"], "would not show I_w"),
         (["line", "--fit", "mass"], "--fit mass: not a parameter of this robot"),
@@ -79,10 +79,11 @@ def test_a_spec_is_written_as_it_is_read(file):
         (["line", "--speed", "-1"], "--speed -1 must be positive"),
         (["line", "--noise", "nan"], "--noise nan must be positive"),
         (["figures/figure_1_type_i", "--room", "5"], "excite needs"),
+        (["figures/fastest"], "excite needs --speed"),
     ],
 )
-def test_refused(options, said, tmp_path, bad_input):
+def test_refused(options, message, tmp_path, bad_input):
     spec, *rest = options
     file = next((str(each) for each in SPECS if str(each).endswith(f"{spec}.toml") and "/" in spec), spec)
-    assert said in bad_input(["excite", file, *rest, "-o", str(tmp_path / "made.toml")])
+    assert message in bad_input(["excite", file, *rest, "-o", str(tmp_path / "made.toml")])
     assert not list(tmp_path.iterdir())

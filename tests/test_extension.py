@@ -120,13 +120,13 @@ def test_errors_have_the_poles_that_were_placed(name, backend, tmp_path):
     start = np.append(run.x[0], np.zeros(len(law.extension)))
     loop = make_loop(run.spec)
     reference = loop.guidance.reference(0, run.x[0])
-    found = make_controller("casadi", law, loop.believed, run.config[0], loop.gains).evaluate(start, reference)
-    wanted, rates = iter(reference), iter(found.values["ydot"])
+    evaluation = make_controller("casadi", law, loop.believed, run.config[0], loop.gains).evaluate(start, reference)
+    desired, rates = iter(reference), iter(evaluation.values["ydot"])
     gains = iter(loop.gains)
     for k, degree in enumerate(degrees):
-        actual = [found.values["h"][k], *[next(rates) for _ in range(1, degree)]]
-        error = np.array([next(wanted) - y for y in actual])
-        next(wanted)
+        actual = [evaluation.values["h"][k], *[next(rates) for _ in range(1, degree)]]
+        error = np.array([next(desired) - y for y in actual])
+        next(desired)
         A = chain([next(gains) for _ in range(degree)])
         expected = [(expm(A * t) @ error)[0] for t in run.t]
         np.testing.assert_allclose(run.y_d[:, k] - run.y[:, k], expected, rtol=0, atol=1e-6)
@@ -145,8 +145,8 @@ def test_the_law_of_a_unicycle_is_that_of_a_pencil():
     """x' = v cos, v' = a, phi' = w: x''' = a' cos - 2 a w sin - v w' sin - v w^2 cos, and y''' likewise."""
     law = axle_law()
     q, nu, p = (law.system.mechanism.q, law.system.nu, law.system.mechanism.p)
-    found = law.linearization
-    function = ca.Function("f", [ca.vertcat(q, nu), found.integrators.xi, p], [found.rate, found.Phi, found.drift])
+    linear = law.linearization
+    function = ca.Function("f", [ca.vertcat(q, nu), linear.integrators.xi, p], [linear.rate, linear.Phi, linear.drift])
     random, values = np.random.default_rng(5), {q.name: q.default for q in law.parameters}
     for _ in range(50):
         state, a = random.uniform(-2, 2, 7), random.uniform(-2, 2)
@@ -181,8 +181,8 @@ def wrong_rate(self, v, original=stages._Feedback.extension_rate):
 
 
 def wrong_row(stages_, inner, output, integrators, original=stages._extended_rows):
-    rows, found = original(stages_, inner, output, integrators)
-    return [dataclasses.replace(rows[0], drift=-rows[0].drift), *rows[1:]], found
+    rows, added = original(stages_, inner, output, integrators)
+    return [dataclasses.replace(rows[0], drift=-rows[0].drift), *rows[1:]], added
 
 
 @pytest.mark.parametrize(
@@ -195,11 +195,11 @@ def wrong_row(stages_, inner, output, integrators, original=stages._extended_row
 def test_a_wrong_generator_writes_nothing(place, name, wrong, says, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("NOSLIP_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(place, name, wrong)
-    for made in (law_program, library):
-        made.cache_clear()
+    for cached in (law_program, library):
+        cached.cache_clear()
     assert main(["generate", "labmate", "--output", "type_i_extended", "--scalar", "double", "-o", str(tmp_path / "made")]) == 1
-    for made in (law_program, library):
-        made.cache_clear()
+    for cached in (law_program, library):
+        cached.cache_clear()
     assert says in capsys.readouterr().err and not (tmp_path / "made").exists()
 
 
@@ -214,11 +214,11 @@ def compiled(scalar: str, limits: Limits | None = None) -> tuple[CompiledControl
 
 def step(controller: CompiledController, state, reference, dt: float) -> tuple[str, np.ndarray, float, float]:
     """One step of the C, with its memory: status, inputs, state of the extension and its rate."""
-    made = controller._library
+    compiled_law = controller._library
     controller._seen[0][:], controller._seen[1][:] = state, reference
-    status = made.function("step")(controller._self, controller._state, controller._reference, dt, controller._tau)
+    status = compiled_law.function("step")(controller._self, controller._state, controller._reference, dt, controller._tau)
     own = controller._self
-    return made.status(status), np.array(list(controller._tau)), own.extension[0], own.extension_rate[0]
+    return compiled_law.status(status), np.array(list(controller._tau)), own.extension[0], own.extension_rate[0]
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
@@ -231,12 +231,12 @@ def test_a_step_advances_the_extension_by_its_last_rate(scalar):
         xi += dt * (model.extension_rate[0] if k else 0.0)
         state = state + random.uniform(-0.01, 0.01, 7)
         status, tau, held, rate = step(controller, state, reference, dt)
-        wanted = model.step(np.append(state, xi), reference)
+        truth = model.step(np.append(state, xi), reference)
         tolerance = 1e-12 if scalar == "double" else 2e-4
-        assert (status, wanted[0]) == ("ok", "ok")
-        np.testing.assert_allclose([*tau, held, rate], [*wanted[1], xi, model.extension_rate[0]], rtol=tolerance, atol=tolerance)
-    made = controller._library
-    assert made.function("reset")(controller._self) == 0
+        assert (status, truth[0]) == ("ok", "ok")
+        np.testing.assert_allclose([*tau, held, rate], [*truth[1], xi, model.extension_rate[0]], rtol=tolerance, atol=tolerance)
+    compiled_law = controller._library
+    assert compiled_law.function("reset")(controller._self) == 0
     assert step(controller, state, reference, 5.0)[2] == 0.0
 
 
@@ -256,8 +256,8 @@ def test_a_wrong_time_is_refused_and_nothing_moves(dt, status):
     controller, state, reference = compiled("double")
     before = step(controller, state, reference, 0.0)
     assert before[0] == "ok" and before[3] != 0.0
-    found = step(controller, state, reference, dt)
-    assert found[0] == status and not found[1].any() and found[3] == 0.0
+    after = step(controller, state, reference, dt)
+    assert after[0] == status and not after[1].any() and after[3] == 0.0
 
 
 @pytest.mark.parametrize("backend", ["c", "cf", "casadi"])
@@ -266,8 +266,8 @@ def test_it_is_singular_at_standstill(backend):
     values = [values_of(list(group), {}, "") for group in (law.parameters, law.config, law.gains)]
     controller = make_controller(backend, law, *values)
     for rates, status in (((2.0, -2.0), "singular"), ((0.0, 0.0), "singular"), ((2.0, -1.9), "ok")):
-        found, tau = controller.step(np.array([0.1, 0.2, 0.3, 0.0, 0.0, *rates, 0.4]), np.full(8, 0.1))
-        assert found == status and (status == "ok" or not tau.any())
+        returned, tau = controller.step(np.array([0.1, 0.2, 0.3, 0.0, 0.0, *rates, 0.4]), np.full(8, 0.1))
+        assert returned == status and (status == "ok" or not tau.any())
 
 
 def test_regular_outputs_get_no_integrator():
@@ -343,18 +343,18 @@ def test_commands_that_do_not_know_extensions_say_so(command, bad_input):
 
 
 def test_a_sampled_run_integrates_between_its_calls(tmp_path):
-    made = run_of(AXLE, tmp_path, period=0.01, duration=20.0)
-    assert made.stopped is None and np.abs(made.error[-1]).max() < 1e-3
-    assert made.columns[-1] == "forward_speed_rate" and np.isfinite(made.extension).all() and made.extension.any()
+    run = run_of(AXLE, tmp_path, period=0.01, duration=20.0)
+    assert run.stopped is None and np.abs(run.error[-1]).max() < 1e-3
+    assert run.columns[-1] == "forward_speed_rate" and np.isfinite(run.extension).all() and run.extension.any()
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_no_input_makes_a_step_return_what_is_not_finite(scalar):
     controller, state, reference = compiled(scalar)
-    made, random = controller._library, np.random.default_rng(11)
+    compiled_law, random = controller._library, np.random.default_rng(11)
     strange = [np.nan, np.inf, -np.inf, 1e308, -3e38, 1e30, 1e-40, 0.0]
     for _ in range(400):
-        made.function("reset")(controller._self)
+        compiled_law.function("reset")(controller._self)
         step(controller, state, reference, 0.0)
         x, y = state.copy(), reference.copy()
         for values in (x, y):

@@ -37,21 +37,25 @@ def test_a_bad_answer_is_a_failure(status, tau):
 
 
 def planted(folder: Path, file: str, was: str, now: str) -> Path:
-    """A copy of what the page is made of, with one thing changed in the firmware."""
+    """A copy of what the page is made of, with one thing changed in its C."""
     for name in ("firmware", "generated", "docs"):
         shutil.copytree(ROOT / name, folder / name)
-    path = folder / "firmware" / file
+    path = folder / "generated/labmate" / file
     text = path.read_text()
     assert text.count(was) == 1
     path.write_text(text.replace(was, now))
     return folder
 
 
+FOLLOWER = "labmate_follower_f.c"
+INIT = "init_drives(self, config);"
+
+
 @pytest.mark.parametrize(
     ("words", "defect", "told"),
     [
-        ("random numbers", ("vehicle.c", "state == WATCHDOG_HOLD", "state != WATCHDOG_RUN"), "after the watchdog has stopped"),
-        ("supplies of", ("motor.c", "clamp(voltage, self->supply)", "clamp(voltage, 2 * self->supply)"), "the supply"),
+        ("random numbers", (FOLLOWER, "state == NOSLIP_WATCHDOG_HOLD", "state != NOSLIP_WATCHDOG_RUN"), "after the watchdog has"),
+        ("supplies of", (FOLLOWER, INIT, f"{INIT} self->motors[0].supply = 24;"), "the supply"),
     ],
 )
 def test_a_command_that_may_not_be_is_found(words, defect, told, tmp_path):
@@ -63,7 +67,8 @@ def test_a_command_that_may_not_be_is_found(words, defect, told, tmp_path):
 
 @pytest.mark.nightly
 def test_another_response_is_found(tmp_path):
-    """The watchdog tolerates one tick more than it is set to."""
-    root = planted(tmp_path / "root", "watchdog.c", "tolerated - self->strikes)", "tolerated - self->strikes + 1)")
+    """The watchdog counts one missed tick less than there was."""
+    call = "noslip_watchdog_step(&self->watchdog, status, missed"
+    root = planted(tmp_path / "root", FOLLOWER, call, f"{call} - (missed > 0)")
     with pytest.raises(Failed, match="differs from the measurements"):
         faults.check(Task(tmp_path, root=root))

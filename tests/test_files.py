@@ -120,7 +120,7 @@ def test_a_damaged_sweep_is_not_read(sweep, tmp_path, capsys):
     """Bits flipped anywhere in the file: it is refused, or what is read is what was written."""
     assert main(sweep) == 0
     file, random = tmp_path / "o.parquet", np.random.default_rng(4)
-    whole, known = file.read_bytes(), pq.read_table(tmp_path / "o.parquet")
+    whole, intact = file.read_bytes(), pq.read_table(tmp_path / "o.parquet")
     codes = []
     for byte in random.integers(0, len(whole), 40):
         damaged = bytearray(whole)
@@ -131,7 +131,7 @@ def test_a_damaged_sweep_is_not_read(sweep, tmp_path, capsys):
         err = capsys.readouterr().err
         assert codes[-1] in (0, 2) and err.count("\n") == 1, (byte, err)
         if codes[-1] == 0:
-            assert pq.read_table(file).equals(known)
+            assert pq.read_table(file).equals(intact)
     assert codes.count(2) > 20
     for size in (0, 3, len(whole) // 2, len(whole) - 1):
         file.write_bytes(whole[:size])
@@ -215,10 +215,10 @@ def test_pictures_of_others_are_not_overwritten(sweep, tmp_path, capsys):
     assert contents(folder) == {"cloud.png": b"\x89PNG mine"}
     (folder / "cloud.png").unlink()
     assert main(command) == 0
-    made = contents(folder)
-    assert all(MARK.encode() in content for content in made.values())
-    (folder / "cloud.png").write_bytes(made["envelope.png"])
-    assert main(command) == 0 and contents(folder) == made
+    pictures = contents(folder)
+    assert all(MARK.encode() in content for content in pictures.values())
+    (folder / "cloud.png").write_bytes(pictures["envelope.png"])
+    assert main(command) == 0 and contents(folder) == pictures
 
 
 def test_a_file_is_replaced_whole_with_its_permissions(tmp_path):
@@ -285,11 +285,11 @@ def test_a_cache_that_others_can_write_is_refused(cache):
     assert build.shared_library(SOURCE) == library
 
 
-@pytest.mark.parametrize("what", ["folder", "file"])
-def test_a_cache_of_another_user_is_refused(what, cache, monkeypatch):
+@pytest.mark.parametrize("item", ["folder", "file"])
+def test_a_cache_of_another_user_is_refused(item, cache, monkeypatch):
     library = build.shared_library(SOURCE)
     if os.geteuid() == 0:
-        os.chown(cache if what == "folder" else library, 65534, -1)
+        os.chown(cache if item == "folder" else library, 65534, -1)
     else:
         monkeypatch.setattr(os, "geteuid", lambda: 65534)
     with pytest.raises(BadInput, match="belongs to another user"):
@@ -299,29 +299,29 @@ def test_a_cache_of_another_user_is_refused(what, cache, monkeypatch):
 class Holder:
     """A result that refers to something that was given."""
 
-    def __init__(self, given: object):
-        self.given, self.numbers = given, [1, 2, 3]
+    def __init__(self, shared: object):
+        self.shared, self.numbers = shared, [1, 2, 3]
 
 
 def test_results_are_remembered_until_they_are_damaged(cache, monkeypatch):
-    given, made = object(), []
+    shared, calls = object(), []
 
     def ask(key: str) -> Holder:
-        return kept.remembered((key,), lambda: made.append(key) or Holder(given), given)
+        return kept.remembered((key,), lambda: calls.append(key) or Holder(shared), shared)
 
     first, second = ask("a"), ask("a")
-    assert made == ["a"] and second is not first and second.given is given and second.numbers == [1, 2, 3]
+    assert calls == ["a"] and second is not first and second.shared is shared and second.numbers == [1, 2, 3]
     ask("b")
-    assert made == ["a", "b"]
+    assert calls == ["a", "b"]
     for file in cache.iterdir():
         file.write_bytes(file.read_bytes()[:-1])
-    assert ask("a").given is given and made == ["a", "b", "a"]
+    assert ask("a").shared is shared and calls == ["a", "b", "a"]
     monkeypatch.setattr(kept, "_digest_of_code", lambda rooms: "of other code")
     ask("a")
-    assert made == ["a", "b", "a", "a"]
+    assert calls == ["a", "b", "a", "a"]
     cache.chmod(0o777)
     ask("a")  # others can write there: what they wrote is not loaded
-    assert made == ["a", "b", "a", "a", "a"]
+    assert calls == ["a", "b", "a", "a", "a"]
 
 
 def test_without_a_home_there_is_one_line(tmp_path):
@@ -329,8 +329,8 @@ def test_without_a_home_there_is_one_line(tmp_path):
     environment = {k: v for k, v in os.environ.items() if k not in ("HOME", "NOSLIP_CACHE", "XDG_CACHE_HOME")}
     code = f"import pathlib; pathlib.Path.home = lambda: (_ for _ in ()).throw(RuntimeError('no home')); {NOSLIP[2]}"
     cases = str(ROOT / "specs/reference/labmate_paper.json")
-    done = subprocess.run([NOSLIP[0], "-c", code, "evaluate", cases], env=environment, capture_output=True, text=True)
-    assert done.returncode == 2 and done.stderr.startswith("noslip: there is no home folder") and done.stderr.count("\n") == 1
+    ended = subprocess.run([NOSLIP[0], "-c", code, "evaluate", cases], env=environment, capture_output=True, text=True)
+    assert ended.returncode == 2 and ended.stderr.startswith("noslip: there is no home folder") and ended.stderr.count("\n") == 1
 
 
 # -- files from elsewhere ----------------------------------------------------------------------------------------------------

@@ -63,13 +63,13 @@ def run():
     """A run of the shipped circle, called at a period, and the values that an FMU of it starts with."""
     spec = read_spec("circle")
     spec = replace(spec, simulation=replace(spec.simulation, period=PERIOD, duration=DURATION, tolerance=1e-13))
-    found, loop = simulate(spec, "c"), make_loop(spec)
-    assert found.stopped is None and not spec.plant
-    law, config = found.law, loop.guidance.leg.config
+    truth, loop = simulate(spec, "c"), make_loop(spec)
+    assert truth.stopped is None and not spec.plant
+    law, config = truth.law, loop.guidance.leg.config
     start = named("params", law.parameters, loop.believed) | named("config", law.config, config)
     start |= named("gains", law.gains, loop.gains) | named("state", law.state, loop.start)
     start |= named("reference", law.reference, loop.guidance.reference(0.0, loop.start))
-    return found, start
+    return truth, start
 
 
 def only(instance, values):
@@ -86,9 +86,9 @@ def compare(run, times, states):
 @pytest.mark.parametrize("step", [PERIOD, 0.4 * PERIOD, 2.5 * PERIOD])
 def test_loop_is_the_simulation(opened, run, step):
     """Whatever the communication step is: the law is called at the period."""
-    found, start = run
+    truth, start = run
     loop = opened("loop")
-    names = [f"state.{q.name}" for q in found.law.state]
+    names = [f"state.{q.name}" for q in truth.law.state]
     assert loop.start(start | {"period": PERIOD})
     times, states = [], []
     for k in range(round(DURATION / step)):
@@ -96,15 +96,15 @@ def test_loop_is_the_simulation(opened, run, step):
         if abs((k + 1) * step / PERIOD - round((k + 1) * step / PERIOD)) < 1e-9:
             times.append((k + 1) * step)
             states.append(loop.get(names))
-    compare(found, times, states)
+    compare(truth, times, states)
 
 
 def test_controller_and_plant_are_the_simulation(opened, run):
     """The controller does its step first."""
-    found, start = run
+    truth, start = run
     controller, plant = opened("controller"), opened("plant")
     state, tau = (
-        [f"{g}.{q.name}" for q in of] for g, of in (("state", found.law.state), ("tau", found.law.system.mechanism.inputs))
+        [f"{g}.{q.name}" for q in of] for g, of in (("state", truth.law.state), ("tau", truth.law.system.mechanism.inputs))
     )
     assert controller.start(only(controller, start))
     assert plant.start(only(plant, start))
@@ -116,7 +116,7 @@ def test_controller_and_plant_are_the_simulation(opened, run):
         assert plant.step(k * PERIOD, PERIOD)
         times.append((k + 1) * PERIOD)
         states.append(plant.get(state))
-    compare(found, times, states)
+    compare(truth, times, states)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -126,21 +126,21 @@ def test_fmpy_finds_no_problem(exported, kind):
     from fmpy.validation import validate_fmu
 
     assert validate_fmu(str(exported(kind))) == []
-    found = read_model_description(str(exported(kind)))
-    assert found.fmiVersion == "3.0" and found.coSimulation and not found.modelExchange
-    units = {variable.unit for variable in found.modelVariables if variable.type == "Float64"}
+    description = read_model_description(str(exported(kind)))
+    assert description.fmiVersion == "3.0" and description.coSimulation and not description.modelExchange
+    units = {variable.unit for variable in description.modelVariables if variable.type == "Float64"}
     assert {"m", "kg", "rad", "s"} <= units and None not in units
-    assert all(variable.description for variable in found.modelVariables)
+    assert all(variable.description for variable in description.modelVariables)
 
 
 def test_fmpy_simulates_the_loop(exported, run):
     fmpy = pytest.importorskip("fmpy")
-    found, start = run
-    names = [f"state.{q.name}" for q in found.law.state]
+    truth, start = run
+    names = [f"state.{q.name}" for q in truth.law.state]
     values = fmpy.simulate_fmu(
         str(exported("loop")), stop_time=DURATION, output_interval=PERIOD, start_values=start | {"period": PERIOD}, output=names
     )
-    compare(found, values["time"][1:], [list(row)[1:] for row in values[1:]])
+    compare(truth, values["time"][1:], [list(row)[1:] for row in values[1:]])
 
 
 def test_every_function_of_the_standard_is_there(opened, tmp_path):
@@ -150,9 +150,9 @@ def test_every_function_of_the_standard_is_there(opened, tmp_path):
         pytest.skip("nm is not installed")
     opened("loop")
     (binary,) = (tmp_path / "loop" / "binaries").rglob("*_loop.*")
-    said = subprocess.run(["nm", "-D", "--defined-only", binary], capture_output=True, text=True, check=True).stdout
+    symbols = subprocess.run(["nm", "-D", "--defined-only", binary], capture_output=True, text=True, check=True).stdout
     header = (Path(fmpy.__file__).parent / "c-code" / "fmi3Functions.h").read_text()
-    assert sorted(line.split()[-1] for line in said.splitlines()) == sorted(re.findall(r"fmi3FullName\((fmi3\w+)\)", header))
+    assert sorted(line.split()[-1] for line in symbols.splitlines()) == sorted(re.findall(r"fmi3FullName\((fmi3\w+)\)", header))
 
 
 @pytest.mark.parametrize("robot, law", [("labmate", LAW), ("ball_plate", "ball")])
@@ -168,11 +168,11 @@ def test_controller_is_the_compiled_law(opened, robot, law):
         mode = ON_LIMIT[number % len(ON_LIMIT) if model.speed_row is not None else 0]
         limits = Limits(tuple(np.median(sizes, axis=0)), mode, Friction(0.5, 0.1, 0.9, 0.2) if mode == "grip" else None)
         own = CompiledController(model, plant.params, plant.config, plant.gains, limits=limits)
-        given = {name: value for group in fixed for name, value in group.items()}
-        given |= named("limit", model.system.mechanism.inputs, limits.torque) | {"on_limit": ON_LIMIT.index(mode)}
+        start = {name: value for group in fixed for name, value in group.items()}
+        start |= named("limit", model.system.mechanism.inputs, limits.torque) | {"on_limit": ON_LIMIT.index(mode)}
         if limits.friction:
-            given |= {f"friction.{name}": value for name, value in asdict(limits.friction).items()}
-        assert controller.start(given)
+            start |= {f"friction.{name}": value for name, value in asdict(limits.friction).items()}
+        assert controller.start(start)
         for k, point in enumerate(plant.points):
             state = np.where(np.arange(len(point.state)) == 0, np.nan, point.state) if k == 7 else point.state
             controller.set(named("state", model.state, state) | named("reference", model.reference, point.reference))
@@ -186,10 +186,10 @@ def test_controller_is_the_compiled_law(opened, robot, law):
 
 def test_outputs_before_the_first_step(opened, run):
     """tau and status are those of the starting values."""
-    found, start = run
+    truth, start = run
     loop = opened("loop")
     assert loop.start(start)
-    assert np.array_equal(loop.get(["tau.tau_r", "tau.tau_l"]), found.tau[0]) and loop.status == 0
+    assert np.array_equal(loop.get(["tau.tau_r", "tau.tau_l"]), truth.tau[0]) and loop.status == 0
 
 
 def test_refusals(opened, run):
@@ -243,8 +243,8 @@ def test_sources_compile_without_a_warning(exported, tmp_path, kind, compiler):
 def test_a_planted_defect_is_found_and_nothing_is_written(kind, wrong, tmp_path, monkeypatch, capsys):
     right = verification.fmu
 
-    def changed(*given):
-        identifier, texts = right(*given)
+    def changed(*arguments):
+        identifier, texts = right(*arguments)
         name = f"sources/{identifier}.c"
         assert texts[name].count(wrong[0]) == 1
         return identifier, texts | {name: texts[name].replace(*wrong)}
@@ -260,13 +260,13 @@ def test_a_planted_defect_is_found_and_nothing_is_written(kind, wrong, tmp_path,
 def test_the_same_bytes_again(exported, tmp_path, capsys):
     again = tmp_path / "again.fmu"
     assert main(["export", "labmate", "--output", LAW, "--fmu", "plant", "-o", str(again), "--json"]) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said == {"file": str(again), "robot": "labmate", "laws": [], "model": "labmate_plant"}
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == {"file": str(again), "robot": "labmate", "laws": [], "model": "labmate_plant"}
     assert again.read_bytes() == exported("plant").read_bytes()
 
 
 @pytest.mark.parametrize(
-    "given, advice",
+    "options, advice",
     [
         (["--output", LAW, "--fmu", "controller", "-o", "x.zip"], "ends in .fmu"),
         (["--output", LAW, "--output", "type_i", "--fmu", "loop", "-o", "x.fmu"], "one --output"),
@@ -277,8 +277,8 @@ def test_the_same_bytes_again(exported, tmp_path, capsys):
         (["--output", LAW, "--fmu", "loop", "-o", "no/such/x.fmu"], "does not exist"),
     ],
 )
-def test_bad_input(given, advice, tmp_path, monkeypatch, capsys):
+def test_bad_input(options, advice, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["export", "labmate", *given]) == 2
-    said = capsys.readouterr().err
-    assert advice in said and said.count("\n") == 1 and not list(tmp_path.iterdir())
+    assert main(["export", "labmate", *options]) == 2
+    message = capsys.readouterr().err
+    assert advice in message and message.count("\n") == 1 and not list(tmp_path.iterdir())

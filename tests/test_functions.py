@@ -96,26 +96,26 @@ def states(count: int = 40):
 
 def agree(law) -> None:
     """The C, in both precisions, beside CasADi at random states; and the steps beside the model's own expressions, exactly."""
-    made = [CompiledController(law, *numbers(law), scalar=scalar) for scalar in ("double", "float")]
+    controllers = [CompiledController(law, *numbers(law), scalar=scalar) for scalar in ("double", "float")]
     truth = CasadiController(law, *numbers(law))
-    seen = 0
+    compared = 0
     for state, reference in zip(*states(), strict=True):
         right = truth.evaluate(state, reference[: len(law.reference)])
-        for controller, tolerance in zip(made, (DOUBLE, FLOAT), strict=True):
-            found = controller.evaluate(state, reference[: len(law.reference)])
-            if "ok" != found.status:
-                assert found.status == right.status
+        for controller, tolerance in zip(controllers, (DOUBLE, FLOAT), strict=True):
+            own = controller.evaluate(state, reference[: len(law.reference)])
+            if "ok" != own.status:
+                assert own.status == right.status
                 continue
-            seen += 1
+            compared += 1
             for quantity in ("h", "ydot", "Phi", "Phidot", "u", "tau"):
                 size = max(1.0, np.abs(right.values[quantity]).max())
-                assert np.abs(found.values[quantity].ravel() - right.values[quantity].ravel()).max() <= tolerance * size, quantity
-    assert seen > 40
+                assert np.abs(own.values[quantity].ravel() - right.values[quantity].ravel()).max() <= tolerance * size, quantity
+    assert compared > 40
     short, plain = law_program(law), compile_law(law, optimize=False)
     for entry, body in plain.entries.items():
         values = [
-            evaluate(made.entries[entry].roots[len(b.singular) :], random_leaves(3))
-            for made, b in ((short, short.entries[entry]), (plain, body))
+            evaluate(program.entries[entry].roots[len(b.singular) :], random_leaves(3))
+            for program, b in ((short, short.entries[entry]), (plain, body))
         ]
         assert relative_error(*values) <= EXACT, entry.name
 
@@ -151,20 +151,20 @@ def test_in_the_dynamics():
     plain, short = compile_dynamics(system, optimize=False), compile_dynamics(system)
     files = robot_files(system, [], ("double", "float"))
     assert '#include "noslip_functions.h"' in files["braked_dynamics.c"]
-    leaf, found = random_leaves(11), {}
+    leaf, biases = random_leaves(11), {}
     for program in (plain, short):
         entry = next(e for e in program.entries if e.name == "evaluate")
-        body, known = program.entries[entry], {}
-        value = partial(lambda known, node: known[node] if node in known else leaf(node), known)
+        body, values = program.entries[entry], {}
+        value = partial(lambda values, node: values[node] if node in values else leaf(node), values)
         for step in body.steps:
-            (known[step.leaf],) = evaluate([step.node], value)
-        found[program] = evaluate([node for row in body.quantities["bias"] for node in row], value)
+            (values[step.leaf],) = evaluate([step.node], value)
+        biases[program] = evaluate([node for row in body.quantities["bias"] for node in row], value)
     symbols = [*system.mechanism.parameters, *system.state]
     groups = ["params"] * len(system.mechanism.parameters) + ["state"] * len(system.state)
     bias = ca.Function("bias", [ca.vertcat(*[q.symbol for q in symbols])], [system.bias])
     truth = np.asarray(bias([float(leaf_value(leaf, g, q.name)) for g, q in zip(groups, symbols, strict=True)])).ravel()
-    assert relative_error(found[plain], found[short]) <= EXACT
-    assert np.abs(truth - np.array([float(v) for v in found[short]])).max() <= DOUBLE * np.abs(truth).max()
+    assert relative_error(biases[plain], biases[short]) <= EXACT
+    assert np.abs(truth - np.array([float(v) for v in biases[short]])).max() <= DOUBLE * np.abs(truth).max()
 
 
 def leaf_value(leaf, group: str, name: str) -> mpmath.mpf:
@@ -201,36 +201,36 @@ def astray(name: str):
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_outside_a_domain_is_a_status(name, scalar):
     law, (_, speed) = astray(name), OUTSIDE[name]
-    made = CompiledController(law, *numbers(law), scalar=scalar)
+    controller = CompiledController(law, *numbers(law), scalar=scalar)
     state, reference = np.array([1.0, 0.5, 0.4, speed, 0.3]), np.arange(6) / 7
-    status, tau = made.step(state, reference)
-    assert status == "nonfinite" and not tau.any() and made.evaluate(state, reference).status == "nonfinite"
+    status, tau = controller.step(state, reference)
+    assert status == "nonfinite" and not tau.any() and controller.evaluate(state, reference).status == "nonfinite"
     state[3:] = 0.4, 0.5
-    assert made.step(state, reference)[0] == "ok"
+    assert controller.step(state, reference)[0] == "ok"
 
 
 def test_what_is_not_chosen_need_not_exist():
     law = law_of(rover("careful", lambda x, y: ca.if_else(x > 0, ca.log(x), y)), "type_i")
-    made = CompiledController(law, *numbers(law))
-    assert made.step(np.array([1.0, 0.5, 0.4, -0.5, 0.3]), np.zeros(6))[0] == "ok"
+    controller = CompiledController(law, *numbers(law))
+    assert controller.step(np.array([1.0, 0.5, 0.4, -0.5, 0.3]), np.zeros(6))[0] == "ok"
 
 
 @pytest.mark.parametrize("hides", [f for f in FUNCTIONS if f != "if"])
 def test_a_bounded_function_hides_its_argument(hides):
     graph = Graph()
     x, y = graph.leaf("state", "x"), graph.leaf("state", "y")
-    made = graph.apply(hides, *((x, y) if hides in ("pow", "atan2", "min", "max", "less") else (x,)))
-    assert x in hidden_inputs(EntryBody({"tau": [[made]]}, ()))
+    node = graph.apply(hides, *((x, y) if hides in ("pow", "atan2", "min", "max", "less") else (x,)))
+    assert x in hidden_inputs(EntryBody({"tau": [[node]]}, ()))
 
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
 def test_an_infinite_reference_in_tanh_is_noticed(value):
     law = law_of(rover("calm", lambda x, y: ca.tanh(x)), "type_i")
-    made = CompiledController(law, *numbers(law))
+    controller = CompiledController(law, *numbers(law))
     for k in (3, 4):
         state = np.array([1.0, 0.5, 0.4, 0.2, 0.3])
         state[k] = value
-        status, tau = made.step(state, np.zeros(6))
+        status, tau = controller.step(state, np.zeros(6))
         assert status == "nonfinite" and not tau.any()
 
 

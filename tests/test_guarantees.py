@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from noslip.guarantees import budget, eva, fuzz, memory, tools
+from noslip.guarantees import budget, eva, fuzz, instructions, memory, tools
 from noslip.guarantees.__main__ import CHECKS, checked
 from noslip.guarantees.headers import headers
 from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Machine, Missing, Task
@@ -20,18 +20,18 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("name", SHORT)
 def test_guarantee(name, folder):
-    end, said = checked(name, Task(folder, short=True))
+    end, summary = checked(name, Task(folder, short=True))
     if end == "skipped":
-        pytest.skip(said)
-    assert end == "holds", said
+        pytest.skip(summary)
+    assert end == "holds", summary
 
 
 def test_missing_tools_are_skipped_unless_required(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("NOSLIP_REQUIRE_FIRMWARE", raising=False)
     for name in CHECKS:
-        end, said = checked(name, Task(tmp_path, short=True))
-        assert end == "skipped" and said.startswith("install "), name
+        end, summary = checked(name, Task(tmp_path, short=True))
+        assert end == "skipped" and summary.startswith("install "), name
     monkeypatch.setenv("NOSLIP_REQUIRE_FIRMWARE", "1")
     assert {checked(name, Task(tmp_path, short=True))[0] for name in CHECKS} == {"FAILED"}
 
@@ -121,13 +121,13 @@ def only(text: str, folder: Path) -> Task:
 
 @pytest.mark.parametrize("wrong", WRONG)
 def test_what_is_wrong_is_found(wrong, tmp_path):
-    name, text, told = WRONG[wrong]
+    name, text, message = WRONG[wrong]
     try:
         CHECKS[name](only(text, tmp_path))
     except Missing as missing:
         pytest.skip(str(missing))
     except (Failed, RuntimeError) as failed:
-        assert told in str(failed), failed
+        assert message in str(failed), failed
     else:
         pytest.fail(f"{name} accepts {wrong}")
 
@@ -136,8 +136,9 @@ def changed(folder: Path, file: str, was: str, now: str, laws: str | None = "") 
     """A task on a copy of the C in which one thing is changed, with only the law of that name; None: with all."""
     for name in ("runtime_c", "generated", "tests/c", "firmware/boards", "bench/target"):
         shutil.copytree(ROOT / name, folder / "root" / name)
-    for path in (folder / "root/generated/labmate").glob("*_type_*"):
-        if laws is not None and not path.name.startswith((f"{laws}.", f"{laws}_f.")):
+    for path in (folder / "root/generated/labmate").rglob("labmate_*"):
+        whole = "_type_" in path.name or ("_follower" in path.name and laws != "labmate_type_iv_segment")
+        if laws is not None and whole and not path.name.startswith((f"{laws}.", f"{laws}_f.")):
             path.unlink()
     path = folder / "root" / file
     text = path.read_text()
@@ -166,11 +167,11 @@ EVA_FINDS = {
 
 @pytest.mark.parametrize("wrong", EVA_FINDS)
 def test_eva_finds(wrong, tmp_path):
-    (file, was, now), told = EVA_FINDS[wrong]
+    (file, was, now), message = EVA_FINDS[wrong]
     if shutil.which("frama-c") is None:
         pytest.skip("install frama-c-base")
-    _, found = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("runtime", "float"))
-    assert any(told in line for line in found), found
+    _, lines = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("runtime", "float"))
+    assert any(message in line for line in lines), lines
 
 
 SEGMENTS = ("#define SEGMENTS 3", "#define SEGMENTS 1")  # of the paths analysed: with one it is quicker
@@ -192,8 +193,8 @@ def test_eva_finds_in_a_path(tmp_path, monkeypatch):
         pytest.skip("install frama-c-base")
     task = changed(tmp_path, "runtime_c/noslip_path_code.inc", "segment + 1 < self->count", "segment + 1 <= self->count")
     monkeypatch.setattr(eva, "PROGRAMS", programs(tmp_path / "eva", "path.c", *SEGMENTS))
-    _, found = eva.analyse(task, eva.AnalysedProgram("path", "float"))
-    assert any("out of bounds read" in line for line in found), found
+    _, lines = eva.analyse(task, eva.AnalysedProgram("path", "float"))
+    assert any("out of bounds read" in line for line in lines), lines
 
 
 VACUOUS = {  # file of c/eva/ and what is changed in it, the program, and the place that is then not reached
@@ -232,8 +233,8 @@ def test_eva_does_not_hold_vacuously(wrong, tmp_path, monkeypatch):
         pytest.skip("install frama-c-base")
     monkeypatch.setattr(eva, "PROGRAMS", programs(tmp_path / "eva", file, was, now))
     law = "labmate_type_i" if source == "law" else ""
-    _, found = eva.analyse(Task(tmp_path, short=True), eva.AnalysedProgram(source, "float", law))
-    assert any(line.endswith(f"{place} is not reached") for line in found), found
+    _, lines = eva.analyse(Task(tmp_path, short=True), eva.AnalysedProgram(source, "float", law))
+    assert any(line.endswith(f"{place} is not reached") for line in lines), lines
 
 
 def test_bits_of_what_is_analysed_are_compared(tmp_path):
@@ -256,13 +257,13 @@ GROWN = (
 def test_a_law_that_grows_is_found(name, tmp_path):
     task = changed(tmp_path, "generated/labmate/labmate_type_i_f.c", *GROWN, "labmate_type_i")
     try:
-        said = CHECKS[name](task)
+        summary = CHECKS[name](task)
     except Missing as missing:
         pytest.skip(str(missing))
     except Failed as failed:
         assert "labmate_type_i_f text" in str(failed)
     else:
-        assert said.startswith("not compared") or "not compared" in said, said
+        assert summary.startswith("not compared") or "not compared" in summary, summary
 
 
 FOLLOW = "generated/labmate/labmate_type_iv_segment_f.c"
@@ -281,9 +282,9 @@ SEEDED_FIND = {
 
 @pytest.mark.parametrize("wrong", SEEDED_FIND)
 def test_seeded_numbers_find(wrong, tmp_path):
-    change, told = SEEDED_FIND[wrong]
+    change, message = SEEDED_FIND[wrong]
     task = changed(tmp_path, *change)
-    with pytest.raises(Failed, match=told):
+    with pytest.raises(Failed, match=message):
         try:
             fuzz.sanitizers(task)
         except Missing as missing:
@@ -315,9 +316,9 @@ FUZZ_FINDS = {  # a change of the runtime, with all laws or none, and what is to
     "wrong", [pytest.param(wrong, marks=pytest.mark.nightly) if FUZZ_FINDS[wrong][1] else wrong for wrong in FUZZ_FINDS]
 )
 def test_fuzzing_finds(wrong, tmp_path):
-    (file, was, now), laws, told = FUZZ_FINDS[wrong]
+    (file, was, now), laws, message = FUZZ_FINDS[wrong]
     task = changed(tmp_path, f"runtime_c/{file}", was, now, None if laws else "")
-    with pytest.raises(Failed, match=told):
+    with pytest.raises(Failed, match=message):
         try:
             fuzz.fuzz(task)
         except Missing as missing:
@@ -328,13 +329,13 @@ def test_a_law_that_takes_longer_is_found(tmp_path):
     """One operation more in each good step."""
     task = changed(tmp_path, "generated/labmate/labmate_type_i_f.c", *SLOWER, "labmate_type_i")
     try:
-        said = CHECKS["instructions-m4f"](task)
+        summary = CHECKS["instructions-m4f"](task)
     except Missing as missing:
         pytest.skip(str(missing))
     except Failed as failed:
         assert "labmate_type_i_f most good" in str(failed)
     else:
-        assert "not compared" in said, said
+        assert "not compared" in summary, summary
 
 
 # -- the budget -------------------------------------------------------------------------------------------------------
@@ -369,14 +370,20 @@ def test_budget_of_another_compiler_is_not_compared(compare, monkeypatch):
     assert compare({"text": 1000, "stack": 20}).startswith("not compared: gcc 99.0, the budget is of gcc")
 
 
+def test_the_page_has_the_budgeted_numbers():
+    page = instructions.PAGE.read_text()
+    assert instructions.with_table(page, budget.FILE.read_text()) == page
+    assert instructions.with_table(page, budget.FILE.read_text().replace('"most good": 99', '"most good": 98')) != page
+
+
 def test_committed_budget_is_that_of_the_committed_c():
     """Every law and the path, on both targets, and what the text of the guarantees speaks of."""
     import json
 
-    found = json.loads(budget.FILE.read_text())
+    budgets = json.loads(budget.FILE.read_text())
     names = {law + suffix for law in Task(Path()).laws for suffix in ("", "_f")} | {"noslip_path", "noslip_path_f"}
-    assert names <= set(found[HOST.name]["modules"]) if HOST.name in found else True
-    bare = found[M4F.name]["modules"]
+    assert names <= set(budgets[HOST.name]["modules"]) if HOST.name in budgets else True
+    bare = budgets[M4F.name]["modules"]
     for name in (name for name in names if name.endswith("_f")):
         assert bare[name]["data"] == bare[name]["bss"] == 0 < bare[name]["struct"]
     for law in Task(Path()).laws:

@@ -67,10 +67,10 @@ def write(tmp_path):
 def test_the_numbers_of_a_run(write, capsys):
     file = write(table().tolist())
     assert main(["identify", file, "--robot", "labmate", "--fit", "m_c", "I_c", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    printed = json.loads(capsys.readouterr().out)
     for name, value in PLANT.items():
-        assert found["parameters"][name]["value"] == pytest.approx(value, rel=1e-8)
-    assert found["inputs"] == "held" and found["unidentifiable"] == [] and found["residual"] < 1e-9
+        assert printed["parameters"][name]["value"] == pytest.approx(value, rel=1e-8)
+    assert printed["inputs"] == "held" and printed["unidentifiable"] == [] and printed["residual"] < 1e-9
 
 
 def deviations(count: int) -> np.ndarray:
@@ -96,10 +96,10 @@ def test_what_a_motion_cannot_tell():
     """By hand: speed sees m_c + 2 m_w + 2 I_w/r^2, turning I_c + 2 I_m + 2 (m_w + I_w/r^2) b^2, both m_c d."""
     every = [VALUES[p.name] for p in SYSTEM.mechanism.parameters]
     r = VALUES["r"]
-    found = {c.pivot: dict(c.others) for c in combinations(SYSTEM, ["m_c", "I_c", "m_w", "I_w", "I_m"], every)}
-    assert set(found) == {"m_c", "I_c", "m_w"} and found["m_c"] == {}
-    assert found["m_w"] == {"I_w": pytest.approx(1 / r**2, rel=1e-12)}
-    assert found["I_c"] == {"I_m": pytest.approx(2.0, rel=1e-12)}
+    others_of = {c.pivot: dict(c.others) for c in combinations(SYSTEM, ["m_c", "I_c", "m_w", "I_w", "I_m"], every)}
+    assert set(others_of) == {"m_c", "I_c", "m_w"} and others_of["m_c"] == {}
+    assert others_of["m_w"] == {"I_w": pytest.approx(1 / r**2, rel=1e-12)}
+    assert others_of["I_c"] == {"I_m": pytest.approx(2.0, rel=1e-12)}
 
 
 def test_a_mass_that_is_seen_only_with_others_is_not_answered():
@@ -111,8 +111,8 @@ def test_a_mass_that_is_seen_only_with_others_is_not_answered():
 def test_a_log_without_turning_does_not_show_the_inertia():
     t = np.arange(500) * 0.01
     tau, mechanism = ca.SX.sym("tau", 2), SYSTEM.mechanism
-    given = [mechanism.q, SYSTEM.nu, tau, ca.vertcat(*[p.symbol for p in mechanism.parameters])]
-    acceleration = ca.Function("acceleration", given, [SYSTEM.acceleration(tau)])
+    arguments = [mechanism.q, SYSTEM.nu, tau, ca.vertcat(*[p.symbol for p in mechanism.parameters])]
+    acceleration = ca.Function("acceleration", arguments, [SYSTEM.acceleration(tau)])
     per_torque = acceleration(0, 0, 1, list(VALUES.values())).full()
     nu = (per_torque * (1 - np.cos(t))).T  # of equal torques sin t
     log = Log(t, np.hstack([np.zeros((500, 5)), nu]), np.sin(t)[:, None] * [1.0, 1.0], (range(500),), ())
@@ -176,19 +176,19 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input(case, write, bad_input):
-    change, options, said = BAD[case]
+    change, options, message = BAD[case]
     rows = bad(change) if change else table().tolist()
     file = write(rows)
-    assert said in bad_input(["identify", file, "--robot", "labmate", *(options or ["--fit", "m_c"])])
+    assert message in bad_input(["identify", file, "--robot", "labmate", *(options or ["--fit", "m_c"])])
 
 
 def test_bad_files(tmp_path, bad_input):
-    for name, content, said in (
+    for name, content, message in (
         ("a.csv", b"", "is empty"),
         ("b.csv", b"\xff\xfe\x00", "not a text file"),
         ("c.csv", b"t,t\n1,2\n", "two columns are called 't'"),
         ("d.parquet", b"PAR1", "not a Parquet file"),
     ):
         (tmp_path / name).write_bytes(content)
-        assert said in bad_input(["identify", str(tmp_path / name), "--robot", "labmate", "--fit", "m_c"])
+        assert message in bad_input(["identify", str(tmp_path / name), "--robot", "labmate", "--fit", "m_c"])
     assert "No such file" in bad_input(["identify", str(tmp_path / "none.csv"), "--robot", "labmate", "--fit", "m_c"])

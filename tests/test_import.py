@@ -17,7 +17,7 @@ from noslip.readers.urdf.importing import SAME
 from noslip.readers.urdf.parts import Layout, Options
 from noslip.readers.urdf.recognition import recognize
 from noslip.readers.urdf.text import name_of, robot_file
-from noslip.tests.urdfs import QUARTER, ROBOTS, WHEEL, Urdf, four_wheels, steered, turtlebot3_burger, two_wheels
+from noslip.tests.urdfs import QUARTER, ROBOTS, WHEEL, Urdf, four_wheels, steered, turtlebot3, two_wheels
 
 pytestmark = pytest.mark.skipif(find_spec("yourdfpy") is None, reason="yourdfpy, of the extra `physics`, reads URDFs")
 STATES = 5
@@ -165,13 +165,15 @@ def test_two_wheels_have_the_laws_of_labmate(tmp_path, capsys):
     assert total == pytest.approx(1 - ahead / 0.25, rel=1e-12)
 
 
-def test_the_shipped_turtlebot3_is_its_links(tmp_path):
+@pytest.mark.parametrize("model", ["burger", "waffle_pi"])
+def test_the_shipped_turtlebot3_is_its_links(model, tmp_path):
     """Mass matrix, bias and loads at random states: those of the robot that is imported from its maker's numbers."""
-    layout = recognize(read(written(tmp_path, turtlebot3_burger())), Options())
-    file = tmp_path / "turtlebot3_burger.py"
+    layout = recognize(read(written(tmp_path, turtlebot3(model))), Options())
+    shipped = f"turtlebot3_{model}"
+    file = tmp_path / f"{shipped}.py"
     file.write_text(robot_file(layout))
     found = []
-    for name in ("turtlebot3_burger", f"{file}:turtlebot3_burger"):
+    for name in (shipped, f"{file}:{shipped}"):
         system = system_of(find_robot(name))
         robot, random = system.mechanism, np.random.default_rng(3)
         loads = ca.vertcat(*[contact.mass for contact in robot.contacts])

@@ -4,8 +4,6 @@ import csv
 import dataclasses
 import json
 import math
-import re
-from itertools import product
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from noslip.cli.main import main
 from noslip.controllers.backends import make_controller
 from noslip.controllers.controller import BACKENDS
 from noslip.controllers.integral import CompiledIntegral, Integral, make_integral
-from noslip.controllers.runtime import declarations, runtime
+from noslip.controllers.runtime import runtime
 from noslip.model.errors import ModelError
 from noslip.model.segments import Segment
 from noslip.readers.errors import BadInput
@@ -23,9 +21,7 @@ from noslip.simulation.loop import make_loop
 from noslip.simulation.specification.spec import Initial, LimitsSection, OutputSection, Reference, Spec, read_spec
 from noslip.tests.test_guidance import NOISE, chain, composite
 from noslip.tests.test_odometry import used
-from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, run
 from noslip.tests.test_simulate import LINE, SPECS, changed, toml
-from noslip.tests.tools import need
 from noslip.verification.cases import read_cases
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
@@ -116,6 +112,30 @@ def test_against_windup(scalar, seed):
             held += 1
         z, before = now, made.self.error
     assert min(grown, held, back) > 200
+
+
+@each_scalar
+def test_gains_change_without_a_jump(scalar):
+    """What is added stays, or changes by `change`, within the limit; the next step goes on. A bad gain changes nothing."""
+    random, eps = np.random.default_rng(8), 1e-12 if scalar == "double" else 1e-5
+    for _ in range(200):
+        made = C(scalar, *random.uniform(0.5, 2, 2))
+        for _ in range(5):
+            _, before = made.step(random.normal(0, 1), 0.2)
+        ki, limit = random.uniform(0.2, 3, 2)
+        change = random.choice([0.0, random.normal(0, 0.5)])
+        expected = np.clip(before + change, -limit, limit)
+        for bad in ((0.0, limit), (-1.0, limit), (NAN, limit), (ki, -1.0), (ki, NAN)):
+            assert made.call("update", made.self, *bad, change) == "bad_parameter" and made.self.added == before
+        assert made.call("update", made.self, ki, limit, NAN) == "nonfinite" and made.self.added == before
+        assert made.call("update", made.self, ki, limit, change) == "ok"
+        made.self.error = 0.0
+        for _ in range(3):
+            assert made.step(0.0)[1] == pytest.approx(expected, abs=eps * (1 + abs(expected)))
+    fresh = C(scalar)
+    fresh.self.ready = 0
+    assert fresh.call("update", fresh.self, 1.0, 1.0, 0.0) == "not_ready"
+    assert fresh.call("update", fresh.null, 1.0, 1.0, 0.0) == "null"
 
 
 @each_backend
@@ -225,74 +245,6 @@ def test_what_python_is_told():
         CompiledIntegral(1.0).step(NAN, 0.1, "ok")
     with pytest.raises(BadInput, match="unknown backend 'm4f'"):
         make_integral("m4f", 1.0)
-
-
-# -- the C itself ----------------------------------------------------------------------------------------------------
-
-
-def everything(folder, suffix: str = "") -> str:
-    """A source that uses every function of the header whose name ends so."""
-    names = set(re.findall(r"\b(noslip_integral_\w+)\s*\(", declarations(HEADER)))
-    used = ", ".join(f"(any){name}" for name in sorted(names) if name.endswith(suffix))
-    source = folder / "everything.c"
-    kind = "typedef void (*any)(void);\nextern const any all[];\n"
-    source.write_text(f'#include "{HEADER}"\n{kind}const any all[] = {{{used}}};\n')
-    return str(source)
-
-
-@compilers
-@each_level
-def test_no_warnings_and_no_library(cc, level, tmp_path):
-    more = ["-fanalyzer", "-Wstack-usage=256"] if (cc, level) == ("gcc", "-O2") else []
-    code = str(tmp_path / "everything.o")
-    run([need(cc), *FLAGS, level, "-ffreestanding", *STRICT, *more, *INCLUDE, "-c", everything(tmp_path), "-o", code])
-    assert run(["nm", "-u", code]) == ""
-
-
-@compilers
-@each_level
-def test_the_float_side_has_no_double(cc, level, tmp_path):
-    need("objdump")
-    code = str(tmp_path / "everything.o")
-    run([need(cc), *FLAGS, level, *INCLUDE, "-c", everything(tmp_path, "_f"), "-o", code])
-    listing = run(["objdump", "-d", "--no-show-raw-insn", code])
-    assert "ss " in listing
-    assert not re.findall(r"\t(v?(?:add|sub|mul|div|sqrt|ucomi|comi|cvt\w*|cmp\w*)(?:sd|pd)\w*|v?cvt(?:sd|pd)2\w+)\b", listing)
-
-
-@each_scalar
-def test_the_same_bits_on_every_compiler(scalar, tmp_path):
-    source = tmp_path / "sums.c"
-    source.write_text(SUMS.replace("REAL", scalar).replace("_X", {"double": "", "float": "_f"}[scalar]))
-    found = {}
-    for cc, level in product(("gcc", "clang"), ("-O0", "-O2", "-O3")):
-        program = str(tmp_path / f"sums{cc}{level}")
-        run([need(cc), *FLAGS, level, *INCLUDE, str(source), "-o", program])
-        found[cc, level] = run([program])
-    assert len(set(found.values())) == 1 and len(set(found["gcc", "-O0"].split())) > 80
-
-
-SUMS = r"""
-#include <stdio.h>
-#include "noslip_integral.h"
-
-int main(void)
-{
-    noslip_integral_X self;
-    uint32_t seed = 1992;
-    int k;
-    noslip_integral_init_X(&self, 0.7F, 1.5F);
-    for (k = 0; k < 3000; k++) {
-        REAL add;
-        seed = seed * 1664525u + 1013904223u;
-        noslip_integral_step_X(&self, (REAL)(seed >> 8) / 3000000 - 2, (REAL)(seed >> 20) / 70000, k % 7 < 2, &add);
-        if (k % 30 == 29) {
-            printf("%a\n", (double)add);
-        }
-    }
-    return 0;
-}
-"""
 
 
 # -- continuous loops against closed forms ---------------------------------------------------------------------------

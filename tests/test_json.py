@@ -47,16 +47,16 @@ def test_every_command_has_it():
 def test_of_a_run(tmp_path, capsys, slippery):
     """Every number is that of the table, and only what is not finite is null."""
     target = tmp_path / "run.csv"
-    found, err = printed(capsys, ["simulate", slippery, "-o", str(target)])
+    data, err = printed(capsys, ["simulate", slippery, "-o", str(target)])
     rows = list(csv.DictReader(io.StringIO(target.read_text())))
-    assert not err and found["files"] == [str(target)]
-    assert (found["status"], found["rows"], found["duration"]) == ("ok", len(rows), float(rows[-1]["t"]))
+    assert not err and data["files"] == [str(target)]
+    assert (data["status"], data["rows"], data["duration"]) == ("ok", len(rows), float(rows[-1]["t"]))
     distance = np.array([float(row["y1"]) for row in rows])
-    assert found["errors"]["distance"] == {"unit": "m", "final": distance[-1], "peak": np.abs(distance).max()}
+    assert data["errors"]["distance"] == {"unit": "m", "final": distance[-1], "peak": np.abs(distance).max()}
     for name in ("tau_r", "tau_l"):
-        assert found["inputs"][name]["peak"] == max(abs(float(row[name])) for row in rows)
-    contacts = found["rolling"]["contacts"]
-    assert not found["rolling"]["rolls"] and found["rolling"]["assumed"]["mu"] == 0.2
+        assert data["inputs"][name]["peak"] == max(abs(float(row[name])) for row in rows)
+    contacts = data["rolling"]["contacts"]
+    assert not data["rolling"]["rolls"] and data["rolling"]["assumed"]["mu"] == 0.2
     left = contacts["left wheel"]
     assert left["verdict"] == "would slip" and left["first"] == 0.0 and left["friction_required"] > 0.2
     assert left["friction_use"] == pytest.approx(left["friction_required"] / 0.2, rel=1e-12)
@@ -65,8 +65,8 @@ def test_of_a_run(tmp_path, capsys, slippery):
 
 def test_of_a_run_that_stops(tmp_path, capsys):
     argv = ["simulate", "line", "-o", str(tmp_path / "run.csv"), "--set", "output.L=-0.5", "--set", "initial.heading=1.0"]
-    found, err = printed(capsys, argv, 1)
-    assert found["status"] == "singular" and 0 < found["duration"] < 15 and "stopped at" in err and err.count("\n") == 1
+    data, err = printed(capsys, argv, 1)
+    assert data["status"] == "singular" and 0 < data["duration"] < 15 and "stopped at" in err and err.count("\n") == 1
 
 
 def test_slipping_is_stated_once(tmp_path, capsys, slippery):
@@ -78,16 +78,16 @@ def test_slipping_is_stated_once(tmp_path, capsys, slippery):
 def test_analyse_and_simulate_agree_about_slipping(tmp_path, capsys, slippery):
     run, _ = printed(capsys, ["simulate", slippery, "-o", str(tmp_path / "run.csv")])
     argv = ["analyse", "labmate", "--output", "type_iv_line", "--start", slippery]
-    found, _ = printed(capsys, argv)
-    for rolling in (found["starts"][slippery]["rolling"], found["rolling"]):
+    data, _ = printed(capsys, argv)
+    for rolling in (data["starts"][slippery]["rolling"], data["rolling"]):
         assert rolling["rolls"] is False and rolling["assumed"] == run["rolling"]["assumed"]
         for name, contact in run["rolling"]["contacts"].items():
             assert rolling["contacts"][name] == {
                 k: pytest.approx(v, rel=1e-6) if k != "verdict" else v for k, v in contact.items()
             }
     assert main(argv) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert said.count("would slip: left wheel, first at t = 0 s") == 1
+    text_of_analyse = " ".join(capsys.readouterr().out.split())
+    assert text_of_analyse.count("would slip: left wheel, first at t = 0 s") == 1
     # what is kept of a SPEC is not taken for another's
     with open(slippery) as file:
         text = file.read()
@@ -114,32 +114,33 @@ def test_of_other_commands(tmp_path, capsys):
     script = printed(capsys, ["completion", "bash"])[0]["script"]
     main(["completion", "bash"])
     assert capsys.readouterr().out == script + "\n"
-    found, _ = printed(capsys, ["evaluate", CASES, "--backend", "casadi", "-o", str(tmp_path / "out.json")])
+    data, _ = printed(capsys, ["evaluate", CASES, "--backend", "casadi", "-o", str(tmp_path / "out.json")])
     with open(tmp_path / "out.json") as file:
-        assert found["statuses"] == [case["status"] for case in json.load(file)["cases"]]
+        assert data["statuses"] == [case["status"] for case in json.load(file)["cases"]]
     assert printed(capsys, ["evaluate", CASES, "--backend", "casadi"])[0].keys() == {"cases"}
     path = ["plan", "reeds-shepp", "--from", "0", "0", "0", "--to", "0", "4", "0", "--radius", "2.5"]
     segments = printed(capsys, path)[0]["segments"]
-    found, err = printed(capsys, [*path, "-o", str(tmp_path / "path.json")])
-    assert found["segments"] == len(segments) and found["smallest_radius"] == 2.5 and not err
-    assert found["files"] == [str(tmp_path / "path.json")] and found["cusps"] == 2
+    data, err = printed(capsys, [*path, "-o", str(tmp_path / "path.json")])
+    assert data["segments"] == len(segments) and data["smallest_radius"] == 2.5 and not err
+    assert data["files"] == [str(tmp_path / "path.json")] and data["cusps"] == 2
 
 
 def test_of_generated_files(tmp_path, capsys):
     argv = ["generate", "knife_edge", "--output", "type_i", "--scalar", "double", "-o", str(tmp_path)]
-    found, _ = printed(capsys, argv)
+    data, _ = printed(capsys, argv)
     folder = tmp_path / "knife_edge"
-    assert found == {"folder": str(folder), "files": sorted(path.name for path in folder.iterdir())}
-    found, _ = printed(capsys, [*argv, "--check"])
-    assert found == {"ok": True, "folder": str(folder), "files": len(list(folder.iterdir())), "different": []}
+    files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    assert data == {"folder": str(folder), "files": files}
+    data, _ = printed(capsys, [*argv, "--check"])
+    assert data == {"ok": True, "folder": str(folder), "files": len(files), "different": []}
     (folder / "knife_edge.h").write_text("changed")
-    found, err = printed(capsys, [*argv, "--check"], 1)
-    assert not found["ok"] and found["different"] == ["knife_edge.h"] and "changed" in err
-    found, _ = printed(capsys, [*argv, "--explain"])
-    assert found == {"type_i": explain(law_of(ROBOTS["knife_edge"](), "type_i"))}
+    data, err = printed(capsys, [*argv, "--check"], 1)
+    assert not data["ok"] and data["different"] == ["knife_edge.h"] and "changed" in err
+    data, _ = printed(capsys, [*argv, "--explain"])
+    assert data == {"type_i": explain(law_of(ROBOTS["knife_edge"](), "type_i"))}
     exported = tmp_path / "exported"
-    found, _ = printed(capsys, ["export", *argv[1:-1], str(exported)])
-    assert set(found["files"]) == {path.name for path in exported.iterdir()} and found["laws"] == ["type_i"]
+    data, _ = printed(capsys, ["export", *argv[1:-1], str(exported)])
+    assert set(data["files"]) == {path.name for path in exported.iterdir()} and data["laws"] == ["type_i"]
 
 
 @pytest.mark.parametrize("terminal", [True, False])
@@ -149,8 +150,8 @@ def test_progress_on_a_terminal_only(terminal, monkeypatch, capsys):
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(now))
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     with progress.Progress() as report:
-        for done in (4, 5, 6, 7):
-            report(done, 10, "laws compared")
+        for count in (4, 5, 6, 7):
+            report(count, 10, "laws compared")
         report(1, 2, "files")
     out, err = capsys.readouterr()
     assert not out

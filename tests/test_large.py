@@ -189,22 +189,22 @@ def test_c_is_the_model(name, scalar):
     for plant in plants(name):
         controller = CompiledController(law(name), plant.params, plant.config, plant.gains, scalar)
         for point in plant.points:
-            found = controller.evaluate(point.state, point.reference)
-            assert found.status == "ok"
-            for quantity, value in found.values.items():
+            evaluation = controller.evaluate(point.state, point.reference)
+            assert evaluation.status == "ok"
+            for quantity, value in evaluation.values.items():
                 truth = point.truth.values[quantity]
                 if truth.size:
                     assert np.abs(value - truth).max() <= ERROR[scalar] * np.abs(truth).max(), quantity
             status, tau = controller.step(point.state, point.reference)
-            compared += status == "ok" and np.allclose(tau, found.values["tau"], rtol=ERROR[scalar], atol=0)
+            compared += status == "ok" and np.allclose(tau, evaluation.values["tau"], rtol=ERROR[scalar], atol=0)
     assert compared == 60
 
 
 @each_law
 def test_outputs_do_what_the_outer_loop_asks(name):
     """Forward dynamics by Lagrange's equations with multipliers, outputs differentiated along them: no S and no Phi."""
-    made = law(name)
-    mechanism, system, output = made.system.mechanism, made.system, made.output
+    own = law(name)
+    mechanism, system, output = own.system.mechanism, own.system, own.output
     q, qdot, n, m = mechanism.q, mechanism.qdot, mechanism.q.numel(), mechanism.A.shape[0]
     qddot, tau = ca.SX.sym("qddot", n), ca.SX.sym("tau", len(mechanism.inputs))
     A, motion = mechanism.A, lambda e: ca.jtimes(e, ca.vertcat(q, qdot), ca.vertcat(qdot, qddot))
@@ -212,16 +212,16 @@ def test_outputs_do_what_the_outer_loop_asks(name):
     right = ca.vertcat(mechanism.E @ tau - mechanism.V, -ca.jtimes(A @ qdot, q, qdot))
     to_nu = ca.solve(system.S.T @ system.S, system.S.T @ qdot)  # nu, as qdot = S nu
     derivatives = []
-    for each, degree in zip(output.rows, made.linearization.relative_degree, strict=True):
+    for each, degree in zip(output.rows, own.linearization.relative_degree, strict=True):
         expression = ca.substitute(each.expression, system.nu, to_nu)
         derivatives.append(motion(motion(expression)) if degree == 2 else motion(expression))
-    given = [symbols(made.parameters), symbols(made.config), q, qdot]
-    dynamics = ca.Function("dynamics", [*given, tau], [KKT, right])
-    outputs = ca.Function("outputs", [*given, qddot], [ca.vertcat(*derivatives)])
-    wanted = made.function({"v": made.v, "qdot": system.qdot})
+    arguments = [symbols(own.parameters), symbols(own.config), q, qdot]
+    dynamics = ca.Function("dynamics", [*arguments, tau], [KKT, right])
+    outputs = ca.Function("outputs", [*arguments, qddot], [ca.vertcat(*derivatives)])
+    virtual_input = own.function({"v": own.v, "qdot": system.qdot})
     for plant in plants(name)[:2]:
         for point in plant.points[:10]:
-            v, speeds = wanted(plant.params, plant.config, plant.gains, point.state, point.reference)
+            v, speeds = virtual_input(plant.params, plant.config, plant.gains, point.state, point.reference)
             at = (plant.params, plant.config, point.state[:n], speeds)
             matrix, force = map(np.asarray, dynamics(*at, point.truth.values["tau"]))
             answered = np.asarray(outputs(*at, np.linalg.solve(matrix, force)[:n])).ravel()
@@ -232,15 +232,15 @@ def test_outputs_do_what_the_outer_loop_asks(name):
 @pytest.mark.parametrize("name", ["arm_4", "arm_5"])
 def test_singular_exactly(name):
     """A stretched arm cannot move its end along itself: a row of Phi is zero, though rounding hides that from an inverse."""
-    made, random = law(name), np.random.default_rng(8)
+    own, random = law(name), np.random.default_rng(8)
     for plant in plants(name)[:3]:
         for direction in (0.0, math.pi / 2, math.pi):
-            state = np.zeros(len(made.state))
+            state = np.zeros(len(own.state))
             state[0] = direction
-            state[-made.system.nu.numel() :] = random.uniform(-2, 2, made.system.nu.numel())
+            state[-own.system.nu.numel() :] = random.uniform(-2, 2, own.system.nu.numel())
             for controller in (CasadiController, CompiledController):
-                found = controller(made, plant.params, plant.config, plant.gains)
-                assert found.evaluate(state, random.uniform(-2, 2, len(made.reference))).status == "singular"
+                compiled = controller(own, plant.params, plant.config, plant.gains)
+                assert compiled.evaluate(state, random.uniform(-2, 2, len(own.reference))).status == "singular"
 
 
 def test_condition_numbers():
@@ -248,21 +248,21 @@ def test_condition_numbers():
     random = np.random.default_rng(4)
     for n in (2, 3, 4, 5, 7):
         matrix = ca.SX.sym("matrix", n, n)
-        found = ca.Function("condition", [matrix], [condition(matrix)])
+        function = ca.Function("condition", [matrix], [condition(matrix)])
         for _ in range(50):
             value = random.normal(size=(n, n))
-            assert found(value) == pytest.approx(np.linalg.cond(value, 1), rel=1e-9)
+            assert function(value) == pytest.approx(np.linalg.cond(value, 1), rel=1e-9)
             row, other = random.permutation(n)[:2]
             for singular in (value.copy(), value.copy()):
                 singular[row] = random.choice([0.0, 2.0]) * singular[other]
                 for each in (singular, singular.T):
-                    assert not found(each) < 1e12
+                    assert not function(each) < 1e12
 
 
 def test_least_inputs():
     """With six inputs for four motions: no other inputs of the same effect have a smaller sum of squares."""
-    made = law("manipulator")
-    E = made.function({"E": made.system.mechanism.E})
+    own = law("manipulator")
+    E = own.function({"E": own.system.mechanism.E})
     for plant in plants("manipulator")[:2]:
         for point in plant.points[:10]:
             values = point.truth.values
@@ -276,14 +276,14 @@ def test_least_inputs():
 @pytest.mark.parametrize("name", ["bare", "manipulator"])
 def test_slowing_down_within_limits(name, scalar):
     """One speed among the outputs: C and model give it up alike, with as many limits as there are inputs."""
-    made, saturated = law(name), 0
+    own, saturated = law(name), 0
     for plant in plants(name)[:1]:
         for point in plant.points:
-            torque = tuple(0.95 * np.abs(point.truth.values["tau"]).max() for _ in made.system.mechanism.inputs)
+            torque = tuple(0.95 * np.abs(point.truth.values["tau"]).max() for _ in own.system.mechanism.inputs)
             answers = []
             for kind in (CasadiController, CompiledController):
                 more = {} if kind is CasadiController else {"scalar": scalar}
-                controller = kind(made, plant.params, plant.config, plant.gains, limits=Limits(torque, "slow"), **more)
+                controller = kind(own, plant.params, plant.config, plant.gains, limits=Limits(torque, "slow"), **more)
                 answers.append(controller.step(point.state, point.reference))
             (status, truth), (other, tau) = answers
             assert other == status == "saturated"
@@ -301,13 +301,13 @@ NEARLY = {"casadi": 1e-8, "double": 1e-8, "float": 0.05}  # of SINGULAR: roundin
 @pytest.mark.parametrize("name", ["plate", "manipulator", "arm_4", "arm_5"])
 def test_singular_is_the_reciprocal_condition(name):
     """On both sides of the limit, found with NumPy, in all backends: 1 / (|Phi| |Phi^-1|) in the 1-norm against 1e-5."""
-    made = law(name)
+    own = law(name)
     if name == "plate":  # never singular, but for a unit that makes rows unlike
-        rows = [*made.output.rows[:2], row("angle", "rad", made.output.rows[2].expression * made.system.mechanism.q[3])]
-        made = control_law(made.system, OutputMap("square", "", tuple(rows), made.config))
-    plant = next(random_plants(made, 1, seed=5))
+        rows = [*own.output.rows[:2], row("angle", "rad", own.output.rows[2].expression * own.system.mechanism.q[3])]
+        own = control_law(own.system, OutputMap("square", "", tuple(rows), own.config))
+    plant = next(random_plants(own, 1, seed=5))
     point, fixed = plant.points[0], (plant.params, plant.config, plant.gains)
-    Phi, size = Direct(made.function({"Phi": made.linearization.Phi})), len(made.output.rows)
+    Phi, size = Direct(own.function({"Phi": own.linearization.Phi})), len(own.output.rows)
 
     def rcond(state: np.ndarray) -> float:
         return 1 / np.linalg.cond(Phi(*fixed, state, point.reference)[0].reshape(size, size, order="F"), 1)
@@ -316,8 +316,8 @@ def test_singular_is_the_reciprocal_condition(name):
     places = np.linspace(-3, 3, 4001)
     measured = [rcond(np.where(np.arange(len(state)) == moved, place, state)) for place in places]
     low, high = places[int(np.argmin(measured))], places[int(np.argmin(measured))] + 0.01
-    controllers = {"casadi": CasadiController(made, *fixed)}
-    controllers |= {scalar: CompiledController(made, *fixed, scalar) for scalar in ("double", "float")}
+    controllers = {"casadi": CasadiController(own, *fixed)}
+    controllers |= {scalar: CompiledController(own, *fixed, scalar) for scalar in ("double", "float")}
 
     def at(place: float) -> np.ndarray:
         return np.where(np.arange(len(state)) == moved, place, state)
@@ -339,23 +339,23 @@ def test_singular_is_the_reciprocal_condition(name):
 def test_singular_of_two_outputs():
     """The LABMATE nearly square to a line: |det Phi| of the product of its row norms against 1e-5, from the paper's Phi."""
     robot = find_robot("labmate")
-    made, params = robots_law(robot, "type_iv_line"), robot.parameter_values({})
+    own, params = robots_law(robot, "type_iv_line"), robot.parameter_values({})
     b, d, r = (params[[p.name for p in robot.parameters].index(name)] for name in ("b", "d", "r"))
-    config, gains = {"A": 0.0, "B": 1.0, "C": 0.0, "L": 0.4}, [1.0] * len(made.gains)
-    fixed = (params, [config[q.name] for q in made.config], gains)
+    config, gains = {"A": 0.0, "B": 1.0, "C": 0.0, "L": 0.4}, [1.0] * len(own.gains)
+    fixed = (params, [config[q.name] for q in own.config], gains)
 
     def measure(phi: float) -> float:
         across = r * (0.4 + d) / (2 * b) * np.cos(phi)
         Phi = np.array([[r / 2 * np.sin(phi) + across, r / 2 * np.sin(phi) - across], [r / 2, r / 2]])
         return abs(np.linalg.det(Phi)) / np.prod(np.linalg.norm(Phi, axis=1))
 
-    controllers = {"casadi": CasadiController(made, *fixed)}
-    controllers |= {scalar: CompiledController(made, *fixed, scalar) for scalar in ("double", "float")}
+    controllers = {"casadi": CasadiController(own, *fixed)}
+    controllers |= {scalar: CompiledController(own, *fixed, scalar) for scalar in ("double", "float")}
     for backend, controller in controllers.items():
         for factor, expected in ((1 - NEARLY[backend], "singular"), (1 + NEARLY[backend], "ok")):
             phi = brentq(lambda phi, factor=factor: measure(phi) - factor * SINGULAR, np.pi / 2 - 1e-3, np.pi / 2, xtol=1e-16)
             state = np.array([0.0, 0.0, phi, 0.0, 0.0, 0.5, 0.5])
-            assert controller.step(state, np.zeros(len(made.reference)))[0] == expected, (backend, factor)
+            assert controller.step(state, np.zeros(len(own.reference)))[0] == expected, (backend, factor)
 
 
 def test_regular_where_a_rewritten_denominator_would_vanish():
@@ -402,8 +402,8 @@ def test_solutions_by_blocks():
         M, b = ca.SX.sym("M", ca.sparsify(ca.DM(A)).sparsity()), ca.SX.sym("b", n, 2)
         sizes.add(M.sparsity().btf()[0])
         x = random.normal(size=(n, 2))
-        found = np.asarray(ca.Function("f", [M, b], [solve(M, b)])(A, A @ x))
-        assert np.abs(found - x).max() <= 1e-12 * np.linalg.cond(A)
+        solution = np.asarray(ca.Function("f", [M, b], [solve(M, b)])(A, A @ x))
+        assert np.abs(solution - x).max() <= 1e-12 * np.linalg.cond(A)
     assert {1, 2, 3} <= sizes
 
 

@@ -38,11 +38,11 @@ TOLERANCE = 1e-12  # of the largest entry: about 1e4 roundings
 # -- what the tests are made of ---------------------------------------------------------------------------------------
 
 
-def close(found, expected, tolerance: float = TOLERANCE, scale: float | None = None) -> bool:
+def close(value, expected, tolerance: float = TOLERANCE, scale: float | None = None) -> bool:
     """Equal to `tolerance` of the largest expected entry (or of `scale`), in absolute value."""
-    found, expected = np.asarray(found, dtype=float), np.asarray(expected, dtype=float)
+    value, expected = np.asarray(value, dtype=float), np.asarray(expected, dtype=float)
     size = np.abs(expected).max(initial=0.0) if scale is None else scale
-    return bool(np.all(np.abs(found.reshape(expected.shape) - expected) <= tolerance * size))
+    return bool(np.all(np.abs(value.reshape(expected.shape) - expected) <= tolerance * size))
 
 
 @cache
@@ -85,7 +85,7 @@ def arguments(law: ControlLaw, values: dict[str, float], gains, reference) -> li
     ]
 
 
-def edge(name: str = "edge", given: bool = True) -> Mechanism:
+def edge(name: str = "edge", quasi: bool = True) -> Mechanism:
     """A knife edge on an incline, with a damper and a spring: two inputs, n - m = 2."""
     robot = Mechanism(name)
     x, y, heading = (robot.coordinate(q, unit) for q, unit in (("x", "m"), ("y", "m"), ("heading", "rad")))
@@ -99,7 +99,7 @@ def edge(name: str = "edge", given: bool = True) -> Mechanism:
     robot.rolls("blade", cos(heading) * robot.rate(y) - sin(heading) * robot.rate(x))
     robot.input("push", "N", on=forward)
     robot.input("turn", "N m", on=robot.rate(heading))
-    if given:
+    if quasi:
         robot.quasi_velocity("v", "m/s", forward)
         robot.quasi_velocity("w", "rad/s", robot.rate(heading))
     robot.moves_in_plane(x, y, heading)
@@ -173,7 +173,7 @@ def test_the_closed_forms_are_mechanics():
 
 def test_platform_matrices():
     system, robot = labmate_system(), labmate_system().mechanism
-    found = {
+    matrices = {
         "M": robot.M,
         "V": system.V,
         "A": robot.A,
@@ -182,12 +182,12 @@ def test_platform_matrices():
         "Mbar": system.Mbar,
         "bias": system.bias,
     }
-    evaluate = ca.Function("f", [robot.p, robot.q, system.nu], [ca.densify(e) for e in found.values()])
+    evaluate = ca.Function("f", [robot.p, robot.q, system.nu], [ca.densify(e) for e in matrices.values()])
     groups = [[s.name for s in group] for group in (robot.parameters, robot.coordinates, system.quasi_velocities)]
     for values in random_values(1):
         results = evaluate.call([[values[name] for name in group] for group in groups])
         expected = closed_forms.platform(values)
-        wrong = [k for k, got in zip(found, results, strict=True) if not close(got, expected[k])]
+        wrong = [k for k, got in zip(matrices, results, strict=True) if not close(got, expected[k])]
         assert not wrong, values
 
 
@@ -198,13 +198,13 @@ def test_law(name):
     linear = law.linearization
     assert linear.relative_degree == oracle.relative_degree
     assert [p.name for p in law.config] == [str(s).removeprefix("config.") for s in oracle.config]
-    found = {"h": linear.h, "ydot": linear.rate, "Phi": linear.Phi, "Phidot": linear.Phidot, "det": linear.determinant}
-    found |= {"u": law.u, "tau": law.tau, "lam": law.system.constraint_forces(law.tau, law.u)}
-    evaluate = law.function(found)
+    quantities = {"h": linear.h, "ydot": linear.rate, "Phi": linear.Phi, "Phidot": linear.Phidot, "det": linear.determinant}
+    quantities |= {"u": law.u, "tau": law.tau, "lam": law.system.constraint_forces(law.tau, law.u)}
+    evaluate = law.function(quantities)
     rng = np.random.default_rng(3)
     for values in random_values(2):
         gains, reference = tuple(rng.uniform(0.5, 8, 3)), rng.uniform(-5, 5, (2, 3))
-        results = dict(zip(found, evaluate.call(arguments(law, values, gains, reference)), strict=True))
+        results = dict(zip(quantities, evaluate.call(arguments(law, values, gains, reference)), strict=True))
         expected = closed_forms.law(name, values, gains, reference)
         sine = abs(expected["det"]) / np.prod(np.linalg.norm(expected["Phi"], axis=1))
         for key, value in expected.items():
@@ -350,8 +350,8 @@ def test_first_feedback(name):
     system = system_of(name)
     u = ca.SX.sym("u", system.dof)
     nudot = system.acceleration(system.first_feedback(u))
-    for wanted, found, input_map in samples(system, [u, nudot, system.input_map], u):
-        assert close(found, wanted, 1e-11 * np.linalg.cond(input_map))
+    for expected, actual, input_map in samples(system, [u, nudot, system.input_map], u):
+        assert close(actual, expected, 1e-11 * np.linalg.cond(input_map))
 
 
 def outputs_of(system: ReducedSystem) -> list[OutputMap]:
@@ -386,7 +386,7 @@ def linearizations(name: str) -> list[Linearization]:
     ],
 )
 def test_relative_degrees(name, degrees):
-    assert [found.relative_degree for found in linearizations(name)] == degrees
+    assert [linear.relative_degree for linear in linearizations(name)] == degrees
 
 
 def test_relative_degree_does_not_hang_on_a_default_of_zero():
@@ -402,18 +402,18 @@ def test_second_feedback_gives_the_wanted_derivatives(name):
     """Along qdot = S nu, nudot = u(v): the derivative of ydot (degree 2), of y (degree 1) is v; det Phi is Phi's."""
     system = system_of(name)
     state = ca.vertcat(system.mechanism.q, system.nu)
-    for found in linearizations(name):
+    for linear in linearizations(name):
         v = ca.SX.sym("v", system.dof)
-        rates = iter(ca.vertsplit(found.rate)) if found.rate.numel() else iter(())
+        rates = iter(ca.vertsplit(linear.rate)) if linear.rate.numel() else iter(())
         lower = ca.vertcat(
-            *[next(rates) if k == 2 else h for k, h in zip(found.relative_degree, ca.vertsplit(found.h), strict=True)]
+            *[next(rates) if k == 2 else h for k, h in zip(linear.relative_degree, ca.vertsplit(linear.h), strict=True)]
         )
-        closed = ca.jtimes(lower, state, ca.vertcat(system.qdot, found.second_feedback(v)))
-        parameters = ca.vertcat(*[c.symbol for c in found.output.parameters])
-        parts = [v, closed, found.Phi, found.drift, found.determinant]
-        for wanted, got, Phi, drift, det in samples(system, parts, v, parameters, count=50):
-            size = (np.abs(wanted).max() + np.abs(drift).max()) * np.linalg.cond(Phi)
-            assert close(got, wanted, scale=size)
+        closed = ca.jtimes(lower, state, ca.vertcat(system.qdot, linear.second_feedback(v)))
+        parameters = ca.vertcat(*[c.symbol for c in linear.output.parameters])
+        parts = [v, closed, linear.Phi, linear.drift, linear.determinant]
+        for expected, got, Phi, drift, det in samples(system, parts, v, parameters, count=50):
+            size = (np.abs(expected).max() + np.abs(drift).max()) * np.linalg.cond(Phi)
+            assert close(got, expected, scale=size)
             assert close(det, np.linalg.det(Phi), scale=np.prod(np.linalg.norm(Phi, axis=1)))
 
 
@@ -422,16 +422,16 @@ def test_phidot_is_the_derivative_of_phi(name):
     """Against five-point differences along the motion, step 1e-3: truncation below 1e-9 of the largest entries seen."""
     system = system_of(name)
     robot, step = system.mechanism, 1e-3
-    for found in linearizations(name):
+    for linear in linearizations(name):
         Phi = [
-            ca.substitute(found.Phi, robot.q, robot.q + k * step * system.qdot / (1 + ca.norm_2(system.qdot)))
+            ca.substitute(linear.Phi, robot.q, robot.q + k * step * system.qdot / (1 + ca.norm_2(system.qdot)))
             for k in (-2, -1, 1, 2)
         ]
-        parameters = ca.vertcat(*[c.symbol for c in found.output.parameters])
-        expected = found.Phidot / (1 + ca.norm_2(system.qdot))
+        parameters = ca.vertcat(*[c.symbol for c in linear.output.parameters])
+        expected = linear.Phidot / (1 + ca.norm_2(system.qdot))
         for left2, left, right, right2, exact in samples(system, [*Phi, expected], parameters, count=20):
             difference = (left2 - 8 * left + 8 * right - right2) / (12 * step)
-            assert close(exact, difference, 1e-8, scale=np.abs([left, right, exact]).max()), found.output.name
+            assert close(exact, difference, 1e-8, scale=np.abs([left, right, exact]).max()), linear.output.name
 
 
 # -- more inputs than dof -----------------------------------------------------------------------------------------
@@ -443,10 +443,10 @@ def test_redundant_inputs_share_by_weight():
     u = ca.SX.sym("u", 3)
     weights = [(1, 1, 1, 1), (1, 2, 3, 4), (1, 1, 1, 1e3)]
     parts = [system.input_map, system.Mbar @ u + system.bias, *[system.first_feedback(u, w) for w in weights]]
-    for input_map, wanted, *taus in samples(system, parts, u):
+    for input_map, effort, *taus in samples(system, parts, u):
         for weight, tau in zip(weights, taus, strict=True):
             limit = 1e-12 * np.linalg.cond(input_map) ** 2 * np.sqrt(max(weight)) * np.abs(tau).max()
-            assert np.abs(input_map @ tau - wanted).max() <= limit * max(1.0, np.abs(input_map).max())
+            assert np.abs(input_map @ tau - effort).max() <= limit * max(1.0, np.abs(input_map).max())
             null = np.linalg.svd(input_map)[2][3]
             assert abs(null @ np.diag(weight) @ tau) <= limit * max(weight), "not the least"
         assert np.abs(taus[0] - taus[1]).max() > 1e-6 * np.abs(taus[0]).max()
@@ -464,13 +464,13 @@ def test_weights_must_be_positive(weight):
 
 def test_null_space_given_outright():
     chosen = system_of("edge")
-    robot = edge(given=False)
+    robot = edge(quasi=False)
     heading = robot.coordinates[2].symbol
     robot.null_space(ca.blockcat([[cos(heading), 0], [sin(heading), 0], [0, 1]]), {"v": "m/s", "w": "rad/s"})
-    given = reduce(robot)
-    assert [v.name for v in given.quasi_velocities] == ["v", "w"] and given.dof == 2
+    other = reduce(robot)
+    assert [v.name for v in other.quasi_velocities] == ["v", "w"] and other.dof == 2
     pairs = zip(
-        samples(chosen, [chosen.S, chosen.Mbar, chosen.bias]), samples(given, [given.S, given.Mbar, given.bias]), strict=True
+        samples(chosen, [chosen.S, chosen.Mbar, chosen.bias]), samples(other, [other.S, other.Mbar, other.bias]), strict=True
     )
     for first, second in pairs:
         assert all(close(a, b, scale=np.abs(b).max() + 1) for a, b in zip(first, second, strict=True))
@@ -478,7 +478,7 @@ def test_null_space_given_outright():
 
 def test_null_space_computed():
     """The motion does not depend on the choice of S: qddot under the same inputs is the same."""
-    chosen, computed = system_of("edge"), reduce(edge(given=False))
+    chosen, computed = system_of("edge"), reduce(edge(quasi=False))
     assert computed.S.shape == (3, 2) and canonical(computed.mechanism.A @ computed.S).is_zero()
     qddot = []
     for system in (chosen, computed):
@@ -496,7 +496,7 @@ def test_null_space_computed():
 
 
 def test_computed_null_space_is_finite_everywhere():
-    system = reduce(edge(given=False))
+    system = reduce(edge(quasi=False))
     S = ca.Function("S", [system.mechanism.q], [ca.densify(system.S)])
     assert all(np.abs(np.asarray(S([1, 2, angle]))).max() < 10 for angle in (0.0, np.pi / 2))
 
@@ -525,8 +525,8 @@ def test_holonomic_constraint_from_its_position():
     (nu,) = ca.vertsplit(system.nu)
     assert system.quasi_velocities[0].name == "x_rate"
     expected = [mass * (1 + 4 * k**2 * x**2), 4 * mass * k**2 * x * nu**2 + 2 * k * x * weight, ca.vertcat(1, 2 * k * x)]
-    for *found, Mbar, bias, S in samples(system, [system.Mbar, system.bias, system.S, *expected]):
-        assert close(found[0], Mbar) and close(found[1], bias, scale=40.0) and close(found[2], S)
+    for *actual, Mbar, bias, S in samples(system, [system.Mbar, system.bias, system.S, *expected]):
+        assert close(actual[0], Mbar) and close(actual[1], bias, scale=40.0) and close(actual[2], S)
 
 
 def test_light_rotor_on_a_heavy_truck():
@@ -726,8 +726,8 @@ def test_canonical_cancels_a_sine(expression):
 def test_canonical_gives_equals_one_expression(sign):
     """Equal entries, or one and its negative, come out as one expression, even where an entry's own form is kept."""
     first, second = x**2 + (y - z) ** 2, sign * (x**2 + y**2 - 2 * y * z + z**2)
-    found = canonical(ca.vertcat(first, second))
-    assert ca.is_equal(sign * found[0], found[1], 2)
+    canonical_forms = canonical(ca.vertcat(first, second))
+    assert ca.is_equal(sign * canonical_forms[0], canonical_forms[1], 2)
 
 
 RADICALS = {
@@ -783,7 +783,7 @@ def test_parameter_values_fill_in_defaults():
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("values", "message"),
     [
         ({"r": 0.0}, "spec: r = 0 m must be positive (wheel radius"),
         ({"r": -1}, "spec: r = -1 m must be positive"),
@@ -799,9 +799,9 @@ def test_parameter_values_fill_in_defaults():
         ({"radius": 1.0}, "spec: unknown name 'radius'; known are I_c, I_m, I_w, b, d, m_c, m_w, r"),
     ],
 )
-def test_parameter_values_refused(given, message):
+def test_parameter_values_refused(values, message):
     with pytest.raises(ModelError) as error:
-        labmate().parameter_values(given, "spec")
+        labmate().parameter_values(values, "spec")
     assert message in str(error.value)
 
 
@@ -860,9 +860,9 @@ def test_a_reduced_robot_takes_only_outputs():
         "moves_in_plane": (x, x, x),
         "contact": ("wheel", 1.0, robot.rate(x)),
     }
-    for name, given in changes.items():
+    for name, arguments_of_call in changes.items():
         with pytest.raises(ModelError, match=r"edge: \w+ was called after the robot was reduced, .* build a new Mechanism"):
-            getattr(robot, name)(*given)
+            getattr(robot, name)(*arguments_of_call)
     robot.output("place", "where it is", [(f"y{k}", "m", q) for k, q in enumerate(symbols[:2])])
     assert ca.is_equal(reduce(robot).Mbar, before, 20)
 
@@ -1091,8 +1091,8 @@ def heading(system: ReducedSystem) -> ca.SX:
 
 
 def law_of(*expressions: Callable[[ReducedSystem], ca.SX], name: str = "mine") -> ControlLaw:
-    made = rows(*expressions)
-    return control_law(system_of("edge"), OutputMap(name, "", made.rows))
+    outputs = rows(*expressions)
+    return control_law(system_of("edge"), OutputMap(name, "", outputs.rows))
 
 
 def same_names(first: str, second: str) -> ControlLaw:

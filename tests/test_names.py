@@ -41,24 +41,24 @@ def every_header(cplusplus: bool = False) -> str:
 
 def robot(name: str = "odd", parameters=(), outputs=(("own", ("a", "b")),), settings=()) -> Mechanism:
     """A unicycle with parameters and outputs of these names."""
-    made = Mechanism(name, "a unicycle")
-    x, y, heading = made.coordinate("x", "m"), made.coordinate("y", "m"), made.coordinate("heading", "rad")
-    m, J = made.parameter("m_own", 12.0, "kg"), made.parameter("J_own", 0.8, "kg m^2")
-    total = sum((made.parameter(each, 1.0, "N") for each in parameters), start=ca.SX(0))
-    forward = ca.cos(heading) * made.rate(x) + ca.sin(heading) * made.rate(y)
-    made.kinetic_energy(m * (made.rate(x) ** 2 + made.rate(y) ** 2) / 2 + J * made.rate(heading) ** 2 / 2)
-    made.force(-total * forward, on=forward)
-    made.rolls("no side slip", ca.cos(heading) * made.rate(y) - ca.sin(heading) * made.rate(x))
-    made.input("push", "N", on=forward)
-    made.input("turn", "N m", on=made.rate(heading))
-    made.quasi_velocity("v", "m/s", forward)
-    made.quasi_velocity("omega", "rad/s", made.rate(heading))
+    mechanism = Mechanism(name, "a unicycle")
+    x, y, heading = mechanism.coordinate("x", "m"), mechanism.coordinate("y", "m"), mechanism.coordinate("heading", "rad")
+    m, J = mechanism.parameter("m_own", 12.0, "kg"), mechanism.parameter("J_own", 0.8, "kg m^2")
+    total = sum((mechanism.parameter(each, 1.0, "N") for each in parameters), start=ca.SX(0))
+    forward = ca.cos(heading) * mechanism.rate(x) + ca.sin(heading) * mechanism.rate(y)
+    mechanism.kinetic_energy(m * (mechanism.rate(x) ** 2 + mechanism.rate(y) ** 2) / 2 + J * mechanism.rate(heading) ** 2 / 2)
+    mechanism.force(-total * forward, on=forward)
+    mechanism.rolls("no side slip", ca.cos(heading) * mechanism.rate(y) - ca.sin(heading) * mechanism.rate(x))
+    mechanism.input("push", "N", on=forward)
+    mechanism.input("turn", "N m", on=mechanism.rate(heading))
+    mechanism.quasi_velocity("v", "m/s", forward)
+    mechanism.quasi_velocity("omega", "rad/s", mechanism.rate(heading))
     ahead = [config(each, 0.3, "m", "") for each in settings]
     L = sum((each.symbol for each in ahead), start=ca.SX(0.3))
     for output, (first, second) in outputs:
         rows = [(first, "m", x + L * ca.cos(heading)), (second, "m", y + L * ca.sin(heading))]
-        made.output(output, "", rows, ahead)
-    return made
+        mechanism.output(output, "", rows, ahead)
+    return mechanism
 
 
 def refused(line: str, tmp_path) -> str:
@@ -123,13 +123,13 @@ def test_a_robot_is_no_header(name):
 
 def test_all_names_of_the_c_are_known():
     """OF_ROBOT and OF_LAW have every name after a robot's and a law's that the C defines."""
-    made = robot(outputs=(("own", ("a", "b")),))
-    made.moves_in_plane(*ca.vertsplit(made.q))
-    system = reduce(made)
+    mechanism = robot(outputs=(("own", ("a", "b")),))
+    mechanism.moves_in_plane(*ca.vertsplit(mechanism.q))
+    system = reduce(mechanism)
     laws = [control_law(system, output_map(system, name)) for name in ("own", "type_iv_segment")]
     text = "\n".join(robot_files(system, laws, ("double",)).values())
-    found = set(re.findall(r"\bodd_(?:own|type_iv_segment)_?(\w*)", text)) | set(re.findall(r"\bodd_dynamics_?(\w*)", text))
-    assert {name.removesuffix("_H").lower() for name in found} - {"h", "c"} <= set(OF_LAW)
+    suffixes = set(re.findall(r"\bodd_(?:own|type_iv_segment)_?(\w*)", text)) | set(re.findall(r"\bodd_dynamics_?(\w*)", text))
+    assert {name.removesuffix("_H").lower() for name in suffixes} - {"h", "c"} <= set(OF_LAW)
     assert {entry.name for entry in ENTRIES} <= set(OF_LAW)
     others = set(re.findall(r"\bodd_(?!own|type_iv|dynamics)(\w+)", text))
     assert others <= set(OF_ROBOT)
@@ -163,10 +163,10 @@ def test_c_of_odd_names_compiles_after_all_headers(which_one, tmp_path):
     command = COMPILERS[which_one]
     if not which(command[0]):
         pytest.skip(f"{command[0]} not installed")
-    made = robot(
+    mechanism = robot(
         parameters=(*ODD[:7], "I", "limit"), outputs=(("own", ("I", "self")), ("sin", ("exp", "status"))), settings=ODD[2:9]
     )
-    system = reduce(made)
+    system = reduce(mechanism)
     files = robot_files(system, [control_law(system, output_map(system, name)) for name in ("own", "sin")])
     for name, text in {**runtime_files(), **files}.items():
         (tmp_path / name).write_text(text)

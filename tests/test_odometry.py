@@ -2,7 +2,6 @@
 
 import cmath
 import math
-import re
 from itertools import product
 
 import mpmath
@@ -10,15 +9,13 @@ import numpy as np
 import pytest
 from casadi import cos, sin
 from noslip.controllers.odometry import CompiledOdometry, Odometry, make_odometry, vehicle_wheels
-from noslip.controllers.runtime import declarations, runtime
+from noslip.controllers.runtime import runtime
 from noslip.model import Mechanism
 from noslip.model.reduction import reduce
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.plant import Plant
 from noslip.tests.codegen_tools import unicycle
-from noslip.tests.test_runtime import FLAGS, INCLUDE, STRICT, compilers, each_level, run
-from noslip.tests.tools import need
 from scipy.integrate import solve_ivp
 
 FORWARD, TURN, AHEAD = (0.075, 0.075), (0.1, -0.1), 0.3  # the LABMATE's: r/2, r/(2b), d
@@ -615,100 +612,6 @@ def test_reversing(scalar, mode, speed, lever, which, status, then):
     function = made.function("noslip_reversing", scalar)
     assert made.status(function(mode, speed, levers, law)) == status and law[0] == then
     assert function(mode, speed, made.ffi.NULL, law) == function(mode, speed, levers, made.ffi.NULL) == -1
-
-
-# -- the C itself ----------------------------------------------------------------------------------------------------
-
-
-def everything(folder, suffix: str = "") -> str:
-    """A source that uses every function of the headers whose name ends so."""
-    names = {name for header in HEADERS for name in re.findall(r"\b(noslip_\w+)\s*\(", declarations(header))}
-    used = ", ".join(f"(any){name}" for name in sorted(names - {"noslip_status_name"}) if name.endswith(suffix))
-    includes = "".join(f'#include "{header}"\n' for header in HEADERS)
-    source = folder / "everything.c"
-    source.write_text(f"{includes}typedef void (*any)(void);\nextern const any all[];\nconst any all[] = {{{used}}};\n")
-    return str(source)
-
-
-@compilers
-@each_level
-def test_no_warnings_and_no_library(cc, level, tmp_path):
-    """Nothing undefined, not even memcpy: no mathematics of a library."""
-    more = ["-fanalyzer", "-Wstack-usage=256"] if (cc, level) == ("gcc", "-O2") else []
-    code = str(tmp_path / "everything.o")
-    run([need(cc), *FLAGS, level, "-ffreestanding", *STRICT, *more, *INCLUDE, "-c", everything(tmp_path), "-o", code])
-    assert run(["nm", "-u", code]) == ""
-
-
-@compilers
-@each_level
-def test_the_float_side_has_no_double(cc, level, tmp_path):
-    need("objdump")
-    code = str(tmp_path / "everything.o")
-    run([need(cc), *FLAGS, level, *INCLUDE, "-c", everything(tmp_path, "_f"), "-o", code])
-    listing = run(["objdump", "-d", "--no-show-raw-insn", code])
-    assert "ss " in listing
-    assert not re.findall(r"\t(v?(?:add|sub|mul|div|sqrt|ucomi|comi|cvt\w*|cmp\w*)(?:sd|pd)\w*|v?cvt(?:sd|pd)2\w+)\b", listing)
-
-
-@each_scalar
-def test_the_same_bits_on_every_compiler(scalar, tmp_path):
-    """Poses of a random walk with corrections and encoders, as the compilers and their levels have it."""
-    suffix = {"double": "", "float": "_f"}[scalar]
-    source = tmp_path / "walk.c"
-    source.write_text(WALK.replace("REAL", scalar).replace("_X", suffix))
-    found = {}
-    for cc, level in product(("gcc", "clang"), ("-O0", "-O2", "-O3")):
-        program = str(tmp_path / f"walk{cc}{level}")
-        run([need(cc), *FLAGS, level, *INCLUDE, str(source), "-o", program])
-        found[cc, level] = run([program])
-    assert len(set(found.values())) == 1 and len(found["gcc", "-O0"].split()) == 300
-
-
-WALK = r"""
-#include <stdio.h>
-#include <string.h>
-#include "noslip_odometry.h"
-
-int main(void)
-{
-    noslip_odometry_options_X options = {{0.075F, 0.0625F}, {0.1F, -0.11F}, 0.3F, 0.5F};
-    noslip_odometry_X self;
-    noslip_encoder_X encoder[2];
-    noslip_pose_X pose = {1, 2, 3};
-    REAL angle[2];
-    uint32_t seed = 1992, count[2] = {0, 0};
-    int k, i;
-    noslip_odometry_init_X(&self, &options, &pose);
-    noslip_encoder_init_X(&encoder[0], 4096, 16);
-    noslip_encoder_init_X(&encoder[1], -500, 32);
-    for (k = 0; k < 3000; k++) {
-        for (i = 0; i < 2; i++) {
-            seed = seed * 1664525u + 1013904223u;
-            count[i] += seed >> 22;
-            noslip_encoder_read_X(&encoder[i], count[i], &angle[i]);
-        }
-        noslip_odometry_move_X(&self, angle, (REAL)(seed >> 20) / 65536, &pose);
-        if (k % 70 == 69) {
-            pose.x += 1;
-            pose.heading -= (REAL)(seed >> 29);
-            noslip_odometry_correct_X(&self, &pose, k % 3 > 0);
-        }
-        if (k % 500 == 499) {
-            noslip_odometry_unwind_X(&self);
-        }
-        if (k % 30 == 29) {
-            unsigned char bits[sizeof pose];
-            size_t byte;
-            memcpy(bits, &pose, sizeof pose);
-            for (byte = 0; byte < sizeof pose; byte++) {
-                printf("%02x%s", bits[byte], (byte + 1) % sizeof pose.x ? "" : " ");
-            }
-        }
-    }
-    return 0;
-}
-"""
 
 
 # -- the robot it stands for -----------------------------------------------------------------------------------------

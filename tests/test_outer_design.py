@@ -62,14 +62,14 @@ def test_poles_are_where_they_were_asked_for(seed):
     degree, integral = int(random.integers(1, 3)), bool(random.integers(2))
     count = degree + integral
     pair = complex(-random.uniform(0.1, 3), random.uniform(0.1, 3))
-    wanted = ([pair, pair.conjugate()] if count > 1 else []) + [-random.uniform(0.1, 3)] * (count % 2)
-    gains = from_poles(degree, wanted, integral)
+    poles = ([pair, pair.conjugate()] if count > 1 else []) + [-random.uniform(0.1, 3)] * (count % 2)
+    gains = from_poles(degree, poles, integral)
     matrix = np.zeros((count, count))  # of the error's integral, the error and its rate, written out
     matrix[:-1, 1:] = np.eye(count - 1)
     matrix[-1] = -np.array([*([gains.integral] if integral else []), *[gains.error, gains.rate][:degree]])
-    for pole in wanted:
+    for pole in poles:
         assert np.abs(np.linalg.eigvals(matrix) - pole).min() < 1e-6
-    assert np.abs(np.sort_complex(gains.poles) - np.sort_complex(wanted)).max() < 1e-6
+    assert np.abs(np.sort_complex(gains.poles) - np.sort_complex(poles)).max() < 1e-6
 
 
 def test_paper_gains():
@@ -105,11 +105,11 @@ def test_settles_when_it_shall(degree, integral, damping):
         v = -gains.integral * z - gains.error * e
         return [e, v, 0.0] if degree == 1 else [e, e_rate, v - gains.rate * e_rate]
 
-    found = solve_ivp(rate, (0, 9), [0, 1, 0], "DOP853", rtol=1e-11, atol=1e-13, t_eval=np.linspace(0, 9, 3001))
-    error, after = np.abs(found.y[1]), found.t >= 3.0
+    solution = solve_ivp(rate, (0, 9), [0, 1, 0], "DOP853", rtol=1e-11, atol=1e-13, t_eval=np.linspace(0, 9, 3001))
+    error, after = np.abs(solution.y[1]), solution.t >= 3.0
     assert error[1000] == pytest.approx(0.02, abs=1e-8) and error[after].max() <= 0.02 + 1e-8
     if degree == 2 and damping >= 1 and not integral:
-        assert found.y[1].min() > 0  # no overshoot beside a wall
+        assert solution.y[1].min() > 0  # no overshoot beside a wall
 
 
 def test_lqr_in_closed_form():
@@ -200,8 +200,8 @@ def test_exponential(size, norm):
 def test_discrete_model(gains, delay):
     """Poles, and the plant as python-control samples it."""
     channel = Channel("y", "m", gains, 0.13, delay)
-    wanted = np.linalg.eigvals(held(gains, 0.13, delay))
-    assert np.abs(np.sort_complex(channel.poles) - np.sort_complex(wanted)).max() < 1e-7
+    expected = np.linalg.eigvals(held(gains, 0.13, delay))
+    assert np.abs(np.sort_complex(channel.poles) - np.sort_complex(expected)).max() < 1e-7
     sampled = control.c2d(Channel("y", "m", gains).plant(), 0.13)
     assert np.abs(channel.plant().A - sampled.A).max() < 1e-12 and np.abs(channel.plant().B - sampled.B).max() < 1e-12
     assert channel.plant().output_labels == ["y", "y_rate"][: gains.degree] and channel.plant().input_labels == ["v_y"]
@@ -248,22 +248,22 @@ def test_margins_are_python_controls(seed, sampled):
     gains = random_gains(seed)
     period = 0.2 * longest_period(gains) if sampled else None
     loop = Channel("y", "m", gains, period).loop()
-    found = margins(loop)
+    ours = margins(loop)
     omega = np.geomspace(1e-3, np.pi / period if sampled else 1e3, 4000)
     response = loop(np.exp(1j * omega * period) if sampled else 1j * omega)
     data = control.frd(response, omega)
     gain, phase, _, _, crossover, _ = control.stability_margins(data)
-    assert found.phase == pytest.approx(math.radians(phase), abs=1e-4) and found.crossover == pytest.approx(crossover, rel=1e-4)
+    assert ours.phase == pytest.approx(math.radians(phase), abs=1e-4) and ours.crossover == pytest.approx(crossover, rel=1e-4)
     if gain < 1:  # the margin that python-control finds nearest; ours are both
-        assert found.gain_down == pytest.approx(gain, rel=1e-4)
+        assert ours.gain_down == pytest.approx(gain, rel=1e-4)
     S = 1 / (1 + response)
-    assert found.Ms == pytest.approx(max(1.0, np.abs(S).max()) if not sampled else np.abs(S).max(), abs=1e-5)
-    assert found.Mt == pytest.approx(np.abs(1 - S).max(), abs=1e-5)
+    assert ours.Ms == pytest.approx(max(1.0, np.abs(S).max()) if not sampled else np.abs(S).max(), abs=1e-5)
+    assert ours.Mt == pytest.approx(np.abs(1 - S).max(), abs=1e-5)
     disk, disk_gain, disk_phase = control.disk_margins(loop, omega[::10])
-    assert found.disk <= disk + 1e-12 and found.disk == pytest.approx(disk, abs=1e-3)
+    assert ours.disk <= disk + 1e-12 and ours.disk == pytest.approx(disk, abs=1e-3)
     if disk < 1.999:
-        assert found.disk_phase == pytest.approx(math.radians(disk_phase), abs=1e-3)
-        assert 20 * math.log10(found.disk_gain) == pytest.approx(disk_gain, abs=0.05)
+        assert ours.disk_phase == pytest.approx(math.radians(disk_phase), abs=1e-3)
+        assert 20 * math.log10(ours.disk_gain) == pytest.approx(disk_gain, abs=0.05)
 
 
 @each_channel
@@ -271,16 +271,16 @@ def test_margins_are_python_controls(seed, sampled):
 def test_gain_margins_are_the_limits_of_stability(gains, delay):
     """At the factors found the closed loop has a pole on the unit circle; a delay of the margin's size uses the phase up."""
     channel = Channel("y", "m", gains, 0.05, delay)
-    found, loop = channel.margins(), channel.loop()
+    ours, loop = channel.margins(), channel.loop()
 
     def radius(factor: float) -> float:
         return float(np.abs(np.linalg.eigvals(loop.A - factor * loop.B @ loop.C)).max())
 
-    assert radius(found.gain) == pytest.approx(1, abs=1e-7) and radius(0.999 * found.gain) < 1 < radius(1.001 * found.gain)
-    if found.gain_down:
-        assert radius(found.gain_down) == pytest.approx(1, abs=1e-7) and radius(0.999 * found.gain_down) > 1
-    L = complex(loop(np.exp(1j * found.crossover * 0.05)))
-    assert L * np.exp(-1j * found.crossover * found.delay) == pytest.approx(-1, abs=1e-7)
+    assert radius(ours.gain) == pytest.approx(1, abs=1e-7) and radius(0.999 * ours.gain) < 1 < radius(1.001 * ours.gain)
+    if ours.gain_down:
+        assert radius(ours.gain_down) == pytest.approx(1, abs=1e-7) and radius(0.999 * ours.gain_down) > 1
+    L = complex(loop(np.exp(1j * ours.crossover * 0.05)))
+    assert L * np.exp(-1j * ours.crossover * ours.delay) == pytest.approx(-1, abs=1e-7)
 
 
 @pytest.mark.parametrize("seed", range(10))

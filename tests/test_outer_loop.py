@@ -87,9 +87,9 @@ def test_step_of_the_position():
         initial=Initial(point=(0.0, 0.0), heading=0.4, speed=0.0),
         simulation=Simulation(duration=8.0, output_step=0.05),
     )
-    done = simulate(spec)
-    response = control.step_response(Channel("x_l", "m", Gains(2, 1.0, 2.5)).closed(), done.t, squeeze=False).outputs[0, 0]
-    assert np.abs(done.y - np.outer(response, [0.3, 0.2])).max() < 1e-6
+    simulated = simulate(spec)
+    response = control.step_response(Channel("x_l", "m", Gains(2, 1.0, 2.5)).closed(), simulated.t, squeeze=False).outputs[0, 0]
+    assert np.abs(simulated.y - np.outer(response, [0.3, 0.2])).max() < 1e-6
 
 
 @pytest.mark.parametrize("spec", [LINE, CIRCLE], ids=["line", "circle"])
@@ -98,12 +98,12 @@ def test_step_of_distance_and_speed(spec):
     start = {"line": ((1.0, 0.5), math.pi / 4), "circle": ((30.4, 20.0), math.pi / 2)}[spec.output.path.kind]
     speed = 0.8 * spec.reference.speed
     spec = replace(spec, initial=Initial(point=start[0], heading=start[1], speed=speed))
-    done = simulate(with_run(spec, duration=6.0, output_step=0.05))
-    gains = {gain.name[:2]: spec.gains[gain.name[:2]] for gain in done.law.gains}
+    simulated = simulate(with_run(spec, duration=6.0, output_step=0.05))
+    gains = {gain.name[:2]: spec.gains[gain.name[:2]] for gain in simulated.law.gains}
     channels = (Channel("distance", "m", Gains(2, gains["kp"], gains["kd"])), Channel("speed", "m/s", Gains(1, gains["kv"])))
     for k, channel in enumerate(channels):
-        response = control.step_response(channel.closed(), done.t, squeeze=False).outputs[0, 0]
-        assert np.abs(done.error[:, k] - done.error[0, k] * (1 - response)).max() < 1e-6
+        response = control.step_response(channel.closed(), simulated.t, squeeze=False).outputs[0, 0]
+        assert np.abs(simulated.error[:, k] - simulated.error[0, k] * (1 - response)).max() < 1e-6
 
 
 def test_sampled_path_shift():
@@ -122,12 +122,12 @@ def test_sampled_path_shift():
 @pytest.mark.parametrize("name", LAWS)
 def test_eigenvalues_are_poles_and_zero_dynamics(name):
     """With the exact model: those of the channels, and -v/l of the heading where it is no output."""
-    wanted = [-0.5, -2.0]
+    expected = [-0.5, -2.0]
     if name in ("type_i", "type_ii", "type_iii"):
-        wanted = 2 * wanted + ([-1 / 0.3] if name == "type_i" else [])
+        expected = 2 * expected + ([-1 / 0.3] if name == "type_i" else [])
     else:
-        wanted = [*wanted, -2.0, -1 / 0.3]
-    assert np.sort(default_motion(name).eigenvalues().real) == pytest.approx(sorted(wanted), abs=1e-6)
+        expected = [*expected, -2.0, -1 / 0.3]
+    assert np.sort(default_motion(name).eigenvalues().real) == pytest.approx(sorted(expected), abs=1e-6)
 
 
 def test_steady_motion_on_the_circle():
@@ -142,8 +142,8 @@ def test_steady_motion_on_the_circle():
 @pytest.mark.parametrize("A, B, C", [(1.0, 0.0, 3.0), (-0.3, 0.7, 1.0), (0.2, 5.0, -8.0), (-1.0, 1.0, 0.0)])
 def test_direction_of_the_line_does_not_matter(A, B, C):
     path = Curve(kind="line", parameters={"A": A, "B": B, "C": C})
-    found = motion_of(LINE, output=replace(LINE.output, path=path), plant=DOUBLED)
-    assert np.abs(found.eigenvalues() - motion_of(LINE, plant=DOUBLED).eigenvalues()).max() < 1e-7
+    motion = motion_of(LINE, output=replace(LINE.output, path=path), plant=DOUBLED)
+    assert np.abs(motion.eigenvalues() - motion_of(LINE, plant=DOUBLED).eigenvalues()).max() < 1e-7
 
 
 def test_way_of_travel_is_the_specs():
@@ -189,8 +189,8 @@ def test_map_over_a_period(spec, plant):
 
     h = 1e-5
     differences = np.array([(after(motion.rho + h * e) - after(motion.rho - h * e)) / (2 * h) for e in np.eye(4)]).T
-    wanted = motion.closed(period)
-    assert np.abs(differences - wanted).max() < 1e-6 * np.abs(wanted).max()
+    expected = motion.closed(period)
+    assert np.abs(differences - expected).max() < 1e-6 * np.abs(expected).max()
     assert np.abs(after(motion.rho) - motion.rho).max() < 1e-10  # steady with the torque held
 
 
@@ -214,8 +214,8 @@ def test_limit_of_the_period_by_simulate():
     predicted = motion_of(LINE).longest_period()
     start = replace(LINE, initial=Initial(point=(0.0, 1e-4), heading=math.pi / 4, speed=1.414))
     for part, settles in ((0.95, True), (1.05, False)):
-        done = simulate(with_run(start, period=part * predicted, duration=60.0, output_step=part * predicted))
-        rates = np.abs(done.nu[:, 0] - done.nu[:, 1])
+        simulated = simulate(with_run(start, period=part * predicted, duration=60.0, output_step=part * predicted))
+        rates = np.abs(simulated.nu[:, 0] - simulated.nu[:, 1])
         assert (rates[-5:].max() < 0.5 * rates[20:25].max()) == settles
 
 
@@ -241,28 +241,28 @@ def test_offset_of_the_papers_figure():
     """9b: 8.7 cm at 5 m/s with the true masses twice what is believed, outwards; none on the line."""
     assert motion_of(CIRCLE, plant=DOUBLED).rho[0] == pytest.approx(0.087, abs=5e-4)
     assert abs(motion_of(LINE, plant=DOUBLED).rho[0]) < 1e-12
-    done = simulate(with_run(replace(CIRCLE, plant=DOUBLED), duration=20.0, output_step=0.5))
-    assert done.y[-1, 0] == pytest.approx(motion_of(CIRCLE, plant=DOUBLED).rho[0], abs=1e-6)
+    simulated = simulate(with_run(replace(CIRCLE, plant=DOUBLED), duration=20.0, output_step=0.5))
+    assert simulated.y[-1, 0] == pytest.approx(motion_of(CIRCLE, plant=DOUBLED).rho[0], abs=1e-6)
 
 
 def test_wrong_heading_in_closed_form():
     """On a line, a compass off by e: kp h1 = -+ kd v sin e, and the vehicle really goes along the line."""
     motion = motion_of(LINE)
     for bias in (-0.1, 0.02, 0.2):
-        found = with_errors(motion, {"heading": bias})
-        assert abs(found.offset) == pytest.approx(2.5 * 1.414 * math.sin(abs(bias)), abs=1e-9)
-        assert abs(found.motion.rho[1]) < 1e-9
+        case = with_errors(motion, {"heading": bias})
+        assert abs(case.offset) == pytest.approx(2.5 * 1.414 * math.sin(abs(bias)), abs=1e-9)
+        assert abs(case.motion.rho[1]) < 1e-9
 
 
 def test_wrong_speed_is_another_speed():
-    found = with_errors(motion_of(CIRCLE), {"speed": 0.3}).motion
-    assert np.abs(found.eigenvalues() - motion_of(CIRCLE, reference=Reference(speed=6.5)).eigenvalues()).max() < 1e-8
+    motion = with_errors(motion_of(CIRCLE), {"speed": 0.3}).motion
+    assert np.abs(motion.eigenvalues() - motion_of(CIRCLE, reference=Reference(speed=6.5)).eigenvalues()).max() < 1e-8
 
 
 def test_wrong_L_moves_the_zero_dynamics():
     """The law's point is 0.1 l farther ahead: -v / (1.1 l), and the true one cuts the circle."""
-    found = with_errors(motion_of(LINE), {"L": 0.1})
-    assert found.eigenvalues[-1] == pytest.approx(-1.414 / 0.33, abs=1e-7)
+    on_line = with_errors(motion_of(LINE), {"L": 0.1})
+    assert on_line.eigenvalues[-1] == pytest.approx(-1.414 / 0.33, abs=1e-7)
     on_circle = with_errors(motion_of(CIRCLE), {"L": 0.1})
     assert on_circle.offset == pytest.approx(math.sqrt(100 - 0.33**2 + 0.3**2) - 10, abs=1e-9)
 
@@ -280,9 +280,9 @@ def test_ranking():
     assert hurt == sorted(hurt, reverse=True)
     radius = next(harm for harm in rows if harm.name == "r")
     both = [motion_of(CIRCLE, plant={"r": 0.15 * part}) for part in (0.8, 1.2)]
-    assert radius.decay == pytest.approx(min(found.decay() for found in both), rel=1e-9)
-    assert radius.longest_period == pytest.approx(min(found.longest_period() for found in both), rel=1e-9)
-    assert radius.disk == pytest.approx(min(margins(found.loop()).disk for found in both), rel=1e-9)
+    assert radius.decay == pytest.approx(min(motion.decay() for motion in both), rel=1e-9)
+    assert radius.longest_period == pytest.approx(min(motion.longest_period() for motion in both), rel=1e-9)
+    assert radius.disk == pytest.approx(min(margins(motion.loop()).disk for motion in both), rel=1e-9)
 
 
 def test_errors_that_are_too_large_are_seen():
@@ -332,22 +332,22 @@ def test_no_steady_motion():
 def test_same_trajectory_as_simulate(spec, backend):
     """States and torques to 1e-8, of the generated C and of CasADi, inside python-control."""
     spec = with_run(spec, duration=4.0, tolerance=1e-12, output_step=0.05, backend=backend)
-    done, loop = simulate(spec), make_loop(spec)
+    ours, loop = simulate(spec), make_loop(spec)
     system = closed_loop_system(loop)
     reference = list(map(float, loop.guidance.reference(0.0, loop.start)))
-    found = control.input_output_response(system, done.t, reference, loop.start, solve_ivp_kwargs=EXACT)
+    response = control.input_output_response(system, ours.t, reference, loop.start, solve_ivp_kwargs=EXACT)
     assert system.state_labels == [f"labmate_{q.name}" for q in loop.law.state]
     assert system.input_labels == [q.name for q in loop.law.reference]
-    assert np.abs(found.outputs[:7].T - done.x).max() < 1e-8 and np.abs(found.outputs[7:].T - done.tau).max() < 1e-8
+    assert np.abs(response.outputs[:7].T - ours.x).max() < 1e-8 and np.abs(response.outputs[7:].T - ours.tau).max() < 1e-8
 
 
 def test_same_sampled_trajectory_as_simulate():
     spec = with_run(CIRCLE, duration=3.0, tolerance=1e-12, output_step=0.02, period=0.02)
-    done, loop = simulate(spec), make_loop(spec)
+    ours, loop = simulate(spec), make_loop(spec)
     reference = list(map(float, loop.guidance.reference(0.0, loop.start)))
     system = closed_loop_system(loop, period=0.02)
-    found = control.input_output_response(system, 0.02 * np.arange(len(done.t)), reference, loop.start)
-    assert system.dt == 0.02 and np.abs(found.outputs[:7].T - done.x).max() < 1e-8
+    response = control.input_output_response(system, 0.02 * np.arange(len(ours.t)), reference, loop.start)
+    assert system.dt == 0.02 and np.abs(response.outputs[:7].T - ours.x).max() < 1e-8
 
 
 def test_joined_by_hand():
@@ -357,8 +357,8 @@ def test_joined_by_hand():
     assert parts[0].input_labels == parts[1].output_labels == ["tau_r", "tau_l"]
     joined = control.interconnect(parts, inputs=[q.name for q in loop.law.reference], outputs=["x_c", "y_c"])
     reference = list(map(float, loop.guidance.reference(0.0, loop.start)))
-    found = control.input_output_response(joined, [0, 5, 15], reference, loop.start, solve_ivp_kwargs={"rtol": 1e-8})
-    assert found.outputs[0, -1] == pytest.approx(found.outputs[1, -1], abs=2e-3)
+    response = control.input_output_response(joined, [0, 5, 15], reference, loop.start, solve_ivp_kwargs={"rtol": 1e-8})
+    assert response.outputs[0, -1] == pytest.approx(response.outputs[1, -1], abs=2e-3)
 
 
 def test_operating_point_and_linearization():
@@ -367,10 +367,10 @@ def test_operating_point_and_linearization():
     motion = steady_motion(setting_of(spec))
     system = near(motion, spec, 0.0)[0].closed_loop_system()
     guess = motion_of(CIRCLE).rho
-    found = control.find_operating_point(system, guess, np.zeros(2))
-    assert np.abs(found.states - motion.rho).max() < 1e-7
+    point = control.find_operating_point(system, guess, np.zeros(2))
+    assert np.abs(point.states - motion.rho).max() < 1e-7
     assert np.abs(control.find_eqpt(system, guess, np.zeros(2))[0] - motion.rho).max() < 1e-7
-    poles = control.linearize(system, found.states, np.zeros(2)).poles()
+    poles = control.linearize(system, point.states, np.zeros(2)).poles()
     assert np.abs(np.sort_complex(poles) - np.sort_complex(motion.eigenvalues())).max() < 1e-4
 
 
@@ -386,9 +386,9 @@ def test_integral_action_removes_the_offset(period):
     assert "distance_acceleration_d" in system.input_labels
     times = np.array([0, end]) if period is None else period * np.arange(round(end / period) + 1)
     options = {"solve_ivp_kwargs": {"method": "DOP853", "rtol": 1e-9, "atol": 1e-9}} if period is None else {}
-    found = control.input_output_response(system, times, reference, np.append(loop.start, 0.0), **options)
-    assert abs(np.hypot(*(found.outputs[:2, -1] - 20)) - 10) < 1e-6
-    assert found.states[-1, -1] == pytest.approx(motion.z[0], abs=1e-4) and abs(motion.rho[0]) < 1e-12
+    response = control.input_output_response(system, times, reference, np.append(loop.start, 0.0), **options)
+    assert abs(np.hypot(*(response.outputs[:2, -1] - 20)) - 10) < 1e-6
+    assert response.states[-1, -1] == pytest.approx(motion.z[0], abs=1e-4) and abs(motion.rho[0]) < 1e-12
     assert motion.decay(period) == pytest.approx(0.433, abs=0.01)
 
 
@@ -397,13 +397,13 @@ def test_integral_action_is_simulates(period):
     """Both outputs with it, as `noslip simulate` has it, to 1e-8."""
     spec = replace(CIRCLE, plant={"m_c": 60.0, "r": 0.16}, gains={**CIRCLE.gains, "ki_distance": 2.0, "ki_speed": 0.5})
     spec = with_run(spec, duration=4.0, tolerance=1e-12, output_step=0.02, period=period)
-    done, loop = simulate(spec), make_loop(spec)
+    ours, loop = simulate(spec), make_loop(spec)
     reference = list(map(float, loop.guidance.reference(0.0, loop.start)))
     system, start = closed_loop_system(loop, period or None), np.append(loop.start, [0.0, 0.0])
-    times = 0.02 * np.arange(len(done.t)) if period else done.t
+    times = 0.02 * np.arange(len(ours.t)) if period else ours.t
     options = {} if period else {"solve_ivp_kwargs": EXACT}
-    found = control.input_output_response(system, times, reference, start, **options)
-    assert np.abs(found.outputs[:7].T - done.x).max() < 1e-8
+    response = control.input_output_response(system, times, reference, start, **options)
+    assert np.abs(response.outputs[:7].T - ours.x).max() < 1e-8
 
 
 def test_refusal_of_the_controller_is_told():
@@ -420,31 +420,31 @@ def test_refusal_of_the_controller_is_told():
 
 @pytest.mark.parametrize(("scalar", "tolerance"), [("double", 2e-16), ("float", 2e-7)])
 def test_nearest_angle(scalar, tolerance):
-    """Whole turns off the wanted angle, within half a turn of the actual one; Python and C alike."""
+    """Whole turns off the desired angle, within half a turn of the actual one; Python and C alike."""
     random = np.random.default_rng(5)
     largest = {"double": 1e5, "float": 8000.0}[scalar]
     for size in (1.0, 10.0, 300.0, largest):
-        for wanted, actual in random.uniform(-size, size, (200, 2)).astype(np.float32).tolist():
-            found = compiled_nearest_angle(wanted, actual, scalar)
-            turns = (found - wanted) / (2 * math.pi)
+        for desired, actual in random.uniform(-size, size, (200, 2)).astype(np.float32).tolist():
+            nearest = compiled_nearest_angle(desired, actual, scalar)
+            turns = (nearest - desired) / (2 * math.pi)
             assert abs(turns - round(turns)) * 2 * math.pi <= 8 * tolerance * size + tolerance
-            assert abs(found - actual) <= math.pi + 8 * tolerance * size
-            if abs(abs(found - actual) - math.pi) > 1e-3:
-                assert found == pytest.approx(nearest_angle(wanted, actual), abs=8 * tolerance * size + tolerance)
-            if abs(wanted - actual) < 3.14:
-                assert found == wanted
+            assert abs(nearest - actual) <= math.pi + 8 * tolerance * size
+            if abs(abs(nearest - actual) - math.pi) > 1e-3:
+                assert nearest == pytest.approx(nearest_angle(desired, actual), abs=8 * tolerance * size + tolerance)
+            if abs(desired - actual) < 3.14:
+                assert nearest == desired
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_nearest_angle_refused(scalar):
-    made = runtime("noslip_angle.h")
-    function, answer = made.function("noslip_nearest_angle", scalar), made.array(scalar, [7.0])
+    compiled = runtime("noslip_angle.h")
+    function, answer = compiled.function("noslip_nearest_angle", scalar), compiled.array(scalar, [7.0])
     beyond = {"double": 1.1e6, "float": 8193.0}[scalar]
     cases = [(NAN, 0.0, "nonfinite"), (0.0, INF, "nonfinite"), (beyond, 0.0, "range"), (0.0, -beyond, "range")]
-    for wanted, actual, status in cases:
+    for desired, actual, status in cases:
         answer[0] = 7.0
-        assert made.status(function(wanted, actual, answer)) == status and answer[0] == 0.0
-    assert made.status(function(0.0, 0.0, made.ffi.NULL)) == "null"
+        assert compiled.status(function(desired, actual, answer)) == status and answer[0] == 0.0
+    assert compiled.status(function(0.0, 0.0, compiled.ffi.NULL)) == "null"
     with pytest.raises(BadInput, match="range"):
         compiled_nearest_angle(beyond, 0.0, scalar)
 
@@ -465,11 +465,11 @@ def test_angle_header_compiles_strictly(cc, level, tmp_path):
 @pytest.mark.parametrize("kind", ["II", "III"])
 def test_heading_takes_the_short_way(kind):
     """A heading counted over three turns: prepared references lead to the same motion as without those turns."""
-    name, wanted = f"type_{kind.lower()}", 0.3 if kind == "II" else 1.2
+    name, heading = f"type_{kind.lower()}", 0.3 if kind == "II" else 1.2
     law = law_of(find_robot("labmate"), name)
-    spec = replace(default_spec("labmate", law), reference=Reference(position=(0.2, wanted)))
+    spec = replace(default_spec("labmate", law), reference=Reference(position=(0.2, heading)))
     loops = [
-        make_loop(replace(spec, initial=Initial(q=(0.0, 0.0, wanted - 0.5 + turns, 0.0, 0.0)))) for turns in (0.0, 6 * math.pi)
+        make_loop(replace(spec, initial=Initial(q=(0.0, 0.0, heading - 0.5 + turns, 0.0, 0.0)))) for turns in (0.0, 6 * math.pi)
     ]
     controllers = [loop.guidance.leg.controller for loop in loops]
     config, parameters = loops[0].guidance.leg.config, loops[0].plant.parameters
@@ -500,38 +500,38 @@ def answer(capsys, *argv: str) -> dict:
 
 
 def test_command_json(capsys):
-    found = answer(capsys, "labmate", "--output", "type_iv_circle", "--period", "0.01")
-    assert found["gains"] == {"kp_distance": 1.0, "kd_distance": 2.5, "kv_speed": 2.0}
-    distance = found["channels"]["distance"]
+    data = answer(capsys, "labmate", "--output", "type_iv_circle", "--period", "0.01")
+    assert data["gains"] == {"kp_distance": 1.0, "kd_distance": 2.5, "kv_speed": 2.0}
+    distance = data["channels"]["distance"]
     assert distance["longest_period"]["stable"] == pytest.approx(0.8) and distance["continuous"]["gain"] is None
-    assert found["whole"]["eigenvalues"][-1] == pytest.approx([-1 / 0.3, 0.0], abs=1e-6)
-    assert 0 < found["whole"]["longest_period"]["with_margins"] < found["whole"]["longest_period"]["stable"] < 0.8
-    assert found["robust"]["worst"] == found["robust"]["worst_offset"] == "heading"
-    together = found["robust"]["together"]
+    assert data["whole"]["eigenvalues"][-1] == pytest.approx([-1 / 0.3, 0.0], abs=1e-6)
+    assert 0 < data["whole"]["longest_period"]["with_margins"] < data["whole"]["longest_period"]["stable"] < 0.8
+    assert data["robust"]["worst"] == data["robust"]["worst_offset"] == "heading"
+    together = data["robust"]["together"]
     assert together["unstable"] == 0 and (together["tried"], together["combinations"]) == (
         256,
-        2 ** len(found["robust"]["ranking"]),
+        2 ** len(data["robust"]["ranking"]),
     )
 
 
 def test_command_design(capsys, tmp_path):
     """The gains designed go into the SPEC and into C as printed."""
     design = ["--settling", "distance=4", "--damping", "distance=1.25", "--poles", "speed=-2"]
-    found = answer(capsys, "labmate", "--spec", str(ROOT / "specs" / "circle.toml"), *design, "--period", "0.02", "--delay")
-    assert found["channels"]["distance"]["settling_time"] == pytest.approx(4.0)
+    data = answer(capsys, "labmate", "--spec", str(ROOT / "specs" / "circle.toml"), *design, "--period", "0.02", "--delay")
+    assert data["channels"]["distance"]["settling_time"] == pytest.approx(4.0)
     spec = (ROOT / "specs" / "circle.toml").read_text().splitlines()
-    changed = [found["spec"] if line.startswith("gains") else line for line in spec]
+    changed = [data["spec"] if line.startswith("gains") else line for line in spec]
     (tmp_path / "designed.toml").write_text("\n".join(changed))
-    assert dict(read_spec(tmp_path / "designed.toml").gains) == found["gains"]
-    (tmp_path / "gains.c").write_text(f'#include "labmate_type_iv_circle.h"\nextern {found["c"].split("=")[0]};\n{found["c"]}\n')
+    assert dict(read_spec(tmp_path / "designed.toml").gains) == data["gains"]
+    (tmp_path / "gains.c").write_text(f'#include "labmate_type_iv_circle.h"\nextern {data["c"].split("=")[0]};\n{data["c"]}\n')
     run(["gcc", *FLAGS, *STRICT, *INCLUDE, "-c", str(tmp_path / "gains.c"), "-o", str(tmp_path / "gains.o")])
 
 
 def test_command_integral(capsys):
-    found = answer(capsys, "labmate", "--output", "type_iv_line", "--settling", "5", "--integral")
-    assert found["gains"]["ki_distance"] > 0 and len(found["channels"]["distance"]["poles"]) == 3
-    assert len(found["whole"]["eigenvalues"]) == 6
-    assert "ki_distance = " in found["spec"] and "ki_" not in found["c"]
+    data = answer(capsys, "labmate", "--output", "type_iv_line", "--settling", "5", "--integral")
+    assert data["gains"]["ki_distance"] > 0 and len(data["channels"]["distance"]["poles"]) == 3
+    assert len(data["whole"]["eigenvalues"]) == 6
+    assert "ki_distance = " in data["spec"] and "ki_" not in data["c"]
 
 
 def test_command_text_and_figures(capsys, tmp_path):
@@ -554,8 +554,8 @@ def test_command_text_and_figures(capsys, tmp_path):
 
 def test_command_without_a_steady_motion(capsys):
     """What can be said is said, and why the rest cannot."""
-    found = answer(capsys, "labmate", "--output", "type_iv_ellipse", "--period", "0.02")
-    assert "curvature changes" in found["whole"]["refused"] and found["channels"]["distance"]["sampled"]["Ms"] > 1
+    data = answer(capsys, "labmate", "--output", "type_iv_ellipse", "--period", "0.02")
+    assert "curvature changes" in data["whole"]["refused"] and data["channels"]["distance"]["sampled"]["Ms"] > 1
 
 
 @pytest.mark.parametrize(
@@ -624,8 +624,8 @@ def test_vectors_of_a_wrong_length_are_refused(entry, tmp_path, bad_input):
         spec = tmp_path / "spec.toml"
         spec.write_text("\n".join(['robot = "labmate"', *lines]))
         for arguments in (["simulate", str(spec), "-o", str(tmp_path / "o.csv")], ["outer-loop", "labmate", "--spec", str(spec)]):
-            said = bad_input(arguments)
-            assert str(spec) in said and section in said and name.partition(".")[0] in said and str(length) in said
+            message = bad_input(arguments)
+            assert str(spec) in message and section in message and name.partition(".")[0] in message and str(length) in message
 
 
 def test_command_refuses_unknown_robot(bad_input):

@@ -50,9 +50,9 @@ def counted(sources: Path, folder: Path, level: str) -> dict[str, tuple[int, int
 
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
 def test_every_number_is_written_once(level, sources, tmp_path):
-    found = counted(sources, tmp_path, level)
-    assert len(found) == 20 and {name for name, (twice, _) in found.items() if twice} <= AS_THEY_COMPUTE, found
-    assert all(0 < good for _, good in found.values()), found
+    counts = counted(sources, tmp_path, level)
+    assert len(counts) == 22 and {name for name, (twice, _) in counts.items() if twice} <= AS_THEY_COMPUTE, counts
+    assert all(0 < good for _, good in counts.values()), counts
 
 
 def test_an_intermediate_value_is_found(tmp_path):
@@ -62,18 +62,18 @@ def test_an_intermediate_value_is_found(tmp_path):
     text = source.read_text()
     assert STEP in text
     source.write_text(text.replace(STEP, f"{STEP}        tau[0] = made[0];\n"))
-    found = counted(sources, tmp_path, "-O0")
-    assert found["step"][0] > 100 and found["follow"][0] == 0
+    counts = counted(sources, tmp_path, "-O0")
+    assert counts["step"][0] > 100 and counts["follow"][0] == 0
 
 
 def test_a_second_thread_sees_limited_inputs(sources, tmp_path):
     """And ThreadSanitizer no memory that two controllers share."""
     program = built("outputs_thread.c", sources, tmp_path, "-O1", ["-fsanitize=thread", "-pthread"])
     command = [*(["setarch", "-R"] if shutil.which("setarch") else []), str(program)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    if "unexpected memory mapping" in done.stderr:
+    process = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    if "unexpected memory mapping" in process.stderr:
         pytest.skip("ThreadSanitizer does not run on this machine")
-    assert done.returncode == 0 and done.stdout == "1 0\n", done.stdout + done.stderr
+    assert process.returncode == 0 and process.stdout == "1 0\n", process.stdout + process.stderr
 
 
 def test_an_output_may_lie_in_an_input(sources, tmp_path):

@@ -37,9 +37,9 @@ SKIPPED = {".venv", "build", "__pycache__", ".git", ".pytest_cache", ".ruff_cach
 
 def block(language: str, page: str = "README.md") -> str:
     """The one block of a page in this language that a comment says is tested here."""
-    found = re.findall(rf"tests/test_package.py -->\n```{language}\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M)
-    assert len(found) == 1
-    return found[0]
+    blocks = re.findall(rf"tests/test_package.py -->\n```{language}\n(.*?)^```", (ROOT / page).read_text(), re.S | re.M)
+    assert len(blocks) == 1
+    return blocks[0]
 
 
 def run(command: list[str], **options) -> str:
@@ -142,8 +142,8 @@ def drive(loop: str, cc: str, ticks: int, printed: int, folder: Path) -> list[li
     sources = [path for path in exported.glob("*.c") if path.name != "example.c"]
     sources += [folder / "main.c", folder / "board.c"]
     program = folder / "firmware"
-    given = [f"-DTICKS={ticks}", f"-DPRINTED={printed}", f"-I{exported}"]
-    run([cc, *STRICT, *given, *sources, "-o", program])
+    flags = [f"-DTICKS={ticks}", f"-DPRINTED={printed}", f"-I{exported}"]
+    run([cc, *STRICT, *flags, *sources, "-o", program])
     return [list(map(float, line.split())) for line in run([program]).splitlines()]
 
 
@@ -163,9 +163,9 @@ def test_laps_for_a_day(turn, tmp_path):
     """24 h of the loop on a circle of 3 m, 40 000 rad: the wheels turn as ever, nearly as the model's do."""
     loop = block("c", "docs/paths.md")
     circle = f"{{.heading = 0.0f, .curvature = {turn}.0f / 3.0f, .length = 18.849556f}}"
-    loop, found = re.subn(r"(segments\[\] = \{).*?\n\};", rf"\1{circle}}};", loop, flags=re.S)
+    loop, count = re.subn(r"(segments\[\] = \{).*?\n\};", rf"\1{circle}}};", loop, flags=re.S)
     loop = loop.replace("segments, 3,", "segments, 1,").replace(".deceleration = 0.5f", ".deceleration = 0.5f, .closed = 1")
-    assert found == 1 and ".closed" in loop and "segments, 1," in loop
+    assert count == 1 and ".closed" in loop and "segments, 1," in loop
     per_minute, day = 6_000, 24 * 60
     rates = drive(loop, "gcc", day * per_minute, per_minute, tmp_path)
     assert len(rates) == day
@@ -200,7 +200,7 @@ def test_readme_robot(scalar, tolerance, outputs, cart, tmp_path):
     ffi.cdef(runtime_types(SCALARS[scalar]))
     for path in sorted(folder.glob("*.h"), key=lambda path: len(path.name)):
         text = re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", path.read_text(), flags=re.M)
-        ffi.cdef("\n".join(line for line in text.splitlines() if not line.startswith("#")))
+        ffi.cdef("\n".join(line for line in text.replace("NOSLIP_NODISCARD ", "").splitlines() if not line.startswith("#")))
     lib = ffi.dlopen(str(library))
 
     def struct(name: str, values):
@@ -214,8 +214,8 @@ def test_readme_robot(scalar, tolerance, outputs, cart, tmp_path):
             assert getattr(lib, f"cart_{name}_init{suffix}")(self, params, config, gains, ffi.NULL) == 0
             for point in plant.points:
                 tau = ffi.new(f"{scalar}[2]")
-                given = struct("state", point.state), struct(f"{name}_reference", point.reference)
-                assert getattr(lib, f"cart_{name}_step{suffix}")(self, *given, tau) == 0
+                structs = struct("state", point.state), struct(f"{name}_reference", point.reference)
+                assert getattr(lib, f"cart_{name}_step{suffix}")(self, *structs, tau) == 0
                 truth = point.truth.values["tau"]
                 assert np.abs(np.array(list(tau)) - truth).max() <= tolerance * max(np.abs(truth).max(), 1)
 
@@ -323,8 +323,8 @@ def wheel(tmp_path_factory) -> Path:
     here = importlib.util.find_spec("setuptools") and importlib.util.find_spec("wheel")
     flags = ["--no-isolation", "--skip-dependency-check"] if here else []
     run([sys.executable, "-m", "build", "--quiet", *flags, "--outdir", folder, source])
-    (made,) = folder.glob("noslip-*.whl")
-    return made
+    (file,) = folder.glob("noslip-*.whl")
+    return file
 
 
 @pytest.fixture(scope="module")
@@ -388,8 +388,8 @@ def test_an_unpacked_wheel_exports(wheel, tmp_path):
     """With nothing of this folder, its templates among what it has. The nightly test installs it."""
     run([sys.executable, "-m", "zipfile", "-e", wheel, tmp_path / "unpacked"])
     env = {**os.environ, "PYTHONPATH": str(tmp_path / "unpacked")}
-    said = "import noslip, sys; from noslip.cli.main import main; print(noslip.__file__); sys.exit(main(sys.argv[1:]))"
-    out = run([sys.executable, "-c", said, "export", "labmate", "--output", "type_i", "-o", "c"], cwd=tmp_path, env=env)
+    code = "import noslip, sys; from noslip.cli.main import main; print(noslip.__file__); sys.exit(main(sys.argv[1:]))"
+    out = run([sys.executable, "-c", code, "export", "labmate", "--output", "type_i", "-o", "c"], cwd=tmp_path, env=env)
     assert out.splitlines()[0] == str(tmp_path / "unpacked/noslip/__init__.py")
     for name in ("labmate.h", "labmate_type_i.c", "labmate_type_i_f.h"):
         assert (tmp_path / "c" / name).read_bytes() == (ROOT / "generated/labmate" / name).read_bytes()
@@ -463,12 +463,12 @@ LONG = re.compile(r"^noslip figures|--scheduler|--table|--worst")  # figures and
 
 def printed_commands() -> list[tuple[str, str]]:
     """The commands of noslip that the pages print: page, command line; those of the tutorial are run by test_tutorial."""
-    found = []
+    commands = []
     for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
         for text in re.findall(r"^```sh\n(.*?)^```", page.read_text(), re.S | re.M):
             lines = text.replace("\\\n", "").splitlines()
-            found += [(page.name, re.sub(r"\s+# .*", "", line)) for line in lines if line.startswith("noslip ")]
-    return [(page, line) for page, line in found if not LONG.search(line) and page != "your_robot.md"]
+            commands += [(page.name, re.sub(r"\s+# .*", "", line)) for line in lines if line.startswith("noslip ")]
+    return [(page, line) for page, line in commands if not LONG.search(line) and page != "your_robot.md"]
 
 
 @pytest.fixture

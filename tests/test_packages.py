@@ -83,8 +83,8 @@ def test_cmake_in_a_users_project(way, exported, installed, tmp_path):
     """No flag comes with it, and no test."""
     declared = f"FetchContent_Declare(noslip_labmate SOURCE_DIR {exported('cmake')})"
     fetched = f"include(FetchContent)\n{declared}\nFetchContent_MakeAvailable(noslip_labmate)"
-    found = f"find_package(noslip {__version__} REQUIRED COMPONENTS labmate)"
-    (tmp_path / "CMakeLists.txt").write_text(USER.format(found if way == "find_package" else fetched))
+    find = f"find_package(noslip {__version__} REQUIRED COMPONENTS labmate)"
+    (tmp_path / "CMakeLists.txt").write_text(USER.format(find if way == "find_package" else fetched))
     (tmp_path / "yours.c").write_text(USES)
     cmake(tmp_path, tmp_path / "build", f"-DCMAKE_PREFIX_PATH={installed}")
     run(tmp_path / "build" / "yours")

@@ -51,7 +51,7 @@ def runs():
 # -- the same bits ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["line", "circle", "composite", "continuous"])
+@pytest.mark.parametrize("name", ["line", "circle", "composite", "continuous", "grip"])
 def test_loop(name, backend, runs):
     """The whole table, byte for byte: law, tracker, dead reckoning and integral answer as on this host."""
     spec, here = runs[name]

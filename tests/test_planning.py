@@ -90,21 +90,21 @@ def shortest_by_tangents(goal) -> float:
     All tangents and all middle circles are tried on all sides, driven, and those that arrive are measured.
     """
     place, end = complex(goal[0], goal[1]), goal[2]
-    found = []
+    candidates = []
     for first, last in itertools.product(SIDES, SIDES):
         a, b = 1j * first, place + 1j * last * cmath.exp(1j * end)
         gap = abs(b - a)
         for lean in SIDES if gap >= 2 else [0]:
             along = cmath.phase(b - a) + (0 if first == last else lean * math.asin(2 / max(gap, 2)))
             line = abs(b - a + 1j * (first - last) * cmath.exp(1j * along))
-            found.append([(first, first * along), (0, line), (last, last * (end - along))])
+            candidates.append([(first, first * along), (0, line), (last, last * (end - along))])
         if first == last and 0 < gap <= 4:
             for side in SIDES:
                 centre = (a + b) / 2 + side * 1j * (b - a) / gap * math.sqrt(4 - gap**2 / 4)
                 leave, arrive = (cmath.phase((c - centre) / (2j * first)) for c in (a, b))
-                found.append([(first, first * leave), (-first, first * (leave - arrive)), (last, last * (end - arrive))])
+                candidates.append([(first, first * leave), (-first, first * (leave - arrive)), (last, last * (end - arrive))])
     lengths = []
-    for pieces in found:
+    for pieces in candidates:
         pieces = [(steer, way % (2 * PI) if steer else way) for steer, way in pieces]
         at = ORIGIN
         for steer, way in pieces:
@@ -314,12 +314,12 @@ def test_stays_within_the_tolerance_of_the_curve_through_waypoints(seed, closed)
 @pytest.mark.parametrize("spline", [CubicSpline, lambda t, p: make_interp_spline(t, p, k=5)])
 def test_takes_splines_of_scipy_on_their_knots(spline):
     t = np.linspace(2, 9, 15)
-    made = spline(t, np.stack([t, np.cos(t)], axis=1))
-    path = fit(made, 1e-3)
+    curve = spline(t, np.stack([t, np.cos(t)], axis=1))
+    path = fit(curve, 1e-3)
     check_joins(path)
-    assert two_sided(path, made(np.linspace(2, 9, 200_000)), 1e-4) <= 1e-3 + 1e-4
-    heading = math.atan2(*made(2.0, 1)[::-1])
-    assert apart((path[0].x, path[0].y, path[0].heading), (*made(2.0), heading)) <= CLOSE
+    assert two_sided(path, curve(np.linspace(2, 9, 200_000)), 1e-4) <= 1e-3 + 1e-4
+    heading = math.atan2(*curve(2.0, 1)[::-1])
+    assert apart((path[0].x, path[0].y, path[0].heading), (*curve(2.0), heading)) <= CLOSE
 
 
 def test_few_segments():
@@ -529,9 +529,9 @@ def test_c_is_read_back_and_compiles(scalar, capsys, tmp_path):
     rows = re.findall(r"\{(\.x = .*)\}", text)
     for row, segment in zip(rows, path, strict=True):
         values = [float(value.rstrip("f")) for value in re.findall(r"= ([^,]+)", row)]
-        wanted = [segment.x, segment.y, segment.heading, segment.curvature, segment.length, segment.backward]
+        expected = [segment.x, segment.y, segment.heading, segment.curvature, segment.length, segment.backward]
         kind = np.float32 if scalar == "float" else np.float64
-        assert [kind(value) for value in values] == [kind(value) for value in wanted]
+        assert [kind(value) for value in values] == [kind(value) for value in expected]
     if shutil.which("gcc"):
         suffix = "_f" if scalar == "float" else ""
         first = f"const noslip_segment{suffix} *first(void);\nconst noslip_segment{suffix} *first(void) {{ return path; }}\n"

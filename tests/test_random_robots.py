@@ -38,7 +38,7 @@ class Outcome:
 
     def wrong(self) -> list[str]:
         """What is beyond its limit."""
-        return [f"robot {self.seed}, {scalar}: {what} off by {e:.1e}" for scalar, e, what in self.worst if not e <= LIMIT[scalar]]
+        return [f"robot {self.seed}, {scalar}: {name} off by {e:.1e}" for scalar, e, name in self.worst if not e <= LIMIT[scalar]]
 
 
 @cache
@@ -55,17 +55,17 @@ def outcome(seed: int) -> Outcome:
     assert law.linearization.relative_degree == tuple(degree for degree, _ in robot.outputs)
     names = [q.name for q in system.quasi_velocities]
     possible = ((state, truth(robot, state, names)) for state in states(robot, 4 * STATES))
-    given, right = zip(*islice(((state, wanted) for state, wanted in possible if _is_heavy(wanted["Mbar"])), STATES), strict=True)
+    inputs, right = zip(*islice(((state, exact) for state, exact in possible if _is_heavy(exact["Mbar"])), STATES), strict=True)
     worst = []
     for scalar, (law_library, dynamics_library) in libraries.items():
         errors: dict[str, list[tuple[float, float, str]]] = {}
-        for k, (state, wanted) in enumerate(zip(given, right, strict=True)):
-            found = _answers(law, law_library, dynamics_library, state)
-            for what, values in wanted.items():
-                for entry, got in found[what].items():
+        for k, (state, exact) in enumerate(zip(inputs, right, strict=True)):
+            answers = _answers(law, law_library, dynamics_library, state)
+            for name, values in exact.items():
+                for entry, got in answers[name].items():
                     off = np.abs(got.ravel() - values.ravel()).max(initial=0.0) if got is not None else np.inf
-                    where = f"{what} by {entry} at state {k}"
-                    errors.setdefault(what, []).append((off, np.abs(values).max(initial=0.0), where))
+                    where = f"{name} by {entry} at state {k}"
+                    errors.setdefault(name, []).append((off, np.abs(values).max(initial=0.0), where))
         relative = []
         for rows in errors.values():
             typical = np.median([size for _, size, _ in rows])
@@ -80,13 +80,13 @@ def _answers(law, law_library, dynamics_library, state) -> dict[str, dict[str, n
     controller = CompiledController(law, state.p, (), state.gains, made_by=law_library)
     dynamics = CompiledDynamics(dynamics_library, state.p)
     evaluation, (status, tau) = controller.evaluate(x, state.reference), controller.step(x, state.reference)
-    found = {what: {"evaluate": evaluation.values.get(what)} for what in OF_LAW}
-    found["tau"]["step"] = tau if status == "ok" else None
+    answers = {name: {"evaluate": evaluation.values.get(name)} for name in OF_LAW}
+    answers["tau"]["step"] = tau if status == "ok" else None
     for entry in ENTRIES:
         answer = dynamics.entry(entry, x, state.tau).values
-        for what in entry.answers:
-            found.setdefault(what, {})[f"dynamics_{entry.name}"] = answer.get(what)
-    return found
+        for name in entry.answers:
+            answers.setdefault(name, {})[f"dynamics_{entry.name}"] = answer.get(name)
+    return answers
 
 
 def _is_heavy(mass: np.ndarray) -> bool:
@@ -105,11 +105,11 @@ def _finite(error: float) -> float:
 def table(outcomes: list[Outcome]) -> str:
     """Robots, refused by reason, worst errors."""
     refused = Counter(re.sub(r"'[^']*'|\b\w*\d\w*\b", "..", o.refused) for o in outcomes if o.refused)
-    made = [o for o in outcomes if not o.refused]
-    lines = [f"robots {len(outcomes)}, compared {len(made)}, refused {sum(refused.values())}"]
+    compared = [o for o in outcomes if not o.refused]
+    lines = [f"robots {len(outcomes)}, compared {len(compared)}, refused {sum(refused.values())}"]
     lines += [f"  {count} refused: {reason}" for reason, count in refused.most_common()]
     for k, scalar in enumerate(LIMIT):
-        errors = [o.worst[k][1] for o in made]
+        errors = [o.worst[k][1] for o in compared]
         beyond = sum(not e <= LIMIT[scalar] for e in errors)
         good = [e for e in errors if e <= LIMIT[scalar]]
         lines.append(
@@ -144,10 +144,10 @@ def test_many_random_robots():
 
 if __name__ == "__main__":
     first, count = map(int, sys.argv[1:])
-    made = []
+    outcomes = []
     for seed in range(first, first + count):
-        made.append(outcome(seed))
-        for line in made[-1].wrong() or ([f"robot {seed} refused: {made[-1].refused}"] if made[-1].refused else []):
+        outcomes.append(outcome(seed))
+        for line in outcomes[-1].wrong() or ([f"robot {seed} refused: {outcomes[-1].refused}"] if outcomes[-1].refused else []):
             print(line, flush=True)
-        if len(made) % 25 == 0 or len(made) == count:
-            print(table(made), flush=True)
+        if len(outcomes) % 25 == 0 or len(outcomes) == count:
+            print(table(outcomes), flush=True)

@@ -54,9 +54,9 @@ def drawn(count: int = STATES, **given: float):
         yield q, nu, tau, u, parameters(**p)
 
 
-def close(found, wanted, tolerance: float) -> bool:
-    """To `tolerance` of the largest entry wanted."""
-    return bool(np.abs(np.ravel(found) - np.ravel(wanted)).max() <= tolerance * np.abs(wanted).max())
+def close(value, expected, tolerance: float) -> bool:
+    """To `tolerance` of the largest entry expected."""
+    return bool(np.abs(np.ravel(value) - np.ravel(expected)).max() <= tolerance * np.abs(expected).max())
 
 
 # -- the platform ------------------------------------------------------------------------------------------------------
@@ -88,13 +88,13 @@ def textbook() -> Motion:
 @cache
 def reduced() -> ca.Function:
     """From q, nu, tau, p: qdot, qddot, Mbar, energy, its rate."""
-    made, tau = system_of(robot()), ca.SX.sym("tau", 4)
+    system, tau = system_of(robot()), ca.SX.sym("tau", 4)
     q, qdot = robot().q, robot().qdot
-    qddot = made.S @ made.acceleration(tau) + made.Sdot @ made.nu
+    qddot = system.S @ system.acceleration(tau) + system.Sdot @ system.nu
     rate = ca.jtimes(robot().energy(), ca.vertcat(q, qdot), ca.vertcat(qdot, qddot))
-    energies = [ca.substitute(e, qdot, made.qdot) for e in (robot().energy(), rate)]
-    answers = [ca.densify(answer) for answer in (made.qdot, qddot, made.Mbar, *energies)]
-    return ca.Function("reduced", [q, made.nu, tau, robot().p], answers)
+    energies = [ca.substitute(e, qdot, system.qdot) for e in (robot().energy(), rate)]
+    answers = [ca.densify(answer) for answer in (system.qdot, qddot, system.Mbar, *energies)]
+    return ca.Function("reduced", [q, system.nu, tau, robot().p], answers)
 
 
 def test_accelerations_are_those_of_lagrange():
@@ -117,9 +117,9 @@ def test_energy_is_conserved_without_torques():
     q, nu, _, _, p = next(drawn(1))
     zero = np.zeros(4)
     rate = Plant(system_of(robot()), p).rate
-    found = solve_ivp(lambda _, x: rate(x, zero), (0.0, 3.0), [*q, *nu], "DOP853", rtol=1e-12, atol=1e-13)
-    energies = [reduced()(x[:8], x[8:], zero, p)[3].full().item() for x in found.y.T]
-    assert found.success and np.ptp(found.y[3]) > 0.1 and np.ptp(energies) < 1e-10 * energies[0]
+    solution = solve_ivp(lambda _, x: rate(x, zero), (0.0, 3.0), [*q, *nu], "DOP853", rtol=1e-12, atol=1e-13)
+    energies = [reduced()(x[:8], x[8:], zero, p)[3].full().item() for x in solution.y.T]
+    assert solution.success and np.ptp(solution.y[3]) > 0.1 and np.ptp(energies) < 1e-10 * energies[0]
 
 
 def test_what_the_joint_is_for():
@@ -139,57 +139,57 @@ def test_what_the_joint_is_for():
 @pytest.mark.parametrize("joints", [1, 0])
 def test_a_constraint_that_follows_from_others_is_refused_by_name(joints):
     """Side slip wheel by wheel: both wheels of an axle say the same. Without a joint that makes 7 in 7 coordinates."""
-    made = four_wheel(joints)
-    phi, x, y = made["phi"], made["x"], made["y"]
-    made.rolls("no side slip of the front left wheel", ca.cos(phi) * made.rate(y) - ca.sin(phi) * made.rate(x))
+    vehicle = four_wheel(joints)
+    phi, x, y = vehicle["phi"], vehicle["x"], vehicle["y"]
+    vehicle.rolls("no side slip of the front left wheel", ca.cos(phi) * vehicle.rate(y) - ca.sin(phi) * vehicle.rate(x))
     message = "not independent: 'no side slip of the front left wheel' follows from the others; remove it"
     for ask in (reduce, kinematics) if joints == 0 else (reduce,):
         with pytest.raises(ModelError, match=message):
-            ask(made)
+            ask(vehicle)
 
 
 # -- how torques are shared --------------------------------------------------------------------------------------------
 
 
 @cache
-def sharing(made: Mechanism) -> ca.Function:
-    """From q, nu, u, p: S'E, what it must give (12), torques, weights, wanted torques, nudot, lambda."""
-    system, u = system_of(made), ca.SX.sym("u", system_of(made).dof)
+def sharing(mechanism: Mechanism) -> ca.Function:
+    """From q, nu, u, p: S'E, what it must give (12), torques, weights, preferred torques, nudot, lambda."""
+    system, u = system_of(mechanism), ca.SX.sym("u", system_of(mechanism).dof)
     tau = system.first_feedback(u)
     nudot = system.acceleration(tau)
-    wanted = ca.substitute(made.preferred, made.qdot, system.qdot)
-    answers = [system.input_map, system.Mbar @ u + system.bias, tau, made.weights, wanted, nudot]
+    preferred = ca.substitute(mechanism.preferred, mechanism.qdot, system.qdot)
+    answers = [system.input_map, system.Mbar @ u + system.bias, tau, mechanism.weights, preferred, nudot]
     answers += [system.constraint_forces(tau, nudot)]
-    return ca.Function("sharing", [made.q, system.nu, u, made.p], [ca.densify(answer) for answer in answers])
+    return ca.Function("sharing", [mechanism.q, system.nu, u, mechanism.p], [ca.densify(answer) for answer in answers])
 
 
 def skater() -> Mechanism:
-    """Three pushes for two motions; what is wanted of one depends on coordinates and rates, one weight is a number."""
-    made = ROBOTS["knife_edge"]()
-    w = made.parameter("w", 0.4, "1")
-    forward = ca.cos(made["phi"]) * made.rate(made["x"]) + ca.sin(made["phi"]) * made.rate(made["y"])
-    oblique = forward + (0.3 + 0.1 * ca.sin(made["x"])) * made.rate(made["phi"])
-    made.input("oar", "N", on=oblique, weight=w * made["m"] + w, preferred=2.0 - made["m"] * forward**3 + made["y"])
-    return made
+    """Three pushes for two motions; the preferred value of one depends on coordinates and rates, one weight is a number."""
+    blade = ROBOTS["knife_edge"]()
+    w = blade.parameter("w", 0.4, "1")
+    forward = ca.cos(blade["phi"]) * blade.rate(blade["x"]) + ca.sin(blade["phi"]) * blade.rate(blade["y"])
+    oblique = forward + (0.3 + 0.1 * ca.sin(blade["x"])) * blade.rate(blade["phi"])
+    blade.input("oar", "N", on=oblique, weight=w * blade["m"] + w, preferred=2.0 - blade["m"] * forward**3 + blade["y"])
+    return blade
 
 
 @pytest.mark.parametrize("which", ["four_wheel", "skater"])
 def test_the_torques_are_those_nearest_to_the_wanted_ones(which):
-    """(12) to 1e-12; against NumPy: least squares of W^(1/2) (tau - wanted) under (12), and the multipliers' conditions."""
-    made = robot() if which == "four_wheel" else skater()
-    random, count = np.random.default_rng(5), len(made.inputs)
+    """(12) to 1e-12; against NumPy: least squares of W^(1/2) (tau - preferred) under (12), and the multipliers' conditions."""
+    mechanism = robot() if which == "four_wheel" else skater()
+    random, count = np.random.default_rng(5), len(mechanism.inputs)
     for _ in range(STATES):
-        p = [random.uniform(0.3, 3.0) * (q.default or 10.0) for q in made.parameters]
-        sizes = made.q.numel(), 2, 2
-        B, effort, tau, weights, wanted, nudot, _ = (
-            value.full() for value in sharing(made)(*[random.uniform(-1.2, 1.2, size) for size in sizes], p)
+        p = [random.uniform(0.3, 3.0) * (q.default or 10.0) for q in mechanism.parameters]
+        sizes = mechanism.q.numel(), 2, 2
+        B, effort, tau, weights, preferred, nudot, _ = (
+            value.full() for value in sharing(mechanism)(*[random.uniform(-1.2, 1.2, size) for size in sizes], p)
         )
         assert np.abs(B @ tau - effort).max() <= 1e-12 * (np.abs(B) @ np.abs(tau)).max()
         half = 1 / np.sqrt(weights)
-        nearest = wanted + half * np.linalg.lstsq(B * half.T, effort - B @ wanted, rcond=None)[0]
+        nearest = preferred + half * np.linalg.lstsq(B * half.T, effort - B @ preferred, rcond=None)[0]
         assert close(tau, nearest, 1e-11)
         KKT = np.block([[np.diag(weights[:, 0]), B.T], [B, np.zeros((2, 2))]])
-        assert close(tau, np.linalg.solve(KKT, np.vstack([weights * wanted, effort]))[:count], 1e-11)
+        assert close(tau, np.linalg.solve(KKT, np.vstack([weights * preferred, effort]))[:count], 1e-11)
         assert np.abs(np.linalg.svd(B)[2][2:] @ tau).max() > 1e-3  # so that other torques would do too
 
 
@@ -244,13 +244,13 @@ def test_c_is_the_model(name, scalar):
     for plant in plants(name):
         controller = CompiledController(law, plant.params, plant.config, plant.gains, scalar)
         for point in plant.points:
-            found = controller.evaluate(point.state, point.reference)
-            assert found.status == "ok" and len(found.values["tau"]) == 4
-            for quantity, value in found.values.items():
+            evaluation = controller.evaluate(point.state, point.reference)
+            assert evaluation.status == "ok" and len(evaluation.values["tau"]) == 4
+            for quantity, value in evaluation.values.items():
                 truth = point.truth.values[quantity]
                 assert np.abs(value - truth).max() <= ERROR[scalar] * np.abs(truth).max(), quantity
             status, tau = controller.step(point.state, point.reference)
-            assert np.abs(tau - found.values["tau"]).max() <= ERROR[scalar] * np.abs(tau).max()
+            assert np.abs(tau - evaluation.values["tau"]).max() <= ERROR[scalar] * np.abs(tau).max()
             compared += status == "ok"
     assert compared == 40
 
@@ -259,8 +259,8 @@ def test_c_is_the_model(name, scalar):
 def test_the_speed_gives_way_within_the_limits_of_four_wheels(scalar):
     """on_limit slow: C as the model, and, where neither says more, the distance still gets the acceleration it is to have."""
     law, kept = law_of(robot(), "type_iv_circle"), 0
-    found, tau, point = law.linearization, ca.SX.sym("tau", 4), [q.symbol for q in law.config]
-    distance = (found.Phi @ law.system.acceleration(tau) + found.drift)[0]
+    linearization, tau, point = law.linearization, ca.SX.sym("tau", 4), [q.symbol for q in law.config]
+    distance = (linearization.Phi @ law.system.acceleration(tau) + linearization.drift)[0]
     second = ca.Function("second", [symbols(law.state), tau, symbols(law.parameters), ca.vertcat(*point)], [distance])
     for plant in plants("type_iv_circle"):
         for point in plant.points:
@@ -276,10 +276,10 @@ def test_the_speed_gives_way_within_the_limits_of_four_wheels(scalar):
                 assert other == status == "saturated"
                 assert np.abs(answer).max() <= share * largest * (1 + 1e-6)
                 assert np.abs(answer - truth).max() <= {"double": 1e-9, "float": 5e-3}[scalar] * largest
-            wanted, reached = (
+            unlimited, reached = (
                 float(second(point.state, values, plant.params, plant.config)) for values in (point.truth.values["tau"], truth)
             )
-            kept += abs(wanted - reached) < 1e-6 * max(1.0, abs(wanted))
+            kept += abs(unlimited - reached) < 1e-6 * max(1.0, abs(unlimited))
     assert kept >= 5
 
 
@@ -313,26 +313,26 @@ REFUSED = {
 @pytest.mark.parametrize("why", REFUSED)
 def test_a_wrong_weight_or_wish_is_refused(why):
     more, message = REFUSED[why]
-    made = ROBOTS["knife_edge"]()
+    mechanism = ROBOTS["knife_edge"]()
     with pytest.raises(ModelError, match=message):
-        made.input("oar", "N", on=made.rate(made["x"]), **more)
-        reduce(made)
+        mechanism.input("oar", "N", on=mechanism.rate(mechanism["x"]), **more)
+        reduce(mechanism)
 
 
 def test_the_former_name_of_a_preferred_input_is_accepted():
     robots = [ROBOTS["knife_edge"]() for _ in range(2)]
-    for made, name in zip(robots, ("preferred", "wanted"), strict=True):
-        made.input("oar", "N", on=made.rate(made["x"]), **{name: 2.0 * made["m"] + 1.0})
-        assert ca.Function("tau_0", [made["m"]], [made.preferred[-1]])(3.0) == 7.0
+    for mechanism, name in zip(robots, ("preferred", "wanted"), strict=True):
+        mechanism.input("oar", "N", on=mechanism.rate(mechanism["x"]), **{name: 2.0 * mechanism["m"] + 1.0})
+        assert ca.Function("tau_0", [mechanism["m"]], [mechanism.preferred[-1]])(3.0) == 7.0
 
 
 def test_a_weight_must_stay_positive_and_fixed():
-    made = ROBOTS["knife_edge"]()
+    mechanism = ROBOTS["knife_edge"]()
     with pytest.raises(ModelError, match="expression in parameters"):
-        made.input("oar", "N", on=made.rate(made["x"]), weight=made["x"])
-    made.input("oar", "N", on=made.rate(made["phi"]), weight=made["m"] - 50.0)
+        mechanism.input("oar", "N", on=mechanism.rate(mechanism["x"]), weight=mechanism["x"])
+    mechanism.input("oar", "N", on=mechanism.rate(mechanism["phi"]), weight=mechanism["m"] - 50.0)
     with pytest.raises(ModelError, match="'oar': its weight is not positive"):
-        reduce(made)
+        reduce(mechanism)
 
 
 # -- what docs/redundant.md says -----------------------------------------------------------------------------------------
@@ -340,13 +340,13 @@ def test_a_weight_must_stay_positive_and_fixed():
 
 def table() -> list[tuple[dict[str, float], list[float]]]:
     """Parameters of each row of the page's table, and its numbers."""
-    found = []
+    rows = []
     for line in (ROOT / "docs" / "redundant.md").read_text().splitlines():
         cells = [cell.strip() for cell in line.split("|")[1:-1]]
         if cells and re.fullmatch(r"-?\d[\d.]*", cells[1]):
-            given = dict(re.findall(r"`(\w+) = ([-\d.]+)`", cells[0]))
-            found.append(({name: float(value) for name, value in given.items()}, [float(cell) for cell in cells[1:]]))
-    return found
+            settings = dict(re.findall(r"`(\w+) = ([-\d.]+)`", cells[0]))
+            rows.append(({name: float(value) for name, value in settings.items()}, [float(cell) for cell in cells[1:]]))
+    return rows
 
 
 def described(**given: float) -> list[float]:
@@ -360,8 +360,8 @@ def described(**given: float) -> list[float]:
 def test_the_page_says_what_is_computed():
     rows = table()
     assert rows[0][0] == {} and len(rows) == 5
-    for given, numbers in rows:
-        difference = np.abs(np.array(numbers) - described(**given))
+    for settings, numbers in rows:
+        difference = np.abs(np.array(numbers) - described(**settings))
         assert difference[:6].max() < 0.0501 and difference[6:].max() < 0.00501
 
 

@@ -17,6 +17,8 @@ from noslip.tests.figures_made import figure_of
 
 NAMES = [figure.name for figure in robots.FIGURES]
 
+WHEELS = ("slope_platform", "tractor_trailer", "turtlebot3_burger", "turtlebot3_waffle_pi", "pioneer_3dx")  # two side by side
+
 
 def test_every_shipped_robot_but_the_labmate_has_one():
     assert sorted([*NAMES, "labmate"]) == sorted(ROBOTS)
@@ -32,7 +34,7 @@ def test_claims_hold_and_can_fail(name):
         """Which claims hold of the run with other arrays."""
         return [c.holds for c in made.figure.all_claims({robots.RUN: dataclasses.replace(run, arrays={**run.arrays, **arrays})})]
 
-    wheels = name in ("slope_platform", "tractor_trailer", "turtlebot3_burger")  # their angles tell the heading
+    wheels = name in WHEELS  # their angles tell the heading
     assert doctored() == [True] * (4 + wheels)  # what comes to rest, energy, constraints, heading, C and model
     late = (run.t > run.t[-1] / 2)[:, None]
     assert doctored(y=run.y + late * np.abs(run.error).max())[0] is False

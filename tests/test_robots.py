@@ -51,15 +51,15 @@ def system(name: str) -> ReducedSystem:
 @cache
 def reduced(name: str) -> ca.Function:
     """From a state: qdot, qddot, Mbar, A S, energy and its rate, and the power of the inputs."""
-    made = system(name)
-    robot, tau = made.mechanism, ca.SX.sym("tau", len(made.mechanism.inputs))
-    nudot = made.acceleration(tau)
-    qddot = made.S @ nudot + made.Sdot @ made.nu
+    model = system(name)
+    robot, tau = model.mechanism, ca.SX.sym("tau", len(model.mechanism.inputs))
+    nudot = model.acceleration(tau)
+    qddot = model.S @ nudot + model.Sdot @ model.nu
     rate = ca.jtimes(robot.energy(), ca.vertcat(robot.q, robot.qdot), ca.vertcat(robot.qdot, qddot))
-    energies = [ca.substitute(e, robot.qdot, made.qdot) for e in (robot.energy(), rate)]
-    power = ca.dot(tau, robot.E.T @ made.qdot)
-    answers = [made.qdot, qddot, made.Mbar, robot.A @ made.S, *energies, power]
-    return ca.Function("reduced", [robot.q, made.nu, tau, robot.p], [ca.densify(answer) for answer in answers])
+    energies = [ca.substitute(e, robot.qdot, model.qdot) for e in (robot.energy(), rate)]
+    power = ca.dot(tau, robot.E.T @ model.qdot)
+    answers = [model.qdot, qddot, model.Mbar, robot.A @ model.S, *energies, power]
+    return ca.Function("reduced", [robot.q, model.nu, tau, robot.p], [ca.densify(answer) for answer in answers])
 
 
 def answers(name: str, state: State) -> list[np.ndarray]:
@@ -91,20 +91,33 @@ def by_name(name: str, state: State) -> tuple[Motion, list[np.ndarray]]:
     )
     groups = []
     for quantities, values, names in pairs:
-        known = {quantity.name: value for quantity, value in zip(quantities, values, strict=True)}
-        assert sorted(known) == sorted(names)
-        groups.append(np.array([known[each] for each in names]))
+        value_of = {quantity.name: value for quantity, value in zip(quantities, values, strict=True)}
+        assert sorted(value_of) == sorted(names)
+        groups.append(np.array([value_of[each] for each in names]))
     return other, groups
 
 
-def close(found, wanted, tolerance: float) -> bool:
-    """To `tolerance` of the largest entry wanted."""
-    found, wanted = np.ravel(found), np.ravel(wanted)
-    return bool(np.abs(found - wanted).max() <= tolerance * np.abs(wanted).max())
+def close(value, expected, tolerance: float) -> bool:
+    """To `tolerance` of the largest entry expected."""
+    value, expected = np.ravel(value), np.ravel(expected)
+    return bool(np.abs(value - expected).max() <= tolerance * np.abs(expected).max())
 
 
 def test_every_shipped_robot_is_tested():
     assert set(NAMES) <= set(ROBOTS) and all(ROBOTS[name]().name == name for name in ROBOTS)
+
+
+def test_what_can_be_bought_is_as_its_sources_say():
+    """Total masses, and the loads on wheels that their centres of mass give, in kg."""
+    for name, mass, loads in (
+        ("pioneer_3dx", 9.0, [(9.0 - (6.73 * 0.06 + 0.21 * 0.211) / 0.211) / 2] * 2),
+        ("f1tenth", 3.74, [3.74 * 0.15875 / 0.3302, 3.74 * 0.17145 / 0.3302]),
+        ("forklift", 600.0, [600 * 0.4225 / 1.3725, 600 * 0.95 / 1.3725]),
+    ):
+        robot = find_robot(name)
+        f = ca.Function("f", [robot.q, robot.p], [robot.M[0, 0], ca.vertcat(*[contact.mass for contact in robot.contacts])])
+        found = [value.full().ravel() for value in f(np.zeros(5), robot.parameter_values({}))]
+        assert found[0] == pytest.approx([mass], rel=1e-12) and found[1] == pytest.approx(loads, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -145,8 +158,8 @@ def test_the_rate_of_energy_is_the_power_of_the_inputs_less_friction(name):
         other, (q, tau, p) = by_name(name, state)
         qdot, *_ = answers(name, state)
         energy, rate, power = (value.item() for value in answers(name, state)[-3:])
-        given = {quantity.name: value for quantity, value in zip(system(name).mechanism.parameters, state.p, strict=True)}
-        friction = given["c"] * np.sum(qdot[3:, 0] ** 2) if name == "slope_platform" else 0.0
+        parameters = {quantity.name: value for quantity, value in zip(system(name).mechanism.parameters, state.p, strict=True)}
+        friction = parameters["c"] * np.sum(qdot[3:, 0] ** 2) if name == "slope_platform" else 0.0
         size = abs(power) + friction + abs(energy)
         assert abs(rate - (power - friction)) < 1e-11 * size
         assert abs(energy - float(other.energy(q, qdot[:, 0], tau, p))) < 1e-11 * size
@@ -159,18 +172,18 @@ def test_energy_is_conserved_without_inputs_and_friction(name):
     names = [parameter.name for parameter in system(name).mechanism.parameters]
     if name == "slope_platform":
         state.p[names.index("c")] = 0.0
-    n, made = len(state.q), system(name)
-    robot, tau = made.mechanism, ca.DM(state.tau)
-    rate = ca.Function("rate", [robot.q, made.nu, robot.p], [ca.vertcat(made.qdot, made.acceleration(tau))])
+    n, model = len(state.q), system(name)
+    robot, tau = model.mechanism, ca.DM(state.tau)
+    rate = ca.Function("rate", [robot.q, model.nu, robot.p], [ca.vertcat(model.qdot, model.acceleration(tau))])
 
     def motion_of(_: float, x: np.ndarray) -> np.ndarray:
         return rate(x[:n], x[n:], state.p).full()[:, 0]
 
     start = np.concatenate([state.q, 0.3 * state.nu])  # slow: a ball that comes to a pole of its coordinates tells nothing
-    found = solve_ivp(motion_of, (0.0, 2.0), start, "DOP853", rtol=1e-12, atol=1e-13)
-    energies = [answers(name, State(x[:n], x[n:], state.tau, state.p))[4].item() for x in found.y.T]
+    solution = solve_ivp(motion_of, (0.0, 2.0), start, "DOP853", rtol=1e-12, atol=1e-13)
+    energies = [answers(name, State(x[:n], x[n:], state.tau, state.p))[4].item() for x in solution.y.T]
     kinetic = energies[0] - answers(name, State(state.q, 0 * state.nu, state.tau, state.p))[4].item()
-    assert found.success and np.ptp(found.y, axis=1).max() > 0.1
+    assert solution.success and np.ptp(solution.y, axis=1).max() > 0.1
     assert np.ptp(energies) < 1e-10 * max(kinetic, np.abs(energies).max())
 
 
@@ -191,14 +204,14 @@ def test_the_arm_hangs_still_only_where_gravity_lets_it():
 @pytest.mark.parametrize("name", [*VEHICLES, "mobile_manipulator"])
 def test_contacts_stand_still_and_carry_the_weight(name):
     robot = system(name).mechanism
-    given = {parameter.name: parameter.default for parameter in robot.parameters}
+    defaults = {parameter.name: parameter.default for parameter in robot.parameters}
     carried = ca.Function("carried", [robot.q, robot.p], [sum(c.mass for c in robot.contacts), combination(robot)])
-    mass, C = (value.full() for value in carried(np.full(len(robot.coordinates), 0.3), list(given.values())))
+    mass, C = (value.full() for value in carried(np.full(len(robot.coordinates), 0.3), list(defaults.values())))
     weights = {
-        "slope_platform": (given.get("m_c", 0) + 2 * given.get("m_w", 0)) * np.cos(given.get("slope", 0)),
-        "mobile_manipulator": sum(given.get(m, 0) for m in ("m_c", "m_w", "m_w", "m_1", "m_2")),
+        "slope_platform": (defaults.get("m_c", 0) + 2 * defaults.get("m_w", 0)) * np.cos(defaults.get("slope", 0)),
+        "mobile_manipulator": sum(defaults.get(m, 0) for m in ("m_c", "m_w", "m_w", "m_1", "m_2")),
     }
-    assert abs(mass.item() - weights.get(name, given.get("m"))) < 1e-12 * mass.item() and np.all(np.isfinite(C))
+    assert abs(mass.item() - weights.get(name, defaults.get("m"))) < 1e-12 * mass.item() and np.all(np.isfinite(C))
 
 
 # -- what is known of them -------------------------------------------------------------------------------------------
@@ -225,8 +238,8 @@ def analysed(name: str):
 @pytest.mark.parametrize("name", NAMES)
 def test_growth_is_what_is_known_and_what_brackets_give(name):
     """Ranks of numeric brackets at a random state, by the derivatives of S alone."""
-    found = analysed(name).constraints
-    assert found.growth == GROWTH[name] and found.k == found.n - GROWTH[name][-1]
+    constraints = analysed(name).constraints
+    assert constraints.growth == GROWTH[name] and constraints.k == constraints.n - GROWTH[name][-1]
     robot, S = system(name).mechanism, system(name).S
     state, levels, fields = states(name, 1)[0], [], ca.horzsplit(ca.densify(S))
     first, last = fields, fields
@@ -243,11 +256,11 @@ def test_integrals_are_the_gears_and_the_plates():
     for name, count in (("geared_arm", 2), ("ball_plate", 2), ("mobile_manipulator", 1), ("slope_platform", 1)):
         robot, S = system(name).mechanism, system(name).S
         texts = analysed(name).constraints.json["integrals"]
-        known = {q.name: q.symbol for q in (*robot.coordinates, *robot.parameters)}
+        symbol_of = {q.name: q.symbol for q in (*robot.coordinates, *robot.parameters)}
         assert len(texts) == count
         for text in texts:
             left, right = text.split(" = ")
-            integral = eval(f"{left} - ({right.removesuffix(' + const')})", {"__builtins__": {}}, known)
+            integral = eval(f"{left} - ({right.removesuffix(' + const')})", {"__builtins__": {}}, symbol_of)
             assert canonical(ca.jacobian(integral, robot.q) @ S).is_zero(), text
 
 
@@ -266,10 +279,10 @@ SINGULAR = {
 @pytest.mark.parametrize(("name", "law"), SINGULAR)
 def test_determinants_in_closed_form(name, law):
     """Derived by hand: a steered wheel moves as a unicycle does, at r theta' / cos(delta) behind a driven rear axle."""
-    found = sp.sympify(analysed(name).outputs[law].decoupling.det_in_full)
-    names = {str(s): s for s in found.free_symbols}
-    wanted = sp.sympify(SINGULAR[name, law], {"I": sp.Symbol("I"), **names})
-    assert sp.simplify(sp.expand_trig(found**2 - wanted**2)) == 0
+    determinant = sp.sympify(analysed(name).outputs[law].decoupling.det_in_full)
+    names = {str(s): s for s in determinant.free_symbols}
+    expected = sp.sympify(SINGULAR[name, law], {"I": sp.Symbol("I"), **names})
+    assert sp.simplify(sp.expand_trig(determinant**2 - expected**2)) == 0
 
 
 def test_a_vehicle_starts_with_its_wheels_straight():
@@ -284,19 +297,19 @@ def test_a_vehicle_starts_with_its_wheels_straight():
 def test_a_steered_wheel_in_a_steady_turn():
     """About a circle of radius R its steering angle is asin(l / R_f), with R_f^2 = R^2 - L^2 where the front wheel goes."""
     spec = read_spec(SPECS / "car.toml")
-    found = steady_motion(setting_of(spec))
-    turn = dict(zip(found.names, found.rho, strict=True))
+    steady = steady_motion(setting_of(spec))
+    turn = dict(zip(steady.names, steady.rho, strict=True))
     front = np.sqrt(15.0**2 - 1.0)
     assert abs(turn["delta"] - np.arcsin(2.6 / front)) < 1e-9
-    assert abs(turn["thetadot"] - 5.0 * np.cos(turn["delta"]) / 0.3) < 1e-8 and found.decay() > 0
+    assert abs(turn["thetadot"] - 5.0 * np.cos(turn["delta"]) / 0.3) < 1e-8 and steady.decay() > 0
 
 
 def test_the_loop_of_an_own_output_is_what_its_gains_say():
     """At rest, with the exact model: kp 9, kd 6 give -3 four times; an output moving where gravity matters is refused."""
     spec = read_spec(SPECS / "geared_arm.toml")
     still = replace(spec, reference=Reference(position=spec.reference.position))
-    found = steady_motion(setting_of(still))
-    assert np.abs(np.poly(found.closed()) - np.poly([-3.0] * 4)).max() < 1e-6
+    steady = steady_motion(setting_of(still))
+    assert np.abs(np.poly(steady.closed()) - np.poly([-3.0] * 4)).max() < 1e-6
     with pytest.raises(BadInput, match="no steady motion"):
         steady_motion(setting_of(spec))
 
@@ -405,7 +418,7 @@ def test_an_output_brings_its_own_parameters():
         lambda r: ("y_a", "m", r["y"] + L.symbol * sin(r["phi"]), "y ahead"),
     ]
     robot = cart(point=(lambda r: [row(r) for row in rows], [L]))
-    own, known = law_of(robot, "point"), law_of(robot, "type_i")
+    own, type_i = law_of(robot, "point"), law_of(robot, "type_i")
     assert [c.name for c in own.config] == ["L"] and own.config[0].default == 0.4
     groups = [*(ca.vertcat(*[q.symbol for q in group]) for group in (own.parameters, own.config, own.state))]
     arguments = np.random.default_rng(3).uniform(0.3, 1.3, sum(g.numel() for g in groups))
@@ -415,7 +428,7 @@ def test_an_output_brings_its_own_parameters():
             [ca.vertcat(law.system.mechanism.p, law.config[0].symbol, own.system.mechanism.q, own.system.nu)],
             [law.linearization.Phi],
         )
-        for law in (own, known)
+        for law in (own, type_i)
     ]
     assert close(Phi[0](arguments).full(), Phi[1](arguments).full(), 1e-15)
 
@@ -512,8 +525,8 @@ def test_addition_theorems_keep_the_value():
     a, b, c = symbols = [ca.SX.sym(name) for name in "abc"]
     entries = [sin(a - 2 * b), cos(-(a + b) + c), ca.tan(a + b), sin(cos(a + b) + c) * cos(a - c) ** 2, cos(a + (b - a))]
     for entry in entries:
-        made = by_addition_theorems(entry)
-        both = ca.Function("both", [ca.vertcat(*symbols)], [entry, entry if made is None else made, canonical(entry)])
+        expanded = by_addition_theorems(entry)
+        both = ca.Function("both", [ca.vertcat(*symbols)], [entry, entry if expanded is None else expanded, canonical(entry)])
         for point in np.random.default_rng(5).uniform(-3, 3, (20, 3)):
             values = [float(value) for value in both(point)]
             assert abs(values[0] - values[1]) < 1e-12 * max(1.0, abs(values[0]))

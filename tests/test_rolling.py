@@ -108,8 +108,8 @@ def test_forms_are_their_definitions(name):
     function = numeric(surface, *defined, *forms, ca.det(surface.K), surface.gaussian, surface.K - surface.K.T)
     for place in places(50, 2, 1):
         *values, det_K, gaussian, skew = (np.array(value) for value in function(place))
-        for wanted, found in zip(values[:5], values[5:], strict=True):
-            assert np.abs(wanted - found).max() < 1e-12 * max(1.0, np.abs(wanted).max())
+        for expected, form in zip(values[:5], values[5:], strict=True):
+            assert np.abs(expected - form).max() < 1e-12 * max(1.0, np.abs(expected).max())
         assert abs(det_K - gaussian) < 1e-12 * max(1.0, abs(gaussian)) and np.abs(skew).max() < 1e-12
 
 
@@ -140,8 +140,8 @@ def test_forms_of_the_sphere_and_the_torus_as_published():
         (ring.T, ca.horzcat(0, -sin(w) / around)),
         (ring.gaussian, cos(w) / (r * around)),
     ]
-    for found, wanted in published:
-        assert canonical(found - wanted).is_zero()
+    for form, expected in published:
+        assert canonical(form - expected).is_zero()
     assert ball.orthogonal and ring.orthogonal and not ellipsoid(2, 1.5, 1).orthogonal and ellipsoid(R, R, r).orthogonal
 
 
@@ -305,10 +305,10 @@ def bracket(f: ca.SX, g: ca.SX, q: ca.SX) -> ca.SX:
 
 def levels(fields: list[ca.SX], q: ca.SX, depth: int) -> list[list[ca.SX]]:
     """Vector fields by the number of brackets in them."""
-    made = [fields]
+    fields_by_level = [fields]
     for _ in range(depth):
-        made.append([bracket(f, g, q) for f in fields for g in made[-1]])
-    return made
+        fields_by_level.append([bracket(f, g, q) for f in fields for g in fields_by_level[-1]])
+    return fields_by_level
 
 
 def surely_independent(columns: list[ca.SX], q: ca.SX, place: list[Fraction]) -> bool:
@@ -392,8 +392,8 @@ def test_same_constant_curvature_is_involutive(case):
     growth = growth_of(contact)
     assert growth.vector == (2,) and growth.holonomic == 3 and growth.determinant is None
     first, second = ca.horzsplit(contact.basis)
-    made = bracket(first, second, contact.q)
-    left = contact.A @ made
+    commutator = bracket(first, second, contact.q)
+    left = contact.A @ commutator
     assert canonical(left).is_zero()
 
 
@@ -404,18 +404,18 @@ def test_structure_equations(pair):
     e1, e2, E = ca.horzsplit(contact.basis)
     q, T1 = contact.q, contact.forms[0][2]
     b = bracket(e1, e2, q)
-    wanted = -T1[0] * e1 - T1[1] * e2 - contact.curvature_difference * E
+    expected = -T1[0] * e1 - T1[1] * e2 - contact.curvature_difference * E
     pure = ca.det(ca.horzcat(e1, e2, b, bracket(e1, b, q), bracket(e2, b, q)))
     spinning = ca.det(ca.horzcat(e1, e2, E, bracket(E, e1, q), bracket(E, e2, q)))
-    function = ca.Function("f", [q], [b - wanted, pure, spinning])
+    function = ca.Function("f", [q], [b - expected, pure, spinning])
     claimed = []
     for spin in (False, True):
         same = contact_of(*pair, spin)
         claimed.append(ca.Function("g", [same.q], [growth_of(same).determinant]))
     for place in places(30, 5, 6):
-        rest, *found = (np.array(value) for value in function(place))
+        rest, *determinants = (np.array(value) for value in function(place))
         assert np.abs(rest).max() < 1e-10
-        for value, claim in zip(found, claimed, strict=True):
+        for value, claim in zip(determinants, claimed, strict=True):
             assert abs(value - float(claim(place))) < 1e-9 * max(1.0, abs(value))
 
 
@@ -438,8 +438,8 @@ def test_where_the_growth_drops():
 
 def iterated(contact: RollingContact, place, depth: int) -> int:
     """Rank of all brackets up to this depth at one place, in floating point."""
-    made = levels(list(ca.horzsplit(contact.basis)), contact.q, depth)
-    value = np.array(ca.Function("f", [contact.q], [ca.horzcat(*itertools.chain(*made))])(place))
+    brackets = levels(list(ca.horzsplit(contact.basis)), contact.q, depth)
+    value = np.array(ca.Function("f", [contact.q], [ca.horzcat(*itertools.chain(*brackets))])(place))
     value = value / np.maximum(1.0, np.linalg.norm(value, axis=0))
     return int(np.linalg.matrix_rank(value, tol=1e-8))
 
@@ -624,8 +624,8 @@ def test_ball_on_plane_as_a_mechanism(spin):
     values = ca.Function("f", [robot.q, system.nu, robot.p], [system.Mbar, system.bias, system.S])
     for place in places(20, 5, 10):
         Mbar, bias, S = (np.array(v) for v in values(place, np.ones(system.dof), [0.1, 2.0]))
-        wanted = 2.0 * 0.1**2 * np.diag([1.4, 1.4, 0.4][: system.dof])
-        assert np.abs(Mbar - wanted).max() < 1e-12 and np.abs(bias).max() < 1e-12
+        expected = 2.0 * 0.1**2 * np.diag([1.4, 1.4, 0.4][: system.dof])
+        assert np.abs(Mbar - expected).max() < 1e-12 and np.abs(bias).max() < 1e-12
         assert np.abs(S[:2, :2] - [[0, 0.1], [-0.1, 0]]).max() < 1e-12
 
 

@@ -25,9 +25,9 @@ def modules(root: Path = ROOT) -> dict[tuple[str, ...], Path]:
     return {file.relative_to(root).with_suffix("").parts: file for file in python}
 
 
-def imported(name: tuple[str, ...], source: str, known: dict[tuple[str, ...], Path]) -> set[tuple[str, ...]]:
-    """The modules of `known` that a module imports, at its top or inside a function."""
-    found = set()
+def imported(name: tuple[str, ...], source: str, paths: dict[tuple[str, ...], Path]) -> set[tuple[str, ...]]:
+    """The modules of `paths` that a module imports, at its top or inside a function."""
+    targets = set()
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.ImportFrom):
             continue
@@ -41,13 +41,13 @@ def imported(name: tuple[str, ...], source: str, known: dict[tuple[str, ...], Pa
         base = (*base, *(own if node.level else own[1:]))
         for alias in node.names:
             candidates = ((*base, alias.name), base, (*base, "__init__"))
-            found.update(next(([c] for c in candidates if c in known), []))
-    return found - {name}
+            targets.update(next(([c] for c in candidates if c in paths), []))
+    return targets - {name}
 
 
-def arrows(known: dict[tuple[str, ...], Path]) -> dict[tuple[str, ...], set[tuple[str, ...]]]:
+def arrows(paths: dict[tuple[str, ...], Path]) -> dict[tuple[str, ...], set[tuple[str, ...]]]:
     """Module -> modules that it imports."""
-    return {name: imported(name, file.read_text(), known) for name, file in known.items()}
+    return {name: imported(name, file.read_text(), paths) for name, file in paths.items()}
 
 
 def circle(graph: dict[tuple[str, ...], set[tuple[str, ...]]]) -> list[str]:
@@ -80,18 +80,18 @@ def test_imports_go_one_way():
 )
 def test_a_planted_import_is_found(name, line):
     """Upward, or in a circle, and inside a function."""
-    known = modules()
-    graph = arrows(known)
-    graph[name] = imported(name, f"{known[name].read_text()}\ndef planted():\n    {line}\n", known)
+    paths = modules()
+    graph = arrows(paths)
+    graph[name] = imported(name, f"{paths[name].read_text()}\ndef planted():\n    {line}\n", paths)
     assert circle(graph) + upward(graph)
 
 
 def test_every_room_is_named_and_of_a_size_to_walk_through():
-    known = modules()
-    folders = Counter(file.parent.relative_to(ROOT) for file in known.values() if file.name != "__init__.py")
+    paths = modules()
+    folders = Counter(file.parent.relative_to(ROOT) for file in paths.values() if file.name != "__init__.py")
     assert max(folders.values()) <= MOST_FILES, folders.most_common(3)
     lines = defaultdict(int)
-    for name, file in known.items():
+    for name, file in paths.items():
         lines[name[0]] += len(file.read_text().splitlines())
     assert max(lines.values()) <= LARGEST_SHARE * sum(lines.values()), lines
     for folder in folders:

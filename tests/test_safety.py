@@ -60,7 +60,7 @@ def random_start(random: np.random.Generator, kind: str) -> dict:
         point = np.array([a * math.cos(along), b * math.sin(along)]) + offset * normal
     speed, kp = random.uniform(0.4, 4.0 if wild else 2.5), random.uniform(0.5, 6.0)
     period = 0.0 if random.random() < 0.4 else float(random.choice([0.005, 0.01, 0.02, 0.05]))
-    made = {
+    tables = {
         "gains": {"kp": kp, "kd": 2 * math.sqrt(kp) * random.uniform(0.8, 1.5), "kv": random.uniform(0.5, 3.0)},
         "output": {"type": "IV", "L": random.uniform(0.0, 0.6), "path": {"kind": kind, **path}},
         "reference": {"speed": speed},
@@ -68,10 +68,10 @@ def random_start(random: np.random.Generator, kind: str) -> dict:
         "simulation": {"duration": 5.0, "period": period, "backend": "casadi", "output_step": 0.05, "tolerance": 1e-9},
     }
     if period and random.random() < 0.5:
-        made["simulation"]["delay"] = period * random.uniform(0.0, 1.0)
+        tables["simulation"]["delay"] = period * random.uniform(0.0, 1.0)
     if random.random() < 0.3:
-        made["limits"] = {"torque": random.uniform(30.0, 300.0), "mode": str(random.choice(["cut", "slow"]))}
-    return made
+        tables["limits"] = {"torque": random.uniform(30.0, 300.0), "mode": str(random.choice(["cut", "slow"]))}
+    return tables
 
 
 def _pieces(random: np.random.Generator, heading: float, curvatures: np.ndarray) -> list[dict]:
@@ -143,23 +143,23 @@ def test_bounds_hold_and_are_of_second_order():
     enclosure, plain = Enclosure(f, x), ca.Function("f", [x], [f, ca.jacobian(f, x)])
     for _ in range(50):
         at, moved, radius = random.uniform(-1, 1, 3), random.uniform(0, 0.05, 3), random.uniform(0.01, 0.1, 3)
-        found, small = enclosure.bounds(at, moved, radius), enclosure.bounds(at, 0 * moved, radius / 10)
-        assert found.finite and (small.rest <= found.rest / 99).all()
+        bounds, small = enclosure.bounds(at, moved, radius), enclosure.bounds(at, 0 * moved, radius / 10)
+        assert bounds.finite and (small.rest <= bounds.rest / 99).all()
         for _ in range(20):
             centre = at + moved * random.uniform(-1, 1, 3)
             e = radius * random.uniform(-1, 1, 3)
             (value, slope), (after, _), (before, _) = ([v.full() for v in plain(p)] for p in (centre, centre + e, at))
-            assert (np.abs(value - before)[:, 0] <= found.moved + 1e-14).all()
-            assert (np.abs(after - value)[:, 0] <= found.radius + 1e-14).all()
-            assert (np.abs((after - value)[:, 0] - slope @ e) <= found.rest + 1e-14).all()
+            assert (np.abs(value - before)[:, 0] <= bounds.moved + 1e-14).all()
+            assert (np.abs(after - value)[:, 0] <= bounds.radius + 1e-14).all()
+            assert (np.abs((after - value)[:, 0] - slope @ e) <= bounds.rest + 1e-14).all()
 
 
 def test_largest_offset_is_safe_and_ends_somewhere():
     tables = {**FAST, "gains": {"kp": 4.0, "kd": 5.0, "kv": 1.0}, "reference": {"speed": 1.0}}
     tables["initial"] = {"point": [0.0, 0.1], "heading": 0.0, "speed": 1.0}
-    found = safe_offsets(spec_of(**tables), {}, speeds=[1.0], headings=[0.0])
-    ((offset,),) = found.offsets
-    assert 0 < offset < 8 and "m" in found.lines()[1]
+    table = safe_offsets(spec_of(**tables), {}, speeds=[1.0], headings=[0.0])
+    ((offset,),) = table.offsets
+    assert 0 < offset < 8 and "m" in table.lines()[1]
     spec = spec_of(**{**tables, "initial": {"point": [5.0, -offset], "heading": 0.0, "speed": 1.0}})
     assert simulate(spec).stopped is None
 
@@ -257,9 +257,9 @@ def test_a_composite_path_is_not_proved_beyond_where_its_speed_changes():
 
 def test_a_set_that_is_known_to_settle_holds_what_is_in_it():
     tube = Tube(np.zeros(2), np.eye(2), np.zeros((2, 1)), np.array([0.1, 0.1]))
-    known = Settled(tube, np.array([0.02, 0.02]))
-    assert known.holds(tube) and not known.holds(Tube(tube.centre + 0.03, tube.S, tube.G, tube.spread))
-    assert not known.holds(Tube(tube.centre, 1.3 * tube.S, tube.G, tube.spread))
+    settled = Settled(tube, np.array([0.02, 0.02]))
+    assert settled.holds(tube) and not settled.holds(Tube(tube.centre + 0.03, tube.S, tube.G, tube.spread))
+    assert not settled.holds(Tube(tube.centre, 1.3 * tube.S, tube.G, tube.spread))
 
 
 def robots(spec: Spec, tables: dict, error: dict[str, float], corners: np.ndarray) -> list[Spec]:

@@ -55,20 +55,20 @@ def test_reference_values_name_their_schema_and_satisfy_it(file):
 
 def defaults(schema: dict) -> dict:
     """The defaults of a section's schema by name, those of its tables too."""
-    found = {}
+    values = {}
     for name, item in schema.get("properties", {}).items():
-        found |= {name: item["default"]} if "default" in item else {}
-        found |= {f"{name}.{key}": value for key, value in defaults(item).items()}
-    return found
+        values |= {name: item["default"]} if "default" in item else {}
+        values |= {f"{name}.{key}": value for key, value in defaults(item).items()}
+    return values
 
 
 def test_defaults_are_those_of_the_reader():
-    told = defaults(SCHEMA["spec"])
-    assert told["simulation.backend"] == "c" and not {"robot", "output.type"} & told.keys()
+    stated = defaults(SCHEMA["spec"])
+    assert stated["simulation.backend"] == "c" and not {"robot", "output.type"} & stated.keys()
     needed = {"simulation.period": 0.01, "limits.torque": [20.0], "sensors": {}, "correction.rate": 1.0, "contact": {}}
     needed |= {"reference.approach.acceleration": 0.5, "drive.kind": "torque"}
     on_circle = {"output": {"type": "I"}, "reference": {"position": [0.0, 0.0], "circle": {"radius": 1.0, "rate": 0.1}}}
-    for key, value in told.items():
+    for key, value in stated.items():
         base = CIRCLE | on_circle if key.startswith("reference.circle.") else CIRCLE
         more = [] if base is not CIRCLE else needed.items()
         if not key.startswith(("sweep.", "simulation.period")):
@@ -127,15 +127,15 @@ def test_an_entry_without_meaning_or_unit_is_found():
 
 def changed(content: dict, key: str, value: object) -> dict:
     """A copy with an entry, by its dotted key, replaced; removed for None."""
-    made = copy.deepcopy(content)
-    place, *rest = made, *key.split(".")
+    result = copy.deepcopy(content)
+    place, *rest = result, *key.split(".")
     for name in rest[:-1]:
         place = place.setdefault(name, {})
     if value is None:
         place.pop(rest[-1], None)
     else:
         place[rest[-1]] = value
-    return made
+    return result
 
 
 def read(table: dict) -> bool:
@@ -206,10 +206,10 @@ def test_what_the_reader_refuses_by_its_structure_the_schema_refuses(key, value)
 
 
 def entries(table: dict, prefix: str = "") -> list[str]:
-    found = []
+    keys = []
     for key, value in table.items():
-        found += [prefix + key, *(entries(value, f"{prefix}{key}.") if isinstance(value, dict) else [])]
-    return found
+        keys += [prefix + key, *(entries(value, f"{prefix}{key}.") if isinstance(value, dict) else [])]
+    return keys
 
 
 @pytest.mark.parametrize("name", ["line", "sweep", "figures/figure_8", "figures/limits", "robots/car"])

@@ -101,14 +101,14 @@ class Drive:
 
     def __init__(self, form: NormalForm, seed: int, lever: int, V: float):
         """`lever`: the sign of how far P_l lies ahead of the axle."""
-        found = form.decoupling.linearization
-        mechanism, random = found.system.mechanism, np.random.default_rng(seed)
+        linearization = form.decoupling.linearization
+        mechanism, random = linearization.system.mechanism, np.random.default_rng(seed)
         self.form, self.V = form, V
-        fixed = [*mechanism.parameters, *found.output.parameters]
+        fixed = [*mechanism.parameters, *linearization.output.parameters]
         self.values = {p.name: random.uniform(0.6, 1.6) for p in fixed} | {"A": random.uniform(-1, 1), "B": 1.0}
         self.values["L"] = lever * random.uniform(0.6, 1.6) - (self.values["d"] if "d" in self.values else 0.0)
-        motion = found.system.S @ ca.solve(found.Phi, ca.vertcat(-found.h[0], V))
-        function = ca.Function("drive", [mechanism.q, symbols(fixed)], [motion, found.h[0]])
+        motion = linearization.system.S @ ca.solve(linearization.Phi, ca.vertcat(-linearization.h[0], V))
+        function = ca.Function("drive", [mechanism.q, symbols(fixed)], [motion, linearization.h[0]])
         self.numbers = [self.values[p.name] for p in fixed]
         self.rate = lambda t, q: function(q, self.numbers)[0].full()[:, 0]
         self.distance = lambda q: float(function(q, self.numbers)[1])
@@ -236,8 +236,8 @@ def test_what_is_not_decided_is_not_claimed(robot):
     assert not moving.shape.decided and moving.shape.names == ("hitch",) and moving.shape.followers == ()
     assert "the heading is stable if and only if L*V > 0, then s -> 0" in str(moving)
     assert str(moving).endswith("whether hitch converges is not decided")
-    found = as_json(analyse(robot, ["type_iv_line"]))["outputs"]["type_iv_line"]
-    assert found["moving_reference"][0]["not_examined"] == ["hitch"] and "not decided" in found["zero_dynamics"]
+    output = as_json(analyse(robot, ["type_iv_line"]))["outputs"]["type_iv_line"]
+    assert output["moving_reference"][0]["not_examined"] == ["hitch"] and "not decided" in output["zero_dynamics"]
 
 
 def test_what_people_read():
@@ -246,15 +246,15 @@ def test_what_people_read():
     for text in (" ".join(as_text(answer).split()), html.unescape(report(answer))):
         assert line in text and "stable if and only if V > 0 and L > 0, then s" in text and "L*V > 0" not in text
         assert "driving in reverse, where hitch diverges" in text and "V along a path of small curvature" in text
-    found = as_json(answer)["outputs"]["type_iv_circle"]
-    assert line in found["zero_dynamics"] and "V > 0 and L > 0" in found["zero_dynamics"]
-    (moving,) = found["moving_reference"]
+    output = as_json(answer)["outputs"]["type_iv_circle"]
+    assert line in output["zero_dynamics"] and "V > 0 and L > 0" in output["zero_dynamics"]
+    (moving,) = output["moving_reference"]
     assert moving["shape"] == {"hitch": "-V/l"} and moving["not_examined"] == []
 
 
 def test_nothing_is_said_of_what_has_no_shape():
-    found: Answer = analyse(find_robot("knife_edge"), ["type_iv_line"])
-    assert "driving straight" not in as_text(found) and "stable if and only if L*V > 0" in " ".join(as_text(found).split())
+    answer: Answer = analyse(find_robot("knife_edge"), ["type_iv_line"])
+    assert "driving straight" not in as_text(answer) and "stable if and only if L*V > 0" in " ".join(as_text(answer).split())
 
 
 @pytest.mark.parametrize("name", ["four_wheel", "tractor_trailer:3"])

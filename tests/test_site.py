@@ -66,7 +66,7 @@ def test_site(site):
 
 def opened(address: str) -> str:
     """The page after some seconds in a browser without a window. Fails if a script does."""
-    browser = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+    browser = next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
     if browser is None:
         pytest.skip("no browser (chromium) here")
     flags = ["--headless", "--no-sandbox", "--enable-logging=stderr", "--virtual-time-budget=4000", "--dump-dom"]
@@ -78,8 +78,8 @@ def opened(address: str) -> str:
 @pytest.mark.nightly
 def test_search_needs_no_server(site):
     """From a file: the words of a page lead to it."""
-    found = opened(f"{(site / 'search.html').as_uri()}?q=involutive")
-    assert "Search finished" in found and 'href="docs/glossary.html' in found
+    page = opened(f"{(site / 'search.html').as_uri()}?q=involutive")
+    assert "Search finished" in page and 'href="docs/glossary.html' in page
 
 
 @pytest.mark.nightly

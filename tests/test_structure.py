@@ -154,8 +154,8 @@ def test_numbers_come_back_to_the_last_bit():
     random = np.random.default_rng(54)
     values = [*NUMBERS, *random.uniform(-1, 1, 200), *(10 ** random.uniform(-12, 12, 200)), *random.integers(1, 99, 50) / 7]
     for value in map(float, values):
-        for made in (canonical(value * (x + 1) - value), canonical(value * x)):
-            assert ca.Function("f", [x], [made])(1.0) == value, value
+        for simplified in (canonical(value * (x + 1) - value), canonical(value * x)):
+            assert ca.Function("f", [x], [simplified])(1.0) == value, value
 
 
 def numeric(name: str, change: Callable[[float], float], monkeypatch: pytest.MonkeyPatch) -> ReducedSystem:
@@ -187,14 +187,14 @@ def test_plain_numbers_give_the_law_of_parameters(name, written, monkeypatch):
     )
     for seed in range(5):
         leaf = random_leaves(seed)
-        given = [[float(leaf(Leaf(0, (), Group(group), q.name))) for q in truth.groups[group]] for group in groups]
-        wanted = expected(values, *given).full().ravel()
+        values_of_groups = [[float(leaf(Leaf(0, (), Group(group), q.name))) for q in truth.groups[group]] for group in groups]
+        torques = expected(values, *values_of_groups).full().ravel()
         double, single = (
             np.array(evaluate(roots, lambda node: kind(leaf(node)), kind, in_c(kind, lambda a: (math.sin(a), math.cos(a)))))  # noqa: B023
             for kind in (np.float64, np.float32)
         )
-        assert np.abs(double - wanted).max() <= 1e-9 * np.abs(wanted).max()
-        assert np.abs(single - wanted).max() <= 1e-3 * np.abs(wanted).max()
+        assert np.abs(double - torques).max() <= 1e-9 * np.abs(torques).max()
+        assert np.abs(single - torques).max() <= 1e-3 * np.abs(torques).max()
 
 
 @pytest.mark.parametrize("scalar", [np.float32, np.float64])

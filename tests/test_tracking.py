@@ -302,6 +302,17 @@ def test_one_update_passes_many_short_segments(backend):
 
 
 @each_backend
+def test_an_update_passes_a_bounded_number_of_segments(backend):
+    """After a jump of 10 m over pieces of 5 cm: 64 of them in each update, in order, and then the last."""
+    pieces = chain((0.0, 0.0, 0.0), [(0.0, 0.05)] * 200)
+    tracker = make_tracker(backend, pieces, TrackerOptions(speed=1, L=(0.2, 0)))
+    found = [tracker.update(9.62, 0.01, 0.0, 1.0) for _ in range(5)]
+    assert [guide.segment for guide in found] == [64, 128, 192, 196, 196]
+    assert [guide.changed for guide in found] == [True, True, True, True, False]
+    assert all(abs(guide.distance - 0.01) < 1e-5 and guide.status == "ok" for guide in found)
+
+
+@each_backend
 def test_the_way_to_the_stop_does_not_drift(backend):
     """A line of 30 m, cut into a thousand pieces: what remains is right to the rounding of the place, on every one of them."""
     cuts = np.sort(np.random.default_rng(6).uniform(0, 30, 999)).tolist()

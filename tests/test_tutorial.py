@@ -48,17 +48,17 @@ def test_the_page_says_what_is_printed(files, capsys):
     assert all(len(text.splitlines()) <= 40 for text in blocks("python"))
     for block in blocks("console"):
         for call in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
-            command, *wanted = call.splitlines()
-            found, place, gap = said(command, capsys), 0, False
-            for line in wanted:
+            command, *expected = call.splitlines()
+            printed, place, gap = said(command, capsys), 0, False
+            for line in expected:
                 if line == "…":
                     gap = True
                     continue
-                assert line in found[place:], f"{command}: {line}\n" + "\n".join(found)
-                at = found.index(line, place)
-                assert gap or at == place, f"{command}: {found[place]}"
+                assert line in printed[place:], f"{command}: {line}\n" + "\n".join(printed)
+                at = printed.index(line, place)
+                assert gap or at == place, f"{command}: {printed[place]}"
                 place, gap = at + 1, False
-            assert gap or place == len(found), f"{command}: {found[place:]}"
+            assert gap or place == len(printed), f"{command}: {printed[place:]}"
 
 
 # -- a robot of a file in every command -------------------------------------------------------------------------------
@@ -157,8 +157,8 @@ def test_an_error_names_file_and_line(tmp_path, bad_input, why):
     file = tmp_path / "wrong.py"
     file.write_text("\n".join(lines) + "\n")
     place = f"{file}:{len(lines) - len(body) + line}: "
-    told = bad_input(["check", "--robot", f"{file}:wrong"])
-    assert place in told and message in told
+    error = bad_input(["check", "--robot", f"{file}:wrong"])
+    assert place in error and message in error
     if why != "cubic":  # what is known of constraints does not need it
         assert place in bad_input(["analyse", f"{file}:wrong"])
 
@@ -173,5 +173,5 @@ def test_an_error_in_a_users_output_names_its_line(tmp_path, bad_input):
         "    return robot",
     ]
     file.write_text("\n".join([*CART.splitlines(), *more]) + "\n")
-    told = bad_input(["check", "--robot", f"{file}:wrong", "--output", "one"])
-    assert f"{file}:{len(CART.splitlines()) + 4}: cart, output one: 1 outputs for n - m = 2" in told
+    error = bad_input(["check", "--robot", f"{file}:wrong", "--output", "one"])
+    assert f"{file}:{len(CART.splitlines()) + 4}: cart, output one: 1 outputs for n - m = 2" in error

@@ -86,8 +86,8 @@ def test_what_is_not_such_a_number_is_refused(text, unit, words):
 def test_a_plain_heading_of_more_than_a_turn_is_refused():
     with pytest.raises(BadInput) as raised:
         angle(90, "heading")
-    said = 'heading = 90 rad is more than a turn: did you mean degrees? write "90 deg", or "90 rad" if that is meant'
-    assert str(raised.value) == said
+    message = 'heading = 90 rad is more than a turn: did you mean degrees? write "90 deg", or "90 rad" if that is meant'
+    assert str(raised.value) == message
     assert angle("90 rad", "heading") == 90.0 and angle(6.2832, "heading") == 6.2832 and angle(-math.tau, "x") == -math.tau
     assert pose(["1 km", 2, "180 deg"], "from") == (1000.0, 2.0, math.pi)
     with pytest.raises(BadInput, match=r"from\[2\] = 180 rad is more than a turn"):

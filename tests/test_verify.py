@@ -40,11 +40,11 @@ def not_compared(monkeypatch, tmp_path_factory):
 @pytest.fixture
 def afresh(not_compared):
     """Nor of programs."""
-    for made in (law_program, dynamics_program):
-        made.cache_clear()
+    for cached in (law_program, dynamics_program):
+        cached.cache_clear()
     yield
-    for made in (law_program, dynamics_program):
-        made.cache_clear()
+    for cached in (law_program, dynamics_program):
+        cached.cache_clear()
 
 
 def all_sums(self, terms, original=optimize.Optimizer._chain):
@@ -62,25 +62,25 @@ def wrong_at_standstill(stages_, expression, w, original=stages.by_monomials):
 
 
 def other_curvature(law, outputs=None, original=stages.staged):
-    made = original(law, outputs)
+    derived = original(law, outputs)
     if outputs is not None:  # at the foot
-        made.quantities["tau"] = 1.001 * made.quantities["tau"]
-    return made
+        derived.quantities["tau"] = 1.001 * derived.quantities["tau"]
+    return derived
 
 
 def wrong_slope(self, row, original=stages._Feedback.slope):
     return original(self, row) * ca.SX([1.0, -1.0])
 
 
-def other_forces(system, original=grip.staged_ground):
+def other_forces(inner, original=grip.staged_ground):
     """A limiter that knows the forces at the contacts, but not how the inputs change them."""
-    made = original(system)
-    return replace(made, quantities=made.quantities | {"ground_by_inputs": 1.001 * made.quantities["ground_by_inputs"]})
+    derived = original(inner)
+    return replace(derived, quantities=derived.quantities | {"ground_by_inputs": 1.001 * derived.quantities["ground_by_inputs"]})
 
 
 def never_singular(stages_, Phi, W, inverse, original=stages._singular):
-    made = original(stages_, Phi, W, inverse)
-    return made | {"singular": ca.vertcat(1 + made["singular"][0] ** 2, 0)}
+    derived = original(stages_, Phi, W, inverse)
+    return derived | {"singular": ca.vertcat(1 + derived["singular"][0] ** 2, 0)}
 
 
 SLED = """
@@ -160,14 +160,14 @@ def test_what_the_generator_drops_is_found(tmp_path, capsys):
         assert "sled, type_i, double: tau by" in capsys.readouterr().err
         return
     law = law_of(find_robot(f"{robot}:robot"), "type_i")
-    files = {path.name: path.read_text() for path in (folder / "sled").iterdir()}
-    samples = [sample for sample in verify._LawInC(law, "double").samples(files) if sample.what == "tau by step"]
+    files = {path.name: path.read_text() for path in (folder / "sled").iterdir() if path.is_file()}
+    samples = [sample for sample in verify._LawInC(law, "double").samples(files) if sample.label == "tau by step"]
     assert all(np.abs(s.value - s.expected).max() <= 1e-11 * np.abs(s.expected).max() for s in samples)
 
 
 def test_c_that_does_not_compile_is_not_written(tmp_path, monkeypatch, capsys, not_compared):
     original = robot_c.refuse_parameters
-    monkeypatch.setattr(law_c, "refuse_parameters", lambda *given: original(*given) + ")")
+    monkeypatch.setattr(law_c, "refuse_parameters", lambda *arguments: original(*arguments) + ")")
     code, left = run("generate", tmp_path)
     assert code == 1 and left == [] and "does not compile" in capsys.readouterr().err
 
@@ -201,8 +201,8 @@ def test_every_entry_point_is_compared():
     files = library(law, "double").files
     counted: dict[str, int] = {}
     for sample in verify._LawInC(law, "double").samples(files):
-        counted[sample.what] = counted.get(sample.what, 0) + 1
-    assert {what.split(" by ")[-1] for what in counted if " by " in what} >= entries
+        counted[sample.label] = counted.get(sample.label, 0) + 1
+    assert {label.split(" by ")[-1] for label in counted if " by " in label} >= entries
     assert all(counted[f"{q} by evaluate"] == 200 for q in ("h", "ydot", "Phi", "Phidot", "u", "tau"))
     assert counted["tau by step"] == 200 and counted["tau by follow"] > 100
     assert counted["tau by step, slowed"] > 50 and counted["tau by follow, slowed"] > 50 and counted["status of step"] > 2
@@ -212,18 +212,18 @@ def test_a_value_is_excused_only_by_what_rounding_does():
     """Where two large numbers cancel, an error of their rounding is no mistake; a larger one is."""
     part = verify._DynamicsInC(system_of(find_robot("labmate")), "float")
     motion = next(iter(verify._motions(part.system)))
-    given = dict(zip(part.groups, map(part.held, (motion.params, motion.state, motion.tau)), strict=True))
-    right = part.right(given)["bias"]
+    inputs = dict(zip(part.groups, map(part.held, (motion.params, motion.state, motion.tau)), strict=True))
+    right = part.right(inputs)["bias"]
     near, far = right * (1 + 1e-7), right * (1 + 1e-3)
-    excused = lambda value: part._excused(verify.Sample("bias", "ok", value, right, "bias", given), value)  # noqa: E731
+    excused = lambda value: part._excused(verify.Sample("bias", "ok", value, right, "bias", inputs), value)  # noqa: E731
     assert excused(near) and not excused(far)
 
 
 def test_extended_precision_has_every_digit():
     x = ca.SX.sym("x")
-    (found,) = evaluate(ca.sin(x) ** 2 + ca.cos(x) ** 2 - 1 + ca.sqrt(x) / 3, [x], [2.0])
+    (value,) = evaluate(ca.sin(x) ** 2 + ca.cos(x) ** 2 - 1 + ca.sqrt(x) / 3, [x], [2.0])
     with mpmath.workdps(45):
-        assert abs(found - mpmath.sqrt(2) / 3) < mpmath.mpf(10) ** -38
+        assert abs(value - mpmath.sqrt(2) / 3) < mpmath.mpf(10) ** -38
 
 
 @pytest.mark.parametrize("code", FUNCTIONS)
@@ -238,7 +238,7 @@ def test_extended_precision_is_casadis(code):
     expression = ca.SX.binary(code, x, y) if two else ca.SX.unary(code, x)
     function = ca.Function("f", [x, y], [expression])
     for values in ((0.3, 0.7), (0.7, 0.3), (1.5, 2.0), (-0.4, 0.5), (1.0, 1.0)):
-        wanted = float(function(*values))
-        if np.isfinite(wanted):
-            (found,) = evaluate(expression, [x, y], values)
-            assert abs(float(found) - wanted) <= 1e-14 * max(1.0, abs(wanted)), values
+        expected = float(function(*values))
+        if np.isfinite(expected):
+            (value,) = evaluate(expression, [x, y], values)
+            assert abs(float(value) - expected) <= 1e-14 * max(1.0, abs(expected)), values

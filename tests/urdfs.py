@@ -121,23 +121,36 @@ def four_wheels() -> Urdf:
     return made
 
 
-def turtlebot3_burger() -> Urdf:
-    """The links of the TurtleBot3 Burger that have mass, from ROBOTIS' turtlebot3_burger.urdf, without its meshes."""
-    made = Urdf("turtlebot3_burger")
+def turtlebot3(model: str) -> Urdf:
+    """The links of a TurtleBot3 that have mass, from ROBOTIS' turtlebot3_burger.urdf or turtlebot3_waffle_pi.urdf, without
+    meshes.
+    """
+    mass, moments, half, castors, scan = {
+        "burger": (8.2573504e-01, (2.2124416e-03, 2.1193702e-03, 2.0064271e-03), 0.08, {"": (-0.081, 0, -0.004)}, -0.032),
+        "waffle_pi": (
+            1.3729096,
+            (8.7002718e-03, 8.6195418e-03, 1.4612727e-02),
+            0.144,
+            {"_right": (-0.177, -0.064, -0.004), "_left": (-0.177, 0.064, -0.004)},
+            -0.064,
+        ),
+    }[model]
+    made = Urdf(f"turtlebot3_{model}")
 
     def link(name: str, mass: float, moments, shape: str = "") -> None:
         made.parts.append(f'<link name="{name}">{made.inertial(mass, (0, 0, 0), (0, 0, 0), np.diag(moments))}{shape}</link>')
 
-    link("base_link", 8.2573504e-01, (2.2124416e-03, 2.1193702e-03, 2.0064271e-03))
-    for name, side in (("left", 0.08), ("right", -0.08)):
+    link("base_link", mass, moments)
+    for name, side in (("left", half), ("right", -half)):
         rim = '<collision><geometry><cylinder length="0.018" radius="0.033"/></geometry></collision>'
         link(f"wheel_{name}_link", 2.8498940e-02, (1.1175580e-05, 1.1192413e-05, 2.0712558e-05), rim)
         made.joint(f"wheel_{name}_joint", "continuous", "base_link", f"wheel_{name}_link", (0, side, 0.023), "-1.57 0 0")
     box = '<collision><origin xyz="0 0.001 0"/><geometry><box size="0.030 0.009 0.020"/></geometry></collision>'
-    link("caster_back_link", 0.005, (1e-3, 1e-3, 1e-3), box)
-    made.joint("caster_back_joint", "fixed", "base_link", "caster_back_link", (-0.081, 0, -0.004), "-1.57 0 0")
+    for name, place in castors.items():
+        link(f"caster_back{name}_link", 0.005, (1e-3, 1e-3, 1e-3), box)
+        made.joint(f"caster_back{name}_joint", "fixed", "base_link", f"caster_back{name}_link", place, "-1.57 0 0")
     link("base_scan", 0.114, (1e-3, 1e-3, 1e-3))
-    made.joint("scan_joint", "fixed", "base_link", "base_scan", (-0.032, 0, 0.172))
+    made.joint("scan_joint", "fixed", "base_link", "base_scan", (scan, 0, 0.172))
     return made
 
 

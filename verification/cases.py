@@ -160,27 +160,27 @@ def read_output(output: Mapping[str, Any], where: str) -> tuple[str, dict[str, A
     return str(law or kind), own | of_path
 
 
-def gain_entries(law: ControlLaw, given: Mapping[str, Any], where: str) -> dict[str, Any]:
+def gain_entries(law: ControlLaw, values: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Return gains by the names of law.gains: kp, kd, kv apply to all gains of that kind; a full name takes precedence.
 
     Those of integral action are left to `integral_entries`. Raises BadInput for an unknown name.
     """
     names = [gain.name for gain in law.gains]
-    known = (*SHORT_GAINS, INTEGRAL, *names, *[f"{INTEGRAL}_{row.name}" for row in law.output.rows])
-    for name in given:
-        if name not in known:
-            raise BadInput(f"{where}: unknown gain {name!r}{suggestion(name, known)}")
-    return _in_full(names, given)
+    allowed = (*SHORT_GAINS, INTEGRAL, *names, *[f"{INTEGRAL}_{row.name}" for row in law.output.rows])
+    for name in values:
+        if name not in allowed:
+            raise BadInput(f"{where}: unknown gain {name!r}{suggestion(name, allowed)}")
+    return _in_full(names, values)
 
 
-def integral_entries(law: ControlLaw, given: Mapping[str, Any]) -> dict[str, Any]:
+def integral_entries(law: ControlLaw, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return gains ki_distance, ... of integral action, which is not part of the law; ki applies to all of them."""
-    return _in_full([f"{INTEGRAL}_{row.name}" for row in law.output.rows], given)
+    return _in_full([f"{INTEGRAL}_{row.name}" for row in law.output.rows], values)
 
 
-def _in_full(names: Sequence[str], given: Mapping[str, Any]) -> dict[str, Any]:
-    short = {name: given[name[:2]] for name in names if name[:2] in given}
-    return short | {name: given[name] for name in names if name in given}
+def _in_full(names: Sequence[str], values: Mapping[str, Any]) -> dict[str, Any]:
+    short = {name: values[name[:2]] for name in names if name[:2] in values}
+    return short | {name: values[name] for name in names if name in values}
 
 
 def _read_json(path: str) -> Any:
@@ -224,11 +224,11 @@ def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
     )
 
 
-def _reference(law: ControlLaw, given: Any, where: str) -> np.ndarray:
+def _reference(law: ControlLaw, table: Any, where: str) -> np.ndarray:
     """Return y, yd, ydd by row of the output: all three for relative degree 2; y and ydd, the desired rate, for 1."""
     rows = len(law.output.rows)
-    _check_keys(given, REFERENCE, REFERENCE, where)
-    y, yd, ydd = (_numbers(given[key], rows, f"{where}.{key}") for key in REFERENCE)
+    _check_keys(table, REFERENCE, REFERENCE, where)
+    y, yd, ydd = (_numbers(table[key], rows, f"{where}.{key}") for key in REFERENCE)
     values: list[float] = []
     for row, degree in enumerate(law.linearization.relative_degree):
         values += [y[row], yd[row], ydd[row]] if degree == 2 else [y[row], ydd[row]]
@@ -237,9 +237,9 @@ def _reference(law: ControlLaw, given: Any, where: str) -> np.ndarray:
     return np.array(values)
 
 
-def _expect(given: Any, where: str) -> dict[str, np.ndarray]:
-    _check_keys(given, EXPECTED, (), where)
-    return {name: np.array(_array(value, f"{where}.{name}"), dtype=float) for name, value in given.items()}
+def _expect(table: Any, where: str) -> dict[str, np.ndarray]:
+    _check_keys(table, EXPECTED, (), where)
+    return {name: np.array(_array(value, f"{where}.{name}"), dtype=float) for name, value in table.items()}
 
 
 def _array(value: Any, where: str) -> list:
@@ -249,48 +249,48 @@ def _array(value: Any, where: str) -> list:
     return _numbers(value, None, where, finite=True)
 
 
-def _values(quantities: Sequence[Quantity], given: Mapping[str, Any], where: str) -> tuple[float, ...]:
+def _values(quantities: Sequence[Quantity], table: Mapping[str, Any], where: str) -> tuple[float, ...]:
     names = [quantity.name for quantity in quantities]
-    _check_keys(given, names, names, where)
-    return tuple(_number(given[name], f"{where}.{name}") for name in names)
+    _check_keys(table, names, names, where)
+    return tuple(_number(table[name], f"{where}.{name}") for name in names)
 
 
-def _check_keys(given: Any, known: Sequence[str], needed: Sequence[str], where: str) -> None:
-    for key in _table(given, where):
-        if key not in known:
-            raise BadInput(f"{where}: unknown key {key!r}{suggestion(key, known)}")
-    missing = [key for key in needed if key not in given]
+def _check_keys(table: Any, allowed: Sequence[str], needed: Sequence[str], where: str) -> None:
+    for key in _table(table, where):
+        if key not in allowed:
+            raise BadInput(f"{where}: unknown key {key!r}{suggestion(key, allowed)}")
+    missing = [key for key in needed if key not in table]
     if missing:
         raise BadInput(f"{where}: {', '.join(missing)} missing")
 
 
-def _table(given: Any, where: str) -> Mapping[str, Any]:
-    if not isinstance(given, dict):
-        raise BadInput(f"{where}: must be an object {{...}}, not {_brief(given)}")
-    return given
+def _table(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise BadInput(f"{where}: must be an object {{...}}, not {_brief(value)}")
+    return value
 
 
-def _numbers(given: Any, length: int | None, where: str, finite: bool = False) -> list[float]:
-    if not isinstance(given, list) or length is not None and len(given) != length:
+def _numbers(values: Any, length: int | None, where: str, finite: bool = False) -> list[float]:
+    if not isinstance(values, list) or length is not None and len(values) != length:
         requirement = "a list of numbers" if length is None else f"a list of {length} numbers"
-        raise BadInput(f"{where}: must be {requirement}, not {_brief(given)}")
-    numbers = [_number(value, where) for value in given]
+        raise BadInput(f"{where}: must be {requirement}, not {_brief(values)}")
+    numbers = [_number(value, where) for value in values]
     if finite and not np.all(np.isfinite(numbers)):
         raise BadInput(f"{where}: has a number that is not finite")
     return numbers
 
 
-def _number(given: Any, where: str) -> float:
-    if isinstance(given, float):
-        return given
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, float):
+        return value
     try:
-        if isinstance(given, str) and "_" not in given:
-            return float(given)
+        if isinstance(value, str) and "_" not in value:
+            return float(value)
     except ValueError:
         pass
-    raise BadInput(f"{where}: {_brief(given)} is not a number")
+    raise BadInput(f"{where}: {_brief(value)} is not a number")
 
 
-def _brief(given: Any) -> str:
-    text = json.dumps(given)
+def _brief(value: Any) -> str:
+    text = json.dumps(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -109,14 +109,14 @@ def _against_expected(cases: Sequence[EvaluationCase], backend: str) -> Deviatio
         for name, expected in case.expect.items():
             if name not in offered:
                 continue
-            found = deviations.setdefault(name, [])
+            of_name = deviations.setdefault(name, [])
             if evaluation.status != "ok":
-                found.append(Deviation(float("inf"), 0.0, f"{case.where} (status {evaluation.status})"))
+                of_name.append(Deviation(float("inf"), 0.0, f"{case.where} (status {evaluation.status})"))
                 continue
             value = evaluation.values[name]
             if expected.shape != value.shape:
                 raise BadInput(f"{case.where}: expect.{name} has shape {list(expected.shape)}; it must be {list(value.shape)}")
-            found.append(deviation_of(value, expected, case.where))
+            of_name.append(deviation_of(value, expected, case.where))
     return deviations
 
 
@@ -155,8 +155,8 @@ def check_random(
         raise BadInput(f"{robot}: this robot can have none of the laws; name one with --output LAW to see why")
     laws = [law_of(system, name) for name in names]
     tables, failures = {}, []
-    for done, law in enumerate(laws):
-        progress(done, len(laws), "laws compared")
+    for k, law in enumerate(laws):
+        progress(k, len(laws), "laws compared")
         tables[law.name] = _compare(law, states, seed, backends)
     for name, table in tables.items():
         for backend, summaries in table.items():
@@ -184,16 +184,16 @@ def _compare(law: ControlLaw, states: int, seed: int, backends: Sequence[str]) -
             for point in plant.points:
                 inputs = as_held(point.state, "float"), as_held(point.reference, "float")
                 _add(deviations["cf"], single.evaluate(*inputs), double.evaluate(*inputs), f"state {point.number}")
-    return {backend: summarized(found, TYPICAL) for backend, found in deviations.items()}
+    return {backend: summarized(by_quantity, TYPICAL) for backend, by_quantity in deviations.items()}
 
 
 def _add(deviations: Deviations, evaluation: Evaluation, truth: Evaluation, where: str) -> None:
     for name in QUANTITIES:
         if evaluation.status == truth.status == "ok":
-            found = deviation_of(evaluation.values[name], truth.values[name], where)
+            deviation = deviation_of(evaluation.values[name], truth.values[name], where)
         else:
-            found = Deviation(float("inf"), 0.0, f"{where} (status {evaluation.status}, reference {truth.status})")
-        deviations.setdefault(name, []).append(found)
+            deviation = Deviation(float("inf"), 0.0, f"{where} (status {evaluation.status}, reference {truth.status})")
+        deviations.setdefault(name, []).append(deviation)
 
 
 def _random_table(tables: dict[str, dict[str, dict[str, ErrorSummary]]], backends: Sequence[str]) -> str:
@@ -216,19 +216,19 @@ def deviation_of(value: np.ndarray, expected: np.ndarray, where: str) -> Deviati
     return Deviation(difference if np.isfinite(difference) else float("inf"), float(np.max(np.abs(expected), initial=0.0)), where)
 
 
-def relative(found: Sequence[Deviation], typical: float) -> list[float]:
+def relative(deviations: Sequence[Deviation], typical: float) -> list[float]:
     """Return errors relative to the largest entry expected, but at least to SMALLEST and `typical` times the median of those."""
-    least = max(SMALLEST, typical * float(np.median([deviation.size for deviation in found])))
-    return [deviation.difference / max(deviation.size, least) for deviation in found]
+    least = max(SMALLEST, typical * float(np.median([deviation.size for deviation in deviations])))
+    return [deviation.difference / max(deviation.size, least) for deviation in deviations]
 
 
 def summarized(deviations: Deviations, typical: float) -> dict[str, ErrorSummary]:
     """Return the errors of each quantity, `relative` to its size."""
     summaries = {}
-    for name, found in deviations.items():
-        errors = relative(found, typical)
+    for name, of_name in deviations.items():
+        errors = relative(of_name, typical)
         worst = int(np.argmax(errors))
-        summaries[name] = ErrorSummary(errors[worst], float(np.median(errors)), found[worst].where, len(found))
+        summaries[name] = ErrorSummary(errors[worst], float(np.median(errors)), of_name[worst].where, len(of_name))
     return summaries
 
 

@@ -63,5 +63,5 @@ def evaluate(expression: ca.SX, symbols: Sequence[ca.SX], values: Iterable[float
     Raises KeyError for an operation that is not in FUNCTIONS.
     """
     with mpmath.workdps(DIGITS):
-        given = [mpmath.mpf(float(value)) for value in values]
-        return fold(expression, symbols, given.__getitem__, mpmath.mpf, lambda code, arguments: FUNCTIONS[code](*arguments))
+        numbers = [mpmath.mpf(float(value)) for value in values]
+        return fold(expression, symbols, numbers.__getitem__, mpmath.mpf, lambda code, arguments: FUNCTIONS[code](*arguments))

@@ -101,8 +101,8 @@ class Instance:
         """Set variables. Raises Mismatch if the FMU refuses one."""
         for name, value in values.items():
             kind, access = ("fmi3Int64", "fmi3SetInt64") if name in self._whole else ("fmi3Float64", "fmi3SetFloat64")
-            given = self._ffi.new(f"{kind}[]", [value])
-            if getattr(self._lib, access)(self._self, [self.references[name]], 1, given, 1) != self._lib.fmi3OK:
+            buffer = self._ffi.new(f"{kind}[]", [value])
+            if getattr(self._lib, access)(self._self, [self.references[name]], 1, buffer, 1) != self._lib.fmi3OK:
                 raise Mismatch(f"{name} cannot be set to {value}")
 
     def get(self, names: Sequence[str]) -> np.ndarray:
@@ -141,9 +141,9 @@ def _differences(instance: Instance, kind: str, system: ReducedSystem, law: Cont
             return f"tau is {instance.get(inputs)}, of the compiled law {tau}, at {values}"
         if dynamics:
             params = [values[f"params.{q.name}"] for q in system.mechanism.parameters]
-            right, found = _runge_kutta(CompiledDynamics(dynamics, params), x, tau), instance.get(state)
-            if not np.all(np.abs(found - right) <= CLOSE * (np.abs(x) + np.abs(right - x).max() + 1)):
-                return f"the state after {STEP} s is {found}, from the compiled dynamics {right}, at {values}"
+            right, reached = _runge_kutta(CompiledDynamics(dynamics, params), x, tau), instance.get(state)
+            if not np.all(np.abs(reached - right) <= CLOSE * (np.abs(x) + np.abs(right - x).max() + 1)):
+                return f"the state after {STEP} s is {reached}, from the compiled dynamics {right}, at {values}"
     return ""
 
 
@@ -175,8 +175,8 @@ def _runge_kutta(dynamics: CompiledDynamics, x: np.ndarray, tau: np.ndarray) -> 
     """Return the state after STEP seconds of constant tau, by the method of Runge and Kutta of order 4."""
 
     def rate(x: np.ndarray) -> np.ndarray:
-        found = dynamics.entry(ACCELERATION, x, tau).values
-        return np.concatenate([found[name] for name in ACCELERATION.answers]) if found else np.full(len(x), np.nan)
+        values = dynamics.entry(ACCELERATION, x, tau).values
+        return np.concatenate([values[name] for name in ACCELERATION.answers]) if values else np.full(len(x), np.nan)
 
     k1 = rate(x)
     k2 = rate(x + STEP / 2 * k1)

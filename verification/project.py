@@ -45,33 +45,33 @@ def project_files(
     """
     target, robot = FIRMWARE[name], laws[0].system.mechanism.name
     board = _board(name, target)
-    made = {f"noslip/{file}": text for file, text in sources.items()}
-    made |= {f"board/{file}": text for file, text in target.files().items()}
-    made |= {f"selftest/{path.name}": path.read_text() for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
+    files = {f"noslip/{file}": text for file, text in sources.items()}
+    files |= {f"board/{file}": text for file, text in target.files().items()}
+    files |= {f"selftest/{path.name}": path.read_text() for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
     golden = [_golden(law, scalar) for law in laws]
-    made["selftest/selftest.c"] = selftest(golden, SCALARS[scalar], _digests(golden, sources, scalar))
-    made["loop.c"] = project.loop(laws[0], SCALARS[scalar])
-    made = _needed(made)
-    made["Makefile"] = project.makefile(robot, board)
-    made["CMakeLists.txt"] = project.cmake(robot, board)
-    return made, board
+    files["selftest/selftest.c"] = selftest(golden, SCALARS[scalar], _digests(golden, sources, scalar))
+    files["loop.c"] = project.loop(laws[0], SCALARS[scalar])
+    files = _needed(files)
+    files["Makefile"] = project.makefile(robot, board)
+    files["CMakeLists.txt"] = project.cmake(robot, board)
+    return files, board
 
 
 def package_files(manager: str, sources: dict[str, str], laws: Sequence[ControlLaw], scalar: str) -> dict[str, str]:
     """Return file name -> text of a package for a manager of PACKAGES; `sources` as for `project_files`."""
-    made, _ = project_files("generic", sources, laws, scalar)
-    return package(manager, made, laws, SCALARS[scalar])
+    files, _ = project_files("generic", sources, laws, scalar)
+    return package(manager, files, laws, SCALARS[scalar])
 
 
 def readme(name: str, manifest: str, laws: Sequence[ControlLaw], scalar: str, board: project.Board, folder: Path) -> str:
     """Return README.md of the project in a folder, with measured values if the tools are installed."""
-    given = json.loads(manifest)
-    rows = [_operations(law, scalar, given["laws"][law.name]["operations"]["feedback"]) for law in laws]
+    entries = json.loads(manifest)
+    rows = [_operations(law, scalar, entries["laws"][law.name]["operations"]["feedback"]) for law in laws]
     head = f"| law, {scalar} | bytes of its struct | + − | × | ÷ | √ | sine and cosine |\n|---|---|---|---|---|---|---|"
     table = "\n".join([head, *rows])
     costs = f"A step, apart from its checks, and the memory of one law (on a target with int of 4 bytes):\n\n{table}\n\n"
     return project.readme(
-        given["robot"], [law.name for law in laws], board, given["tools"], costs + _measured(name, folder) + "\n"
+        entries["robot"], [law.name for law in laws], board, entries["tools"], costs + _measured(name, folder) + "\n"
     )
 
 
@@ -173,13 +173,13 @@ def _digests(golden: Sequence[Golden], sources: dict[str, str], scalar: str) -> 
     own = {path.name: path.read_text() for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
     own["route.h"] = own["route.h"].replace("static uint32_t", "uint32_t")
     laws = {name: text for name, text in sources.items() if not name.startswith("noslip_")}
-    found = load(ffi, {**laws, **own, "selftest.c": text})
-    return {name: getattr(found, name)() for name in names}
+    lib = load(ffi, {**laws, **own, "selftest.c": text})
+    return {name: getattr(lib, name)() for name in names}
 
 
 def _operations(law: ControlLaw, scalar: str, count: dict[str, int]) -> str:
-    made = library(law, scalar)
-    size = made.ffi.sizeof(made.name(""))
+    compiled = library(law, scalar)
+    size = compiled.ffi.sizeof(compiled.name(""))
     numbers = (size, count["add"] + count["sub"], count["mul"], count["div"], count["sqrt"], count["sincos"])
     return f"| `{law.name}` | {' | '.join(map(str, numbers))} |"
 
@@ -195,18 +195,18 @@ def _measured(name: str, folder: Path) -> str:
             f"Bytes and instructions were not measured on the computer that exported this ({absent[0]} is missing): see "
             "`make budget`.\n"
         )
-    said = []
+    outputs = []
     for goal in ("test", "budget"):
         command = ["make", "-s", "-C", str(folder), goal]
-        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT)
-        if done.returncode:
-            lines = (done.stderr + done.stdout).strip().splitlines()
+        process = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT)
+        if process.returncode:
+            lines = (process.stderr + process.stdout).strip().splitlines()
             worst = next((line for line in lines if "rror:" in line or "FAIL" in line), lines[-1] if lines else "no output")
             raise BadInput(f"the exported project does not pass `make {goal}`: {worst}")
-        said.append(done.stdout.strip())
+        outputs.append(process.stdout.strip())
     subprocess.run(["make", "-s", "-C", str(folder), "clean"], capture_output=True, timeout=TIMEOUT)
     compiler = FIRMWARE[name].compiler or "cc"
     version = subprocess.run([compiler, "-dumpfullversion"], capture_output=True, text=True).stdout.strip()
-    text = "\n".join(said).replace(str(folder), ".")
+    text = "\n".join(outputs).replace(str(folder), ".")
     counted = "; instructions of a step with all its checks, as executed in QEMU" if FIRMWARE[name].bare else ""
     return f"Measured with {compiler} {version} -O2{counted}:\n\n```\n{text}\n```\n"

@@ -59,11 +59,11 @@ class Motion:
 def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[RandomPlant]:
     """Yield plants with `states` regular points in total. Raises BadInput if hardly any state is regular."""
     random = np.random.default_rng(seed)
-    found = drawn = 0
-    while found < states:
+    accepted = drawn = 0
+    while accepted < states:
         if drawn > DRAWS * states:
             raise BadInput(
-                f"{law.name}: hardly any random state is regular: {found} of {drawn}; is the output singular everywhere?"
+                f"{law.name}: hardly any random state is regular: {accepted} of {drawn}; is the output singular everywhere?"
             )
         params, config, gains = (_values(group, random) for group in (law.parameters, law.config, law.gains))
         drawn += STATES_PER_PLANT
@@ -73,21 +73,21 @@ def random_plants(law: ControlLaw, states: int, seed: int) -> Iterator[RandomPla
             continue
         regular = _Regular(law.system, params)
         points: list[RandomPoint] = []
-        for k in range(min(STATES_PER_PLANT, states - found)):
+        for k in range(min(STATES_PER_PLANT, states - accepted)):
             state, reference = _state(law, config, random), random.uniform(-2, 2, len(law.reference))
             if k % SPECIAL == SPECIAL - 1:
                 state = _special(law.state, state, random)
             truth = controller.evaluate(state, reference)
             if truth.status == "ok" and _regular(truth.values["Phi"]) and regular.moves(state) and regular.driven(state):
-                points.append(RandomPoint(found + len(points), state, reference, truth))
-        found += len(points)
+                points.append(RandomPoint(accepted + len(points), state, reference, truth))
+        accepted += len(points)
         yield RandomPlant(params, config, gains, tuple(points))
 
 
 def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Motion]:
     """Yield motions of a robot where S and S'MS are regular. Raises BadInput if hardly any random state is."""
     random = np.random.default_rng(seed)
-    found = 0
+    accepted = 0
     for drawn in range(DRAWS * count):
         if drawn % STATES_PER_PLANT == 0:
             params = _values(system.mechanism.parameters, random)
@@ -96,11 +96,12 @@ def random_motions(system: ReducedSystem, count: int, seed: int) -> Iterator[Mot
         if drawn % SPECIAL == SPECIAL - 1:
             state = _special(system.state, state, random)
         if regular.moves(state):
-            found += 1
+            accepted += 1
             yield Motion(params, state, tau)
-        if found == count:
+        if accepted == count:
             return
-    raise BadInput(f"{system.mechanism.name}: the mass matrix S'MS is regular at hardly any random state: {found} of {drawn + 1}")
+    regular_of = f"{accepted} of {DRAWS * count}"
+    raise BadInput(f"{system.mechanism.name}: the mass matrix S'MS is regular at hardly any random state: {regular_of}")
 
 
 class _Regular:

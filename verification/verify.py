@@ -51,14 +51,14 @@ SURELY = 0.1  # of the threshold: below it Phi is singular in float as well
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """The result of an entry point at a state, and the model's value there. `given` are the inputs by group, SI."""
+    """The result of an entry point at a state, and the model's value there. `inputs` are by group, SI."""
 
-    what: str
+    label: str
     status: str
     value: np.ndarray | None
     expected: np.ndarray
     quantity: str
-    given: Mapping[str, np.ndarray]
+    inputs: Mapping[str, np.ndarray]
 
 
 def differences(
@@ -77,8 +77,8 @@ def differences(
         print(f"noslip: warning: the C is not compared with the model: {reason}", file=sys.stderr)
         return []
     wrong = []
-    for done, (part, own, key) in enumerate(parts):
-        progress(done, len(parts), "files compared with the model")
+    for k, (part, own, key) in enumerate(parts):
+        progress(k, len(parts), "files compared with the model")
         wrong += _compared(part, own, key)
     return wrong
 
@@ -102,14 +102,14 @@ def _compared(part: "_InC", files: Mapping[str, str], key: tuple) -> list[str]:
     samples: dict[str, list[Sample]] = {}
     try:
         for sample in part.samples(files):
-            samples.setdefault(sample.what, []).append(sample)
+            samples.setdefault(sample.label, []).append(sample)
     except DoesNotCompile as error:
         return [f"{part.title}: {error}"]
     wrong = [worst for each in samples.values() if (worst := part.first_wrong(each))]
     if not wrong:
         keep(key, MARK, b"")
         return []
-    also = f"; so do {', '.join(sample.what for sample in wrong[1:])}" if wrong[1:] else ""
+    also = f"; so do {', '.join(sample.label for sample in wrong[1:])}" if wrong[1:] else ""
     return [f"{part.title}: {part.about(wrong[0])}{also}"]
 
 
@@ -142,9 +142,9 @@ class _InC(ABC):
         dense = [ca.densify(expression) for expression in self.expressions.values()]
         return Direct(ca.Function("model", list(self.groups.values()), dense))
 
-    def right(self, given: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def right(self, inputs: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return the model's values; matrices have two dimensions."""
-        values = self.model(*[given[group] for group in self.groups])
+        values = self.model(*[inputs[group] for group in self.groups])
         shapes = [expression.shape for expression in self.expressions.values()]
         each = zip(self.expressions, values, shapes, strict=True)
         return {name: value.reshape(shape, order="F") for name, value, shape in each}
@@ -174,7 +174,7 @@ class _InC(ABC):
         if sample.quantity not in self.expressions:
             return False
         places = [symbol for group in self.groups.values() for symbol in ca.vertsplit(group)]
-        values = np.concatenate([np.ravel(sample.given[group]) for group in self.groups])
+        values = np.concatenate([np.ravel(sample.inputs[group]) for group in self.groups])
 
         def exact(inputs: np.ndarray) -> np.ndarray:
             return np.array(evaluate(self.expressions[sample.quantity], places, inputs), float)
@@ -184,18 +184,18 @@ class _InC(ABC):
             rounded = values * (1 + ROUNDING[self.scalar] * np.random.default_rng(seed).choice((-1, 1), len(values)))
             response = max(response, np.abs(exact(rounded) - expected).max(initial=0.0))
         off = np.abs(value.ravel(order="F") - sample.expected.ravel(order="F")).max(initial=0.0)
-        plain = self.right(sample.given)[sample.quantity].ravel(order="F")
+        plain = self.right(sample.inputs)[sample.quantity].ravel(order="F")
         # the latter: error of the model in double
         return bool(off <= RESPONSE * response + 2 * np.abs(plain - expected).max(initial=0.0))
 
     def about(self, sample: Sample) -> str:
         """Return the description of a difference: both values, and the inputs on which it depends."""
-        said = f"status {sample.status}" if sample.value is None else _listed(sample.value)
+        from_c = f"status {sample.status}" if sample.value is None else _listed(sample.value)
         expected = _listed(sample.expected) if sample.quantity else f"status {SAYS_SINGULAR}"
         model = self.expressions.get(sample.quantity, ca.vertcat(*self.groups.values()))
         used = [(name, group) for name, group in self.groups.items() if group.numel() and ca.depends_on(model, group)]
-        given = "; ".join(f"{name} {_named(name, group, sample.given[name])}" for name, group in used)
-        return f"{sample.what} differs: the C gives {said}; the model gives {expected} (at {given})"
+        at = "; ".join(f"{name} {_named(name, group, sample.inputs[name])}" for name, group in used)
+        return f"{sample.label} differs: the C gives {from_c}; the model gives {expected} (at {at})"
 
 
 def _named(name: str, group: ca.SX, values: Iterable[float]) -> str:
@@ -224,8 +224,8 @@ class _LawInC(_InC):
     def expressions(self) -> dict[str, ca.SX]:
         """The model's quantities, and the measure of singularity of Phi."""
         law, measure = self.law, ca.vertcat(*self.law.linearization.measure)
-        found = law.quantities | {"tau_of_v": law.tau_of_v, "slope": law.slope, "measure": measure}
-        return found | {str(name): expression for name, expression in plain_ground(law.system).items()}
+        quantities = law.quantities | {"tau_of_v": law.tau_of_v, "slope": law.slope, "measure": measure}
+        return quantities | {str(name): expression for name, expression in plain_ground(law.system).items()}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield every entry point at random regular states, and the step at singular ones."""
@@ -236,35 +236,35 @@ class _LawInC(_InC):
             numbers = {"params": params, "config": config, "gains": gains}
             controller = CompiledController(self.law, params, config, gains, made_by=library)
             for point in plant.points:
-                given = numbers | {"state": self.held(point.state), "reference": self.held(point.reference)}
-                given["virtual_input"] = self.held(random.uniform(-2, 2, len(self.law.virtual_input)))
-                given["input"] = self.held(random.uniform(-2, 2, len(self.law.system.mechanism.inputs)))
-                yield from self._at(controller, library, given)
-                yield from self._at_foot(controller, library, given, random)
+                inputs = numbers | {"state": self.held(point.state), "reference": self.held(point.reference)}
+                inputs["virtual_input"] = self.held(random.uniform(-2, 2, len(self.law.virtual_input)))
+                inputs["input"] = self.held(random.uniform(-2, 2, len(self.law.system.mechanism.inputs)))
+                yield from self._at(controller, library, inputs)
+                yield from self._at_foot(controller, library, inputs, random)
             if singular < SINGULAR_STATES:
                 for state in self._singular_states(plant, numbers):
                     singular += 1
-                    yield from self._refused(controller, given | {"state": state})
+                    yield from self._refused(controller, inputs | {"state": state})
 
-    def _at(self, controller: CompiledController, library: Library, given: Mapping) -> Iterator[Sample]:
+    def _at(self, controller: CompiledController, library: Library, inputs: Mapping) -> Iterator[Sample]:
         """Yield the results of the entry points that take the state."""
-        right = self.right(given)
-        state, reference = given["state"], given["reference"]
+        right = self.right(inputs)
+        state, reference = inputs["state"], inputs["reference"]
         evaluation, (status, tau) = controller.evaluate(state, reference), controller.step(state, reference)
         for name, value in (evaluation.values or dict.fromkeys(self.expressions, None)).items():
             if name in right:
                 shaped = None if value is None else np.reshape(value, right[name].shape)
-                yield Sample(f"{name} by evaluate", evaluation.status, shaped, right[name], name, given)
-        yield Sample("tau by step", status, tau[:, None] if status == "ok" else None, right["tau"], "tau", given)
+                yield Sample(f"{name} by evaluate", evaluation.status, shaped, right[name], name, inputs)
+        yield Sample("tau by step", status, tau[:, None] if status == "ok" else None, right["tau"], "tau", inputs)
         for entry, body in library.text.program.entries.items():
             if entry.public and not entry.at_foot and entry not in (EVALUATE, STEP):
                 (name,) = body.quantities
-                found = controller.entry(entry, state, more=given[entry.takes] if entry.takes else ())
-                yield Sample(f"{name} by {entry.name}", found.status, found.values.get(name), right[name], name, given)
-        yield from self._slowed(library, given, right, "step")
+                outcome = controller.entry(entry, state, more=inputs[entry.takes] if entry.takes else ())
+                yield Sample(f"{name} by {entry.name}", outcome.status, outcome.values.get(name), right[name], name, inputs)
+        yield from self._slowed(library, inputs, right, "step")
 
     def _slowed(
-        self, library: Library, given: Mapping, right: Mapping, entry: str, foot: Sequence[float] = ()
+        self, library: Library, inputs: Mapping, right: Mapping, entry: str, foot: Sequence[float] = ()
     ) -> Iterator[Sample]:
         """Yield the step with reduced acceleration: the input that is most sensitive is limited to nine tenths."""
         tau, slope = right["tau"].ravel(), right["slope"].ravel()
@@ -276,15 +276,15 @@ class _LawInC(_InC):
         torque = np.zeros(len(tau))
         torque[most] = self.held([0.9 * abs(tau[most])])[0]
         limits = np.where(torque > 0, torque, np.inf)
-        params, config, gains = given["made of"] if foot else (given[group] for group in ("params", "config", "gains"))
+        params, config, gains = inputs["made of"] if foot else (inputs[group] for group in ("params", "config", "gains"))
         controller = CompiledController(self.law, params, config, gains, limits=Limits(tuple(torque), "slow"), made_by=library)
         which = next(e for e in library.text.program.entries if e.name == entry)
-        found = controller.entry(which, given["state"], foot, given["reference"])
-        value = next(iter(found.values.values()), None)
-        yield Sample(f"tau by {entry}, slowed", found.status, value, slowed(tau, slope, limits)[:, None], "tau", given)
+        outcome = controller.entry(which, inputs["state"], foot, inputs["reference"])
+        value = next(iter(outcome.values.values()), None)
+        yield Sample(f"tau by {entry}, slowed", outcome.status, value, slowed(tau, slope, limits)[:, None], "tau", inputs)
 
     def _at_foot(
-        self, controller: CompiledController, library: Library, given: Mapping, random: np.random.Generator
+        self, controller: CompiledController, library: Library, inputs: Mapping, random: np.random.Generator
     ) -> Iterator[Sample]:
         """Yield `follow` at a random foot of P_l, and the model with a path and a vehicle in that relative position."""
         follow = FOLLOW if FOLLOW in library.text.program.entries else None
@@ -292,8 +292,8 @@ class _LawInC(_InC):
             return
         distance, heading, curvature = self.held(random.uniform(-1, 1, 3) * (1, np.pi, 0.5))
         foot = (distance, np.cos(heading), np.sin(heading), curvature)
-        place = self._place(given["config"], distance, heading, curvature)
-        moved = dict(given) | {"state": np.array(given["state"]), "config": np.array(given["config"])}
+        place = self._place(inputs["config"], distance, heading, curvature)
+        moved = dict(inputs) | {"state": np.array(inputs["state"]), "config": np.array(inputs["config"])}
         names, config = ([q.name for q in self.law.groups[group]] for group in ("state", "config"))
         vehicle = self.law.system.mechanism.required_vehicle
         for symbol, value in zip((vehicle.x, vehicle.y, vehicle.heading), (*place[:2], heading), strict=True):
@@ -303,10 +303,10 @@ class _LawInC(_InC):
         right = self.right(moved)
         if not right["measure"][0] > REGULAR * right["measure"][1]:
             return
-        found = controller.entry(follow, moved["state"], foot, given["reference"])
-        value = next(iter(found.values.values()), None)
-        yield Sample("tau by follow", found.status, value, right["tau"], "tau", moved)
-        moved["made of"] = [given[group] for group in ("params", "config", "gains")]
+        outcome = controller.entry(follow, moved["state"], foot, inputs["reference"])
+        value = next(iter(outcome.values.values()), None)
+        yield Sample("tau by follow", outcome.status, value, right["tau"], "tau", moved)
+        moved["made of"] = [inputs[group] for group in ("params", "config", "gains")]
         yield from self._slowed(library, moved, right, "follow", foot)
 
     def _place(self, config: Sequence[float], distance: float, heading: float, curvature: float) -> np.ndarray:
@@ -334,14 +334,14 @@ class _LawInC(_InC):
                 yield state
                 return
 
-    def _refused(self, controller: CompiledController, given: Mapping) -> Iterator[Sample]:
+    def _refused(self, controller: CompiledController, inputs: Mapping) -> Iterator[Sample]:
         """Yield the status at a state where Phi is singular; there is no value."""
         for entry, status in (
-            ("step", controller.step(given["state"], given["reference"])[0]),
-            ("evaluate", controller.evaluate(given["state"], given["reference"]).status),
+            ("step", controller.step(inputs["state"], inputs["reference"])[0]),
+            ("evaluate", controller.evaluate(inputs["state"], inputs["reference"]).status),
         ):
             none = np.zeros((0, 1))
-            yield Sample(f"status of {entry}", status, none if status == SAYS_SINGULAR else None, none, "", given)
+            yield Sample(f"status of {entry}", status, none if status == SAYS_SINGULAR else None, none, "", inputs)
 
 
 @cache
@@ -387,22 +387,22 @@ class _DynamicsInC(_InC):
     def expressions(self) -> dict[str, ca.SX]:
         """The model's quantities (9) to (11)."""
         system = self.system
-        found = {"qdot": system.qdot, "Mbar": system.Mbar, "bias": system.bias, "input_map": system.input_map}
-        return found | {"nudot": system.acceleration(self.groups["input"])}
+        quantities = {"qdot": system.qdot, "Mbar": system.Mbar, "bias": system.bias, "input_map": system.input_map}
+        return quantities | {"nudot": system.acceleration(self.groups["input"])}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield every entry point at random states."""
         library = DynamicsLibrary(self.system, self.scalar, files)
         for motion in _motions(self.system):
             values = (motion.params, motion.state, motion.tau)
-            given = dict(zip(self.groups, map(self.held, values), strict=True))
-            made, right = CompiledDynamics(library, given["params"]), self.right(given)
+            inputs = dict(zip(self.groups, map(self.held, values), strict=True))
+            dynamics, right = CompiledDynamics(library, inputs["params"]), self.right(inputs)
             for entry in DYNAMICS_ENTRIES:
-                found = made.entry(entry, given["state"], given["input"])
+                outcome = dynamics.entry(entry, inputs["state"], inputs["input"])
                 for name in entry.answers:
-                    value = found.values.get(name)
+                    value = outcome.values.get(name)
                     shaped = None if value is None else value.reshape(right[name].shape)
-                    yield Sample(f"{name} by {entry.name}", found.status, shaped, right[name], name, given)
+                    yield Sample(f"{name} by {entry.name}", outcome.status, shaped, right[name], name, inputs)
 
 
 @cache

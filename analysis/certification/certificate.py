@@ -31,7 +31,7 @@ class Course:
 
     `largest`: upper bound of |s|; `lost`: why no more is proved, empty if the end was reached; `t` (s) and `s` of the nominal
     motion. `unstable`: it rests at an equilibrium that is not stable. `approaching`: all motions approach the singular set, and
-    as fast as they do they would not have been there yet; `approach`: which deviations of the parameters (1: the largest) bring
+    none would have reached it earlier at its present rate; `approach`: which deviations of the parameters (1: the largest) bring
     them nearer; `shares`: what each parameter's spread contributes to the width of the set in its coordinates, relative to that
     width and summed. Both are None before the first step.
     """
@@ -51,14 +51,14 @@ class Course:
 
 @dataclass(frozen=True)
 class Settled:
-    """The motions whose deviation differs by at most `width` from what is linear in the parameters in `tube`."""
+    """The motions whose deviation differs by at most `width` from the part of `tube` that is linear in the parameters."""
 
     tube: Tube
     width: np.ndarray
 
     @property
     def start(self) -> Tube:
-        """All of them."""
+        """The tube of these motions."""
         return Tube(self.tube.centre, self.tube.S, np.diag(self.width), self.tube.spread)
 
     def holds(self, tube: Tube) -> bool:
@@ -83,23 +83,23 @@ class _Field:
 
     def __init__(self, loop: EnclosedLoop):
         self.loop = loop
-        self.bend = np.zeros(0 if loop.along is None else 1)  # the curvature at the nominal motion, if it is an argument
+        self.curvature = np.zeros(0 if loop.along is None else 1)  # the curvature at the nominal motion, if it is an argument
 
-    def bent(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Return by how much the curvature may differ from `bend` for advancing motions, and whether they must advance."""
+    def near(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Return by how much the curvature may differ from `curvature` for advancing motions, and whether they must advance."""
         loop = self.loop
         if loop.along is None:
-            return self.bend, False
+            return self.curvature, False
         place, far = tube.centre[loop.along], tube.radius[loop.along]
         reach = far + (growth + moved)[loop.along]
-        middle, half = loop.bends.within(place - far, place + reach)
-        self.bend = np.array([middle])
-        return np.array([half]), loop.bends.within(place - reach, place + reach) != (middle, half)
+        middle, half = loop.curvatures.within(place - far, place + reach)
+        self.curvature = np.array([middle])
+        return np.array([half]), loop.curvatures.within(place - reach, place + reach) != (middle, half)
 
-    def advancing(self, found: Bounds, has_to: bool) -> bool:
+    def advancing(self, rate: Bounds, has_to: bool) -> bool:
         """Whether all motions advance along the path, if they must."""
         at = self.loop.along
-        return not has_to or bool(found.value[at] > found.moved[at] + found.radius[at])
+        return not has_to or bool(rate.value[at] > rate.moved[at] + rate.radius[at])
 
 
 class _Held(_Field):
@@ -113,33 +113,33 @@ class _Held(_Field):
         n, r = len(self.loop.z), len(self.loop.most)
         return [np.concatenate([part[:n], part[self._first : self._first + r]]) for part in parts]
 
-    def tangent(self, x: np.ndarray, found: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As a Field's."""
+    def tangent(self, x: np.ndarray, bounds: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See RateOfChange."""
         n, r, count = len(self.loop.z), len(self.loop.most), len(self.loop.spread)
-        value, slope = self.loop.plant.tangent(np.concatenate([*self._arguments(x), self.loop.nominal, self.bend]))
+        value, slope = self.loop.plant.tangent(np.concatenate([*self._arguments(x), self.loop.nominal, self.curvature]))
         rate, A, B = np.zeros(len(x)), np.zeros((len(x), len(x))), np.zeros((len(x), count))
         rate[:n], A[:n, :n], B[:n] = value, slope[:, :n], slope[:, n + r : n + r + count]
         A[:n, self._first : self._first + r] = slope[:, n : n + r]
         return rate, A, B
 
     def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
-        """As a Field's."""
+        """See RateOfChange."""
         loop, n, count = self.loop, len(self.loop.z), len(tube.spread)
-        half, has_to = self.bent(tube, moved, growth)
+        half, has_to = self.near(tube, moved, growth)
         parts = (tube.centre, moved, tube.radius + growth, growth, tube.S, tube.G)
         x, moved, radius, growth, S, G = self._arguments(*parts)
         none = np.zeros(count)
-        found = loop.plant.bounds(
-            np.concatenate([x, loop.nominal, self.bend]),
+        rate = loop.plant.bounds(
+            np.concatenate([x, loop.nominal, self.curvature]),
             np.concatenate([moved, none, 0 * half]),
             np.concatenate([radius, tube.spread, half]),
             np.concatenate([0 * x, none, half]),
         )
         S, G = np.vstack([S, np.eye(count), np.zeros((len(half), count))]), _padded(G, count + len(half))
-        found = found.of(S, G, tube.spread, np.concatenate([growth, none, half]))
-        if not self.advancing(found, has_to):
+        rate = rate.of(S, G, tube.spread, np.concatenate([growth, none, half]))
+        if not self.advancing(rate, has_to):
             raise _Standing
-        entries = (found.value, found.slope, found.moved, found.radius, found.rest, found.turned)
+        entries = (rate.value, rate.slope, rate.moved, rate.radius, rate.rest, rate.turned)
         return Bounds(*[_padded(entry, len(tube.centre) - n) for entry in entries])
 
 
@@ -151,28 +151,28 @@ class _Closed(_Field):
         self._fixed = fixed
         self._inputs: Inputs | None = None
 
-    def tangent(self, x: np.ndarray, found: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As a Field's."""
+    def tangent(self, x: np.ndarray, bounds: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See RateOfChange."""
         loop, m, n, r, count = self.loop, len(x), len(self.loop.z), len(self.loop.most), len(self.loop.spread)
-        value, slope = loop.law.tangent(np.concatenate([x, self.bend]), self._fixed)
+        value, slope = loop.law.tangent(np.concatenate([x, self.curvature]), self._fixed)
         tau = loop.limited(value)
-        rate, by = loop.plant.tangent(np.concatenate([x[:n], tau, loop.nominal, self.bend]))
+        rate, by = loop.plant.tangent(np.concatenate([x[:n], tau, loop.nominal, self.curvature]))
         rate = np.concatenate([rate, value[r : r + m - n]])
-        if found is None or self._inputs is None:
+        if bounds is None or self._inputs is None:
             return rate, np.zeros((m, m)), np.zeros((m, count))
         A = np.vstack([by[:, n : n + r] @ self._inputs.slope(slope)[:, :m], slope[r : r + m - n, :m]])
         A[:n, :n] += by[:, :n]
         return rate, A, _padded(by[:, n + r : n + r + count], m - n)
 
     def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
-        """As a Field's."""
+        """See RateOfChange."""
         loop, n, r, m, count = self.loop, len(self.loop.z), len(self.loop.most), len(tube.centre), len(tube.spread)
-        half, has_to = self.bent(tube, moved, growth)
-        law = loop.asked(tube, self.bend, half, moved, growth, self._fixed)
+        half, has_to = self.near(tube, moved, growth)
+        law = loop.law_bounds(tube, self.curvature, half, moved, growth, self._fixed)
         self._inputs = loop.inputs(law)
         tau, errors, none = self._inputs.bounds, law.rows(slice(r, r + m - n)), np.zeros(count)
         plant = loop.plant.bounds(
-            np.concatenate([tube.centre[:n], tau.value, loop.nominal, self.bend]),
+            np.concatenate([tube.centre[:n], tau.value, loop.nominal, self.curvature]),
             np.concatenate([moved[:n], tau.moved, none, 0 * half]),
             np.concatenate([tube.radius[:n] + growth[:n], tau.radius, tube.spread, half]),
             np.concatenate([np.zeros(n), tau.rest, none, half]),
@@ -194,12 +194,12 @@ def _padded(part: np.ndarray, rows: int) -> np.ndarray:
 
 
 class Certificate:
-    """Integrates an EnclosedLoop. `known`: sets of motions that stay regular for ever."""
+    """Integrates an EnclosedLoop. `invariant`: sets of motions that stay regular for ever."""
 
-    def __init__(self, loop: EnclosedLoop, simulation: Simulation, known: tuple[Settled, ...] = ()):
-        self._loop, self._simulation, self._found = loop, simulation, Course()
+    def __init__(self, loop: EnclosedLoop, simulation: Simulation, invariant: tuple[Settled, ...] = ()):
+        self._loop, self._simulation, self._course = loop, simulation, Course()
         self._t, self._steps, self._count = 0.0, 0, len(loop.loop.integral.rows)
-        self._known, self._tried = known, known[:0]
+        self._invariant, self._tried = invariant, invariant[:0]
         self._kept: tuple[Tube, float, Course] | None = None  # state before a set was widened
         self._flows: dict[Any, Flow] = {}
         self._before: Tube | None = None
@@ -209,7 +209,7 @@ class Certificate:
     @property
     def settled(self) -> tuple[Settled, ...]:
         """The set that was found to be invariant."""
-        return self._tried if self._found.invariant else ()
+        return self._tried if self._course.invariant else ()
 
     def run(self, tube: Tube | None = None) -> Course:
         """Return the proved result for the motions from the start, or from a tube."""
@@ -219,13 +219,13 @@ class Certificate:
             self._guard(tube.centre, 0 * tube.centre, tube.radius)
             self._follow(tube)
         except Lost:
-            self._found.lost = "the bounds grow without limit"
+            self._course.lost = "the bounds grow without limit"
         except _Stop as stop:
-            self._found.lost = str(stop)
-        return self._found
+            self._course.lost = str(stop)
+        return self._course
 
     def _first(self) -> Tube:
-        """Reset to the start."""
+        """Return the tube of the start."""
         start, inputs = self._loop.start, len(self._loop.most)
         count = self._count + (2 * inputs if self._simulation.period else 0)
         centre = np.concatenate([start.value, np.zeros(count)])
@@ -244,7 +244,7 @@ class Certificate:
                 if not self._kept:
                     raise
                 self._next = 2 * self._t
-                tube, self._t, self._found = self._kept  # the set that was widened was too wide
+                tube, self._t, self._course = self._kept  # the set that was widened was too wide
                 self._kept, self._tried = None, ()
 
     # -- integration ---------------------------------------------------------------------------------------------------------
@@ -271,7 +271,7 @@ class Certificate:
             return np.inf
         place, far = tube.centre[loop.along], tube.radius[loop.along]
         speed = max(abs(tube.centre[loop.first]), STILL)
-        left = loop.bends.left(place - far)
+        left = loop.curvatures.left(place - far)
         return max(0.7 * (left - 2 * far) if left > 2 * far else far / 3, NEAR_JOINT) / speed
 
     def _flow(self, kind: type, argument: Any) -> Flow:
@@ -286,18 +286,18 @@ class Certificate:
         loop, r, n, fixed = self._loop, len(self._loop.most), len(self._loop.z), self._fixed()
         m = n + self._count
         part, none = Tube(tube.centre[:m], tube.S[:m], tube.G[:m], tube.spread), np.zeros(m)
-        seen = _Field(loop)
-        half, _ = seen.bent(part, none, none)
-        law = loop.asked(part, seen.bend, half, none, none, fixed)
+        rate = _Field(loop)
+        half, _ = rate.near(part, none, none)
+        law = loop.law_bounds(part, rate.curvature, half, none, none, fixed)
         inputs, errors = loop.inputs(law), law.rows(slice(r, r + self._count))
         if not (inputs.bounds.finite and errors.finite):
             raise Lost
         size, T = len(tube.centre), self._simulation.period
         centre, A, rest = tube.centre.copy(), np.eye(size), np.zeros(size)
-        asked, summed = slice(m + r, m + 2 * r), slice(n, m)
-        centre[asked], rest[asked] = inputs.bounds.value, inputs.bounds.rest
-        A[asked] = 0.0
-        A[asked, :m] = inputs.slope(law.slope)[:, :m]
+        upcoming, summed = slice(m + r, m + 2 * r), slice(n, m)
+        centre[upcoming], rest[upcoming] = inputs.bounds.value, inputs.bounds.rest
+        A[upcoming] = 0.0
+        A[upcoming, :m] = inputs.slope(law.slope)[:, :m]
         centre[summed] += T * errors.value
         A[summed, :m] += T * errors.slope[:, :m]
         rest[summed] = T * errors.rest
@@ -316,7 +316,7 @@ class Certificate:
         if (np.abs(after.centre - tube.centre) > STILL * (1 + np.abs(tube.centre)))[:m].any():
             return
         if np.abs(np.linalg.eigvals(after.G[:m, :m] / PROBE)).max() > 1 + 1e-6:
-            self._found.unstable = True
+            self._course.unstable = True
             raise _Stop("the equilibrium is not stable")
 
     def _fixed(self) -> np.ndarray:
@@ -334,46 +334,46 @@ class Certificate:
         self._steps += 1
         if self._steps > STEPS:
             raise _Stop(f"more than {STEPS} steps would be needed to go on")
-        self._found.until = self._t
+        self._course.until = self._t
         return step.tube
 
     def _guard(self, centre: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> Bounds:
         """Return the bounds of the guard. Raises _Stop unless every state is proved to be regular."""
-        loop, n, found = self._loop, len(self._loop.z), self._found
-        bend = half = np.zeros(0)
+        loop, n, course = self._loop, len(self._loop.z), self._course
+        curvature = half = np.zeros(0)
         if loop.along is not None:
             place, reach = centre[loop.along], (moved + radius)[loop.along]
             if place + reach >= loop.stop:
                 raise _Stop("the desired speed changes along the path from here on, which this proof does not cover")
-            bend, half = (np.array([part]) for part in loop.bends.within(place - reach, place + reach))
+            curvature, half = (np.array([part]) for part in loop.curvatures.within(place - reach, place + reach))
         near = np.concatenate([moved[:n], 0 * half]), np.concatenate([radius[:n], half])
-        bounds = loop.guard.bounds(np.concatenate([centre[:n], bend]), *near, fixed=loop.constants)
+        bounds = loop.guard.bounds(np.concatenate([centre[:n], curvature]), *near, fixed=loop.constants)
         size, scale, determinant, s = bounds.value
         spread = bounds.moved + bounds.radius
         if not (bounds.finite and abs(determinant) > spread[2] and size - spread[0] > SINGULAR * (scale + spread[1])):
             raise _Stop("a motion may become singular")
         least = (size - spread[0]) / (scale + spread[1])
-        found.margin, found.largest = min(found.margin, float(least)), max(found.largest, float(abs(s) + spread[3]))
-        found.t.append(self._t)
-        found.s.append(float(s))
+        course.margin, course.largest = min(course.margin, float(least)), max(course.largest, float(abs(s) + spread[3]))
+        course.t.append(self._t)
+        course.s.append(float(s))
         return bounds
 
     def _approach(self, step: TubeStep, guard: Bounds) -> None:
         """Record whether all motions of a step are near the singular set and approach it."""
-        n, found = len(self._loop.z), self._found
+        n, course = len(self._loop.z), self._course
         side = np.sign(guard.value[2])
         slope, rate = side * guard.slope[2, :n], step.rate
         nearer = -(slope @ rate.value[:n]) - np.abs(slope) @ (rate.moved + rate.radius)[:n]
         farthest = abs(guard.value[2]) + guard.moved[2] + guard.radius[2]
         if farthest < SOON * nearer:
             self._deadline = self._t + farthest / nearer
-        found.approaching = self._t <= self._deadline
-        found.approach = -np.sign(slope @ step.tube.S[:n])
+        course.approaching = self._t <= self._deadline
+        course.approach = -np.sign(slope @ step.tube.S[:n])
         width = np.maximum(step.tube.radius[:n], np.finfo(float).tiny)
-        found.shares = step.tube.spread * (np.abs(step.tube.S[:n]) / width[:, None]).sum(axis=0)
+        course.shares = step.tube.spread * (np.abs(step.tube.S[:n]) / width[:, None]).sum(axis=0)
 
     def _ended(self) -> bool:
-        return self._found.invariant or self._t >= self._end
+        return self._course.invariant or self._t >= self._end
 
     @property
     def _end(self) -> float:
@@ -383,8 +383,8 @@ class Certificate:
         """For a settled motion, return whether the set of states is contained in an earlier one; else a wider set is tried."""
         if not self._loop.settles:
             return tube
-        if any(each.holds(tube) for each in (*self._known, *self._tried)):
-            self._found.invariant = True
+        if any(each.holds(tube) for each in (*self._invariant, *self._tried)):
+            self._course.invariant = True
             return tube
         if self._t < self._next:
             return tube
@@ -396,18 +396,18 @@ class Certificate:
             self._rest(tube)
         if last is None or not (np.abs(tube.centre - last.centre) <= width)[: len(self._loop.z)].all():
             return tube
-        found = self._found
-        self._kept = self._kept or (tube, self._t, replace(found, t=found.t[:], s=found.s[:]))
+        course = self._course
+        self._kept = self._kept or (tube, self._t, replace(course, t=course.t[:], s=course.s[:]))
         self._tried = (Settled(tube, width),)
         return self._tried[0].start
 
 
 def _handed_on(tube: Tube, first: int, r: int) -> Tube:
     """Apply the computed inputs until those of the next call."""
-    acting, asked = slice(first, first + r), slice(first + r, first + 2 * r)
+    acting, upcoming = slice(first, first + r), slice(first + r, first + 2 * r)
     centre, S, G = tube.centre.copy(), tube.S.copy(), tube.G.copy()
     for part in (centre, S, G):
-        part[acting], part[asked] = part[asked], 0.0
+        part[acting], part[upcoming] = part[upcoming], 0.0
     return Tube(centre, S, G, tube.spread)
 
 
@@ -415,10 +415,10 @@ def widest(loop: EnclosedLoop, simulation: Simulation) -> tuple[Settled, ...]:
     """Return the widest set found of motions that stay regular for ever; none if the start does not lead into one."""
     certificate = Certificate(loop, simulation)
     certificate.run()
-    known = certificate.settled
-    for _ in range(WIDER if known else 0):
-        wider = Settled(known[0].tube, 4 * known[0].width)
-        if not Certificate(loop, simulation, known).run(wider.start).invariant:
+    invariant = certificate.settled
+    for _ in range(WIDER if invariant else 0):
+        wider = Settled(invariant[0].tube, 4 * invariant[0].width)
+        if not Certificate(loop, simulation, invariant).run(wider.start).invariant:
             break
-        known = (wider,)
-    return known
+        invariant = (wider,)
+    return invariant

@@ -4,8 +4,8 @@ Along a line or a circle the place on the path does not matter. There the vehicl
 by h, the distance of P_l to the left, and psi, its heading against the direction of travel. With the curvature k of the path
 (positive to the left), P_l' = (x', y') seen from the foot, the foot advances at sigma' = x' / (1 - k h), h' = y' and
 psi' = heading' - k sigma'. Along an ellipse k depends on the foot: there the direction theta of the path at the foot is a further
-coordinate, theta' = k sigma'. On a composite path the distance along it is one, and k changes where two pieces join; h and psi do
-not, whichever piece they are seen from. Where forces depend on the pose, the coordinates are the robot's own.
+coordinate, theta' = k sigma'. On a composite path the distance along it is a further coordinate; where two segments join, k
+changes, h and psi do not. Where forces depend on the pose, the coordinates are the robot's own.
 """
 
 from __future__ import annotations
@@ -54,27 +54,27 @@ class Foot:
 
 def foot_of(kind: str, names: list[str], config: np.ndarray, pose: tuple[float, float, float]) -> Foot | None:
     """Return the start from P_l and the heading in the world frame. None for a path without a chart, and if no foot is found."""
-    given, (x, y, heading) = dict(zip(names, config, strict=True)), pose
+    values, (x, y, heading) = dict(zip(names, config, strict=True)), pose
     if kind == "line":
-        A, B, C = (given[name] for name in "ABC")
+        A, B, C = (values[name] for name in "ABC")
         size = math.hypot(A, B)
         curvature, distance, direction = 0.0, (A * x + B * y + C) / size, math.atan2(-A, B)
-        given |= {"A": 0.0, "B": 1.0, "C": 0.0}
+        values |= {"A": 0.0, "B": 1.0, "C": 0.0}
     elif kind == "circle":
-        dx, dy, R = x - given["x_f"], y - given["y_f"], given["R"]
+        dx, dy, R = x - values["x_f"], y - values["y_f"], values["R"]
         curvature, distance, direction = -1 / R, math.hypot(dx, dy) - R, math.atan2(-dx, dy)
-        given |= {"x_f": 0.0, "y_f": -R}
+        values |= {"x_f": 0.0, "y_f": -R}
     elif kind == "segment":
-        segment = Segment(given["x_s"], given["y_s"], given["direction"], given["curvature"], 1.0)
+        segment = Segment(values["x_s"], values["y_s"], values["direction"], values["curvature"], 1.0)
         curvature, distance = segment.curvature, segment.distance(x, y)
         direction = segment.heading + curvature * segment.progress(x, y)
-        given |= {"x_s": 0.0, "y_s": 0.0, "direction": 0.0}
+        values |= {"x_s": 0.0, "y_s": 0.0, "direction": 0.0}
     elif kind == "ellipse":
-        return _foot_on_ellipse(given["a"], given["b"], config, pose)
+        return _foot_on_ellipse(values["a"], values["b"], config, pose)
     else:
         return None
     psi = math.remainder(heading - direction, 2 * math.pi)
-    return Foot(np.array([given[name] for name in names]), curvature, distance, psi)
+    return Foot(np.array([values[name] for name in names]), curvature, distance, psi)
 
 
 def _foot_on_ellipse(a: float, b: float, config: np.ndarray, pose: tuple[float, float, float]) -> Foot | None:
@@ -83,12 +83,12 @@ def _foot_on_ellipse(a: float, b: float, config: np.ndarray, pose: tuple[float, 
     u = math.atan2(y / b, x / a)  # eccentric angle of the foot
     for _ in range(50):  # Newton's method on the derivative of the squared distance
         c, s = math.cos(u), math.sin(u)
-        slope = (b * b - a * a) * s * c + a * x * s - b * y * c
-        bend = (b * b - a * a) * (c * c - s * s) + a * x * c + b * y * s
-        if not bend > 0:
+        first = (b * b - a * a) * s * c + a * x * s - b * y * c
+        second = (b * b - a * a) * (c * c - s * s) + a * x * c + b * y * s
+        if not second > 0:
             return None  # beyond the centres of curvature
-        u -= slope / bend
-    if not abs(slope) < 1e-9 * (a * a + a * abs(x) + b * abs(y)):
+        u -= first / second
+    if not abs(first) < 1e-9 * (a * a + a * abs(x) + b * abs(y)):
         return None
     normal = math.atan2(math.sin(u) / b, math.cos(u) / a)
     direction = normal - math.pi / 2
@@ -119,20 +119,20 @@ class Inputs:
         return self.mix @ slope
 
 
-def mixed(found: Bounds, mix: np.ndarray, value: np.ndarray, off: np.ndarray, off_moved: np.ndarray) -> Inputs:
-    """Inputs of that value which change as the combinations do, but for something within `off`; between x and the centre, within
-    `off_moved`.
+def mixed(law: Bounds, mix: np.ndarray, value: np.ndarray, off: np.ndarray, off_moved: np.ndarray) -> Inputs:
+    """Inputs of that value whose change differs from that of the combinations by at most `off`, between x and the centre by at
+    most `off_moved`.
     """
     used = np.abs(mix).any(axis=0)  # the other entries may have no bounds
-    size, part = np.abs(mix[:, used]), found.rows(used)
+    size, part = np.abs(mix[:, used]), law.rows(used)
     with np.errstate(invalid="ignore", over="ignore"):
         moved, radius, rest, turned = (size @ bound for bound in (part.moved, part.radius, part.rest, part.turned))
     return Inputs(Bounds(value, mix[:, used] @ part.slope, moved + off_moved, radius + off, rest + off, turned), mix)
 
 
 def kink(over: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The slope of the line nearest to max(0, x) where x is `moved` from `over` and changes by `radius` from there; by how much
-    the change of max(0, x) can differ from that of the line then, and by how much between `over` and where x is moved to.
+    """Return the slope of the line nearest to max(0, x), where x moves from `over` by at most `moved` and then changes by at most
+    `radius`; and by how much the change of max(0, x) can differ from that of the line, in the second step and in the first.
     """
     spread = moved + radius
     slope = np.clip(0.5 + 0.5 * over / np.maximum(spread, 1e-300), 0.0, 1.0)
@@ -144,7 +144,7 @@ def kink(over: np.ndarray, moved: np.ndarray, radius: np.ndarray) -> tuple[np.nd
 class EnclosedPlant:
     """w' = N^-1 F and the rates of the coordinates before, from an Enclosure of [rates; N; F] of [z; tau; p]; N is dof^2.
 
-    Nothing is inverted symbolically: N (w' + dw') = F + dF - dN w' tells how far w' can change.
+    Nothing is inverted symbolically: N (w' + dw') = F + dF - dN w' bounds the change of w'.
     """
 
     def __init__(self, parts: Enclosure, dof: int):
@@ -158,23 +158,23 @@ class EnclosedPlant:
 
     def bounds(self, x: np.ndarray, moved: np.ndarray, radius: np.ndarray, rest: np.ndarray | float = 0.0) -> Bounds:
         """See Enclosure."""
-        found, f = self._parts.bounds(x, moved, radius, rest, self.fixed), self._dof
-        value, slope, inverse = self._solved(found.value, found.slope)
+        parts, f = self._parts.bounds(x, moved, radius, rest, self.fixed), self._dof
+        value, slope, inverse = self._solved(parts.value, parts.slope)
         size, k = np.abs(value[-f:]), len(value) - f
-        (mN, mF), (RN, RF), (rN, rF) = (self._split(part)[1:] for part in (found.moved, found.radius, found.rest))
+        (mN, mF), (RN, RF), (rN, rF) = (self._split(part)[1:] for part in (parts.moved, parts.radius, parts.rest))
         inverse = np.abs(inverse)
         change = inverse @ (mN + RN)
-        if not (found.finite and np.abs(change).sum(axis=1).max() < 1):
+        if not (parts.finite and np.abs(change).sum(axis=1).max() < 1):
             endless = np.full(len(value), np.inf)
             return Bounds(value, slope, endless, endless, endless, endless)
         inverse = np.linalg.solve(np.eye(f) - change, inverse)  # bound for any N in the box (Neumann series)
         moved_w = inverse @ (mF + mN @ size)
         radius_w = inverse @ (RF + RN @ (size + moved_w))
         rest_w = inverse @ (rF + rN @ (size + moved_w) + RN @ radius_w)
-        tN, tF = self._split(found.turned)[1:]
-        linear = self._split(np.abs(found.slope) @ radius)[1]
+        tN, tF = self._split(parts.turned)[1:]
+        linear = self._split(np.abs(parts.slope) @ radius)[1]
         turned_w = inverse @ (tF + tN @ (size + moved_w) + linear @ moved_w + mN @ (np.abs(slope[-f:]) @ radius))
-        firsts = (found.moved, found.radius, found.rest, found.turned)
+        firsts = (parts.moved, parts.radius, parts.rest, parts.turned)
         both = zip(firsts, (moved_w, radius_w, rest_w, turned_w), strict=True)
         return Bounds(value, slope, *[np.concatenate([first[:k], second]) for first, second in both])
 
@@ -195,17 +195,17 @@ class EnclosedPlant:
 
 
 @dataclass(frozen=True)
-class Bends:
-    """Curvatures (1/m) of the pieces of a path, and the places `ends` (m along it) where each but the last ends."""
+class PathCurvatures:
+    """Curvatures `values` (1/m) of the segments of a path, and the places `ends` (m along it) where each but the last ends."""
 
     ends: np.ndarray
-    curvatures: np.ndarray
+    values: np.ndarray
 
     def within(self, low: float, high: float) -> tuple[float, float]:
         """Return middle and half the spread of the curvatures between two places."""
         first, last = np.searchsorted(self.ends, (low, high), side="right")
-        found = self.curvatures[first : last + 1]
-        return (found.max() + found.min()) / 2, (found.max() - found.min()) / 2
+        curvatures = self.values[first : last + 1]
+        return (curvatures.max() + curvatures.min()) / 2, (curvatures.max() - curvatures.min()) / 2
 
     def left(self, place: float) -> float:
         """Return the distance to the next joint, m; infinite if none follows."""
@@ -216,12 +216,12 @@ class Bends:
 class EnclosedLoop:
     """z (n): the coordinates and quasi-velocities that matter; p: the uncertain parameters, of value `nominal` and +- `spread`.
 
-    `plant`: z' of [z; tau; p]. `law`: what the controller asks for, its errors with integral action and, where it may slow down,
+    `plant`: z' of [z; tau; p]. `law`: the inputs before limits, the errors with integral action and, where it may slow down,
     the inputs with each limit met, of [z; integrals] with `constants` and the reference. `guard`: |det Phi|, the product of Phi's
     row norms, det Phi and s, the cosine of the angle between heading and normal, of z with `constants`. `start`: z of p.
-    `settles`: a motion may come to rest in these coordinates. On a composite path `bends` are its curvatures, z[along] the place
-    on it, `stop` (m) where the desired speed changes; all three functions then depend on the curvature besides, their last
-    argument.
+    `settles`: a motion may come to rest in these coordinates. On a composite path `curvatures` are those of its segments,
+    z[along] the place on it, `stop` (m) where the desired speed changes; all three functions then also depend on the curvature,
+    their last argument.
     """
 
     def __init__(self, loop: Loop, spec: Spec, uncertainty: Mapping[str, float]):
@@ -234,9 +234,9 @@ class EnclosedLoop:
         self.slows = loop.limits is not None and loop.limits.mode == "slow"
         self.most = np.array([most or np.inf for most in loop.limits.torque] if loop.limits else [np.inf] * len(mechanism.inputs))
         parameters = ca.vertsplit(mechanism.p)
-        known = [k for k in range(len(names)) if k not in uncertain]
+        certain = [k for k in range(len(names)) if k not in uncertain]
         self._p = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in uncertain])
-        self._known = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in known]), ca.SX(loop.plant.parameters[known])
+        self._certain = ca.vertcat(ca.SX(0, 1), *[parameters[k] for k in certain]), ca.SX(loop.plant.parameters[certain])
         self._of_nu = _velocities(law.system, loop.believed)
         self._build(spec)
         self._begin(loop, spec)
@@ -276,27 +276,27 @@ class EnclosedLoop:
         acting = ca.solve(self._forces, tau)
         mass, force = by_nu.T @ system.Mbar @ by_nu, by_nu.T @ (system.input_map @ acting - system.bias)
         motion = ca.substitute(ca.vertcat(ca.vec(mass), force), state, x_of_z)
-        rates, motion = (ca.substitute(part, *self._known) for part in (rates, motion))
+        rates, motion = (ca.substitute(part, *self._certain) for part in (rates, motion))
         law_of_z, guard = self._controller(x_of_z, limits, curvature)
         needed = ca.vertcat(motion, law_of_z, guard)
         keep = _relevant(z, rates, ca.vertcat(needed, z[2]) if loop.composite else needed)
         self._keep, self.along = keep, keep.index(2) if loop.composite else None
         self.first = len(keep) - system.dof
-        bend, other = (curvature, ca.SX(0, 1)) if loop.composite else (ca.SX(0, 1), curvature)
-        constants = ca.vertcat(symbols(law.config), symbols(law.gains), limits, other)
+        moving, constant = (curvature, ca.SX(0, 1)) if loop.composite else (ca.SX(0, 1), curvature)
+        constants = ca.vertcat(symbols(law.config), symbols(law.gains), limits, constant)
         z = ca.vertcat(*[z[k] for k in keep])
         kept = ca.vertcat(*[rates[k] for k in keep[: -system.dof]])
-        parts = Enclosure(ca.vertcat(kept, motion), ca.vertcat(z, tau, self._p, bend), constants)
+        parts = Enclosure(ca.vertcat(kept, motion), ca.vertcat(z, tau, self._p, moving), constants)
         self.plant = EnclosedPlant(parts, system.dof)
         fixed = ca.vertcat(constants, symbols(law.reference))
-        self.law = Enclosure(law_of_z, ca.vertcat(z, self._integrals, bend), fixed)
-        self.guard = Enclosure(guard, ca.vertcat(z, bend), constants)
+        self.law = Enclosure(law_of_z, ca.vertcat(z, self._integrals, moving), fixed)
+        self.guard = Enclosure(guard, ca.vertcat(z, moving), constants)
 
     def _pose_of(self, loop: Loop, pose: list[int]) -> tuple[list[str], np.ndarray, tuple[float, float, float]]:
         """Return the config of the path by name, P_l and the heading at the start."""
         names, config, x = [c.name for c in loop.law.config], np.asarray(loop.guidance.leg.config), loop.start
-        given = dict(zip(names, config, strict=True))
-        ahead, left, c, s = given["L"], given.get("W", 0.0), math.cos(x[pose[2]]), math.sin(x[pose[2]])
+        values = dict(zip(names, config, strict=True))
+        ahead, left, c, s = values["L"], values.get("W", 0.0), math.cos(x[pose[2]]), math.sin(x[pose[2]])
         return names, config, (x[pose[0]] + ahead * c - left * s, x[pose[1]] + ahead * s + left * c, x[pose[2]])
 
     def _begin(self, loop: Loop, spec: Spec) -> None:
@@ -304,14 +304,14 @@ class EnclosedLoop:
         self.loop, self.nominal, x = loop, loop.plant.parameters[self._uncertain], loop.start
         config, begin, curvature = np.asarray(loop.guidance.leg.config), x[: self._first], [0.0]
         self.reference: np.ndarray | None = None
-        self.bends, self.stop = Bends(np.zeros(0), np.zeros(1)), np.inf
+        self.curvatures, self.stop = PathCurvatures(np.zeros(0), np.zeros(1)), np.inf
         if self._kind:
             foot = foot_of(self._kind, *self._pose_of(loop, self._pose))
             if foot is None:
                 raise BadInput("the start has no foot on the path")
             along = foot.along
             if isinstance(loop.guidance, Route):
-                self.bends, self.stop, place = _pieces(loop.guidance, spec, x)
+                self.curvatures, self.stop, place = _path_curvatures(loop.guidance, spec, x)
                 along, self.reference = (place,), loop.guidance.reference(0.0, x)
             others = [k for k in range(self._first) if k not in self._pose]
             config, curvature = foot.config, [] if loop.composite else [foot.curvature]
@@ -338,62 +338,62 @@ class EnclosedLoop:
             tau = slowed(tau, value[-r:], self.most)
         return np.clip(tau, -self.most, self.most)
 
-    def asked(
-        self, tube: Tube, bend: np.ndarray, half: np.ndarray, moved: np.ndarray, growth: np.ndarray, fixed: np.ndarray
+    def law_bounds(
+        self, tube: Tube, curvature: np.ndarray, half: np.ndarray, moved: np.ndarray, growth: np.ndarray, fixed: np.ndarray
     ) -> Bounds:
-        """Bounds of `law` for the states [z; integrals] of a tube and what they may become, as a Field's; the curvature `bend`,
+        """Return bounds of `law` for the states [z; integrals] of a tube, `moved` and `growth` as in RateOfChange; `curvature`,
         where it is an argument, may be off by `half`.
         """
         none, columns = np.zeros(len(half)), np.zeros((len(half), tube.G.shape[1]))
         apart = np.concatenate([0 * growth, half])
         radius = np.concatenate([tube.radius + growth, half])
-        found = self.law.bounds(np.concatenate([tube.centre, bend]), np.concatenate([moved, none]), radius, apart, fixed)
+        bounds = self.law.bounds(np.concatenate([tube.centre, curvature]), np.concatenate([moved, none]), radius, apart, fixed)
         S, G = np.vstack([tube.S, np.zeros((len(half), len(tube.spread)))]), np.vstack([tube.G, columns])
-        return found.of(S, G, tube.spread, np.concatenate([growth, half]))
+        return bounds.of(S, G, tube.spread, np.concatenate([growth, half]))
 
-    def inputs(self, found: Bounds) -> Inputs:
+    def inputs(self, law: Bounds) -> Inputs:
         """Return the limited inputs from the bounds of `law`; if several limits may be active, `rest` covers all cases."""
         r = len(self.most)
-        value, size, spread = self.limited(found.value), np.abs(found.value[:r]), (found.moved + found.radius)[:r]
+        value, size, spread = self.limited(law.value), np.abs(law.value[:r]), (law.moved + law.radius)[:r]
         if (size + spread <= self.most).all():
-            return mixed(found, np.eye(r, len(found.value)), value, np.zeros(r), np.zeros(r))
+            return mixed(law, np.eye(r, len(law.value)), value, np.zeros(r), np.zeros(r))
         if self.slows:
-            return self._slowed(found, value)
-        moved, radius = found.moved[:r], found.radius[:r]
+            return self._slowed(law, value)
+        moved, radius = law.moved[:r], law.radius[:r]
         slope, off, off_moved = kink(size - self.most, moved, radius)
         both = spread - size > self.most  # either limit may be active
         slope, off, off_moved = np.where(both, 0.5, slope), np.where(both, radius / 2, off), np.where(both, moved / 2, off_moved)
-        return mixed(found, (1 - slope)[:, None] * np.eye(r, len(found.value)), value, off, off_moved)
+        return mixed(law, (1 - slope)[:, None] * np.eye(r, len(law.value)), value, off, off_moved)
 
-    def _slowed(self, found: Bounds, value: np.ndarray) -> Inputs:
+    def _slowed(self, law: Bounds, value: np.ndarray) -> Inputs:
         """Return the inputs if one limit is, or may be, active and the others are not; else anything within the limits."""
-        r, n = len(self.most), len(found.value)
-        spread = found.moved + found.radius
-        tau, steepness, steepness_spread = found.value[:r], np.abs(found.value[-r:]), spread[-r:]
+        r, n = len(self.most), len(law.value)
+        spread = law.moved + law.radius
+        tau, steepness, steepness_spread = law.value[:r], np.abs(law.value[-r:]), spread[-r:]
         for k, (i, side) in enumerate((i, side) for i in range(r) for side in SIDES):
             met = n - r - (2 * r - k) * r
             over, others = side * tau[i] - self.most[i], np.arange(r) != i
             steep = steepness[i] - steepness_spread[i] > FLAT * (steepness + steepness_spread).max()
             rows = np.arange(r) + met
-            holds = (np.abs(found.value[rows]) + spread[rows] <= self.most)[others].all()
+            holds = (np.abs(law.value[rows]) + spread[rows] <= self.most)[others].all()
             if not (steep and holds and over + spread[i] > 0):
                 continue
             if over - spread[i] < 0:
                 if not (np.abs(tau) + spread[:r] <= self.most)[others].all() or -side * tau[i] + spread[i] > self.most[i]:
                     continue
-            slope, off, off_moved = kink(over, found.moved[i], found.radius[i])
+            slope, off, off_moved = kink(over, law.moved[i], law.radius[i])
             mix = np.zeros((r, n))
             mix[:, :r], mix[:, met : met + r] = (1 - slope) * np.eye(r), slope * np.eye(r)
             least = steepness[i] - steepness_spread[i]
             ratio = (steepness + steepness_spread) / least
             if 0 < slope < 1:  # max(0, over) less the line multiplies the quotient of two slopes, which changes too
                 apart = min(slope, 1 - slope) * abs(over)
-                change, change_moved = ((part[-r:] + ratio * part[n - r + i]) / least for part in (found.radius, found.moved))
-                off = off * ratio + (apart + found.moved[i]) * change
+                change, change_moved = ((part[-r:] + ratio * part[n - r + i]) / least for part in (law.radius, law.moved))
+                off = off * ratio + (apart + law.moved[i]) * change
                 off_moved = off_moved * ratio + apart * change_moved
-            return mixed(found, mix, value, off * np.ones(r), off_moved * np.ones(r))
+            return mixed(law, mix, value, off * np.ones(r), off_moved * np.ones(r))
         anything, none = self.most + np.abs(value), np.zeros(r)
-        return Inputs(Bounds(value, np.zeros((r, found.slope.shape[1])), none, anything, anything, none), np.zeros((r, n)))
+        return Inputs(Bounds(value, np.zeros((r, law.slope.shape[1])), none, anything, anything, none), np.zeros((r, n)))
 
     def _chart(self, curvature: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return the coordinates of z, the state [q; nu] as a function of z, and the rates of these coordinates."""
@@ -402,14 +402,14 @@ class EnclosedLoop:
         self._first = system.mechanism.q.numel()
         if not self._kind:
             return state[: self._first], state, rates
-        given = {c.name: c.symbol for c in law.config}
-        ahead, left = given["L"], given.get("W", ca.SX(0))
+        config = {c.name: c.symbol for c in law.config}
+        ahead, left = config["L"], config.get("W", ca.SX(0))
         h, psi, along = ca.SX.sym("h"), ca.SX.sym("psi"), ca.SX.sym("along")
         direction, place, lengthwise = ca.SX(0), ca.SX.zeros(2), ca.SX(0, 1)
         if self._kind == "line":
             curvature = ca.SX(0)
         elif self._kind == "ellipse":
-            (curvature, place), direction = _ellipse(given["a"], given["b"], along), along
+            (curvature, place), direction = _ellipse(config["a"], config["b"], along), along
         if self._kind == "ellipse" or self.loop.composite:
             lengthwise = along
         point = body_point(offset=True)
@@ -428,18 +428,17 @@ class EnclosedLoop:
         if lengthwise.numel():
             moved = ca.vertcat(moved, curvature * advance if self._kind == "ellipse" else advance)
         moved = ca.vertcat(moved, *[ca.substitute(rates[k], state, from_foot) for k in others])
-        self._first_of_z = 2 + lengthwise.numel() + len(others)
         return ca.vertcat(h, psi, lengthwise, *[state[k] for k in others]), x_of_z, moved
 
     def _speeds(self, coordinates: ca.SX, x_of_z: ca.SX, rates: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """z with forward speed and yaw rate, as the controller reckons them, for the quasi-velocities; the rest by this z."""
+        """z with forward speed and yaw rate, by the controller's parameters, for the quasi-velocities; the rest by this z."""
         nu, moving = self.loop.law.system.nu, ca.SX.sym("moving", self.loop.law.system.dof)
         change = nu, ca.SX(ca.inv(ca.DM(self._of_nu))) @ moving
         return ca.vertcat(coordinates, moving), ca.substitute(x_of_z, *change), ca.substitute(rates, *change)
 
     def _controller(self, x_of_z: ca.SX, limits: ca.SX, curvature: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Return the expressions of `law` and `guard`."""
-        law, action, found = self.loop.law, self.loop.integral, self.loop.law.linearization
+        law, action, linearization = self.loop.law, self.loop.integral, self.loop.law.linearization
         desired = symbols(law.reference)
         self._integrals = ca.SX.sym("integral", len(action.rows))
         added = ca.SX.zeros(desired.numel())
@@ -448,23 +447,24 @@ class EnclosedLoop:
         numbers = symbols(law.parameters), ca.SX(self.loop.believed)
         bent = {c.name: c.symbol for c in law.config}.get("curvature") if self.loop.composite else None
 
-        def seen(expression: ca.SX) -> ca.SX:
-            seen = ca.substitute(ca.substitute(expression, *numbers), symbols(law.state), x_of_z)
-            return seen if bent is None else ca.substitute(seen, bent, curvature)
+        def in_z(expression: ca.SX) -> ca.SX:
+            value = ca.substitute(ca.substitute(expression, *numbers), symbols(law.state), x_of_z)
+            return value if bent is None else ca.substitute(value, bent, curvature)
 
         through, heading = law.output.rows[0].through, law.system.mechanism.required_vehicle.heading
         if through is None:
             raise BadInput(f"{law.name}: its first output is no distance of a point")
         gradient = ca.substitute(ca.gradient(through.outer, through.symbols), through.symbols, through.inner)
         s = ca.dot(gradient, ca.vertcat(ca.cos(heading), ca.sin(heading))) / ca.sqrt(ca.sumsqr(gradient))
-        errors = [desired[entry] - found.h[row] for entry, row in zip(action.desired, action.acting, strict=True)]
-        tau = self._forces @ seen(ca.substitute(law.tau, desired, desired + added))
-        slope = seen(law.slope)
+        errors = [desired[entry] - linearization.h[row] for entry, row in zip(action.desired, action.acting, strict=True)]
+        tau = self._forces @ in_z(ca.substitute(law.tau, desired, desired + added))
+        slope = in_z(law.slope)
         met = []
         for i in range(len(self.most) if self.slows else 0):
             met += [tau + (side * limits[i] - tau[i]) / slope[i] * slope for side in SIDES]
         flat = slope if self.slows else ca.SX(0, 1)
-        return ca.vertcat(tau, *map(seen, errors), *met, flat), seen(ca.vertcat(*found.measure, found.determinant, s))
+        guard = ca.vertcat(*linearization.measure, linearization.determinant, s)
+        return ca.vertcat(tau, *map(in_z, errors), *met, flat), in_z(guard)
 
     def _plain_inputs(self, by_nu: ca.DM) -> ca.DM:
         """Return the factor of the inputs: with as many inputs as speeds and no limits, forces along the speeds are used."""
@@ -484,18 +484,18 @@ class EnclosedLoop:
         system = self.loop.law.system
         dof, q, speed = system.dof, system.mechanism.q, ca.SX.sym("speed")
         motion = ca.vertcat(forward_speed(system), system.along_motion(system.mechanism.required_vehicle.heading))
-        M = ca.substitute(ca.jacobian(motion, system.nu), *self._known)
+        M = ca.substitute(ca.jacobian(motion, system.nu), *self._certain)
         desired = ca.vertcat(speed, 0.0)
         nu = ca.solve(M, desired) if dof == 2 else M.T @ ca.solve(M @ M.T, desired)
         rates = Enclosure(ca.SX(self._of_nu) @ nu, self._p, ca.vertcat(q, speed))
         fixed = np.append(self.loop.start[: self._first], initial.speed)
-        found = rates.bounds(self.nominal, np.zeros(count), self.spread, fixed=fixed)
+        velocities = rates.bounds(self.nominal, np.zeros(count), self.spread, fixed=fixed)
         for name in ("slope", "radius", "rest"):
-            getattr(rest, name)[-dof:] = getattr(found, name)
+            getattr(rest, name)[-dof:] = getattr(velocities, name)
         return rest
 
 
-def _pieces(route: Route, spec: Spec, start: np.ndarray) -> tuple[Bends, float, float]:
+def _path_curvatures(route: Route, spec: Spec, start: np.ndarray) -> tuple[PathCurvatures, float, float]:
     """Return the curvatures of a composite path, the place where the desired speed begins to change, and that of the start.
 
     Raises BadInput if the start is beyond the last segment.
@@ -504,15 +504,16 @@ def _pieces(route: Route, spec: Spec, start: np.ndarray) -> tuple[Bends, float, 
     changes = [k for k in range(1, len(segments)) if segments[k].backward != segments[k - 1].backward]
     turns = options.closed and not changes
     laps = LAPS if turns else 1
-    pieces = [segments[k] for k in range(changes[0] if changes else len(segments))] * laps
-    ends = np.cumsum([piece.length for piece in pieces])
+    course = [segments[k] for k in range(changes[0] if changes else len(segments))] * laps
+    ends = np.cumsum([segment.length for segment in course])
     slowing = options.speed**2 / (2 * options.deceleration) if options.deceleration else 0.0
     stop = float(ends[-1]) - (0.0 if turns else slowing)
     guide = route.guide(start)
     if not abs(segments[guide.segment].length - guide.progress - guide.left) < AT_START:
         raise BadInput("the start is behind the last piece of the path")
-    before = [piece.length for piece in segments[: guide.segment]]
-    return Bends(ends[:-1], np.array([piece.curvature for piece in pieces])), stop, float(guide.progress + sum(before))
+    before = [segment.length for segment in segments[: guide.segment]]
+    curvatures = PathCurvatures(ends[:-1], np.array([segment.curvature for segment in course]))
+    return curvatures, stop, float(guide.progress + sum(before))
 
 
 def _velocities(system: ReducedSystem, believed: np.ndarray) -> np.ndarray:

@@ -31,7 +31,7 @@ NONE = np.zeros(0)
 class Bounds:
     """A function near a point x: `value` (n) and `slope` (n, inputs) there; bounds (n) of |f(c) - f(x)|, `moved`, of
     |f(c + e) - f(c)|, `radius`, of |f(c + e) - f(c) - f'(c) e|, `rest`, and of |(f'(c) - f'(x)) e|, `turned`. Infinite or NaN
-    where there are none. Where f'' at x is known, it is `bend` (n, inputs, inputs), and `loose` is what is left of `rest`.
+    where there are none. Where f'' at x is known, it is `hessian` (n, inputs, inputs), and `loose` is what is left of `rest`.
     """
 
     value: np.ndarray
@@ -40,7 +40,7 @@ class Bounds:
     radius: np.ndarray
     rest: np.ndarray
     turned: np.ndarray
-    bend: np.ndarray | None = None
+    hessian: np.ndarray | None = None
     loose: np.ndarray | None = None
 
     @property
@@ -58,8 +58,8 @@ class Bounds:
         columns = np.hstack([S * spread, G, np.diag(growth)[:, growth > 0]])
         rest = self.rest
         with np.errstate(invalid="ignore", over="ignore"):
-            if self.bend is not None:
-                rest = np.fmin(rest, np.abs(columns.T @ self.bend @ columns).sum(axis=(1, 2)) / 2 + self.loose)
+            if self.hessian is not None:
+                rest = np.fmin(rest, np.abs(columns.T @ self.hessian @ columns).sum(axis=(1, 2)) / 2 + self.loose)
             image = np.abs(self.slope @ columns).sum(axis=1)
         return replace(self, rest=rest, radius=np.fmin(self.radius, image + self.turned + rest))
 
@@ -72,8 +72,8 @@ class Enclosure:
 
     def __init__(self, expression: ca.SX, symbols: ca.SX, fixed: ca.SX | None = None):
         fixed = ca.SX(0, 1) if fixed is None else fixed
-        made = _made(ca.Function("f", [symbols, fixed], [ca.cse(ca.densify(ca.vec(expression)))]).serialize())
-        self._shape, self._tangent, self._bounds, places = made
+        compiled = _compiled(ca.Function("f", [symbols, fixed], [ca.cse(ca.densify(ca.vec(expression)))]).serialize())
+        self._shape, self._tangent, self._bounds, places = compiled
         self._output, self._first, self._second = places
         self._half = np.where(self._first == self._second, 0.5, 1.0)
         self._curved, self._begins = np.unique(self._output, return_index=True)
@@ -100,8 +100,8 @@ class Enclosure:
         pairs = np.array([moved, moved, moved, radius]), np.array([moved, radius, apart, radius])
         shares = np.divide(pairs, box, out=np.zeros((2, *pairs[0].shape)), where=box > 0).max(axis=2, initial=0.0)
         both = (pairs[0][:, a] * pairs[1][:, b] + pairs[0][:, b] * pairs[1][:, a]) * self._half
-        bend = np.zeros((len(value), len(x), len(x)))
-        bend[self._output, a, b] = bend[self._output, b, a] = at
+        hessian = np.zeros((len(value), len(x), len(x)))
+        hessian[self._output, a, b] = hessian[self._output, b, a] = at
         with np.errstate(invalid="ignore", over="ignore"):
             most = np.vstack([both * (np.abs(at) + around), both[3] * around])
             curved = np.outer(np.append(shares[0] * shares[1], shares[0, 3] * shares[1, 3]), far)
@@ -116,18 +116,20 @@ class Enclosure:
                 linear[:, 1] + turned + squared / 2,
                 linear[:, 2] + from_apart + squared / 2,
                 turned,
-                bend,
+                hessian,
                 linear[:, 2] + from_apart + loose / 2,
             )
 
 
 @lru_cache(maxsize=32)
-def _made(function: str) -> tuple[tuple[int, int], Direct, Direct, np.ndarray]:
-    """Of a serialized function: shape of its slope, value and slope, all that bounds are made of, and where f'' is not zero."""
-    given = ca.Function.deserialize(function)
-    n = given.numel_in(0)
-    symbols, fixed, radius = ca.SX.sym("x", n), ca.SX.sym("fixed", given.numel_in(1)), ca.SX.sym("radius", n)
-    value = given(symbols, fixed)
+def _compiled(function: str) -> tuple[tuple[int, int], Direct, Direct, np.ndarray]:
+    """Return for a serialized function: the shape of its slope, functions for value and slope and for the terms of bounds, and
+    the entries of f'' that are not zero.
+    """
+    f = ca.Function.deserialize(function)
+    n = f.numel_in(0)
+    symbols, fixed, radius = ca.SX.sym("x", n), ca.SX.sym("fixed", f.numel_in(1)), ca.SX.sym("radius", n)
+    value = f(symbols, fixed)
     slope = ca.densify(ca.jacobian(value, symbols))
     leaves, box = [*ca.vertsplit(symbols), *ca.vertsplit(fixed)], ca.vertsplit(radius)
 
@@ -191,7 +193,7 @@ class _Jet:
 
     def third(self, a: int, b: int) -> ca.SX:
         """Return a bound of the deviation of the polynomial's derivative by a and b from its value at x."""
-        found = ca.SX(0)
+        bound = ca.SX(0)
         for monomial, coefficient in self.terms.items():
             left = list(monomial)
             if len(monomial) == 3 and a in left:
@@ -199,8 +201,8 @@ class _Jet:
                 if b in left:
                     left.remove(b)
                     times = math.prod(math.factorial(monomial.count(k)) for k in set(monomial))
-                    found += times * ca.fabs(coefficient) * self.box[left[0]]
-        return found
+                    bound += times * ca.fabs(coefficient) * self.box[left[0]]
+        return bound
 
     def plus(self, other: _Jet, sign: int = 1) -> _Jet:
         terms = dict(self.terms)

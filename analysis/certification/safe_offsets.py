@@ -21,7 +21,7 @@ FIRST, MOST, HALVINGS = 0.5, 8.0, 3  # m: first and largest offset tried; it is 
 @dataclass(frozen=True)
 class Offsets:
     """`offsets` (m) by speed (m/s) and heading (rad, from the path's direction): up to there each start is proved to be safe on a
-    grid, on both sides of the path; None where not even a start on the path is.
+    grid, on both sides of the path; None where not even a start on the path is safe.
     """
 
     speeds: tuple[float, ...]
@@ -45,7 +45,7 @@ def safe_offsets(
     headings: Sequence[float] | None = None,
     progress: Reported = silent,
 ) -> Offsets:
-    """Of the loop of a SPEC whose path is a line, a circle or an arc; `speeds` in m/s, `headings` in rad, else some of each.
+    """Return the table for a SPEC whose path is a line, a circle or an arc; `speeds` in m/s, `headings` in rad, or a few of each.
 
     Raises BadInput for another path, and as `make_loop` does.
     """
@@ -69,17 +69,17 @@ def safe_offsets(
         moved = replace(spec, initial=Initial(point=point, heading=float(direction + heading), speed=speed))
         return make_loop(moved), moved
 
-    known = widest(enclosed.started(*beside(0.0, desired, 0.0)), spec.simulation)
+    invariant = widest(enclosed.started(*beside(0.0, desired, 0.0)), spec.simulation)
 
     def safe(offset: float, speed: float, heading: float) -> bool:
         return all(_safe(side * offset, speed, heading) for side in ((1.0, -1.0) if offset else (1.0,)))
 
     def _safe(offset: float, speed: float, heading: float) -> bool:
         try:
-            found = Certificate(enclosed.started(*beside(offset, speed, heading)), spec.simulation, known).run()
+            course = Certificate(enclosed.started(*beside(offset, speed, heading)), spec.simulation, invariant).run()
         except BadInput:  # the start is singular
             return False
-        return not found.lost
+        return not course.lost
 
     offsets: list[float | None] = []
     columns = len(headings)

@@ -5,7 +5,7 @@ in the loop that `simulate` runs: sampled or continuous, delayed, limited, with 
 
 - safe, where the enclosure stays regular: up to the end of the run, or for ever where the set of motions returns into itself;
 - singular, where the motion with the given parameters is, every motion of the enclosure approaches the singular set at the last
-  instant that is enclosed, and so do the runs at the two ends of what the parameters may be;
+  instant that is enclosed, and so do the runs at the two ends of the ranges of the parameters;
 - an unstable equilibrium, where the nominal motion rests at one: when it leaves is decided by rounding;
 - not proved otherwise.
 
@@ -72,6 +72,7 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
         (loop.law.output.path is None, "the outputs are not those of path following"),
         (loop.sensing is not None, "the controller does not see the true state"),
         (spec.reference.approach is not None, "the desired distance is that of an approach"),
+        (spec.reference.profiled, "the desired speed is that of a profile"),
         (loop.drive.commands > 0, "the drives follow velocities with a loop of their own"),
         (loop.limits is not None and loop.limits.mode == "grip", "the limiter of friction changes the inputs"),
         (loop.limits is not None and bool(loop.integral.rows), "limits decide when integral action stops"),
@@ -83,27 +84,27 @@ def certify(loop: Loop, spec: Spec, uncertainty: Mapping[str, float] | None = No
         enclosed = EnclosedLoop(loop, spec, uncertainty)
     except BadInput as error:
         return Verdict(NOT_PROVED, str(error))
-    found = Certificate(enclosed, spec.simulation).run()
-    verdict = _verdict(enclosed, spec, found)
-    parts = _parts(enclosed, spec, found, HALVINGS) if verdict.kind == NOT_PROVED else {}
+    proof = Certificate(enclosed, spec.simulation).run()
+    verdict = _verdict(enclosed, spec, proof)
+    parts = _parts(enclosed, spec, proof, HALVINGS) if verdict.kind == NOT_PROVED else {}
     return _together(spec, parts, verdict) if len(parts) == 1 else verdict
 
 
-def _verdict(enclosed: EnclosedLoop, spec: Spec, found: Course) -> Verdict:
+def _verdict(enclosed: EnclosedLoop, spec: Spec, proof: Course) -> Verdict:
     """Return the verdict that follows from one course."""
-    course = np.array([found.t, found.s])
-    if found.unstable:
+    course = np.array([proof.t, proof.s])
+    if proof.unstable:
         reason = "the motion rests at an equilibrium of the loop that is not stable; when it leaves is decided by rounding"
-        return Verdict(UNSTABLE, reason, None, found.margin, found.until, course=course)
-    return _lost(enclosed, spec, found, course) if found.lost else _safe([found], course)
+        return Verdict(UNSTABLE, reason, None, proof.margin, proof.until, course=course)
+    return _lost(enclosed, spec, proof, course) if proof.lost else _safe([proof], course)
 
 
 def _safe(courses: list[Course], course: np.ndarray) -> Verdict:
     """Return the verdict if no course is lost; there is one for each part of the range of the parameters."""
-    until = min(np.inf if found.invariant else found.until for found in courses)
+    until = min(np.inf if each.invariant else each.until for each in courses)
     when = "for ever" if np.isinf(until) else f"for the {until:.6g} s of the run"
-    reason = f"|s| stays below {np.ceil(1e4 * max(found.largest for found in courses)) / 1e4:.4f} {when}{_split(len(courses))}"
-    return Verdict(SAFE, reason, None, min(found.margin for found in courses), until, len(courses), course)
+    reason = f"|s| stays below {np.ceil(1e4 * max(each.largest for each in courses)) / 1e4:.4f} {when}{_split(len(courses))}"
+    return Verdict(SAFE, reason, None, min(each.margin for each in courses), until, len(courses), course)
 
 
 def _split(parts: int) -> str:
@@ -111,14 +112,14 @@ def _split(parts: int) -> str:
     return f", proved for {parts} parts of the range of the parameters one by one" if parts > 1 else ""
 
 
-def _parts(enclosed: EnclosedLoop, spec: Spec, found: Course, halvings: int) -> dict[str, list[Course]]:
+def _parts(enclosed: EnclosedLoop, spec: Spec, proof: Course, halvings: int) -> dict[str, list[Course]]:
     """Return the courses of parts that cover the range of the parameters, by their verdict, SAFE or SINGULAR. Unless all have the
-    same verdict, the result is empty or has both. `found` is the course that is not proved for the whole range.
+    same verdict, the result is empty or has both. `proof` is the course that is not proved for the whole range.
     """
-    if not halvings or found.shares is None or found.approach is None or not found.shares.any():
+    if not halvings or proof.shares is None or proof.approach is None or not proof.shares.any():
         return {}
-    which = int(np.argmax(found.shares))
-    first = found.approach[which] or 1.0  # the half nearer to the singular set, which fails sooner
+    which = int(np.argmax(proof.shares))
+    first = proof.approach[which] or 1.0  # the half nearer to the singular set, which fails sooner
     parts: dict[str, list[Course]] = {}
     for side in (first, -first):
         half, changed = enclosed.half(spec, which, side)
@@ -139,7 +140,7 @@ def _together(spec: Spec, parts: dict[str, list[Course]], whole: Verdict) -> Ver
     ((kind, courses),) = parts.items()
     if kind == SAFE:
         return _safe(courses, whole.course)
-    last, until = _run(spec, {}, spec.simulation.duration), min(found.until for found in courses)
+    last, until = _run(spec, {}, spec.simulation.duration), min(each.until for each in courses)
     if last.status != "singular":
         return whole
     reason = f"the heading becomes normal to the path at t = {last.t:.4g} s, with other parameters after {until:.4g} s"
@@ -161,23 +162,23 @@ def of_each(uncertainty: Mapping[str, float] | float, loop: Loop) -> Mapping[str
     return {q.name: uncertainty for q in loop.law.parameters}
 
 
-def _lost(enclosed: EnclosedLoop, spec: Spec, found: Course, course: np.ndarray) -> Verdict:
+def _lost(enclosed: EnclosedLoop, spec: Spec, proof: Course, course: np.ndarray) -> Verdict:
     """Return whether the proof failed because all motions become singular."""
-    last = _run(spec, {}, found.until + NEAR)
-    proved = f"|s| stays below {np.ceil(1e4 * found.largest) / 1e4:.4f} up to t = {found.until:.4g} s" if found.t else "nothing"
+    last = _run(spec, {}, proof.until + NEAR)
+    proved = f"|s| stays below {np.ceil(1e4 * proof.largest) / 1e4:.4f} up to t = {proof.until:.4g} s" if proof.t else "nothing"
     if last.status != "singular":
-        reason = f"{found.lost}; what is proved is that {proved}" if found.t else found.lost
-        return Verdict(NOT_PROVED, reason, None, found.margin, found.until, course=course)
+        reason = f"{proof.lost}; what is proved is that {proved}" if proof.t else proof.lost
+        return Verdict(NOT_PROVED, reason, None, proof.margin, proof.until, course=course)
     ends = [last]
-    if len(enclosed.spread) and found.approach is not None:
-        ends += [_run(spec, enclosed.plant_at(side * found.approach), found.until + NEAR) for side in (-1.0, 1.0)]
-    if found.approaching and all(row.status == "singular" for row in ends):
+    if len(enclosed.spread) and proof.approach is not None:
+        ends += [_run(spec, enclosed.plant_at(side * proof.approach), proof.until + NEAR) for side in (-1.0, 1.0)]
+    if proof.approaching and all(row.status == "singular" for row in ends):
         times = [row.t for row in ends]
-        spread = "" if len(ends) == 1 else f", with other parameters between {found.until:.4g} and {max(times):.4g} s"
+        spread = "" if len(ends) == 1 else f", with other parameters between {proof.until:.4g} and {max(times):.4g} s"
         reason = f"the heading becomes normal to the path at t = {last.t:.4g} s{spread}"
-        return Verdict(SINGULAR, reason, last.t, 0.0, found.until, course=course)
+        return Verdict(SINGULAR, reason, last.t, 0.0, proof.until, course=course)
     reason = f"with the given parameters the heading becomes normal to the path at t = {last.t:.4g} s, with others it may not"
-    return Verdict(NOT_PROVED, reason, None, 0.0, found.until, course=course)
+    return Verdict(NOT_PROVED, reason, None, 0.0, proof.until, course=course)
 
 
 def _run(spec: Spec, plant: Mapping[str, float], end: float) -> Row:

@@ -2,7 +2,7 @@
 
 About the nominal motion x(t) the deviation of any other is e = S pi + G b: pi the deviations of the parameters, at most `spread`,
 S the sensitivity of the motion to them, and b unknown numbers in [-1, 1]. S and G are carried along by the loop's tangent; what
-the tangent leaves out (`Enclosure`), the error of each step of integration and what a limit or the next piece of a path
+the tangent leaves out (`Enclosure`), the error of each step of integration and what a limit or the next segment of a path
 makes uncertain become further columns of G. A step is good when a box is found that no motion leaves during it (Picard).
 
 Each step adds the error that the embedded method estimates, which is no bound, and an allowance for rounding; the tangent itself
@@ -87,12 +87,12 @@ class TubeStep:
 class RateOfChange(Protocol):
     """A rate of change x' = f(x, p)."""
 
-    def tangent(self, x: np.ndarray, found: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return f and its derivatives by x and p, within the bounds found for the step."""
+    def tangent(self, x: np.ndarray, bounds: Bounds | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return f and its derivatives by x and p, which may use the bounds of f in the step."""
 
     def bounds(self, tube: Tube, moved: np.ndarray, growth: np.ndarray) -> Bounds:
-        """Near the tube, the nominal motion within `moved` of its centre and deviations within `growth` of what they are there;
-        the slope is not needed.
+        """Return the bounds of f near the tube: the nominal motion is within `moved` of its centre, the deviations differ by at
+        most `growth` from those there. The slope is not needed.
         """
 
 
@@ -110,9 +110,9 @@ class Flow:
             h = longest
         while True:
             box = self._box(tube, h)
-            made = None if box is None else self._step(tube, h, box)
-            if box is not None and made is not None:
-                after, error = made
+            advanced = None if box is None else self._step(tube, h, box)
+            if box is not None and advanced is not None:
+                after, error = advanced
                 if error <= 1 or h <= 10 * SHORTEST:
                     cut = self._h if h == longest else 0.0  # no information on the next step
                     self._h = max(cut, h * min(GROW, 0.9 * max(error, 1e-8) ** -0.2))
@@ -131,16 +131,16 @@ class Flow:
         moved, growth = (1.2 * h * speed + ROUNDING for speed in self._speeds)
         growth += 1e-6 * radius
         for tried in range(TRIES):
-            found = self._field.bounds(tube, moved, growth)
-            if not found.finite:
+            rate = self._field.bounds(tube, moved, growth)
+            if not rate.finite:
                 return None
-            farthest, grown = h * (np.abs(found.value) + found.moved), h * found.radius
+            farthest, grown = h * (np.abs(rate.value) + rate.moved), h * rate.radius
             if (farthest <= moved).all() and (grown <= growth).all():
                 self._speeds = farthest / h, grown / h
                 if (growth > NARROW * radius).any():  # once more, in the new box
                     moved, growth = farthest, grown
-                    found = self._field.bounds(tube, moved, growth)
-                return moved, radius + growth, found
+                    rate = self._field.bounds(tube, moved, growth)
+                return moved, radius + growth, rate
             if tried >= 3 and max((farthest / moved).max(), (grown / growth).max()) > 1.5:
                 return None  # it continues to grow
             moved = np.maximum(moved, 1.1 * farthest + ROUNDING)
@@ -149,7 +149,7 @@ class Flow:
 
     def _step(self, tube: Tube, h: float, box: tuple[np.ndarray, np.ndarray, Bounds]) -> tuple[Tube, float] | None:
         """Return the tube after h, and the error of the nominal motion relative to the tolerance."""
-        n, (_, _, found) = len(tube.centre), box
+        n, (_, _, rate) = len(tube.centre), box
         slopes: list[np.ndarray] = []
         tangents: list[np.ndarray] = []
         size = np.zeros((n, n))
@@ -159,7 +159,7 @@ class Flow:
             for weight, k, K in zip(row, slopes, tangents, strict=False):
                 if weight:
                     x, X = x + h * weight * k, X + h * weight * K
-            k, A, B = self._field.tangent(x, found)
+            k, A, B = self._field.tangent(x, rate)
             K = A @ X
             K[:, n:] += B
             slopes.append(k)
@@ -171,9 +171,9 @@ class Flow:
             return None
         if 4 * h * size.sum(axis=1).max() > FOLD:
             self._longest = FOLD / max(1e-9, np.abs(np.linalg.eigvals(size)).max())
-        last = self._field.tangent(after, found)[0]
+        last = self._field.tangent(after, rate)[0]
         error = np.abs(h * sum(w * k for w, k in zip(ERROR, [*slopes, last], strict=True)))
-        term = rest = 1.01 * h * found.rest
+        term = rest = 1.01 * h * rate.rest
         for order in range(2, 7):  # exp(h |A|) propagates terms that are omitted early in the step
             term = h / order * (size @ term)
             rest = rest + term

@@ -77,8 +77,8 @@ class Actuation:
             return ca.densify(ca.vertcat(system.qdot, system.acceleration(tau)))
 
         def value(vector: ca.SX) -> list[mpmath.mpf]:
-            known = ca.vertsplit(ca.vertcat(x, mechanism.p))
-            return fold(vector, known, lambda k: at[k], mpmath.mpf, lambda code, parts: NUMERIC[code](*parts))
+            symbols = ca.vertsplit(ca.vertcat(x, mechanism.p))
+            return fold(vector, symbols, lambda k: at[k], mpmath.mpf, lambda code, parts: NUMERIC[code](*parts))
 
         inputs = len(mechanism.inputs)
         drift = field(ca.SX.zeros(inputs))
@@ -102,8 +102,8 @@ class Actuation:
 
     @cached_property
     def _system(self) -> ReducedSystem:
-        S, names, known = null_space(self.mechanism)
-        return ReducedSystem(self.mechanism, names, S, known)
+        S, names, reduced = null_space(self.mechanism)
+        return ReducedSystem(self.mechanism, names, S, reduced)
 
 
 def actuation(mechanism: Mechanism) -> Actuation | None:

@@ -129,50 +129,50 @@ class Analysis:
 
 def analyse(system: Kinematics | Mechanism | ReducedSystem) -> Analysis:
     """Return the exact analysis. Raises ModelError for degenerate systems and for functions that cannot be treated exactly."""
-    found = distribution(system)
-    functions = found.functions
+    Delta = distribution(system)
+    functions = Delta.functions
     mechanism = system.mechanism if isinstance(system, ReducedSystem) else system
     inputs = actuation(mechanism) if isinstance(mechanism, Mechanism) else None
     return Analysis(
-        found.kinematics.name,
+        Delta.kinematics.name,
         functions.n,
-        found.m,
-        found.growth,
-        holonomic(found),
-        certificate(found),
-        places(found),
-        linearization_steps(found),
-        checks(found, inputs),
-        found.S,
+        Delta.m,
+        Delta.growth,
+        holonomic(Delta),
+        certificate(Delta),
+        places(Delta),
+        linearization_steps(Delta),
+        checks(Delta, inputs),
+        Delta.S,
         tuple(map(written, functions.positive)),
         inputs,
     )
 
 
-def certificate(found: Distribution) -> DimensionProof:
+def certificate(Delta: Distribution) -> DimensionProof:
     """Return the proof of the growth vector, as text and expressions."""
-    functions, basis = found.functions, found.filtration.basis
+    functions, basis = Delta.functions, Delta.filtration.basis
     return DimensionProof(
-        tuple(sp.Matrix([functions.expression(entry) for entry in field.vector]) for field in found.fields),
+        tuple(sp.Matrix([functions.expression(entry) for entry in field.vector]) for field in Delta.fields),
         tuple(field.name for field in basis),
         tuple(sp.Matrix([functions.expression(entry) for entry in field.vector]) for field in basis),
         tuple(str(functions.coordinates[field.pivot]) for field in basis),
-        _minor(found),
-        tuple(_identity(found, dependence) for dependence in found.filtration.dependences),
+        _minor(Delta),
+        tuple(_identity(Delta, dependence) for dependence in Delta.filtration.dependences),
     )
 
 
-def _minor(found: Distribution) -> sp.Expr:
+def _minor(Delta: Distribution) -> sp.Expr:
     """Return the minor of the named brackets in the rows of the pivots: the pivots times the divisors."""
-    functions, basis = found.functions, found.filtration.basis
+    functions, basis = Delta.functions, Delta.filtration.basis
     above = [part for field in basis for part in (field.vector[field.pivot], *field.below)]
     number, powers = functions.product(above, [part for field in basis for part in field.above])
     return sp.Mul(number, *[functions.expression(factor) ** power for factor, power in powers.items()])
 
 
-def _identity(found: Distribution, dependence: Dependence) -> str:
-    functions, basis = found.functions, found.filtration.basis
-    left = found.fields.index(dependence.left)
+def _identity(Delta: Distribution, dependence: Dependence) -> str:
+    functions, basis = Delta.functions, Delta.filtration.basis
+    left = Delta.fields.index(dependence.left)
     right = next(k for k, field in enumerate(basis) if field is dependence.right)
     divisor = functions.times(dependence.factor, functions.delta)
     quotients = {k: written(functions.quotient(c, divisor)) for k, c in dependence.coefficients.items()}

@@ -61,12 +61,12 @@ class Span:
         """Return steps (k, up, by) in which vector := up * vector - by * field k, and the remainder: 0 for a vector in the
         span."""
         f, steps = self.functions, []
-        for k, known in enumerate(self.fields):
-            entry = vector[known.pivot]
+        for k, own in enumerate(self.fields):
+            entry = vector[own.pivot]
             if entry:
-                common = known.vector[known.pivot].gcd(entry)
-                up, by = known.vector[known.pivot].exquo(common), entry.exquo(common)
-                vector = tuple(f.normal(up * a - by * b) for a, b in zip(vector, known.vector, strict=True))
+                common = own.vector[own.pivot].gcd(entry)
+                up, by = own.vector[own.pivot].exquo(common), entry.exquo(common)
+                vector = tuple(f.normal(up * a - by * b) for a, b in zip(vector, own.vector, strict=True))
                 refuse_large(vector)
                 steps.append((k, up, by))
         return steps, vector
@@ -91,18 +91,18 @@ class Span:
     def complement(self) -> list[Vector]:
         """Return a basis of the annihilator, n minus their number of vectors: one-forms for fields, fields for one-forms."""
         f = self.functions
-        pivots = {known.pivot for known in self.fields}
-        found = []
+        pivots = {own.pivot for own in self.fields}
+        annihilator = []
         for free in (k for k in range(f.n) if k not in pivots):
             vector = [f.ring.one if k == free else f.ring.zero for k in range(f.n)]
-            for known in reversed(self.fields):
-                rest, pivot = f.dot(vector, known.vector), known.vector[known.pivot]
+            for own in reversed(self.fields):
+                rest, pivot = f.dot(vector, own.vector), own.vector[own.pivot]
                 common = pivot.gcd(rest)
                 vector = [f.times(entry, pivot.exquo(common)) for entry in vector]
-                vector[known.pivot] = -rest.exquo(common)
+                vector[own.pivot] = -rest.exquo(common)
             refuse_large(vector)
-            found.append(f.primitive(tuple(vector))[1])
-        return found
+            annihilator.append(f.primitive(tuple(vector))[1])
+        return annihilator
 
     def _difficulty(self, entry: PolyElement) -> tuple:
         f = self.functions
@@ -136,10 +136,10 @@ def filtration(functions: Functions, generators: Sequence[VectorField], derived:
         for k in range(before, growth[-1]):
             right = span.fields[k]
             for left in span.fields[:k] if derived else generators[:k]:
-                made = _bracket(functions, left, right)
-                found = span.add(made)
-                if found is not None:
-                    dependences.append(Dependence(made.name, left, right, *found))
+                bracket = _bracket(functions, left, right)
+                combination = span.add(bracket)
+                if combination is not None:
+                    dependences.append(Dependence(bracket.name, left, right, *combination))
                 if len(span.fields) == functions.n:
                     return Filtration(tuple(span.fields), (*growth, functions.n), tuple(dependences))
         before = growth[-1]
@@ -192,15 +192,15 @@ class Brackets:
 
     def _level(self, level: int) -> list[Vector]:
         while len(self.levels) <= level:
-            known, made = [vector for made in self.levels for vector in made], []
+            vectors, brackets = [vector for each in self.levels for vector in each], []
             for k, right in enumerate(self.levels[-1]):
                 for left in self.levels[0] if len(self.levels) > 1 else self.levels[0][:k]:
                     vector = self.functions.bracket(left, right)
                     refuse_large(vector)
-                    if any(vector) and not any(_parallel(vector, other) for other in known):
-                        known.append(vector)
-                        made.append(vector)
-            self.levels.append(made)
+                    if any(vector) and not any(_parallel(vector, other) for other in vectors):
+                        vectors.append(vector)
+                        brackets.append(vector)
+            self.levels.append(brackets)
         return self.levels[level]
 
 

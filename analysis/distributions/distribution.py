@@ -96,26 +96,26 @@ def distribution(system: Kinematics | Mechanism | ReducedSystem) -> Distribution
     Raises ModelError if constraints are dependent everywhere (it names one), if A S is not exactly zero, if columns of S are
     dependent, and for functions of q that cannot be treated exactly.
     """
-    given = kinematics(system)
-    with provable(given.name):
-        return _distribution(given)
+    model = kinematics(system)
+    with provable(model.name):
+        return _distribution(model)
 
 
-def _distribution(given: Kinematics) -> Distribution:
-    quantities = (*given.coordinates, *given.parameters)
-    A = _exact(given.A, quantities, f"{given.name}: A")
-    S = _exact(given.S, quantities, f"{given.name}: S")
-    symbols = [symbol(c) for c in given.coordinates], [symbol(p) for p in given.parameters]
-    functions = Functions(given.name, *symbols, [*(A or ()), *(S or ())])
+def _distribution(model: Kinematics) -> Distribution:
+    quantities = (*model.coordinates, *model.parameters)
+    A = _exact(model.A, quantities, f"{model.name}: A")
+    S = _exact(model.S, quantities, f"{model.name}: S")
+    symbols = [symbol(c) for c in model.coordinates], [symbol(p) for p in model.parameters]
+    functions = Functions(model.name, *symbols, [*(A or ()), *(S or ())])
     refuse_dependent_roots(functions)
     forms = [_polynomial(functions, list(A.row(k)), f"row {k + 1}") for k in range(A.rows)] if A is not None else []
     rows = _independent(functions, forms)
     if len(rows) < len(forms):
         name = next(
-            name for name, form in zip(given.constraint_names, forms, strict=True) if form.name not in {r.name for r in rows}
+            name for name, form in zip(model.constraint_names, forms, strict=True) if form.name not in {r.name for r in rows}
         )
         raise ModelError(
-            f"{given.name}: the constraints are not independent: {name!r} follows from the others everywhere; drop it"
+            f"{model.name}: the constraints are not independent: {name!r} follows from the others everywhere; drop it"
         )
     fields: Sequence[VectorField]
     if S is None:
@@ -124,13 +124,13 @@ def _distribution(given: Kinematics) -> Distribution:
         S = sp.Matrix([[functions.expression(v[k]) for v in vectors] for k in range(functions.n)])
     else:
         fields = [_polynomial(functions, list(S.col(k)), f"s{k + 1}") for k in range(S.cols)]
-    for name, form in zip(given.constraint_names, forms, strict=False):
+    for name, form in zip(model.constraint_names, forms, strict=False):
         for column in fields:
             if functions.dot(form.vector, column.vector):
-                raise ModelError(f"{given.name}: A S is not zero: column {column.name} of S does not satisfy constraint {name!r}")
+                raise ModelError(f"{model.name}: A S is not zero: column {column.name} of S does not satisfy constraint {name!r}")
     if len(_independent(functions, fields)) < len(fields):
-        raise ModelError(f"{given.name}: the columns of S depend on each other everywhere; choose other quasi-velocities")
-    return Distribution(given, functions, S, tuple(fields), tuple(forms))
+        raise ModelError(f"{model.name}: the columns of S depend on each other everywhere; choose other quasi-velocities")
+    return Distribution(model, functions, S, tuple(fields), tuple(forms))
 
 
 def _exact(matrix: ca.SX | None, quantities: Sequence, where: str) -> sp.Matrix | None:

@@ -54,25 +54,25 @@ class Holonomic:
         lines = [integral.text() for integral in self.integrals]
         missing = self.count - len(self.integrals)
         if missing:
-            what = "one more integral exists" if missing == 1 else f"{missing} more integrals exist"
-            lines.append(f"{what if lines else what.replace(' more', '')} but no closed form was found")
+            remaining = "one more integral exists" if missing == 1 else f"{missing} more integrals exist"
+            lines.append(f"{remaining if lines else remaining.replace(' more', '')} but no closed form was found")
         if self.could_go:
             lines.append("could go: " + " or ".join(" and ".join(names) for names in self.could_go))
         return lines
 
 
-def holonomic(found: Distribution) -> Holonomic:
+def holonomic(Delta: Distribution) -> Holonomic:
     """Find the integrals: polynomials in coordinates, sines and cosines first, then closed one-forms. Each is verified
     exactly."""
-    count = found.holonomic
+    count = Delta.holonomic
     if not count:
         return Holonomic(0, (), (), ())
-    functions, forms = found.functions, found.annihilator
+    functions, forms = Delta.functions, Delta.annihilator
     expressions = tuple(sp.Matrix([[functions.expression(entry) for entry in form]]) for form in forms)
     point = random_point(functions, seed=count)
     gradients: list[Vector] = []
     integrals: list[FirstIntegral] = []
-    for function, gradient in itertools.chain(_polynomials(found), _closed(found, forms)):
+    for function, gradient in itertools.chain(_polynomials(Delta), _closed(Delta, forms)):
         if point.rank([*gradients, gradient]) > len(gradients):
             gradients.append(gradient)
             integrals.append(_integral(functions, function, gradient))
@@ -81,12 +81,12 @@ def holonomic(found: Distribution) -> Holonomic:
     return Holonomic(count, expressions, tuple(integrals), _could_go(functions, forms, point))
 
 
-def _polynomials(found: Distribution) -> Iterator[tuple[sp.Expr, Vector]]:
+def _polynomials(Delta: Distribution) -> Iterator[tuple[sp.Expr, Vector]]:
     """Find integrals that are polynomials, with multiples of their gradients.
 
     First in the coordinates with constant coefficients, then of increasing degree in coordinates, sines and cosines.
     """
-    functions = found.functions
+    functions = Delta.functions
     gens = functions.ring.gens
     coordinates = gens[functions.constants : functions.constants + functions.n]
     others = [gens[k] for k in range(functions.constants, len(gens)) if k not in functions.roots]
@@ -100,19 +100,19 @@ def _polynomials(found: Distribution) -> Iterator[tuple[sp.Expr, Vector]]:
         if len(monomials) > MONOMIALS:
             return
         try:
-            integrals = _constant_along(found, monomials)
+            integrals = _constant_along(Delta, monomials)
         except TooLarge:
             return
         for polynomial in integrals:
             yield functions.expression(polynomial), functions.gradient(polynomial)
 
 
-def _constant_along(found: Distribution, monomials: Sequence[PolyElement]) -> list[PolyElement]:
+def _constant_along(Delta: Distribution, monomials: Sequence[PolyElement]) -> list[PolyElement]:
     """Return combinations of the monomials, with coefficients in the parameters, that are constant along Delta*; the shortest
     first."""
-    functions = found.functions
+    functions = Delta.functions
     fixed = random_point(functions, seed=len(monomials))
-    rates = [functions.rates_along(field.vector) for field in found.filtration.basis]
+    rates = [functions.rates_along(field.vector) for field in Delta.filtration.basis]
     images = [[functions.along(rate, monomial) for rate in rates] for monomial in monomials]
     rows: dict[tuple, dict[int, PolyElement]] = {}
     for column, image in enumerate(images):
@@ -139,9 +139,9 @@ def _constant_along(found: Distribution, monomials: Sequence[PolyElement]) -> li
                 common = common.lcm(entry.denom)
             scaled = [entry.numer * common.exquo(entry.denom) for entry in solution]
             shared = functools.reduce(PolyElement.gcd, scaled)
-            made = sum((c.exquo(shared) * monomials[k] for c, k in zip(scaled, support, strict=True)), functions.ring.zero)
-            if made and not any(functions.along(rate, made) for rate in rates):
-                integrals.append(made)
+            integral = sum((c.exquo(shared) * monomials[k] for c, k in zip(scaled, support, strict=True)), functions.ring.zero)
+            if integral and not any(functions.along(rate, integral) for rate in rates):
+                integrals.append(integral)
     return integrals
 
 
@@ -154,18 +154,18 @@ def _supports(rows: list[dict[int, object]], columns: int) -> list[tuple[int, ..
     return [tuple(k for k, entry in enumerate(vector) if entry) for vector in null]
 
 
-def _closed(found: Distribution, forms: Sequence[Vector]) -> Iterator[tuple[sp.Expr, Vector]]:
+def _closed(Delta: Distribution, forms: Sequence[Vector]) -> Iterator[tuple[sp.Expr, Vector]]:
     """Find integrals, with multiples of their gradients, of one-forms that are closed, possibly after division by an entry."""
-    functions = found.functions
+    functions = Delta.functions
     for form in forms:
         for divisor in dict.fromkeys([functions.ring.one, *filter(None, form)]):
             if _is_closed(functions, form, divisor):
                 closed = [functions.quotient(entry, divisor) for entry in form]
-                made = _integrated(functions, closed)
-                if made is not None and all(
-                    _is_zero(functions, sp.diff(made, q) - e) for q, e in zip(functions.coordinates, closed, strict=True)
+                potential = _integrated(functions, closed)
+                if potential is not None and all(
+                    _is_zero(functions, sp.diff(potential, q) - e) for q, e in zip(functions.coordinates, closed, strict=True)
                 ):
-                    yield made, form
+                    yield potential, form
                     break
 
 

@@ -96,39 +96,39 @@ class Judgement:
     at_defaults: bool
 
 
-def places(found: Distribution) -> Places:
+def places(Delta: Distribution) -> Places:
     """Return where the rank of A, of S, or a dimension in the filtration drops.
 
     If the rank drops on a hypersurface, every minor vanishes there, so that its equation is a factor of any minor, such as the
     product of the pivots. Each factor, by half angles, is then examined at its zeros, with the brackets themselves.
     """
-    functions = found.functions
-    candidates = dict.fromkeys(_vanishing_factors(functions, [part for column in found.fields for part in column.above]))
+    functions = Delta.functions
+    candidates = dict.fromkeys(_vanishing_factors(functions, [part for column in Delta.fields for part in column.above]))
     near: dict[tuple[Vector, ...], Brackets] = {}
-    levels = range(0 if found.forms else 1, len(found.growth) + 1)
+    levels = range(0 if Delta.forms else 1, len(Delta.growth) + 1)
     for level in levels:
-        candidates.update(dict.fromkeys(_minor_factors(functions, _level(found, level, near))))
+        candidates.update(dict.fromkeys(_minor_factors(functions, _level(Delta, level, near))))
     judged: dict[PolyElement, Judgement] = {}
     for form in sorted(candidates, key=len):
-        judgement = _judge(found, form, list(judged), near)
+        judgement = _judge(Delta, form, list(judged), near)
         if judgement is not None:
             judged[form] = judgement
     found_places, doubts = [], list[tuple[str, ...]]()
     for form, judgement in _joined(functions, judged).items():
-        place = _place(found, form, judgement)
-        if place.undecided(found.growth):
+        place = _place(Delta, form, judgement)
+        if place.undecided(Delta.growth):
             doubts.append((written(place.condition),))
         else:
             found_places.append(place)
-    decided = [form for form, judgement in judged.items() if not _place(found, form, judgement).undecided(found.growth)]
-    doubts += [_doubt(found, level, near, decided) for level in levels]
+    decided = [form for form, judgement in judged.items() if not _place(Delta, form, judgement).undecided(Delta.growth)]
+    doubts += [_doubt(Delta, level, near, decided) for level in levels]
     return Places(tuple(found_places), tuple(dict.fromkeys(doubt for doubt in doubts if doubt)))
 
 
-def _place(found: Distribution, form: PolyElement, judgement: Judgement) -> Place:
-    condition = expression(found.functions, form)
-    whole = judgement.growth[-1:] == found.growth[-1:]
-    return Place(condition, words(found.functions, form), whole=whole, **vars(judgement))
+def _place(Delta: Distribution, form: PolyElement, judgement: Judgement) -> Place:
+    condition = expression(Delta.functions, form)
+    whole = judgement.growth[-1:] == Delta.growth[-1:]
+    return Place(condition, words(Delta.functions, form), whole=whole, **vars(judgement))
 
 
 def _joined(functions: Functions, judged: dict[PolyElement, Judgement]) -> dict[PolyElement, Judgement]:
@@ -143,22 +143,22 @@ def _joined(functions: Functions, judged: dict[PolyElement, Judgement]) -> dict[
 
 
 def _level(
-    found: Distribution, level: int, near: dict[tuple[Vector, ...], Brackets], point: Point | None = None
+    Delta: Distribution, level: int, near: dict[tuple[Vector, ...], Brackets], point: Point | None = None
 ) -> list[VectorField]:
     """Return the echelon form of fields that span Delta_level generically, level 0 being the rows of A.
 
     With a point, brackets that are independent there are used if possible, and pivots that do not vanish there are preferred.
     Raises TooLarge, or ModelError for the same reason.
     """
-    span = Span(found.functions, point=point)
+    span = Span(Delta.functions, point=point)
     if level == 0:
-        fields: Sequence[VectorField] = found.forms
+        fields: Sequence[VectorField] = Delta.forms
     else:
-        about = found if point is None else found.near(point)
-        fields = about.filtration.basis[: found.growth[level - 1]]
-        if point is not None and point.rank([each.whole(found.functions) for each in fields]) < len(fields):
+        about = Delta if point is None else Delta.near(point)
+        fields = about.filtration.basis[: Delta.growth[level - 1]]
+        if point is not None and point.rank([each.whole(Delta.functions) for each in fields]) < len(fields):
             chosen: list[Vector] = []
-            for vector in _brackets(found, near, point).up_to(level):
+            for vector in _brackets(Delta, near, point).up_to(level):
                 if point.rank([*chosen, vector]) > len(chosen):
                     chosen.append(vector)
             if len(chosen) == len(fields):
@@ -168,10 +168,10 @@ def _level(
     return span.fields
 
 
-def _brackets(found: Distribution, near: dict[tuple[Vector, ...], Brackets], point: Point | RealPoint) -> Brackets:
+def _brackets(Delta: Distribution, near: dict[tuple[Vector, ...], Brackets], point: Point | RealPoint) -> Brackets:
     """Return the brackets of fields that span Delta near the point. `near` caches them."""
-    fields = tuple(field.whole(found.functions) for field in found.near(point).fields)
-    return near.setdefault(fields, Brackets(found.functions, fields))
+    fields = tuple(field.whole(Delta.functions) for field in Delta.near(point).fields)
+    return near.setdefault(fields, Brackets(Delta.functions, fields))
 
 
 def words(functions: Functions, form: PolyElement) -> str:
@@ -207,41 +207,41 @@ def _minor_factors(functions: Functions, fields: Sequence[VectorField]) -> list[
 
 
 def _judge(
-    found: Distribution, form: PolyElement, known: list[PolyElement], near: dict[tuple[Vector, ...], Brackets]
+    Delta: Distribution, form: PolyElement, examined: list[PolyElement], near: dict[tuple[Vector, ...], Brackets]
 ) -> Judgement | None:
-    """Return the differences where the form vanishes and no known one does; None if there are none."""
-    functions = found.functions
+    """Return the differences where the form vanishes and none of `examined` does; None if there are none."""
+    functions = Delta.functions
     growths, drops, fails = [], [], []
-    points, verified = _points_on(found, form, known)
+    points, verified = _points_on(Delta, form, examined)
     for point in points:
         try:
-            followed = _brackets(found, near, point)
+            followed = _brackets(Delta, near, point)
         except TooLarge:
             continue
-        drop = bool(found.forms) and point.rank([form.whole(functions) for form in found.forms]) < len(found.forms)
-        columns = [column.whole(functions) for column in found.fields]
-        dependent = bool(found.forms) and point.rank(columns) < len(columns)
-        pole = any(not point(part) for column in found.fields for part in column.above)
+        drop = bool(Delta.forms) and point.rank([form.whole(functions) for form in Delta.forms]) < len(Delta.forms)
+        columns = [column.whole(functions) for column in Delta.fields]
+        dependent = bool(Delta.forms) and point.rank(columns) < len(columns)
+        pole = any(not point(part) for column in Delta.fields for part in column.above)
         drops.append(drop)
-        fails.append(found.kinematics.S is not None and (pole or dependent and not drop))
-        growths.append(followed.growth_at(point, len(found.growth) + MORE_STEPS, found.growth[-1]))
+        fails.append(Delta.kinematics.S is not None and (pole or dependent and not drop))
+        growths.append(followed.growth_at(point, len(Delta.growth) + MORE_STEPS, Delta.growth[-1]))
     # At a special point ranks may be lower, so that the largest are those of the component.
     best = max(growths, default=())
-    if best == found.growth and not all(drops) and not all(fails):
+    if best == Delta.growth and not all(drops) and not all(fails):
         return None
     at_defaults = all(getattr(point, "at_defaults", True) for point in points)
     return Judgement(best, bool(drops) and all(drops), bool(fails) and all(fails), verified, at_defaults)
 
 
-def _points_on(found: Distribution, form: PolyElement, known: list[PolyElement]) -> tuple[list[RealPoint | Point], bool]:
-    """Return points where the form vanishes and the known ones do not: real ones and True, or others if none is found."""
-    parameters, points = found.kinematics.parameters, list[RealPoint | Point]()
+def _points_on(Delta: Distribution, form: PolyElement, examined: list[PolyElement]) -> tuple[list[RealPoint | Point], bool]:
+    """Return points where the form vanishes and those of `examined` do not: real ones and True, or others if none is found."""
+    parameters, points = Delta.kinematics.parameters, list[RealPoint | Point]()
     with contextlib.suppress(NoPoint):
         for seed in range(REAL_POINTS):
-            points.append(real_point(found.functions, parameters, form, seed, known))
+            points.append(real_point(Delta.functions, parameters, form, seed, examined))
     if points:
         return points, True
-    return [point for point in (_point_on(found.functions, (form,), seed, known) for seed in range(SEEDS)) if point], False
+    return [point for point in (_point_on(Delta.functions, (form,), seed, examined) for seed in range(SEEDS)) if point], False
 
 
 def _point_on(
@@ -262,14 +262,13 @@ def _point_on(
 
 
 def _doubt(
-    found: Distribution, level: int, near: dict[tuple[Vector, ...], Brackets], known: list[PolyElement]
+    Delta: Distribution, level: int, near: dict[tuple[Vector, ...], Brackets], examined: list[PolyElement]
 ) -> tuple[str, ...]:
-    """Return an empty result if it is proved that the rank of a level drops only at the known places, else the minors that were
-    tried.
+    """Return the minors that were tried; empty if it is proved that the rank of a level drops only at zeros of `examined`.
 
     It is proved if some minors have no other common zero. Their pivots are chosen at points where the minors so far vanish.
     """
-    functions = found.functions
+    functions = Delta.functions
     minors: dict[PolyElement, list[PolyElement]] = {}  # with their factors
     least: list[PolyElement] = []
     waiting: list[tuple[PolyElement, ...]] = [()]
@@ -277,13 +276,13 @@ def _doubt(
         if not waiting:
             break
         vanishing = waiting.pop(0)
-        point = _point_on(functions, vanishing, seed, known) if vanishing else None
+        point = _point_on(functions, vanishing, seed, examined) if vanishing else None
         if vanishing and point is None:
             continue
         rest = next((factors for minor, factors in minors.items() if point is None or not point.on(minor)), None)
         if rest is None:
             try:
-                rest = [form for form in _minor_factors(functions, _level(found, level, near, point)) if form not in known]
+                rest = [form for form in _minor_factors(functions, _level(Delta, level, near, point)) if form not in examined]
             except (TooLarge, ModelError):
                 continue
             minors[product(functions, rest)] = rest

@@ -61,38 +61,38 @@ class LinearizationStep:
     reason: str
 
 
-def linearization_steps(found: Distribution) -> tuple[LinearizationStep, ...]:
+def linearization_steps(Delta: Distribution) -> tuple[LinearizationStep, ...]:
     """Return D_1 = span{g}, D_2 = span{g, [f, g]} of (13), at generic states; all after D_2 equal it if it is involutive.
 
     g_j = d/dnu_j is constant, and [f, g_j] = -s_j: D_2 consists of the directions of the quasi-velocities and Delta.
     """
-    inputs = len(found.fields)
-    involutive = len(found.growth) == 1
-    reason = "Delta is involutive" if involutive else f"Delta is not: [Delta, Delta] has dimension {found.growth[1]}"
+    inputs = len(Delta.fields)
+    involutive = len(Delta.growth) == 1
+    reason = "Delta is involutive" if involutive else f"Delta is not: [Delta, Delta] has dimension {Delta.growth[1]}"
     return (
         LinearizationStep("D_1", inputs, True, "its fields are constant"),
         LinearizationStep("D_2", 2 * inputs, involutive, f"it contains Delta and constant fields, and {reason}"),
     )
 
 
-def checks(found: Distribution, inputs: Actuation | None = None) -> tuple[Check, ...]:
+def checks(Delta: Distribution, inputs: Actuation | None = None) -> tuple[Check, ...]:
     """Return all checks, each on R^(2n-m), and on the leaf if k > 0.
 
     They apply to the robot driven by its `inputs`; None: to (13), whose inputs drive every quasi-velocity.
     """
-    where = (SPACE, LEAF) if found.holonomic else (SPACE,)
-    made = [(_accessible, where), (_controllable, where), (_lagrange, (SPACE,)), (_asymptotic, where), (_static, where)]
-    of_13 = tuple(check(found, place) for check, places in made for place in places) + (_dynamic(found),)
+    where = (SPACE, LEAF) if Delta.holonomic else (SPACE,)
+    table = [(_accessible, where), (_controllable, where), (_lagrange, (SPACE,)), (_asymptotic, where), (_static, where)]
+    of_13 = tuple(check(Delta, place) for check, places in table for place in places) + (_dynamic(Delta),)
     driven = Hypothesis(
         "S'E has rank n - m: the inputs drive every quasi-velocity, generic, by numbers", None if inputs is None else inputs.full
     )
     of_13 = tuple(replace(check, hypotheses=(driven, *check.hypotheses)) for check in of_13)
-    return of_13 if inputs is None or inputs.full else tuple(_underactuated(found, check, inputs) for check in of_13)
+    return of_13 if inputs is None or inputs.full else tuple(_underactuated(Delta, check, inputs) for check in of_13)
 
 
-def _underactuated(found: Distribution, check: Check, inputs: Actuation) -> Check:
+def _underactuated(Delta: Distribution, check: Check, inputs: Actuation) -> Check:
     """Return the check if inputs do not drive all quasi-velocities: the robot cannot do what (13) cannot; the rest is open."""
-    reached, states = inputs.reached, 2 * found.functions.n - found.m - found.holonomic
+    reached, states = inputs.reached, 2 * Delta.functions.n - Delta.m - Delta.holonomic
     driven = check.hypotheses[:1]
     reason = f"for this actuation: the inputs drive {inputs.driven} of {inputs.dof} quasi-velocities"
     if check.name == "accessible" and check.verdict:
@@ -107,12 +107,12 @@ def _underactuated(found: Distribution, check: Check, inputs: Actuation) -> Chec
     return replace(check, verdict=None, reason=reason, hypotheses=driven, reference="the theorems used here apply to (13)")
 
 
-def _generic(found: Distribution) -> Hypothesis:
-    return Hypothesis(f"dim Delta* = {found.growth[-1]} about the configuration: at generic ones, proved exactly", True)
+def _generic(Delta: Distribution) -> Hypothesis:
+    return Hypothesis(f"dim Delta* = {Delta.growth[-1]} about the configuration: at generic ones, proved exactly", True)
 
 
-def _accessible(found: Distribution, where: str) -> Check:
-    n, m, k = found.functions.n, found.m, found.holonomic
+def _accessible(Delta: Distribution, where: str) -> Check:
+    n, m, k = Delta.functions.n, Delta.m, Delta.holonomic
     whole = where == LEAF or k == 0
     reached = 2 * n - m - k
     reason = (
@@ -120,18 +120,18 @@ def _accessible(found: Distribution, where: str) -> Check:
         if whole
         else f"{k} function{'s' if k > 1 else ''} of q cannot change: {reached} of {2 * n - m} dimensions are reached"
     )
-    return Check("accessible", "strongly accessible", where, whole, reason, (_generic(found),), "Theorem 1")
+    return Check("accessible", "strongly accessible", where, whole, reason, (_generic(Delta),), "Theorem 1")
 
 
-def _controllable(found: Distribution, where: str) -> Check:
-    whole = where == LEAF or found.holonomic == 0
+def _controllable(Delta: Distribution, where: str) -> Check:
+    whole = where == LEAF or Delta.holonomic == 0
     reason = (
         "qdot = S nu satisfies Chow's condition, and adding integrators to nu makes no bad bracket at nu = 0"
         if whole
         else "it is not accessible"
     )
     hypotheses = (
-        _generic(found),
+        _generic(Delta),
         Hypothesis("S is analytic where it is defined", True),
         Hypothesis("the state is at rest, nu = 0", None),
         Hypothesis("u may take all values about 0", None),
@@ -147,8 +147,8 @@ def _controllable(found: Distribution, where: str) -> Check:
     )
 
 
-def _lagrange(found: Distribution, where: str) -> Check:
-    bounded = _bounded(found)
+def _lagrange(Delta: Distribution, where: str) -> Check:
+    bounded = _bounded(Delta)
     reason = "u = -kappa nu, kappa > 0, makes nu decay, and q stays within |nu(0)| sup|S| / kappa of its start"
     if not bounded:
         reason += ", for starts slow enough to stay where S is regular"
@@ -156,15 +156,15 @@ def _lagrange(found: Distribution, where: str) -> Check:
     return Check("lagrange_stable", "can be made Lagrange stable", where, True, reason, hypotheses, "Theorem 2")
 
 
-def _asymptotic(found: Distribution, where: str) -> Check:
-    n, inputs = found.functions.n, len(found.fields)
-    dimension = n - found.holonomic if where == LEAF else n
+def _asymptotic(Delta: Distribution, where: str) -> Check:
+    n, inputs = Delta.functions.n, len(Delta.fields)
+    dimension = n - Delta.holonomic if where == LEAF else n
     possible = inputs == dimension
     if possible:
         double = f"{inputs} double integrator{'s' * (inputs > 1)}"
         reason = f"there are as many quasi-velocities as dimensions of q there, {inputs}: it is {double}"
-    elif where == SPACE and found.holonomic:
-        reason = f"k = {found.holonomic} functions of q never change, and velocities have {inputs} of {n} directions (Brockett)"
+    elif where == SPACE and Delta.holonomic:
+        reason = f"k = {Delta.holonomic} functions of q never change, and velocities have {inputs} of {n} directions (Brockett)"
     else:
         reason = f"about q the velocities have only {inputs} of {dimension} directions: Brockett's necessary condition fails"
     hypotheses = (
@@ -182,9 +182,9 @@ def _asymptotic(found: Distribution, where: str) -> Check:
     )
 
 
-def _static(found: Distribution, where: str) -> Check:
-    k, m = found.holonomic, found.m
-    involutive = linearization_steps(found)[1].involutive
+def _static(Delta: Distribution, where: str) -> Check:
+    k, m = Delta.holonomic, Delta.m
+    involutive = linearization_steps(Delta)[1].involutive
     accessible = where == LEAF or k == 0
     if not involutive:
         reason = "D_2 is not involutive, it contains Delta" + ("" if accessible else f"; nor is it accessible, k = {k}")
@@ -208,16 +208,16 @@ def _static(found: Distribution, where: str) -> Check:
     )
 
 
-def _dynamic(found: Distribution) -> Check:
+def _dynamic(Delta: Distribution) -> Check:
     """Return what dynamic feedback can achieve, on the leaf if k > 0: only where a theorem applies."""
-    inputs, states = len(found.fields), found.functions.n - found.holonomic
-    where = LEAF if found.holonomic else SPACE
+    inputs, states = len(Delta.fields), Delta.functions.n - Delta.holonomic
+    where = LEAF if Delta.holonomic else SPACE
     gap = states - inputs
     hypotheses: tuple[Hypothesis, ...] = (Hypothesis("the motion avoids singular states, including rest", None),)
     if gap == 0:
         verdict, reason, reference = True, "static feedback is sufficient", "Theorem 3"
     elif inputs == 2:
-        flag = found.derived.growth
+        flag = Delta.derived.growth
         verdict = flag == tuple(range(2, states + 1))
         listed = ", ".join(map(str, flag))
         hypotheses = (Hypothesis(f"the derived flag grows one by one: ({listed})", verdict), *hypotheses)
@@ -241,12 +241,12 @@ def _dynamic(found: Distribution) -> Check:
     )
 
 
-def _bounded(found: Distribution) -> bool:
+def _bounded(Delta: Distribution) -> bool:
     """Return whether S is certainly bounded: it has no pole and no coordinate outside sines and cosines."""
-    functions = found.functions
+    functions = Delta.functions
     sizes = {k for angle in functions.angles for k in (angle.cosine, angle.sine)}
     allowed = sizes | set(range(functions.constants))
-    ratios = [functions.lowest(*functions.ratio(entry)) for entry in found.S]
+    ratios = [functions.lowest(*functions.ratio(entry)) for entry in Delta.S]
     return all(
         functions.never_zero(below)
         and functions.is_constant(below)

@@ -125,7 +125,7 @@ class Functions:
         """Return content and irreducible factors with their powers, squares of sines or of cosines eliminated, whichever gives
         fewer."""
         lists = [factored(form) for form in self.forms(polynomial)]
-        content, factors = min(lists, key=lambda made: (len(made[1]), sum(len(factor) for factor, _ in made[1])))
+        content, factors = min(lists, key=lambda pair: (len(pair[1]), sum(len(factor) for factor, _ in pair[1])))
         return int(content), factors
 
     def _sum(self, polynomial: PolyElement) -> sp.Expr:
@@ -217,15 +217,15 @@ class Functions:
             if monomials and chosen.rank() > len(basis):
                 basis.append(k)
         multiples = {k: _solve([tops[j] for j in basis], tops[k], monomials) for k in range(len(rows))}
-        found = []
+        elements = []
         for j, place in enumerate(basis):
             finest = lcm(*[int(multiples[k][j].denominator) for k in range(len(rows))])
             for k in range(len(rows)):
                 multiples[k][j] *= finest
             top, bottom = rows[place]
-            found.append((sp.expand(arguments[place] - offsets[arguments[place]]) / finest, (top, bottom * finest)))
+            elements.append((sp.expand(arguments[place] - offsets[arguments[place]]) / finest, (top, bottom * finest)))
         combinations = [[(j, int(m)) for j, m in enumerate(multiples[k]) if m] for k in range(len(rows))]
-        return found, {a: (offsets[a], parts) for a, parts in zip(arguments, combinations, strict=True)}
+        return elements, {a: (offsets[a], parts) for a, parts in zip(arguments, combinations, strict=True)}
 
     def _rational(self, argument: sp.Expr) -> Ratio:
         if not argument.is_rational_function(*self.expressions):
@@ -264,7 +264,7 @@ class Functions:
         square = self.normal(top * bottom)
         if self.sign(square) < 0:
             raise ModelError(f"{self.name}: the root of {base}, which is negative")
-        outside, inside = min((self._squares_out(form) for form in self.forms(square)), key=lambda found: len(found[1]))
+        outside, inside = min((self._squares_out(form) for form in self.forms(square)), key=lambda pair: len(pair[1]))
         value = outside
         for factor in inside:
             place = self._root_generator(factor, sp.sqrt(self.expression(factor)))
@@ -295,8 +295,8 @@ class Functions:
 
     def _root_generator(self, radicand: PolyElement, expression: sp.Expr) -> int:
         radicand = self.normal(radicand.set_ring(self.ring))
-        for place, known in self.roots.items():
-            if known == radicand:
+        for place, other in self.roots.items():
+            if other == radicand:
                 return place
         place = self._generator(expression)
         self.roots[place] = radicand.set_ring(self.ring)
@@ -369,7 +369,7 @@ class Functions:
     def sign(self, polynomial: PolyElement) -> int:
         """Return 1 or -1 for a polynomial proved never to be zero: its terms have one sign and do not vanish together. Else 0.
 
-        That is told by signs of parameters and by squares; those of cosines and sines are balanced first, as 1 + 3 s^2 to
+        The signs of parameters and squares decide it; squares of cosines and sines are balanced first, as 1 + 3 s^2 to
         c^2 + 4 s^2.
         """
         if len(polynomial) > 1 and any(powers[place] for powers in polynomial for place in self.roots):
@@ -387,9 +387,9 @@ class Functions:
     @cached_property
     def positive_places(self) -> frozenset[int]:
         """Generators that are positive: parameters declared so, exponentials, roots of functions that are never zero."""
-        found = {k for k, expression in enumerate(self.expressions) if expression.is_positive}
-        self.__dict__["positive_places"] = frozenset(found)
-        return frozenset(found | {place for place, radicand in self.roots.items() if self.sign(radicand) > 0})
+        positive = {k for k, expression in enumerate(self.expressions) if expression.is_positive}
+        self.__dict__["positive_places"] = frozenset(positive)
+        return frozenset(positive | {place for place, radicand in self.roots.items() if self.sign(radicand) > 0})
 
     def _balanced(self, polynomial: PolyElement, angle: Angle) -> PolyElement:
         """Multiply terms of lower degree in this angle's cosine and sine by c^2 + s^2 if that makes all degrees equal."""

@@ -71,13 +71,13 @@ def factors(functions: Functions, polynomial: PolyElement) -> list[tuple[PolyEle
 
     They have positive leading terms. A polynomial that is too large is not factored.
     """
-    found: dict[PolyElement, int] = {}
+    powers: dict[PolyElement, int] = {}
     for whole, power in functions.factors(polynomial)[1]:
         form = halved(functions, whole)
         for part, times in factored(form)[1] if len(form) <= LARGEST else [(form, 1)]:
             part = part if part.LC > 0 else -part
-            found[part] = found.get(part, 0) + power * times
-    return list(found.items())
+            powers[part] = powers.get(part, 0) + power * times
+    return list(powers.items())
 
 
 def never_zero(functions: Functions, form: PolyElement) -> bool:

@@ -147,9 +147,9 @@ def _move_to(zero: PolyElement, functions: Functions, halves: list, domain: Doma
         values = [((place, root),) for root in _zeros(_evaluated(zero, inserted, unknown.ring.zero, domain), domain)]
     else:
         inserted[angle.cosine], inserted[angle.sine] = unknown.ring.one, unknown
-        found = _evaluated(zero, inserted, unknown.ring.zero, domain)
-        values = [((angle.cosine, domain.one), (angle.sine, root)) for root in _zeros(found, domain)]
-        if found.degree() < max(powers[angle.cosine] + powers[angle.sine] for powers in zero):
+        polynomial = _evaluated(zero, inserted, unknown.ring.zero, domain)
+        values = [((angle.cosine, domain.one), (angle.sine, root)) for root in _zeros(polynomial, domain)]
+        if polynomial.degree() < max(powers[angle.cosine] + powers[angle.sine] for powers in zero):
             values.append(((angle.cosine, domain.zero), (angle.sine, domain.one)))
     if not values:
         return False
@@ -183,5 +183,5 @@ def _root(value, domain: Domain):
         return QQ.exsqrt(value) if value >= 0 else None
     if not value:
         return domain.zero
-    found = sqrt_mod(int(value) % PRIME, PRIME)
-    return None if found is None else domain(found)
+    root = sqrt_mod(int(value) % PRIME, PRIME)
+    return None if root is None else domain(root)

@@ -9,7 +9,7 @@ LONGEST = 8  # most terms of a sum to which the addition theorems are applied
 def readable(expression: sp.Expr) -> sp.Expr:
     """Return the product with its sums collected by sines and cosines, and with the fewest minus signs."""
     coefficient, rest = expression.as_coeff_Mul()
-    made = []
+    factors = []
     for part in sp.Mul.make_args(rest):
         base, power = part.as_base_exp()
         if base.is_Add and power.is_Integer:
@@ -17,8 +17,8 @@ def readable(expression: sp.Expr) -> sp.Expr:
             turned, negative = _turned(base), int(_is_negative(coefficient))
             if _minuses(turned) + odd * (1 - negative) < _minuses(base) + odd * negative:
                 base, coefficient = turned, coefficient * (-1) ** odd
-        made.append(base**power)
-    return sp.Mul(coefficient, *made)
+        factors.append(base**power)
+    return sp.Mul(coefficient, *factors)
 
 
 def unsigned(expression: sp.Expr) -> sp.Expr:

@@ -53,15 +53,15 @@ class RealPoint:
 
 def rank(rows: list[list[mpmath.mpf]], negligible: float | mpmath.mpf = NEGLIGIBLE) -> int:
     """Return the number of pivots that are not negligible, with rows scaled to one: elimination with complete pivoting."""
-    found = 0
+    pivots = 0
     while rows:
         size, i, j = max((abs(entry), i, j) for i, row in enumerate(rows) for j, entry in enumerate(row))
         if size <= negligible:
             break
         pivot = rows.pop(i)
         rows = [[a - row[j] / pivot[j] * b for a, b in zip(row, pivot, strict=True)] for row in rows]
-        found += 1
-    return found
+        pivots += 1
+    return pivots
 
 
 def real_point(

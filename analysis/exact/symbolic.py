@@ -60,13 +60,13 @@ def symbolic(expression: ca.SX, quantities: Sequence[Quantity], where: str) -> l
     def constant(value: float) -> sp.Expr:
         if not math.isfinite(value):
             raise ModelError(f"{where}: a division by zero, or a number that is none")
-        found = recognized(value)
-        if found is None:
+        number = recognized(value)
+        if number is None:
             raise ModelError(
                 f"{where}: {value!r} is no simple fraction, multiple of pi or root, so nothing exact follows from it; "
                 "give it as a parameter"
             )
-        return found
+        return number
 
     def apply(code: int, arguments: tuple[sp.Expr, ...]) -> sp.Expr:
         if code not in FUNCTIONS:

@@ -127,18 +127,18 @@ class Decoupling:
     def conditions(self) -> tuple[SingularCondition, ...]:
         """Conditions for det Phi = 0: one of these holds. Empty: never."""
         return tuple(
-            SingularCondition(*self._told(factor), self._singular_on(factor)) for factor in self._vanishing(self._ratio[0])
+            SingularCondition(*self._described(factor), self._singular_on(factor)) for factor in self._vanishing(self._ratio[0])
         )
 
     @cached_property
     def undefined(self) -> tuple[sp.Expr, ...]:
         """Expressions at whose zeros det Phi is undefined."""
-        found = list(self.poles)
+        expressions = list(self.poles)
         meaning, point = (self.normal.meaning, set(self.normal.point)) if self.normal else ((), set())
         for component in meaning:
             below = [part.as_base_exp()[0] for part in sp.Mul.make_args(sp.fraction(sp.together(component))[1])]
-            found += [base for base in below if base.free_symbols & point and base not in found]
-        return tuple(found)
+            expressions += [base for base in below if base.free_symbols & point and base not in expressions]
+        return tuple(expressions)
 
     @cached_property
     def poles(self) -> tuple[sp.Expr, ...]:
@@ -186,20 +186,20 @@ class Decoupling:
 
     def _vanishing(self, polynomial: PolyElement) -> list[PolyElement]:
         """Return its irreducible factors that may vanish, with positive leading terms."""
-        found = [factor for factor, _ in self.functions.factors(polynomial)[1]] if polynomial else []
-        return [f if f.LC > 0 else -f for f in found if not self._never_zero(f)]
+        factors = [factor for factor, _ in self.functions.factors(polynomial)[1]] if polynomial else []
+        return [f if f.LC > 0 else -f for f in factors if not self._never_zero(f)]
 
     def _never_zero(self, factor: PolyElement) -> bool:
         return all(never_zero(self.functions, form) for form, _ in factors(self.functions, factor))
 
-    def _told(self, factor: PolyElement) -> tuple[sp.Expr, str]:
+    def _described(self, factor: PolyElement) -> tuple[sp.Expr, str]:
         """Return a factor as a formula, and the meaning of its zeros."""
         formula = unsigned(self.functions.expression(factor))
         shown = formula
         if self.det_for_people != self.det:
             shown = unsigned(sp.factor_terms(sp.fraction(sp.together(self.written_out(formula)))[0]))
-        for known, about in self._catalogue:
-            if [factor] == known:
+        for vanishing, about in self._catalogue:
+            if [factor] == vanishing:
                 return shown, about
         about = words(self.functions, halved(self.functions, factor))
         return shown, "" if about.endswith("= 0") else about
@@ -210,7 +210,7 @@ class Decoupling:
         if self.planar is None:
             return []
         cosine, sine, nu = self.planar.cosine, self.planar.sine, sp.Matrix(self.nu)
-        found = [
+        quantities = [
             (cosine, "the heading is at 90 or -90 degrees, along the y axis"),
             (sine, "the heading is at 0 or 180 degrees, along the x axis"),
             ((self.planar.forward * nu)[0], "the forward speed is zero"),
@@ -219,19 +219,19 @@ class Decoupling:
         if self.normal:
             along, across = self.normal.x * cosine + self.normal.y * sine, self.normal.y * cosine - self.normal.x * sine
             flat = "" if self.normal.unit else ", or the gradient of the distance vanishes at P_l"
-            found.append((across, f"the heading is normal to the path{flat}"))
-            found.append((along, "the heading is along the path"))
+            quantities.append((across, f"the heading is normal to the path{flat}"))
+            quantities.append((along, "the heading is along the path"))
         for each in filter(None, self.arms):
-            found.append((each.ahead, "P_l lies on the axle"))
+            quantities.append((each.ahead, "P_l lies on the axle"))
             if self.normal and each.left:
                 about = "the line from the middle of the axle to P_l is normal to the path"
-                found.append((each.ahead * across - each.left * along, about))
-        return [(self._vanishing(self.functions.ratio(known)[0]), about) for known, about in found]
+                quantities.append((each.ahead * across - each.left * along, about))
+        return [(self._vanishing(self.functions.ratio(quantity)[0]), about) for quantity, about in quantities]
 
     def _singular_on(self, factor: PolyElement) -> bool:
         """Return whether Phi is singular at real points where the factor vanishes, and regular at one in general position."""
-        found, form = self.linearization, halved(self.functions, factor)
-        parameters = (*found.system.mechanism.parameters, *found.output.parameters)
+        linearization, form = self.linearization, halved(self.functions, factor)
+        parameters = (*linearization.system.mechanism.parameters, *linearization.output.parameters)
         ranks = []
         for seed in range(SEEDS):
             with contextlib.suppress(NoPoint):
@@ -251,9 +251,9 @@ class Decoupling:
         return point.rank(rows)
 
 
-def decouple(found: Linearization) -> Decoupling:
+def decouple(linearization: Linearization) -> Decoupling:
     """Return the exact form of a linearization. Raises ModelError if it cannot be treated exactly."""
-    system, output = found.system, found.output
+    system, output = linearization.system, linearization.output
     where = f"{system.mechanism.name}, output {output.name}"
     followed = next((row for row in output.rows if output.path is not None and _is_followed(row)), None)
     own = _distinct(
@@ -262,16 +262,17 @@ def decouple(found: Linearization) -> Decoupling:
     used = {q.name for q in (*system.state, *system.mechanism.parameters, *own)}
     normals = [_fresh(name, used) for name in ("n_x", "n_y")] if followed else []
     quantities = [*system.state, *normals, *system.mechanism.parameters, *own]
-    gradients = [_gradient(found, k, normals if row is followed else []) for k, row in enumerate(output.rows)]
+    gradients = [_gradient(linearization, k, normals if row is followed else []) for k, row in enumerate(output.rows)]
     rows = [
-        found.Phi[k, :] if degree == 1 else gradient @ system.S
-        for k, (degree, gradient) in enumerate(zip(found.relative_degree, gradients, strict=True))
+        linearization.Phi[k, :] if degree == 1 else gradient @ system.S
+        for k, (degree, gradient) in enumerate(zip(linearization.relative_degree, gradients, strict=True))
     ]
+    first_degree = [k for k, degree in enumerate(linearization.relative_degree) if degree == 1]
     parts = {
         "S": system.S,
         "gradients": ca.vertcat(*gradients),
         "Phi": ca.vertcat(*rows),
-        "rates": ca.vertcat(*[found.h[k] for k, degree in enumerate(found.relative_degree) if degree == 1]),
+        "rates": ca.vertcat(*[linearization.h[k] for k in first_degree]),
         "planar": planar_quantities(system),
         **{f"arm {k}": arm_quantities(system, row) for k, row in enumerate(output.rows)},
     }
@@ -281,18 +282,18 @@ def decouple(found: Linearization) -> Decoupling:
         where,
         [symbol(q) for q in (*system.state, *normals)],
         [symbol(q) for q in fixed],
-        [entry for made in entries.values() for entry in made],
+        [entry for part in entries.values() for entry in part],
     )
     refuse_dependent_roots(functions)
     vehicle = planar(entries["planar"], functions)
     return Decoupling(
-        linearization=found,
+        linearization=linearization,
         functions=functions,
         q=tuple(symbol(q) for q in system.mechanism.coordinates),
         nu=tuple(symbol(q) for q in system.quasi_velocities),
         S=as_matrix(entries["S"], parts["S"].shape),
         gradients=as_matrix(entries["gradients"], parts["gradients"].shape),
-        rates=dict(zip([k for k, degree in enumerate(found.relative_degree) if degree == 1], entries["rates"], strict=True)),
+        rates=dict(zip(first_degree, entries["rates"], strict=True)),
         Phi=as_matrix(entries["Phi"], parts["Phi"].shape),
         planar=vehicle,
         arms=tuple(arm(entries[f"arm {k}"], vehicle, functions) for k in range(len(output.rows))),
@@ -324,13 +325,13 @@ def _constant_slope(row: OutputRow) -> Slope | None:
     return tuple(symbolic(slope, [], "slope")) if slope.is_constant() else None
 
 
-def _gradient(found: Linearization, k: int, normals: Sequence[Quantity]) -> ca.SX:
+def _gradient(linearization: Linearization, k: int, normals: Sequence[Quantity]) -> ca.SX:
     """Return the gradient of row k with respect to q, 1 x n; zero if the relative degree is 1."""
-    mechanism, row = found.system.mechanism, found.output.rows[k]
-    if found.relative_degree[k] == 1:
+    mechanism, row = linearization.system.mechanism, linearization.output.rows[k]
+    if linearization.relative_degree[k] == 1:
         return ca.SX(1, len(mechanism.coordinates))
     if row.through is None or not normals:
-        return ca.jacobian(found.h[k], mechanism.q)
+        return ca.jacobian(linearization.h[k], mechanism.q)
     return ca.horzcat(*[n.symbol for n in normals]) @ ca.jacobian(row.through.inner, mechanism.q)
 
 
@@ -363,9 +364,9 @@ def _constant_curvature(bend: sp.Expr, distance: sp.Expr, functions: Functions) 
 def _shortest(entry: sp.Expr, functions: Functions) -> sp.Expr:
     """Return the entry as written, with a simpler numerator, or in lowest terms."""
     above, below = sp.fraction(sp.together(entry))
-    made = [entry, functions.quotient(functions.ratio(above)[0], functions.ring.one) / below]
-    made.append(functions.quotient(*functions.ratio(entry)))
-    return readable(min(made, key=sp.count_ops))
+    forms = [entry, functions.quotient(functions.ratio(above)[0], functions.ring.one) / below]
+    forms.append(functions.quotient(*functions.ratio(entry)))
+    return readable(min(forms, key=sp.count_ops))
 
 
 def _distinct(taken: Sequence[Quantity], own: Sequence[Quantity], kind: str) -> list[Quantity]:

@@ -50,19 +50,19 @@ class StraightMotion:
 
     def __str__(self) -> str:
         """A line."""
-        known = self.shape.decided
-        stable = f"{'' if known else 'the heading is '}stable if and only if {self.stable_when}, then {self.settles}"
+        decided = self.shape.decided
+        stable = f"{'' if decided else 'the heading is '}stable if and only if {self.stable_when}, then {self.settles}"
         settled = f"; {stable}" if self.stable_when else f": {self.settles}"
-        return f"{self.reference}: {self.equation}{settled}{'' if known else f'; {self.shape}'}"
+        return f"{self.reference}: {self.equation}{settled}{'' if decided else f'; {self.shape}'}"
 
     @property
     def symbols(self) -> list[str]:
         """The entries of SYMBOLS that occur in it."""
-        said = f"{self.equation} {self.settles}"
-        return [name for name in SYMBOLS if re.search(rf"\b{name}\b", said)]
+        text = f"{self.equation} {self.settles}"
+        return [name for name in SYMBOLS if re.search(rf"\b{name}\b", text)]
 
 
-SYMBOLS = {  # in the equations of Moving
+SYMBOLS = {  # in the equations of StraightMotion
     "s": "n . (cos, sin)(heading), n the unit normal of the path at P_l; Phi is singular where |s| = 1",
     "chi": "curvature of the path at P_l, positive where n points away from its centre",
     "V": "speed of the reference, negative in reverse",
@@ -89,16 +89,16 @@ class NormalForm:
     @property
     def T(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
         """Names of z1, z2, z3."""
-        found = self.decoupling.linearization
-        names = [row.name for row in found.output.rows]
-        rates = tuple(f"{name}_dot" for name, degree in zip(names, found.relative_degree, strict=True) if degree == 2)
+        linearization = self.decoupling.linearization
+        names = [row.name for row in linearization.output.rows]
+        rates = tuple(f"{name}_dot" for name, degree in zip(names, linearization.relative_degree, strict=True) if degree == 2)
         return tuple(names), rates, tuple(map(str, self.charts[0].kept))
 
     @cached_property
     def equations(self) -> dict[str, sp.Expr]:
         """z3' in closed form, by coordinate, in z2 and the outputs of relative degree 1; empty if there is none."""
-        found = self.decoupling.linearization
-        names = zip(found.output.rows, found.relative_degree, strict=True)
+        linearization = self.decoupling.linearization
+        names = zip(linearization.output.rows, linearization.relative_degree, strict=True)
         return self._rates([sp.Symbol(f"{row.name}_dot" if degree == 2 else row.name) for row, degree in names])
 
     @cached_property
@@ -120,17 +120,17 @@ class NormalForm:
     @cached_property
     def shape(self) -> Shape:
         """The coordinates besides the heading on which the motion depends; empty without an axle."""
-        made = self.decoupling
-        return shape_of(made) if made.planar and made.planar.ahead is not None else Shape((), ())
+        decoupling = self.decoupling
+        return shape_of(decoupling) if decoupling.planar and decoupling.planar.ahead is not None else Shape((), ())
 
     @cached_property
     def moving(self) -> tuple[StraightMotion, ...]:
         """For a vehicle in the plane, with references that move steadily; empty if no rule is known."""
-        made, vehicle = self.decoupling, self.decoupling.planar
+        decoupling, vehicle = self.decoupling, self.decoupling.planar
         if vehicle is None or vehicle.ahead is None or self.offset is None:
             return ()
-        known = made, vehicle, self.shape
-        return _along_a_path(*known) + _point_moving(*known) + _heading_held(*known)
+        arguments = decoupling, vehicle, self.shape
+        return _along_a_path(*arguments) + _point_moving(*arguments) + _heading_held(*arguments)
 
     def _rates(self, w: Sequence[sp.Expr]) -> dict[str, sp.Expr]:
         """z3' = J_h~ S Phi^-1 (w - offset), by coordinate."""
@@ -142,36 +142,36 @@ class NormalForm:
     @cached_property
     def _driven(self) -> dict[str, list[sp.Expr]]:
         """Rows of J_h~ S Phi^-1, by coordinate."""
-        made = self.decoupling
-        rows = made.S * made.Phi.adjugate()
-        kept = {str(name): made.q.index(name) for name in self.charts[0].kept}
-        return {name: [made.over_determinant(entry) for entry in rows.row(k)] for name, k in kept.items()}
+        decoupling = self.decoupling
+        rows = decoupling.S * decoupling.Phi.adjugate()
+        kept = {str(name): decoupling.q.index(name) for name in self.charts[0].kept}
+        return {name: [decoupling.over_determinant(entry) for entry in rows.row(k)] for name, k in kept.items()}
 
 
-def normal_form(made: Decoupling) -> NormalForm:
+def normal_form(decoupling: Decoupling) -> NormalForm:
     """Choose h~ among the coordinates."""
-    degree = made.linearization.relative_degree
-    gradients = made.gradients.extract([k for k in range(len(degree)) if degree[k] == 2], list(range(len(made.q))))
-    nu = sp.Matrix(made.nu)
-    offset = {k: made.lowest(rate - (made.Phi.row(k) * nu)[0]) for k, rate in made.rates.items()}
-    moves = {symbol for expression in (*made.Phi, *offset.values()) for symbol in expression.free_symbols} & set(made.nu)
-    return NormalForm(made, _charts(made, gradients), None if moves else offset)
+    degree = decoupling.linearization.relative_degree
+    gradients = decoupling.gradients.extract([k for k in range(len(degree)) if degree[k] == 2], list(range(len(decoupling.q))))
+    nu = sp.Matrix(decoupling.nu)
+    offset = {k: decoupling.lowest(rate - (decoupling.Phi.row(k) * nu)[0]) for k, rate in decoupling.rates.items()}
+    moves = {s for expression in (*decoupling.Phi, *offset.values()) for s in expression.free_symbols} & set(decoupling.nu)
+    return NormalForm(decoupling, _charts(decoupling, gradients), None if moves else offset)
 
 
-def _charts(made: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
+def _charts(decoupling: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
     """Return the simplest choices first: those regular everywhere, then by the minor of the coordinates omitted."""
-    n, count = len(made.q), gradients.rows
-    general = random_point(made.functions, 0)
-    found = []
+    n, count = len(decoupling.q), gradients.rows
+    general = random_point(decoupling.functions, 0)
+    charts = []
     for gone in islice(combinations(range(n), count), CHOICES):
         minor = gradients.extract(list(range(count)), list(gone)).det(method="berkowitz")
-        above, _ = made.functions.ratio(minor)
+        above, _ = decoupling.functions.ratio(minor)
         if above and general(above):
-            kept = tuple(made.q[k] for k in range(n) if k not in gone)
-            everywhere = made.functions.never_zero(above)
-            chart = Chart(kept, made.lowest(minor), everywhere)
-            found.append((not everywhere, len(above), sum(map(sum, above)), chart))
-    return tuple(chart for *_, chart in sorted(found, key=lambda each: each[:3]))
+            kept = tuple(decoupling.q[k] for k in range(n) if k not in gone)
+            everywhere = decoupling.functions.never_zero(above)
+            chart = Chart(kept, decoupling.lowest(minor), everywhere)
+            charts.append((not everywhere, len(above), sum(map(sum, above)), chart))
+    return tuple(chart for *_, chart in sorted(charts, key=lambda each: each[:3]))
 
 
 # -- moving references ------------------------------------------------------------------------------------------------
@@ -180,21 +180,21 @@ def _charts(made: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
 # vector, v the forward speed of the vehicle's point and omega the yaw rate. That an output obeys this is checked exactly.
 
 
-def _along_a_path(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
+def _along_a_path(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
     """Distance from a path and forward speed, held at 0 and V.
 
     With n the unit normal at P_l, e_n = n . e and chi the curvature of the path (positive where n points away from the
     centre), h1' = 0 gives omega = -V e_n / (l n . e_left) for w = 0; n turns with P_l, and s = e_n obeys
     l s' = -V (s - l chi).
     """
-    if made.normal is None:
+    if decoupling.normal is None:
         return ()
-    followed = _points(made, vehicle, [slope or (made.normal.x, made.normal.y) for slope in made.slopes])
-    speed = next((k for k in made.rates if _same(made, made.Phi.row(k), vehicle.forward)), None)
-    if not followed or speed is None or made.slopes[followed[0].row] is not None:
+    followed = _points(decoupling, vehicle, [slope or (decoupling.normal.x, decoupling.normal.y) for slope in decoupling.slopes])
+    speed = next((k for k in decoupling.rates if _same(decoupling, decoupling.Phi.row(k), vehicle.forward)), None)
+    if not followed or speed is None or decoupling.slopes[followed[0].row] is not None:
         return ()
     arm, V = followed[0].arm, sp.Symbol("V")
-    lookahead, rate, chi = _factor(arm.ahead), -V / arm.ahead, made.normal.chi
+    lookahead, rate, chi = _factor(arm.ahead), -V / arm.ahead, decoupling.normal.chi
     stable_when = _stable_when(shape, V, arm.ahead)
     if arm.left:
         reference, settles = "V along a straight path", "the heading is along it"
@@ -213,9 +213,9 @@ def _along_a_path(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Stra
     return (StraightMotion(reference, equation, settles, stable_when, rate, arm.ahead, shape),)
 
 
-def _point_moving(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
+def _point_moving(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
     """Both coordinates of P_l, moving at (V cos psi, V sin psi): its component across the vehicle is l omega."""
-    points = _points(made, vehicle, made.slopes)
+    points = _points(decoupling, vehicle, decoupling.slopes)
     if len(points) != 2 or points[0].arm != points[1].arm:
         return ()
     if not sp.Matrix([point.slope for point in points]).det():
@@ -231,13 +231,14 @@ def _point_moving(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[Stra
     return (StraightMotion("V > 0 in the direction psi", equation, settles, stable_when, rate, ahead, shape),)
 
 
-def _heading_held(made: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
+def _heading_held(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tuple[StraightMotion, ...]:
     """Return the motion with one coordinate of P_l and the heading held: the other coordinate is not controlled."""
-    points = _points(made, vehicle, made.slopes)
-    turns = any(_same(made, made.Phi.row(k), vehicle.yaw) for k in range(made.Phi.rows) if k not in made.rates)
+    points = _points(decoupling, vehicle, decoupling.slopes)
+    second_degree = [k for k in range(decoupling.Phi.rows) if k not in decoupling.rates]
+    turns = any(_same(decoupling, decoupling.Phi.row(k), vehicle.yaw) for k in second_degree)
     if not points or not turns:
         return ()
-    (g_x, g_y), name = points[0].slope, made.linearization.output.rows[points[0].row].name
+    (g_x, g_y), name = points[0].slope, decoupling.linearization.output.rows[points[0].row].name
     speed = sp.Symbol("V") / readable(g_x * vehicle.cosine + g_y * vehicle.sine)
     equation = f"forward speed = {written(speed)}"
     settles = "the other coordinate of P_l drifts, neither controlled nor bounded"
@@ -270,17 +271,17 @@ class _MovingPoint:
     slope: Slope
 
 
-def _points(made: Decoupling, vehicle: Planar, slopes: Sequence[Slope | None]) -> list[_MovingPoint]:
+def _points(decoupling: Decoupling, vehicle: Planar, slopes: Sequence[Slope | None]) -> list[_MovingPoint]:
     """Return the outputs that move like a point of the vehicle, each in the direction given for its row, exactly."""
-    found = []
-    for row, (arm, slope) in enumerate(zip(made.arms, slopes, strict=True)):
+    points = []
+    for row, (arm, slope) in enumerate(zip(decoupling.arms, slopes, strict=True)):
         if arm and slope:
             along = slope[0] * vehicle.cosine + slope[1] * vehicle.sine
             left = slope[1] * vehicle.cosine - slope[0] * vehicle.sine
             moves = vehicle.forward * along + vehicle.yaw * (arm.ahead * left - arm.left * along)
-            found += [_MovingPoint(row, arm, slope)] if _same(made, made.Phi.row(row), moves) else []
-    return found
+            points += [_MovingPoint(row, arm, slope)] if _same(decoupling, decoupling.Phi.row(row), moves) else []
+    return points
 
 
-def _same(made: Decoupling, a: sp.Matrix, b: sp.Matrix) -> bool:
-    return all(made.is_zero(x - y) for x, y in zip(a, b, strict=True))
+def _same(decoupling: Decoupling, a: sp.Matrix, b: sp.Matrix) -> bool:
+    return all(decoupling.is_zero(x - y) for x, y in zip(a, b, strict=True))

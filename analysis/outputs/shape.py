@@ -72,10 +72,10 @@ def shape_names(system: ReducedSystem) -> tuple[str, ...]:
     return tuple(system.mechanism.coordinates[k].name for k in _posture(system)[1:])
 
 
-def shape_of(made: Decoupling) -> Shape:
+def shape_of(decoupling: Decoupling) -> Shape:
     """Return the shape of a vehicle with an axle, exactly."""
-    names = shape_names(made.linearization.system)
-    return Shape(names, _followers(made) if names else ())
+    names = shape_names(decoupling.linearization.system)
+    return Shape(names, _followers(decoupling) if names else ())
 
 
 def _posture(system: ReducedSystem) -> list[int]:
@@ -88,33 +88,33 @@ def _posture(system: ReducedSystem) -> list[int]:
     return turns + [k for k, each in enumerate(symbols) if k not in turns and ca.depends_on(system.S, each)]
 
 
-def _followers(made: Decoupling) -> tuple[Follower, ...]:
+def _followers(decoupling: Decoupling) -> tuple[Follower, ...]:
     """Empty where straight driving is not at zeros of the posture, is no cascade, or signs of rates are not known."""
-    vehicle, places = made.planar, _posture(made.linearization.system)
+    vehicle, places = decoupling.planar, _posture(decoupling.linearization.system)
     if vehicle is None:
         return ()
     W = sp.Matrix.vstack(vehicle.forward, vehicle.yaw)
-    if W.shape != (2, 2) or made.is_zero(W.det()):
+    if W.shape != (2, 2) or decoupling.is_zero(W.det()):
         return ()
-    posture = [made.q[k] for k in places]
-    f, g = ([made.lowest(entry) for entry in made.S.extract(places, [0, 1]) * column] for column in _inverse(W))
+    posture = [decoupling.q[k] for k in places]
+    f, g = ([decoupling.lowest(entry) for entry in decoupling.S.extract(places, [0, 1]) * column] for column in _inverse(W))
     gradient = sp.Matrix([vehicle.heading]).jacobian(posture)
     straight = dict.fromkeys(posture, 0)
     if gradient.free_symbols or any(e.subs(straight) != 0 for e in (vehicle.heading, *f)):
         return ()
-    A = sp.Matrix(f).jacobian(posture).subs(straight).applyfunc(made.lowest)
+    A = sp.Matrix(f).jacobian(posture).subs(straight).applyfunc(decoupling.lowest)
     others = A[1:, 1:] - A[1:, 0] * gradient[:, 1:] / gradient[0]
     if any(len(block) > 1 for block in others.strongly_connected_components()):
         return ()
     rates = others.diagonal()
-    ways = [-_sign(made, rate) for rate in rates]
+    ways = [-_sign(decoupling, rate) for rate in rates]
     if 0 in ways:
         return ()
-    c = others.LUsolve(-A[1:, 0] / gradient[0]).applyfunc(made.lowest)
+    c = others.LUsolve(-A[1:, 0] / gradient[0]).applyfunc(decoupling.lowest)
     c = [(1 - (gradient[:, 1:] * c)[0]) / gradient[0], *c]
-    if any(not made.is_zero(sp.Add(*[a * e.diff(q) for a, q in zip(c, posture, strict=True)])) for e in (*f, *g)):
+    if any(not decoupling.is_zero(sp.Add(*[a * e.diff(q) for a, q in zip(c, posture, strict=True)])) for e in (*f, *g)):
         return ()
-    return tuple(Follower(str(q), *known) for q, *known in zip(posture[1:], f[1:], rates, ways, strict=True))
+    return tuple(Follower(str(q), *values) for q, *values in zip(posture[1:], f[1:], rates, ways, strict=True))
 
 
 def _inverse(W: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix]:
@@ -123,7 +123,7 @@ def _inverse(W: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix]:
     return inverse[:, 0], inverse[:, 1]
 
 
-def _sign(made: Decoupling, rate: sp.Expr) -> int:
-    """Of what is made of parameters; 0 where theirs do not tell."""
-    above, below = made.functions.ratio(rate)
-    return made.functions.sign(above) * made.functions.sign(below)
+def _sign(decoupling: Decoupling, rate: sp.Expr) -> int:
+    """Return the sign of an expression in parameters; 0 if their signs do not determine it."""
+    above, below = decoupling.functions.ratio(rate)
+    return decoupling.functions.sign(above) * decoupling.functions.sign(below)

@@ -3,8 +3,9 @@
  *
  * Each argument call=ENTRY:FIRST:LAST (hexadecimal) names a function by its first instruction and the caller by its range:
  * a call lasts from the entry, when it comes right after the caller, until the caller executes again. A function may be
- * named with several callers. At exit, a line for each on the plugin's log:
- *     ENTRY calls total least most
+ * named with several callers. An argument cycles=FILE names the file of bench/cycles.py. At exit, a line for each function on the
+ * plugin's log, with the cycles of all calls, 0 without such a file:
+ *     ENTRY calls total least most cycles
  */
 #include <inttypes.h>
 #include <stdbool.h>
@@ -31,16 +32,19 @@ void qemu_plugin_outs(const char *text);
 
 #define EXPORT __attribute__((visibility("default")))
 #define MOST 128
+#define CODE 0x200000 /* bytes of the image whose cycles are estimated, from address 0 */
 
 typedef struct {
-    uint64_t entry, first, last, calls, total, least, most;
+    uint64_t entry, first, last, calls, total, least, most, cycles;
 } counted;
 
 EXPORT int qemu_plugin_version = 1;
 static counted functions[MOST];
 static size_t count;
 static counted *running;
-static uint64_t executed, previous;
+static uint64_t executed, cycles, previous;
+static unsigned char costs[CODE / 2 + 1]; /* cycles of the instruction at each halfword, 0 where none begins */
+static unsigned refill; /* cycles of a branch that is taken, besides its own */
 
 static void instruction(unsigned vcpu, void *userdata)
 {
@@ -50,6 +54,7 @@ static void instruction(unsigned vcpu, void *userdata)
     if (running != NULL && address >= running->first && address <= running->last) {
         running->calls++;
         running->total += executed;
+        running->cycles += cycles + refill; /* the return is a branch */
         running->least = running->calls == 1 || executed < running->least ? executed : running->least;
         running->most = executed > running->most ? executed : running->most;
         running = NULL;
@@ -58,9 +63,14 @@ static void instruction(unsigned vcpu, void *userdata)
         if (functions[i].entry == address && previous >= functions[i].first && previous <= functions[i].last) {
             running = &functions[i];
             executed = 0;
+            cycles = 0;
         }
     }
     executed++;
+    if (address < CODE) {
+        const int follows = address == previous + 2 || (address == previous + 4 && costs[previous / 2 + 1] == 0);
+        cycles += costs[address / 2] + (follows ? 0 : refill);
+    }
     previous = address;
 }
 
@@ -83,10 +93,29 @@ static void finish(qemu_plugin_id_t id, void *userdata)
     (void)userdata;
     for (i = 0; i < count; i++) {
         const counted *f = &functions[i];
-        snprintf(line, sizeof line, "%" PRIx64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 "\n", f->entry, f->calls,
-                 f->total, f->least, f->most);
+        snprintf(line, sizeof line, "%" PRIx64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 "\n", f->entry, f->calls,
+                 f->total, f->least, f->most, f->cycles);
         qemu_plugin_outs(line);
     }
+}
+
+static int read_costs(const char *name)
+{
+    FILE *file = fopen(name, "r");
+    uint64_t address;
+    unsigned number;
+    int known;
+    if (file == NULL) {
+        return 1;
+    }
+    known = fscanf(file, "%u", &refill) == 1;
+    while (known && fscanf(file, "%" SCNx64 " %u", &address, &number) == 2) {
+        if (address < CODE) {
+            costs[address / 2] = (unsigned char)number;
+        }
+    }
+    fclose(file);
+    return !known;
 }
 
 EXPORT int qemu_plugin_install(qemu_plugin_id_t id, const qemu_info_t *info, int argc, char **argv)
@@ -95,6 +124,12 @@ EXPORT int qemu_plugin_install(qemu_plugin_id_t id, const qemu_info_t *info, int
     (void)info;
     for (i = 0; i < argc && count < MOST; i++) {
         counted *f = &functions[count];
+        if (strncmp(argv[i], "cycles=", 7) == 0) {
+            if (read_costs(argv[i] + 7) != 0) {
+                return 1;
+            }
+            continue;
+        }
         if (sscanf(argv[i], "call=%" SCNx64 ":%" SCNx64 ":%" SCNx64, &f->entry, &f->first, &f->last) != 3) {
             return 1;
         }

@@ -59,26 +59,28 @@ def run(args: argparse.Namespace) -> int:
     spec = read_spec(args.spec)
     if spec.output.type != "IV":
         raise BadInput(f'{args.spec}: [output] type = "{spec.output.type}"; excite needs "IV", to follow an eight')
+    if spec.reference.profiled and args.speed is None:
+        raise BadInput(f"{args.spec}: [reference] speed follows a profile; excite needs --speed, the largest in m/s")
     for name in args.fit or ():
         check_known("--fit", name, "parameter", [p.name for p in find_robot(spec.robot).parameters])
     with Progress() as progress:
         fastest = args.speed or abs(spec.reference.speed or 0.0)
-        found = excite(toml_table(read_text(args.spec)), args.spec, args.fit, args.room, fastest, args.noise, progress)
-    head = f"# Written by noslip excite: an eight that shows {', '.join(found.deviations)}\n\n"
-    write_whole(args.output, head + spec_text(found.table))
-    show(args, lambda: _text(found, args), lambda: _values(found))
+        manoeuvre = excite(toml_table(read_text(args.spec)), args.spec, args.fit, args.room, fastest, args.noise, progress)
+    head = f"# Written by noslip excite: an eight that shows {', '.join(manoeuvre.deviations)}\n\n"
+    write_whole(args.output, head + spec_text(manoeuvre.table))
+    show(args, lambda: _text(manoeuvre, args), lambda: _values(manoeuvre))
     return 0
 
 
-def _text(found: "Manoeuvre", args: argparse.Namespace) -> str:
-    use = "" if found.use is None else f", friction use at most {found.use:.2f}"
-    circle, reference = found.run.spec.output.segments[0], found.run.spec.reference
-    lines = [f"eight with circles of {1 / circle.curvature:.4g} m at {reference.speed:g} m/s, {found.run.t[-1]:.1f} s{use}"]
+def _text(manoeuvre: "Manoeuvre", args: argparse.Namespace) -> str:
+    use = "" if manoeuvre.use is None else f", friction use at most {manoeuvre.use:.2f}"
+    circle, reference = manoeuvre.run.spec.output.segments[0], manoeuvre.run.spec.reference
+    lines = [f"eight with circles of {1 / circle.curvature:.4g} m at {reference.speed:g} m/s, {manoeuvre.run.t[-1]:.1f} s{use}"]
     lines.append(f"standard deviations to expect, with a noise of {args.noise:g} in each row:")
-    units = {p.name: p.unit for p in found.run.law.system.mechanism.parameters}
-    lines += [f"  {name}: {sd:.2g} {units[name]}" for name, sd in found.deviations.items()]
+    units = {p.name: p.unit for p in manoeuvre.run.law.system.mechanism.parameters}
+    lines += [f"  {name}: {sd:.2g} {units[name]}" for name, sd in manoeuvre.deviations.items()]
     return "\n".join([*lines, f"  {args.output}"])
 
 
-def _values(found: "Manoeuvre") -> dict[str, Any]:
-    return {"speed": found.run.spec.reference.speed, "use": found.use, "sd": dict(found.deviations)}
+def _values(manoeuvre: "Manoeuvre") -> dict[str, Any]:
+    return {"speed": manoeuvre.run.spec.reference.speed, "use": manoeuvre.use, "sd": dict(manoeuvre.deviations)}

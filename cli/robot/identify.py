@@ -73,13 +73,13 @@ def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"]) -
     """Return the values with which the fit begins: those of --set, else defaults. Raises BadInput, ModelError."""
     from ...identification.log import check_known
 
-    known = {p.name: p for p in parameters}
-    values = {name: p.default for name, p in known.items()}
+    by_name = {p.name: p for p in parameters}
+    values = {name: p.default for name, p in by_name.items()}
     for name, text in _pairs(args.set, "--set"):
-        check_known("--set", name, "parameter", known)
-        values[name] = known[name].check(_number(text, f"--set {name}={text}"), "--set ")
+        check_known("--set", name, "parameter", by_name)
+        values[name] = by_name[name].check(_number(text, f"--set {name}={text}"), "--set ")
     for name in args.fit or ():
-        check_known("--fit", name, "parameter", known)
+        check_known("--fit", name, "parameter", by_name)
         if args.fit.count(name) > 1:
             raise BadInput(f"--fit: {name} is given twice")
     return values
@@ -106,7 +106,7 @@ def _number(text: str, where: str) -> float:
 
 
 def show_result(args: argparse.Namespace, robot: "Mechanism", result: "Identification", head: str, outputs: str) -> int:
-    """Print a fit; `outputs` says what its errors are of. Return 0, or 1 if a parameter of --fit is not identified."""
+    """Print a fit; `outputs` names the quantities of its errors. Return 0, or 1 if a parameter of --fit is not identified."""
     show(args, lambda: _text(result, {p.name for p in robot.parameters}, head, outputs), lambda: _values(result))
     return 0 if set(result.estimates) >= set(args.fit or ()) and result.estimates else 1
 

@@ -1,4 +1,4 @@
-"""`noslip import`: writes a robot file from a URDF."""
+"""`noslip import`: writes a robot file from a URDF or an MJCF."""
 
 import argparse
 import sys
@@ -21,13 +21,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     """Add `noslip import`."""
     parser = subparsers.add_parser(
         "import",
-        help="write a robot file from a URDF",
-        description="Write a robot file from a URDF: two driven wheels, a car or a tricycle, trailers behind it. Joints that "
-        "are not wheels, steering or hitches are held fixed. Before the file is put in place, its mass matrix is compared with "
-        "that of the URDF's links. Requires pip install 'noslip[physics]'.",
+        help="write a robot file from a URDF or an MJCF",
+        description="Write a robot file from a URDF or an MJCF: two driven wheels, a car or a tricycle, trailers behind it. "
+        "Joints that are not wheels, steering or hitches are held fixed. Before the file is put in place, its mass matrix is "
+        "compared with that of the links. Requires pip install 'noslip[physics]'.",
         epilog=EXAMPLE,
     )
-    parser.add_argument("urdf", metavar="FILE.urdf", help="a URDF; expand a xacro file first")
+    parser.add_argument("urdf", metavar="FILE.urdf", help="a URDF, a xacro file expanded first, or an MJCF")
     parser.add_argument(
         "--wheels", nargs="+", metavar="JOINT", default=[], help="the joints of the wheels; default: by their shapes"
     )

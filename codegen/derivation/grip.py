@@ -8,14 +8,14 @@ from ...model.algebra.exact import canonical
 from ...model.contacts import ground, narrow, shift_of_sides
 from ...model.law import symbols
 from ...model.reduction import ReducedSystem
-from .stages import Result, Stages, by_monomials, inner_velocities
+from .stages import Result, Stages, by_monomials
 
 INPUTS = 2  # and quasi-velocities, for which noslip_grip.inc is written
 MOST_COORDINATES = 6  # above, the forces have thousands of terms
 
 
 def can_grip(system: ReducedSystem) -> bool:
-    """Whether the laws of the robot can keep its wheels rolling; `why_not` says why, if not."""
+    """Return whether the laws of the robot can keep its wheels rolling; `why_not` returns the reason if not."""
     return not why_not(system)
 
 
@@ -43,32 +43,33 @@ def plain_ground(system: ReducedSystem) -> dict[Result, ca.SX]:
     if not can_grip(system):
         return {}
     tau = symbols(system.mechanism.inputs)
-    found = ground(system, system.acceleration(tau), tau)
-    first = [ca.vertcat(found.force[2 * k : 2 * k + 2], found.shift[k]) for k in range(found.mass.numel())]
-    each = [ca.vertcat(part, found.mass[k]) for k, part in enumerate(first)]
+    reaction = ground(system, system.acceleration(tau), tau)
+    first = [ca.vertcat(reaction.force[2 * k : 2 * k + 2], reaction.shift[k]) for k in range(reaction.mass.numel())]
+    each = [ca.vertcat(part, reaction.mass[k]) for k, part in enumerate(first)]
     return {Result.GROUND: ca.vertcat(*each), Result.GROUND_BY_INPUTS: ca.jacobian(ca.vertcat(*first), tau)}
 
 
 @lru_cache(maxsize=16)
-def staged_ground(system: ReducedSystem) -> Stages:
+def staged_ground(inner: ReducedSystem) -> Stages:
     """Return, in steps that all laws of the robot share, GROUND, four numbers for each contact (force along and across, shift of
     the load, mass), and GROUND_BY_INPUTS, the first three by each input. No quantities unless `can_grip`.
+
+    `inner` is the system in the inner velocities of these laws (`inner_velocities`), whose symbols the steps contain.
     """
-    mechanism = system.mechanism
+    mechanism = inner.mechanism
     stages = Stages([q.symbol for q in mechanism.parameters])
-    if not can_grip(system):
+    if not can_grip(inner):
         return stages
-    inner, _ = inner_velocities(system)
     tau, u = symbols(mechanism.inputs), ca.SX.sym("u", inner.dof)
-    found, acceleration = ground(inner, u, tau), inner.acceleration(tau)
+    reaction, acceleration = ground(inner, u, tau), inner.acceleration(tau)
     none = ca.SX.zeros(tau.numel())
-    without, at_rest = ca.substitute([found.force, acceleration], [tau], [none])
-    by_inputs = canonical(ca.jacobian(found.force, u) @ ca.jacobian(acceleration, tau) + ca.jacobian(found.force, tau))
-    shift, mass = shift_of_sides(mechanism), stages.exact(found.mass)
+    without, at_rest = ca.substitute([reaction.force, acceleration], [tau], [none])
+    by_inputs = canonical(ca.jacobian(reaction.force, u) @ ca.jacobian(acceleration, tau) + ca.jacobian(reaction.force, tau))
+    shift, mass = shift_of_sides(mechanism), stages.exact(reaction.mass)
     moved_by = stages.exact(shift @ by_inputs[1::2, :])
     by = stages.exact(by_inputs)
     force = by_monomials(stages, ca.substitute(without, u, at_rest), inner.nu) + by @ tau
-    contacts = range(found.mass.numel())
+    contacts = range(reaction.mass.numel())
     names = [f"force_{way}_{k}" for k in contacts for way in ("along", "across")]
     force = ca.vertcat(*[stages.step(name, force[k]) for k, name in enumerate(names)])
     moved = stages.exact(shift) @ force[1::2]

@@ -6,7 +6,7 @@ step is exact: terms that cancel are removed, and factors that depend on paramet
 """
 
 import math
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import lru_cache
@@ -100,11 +100,11 @@ class Stages:
 
     def variable(self, name: str, expression: ca.SX) -> ca.SX:
         """Return a symbol for the whole expression, by which others can be differentiated."""
-        made = self.step(name, expression)
-        if made.is_symbolic():
-            return made
+        value = self.step(name, expression)
+        if value.is_symbolic():
+            return value
         symbol = ca.SX.sym(STEP + name)
-        self.steps.append(Step(symbol, made, name))
+        self.steps.append(Step(symbol, value, name))
         return symbol
 
     def row(self, names: list[str], expressions: ca.SX) -> ca.SX:
@@ -137,8 +137,8 @@ class Stages:
     def _inverted(self, block: ca.SX, least: float) -> ca.SX:
         """Return symbols for the entries of the inverse, which the C computes by elimination with pivoting."""
         symbols = ca.SX.sym(f"{STEP}inverse", *block.shape)
-        known = {symbol.element_hash() for symbol in self.fixed}
-        if all(symbol.element_hash() in known for symbol in ca.symvar(block)):
+        fixed = {symbol.element_hash() for symbol in self.fixed}
+        if all(symbol.element_hash() in fixed for symbol in ca.symvar(block)):
             self.fixed.extend(ca.vertsplit(ca.vec(symbols)))
         self.steps.append(Step(symbols, block, least=least))
         return symbols
@@ -158,10 +158,10 @@ class Stages:
         """Return factor and rest, whose product is the expression; init computes the factor. The rest is None if init computes
         all."""
         symbols = ca.symvar(expression)
-        known = {symbol.element_hash() for symbol in self.fixed}
+        fixed = {symbol.element_hash() for symbol in self.fixed}
 
         def leaf(k: int) -> Split:
-            return (symbols[k], None) if symbols[k].element_hash() in known else (ca.SX(1), symbols[k])
+            return (symbols[k], None) if symbols[k].element_hash() in fixed else (ca.SX(1), symbols[k])
 
         def apply(code: int, arguments: tuple[Split, ...]) -> Split:
             if all(rest is None for _, rest in arguments):
@@ -226,15 +226,13 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
         ]
     second = [row for row, k in zip(rows, degree, strict=True) if k > 1]
     h, rate = ca.vertcat(*[row.h for row in rows]), ca.vertcat(*[row.rate for row in second])
-    gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
     damped = {} if integrators else _damped_alone(rows, degree)
-    loop = outer_loop(degree, gains, reference, h, _rest_of_rates(rows, degree, damped, inner.nu))
-    loop = ca.vertcat(*[stages.step(q.name, loop[k]) for k, q in enumerate(law.virtual_input)])
-    virtual = ca.vertcat(*[q.symbol for q in law.virtual_input])
+    feedback = _Feedback(stages, inner, rows, integrators)
+    loop = feedback.loop(law, ca.SX(h), _rest_of_rates(rows, degree, damped, inner.nu))
+    virtual = feedback.scale * ca.vertcat(*[q.symbol for q in law.virtual_input])
     kd = {row.name: gain.symbol for row in output.rows for gain in law.gains if gain.name == f"kd_{row.name}"}
     damping = ca.vertcat(*[kd[output.rows[damped[j]].name] * inner.nu[j] if j in damped else 0 for j in range(inner.dof)])
 
-    feedback = _Feedback(stages, inner, rows, integrators)
     Phi = ca.vertcat(*[row.Phi for row in rows])
     quantities = {
         Result.OUTPUTS: h,
@@ -245,7 +243,7 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
         Result.EXTENSION_RATE: feedback.extension_rate(loop),
         Result.INPUTS: feedback.inputs(loop, damping),
         Result.INPUTS_OF_V: feedback.inputs(virtual, ca.SX.zeros(inner.dof)),
-        **_singular(stages, Phi, W, feedback.inverse),
+        **_singular(stages, feedback.Phi, W, feedback.inverse),
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         Result.SLOPE: ca.SX(0, 1) if law.speed_row is None else feedback.slope(law.speed_row),
     }
@@ -276,6 +274,20 @@ class _Point:
 
 
 @dataclass
+class _Scaled:
+    """A row of Phi multiplied by a positive `factor` that removes roots and divisions from it, and what is multiplied alike:
+    rate, drift due to the curvature of the path, and the part `away` of the output; `rest` is the other part as it is.
+    """
+
+    factor: ca.SX
+    Phi: ca.SX
+    rate: ca.SX
+    curvature: ca.SX
+    away: ca.SX
+    rest: ca.SX
+
+
+@dataclass
 class _Row:
     """An output in w: value, rate, its rows of Phi (in steps, and written out) and of dPhi/dt, drift."""
 
@@ -286,6 +298,7 @@ class _Row:
     Phidot: ca.SX
     drift: ca.SX
     point: _Point | None = None
+    scaled: "_Scaled | None" = None
 
 
 def _in_velocities(output: OutputMap, system: ReducedSystem, inner: ReducedSystem, W: ca.SX) -> OutputMap:
@@ -344,20 +357,73 @@ def _point_row(stages: Stages, inner: ReducedSystem, name: str, through: Through
     curvature = stages.step(f"{name}_curvature", curvature)
     Phidot = stages.exact(slope_rate @ point + slope @ point_rate)
     drift = stages.exact(slope @ point_drift) + curvature
-    return _Row(stages.step(name, outer), rate, Phi, written_out, Phidot, drift, _Point(point, point_drift, curvature))
+    h = stages.step(name, outer)
+    scaled = _scaled(stages, name, h, outer, z, zdot, point, inner, shorten)
+    return _Row(h, rate, Phi, written_out, Phidot, drift, _Point(point, point_drift, curvature), scaled)
+
+
+def _scaled(
+    stages: Stages,
+    name: str,
+    h: ca.SX,
+    outer: ca.SX,
+    z: ca.SX,
+    zdot: ca.SX,
+    point: ca.SX,
+    inner: ReducedSystem,
+    shorten: Callable[[ca.SX], ca.SX],
+) -> _Scaled | None:
+    """Return the row of an output sqrt(S) + const or F / sqrt(S) + const with conics F and S in z, multiplied by sqrt(S) or
+    sqrt(S)^3; None for other outputs.
+
+    With R = sqrt(S), Q = dS/dt / 2 and zdot constant, H = R^3 dh/dt = S dF/dt - F Q, and
+    R^3 d2h/dt2 = S d2F/dt2 - F dQ/dt + Q (F Q - 2 H) / S. For F = S: R dh/dt = Q, R d2h/dt2 = dQ/dt - Q^2 / S.
+    """
+    rest = ca.SX(0)
+    while not outer.is_leaf() and outer.op() == ca.OP_SUB and not ca.depends_on(outer.dep(1), z):
+        rest, outer = rest - outer.dep(1), outer.dep(0)
+    if outer.is_leaf() or outer.op() not in (ca.OP_SQRT, ca.OP_DIV):
+        return None
+    root = outer if outer.op() == ca.OP_SQRT else outer.dep(1)
+    if root.is_leaf() or root.op() != ca.OP_SQRT:
+        return None
+    S, F = root.dep(0), outer.dep(0)
+    places = [str(symbol).removeprefix(STEP) for symbol in ca.vertsplit(z)]
+    if degree(ca.vertcat(F, S), z) > 2:
+        return None
+
+    def turned(hessian: ca.SX) -> ca.SX:
+        return shorten(zdot.T @ stages.exact(hessian) @ zdot)
+
+    def row_of_Phi(gradient: ca.SX) -> ca.SX:
+        row = stages.row([f"scaled_{name}_by_{place}" for place in places], gradient)
+        return stages.row([f"scaled_{name}_by_{q.name}" for q in inner.quasi_velocities], stages.exact(row @ point))
+
+    if outer.op() == ca.OP_DIV:
+        F, S = stages.exact(F), stages.exact(S)
+    half, half_hessian = stages.exact(ca.jacobian(S, z) / 2), ca.hessian(S, z)[0] / 2
+    if outer.op() == ca.OP_SQRT:
+        Phi = row_of_Phi(half)
+        rate = stages.step(f"scaled_{name}_rate", Phi @ inner.nu)
+        return _Scaled(root, Phi, rate, turned(half_hessian) - rate**2 / S, ca.SX(0), h)
+    Phi = row_of_Phi(S * stages.exact(ca.jacobian(F, z)) - F * half)
+    rate = stages.step(f"scaled_{name}_rate", Phi @ inner.nu)
+    Q = stages.step(f"{name}_turning", half @ zdot)
+    curvature = S * turned(ca.hessian(F, z)[0]) - F * turned(half_hessian) + Q * (F * Q - 2 * rate) / S
+    return _Scaled(S * ca.sqrt(S), Phi, rate, curvature, S * F, rest)
 
 
 def _extended_rows(
     stages: Stages, inner: ReducedSystem, output: OutputMap, integrators: Integrators
 ) -> tuple[list[_Row], Integrators]:
     """Return the rows as functions of the inputs of the integrators, and these in w: the same choices, derived in w."""
-    made, found = extended_alike(inner, chains(inner, output), integrators, output)
+    extended, added = extended_alike(inner, chains(inner, output), integrators, output)
     none, rows = ca.SX(0, 0), []
-    for row, chain in zip(output.rows, made, strict=True):
+    for row, chain in zip(output.rows, extended, strict=True):
         rates = [stages.step(derivative_name(row.name, k), stages.exact(rate)) for k, rate in enumerate(chain.rates, start=1)]
         Phi, h = stages.exact(chain.row), stages.step(row.name, stages.exact(row.expression))
         rows.append(_Row(h, ca.vertcat(*rates), Phi, Phi, none, stages.exact(chain.drift)))
-    return rows, replace(found, drift=stages.exact(found.drift), effect=stages.exact(found.effect))
+    return rows, replace(added, drift=stages.exact(added.drift), effect=stages.exact(added.effect))
 
 
 def _damped_alone(rows: list[_Row], degree: tuple[int, ...]) -> dict[int, int]:
@@ -366,13 +432,13 @@ def _damped_alone(rows: list[_Row], degree: tuple[int, ...]) -> dict[int, int]:
 
     There Phi^-1 maps the damping -kd Phi_ij w_j of the outer loop to -kd w_j, which needs no inverse.
     """
-    found = {}
+    alone = {}
     for j in range(len(rows)):
         felt = [i for i, row in enumerate(rows) if not row.Phi[j].is_zero()]
         point = rows[felt[0]].point if felt else None
         if len(felt) == 1 and degree[felt[0]] == 2 and (point is None or point.curvature.is_zero()):
-            found[j] = felt[0]
-    return found
+            alone[j] = felt[0]
+    return alone
 
 
 def _rest_of_rates(rows: list[_Row], degree: tuple[int, ...], damped: dict[int, int], w: ca.SX) -> ca.SX:
@@ -390,6 +456,7 @@ def _rest_of_rates(rows: list[_Row], degree: tuple[int, ...], damped: dict[int, 
 class _Feedback:
     """Both feedbacks in w: u = Phi^-1 (v - residual) - rest - damping, tau = K u + bias (12), (20).
 
+    Rows of Phi may be multiplied by a factor each, `scale`, as are their v and residual: see _Scaled.
     With an extension Phi^-1 (v - residual) are the inputs of the `integrators`, which give u.
     `damping` is the part of the outer loop that is applied outside the inverse, see _damped_alone. With more inputs than n-m,
     K u + bias is the required S'E (tau - preferred), which is distributed last: fewer operations than the r rows of (S'E)^+.
@@ -397,10 +464,15 @@ class _Feedback:
 
     def __init__(self, stages: Stages, inner: ReducedSystem, rows: list[_Row], integrators: Integrators | None):
         self.stages, self.inner, self.integrators = stages, inner, integrators
-        Phi = ca.vertcat(*[row.Phi for row in rows])
-        self.inverse = stages.inverse(Phi, SINGULAR)
         self.rest = self._acceleration_at_rest(rows)
-        self.residual = ca.vertcat(*[self._residual(row) for row in rows])
+        scales = not integrators and inner.dof <= 2 and not self.rest.is_zero()
+        curved = [scales and row.point is not None and not row.point.curvature.is_zero() for row in rows]
+        self.rows = [row.scaled if bends else None for row, bends in zip(rows, curved, strict=True)]
+        self.scale = ca.vertcat(*[scaled.factor if scaled else 1 for scaled in self.rows])
+        each = list(zip(rows, self.rows, strict=True))
+        self.Phi = ca.vertcat(*[scaled.Phi if scaled else row.Phi for row, scaled in each])
+        self.inverse = stages.inverse(self.Phi, SINGULAR)
+        self.residual = ca.vertcat(*[scaled.curvature if scaled else self._residual(row) for row, scaled in each])
         self.K, self.bias = stages.exact(inner.Mbar), stages.exact(inner.bias)
         if inner.redundant:
             self.bias -= inner.input_map @ inner.preferred
@@ -409,6 +481,22 @@ class _Feedback:
         else:
             to_inputs = stages.exact(inner.input_inverse()) if inner.dof <= 3 else stages.inverse(inner.input_map)
             self.K, self.bias = stages.exact(to_inputs @ self.K), to_inputs @ self.bias
+
+    def loop(self, law: ControlLaw, h: ca.SX, rates: ca.SX) -> ca.SX:
+        """Return the virtual input of the outer loop, multiplied as the rows of Phi are, from the outputs and their rates."""
+        gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
+        degree, none = law.linearization.relative_degree, [ca.SX(0)] * len(reference)
+        names = [q.name if scaled is None else f"scaled_{q.name}" for q, scaled in zip(law.virtual_input, self.rows, strict=True)]
+        if any(self.rows):
+            away, rate = ca.SX.zeros(h.numel()), ca.SX.zeros(rates.numel())
+            for k, scaled in enumerate(self.rows):
+                if scaled:
+                    place = sum(degree[:k]) - k  # of its rate, the only one: the others have one less than their degree
+                    h[k], away[k], rates[place], rate[place] = scaled.rest, scaled.away, 0, scaled.rate
+            v = self.scale * outer_loop(degree, gains, reference, h, rates) + outer_loop(degree, gains, none, away, rate)
+        else:
+            v = outer_loop(degree, gains, reference, h, rates)
+        return ca.vertcat(*[self.stages.step(name, v[k]) for k, name in enumerate(names)])
 
     def acceleration(self, v: ca.SX, damping: ca.SX) -> ca.SX:
         """Return u, the derivative of w."""
@@ -438,14 +526,15 @@ class _Feedback:
         return self.spread @ _symbols(self.stages, "share", self.square @ effort)
 
     def _accelerations(self, v: ca.SX) -> ca.SX:
-        """Return the derivative of w but for what is applied outside the inverse."""
+        """Return the derivative of w without the part that is applied outside the inverse."""
         if not self.integrators:
             return self._solved(v)
         u, _ = self.integrators.rates(self._solved(v))
         return _symbols(self.stages, "acceleration", u)
 
     def _solved(self, v: ca.SX) -> ca.SX:
-        v_less_drift = ca.vertcat(*[self.stages.step(f"v_less_drift_{k}", v[k] - self.residual[k]) for k in range(v.numel())])
+        kinds = ["scaled_v_less_drift" if scaled else "v_less_drift" for scaled in self.rows]
+        v_less_drift = ca.vertcat(*[self.stages.step(f"{one}_{k}", v[k] - self.residual[k]) for k, one in enumerate(kinds)])
         names = self.integrators.inputs if self.integrators else [f"u_{q.name}" for q in self.inner.quasi_velocities]
         return ca.vertcat(*[self.stages.step(name, (self.inverse @ v_less_drift)[k]) for k, name in enumerate(names)])
 
@@ -498,9 +587,9 @@ def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[Resu
 
 def _one_square(stages: Stages, square: ca.SX, bound: ca.SX) -> dict[Result, ca.SX] | None:
     """Return a x^2 > b x^2 + c y^2 as x^2 > c / (a - b) y^2 with a - b > 0; None if it does not have this form."""
-    known = {symbol.element_hash() for symbol in stages.fixed}
-    variables = [symbol for symbol in ca.symvar(square) if symbol.element_hash() not in known]
-    others = [symbol for symbol in ca.symvar(bound) if symbol.element_hash() not in known]
+    fixed = {symbol.element_hash() for symbol in stages.fixed}
+    variables = [symbol for symbol in ca.symvar(square) if symbol.element_hash() not in fixed]
+    others = [symbol for symbol in ca.symvar(bound) if symbol.element_hash() not in fixed]
     steps = {step.symbol.element_hash() for step in stages.steps if step.label}
     if len(variables) != 1 or any(symbol.element_hash() not in steps for symbol in others):
         return None
@@ -531,8 +620,8 @@ def by_monomials(stages: Stages, expression: ca.SX, w: ca.SX) -> ca.SX:
             for j in range(w.numel())
             for k in range(j, w.numel())
         ]
-        known = is_polynomial(entry, w) and not ca.depends_on(square, w)
-        rows.append(sum(terms, start=ca.SX(0)) if known else entry)
+        quadratic = is_polynomial(entry, w) and not ca.depends_on(square, w)
+        rows.append(sum(terms, start=ca.SX(0)) if quadratic else entry)
     return ca.vertcat(*rows)
 
 

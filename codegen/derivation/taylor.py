@@ -29,17 +29,17 @@ class Taylor:
 
     def first(self, x: ca.SX) -> ca.SX:
         """Return dx/dt."""
-        return self._known(self._first, x, lambda: _rule(x)[0](x, *self._arguments(x, 1)))
+        return self._cached(self._first, x, lambda: _rule(x)[0](x, *self._arguments(x, 1)))
 
     def second(self, x: ca.SX) -> ca.SX:
         """Return d2x/dt2."""
-        return self._known(self._second, x, lambda: self.shorten(_rule(x)[1](x, self.first(x), *self._arguments(x, 2))))
+        return self._cached(self._second, x, lambda: self.shorten(_rule(x)[1](x, self.first(x), *self._arguments(x, 2))))
 
-    def _known(self, known: dict[int, ca.SX], x: ca.SX, derive: Callable[[], ca.SX]) -> ca.SX:
+    def _cached(self, cache: dict[int, ca.SX], x: ca.SX, derive: Callable[[], ca.SX]) -> ca.SX:
         key = x.element_hash()
-        if key not in known:
-            known[key] = ca.SX(0) if x.is_leaf() else derive()
-        return known[key]
+        if key not in cache:
+            cache[key] = ca.SX(0) if x.is_leaf() else derive()
+        return cache[key]
 
     def _arguments(self, x: ca.SX, order: int) -> list[Jet]:
         arguments = [x.dep(k) for k in range(x.n_dep())]
@@ -57,16 +57,16 @@ def _chain_rule(x: ca.SX) -> Rule:
     arguments = [symbols[varying.index(k)] if k in varying else x.dep(k) for k in range(x.n_dep())]
     hessian, gradient = ca.hessian(operate(x.op(), *arguments), symbols)
 
-    def jets(given: tuple[Jet, ...]) -> list[ca.SX]:
+    def jets(operands: tuple[Jet, ...]) -> list[ca.SX]:
         """Return the values, first and second derivatives of the varying arguments, each as a column."""
-        return [ca.vertcat(*[given[k][order] for k in varying]) for order in range(3)]
+        return [ca.vertcat(*[operands[k][order] for k in varying]) for order in range(3)]
 
-    def first(_: ca.SX, *given: Jet) -> ca.SX:
-        value, rate, _ = jets(given)
+    def first(_: ca.SX, *operands: Jet) -> ca.SX:
+        value, rate, _ = jets(operands)
         return ca.dot(ca.substitute(gradient, symbols, value), rate)
 
-    def second(_: ca.SX, __: ca.SX, *given: Jet) -> ca.SX:
-        value, rate, change = jets(given)
+    def second(_: ca.SX, __: ca.SX, *operands: Jet) -> ca.SX:
+        value, rate, change = jets(operands)
         slope, bend = ca.substitute(gradient, symbols, value), ca.substitute(hessian, symbols, value)
         return ca.dot(slope, change) + ca.bilin(bend, rate, rate)
 

@@ -30,7 +30,7 @@ NOT_OFFERED = (  # functions that every FMU must have, and that are of no use in
     *("GetNumberOfVariableDependencies", "GetVariableDependencies", "GetDirectionalDerivative", "GetAdjointDerivative"),
     *("GetFMUState", "SetFMUState", "FreeFMUState", "SerializedFMUStateSize", "SerializeFMUState", "DeserializeFMUState"),
     *("EnterConfigurationMode", "ExitConfigurationMode", "EnterEventMode", "EnterContinuousTimeMode", "EnterStepMode"),
-    *(f"{access}{what}{form}" for access in ("Get", "Set") for what in ("Interval", "Shift") for form in ("Decimal", "Fraction")),
+    *(f"{access}{kind}{form}" for access in ("Get", "Set") for kind in ("Interval", "Shift") for form in ("Decimal", "Fraction")),
     *("EvaluateDiscreteStates", "UpdateDiscreteStates", "CompletedIntegratorStep", "SetTime", "SetContinuousStates"),
     *("GetContinuousStateDerivatives", "GetEventIndicators", "GetContinuousStates", "GetNominalsOfContinuousStates"),
     *("GetNumberOfEventIndicators", "GetNumberOfContinuousStates", "GetOutputDerivatives", "ActivateModelPartition"),
@@ -130,7 +130,7 @@ def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: M
     """Return the variables that are numbers, except time, in the order of their value references."""
     mechanism = system.mechanism
     robot, inputs = mechanism.name, mechanism.inputs
-    parameter, given, shown = ("parameter", "fixed", "exact"), ("input", "continuous", "exact"), ("output", "continuous", "exact")
+    parameter, entry, shown = ("parameter", "fixed", "exact"), ("input", "continuous", "exact"), ("output", "continuous", "exact")
     computed = ("output", "continuous" if kind == "controller" else "discrete", "calculated")
     groups = [_struct(f"{robot}_params params", "params", parameter, mechanism.parameters)]
     if law:
@@ -151,10 +151,10 @@ def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: M
     if kind != "controller":
         step = Variable("integration_step", *parameter, INTEGRATION_STEP, "s", "longest step of the integration")
         groups.append(VariableGroup("double integration_step", (step,)))
-    groups.append(_struct(f"{robot}_state state", "state", given if kind == "controller" else shown, system.state))
+    groups.append(_struct(f"{robot}_state state", "state", entry if kind == "controller" else shown, system.state))
     if law:
-        groups.append(_struct(f"{robot}_{law.name}_reference reference", "reference", given, law.reference))
-    groups.append(_struct(f"double tau[{len(inputs)}]", "tau", computed if law else given, inputs))
+        groups.append(_struct(f"{robot}_{law.name}_reference reference", "reference", entry, law.reference))
+    groups.append(_struct(f"double tau[{len(inputs)}]", "tau", computed if law else entry, inputs))
     return [group for group in groups if group.variables]
 
 
@@ -183,8 +183,8 @@ def _choices(law: ControlLaw | None, sources: Mapping[str, str]) -> tuple[list[V
 def _items(header: str, opening: str) -> list[Item]:
     """Return the values of an enum of a header, which begins so, with their comments."""
     body = header.partition(opening)[2].partition("}")[0]
-    found = re.findall(r"NOSLIP_(\w+) = (-?\d+)\b,?(?: +/\* (.*?) \*/)?", body)
-    return [Item(name.lower(), int(value), about) for name, value, about in found]
+    items = re.findall(r"NOSLIP_(\w+) = (-?\d+)\b,?(?: +/\* (.*?) \*/)?", body)
+    return [Item(name.lower(), int(value), about) for name, value, about in items]
 
 
 def _arguments(system: ReducedSystem, law: ControlLaw | None) -> dict[str, list[str]]:
@@ -198,7 +198,7 @@ def _base(unit: str) -> dict[str, object] | None:
     """Return the attributes of a BaseUnit; None for what is not a unit of SI."""
     try:
         factor, powers = in_base_units(unit)
-        found: dict[str, object] = {BASE[name]: power for name, power in sorted(powers)}
+        attributes: dict[str, object] = {BASE[name]: power for name, power in sorted(powers)}
     except (BadInput, KeyError):
         return None
-    return found if factor == 1 else found | {"factor": float(factor)}
+    return attributes if factor == 1 else attributes | {"factor": float(factor)}

@@ -1,1 +1,1 @@
-"""A project's C as a package, in the form that each package manager asks for."""
+"""A project's C as a package, in the form that each package manager requires."""

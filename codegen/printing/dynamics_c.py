@@ -84,13 +84,13 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         }[quantity]
 
     def _about(self, entry: Entry) -> str:
-        given = []
+        lines = []
         if entry.takes:
             inputs = self.system.mechanism.inputs
-            given = [f"tau[{len(inputs)}]: " + ", ".join(f"{q.name} ({q.unit})" for q in inputs)]
-            given.append(f"NOSLIP_SINGULAR: a pivot of S'MS is not above {NEGLIGIBLE_PIVOT:g} of its place of the diagonal.")
+            lines = [f"tau[{len(inputs)}]: " + ", ".join(f"{q.name} ({q.unit})" for q in inputs)]
+            lines.append(f"NOSLIP_SINGULAR: a pivot of S'MS is not above {NEGLIGIBLE_PIVOT:g} of its place of the diagonal.")
         answers = [f"{q}{self.shape(entry, q)}: {self._meaning(q)}" for q in entry.answers if not entry.whole]
-        return comment([f"{entry.about}.", *given, *answers, self.cost(entry)])
+        return comment([f"{entry.about}.", *lines, *answers, self.cost(entry)])
 
     # -- source ---------------------------------------------------------------------------------------------------
 
@@ -153,20 +153,20 @@ class DynamicsC(ProgramC[DynamicsProgram]):
 
     def _mathematics(self, entry: Entry) -> str:
         """Return the static function that computes with checked arguments."""
-        made = self.program.entries[entry]
+        dynamics = self.program.entries[entry]
         arguments = self.parameters(entry)
         places = self.places(entry)
         used = users(places, self.program.labels)
         writer = _Call(self, {*arguments, "matrix"}, lambda node: self.meanings.temporary(node, used(node)))
-        writer.plan(made.roots)
-        for step in made.steps:
+        writer.plan(dynamics.roots)
+        for step in dynamics.steps:
             writer.names[step.leaf] = writer.named(step.node)
             if step.bound is not None:
                 writer.not_singular(step.node, step.bound)
                 writer.guarded.add(step.leaf)
         for node, place in places:
             writer.assign(place, node)
-        lines = writer.lines + (self._looped(writer, *made.looped) if made.looped else [])
+        lines = writer.lines + (self._looped(writer, *dynamics.looped) if dynamics.looped else [])
         unused = [f"(void){name};" for name in arguments if not any(f"{name}->" in x or f"{name}[" in x for x in lines)]
         constants = self.meanings.legend(self.program.constants, lines)
         head = f"static int {self.function(entry.name)}_law({', '.join(arguments.values())})"
@@ -190,20 +190,20 @@ class DynamicsC(ProgramC[DynamicsProgram]):
         """Return the public function: checks, computation, safe results."""
         name = self.scalar.name
         arguments = list(self.parameters(entry))
-        given = [argument for argument in arguments if argument in ("self", "state", "tau")]
-        answers = [argument for argument in arguments if argument not in given]
+        inputs = [argument for argument in arguments if argument in ("self", "state", "tau")]
+        answers = [argument for argument in arguments if argument not in inputs]
         lines = [
             *(f"{declared};" for declared in self._locals(entry)),
             "int status = NOSLIP_NULL;",
             self.leave(" || ".join(f"{answer} == NULL" for answer in answers), "NOSLIP_NULL"),
-            f"if ({' && '.join(f'{argument} != NULL' for argument in given)}) {{\n"
+            f"if ({' && '.join(f'{argument} != NULL' for argument in inputs)}) {{\n"
             f"    status = {self.function('admit')}(self, state);\n}}",
         ]
         if entry.takes:
             finite = f"{name('noslip_all_finite')}(tau, {len(self.system.mechanism.inputs)})"
             lines.append(f"if (status == NOSLIP_OK && !{finite}) {{\n    status = NOSLIP_NONFINITE;\n}}")
-        made = ["all"] if entry.whole else [self.local.format(answer) for answer in answers]
-        call = f"{self.function(entry.name)}_law({', '.join([*given, *made])})"
+        results = ["all"] if entry.whole else [self.local.format(answer) for answer in answers]
+        call = f"{self.function(entry.name)}_law({', '.join([*inputs, *results])})"
         lines += written_once(self.scalar, call, self.pieces(entry))
         return "\n".join([*fill(self.signature(entry), ""), "{", body(lines), "}"])
 

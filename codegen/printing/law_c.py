@@ -80,7 +80,8 @@ class LawC(ProgramC[Program]):
             ),
         ]
         functions = [self._prototype(entry) for entry in self.entries if entry.public]
-        return "\n\n".join([*types, self._init_prototype(), self._reset_prototype(), *functions])
+        prototypes = [self._init_prototype(), self._reset_prototype(), self._set_limits_prototype(), self._update_prototype()]
+        return "\n\n".join([*types, *prototypes, *functions])
 
     def _extension_fields(self) -> list[tuple[str, str]]:
         """Return the fields of the states of the dynamic extension."""
@@ -216,6 +217,27 @@ class LawC(ProgramC[Program]):
         too = " and the states of the dynamic extension" if self.extends else ""
         return comment([f"Sets the held inputs{too} to zero."]) + f"\nint {self.function('reset')}({self.type} *self);"
 
+    def _set_limits_prototype(self) -> str:
+        lines = [
+            "Changes the limits of the inputs, such as to what motors have left now. 0: no limit. Limits held inputs too.",
+            "NOSLIP_BAD_PARAMETER: a limit is not finite or negative; then nothing changes.",
+        ]
+        return comment(lines) + f"\n{self._set_limits_signature()};"
+
+    def _set_limits_signature(self) -> str:
+        return f"int {self.function('set_limits')}({self.type} *self, const {self.scalar.real} limit[{self.inputs}])"
+
+    def _update_prototype(self) -> str:
+        held = "Held inputs and the states of the dynamic extension" if self.extends else "Held inputs"
+        lines = [
+            "Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.",
+            f"{held} stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.",
+        ]
+        return comment(lines) + f"\n{self._update_signature()};"
+
+    def _update_signature(self) -> str:
+        return f"int {self.function('update')}({self.type} *self, const {self.type} *next)"
+
     # -- source ---------------------------------------------------------------------------------------------------
 
     def source(self) -> str:
@@ -227,6 +249,8 @@ class LawC(ProgramC[Program]):
             self._head(f"{self.type}.c", includes, own=self.grips),
             self._init(),
             self._reset(),
+            self._set_limits(),
+            self._update(),
             *self._admits(),
             *[self._about(entry) + "\n" + self._mathematics(entry) for entry in self.entries if not entry.public],
             *[part for entry in self.entries if entry.public for part in (self._mathematics(entry), self._entry_point(entry))],
@@ -278,10 +302,7 @@ class LawC(ProgramC[Program]):
                 f"        ({refused}){self._refused_friction()})) {{",
                 "        return NOSLIP_BAD_PARAMETER;",
                 "    }",
-                *[
-                    f"    self->limit[{k}] = {name('noslip_limit')}(options != NULL ? options->limit[{k}] : 0);"
-                    for k in range(self.inputs)
-                ],
+                *[self._limit(k, f"options != NULL ? options->limit[{k}] : 0") for k in range(self.inputs)],
                 "    self->on_error = options != NULL ? options->on_error : NOSLIP_ZERO;",
                 *(["    self->on_limit = options != NULL ? options->on_limit : NOSLIP_CUT;"] if len(self.on_limit) > 1 else []),
                 *(self._init_grip() if self.grips else []),
@@ -300,15 +321,55 @@ class LawC(ProgramC[Program]):
         return f" ||\n        (options->on_limit == NOSLIP_GRIP && !{friction_ok}(&options->friction, {wide}))"
 
     def _init_grip(self) -> list[str]:
-        free = [f"self->on_limit == NOSLIP_GRIP ? -1 : self->limit[{k}];" for k in range(self.inputs)]
         return [
-            *(f"    self->clear[{k}] = {value}" for k, value in enumerate(free)),
+            *self._clear(),
             "    self->grip.weight = 0;",
             "    self->grip.height = 0;",
             "    if (self->on_limit == NOSLIP_GRIP) {",
             f"        self->grip = {self.scalar.name('noslip_grip_of')}(&options->friction);",
             "    }",
         ]
+
+    def _limit(self, k: int, value: str) -> str:
+        return f"    self->limit[{k}] = {self.scalar.name('noslip_limit')}({value});"
+
+    def _clear(self) -> list[str]:
+        return [f"    self->clear[{k}] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[{k}];" for k in range(self.inputs)]
+
+    def _keep_held(self, held: str) -> list[str]:
+        """Return the statements that set the held inputs to an array, within the limits."""
+        clip = self.scalar.name("noslip_clip")
+        return [f"    self->held[{k}] = {clip}({held}[{k}], self->limit[{k}]);" for k in range(self.inputs)]
+
+    def _set_limits(self) -> str:
+        lines = [
+            self._set_limits_signature(),
+            "{",
+            body([self.leave("self == NULL || limit == NULL", "NOSLIP_NULL")]),
+            body([self.leave("self->ready != NOSLIP_READY", "NOSLIP_NOT_READY")]),
+            body([self.leave(f"!{self.scalar.name('noslip_limits_ok')}(limit, {self.inputs})", "NOSLIP_BAD_PARAMETER")]),
+            *[self._limit(k, f"limit[{k}]") for k in range(self.inputs)],
+            *(self._clear() if self.grips else []),
+            *self._keep_held("self->held"),
+            "    return NOSLIP_OK;",
+            "}",
+        ]
+        return "\n".join(lines)
+
+    def _update(self) -> str:
+        real = self.scalar.real
+        kept = {"held": self.inputs} | ({"extension": self.extends, "extension_rate": self.extends} if self.extends else {})
+        lines = [
+            *(f"    {real} {name}[{count}];" for name, count in kept.items()),
+            body([self.leave("self == NULL || next == NULL", "NOSLIP_NULL")]),
+            body([self.leave("self->ready != NOSLIP_READY || next->ready != NOSLIP_READY", "NOSLIP_NOT_READY")]),
+            *(f"    {name}[{k}] = self->{name}[{k}];" for name, count in kept.items() for k in range(count)),
+            "    noslip_copy(self, next, sizeof *self);",
+            *self._keep_held("held"),
+            *(f"    self->{name}[{k}] = {name}[{k}];" for name, count in kept.items() if name != "held" for k in range(count)),
+            "    return NOSLIP_OK;",
+        ]
+        return "\n".join([self._update_signature(), "{", *lines, "}"])
 
     def _reset(self) -> str:
         zeros = [f"    self->held[{k}] = 0;" for k in range(self.inputs)]
@@ -365,20 +426,25 @@ class LawC(ProgramC[Program]):
         used = users([*((node, "the test of Phi") for node in law.singular), *self.places(entry)], program.labels)
         taken, meaning = {*self._arguments(entry), "status"}, lambda node: self.meanings.temporary(node, used(node))
         writer = Statements(self.scalar, self.step_given, program.labels, self.leave, taken, meaning)
-        writer.plan(law.roots)
-        used_here = executed(law.roots)
-        for angle in program.angles:
-            if angle.arguments and angle in used_here:
-                writer.lines.append(self.leave(f"!{self.in_range(writer.named(angle))}", "NOSLIP_RANGE"))
-        if law.singular:
-            writer.not_singular(*law.singular)
-        for node, place in self.places(entry):
-            writer.assign(place, node)
+        self.write(writer, entry, self.places(entry))
         constants = self.meanings.legend(program.constants, writer.lines)
         unused = [f"(void){name};" for name in self._arguments(entry) if not any(_uses(line, name) for line in writer.lines)]
         kind = "NOSLIP_HOT" if entry == GROUND else "static"
         head = f"{kind} int {self.function(entry.name)}_law({', '.join(self.parameters(entry).values())})"
         return "\n".join([*fill(head, ""), "{", body([*unused, *constants, *writer.lines, "return NOSLIP_OK;"]), "}"])
+
+    def write(self, writer: Statements, entry: Entry, places: Sequence[tuple[Node, str]]) -> None:
+        """Write the statements of an entry point: its tests, and the nodes for their places."""
+        law = self.program.entries[entry]
+        writer.plan(law.roots)
+        used = executed(law.roots)
+        for angle in self.program.angles:
+            if angle.arguments and angle in used:
+                writer.lines.append(self.leave(f"!{self.in_range(writer.named(angle))}", "NOSLIP_RANGE"))
+        if law.singular:
+            writer.not_singular(*law.singular)
+        for node, place in places:
+            writer.assign(place, node)
 
     def _entry_point(self, entry: Entry) -> str:
         """Return the public function: checks, computation into a local object, then safe results, written once."""
@@ -410,12 +476,9 @@ class LawC(ProgramC[Program]):
         """Return the controller: first the common case, with fewer checks that are sufficient there; else all checks."""
         name = self.scalar.name
         names = self._arguments(entry)
-        headings = self._state_angles(entry)
-        hidden = [place for place in self._hidden(entry) if place not in headings]
-        begin = [*(f"{argument} != NULL" for argument in names), "self->ready == NOSLIP_READY"]
-        begin += [self.in_range(angle) for angle in headings]
-        seen = [f"{name('noslip_is_finite')}({' + '.join(hidden)})"] if hidden else []
-        end = ["status == NOSLIP_OK", *self._within("clear" if self.grips else "limit"), *seen]
+        before, after = self.ordinary(entry)
+        seen = after[self.inputs :]
+        begin, end = [*(f"{argument} != NULL" for argument in names), *before], ["status == NOSLIP_OK", *after]
         written = [f"    {place}[{k}] = made[{k}];" for k in range(self.inputs) for place in ("tau", "self->held")]
         written.append("    return NOSLIP_OK;")
         # by value, so that the results stay in registers
@@ -462,6 +525,19 @@ class LawC(ProgramC[Program]):
             head = f"static NOSLIP_BESIDE int {grip}({', '.join(parameters)})"
             texts += [*fill(head, ""), "{", body(with_grip), "}", ""]
         return "\n".join([*texts, *fill(self.signature(entry), ""), "{", body(lines), "}"])
+
+    def ordinary(self, entry: Entry) -> tuple[list[str], list[str]]:
+        """Return the C conditions before and after the law under which a step needs no further checks: of the result, last of
+        inputs that it need not show."""
+        headings = self._state_angles(entry)
+        hidden = [place for place in self._hidden(entry) if place not in headings]
+        before = ["self->ready == NOSLIP_READY", *(self.in_range(angle) for angle in headings)]
+        seen = [f"{self.scalar.name('noslip_is_finite')}({' + '.join(hidden)})"] if hidden else []
+        return before, [*self._within("clear" if self.grips else "limit"), *seen]
+
+    def argument(self, group: Group, name: str) -> str:
+        """Return the C of a member of an argument of an entry point."""
+        return f"{group}->{in_c(name)}"
 
     def _extended_step(self, entry: Entry) -> str:
         """Return the controller with a dynamic extension: all checks, the states advanced, the law."""
@@ -549,7 +625,8 @@ class LawC(ProgramC[Program]):
     def _state_angles(self, entry: Entry) -> list[str]:
         """Return the entries of the state, as C, whose range an entry point checks: those in a sine or cosine."""
         taken = angles(executed(self._read_by(entry))) if entry.at_foot else self.program.angles
-        return [f"state->{in_c(angle.name)}" for angle in self.program.angles if isinstance(angle, Leaf) and angle in taken]
+        leaves = [angle for angle in self.program.angles if isinstance(angle, Leaf) and angle in taken]
+        return [self.argument(leaf.group, leaf.name) for leaf in leaves]
 
     def _read_by(self, entry: Entry) -> list[Node]:
         """Return what an entry point computes; for a step the forces at the contacts too."""
@@ -561,7 +638,7 @@ class LawC(ProgramC[Program]):
         body = self.program.entries[entry]
         shown = {(leaf.group, leaf.name) for leaf in _leaves(body.roots)}
         shown -= {(leaf.group, leaf.name) for leaf in hidden_inputs(body)}
-        return [f"{group}->{in_c(name)}" for group, name in self._inputs(entry) if (group, name) not in shown]
+        return [self.argument(group, name) for group, name in self._inputs(entry) if (group, name) not in shown]
 
     def _inputs(self, entry: Entry) -> list[tuple[Group, str]]:
         """Return the arguments of an entry point besides `self`, by group and name; at the foot only those that it reads."""

@@ -212,9 +212,9 @@ class Meanings:
     @cached_property
     def _steps(self) -> tuple[list[str], np.ndarray]:
         """Return the names of the steps of the derivation, and their values by rows."""
-        found = [(name, self._values[node]) for node, name in self._labels.items() if not node.fixed]
-        found = [(name, values) for name, values in found if _usable(values)]
-        return [name for name, _ in found], np.array([values for _, values in found])
+        steps = [(name, self._values[node]) for node, name in self._labels.items() if not node.fixed]
+        steps = [(name, values) for name, values in steps if _usable(values)]
+        return [name for name, _ in steps], np.array([values for _, values in steps])
 
     @cached_property
     def _fixed_values(self) -> tuple[np.ndarray, list[Node]]:
@@ -272,17 +272,17 @@ def users(roots: Sequence[tuple[Node, str]], named: Mapping[Node, str]) -> Calla
         places.setdefault(root, []).append(place)
 
     def of(node: Node) -> list[str]:
-        found: dict[str, None] = dict.fromkeys(places.get(node, ()))
-        seen, stack = {node}, list(above.get(node, ()))
+        names: dict[str, None] = dict.fromkeys(places.get(node, ()))
+        visited, stack = {node}, list(above.get(node, ()))
         while stack:
             user = stack.pop(0)
-            if user in seen:
+            if user in visited:
                 continue
-            seen.add(user)
-            found.update(dict.fromkeys([named[user]] if user in named else places.get(user, ())))
+            visited.add(user)
+            names.update(dict.fromkeys([named[user]] if user in named else places.get(user, ())))
             if user not in named:
                 stack += above.get(user, ())
-        return list(found)
+        return list(names)
 
     return of
 

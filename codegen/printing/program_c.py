@@ -1,5 +1,6 @@
 """Common parts of the C of laws and dynamics: names, the frame of a file, checks, places of results."""
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Generic, TypeVar
@@ -11,7 +12,7 @@ from ..derivation.stages import Result
 from ..dynamics import DynamicsProgram
 from ..graph import Group, Leaf, Node, count, executed
 from ..program import Entry, Program
-from .layout import c_linkage, comment, guard_name, version_check
+from .layout import c_linkage, comment, fill, guard_name, version_check
 from .meaning import meanings
 from .scalar import Scalar
 
@@ -47,8 +48,13 @@ class ProgramC(ABC, Generic[AnyProgram]):
         guard = guard_name(file_name)
         lines = [self._head(file_name), f"#ifndef {guard}", f"#define {guard}", ""]
         lines += [f'#include "{self.scalar.name(self.robot)}.h"', "", *version_check(file_name), ""]
-        lines += [*c_linkage(self.declarations()), "", "#endif", ""]
+        lines += [*c_linkage(self._with_warning(self.declarations())), "", "#endif", ""]
         return "\n".join(lines)
+
+    def _with_warning(self, declarations: str) -> str:
+        """Return declarations, which cffi reads too, with the macro that warns where the status of init is ignored."""
+        init = re.compile(rf"^int {self.function('init')}\([^;]*;", re.MULTILINE)
+        return init.sub(lambda found: "\n".join(fill(f"NOSLIP_NODISCARD {' '.join(found[0].split())}", "")), declarations)
 
     @abstractmethod
     def declarations(self) -> str:
@@ -109,9 +115,9 @@ class ProgramC(ABC, Generic[AnyProgram]):
         pieces = []
         for quantity in self.returned(entry):
             place = self.place(entry, quantity)
-            made = place if entry.whole else self.local.format(quantity)
+            local = place if entry.whole else self.local.format(quantity)
             first, *second = map(int, self.shape(entry, quantity)[1:-1].split("]["))
-            rows = [(f"{made}[{i}]", f"{place}[{i}]", second[0]) for i in range(first)] if second else [(made, place, first)]
+            rows = [(f"{local}[{i}]", f"{place}[{i}]", second[0]) for i in range(first)] if second else [(local, place, first)]
             pieces += rows
         return pieces
 

@@ -36,7 +36,7 @@ def written_once(scalar: Scalar, call: str, pieces: Sequence[tuple[str, str, int
     """Return the statements that end an entry point with the `status` of its checks: `call` computes the values, which are
     written if they are valid and finite; otherwise zeros are. `pieces` are the local array and the caller's with their length; if
     the two are the same, the call writes the values itself."""
-    finite = " && ".join(f"{scalar.name('noslip_all_finite')}({made}, {size})" for made, _, size in pieces)
+    finite = " && ".join(f"{scalar.name('noslip_all_finite')}({local}, {size})" for local, _, size in pieces)
     return [
         "if (status == NOSLIP_OK) {",
         f"    status = {call};",
@@ -44,7 +44,7 @@ def written_once(scalar: Scalar, call: str, pieces: Sequence[tuple[str, str, int
         "        status = NOSLIP_NONFINITE;",
         "    }",
         "    if (status == NOSLIP_OK) {",
-        *(f"        {scalar.name('noslip_write')}({made}, {place}, {size});" for made, place, size in pieces if made != place),
+        *(f"        {scalar.name('noslip_write')}({local}, {place}, {size});" for local, place, size in pieces if local != place),
         "        return NOSLIP_OK;",
         "    }",
         "}",

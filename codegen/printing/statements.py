@@ -50,12 +50,12 @@ class Statements:
         """Count the uses of each node: nodes used once need no name."""
         stack = list(roots)
         self.uses.update(stack)
-        seen: set[Node] = set()
+        visited: set[Node] = set()
         while stack:
             node = stack.pop()
-            if node in seen or self.given(node) is not None:
+            if node in visited or self.given(node) is not None:
                 continue
-            seen.add(node)
+            visited.add(node)
             self.uses.update(node.arguments)
             stack.extend(node.arguments)
 
@@ -69,8 +69,8 @@ class Statements:
 
     def assign(self, place: str, node: Node) -> None:
         """Assign the node to a place. A node without other uses gets no name."""
-        known = node in self.names or self.given(node) is not None or _named_otherwise(node)
-        text = self._expression(node)[0] if not known and self.uses[node] <= 1 else self.text(node)
+        named = node in self.names or self.given(node) is not None or _named_otherwise(node)
+        text = self._expression(node)[0] if not named and self.uses[node] <= 1 else self.text(node)
         self.lines.append(f"{place} = {text};")
 
     def named(self, node: Node) -> str:
@@ -92,9 +92,9 @@ class Statements:
         return text if precedence >= binding else f"({text})"
 
     def _print(self, node: Node) -> Printed:
-        known = self.names.get(node) or self.given(node)
-        if known is not None:
-            return known, ATOM
+        name = self.names.get(node) or self.given(node)
+        if name is not None:
+            return name, ATOM
         match node:
             case Constant(value):
                 return self.scalar.literal(value), PRECEDENCE[Operation.NEG] if value < 0 else ATOM

@@ -45,8 +45,8 @@ for label, speed in (("forward", 0.5), ("in reverse", -0.5)):
     theta = run.q[:, 2]
     print(f"{label}: distance of P_l at most {np.abs(run.error[:, 0]).max():.0e} m, status at the end: {run.status[-1]}")
     axes.plot(run.t, np.sin(theta), label=f"{label}, generated C")
-    seen = run.t[::25]
-    axes.plot(seen, np.sin(0.1) * np.exp(-speed / 0.5 * seen), "o", markersize=3, color="#777777")
+    t = run.t[::25]
+    axes.plot(t, np.sin(0.1) * np.exp(-speed / 0.5 * t), "o", markersize=3, color="#777777")
 axes.set(xlabel="t (s)", ylabel="sin of the angle to the line")
 axes.legend()
 

@@ -28,9 +28,9 @@ def drive(speed=3.0, beside=1.0, **changes):
     radius = RADIUS + beside
     yaw_rate, heading = speed / np.sqrt(radius**2 - D**2), np.pi / 2 - np.arcsin(D / radius)
     wheels = [float(speed + side * B * yaw_rate) / R for side in (1, -1)]
-    given = {"reference.speed": speed, "initial": {"q": [20.0 + radius, 20.0, float(heading), 0.0, 0.0], "nu": wheels}}
-    given |= {"contact.mu": MU, "simulation.period": 0.01, "simulation.duration": 15.0}
-    return simulate(read_varied("circle", given | changes))
+    settings = {"reference.speed": speed, "initial": {"q": [20.0 + radius, 20.0, float(heading), 0.0, 0.0], "nu": wheels}}
+    settings |= {"contact.mu": MU, "simulation.period": 0.01, "simulation.duration": 15.0}
+    return simulate(read_varied("circle", settings | changes))
 
 
 def use(run):

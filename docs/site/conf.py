@@ -90,28 +90,28 @@ def _prepare(app: Sphinx, page: str, text: list[str]) -> None:
     become plain text."""
     here = Path(app.srcdir, page).parent
 
-    def link(found: re.Match[str]) -> str:
-        label, target = found.groups()
+    def link(match: re.Match[str]) -> str:
+        label, target = match.groups()
         if target.startswith("docs/lessons/"):
             return f"[{label}](lessons/{Path(target).stem}.md)"
         folder = here / target
         if not folder.is_dir():
-            return found[0]
+            return match[0]
         return f"[{label}]({target.rstrip('/')}/README.md)" if (folder / "README.md").exists() else label
 
     text[0] = re.sub(r"(?<!!)\[([^]]*)\]\(([\w./-]+)\)", link, text[0]) + (CONTENTS if page == "index" else "")
 
 
-def _plain(app: Sphinx, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
+def _plain(app: Sphinx, what: str, name: str, documented: object, options: object, lines: list[str]) -> None:
     """Docstrings are plain text: what reStructuredText would read as marks, such as |F|, stands for itself."""
     lines[:] = [re.sub(r"(?<!`)([*|]|(?<=\w)_(?=[\s,.);]|$))(?!`)", r"\\\1", line) for line in lines]
 
 
 def _math(writer: HTML5Translator, node: Element) -> None:
     """Equations are MathML, which browsers set without a script."""
-    made = convert(node.astext(), display="block" if node.tagname == "math_block" else "inline")
+    mathml = convert(node.astext(), display="block" if node.tagname == "math_block" else "inline")
     space = '<mspace width="0.2em"/>'  # beside the names of functions
-    writer.body.append(re.sub(r"<mi>(sin|cos|det|log)</mi>", rf"{space}<mi>\1</mi>{space}", made))
+    writer.body.append(re.sub(r"<mi>(sin|cos|det|log)</mi>", rf"{space}<mi>\1</mi>{space}", mathml))
     raise SkipNode
 
 
@@ -119,8 +119,8 @@ def _complete(app: Sphinx, error: Exception | None) -> None:
     """Make the pages accessible."""
     for page in Path(app.outdir).rglob("*.html"):
         text = page.read_text()
-        for found, right in ACCESSIBLE.items():
-            text = text.replace(found, right)
+        for original, right in ACCESSIBLE.items():
+            text = text.replace(original, right)
         page.write_text(text)
 
 

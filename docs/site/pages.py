@@ -53,10 +53,10 @@ def c_page(title: str, files: list[Path]) -> str:
     for file in files:
         head, _, text = BODY.sub(";", file.read_text()).removeprefix("/*").partition("*/")
         parts += [f"## {file.name}", _fenced("text", _comment(head))]
-        parts += [_fenced("c", f"/*{said}*/\n{code}" if said else code) for said, code in TYPE.findall(text) if "_f;" not in code]
-        for said, code, name in FUNCTION.findall(text):
+        parts += [_fenced("c", f"/*{note}*/\n{code}" if note else code) for note, code in TYPE.findall(text) if "_f;" not in code]
+        for note, code, name in FUNCTION.findall(text):
             if not name.endswith("_f"):
-                parts += [f"````{{c:function}} {' '.join(code.split())}\n\n{_fenced('text', _comment(said))}\n````"]
+                parts += [f"````{{c:function}} {' '.join(code.split())}\n\n{_fenced('text', _comment(note))}\n````"]
     return "\n\n".join(parts)
 
 
@@ -100,8 +100,8 @@ def _allowed(value: Mapping[str, Any]) -> str:
     """What a value may be, and what it is by default."""
     kinds = [json.dumps(each) for each in value.get("enum", value.get("examples", ()))]
     kind = value.get("type") or ("number" if "anyOf" in value else "")
-    said = ", ".join(f"`{each}`" for each in kinds) or {"object": "table", "array": "list"}.get(kind, kind)
-    return said + (f"; default `{json.dumps(value['default'])}`" if "default" in value else "")
+    values = ", ".join(f"`{each}`" for each in kinds) or {"object": "table", "array": "list"}.get(kind, kind)
+    return values + (f"; default `{json.dumps(value['default'])}`" if "default" in value else "")
 
 
 def _cell(text: str) -> str:
@@ -127,7 +127,8 @@ def gallery_page(folder: Path) -> str:
 def _command(label: str, case: Case) -> str:
     """What simulates a run of a figure, in a clone."""
     changes = [f"--set {shlex.quote(f'{key}={toml(value)}')}" for key, value in case.changes.items()]
-    return " ".join(["noslip simulate", f"specs/figures/{case.file}", *changes, f"-o run.csv  # {label}"])
+    engine = [f"--engine {case.engine}"] if case.engine else []
+    return " ".join(["noslip simulate", f"specs/figures/{case.file}", *engine, *changes, f"-o run.csv  # {label}"])
 
 
 def _fenced(language: str, text: str) -> str:

@@ -250,6 +250,91 @@ def claims_waypoints(runs: Runs) -> list[Claim]:
     ]
 
 
+# -- the fastest speed ---------------------------------------------------------------------------------------------------
+
+FASTEST, ONE_SPEED = "fastest", "one speed"
+SLOWER = {"reference.speed": 1.4, "reference.deceleration": 1.5}  # m/s: as much as friction allows where arcs begin; m/s^2
+STANDS = 0.02  # m/s
+
+
+def _standing(run: FigureRun) -> float:
+    """When the vehicle stands at the end, s."""
+    return float(run.t[np.flatnonzero(np.abs(run.speed) > STANDS)[-1]])
+
+
+def _way(run: FigureRun) -> np.ndarray:
+    """How far P_l is along the path, m, (N,)."""
+    steps = np.linalg.norm(np.diff(run.P_l, axis=0), axis=1)
+    x, y = run.P_l[0]
+    return _segments(run)[0].progress(x, y) + np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def draw_fastest(runs: Runs) -> matplotlib.figure.Figure:
+    """The path; speed and curvature over the way; forces of the wheels in their circles of friction."""
+    titles = ("path of $P_l$", "speed along the path", "forces of the wheels, fastest", "friction use")
+    figure, axes = panels(*titles, height=4.8, widths=(1.2, 1.2, 1, 1))
+    first = runs[FASTEST]
+    _draw_segments(axes[0], _segments(first), "lines and arcs")
+    axes[0].plot(*first.P_l.T, color=FORWARD, label="$P_l$, fastest")
+    for k in np.searchsorted(first.t, (0.0, 1.8, 3.2, 5.0, 12.0)):
+        draw_vehicle(axes[0], first, min(int(k), len(first.t) - 1), FAINT, 0.1)
+    plane(axes[0], axes[0].dataLim.get_points())
+    below = axes[1].twinx()
+    ends = np.cumsum([0.0, *(segment.length for segment in _segments(first))])
+    curvatures = [segment.curvature for segment in _segments(first)]
+    below.stairs(curvatures, ends, fill=True, color=FAINT, alpha=0.25, label="curvature of the path")
+    below.set(ylabel="curvature (1/m), left positive", ylim=(-0.7, 3.0))
+    for (label, run), colour in zip(runs.items(), COLOURS, strict=False):
+        axes[1].plot(_way(run), run.speed, color=colour, label=f"{label}: stands after {_standing(run):.1f} s")
+        worst = np.max([contact.use for contact in run.grip.contacts], axis=0)
+        axes[3].plot(run.grip.t, worst, color=colour, label=f"{label}: at most {worst.max():.2f}")
+    axes[1].plot(_way(first), first.y_d[:, 1], color="black", linestyle=":", linewidth=1.2, label="desired")
+    axes[1].set(xlabel="way of $P_l$ (m)", ylabel="speed (m/s)", ylim=(-1.0, 4.2))
+    limited = (first.status == "grip")[: len(first.grip.t)]
+    for contact, colour in zip(first.grip.contacts, COLOURS, strict=False):
+        axes[2].plot(contact.lateral, contact.longitudinal, color=colour, linewidth=0.9, label=contact.name)
+        axes[2].plot(contact.lateral[limited], contact.longitudinal[limited], ".", color=STOP, markersize=4)
+    axes[2].plot([], [], ".", color=STOP, label="limited, so that it rolls")
+    around = np.linspace(0.0, 2 * np.pi, 181)
+    loads = [float(load) for contact in first.grip.contacts for load in (contact.load.min(), contact.load.max())]
+    for load, text in ((min(loads), "friction: least, largest load"), (max(loads), None)):
+        radius = first.grip.options.mu * load
+        axes[2].plot(radius * np.cos(around), radius * np.sin(around), "--", color=FAINT, linewidth=1.2, label=text)
+    axes[2].set(xlabel="to the left (N)", ylabel="forward (N)", aspect="equal")
+    axes[2].invert_xaxis()
+    over_time(axes[3], "friction use of the wheel with the most")
+    axes[3].axhline(1.0, color=STOP)
+    for panel in axes:
+        legend_below(panel)
+    return figure
+
+
+def claims_fastest(runs: Runs) -> list[Claim]:
+    """Sooner, on the path, rolling."""
+    times = {label: _standing(run) for label, run in runs.items()}
+    off = {label: float(np.abs(run.y[:, 0]).max()) for label, run in runs.items()}
+    use = {label: max(float(contact.use.max()) for contact in run.grip.contacts) for label, run in runs.items()}
+    end = max(float(np.hypot(*(run.P_o[-1] - _segments(run)[-1].end[:2]))) for run in runs.values())
+    return [
+        Claim(
+            "it stands at the end 2 s sooner than at the one speed that friction allows where arcs begin",
+            ", ".join(f"{label} after {time:.2f} s" for label, time in times.items()),
+            times[FASTEST] < times[ONE_SPEED] - 2.0,
+        ),
+        Claim(
+            "it stays within 1 cm of the path",
+            ", ".join(f"{label} {distance * 1e3:.1f} mm" for label, distance in off.items()),
+            max(off.values()) <= 0.01,
+        ),
+        Claim(
+            "every wheel rolls, at every row",
+            ", ".join(f"{label}: friction use at most {most:.3f}" for label, most in use.items()),
+            max(use.values()) <= 1.0,
+        ),
+        Claim("the axle's middle ends at the end of the path, to 2 cm", f"{end * 1e3:.1f} mm off at most", end <= 0.02),
+    ]
+
+
 FIGURES = (
     Figure(
         "cusp",
@@ -272,5 +357,14 @@ FIGURES = (
         },
         draw_waypoints,
         claims_waypoints,
+    ),
+    Figure(
+        "fastest",
+        "Beyond the paper: the fastest speed along a path that friction allows",
+        "The paper follows a path at one speed. Here the speed is the highest within the accelerations of friction.",
+        "",
+        {FASTEST: Case("fastest.toml"), ONE_SPEED: Case("fastest.toml", SLOWER)},
+        draw_fastest,
+        claims_fastest,
     ),
 )

@@ -40,10 +40,14 @@ TITLES = {  # name -> title, why it is here
     "geared_arm": ("Geared arm", "Holonomic constraints only: gears between motors and joints; and gravity."),
     "slope_platform": ("Platform on a slope", "Gravity and friction; the slope is steeper than the controller believes."),
     "turtlebot3_burger": ("TurtleBot3 Burger to a line", "A robot that can be bought, with the numbers of its description."),
+    "turtlebot3_waffle_pi": ("TurtleBot3 Waffle Pi round a circle", "A wider one of the same maker."),
+    "pioneer_3dx": ("Pioneer 3-DX to a line", "The usual platform of laboratories."),
+    "f1tenth": ("Car of F1TENTH round a circle", "A car's geometry, small and fast."),
+    "forklift": ("Forklift to a line", "A tricycle with its load on the wheels behind."),
 }
 
 
-SOURCED = ("turtlebot3_burger",)  # robots whose numbers are not assumed
+SOURCED = ("turtlebot3_burger", "turtlebot3_waffle_pi", "pioneer_3dx", "f1tenth", "forklift")  # not all numbers are assumed
 
 
 def draw(runs: Runs) -> matplotlib.figure.Figure:

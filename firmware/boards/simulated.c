@@ -1,5 +1,5 @@
 /*
- * simulated.c - a board without hardware: encoders and motors of a simulated vehicle with the settings of robot.h.
+ * simulated.c - a board without hardware: encoders and motors of a simulated vehicle with the config of robot.h.
  *
  * Derived from the mechanics, independently of the code of the controller. With forward speed v and yaw rate w of the middle of the
  * axle, torques T of right and left wheel, total mass M, total inertia J about the middle of the axle:
@@ -16,17 +16,18 @@
 #define STEPS 4      /* integration steps per tick */
 #define DRIFT 0.005f /* m: largest allowed error of dead reckoning at the end */
 
-static vehicle_settings robot;
+static labmate_follower_config_f robot;
 static float x, y, heading, rate[2], command[2], fraction[2]; /* x, y: middle of the axle; fraction: of a count */
 static uint32_t counter[2];
 static float elapsed; /* s: since the counters were last read */
 
-/* Returns the torque (N m) at the wheel for a motor command, see motor.h. */
-static float torque_of(const motor_settings *of, float command_value, float wheel_rate)
+/* Returns the torque (N m) at the wheel for a motor command, see noslip_motor.h. */
+static float torque_of(const noslip_motor_settings_f *of, float command_value, float wheel_rate)
 {
     const float emf = of->torque_constant * of->gear;
-    const float current = of->mode == MOTOR_VOLTAGE ? (command_value - emf * wheel_rate) / of->resistance : command_value;
-    return of->mode == MOTOR_TORQUE ? command_value : emf * of->efficiency * current - of->friction * wheel_rate;
+    const float current = of->mode == NOSLIP_MOTOR_CURRENT ? command_value : (command_value - emf * wheel_rate) / of->resistance;
+    const float driven = emf * current, loss = driven * wheel_rate >= 0 ? of->efficiency : 1 / of->back_efficiency;
+    return of->mode == NOSLIP_MOTOR_TORQUE ? command_value : driven * loss - of->friction * wheel_rate;
 }
 
 static void turn(int wheel, float angle)
@@ -67,7 +68,7 @@ int board_start(float period)
 {
     float sine, cosine;
     int i;
-    (void)robot_settings(&robot);
+    (void)robot_config(&robot);
     for (i = 0; i < 2; i++) {
         rate[i] = 0;
         command[i] = 0;

@@ -10,7 +10,7 @@ static int hello(pil *self)
                              sizeof out->evaluation,   sizeof out->tau,             sizeof in->segment.segment,
                              sizeof in->path.options,  sizeof out->guide,           sizeof in->odometry.options,
                              PIL_LAWS,                 PIL_PATHS,                   PIL_ODOMETRIES,
-                             PIL_INTEGRALS,            PIL_SEGMENTS};
+                             PIL_INTEGRALS,            PIL_APPROACHES,              PIL_SEGMENTS};
     self->output.hello = hello_answer;
     return NOSLIP_OK;
 }
@@ -116,6 +116,32 @@ static int integral_step(pil *self)
     return status;
 }
 
+/* -- the approach of a path -------------------------------------------------------------------------------------------- */
+
+static int approach_init(pil *self)
+{
+    return noslip_approach_init_f(&self->approaches[self->request.object], self->input.approach.acceleration,
+                                  self->input.approach.settling, self->input.approach.jerk);
+}
+
+static int approach_start(pil *self)
+{
+    return noslip_approach_start_f(&self->approaches[self->request.object], self->input.approach_start.distance,
+                                   self->input.approach_start.distance_rate, self->input.approach_start.speed);
+}
+
+static int approach_step(pil *self)
+{
+    return noslip_approach_step_f(&self->approaches[self->request.object], self->input.approach_step.dt,
+                                  self->input.approach_step.speed, &self->output.approached);
+}
+
+static int approach_within(pil *self)
+{
+    return noslip_approach_within_f(&self->approaches[self->request.object], self->input.approach_within.speed,
+                                    self->input.approach_within.speed_rate, &self->output.approached);
+}
+
 /* -- calls ------------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
@@ -142,6 +168,10 @@ static const operation operations[PIL_OPERATIONS] = {
     [PIL_OP_INTEGRAL_INIT] = {integral_init, TAKES(integral), 0, PIL_INTEGRALS},
     [PIL_OP_INTEGRAL_STEP] = {integral_step, TAKES(sample), GIVES(integral), PIL_INTEGRALS},
     [PIL_OP_ODOMETRY_UNWIND] = {odometry_unwind, 0, 0, PIL_ODOMETRIES},
+    [PIL_OP_APPROACH_INIT] = {approach_init, TAKES(approach), 0, PIL_APPROACHES},
+    [PIL_OP_APPROACH_START] = {approach_start, TAKES(approach_start), 0, PIL_APPROACHES},
+    [PIL_OP_APPROACH_STEP] = {approach_step, TAKES(approach_step), GIVES(approached), PIL_APPROACHES},
+    [PIL_OP_APPROACH_WITHIN] = {approach_within, TAKES(approach_within), GIVES(approached), PIL_APPROACHES},
 };
 
 static uint32_t fault_of(const pil_request *request)

@@ -1,6 +1,6 @@
 /*
- * pil.h - processor in the loop: a law, paths, odometry and integral action on a target, called by a computer that simulates the
- * vehicle.
+ * pil.h - processor in the loop: a law, paths, approaches, odometry and integral action on a target, called by a computer that
+ * simulates the vehicle.
  *
  * A call is a request and an answer, both of 32-bit words in the byte order of the target, with structs as they are in memory. The
  * objects (laws, paths and so on) stay on the target; a request selects one by its number.
@@ -11,6 +11,7 @@
 #ifndef PIL_H
 #define PIL_H
 
+#include "noslip_approach.h"
 #include "noslip_integral.h"
 #include "noslip_odometry.h"
 #include "noslip_path.h"
@@ -24,6 +25,7 @@
 #define PIL_PATHS 16
 #define PIL_ODOMETRIES 16
 #define PIL_INTEGRALS 64
+#define PIL_APPROACHES 16
 #define PIL_SEGMENTS 512
 
 /* Operations: input -> output, in addition to the status returned. */
@@ -43,6 +45,10 @@ enum {
     PIL_OP_INTEGRAL_INIT,    /* ki, limit -> */
     PIL_OP_INTEGRAL_STEP,    /* error, dt, status -> ki z, z */
     PIL_OP_ODOMETRY_UNWIND,  /* -> */
+    PIL_OP_APPROACH_INIT,    /* acceleration, settling, jerk -> */
+    PIL_OP_APPROACH_START,   /* distance, distance rate, speed -> */
+    PIL_OP_APPROACH_STEP,    /* dt, speed -> approached */
+    PIL_OP_APPROACH_WITHIN,  /* speed, speed rate -> approached */
     PIL_OPERATIONS
 };
 
@@ -73,7 +79,7 @@ typedef struct {
 typedef struct {
     uint32_t params, config, gains, options, state, reference, evaluation, inputs;
     uint32_t segment, path_options, guide, odometry_options;
-    uint32_t laws, paths, odometries, integrals, segments;
+    uint32_t laws, paths, odometries, integrals, approaches, segments;
 } pil_hello;
 
 typedef union {
@@ -116,6 +122,18 @@ typedef union {
         float error, dt;
         int32_t status;
     } sample;
+    struct {
+        float acceleration, settling, jerk;
+    } approach;
+    struct {
+        float distance, distance_rate, speed;
+    } approach_start;
+    struct {
+        float dt, speed;
+    } approach_step;
+    struct {
+        float speed, speed_rate;
+    } approach_within;
 } pil_input;
 
 typedef union {
@@ -125,6 +143,7 @@ typedef union {
     noslip_path_fault_f fault;
     noslip_guide_f guide;
     noslip_pose_f pose;
+    noslip_approached_f approached;
     struct {
         float add, z;
     } integral;
@@ -142,6 +161,7 @@ typedef struct {
     noslip_segment_f segments[PIL_PATHS][PIL_SEGMENTS];
     noslip_odometry_f odometries[PIL_ODOMETRIES];
     noslip_integral_f integrals[PIL_INTEGRALS];
+    noslip_approach_f approaches[PIL_APPROACHES];
 } pil;
 
 /* Checks a request before its input is read and prepares the answer. Returns the fault, or PIL_FAULT_NONE. */

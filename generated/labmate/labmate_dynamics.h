@@ -45,7 +45,7 @@ typedef struct labmate_dynamics_evaluation {
  * Initializes the constants from parameters. There is no other state: calls with one `self` may be concurrent.
  * NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: a motion without mass.
  */
-int labmate_dynamics_init(labmate_dynamics *self, const labmate_params *params);
+NOSLIP_NODISCARD int labmate_dynamics_init(labmate_dynamics *self, const labmate_params *params);
 
 /*
  * Reduced mass matrix S'MS and bias S'(M Sdot nu + V) (10).

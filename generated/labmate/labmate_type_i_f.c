@@ -165,6 +165,43 @@ int labmate_type_i_reset_f(labmate_type_i_f *self)
     return NOSLIP_OK;
 }
 
+int labmate_type_i_set_limits_f(labmate_type_i_f *self, const float limit[2])
+{
+    if (self == NULL || limit == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    if (!noslip_limits_ok_f(limit, 2)) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    self->limit[0] = noslip_limit_f(limit[0]);
+    self->limit[1] = noslip_limit_f(limit[1]);
+    self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
+    self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
+    self->held[0] = noslip_clip_f(self->held[0], self->limit[0]);
+    self->held[1] = noslip_clip_f(self->held[1], self->limit[1]);
+    return NOSLIP_OK;
+}
+
+int labmate_type_i_update_f(labmate_type_i_f *self, const labmate_type_i_f *next)
+{
+    float held[2];
+    if (self == NULL || next == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY || next->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    held[0] = self->held[0];
+    held[1] = self->held[1];
+    noslip_copy(self, next, sizeof *self);
+    self->held[0] = noslip_clip_f(held[0], self->limit[0]);
+    self->held[1] = noslip_clip_f(held[1], self->limit[1]);
+    return NOSLIP_OK;
+}
+
 static int labmate_type_i_admit_f(const labmate_type_i_f *self, const labmate_state_f *state)
 {
     if (self->ready != NOSLIP_READY) {

@@ -101,13 +101,25 @@ typedef struct labmate_type_ii {
  * on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it requires exactly one output of relative degree 1, a speed.
  * on_limit = NOSLIP_GRIP keeps right wheel, left wheel rolling, see noslip_grip.h; it requires friction.mu.
  */
-int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params, const labmate_type_ii_config *config,
-    const labmate_type_ii_gains *gains, const labmate_options *options);
+NOSLIP_NODISCARD int labmate_type_ii_init(labmate_type_ii *self, const labmate_params *params,
+    const labmate_type_ii_config *config, const labmate_type_ii_gains *gains, const labmate_options *options);
 
 /*
  * Sets the held inputs to zero.
  */
 int labmate_type_ii_reset(labmate_type_ii *self);
+
+/*
+ * Changes the limits of the inputs, such as to what motors have left now. 0: no limit. Limits held inputs too.
+ * NOSLIP_BAD_PARAMETER: a limit is not finite or negative; then nothing changes.
+ */
+int labmate_type_ii_set_limits(labmate_type_ii *self, const double limit[2]);
+
+/*
+ * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
+ * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ */
+int labmate_type_ii_update(labmate_type_ii *self, const labmate_type_ii *next);
 
 /*
  * Outputs y = h (14).

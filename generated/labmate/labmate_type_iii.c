@@ -155,6 +155,43 @@ int labmate_type_iii_reset(labmate_type_iii *self)
     return NOSLIP_OK;
 }
 
+int labmate_type_iii_set_limits(labmate_type_iii *self, const double limit[2])
+{
+    if (self == NULL || limit == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    if (!noslip_limits_ok(limit, 2)) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    self->limit[0] = noslip_limit(limit[0]);
+    self->limit[1] = noslip_limit(limit[1]);
+    self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
+    self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
+    self->held[0] = noslip_clip(self->held[0], self->limit[0]);
+    self->held[1] = noslip_clip(self->held[1], self->limit[1]);
+    return NOSLIP_OK;
+}
+
+int labmate_type_iii_update(labmate_type_iii *self, const labmate_type_iii *next)
+{
+    double held[2];
+    if (self == NULL || next == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY || next->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    held[0] = self->held[0];
+    held[1] = self->held[1];
+    noslip_copy(self, next, sizeof *self);
+    self->held[0] = noslip_clip(held[0], self->limit[0]);
+    self->held[1] = noslip_clip(held[1], self->limit[1]);
+    return NOSLIP_OK;
+}
+
 static int labmate_type_iii_admit(const labmate_type_iii *self, const labmate_state *state)
 {
     if (self->ready != NOSLIP_READY) {

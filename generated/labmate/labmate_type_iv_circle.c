@@ -174,6 +174,43 @@ int labmate_type_iv_circle_reset(labmate_type_iv_circle *self)
     return NOSLIP_OK;
 }
 
+int labmate_type_iv_circle_set_limits(labmate_type_iv_circle *self, const double limit[2])
+{
+    if (self == NULL || limit == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    if (!noslip_limits_ok(limit, 2)) {
+        return NOSLIP_BAD_PARAMETER;
+    }
+    self->limit[0] = noslip_limit(limit[0]);
+    self->limit[1] = noslip_limit(limit[1]);
+    self->clear[0] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[0];
+    self->clear[1] = self->on_limit == NOSLIP_GRIP ? -1 : self->limit[1];
+    self->held[0] = noslip_clip(self->held[0], self->limit[0]);
+    self->held[1] = noslip_clip(self->held[1], self->limit[1]);
+    return NOSLIP_OK;
+}
+
+int labmate_type_iv_circle_update(labmate_type_iv_circle *self, const labmate_type_iv_circle *next)
+{
+    double held[2];
+    if (self == NULL || next == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self->ready != NOSLIP_READY || next->ready != NOSLIP_READY) {
+        return NOSLIP_NOT_READY;
+    }
+    held[0] = self->held[0];
+    held[1] = self->held[1];
+    noslip_copy(self, next, sizeof *self);
+    self->held[0] = noslip_clip(held[0], self->limit[0]);
+    self->held[1] = noslip_clip(held[1], self->limit[1]);
+    return NOSLIP_OK;
+}
+
 static int labmate_type_iv_circle_admit(const labmate_type_iv_circle *self, const labmate_state *state)
 {
     if (self->ready != NOSLIP_READY) {
@@ -208,7 +245,7 @@ static int labmate_type_iv_circle_admit_both(const labmate_type_iv_circle *self,
 /*
  * Derivative of the inputs by the virtual input of the speed, the output of degree 1.
  * slope[2]: tau_r (N m), tau_l (N m), by v_speed
- * Operations: 14 mul, 3 add, 6 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 10 mul, 2 add, 6 sub, 1 div, 1 sincos.
  */
 static int labmate_type_iv_circle_slope_law(const labmate_type_iv_circle *self, const labmate_state *state,
     double slope[2])
@@ -218,24 +255,18 @@ static int labmate_type_iv_circle_slope_law(const labmate_type_iv_circle *self, 
     /* k7 = 1.0000000001e-10 b^2/(L + d)^2 */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = self->x_f - state->x_c - self->L * cos_phi; /* x_f - L cos(phi) - x_c */
-    const double t2 = self->y_f - state->y_c - self->L * sin_phi; /* y_f - L sin(phi) - y_c */
-    /* sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2) */
-    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2);
-    if (!(t3 > 0)) {
+    const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
+    const double scaled_distance_by_y_l = self->y_f - state->y_c - self->L * sin_phi;
+    const double scaled_distance_by_yaw_rate = sin_phi * scaled_distance_by_x_l - cos_phi * scaled_distance_by_y_l;
+    const double scaled_distance_by_forward_speed = cos_phi * scaled_distance_by_x_l + sin_phi * scaled_distance_by_y_l;
+    if (!(scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate > self->k7 * scaled_distance_by_forward_speed *
+        scaled_distance_by_forward_speed)) {
         return NOSLIP_SINGULAR;
     }
-    const double t4 = 1.0 / t3; /* 1/(sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2)) */
-    const double t5 = t4 * t1; /* -distance_by_x_l */
-    const double t6 = t4 * t2; /* -distance_by_y_l */
-    const double t7 = t5 * sin_phi - t6 * cos_phi; /* -distance_by_yaw_rate */
-    const double t8 = t5 * cos_phi + t6 * sin_phi; /* -distance_by_forward_speed */
-    if (!(t7 * t7 > self->k7 * t8 * t8)) {
-        return NOSLIP_SINGULAR;
-    }
-    const double t9 = self->k6 * t8 / t7; /* part of slope[0], slope[1] */
-    slope[0] = self->k5 + t9;
-    slope[1] = self->k5 - t9;
+    /* part of slope[0], slope[1] */
+    const double t1 = self->k6 * scaled_distance_by_forward_speed / scaled_distance_by_yaw_rate;
+    slope[0] = self->k5 + t1;
+    slope[1] = self->k5 - t1;
     return NOSLIP_OK;
 }
 
@@ -245,9 +276,12 @@ static int labmate_type_iv_circle_output_law(const labmate_type_iv_circle *self,
     /* Phi_21 (m) = r/2 */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = self->x_f - state->x_c - self->L * cos_phi; /* x_f - L cos(phi) - x_c */
-    const double t2 = self->y_f - state->y_c - self->L * sin_phi; /* y_f - L sin(phi) - y_c */
-    h[0] = noslip_sqrt(t1 * t1 + t2 * t2) - self->R;
+    const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
+    const double scaled_distance_by_y_l = self->y_f - state->y_c - self->L * sin_phi;
+    /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
+    const double t1 = noslip_sqrt(scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
+        scaled_distance_by_y_l);
+    h[0] = t1 - self->R;
     h[1] = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -283,19 +317,20 @@ static int labmate_type_iv_circle_rate_law(const labmate_type_iv_circle *self, c
     /* k16 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = self->x_f - state->x_c - self->L * cos_phi; /* x_f - L cos(phi) - x_c */
-    const double t2 = self->y_f - state->y_c - self->L * sin_phi; /* y_f - L sin(phi) - y_c */
-    /* sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2) */
-    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2);
-    if (!(t3 > 0)) {
+    const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
+    const double scaled_distance_by_y_l = self->y_f - state->y_c - self->L * sin_phi;
+    /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
+    const double t1 = noslip_sqrt(scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
+        scaled_distance_by_y_l);
+    if (!(t1 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t4 = 1.0 / t3; /* 1/(sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2)) */
-    const double t5 = t4 * t1; /* -distance_by_x_l */
-    const double t6 = t4 * t2; /* -distance_by_y_l */
+    const double t2 = 1.0 / t1; /* 1/sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
+    const double t3 = t2 * scaled_distance_by_x_l; /* -distance_by_x_l */
+    const double t4 = t2 * scaled_distance_by_y_l; /* -distance_by_y_l */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    ydot[0] = self->k16 * (t5 * sin_phi - t6 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
-        (t5 * cos_phi + t6 * sin_phi);
+    ydot[0] = self->k16 * (t3 * sin_phi - t4 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
+        (t3 * cos_phi + t4 * sin_phi);
     return NOSLIP_OK;
 }
 
@@ -330,20 +365,21 @@ static int labmate_type_iv_circle_decoupling_law(const labmate_type_iv_circle *s
     /* k16 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = self->x_f - state->x_c - self->L * cos_phi; /* x_f - L cos(phi) - x_c */
-    const double t2 = self->y_f - state->y_c - self->L * sin_phi; /* y_f - L sin(phi) - y_c */
-    /* sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2) */
-    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2);
-    if (!(t3 > 0)) {
+    const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
+    const double scaled_distance_by_y_l = self->y_f - state->y_c - self->L * sin_phi;
+    /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
+    const double t1 = noslip_sqrt(scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
+        scaled_distance_by_y_l);
+    if (!(t1 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t4 = 1.0 / t3; /* 1/(sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2)) */
-    const double t5 = t4 * t1; /* -distance_by_x_l */
-    const double t6 = t4 * t2; /* -distance_by_y_l */
-    const double t7 = self->k16 * (t5 * sin_phi - t6 * cos_phi); /* -distance_by_yaw_rate r (L + d)/(2 b) */
-    const double t8 = self->Phi_21 * (t5 * cos_phi + t6 * sin_phi); /* -distance_by_forward_speed r/2 */
-    Phi[0][0] = t7 - t8;
-    Phi[0][1] = -(t7 + t8);
+    const double t2 = 1.0 / t1; /* 1/sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
+    const double t3 = t2 * scaled_distance_by_x_l; /* -distance_by_x_l */
+    const double t4 = t2 * scaled_distance_by_y_l; /* -distance_by_y_l */
+    const double t5 = self->k16 * (t3 * sin_phi - t4 * cos_phi); /* -distance_by_yaw_rate r (L + d)/(2 b) */
+    const double t6 = self->Phi_21 * (t3 * cos_phi + t4 * sin_phi); /* -distance_by_forward_speed r/2 */
+    Phi[0][0] = t5 - t6;
+    Phi[0][1] = -(t5 + t6);
     Phi[1][0] = self->Phi_21;
     Phi[1][1] = self->Phi_21;
     return NOSLIP_OK;
@@ -383,30 +419,31 @@ static int labmate_type_iv_circle_decoupling_rate_law(const labmate_type_iv_circ
     /* k16 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = self->x_f - state->x_c - self->L * cos_phi; /* x_f - L cos(phi) - x_c */
-    const double t2 = self->y_f - state->y_c - self->L * sin_phi; /* y_f - L sin(phi) - y_c */
-    /* sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2) */
-    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2);
-    if (!(t3 > 0)) {
+    const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
+    const double scaled_distance_by_y_l = self->y_f - state->y_c - self->L * sin_phi;
+    /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
+    const double t1 = noslip_sqrt(scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
+        scaled_distance_by_y_l);
+    if (!(t1 > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t4 = 1.0 / t3; /* 1/(sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2)) */
+    const double t2 = 1.0 / t1; /* 1/sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    const double t5 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t6 = self->k16 * t5; /* yaw_rate (L + d) */
-    const double t7 = t4 * t1; /* -distance_by_x_l */
-    const double t8 = t4 * t2; /* -distance_by_y_l */
+    const double t3 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const double t4 = self->k16 * t3; /* yaw_rate (L + d) */
+    const double t5 = t2 * scaled_distance_by_x_l; /* -distance_by_x_l */
+    const double t6 = t2 * scaled_distance_by_y_l; /* -distance_by_y_l */
     /* -distance_rate */
-    const double t9 = forward_speed * (t7 * cos_phi + t8 * sin_phi) - t6 * (t7 * sin_phi - t8 * cos_phi);
-    const double yaw_rate = self->k1 * t5;
+    const double t7 = forward_speed * (t5 * cos_phi + t6 * sin_phi) - t4 * (t5 * sin_phi - t6 * cos_phi);
+    const double yaw_rate = self->k1 * t3;
     /* distance_by_x_l_rate + distance_by_y_l yaw_rate */
-    const double t10 = t4 * (forward_speed * cos_phi - t6 * sin_phi - t7 * t9) - t8 * yaw_rate;
-    const double distance_by_y_l_rate = t4 * (forward_speed * sin_phi + t6 * cos_phi - t8 * t9);
-    const double t11 = distance_by_y_l_rate + t7 * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
-    const double t12 = self->Phi_21 * (cos_phi * t10 + sin_phi * t11); /* part of Phidot[0][0], Phidot[0][1] */
-    const double t13 = self->k16 * (cos_phi * t11 - sin_phi * t10); /* part of Phidot[0][0], Phidot[0][1] */
-    Phidot[0][0] = t12 + t13;
-    Phidot[0][1] = t12 - t13;
+    const double t8 = t2 * (forward_speed * cos_phi - t4 * sin_phi - t5 * t7) - t6 * yaw_rate;
+    const double distance_by_y_l_rate = t2 * (forward_speed * sin_phi + t4 * cos_phi - t6 * t7);
+    const double t9 = distance_by_y_l_rate + t5 * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
+    const double t10 = self->Phi_21 * (cos_phi * t8 + sin_phi * t9); /* part of Phidot[0][0], Phidot[0][1] */
+    const double t11 = self->k16 * (cos_phi * t9 - sin_phi * t8); /* part of Phidot[0][0], Phidot[0][1] */
+    Phidot[0][0] = t10 + t11;
+    Phidot[0][1] = t10 - t11;
     Phidot[1][0] = 0.0;
     Phidot[1][1] = 0.0;
     return NOSLIP_OK;
@@ -454,34 +491,37 @@ static int labmate_type_iv_circle_feedback_law(const labmate_type_iv_circle *sel
     /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = self->x_f - state->x_c - self->L * cos_phi; /* x_f - L cos(phi) - x_c */
-    const double t2 = self->y_f - state->y_c - self->L * sin_phi; /* y_f - L sin(phi) - y_c */
-    /* sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2) */
-    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2);
-    if (!(t3 > 0)) {
+    const double x_l = state->x_c + self->L * cos_phi;
+    const double scaled_distance_by_x_l = self->x_f - x_l;
+    const double y_l = state->y_c + self->L * sin_phi;
+    const double scaled_distance_by_y_l = self->y_f - y_l;
+    const double scaled_distance_by_yaw_rate = sin_phi * scaled_distance_by_x_l - cos_phi * scaled_distance_by_y_l;
+    const double scaled_distance_by_forward_speed = cos_phi * scaled_distance_by_x_l + sin_phi * scaled_distance_by_y_l;
+    if (!(scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate > self->k7 * scaled_distance_by_forward_speed *
+        scaled_distance_by_forward_speed)) {
         return NOSLIP_SINGULAR;
     }
-    const double t4 = 1.0 / t3; /* 1/(sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2)) */
-    const double t5 = t4 * t1; /* -distance_by_x_l */
-    const double t6 = t4 * t2; /* -distance_by_y_l */
-    const double t7 = t5 * sin_phi - t6 * cos_phi; /* -distance_by_yaw_rate */
-    const double t8 = t5 * cos_phi + t6 * sin_phi; /* -distance_by_forward_speed */
-    if (!(t7 * t7 > self->k7 * t8 * t8)) {
+    const double t1 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
+    const double t2 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    /* scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2 */
+    const double t3 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l * scaled_distance_by_y_l;
+    const double t4 = scaled_distance_by_yaw_rate * t3; /* part of tau[0], tau[1] */
+    if (!(noslip_abs(t4) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t9 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
-    const double t10 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t11 = t10 * t10; /* 4 b^2 yaw_rate^2/r^2 */
-    const double forward_speed = self->Phi_21 * t9;
-    const double t12 = forward_speed * t8 - self->k16 * t7 * t10; /* -distance_rate */
-    const double distance_curvature = t4 * (self->k17 * t9 * t9 + self->k18 * t11 - t12 * t12);
-    const double v_less_drift_0 = v[0] - distance_curvature;
-    const double v_less_drift_1 = v[1] - self->k19 * t11;
+    const double forward_speed = self->Phi_21 * t1;
+    const double scaled_distance_rate = self->k16 * t2 * scaled_distance_by_yaw_rate - forward_speed *
+        scaled_distance_by_forward_speed;
+    const double t5 = t2 * t2; /* 4 b^2 yaw_rate^2/r^2 */
+    const double v_less_drift_1 = v[1] - self->k19 * t5;
     /* part of tau[0], tau[1] */
-    const double t13 = self->k20 * t9 * t10 + self->k6 * (v_less_drift_0 + t8 * v_less_drift_1) / t7;
-    const double t14 = self->k5 * v_less_drift_1 - self->k21 * t11; /* part of tau[0], tau[1] */
-    tau[0] = t13 + t14;
-    tau[1] = t14 - t13;
+    const double t6 = v[0] * noslip_sqrt(t3) - self->k17 * t1 * t1 - self->k18 * t5 + scaled_distance_by_forward_speed *
+        v_less_drift_1;
+    /* part of tau[0], tau[1] */
+    const double t7 = self->k20 * t1 * t2 + self->k6 * (scaled_distance_rate * scaled_distance_rate + t3 * t6) / t4;
+    const double t8 = self->k5 * v_less_drift_1 - self->k21 * t5; /* part of tau[0], tau[1] */
+    tau[0] = t7 + t8;
+    tau[1] = t8 - t7;
     return NOSLIP_OK;
 }
 
@@ -651,69 +691,82 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     /* k27 = r^2/(4 b (L + d)) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = self->x_f - state->x_c - self->L * cos_phi; /* x_f - L cos(phi) - x_c */
-    const double t2 = self->y_f - state->y_c - self->L * sin_phi; /* y_f - L sin(phi) - y_c */
-    /* sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2) */
-    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2);
-    if (!(t3 > 0)) {
+    const double x_l = state->x_c + self->L * cos_phi;
+    const double scaled_distance_by_x_l = self->x_f - x_l;
+    const double y_l = state->y_c + self->L * sin_phi;
+    const double scaled_distance_by_y_l = self->y_f - y_l;
+    const double scaled_distance_by_yaw_rate = sin_phi * scaled_distance_by_x_l - cos_phi * scaled_distance_by_y_l;
+    const double scaled_distance_by_forward_speed = cos_phi * scaled_distance_by_x_l + sin_phi * scaled_distance_by_y_l;
+    if (!(scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate > self->k7 * scaled_distance_by_forward_speed *
+        scaled_distance_by_forward_speed)) {
         return NOSLIP_SINGULAR;
     }
-    const double t4 = 1.0 / t3; /* 1/(sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2)) */
-    const double t5 = t4 * t1; /* -distance_by_x_l */
-    const double t6 = t4 * t2; /* -distance_by_y_l */
-    const double t7 = t5 * sin_phi - t6 * cos_phi; /* -distance_by_yaw_rate */
-    const double t8 = t5 * cos_phi + t6 * sin_phi; /* -distance_by_forward_speed */
-    if (!(t7 * t7 > self->k7 * t8 * t8)) {
-        return NOSLIP_SINGULAR;
-    }
-    all->h[0] = t3 - self->R;
-    const double t9 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
-    const double forward_speed = self->Phi_21 * t9;
+    /* scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2 */
+    const double t1 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l * scaled_distance_by_y_l;
+    const double t2 = noslip_sqrt(t1); /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
+    all->h[0] = t2 - self->R;
+    const double t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
+    const double forward_speed = self->Phi_21 * t3;
     all->h[1] = forward_speed;
-    const double t10 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t11 = self->k16 * t10; /* yaw_rate (L + d) */
-    const double t12 = t11 * t7; /* -distance_by_yaw_rate yaw_rate (L + d) */
-    const double t13 = forward_speed * t8; /* -distance_by_forward_speed forward_speed */
-    all->ydot[0] = t12 - t13;
-    const double t14 = self->k16 * t7; /* -distance_by_yaw_rate r (L + d)/(2 b) */
-    const double t15 = self->Phi_21 * t8; /* -distance_by_forward_speed r/2 */
-    all->Phi[0][0] = t14 - t15;
-    all->Phi[0][1] = -(t14 + t15);
+    const double t4 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const double t5 = self->k16 * t4; /* yaw_rate (L + d) */
+    if (!(t2 > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const double t6 = 1.0 / t2; /* 1/sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
+    const double t7 = t6 * scaled_distance_by_x_l; /* -distance_by_x_l */
+    const double t8 = t6 * scaled_distance_by_y_l; /* -distance_by_y_l */
+    const double t9 = t7 * sin_phi - t8 * cos_phi; /* -distance_by_yaw_rate */
+    const double t10 = t5 * t9; /* -distance_by_yaw_rate yaw_rate (L + d) */
+    const double t11 = t7 * cos_phi + t8 * sin_phi; /* -distance_by_forward_speed */
+    const double t12 = forward_speed * t11; /* -distance_by_forward_speed forward_speed */
+    all->ydot[0] = t10 - t12;
+    const double t13 = self->k16 * t9; /* -distance_by_yaw_rate r (L + d)/(2 b) */
+    const double t14 = self->Phi_21 * t11; /* -distance_by_forward_speed r/2 */
+    all->Phi[0][0] = t13 - t14;
+    all->Phi[0][1] = -(t14 + t13);
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
-    const double t16 = t13 - t12; /* -distance_rate */
-    const double yaw_rate = self->k1 * t10;
+    const double t15 = t12 - t10; /* -distance_rate */
+    const double yaw_rate = self->k1 * t4;
     /* distance_by_x_l_rate + distance_by_y_l yaw_rate */
-    const double t17 = t4 * (forward_speed * cos_phi - t11 * sin_phi - t5 * t16) - t6 * yaw_rate;
-    const double distance_by_y_l_rate = t4 * (forward_speed * sin_phi + t11 * cos_phi - t6 * t16);
-    const double t18 = distance_by_y_l_rate + t5 * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
+    const double t16 = t6 * (forward_speed * cos_phi - t5 * sin_phi - t7 * t15) - yaw_rate * t8;
+    const double distance_by_y_l_rate = t6 * (forward_speed * sin_phi + t5 * cos_phi - t8 * t15);
+    const double t17 = distance_by_y_l_rate + yaw_rate * t7; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
     /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    const double t19 = self->Phi_21 * (cos_phi * t17 + sin_phi * t18);
-    const double t20 = self->k16 * (cos_phi * t18 - sin_phi * t17); /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    all->Phidot[0][0] = t19 + t20;
-    all->Phidot[0][1] = t19 - t20;
+    const double t18 = self->Phi_21 * (cos_phi * t16 + sin_phi * t17);
+    const double t19 = self->k16 * (cos_phi * t17 - sin_phi * t16); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    all->Phidot[0][0] = t18 + t19;
+    all->Phidot[0][1] = t18 - t19;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
-    const double t21 = t10 * t10; /* 4 b^2 yaw_rate^2/r^2 */
-    const double t22 = self->k19 * t21; /* yaw_rate^2 (L + d) */
-    const double v_less_drift_1 = reference->speed_rate - t22 + self->kv_speed * (reference->speed - forward_speed);
-    const double t23 = self->k2 * (v_less_drift_1 + t22); /* v_speed/r */
-    const double t24 = t9 * t10; /* 4 b forward_speed yaw_rate/r^2 */
-    const double distance_curvature = t4 * (self->k17 * t9 * t9 + self->k18 * t21 - t16 * t16);
-    /* distance_acceleration - distance_curvature */
-    const double t25 = reference->distance_acceleration + self->kp_distance * (self->R - t3 + reference->distance) -
-        distance_curvature;
-    const double v_less_drift_0 = t25 + self->kd_distance * (t16 + reference->distance_rate);
-    const double t26 = (v_less_drift_0 + t8 * v_less_drift_1) / t7; /* u_yaw_rate (L + d) */
-    const double u_yaw_rate = self->k4 * t26;
+    const double t20 = t4 * t4; /* 4 b^2 yaw_rate^2/r^2 */
+    const double t21 = self->k19 * t20; /* yaw_rate^2 (L + d) */
+    const double v_less_drift_1 = reference->speed_rate - t21 + self->kv_speed * (reference->speed - forward_speed);
+    const double t22 = self->k2 * (v_less_drift_1 + t21); /* v_speed/r */
+    const double t23 = t3 * t4; /* 4 b forward_speed yaw_rate/r^2 */
+    /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
+    const double t24 = scaled_distance_by_yaw_rate * t1;
+    if (!(noslip_abs(t24) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    /* -scaled_distance_rate */
+    const double t25 = forward_speed * scaled_distance_by_forward_speed - t5 * scaled_distance_by_yaw_rate;
+    /* distance_acceleration + distance_rate kd_distance */
+    const double t26 = reference->distance_acceleration + self->kp_distance * (self->R - t2 + reference->distance) +
+        self->kd_distance * reference->distance_rate;
+    /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
+    const double t27 = self->k17 * t3 * t3 + self->k18 * t20 - t2 * t26 - scaled_distance_by_forward_speed *
+        v_less_drift_1 - self->kd_distance * t25;
+    const double t28 = (t25 * t25 - t1 * t27) / t24; /* u_yaw_rate (L + d) */
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const double t27 = self->k3 * (t24 * self->k27 - u_yaw_rate);
-    all->u[0] = t23 - t27;
-    all->u[1] = t23 + t27;
-    const double t28 = t24 * self->k26 + self->k6 * t26; /* part of all->tau[0], all->tau[1] */
-    const double t29 = self->k5 * v_less_drift_1 - self->k21 * t21; /* part of all->tau[0], all->tau[1] */
-    all->tau[0] = t28 + t29;
-    all->tau[1] = t29 - t28;
+    const double t29 = self->k3 * (t23 * self->k27 - self->k4 * t28);
+    all->u[0] = t22 - t29;
+    all->u[1] = t22 + t29;
+    const double t30 = t23 * self->k26 + self->k6 * t28; /* part of all->tau[0], all->tau[1] */
+    const double t31 = self->k5 * v_less_drift_1 - self->k21 * t20; /* part of all->tau[0], all->tau[1] */
+    all->tau[0] = t30 + t31;
+    all->tau[1] = t31 - t30;
     return NOSLIP_OK;
 }
 
@@ -765,38 +818,42 @@ static int labmate_type_iv_circle_step_law(const labmate_type_iv_circle *self, c
     /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
-    const double t1 = self->x_f - state->x_c - self->L * cos_phi; /* x_f - L cos(phi) - x_c */
-    const double t2 = self->y_f - state->y_c - self->L * sin_phi; /* y_f - L sin(phi) - y_c */
-    /* sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2) */
-    const double t3 = noslip_sqrt(t1 * t1 + t2 * t2);
-    if (!(t3 > 0)) {
+    const double x_l = state->x_c + self->L * cos_phi;
+    const double scaled_distance_by_x_l = self->x_f - x_l;
+    const double y_l = state->y_c + self->L * sin_phi;
+    const double scaled_distance_by_y_l = self->y_f - y_l;
+    const double scaled_distance_by_yaw_rate = sin_phi * scaled_distance_by_x_l - cos_phi * scaled_distance_by_y_l;
+    const double scaled_distance_by_forward_speed = cos_phi * scaled_distance_by_x_l + sin_phi * scaled_distance_by_y_l;
+    if (!(scaled_distance_by_yaw_rate * scaled_distance_by_yaw_rate > self->k7 * scaled_distance_by_forward_speed *
+        scaled_distance_by_forward_speed)) {
         return NOSLIP_SINGULAR;
     }
-    const double t4 = 1.0 / t3; /* 1/(sqrt((x_f - L cos(phi) - x_c)^2 + (y_f - L sin(phi) - y_c)^2)) */
-    const double t5 = t4 * t1; /* -distance_by_x_l */
-    const double t6 = t4 * t2; /* -distance_by_y_l */
-    const double t7 = t5 * sin_phi - t6 * cos_phi; /* -distance_by_yaw_rate */
-    const double t8 = t5 * cos_phi + t6 * sin_phi; /* -distance_by_forward_speed */
-    if (!(t7 * t7 > self->k7 * t8 * t8)) {
-        return NOSLIP_SINGULAR;
-    }
-    const double t9 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t10 = t9 * t9; /* 4 b^2 yaw_rate^2/r^2 */
-    const double t11 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
-    const double forward_speed = self->Phi_21 * t11;
-    const double v_less_drift_1 = reference->speed_rate - self->k19 * t10 + self->kv_speed * (reference->speed -
+    const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
+    const double t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
+    const double t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
+    const double forward_speed = self->Phi_21 * t3;
+    const double v_less_drift_1 = reference->speed_rate - self->k19 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t12 = self->k5 * v_less_drift_1 - self->k21 * t10; /* part of tau[0], tau[1] */
-    const double t13 = self->k16 * t7 * t9 - forward_speed * t8; /* distance_rate */
-    const double distance_curvature = t4 * (self->k17 * t11 * t11 + self->k18 * t10 - t13 * t13);
-    /* distance_acceleration - distance_curvature */
-    const double t14 = reference->distance_acceleration - distance_curvature + self->kd_distance *
-        (reference->distance_rate - t13);
-    const double v_less_drift_0 = t14 + self->kp_distance * (self->R + reference->distance - t3);
+    const double t4 = self->k5 * v_less_drift_1 - self->k21 * t2; /* part of tau[0], tau[1] */
+    /* scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2 */
+    const double t5 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l * scaled_distance_by_y_l;
+    const double t6 = scaled_distance_by_yaw_rate * t5; /* part of tau[0], tau[1] */
+    if (!(noslip_abs(t6) > 0)) {
+        return NOSLIP_SINGULAR;
+    }
+    const double scaled_distance_rate = self->k16 * t1 * scaled_distance_by_yaw_rate - forward_speed *
+        scaled_distance_by_forward_speed;
+    const double t7 = noslip_sqrt(t5); /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
     /* part of tau[0], tau[1] */
-    const double t15 = self->k20 * t11 * t9 + self->k6 * (v_less_drift_0 + t8 * v_less_drift_1) / t7;
-    tau[0] = t12 + t15;
-    tau[1] = t12 - t15;
+    const double t8 = reference->distance_acceleration + self->kd_distance * reference->distance_rate +
+        self->kp_distance * (self->R + reference->distance - t7);
+    /* part of tau[0], tau[1] */
+    const double t9 = self->k17 * t3 * t3 + self->k18 * t2 - scaled_distance_by_forward_speed * v_less_drift_1 - t7 *
+        t8 + self->kd_distance * scaled_distance_rate;
+    /* part of tau[0], tau[1] */
+    const double t10 = self->k20 * t3 * t1 + self->k6 * (scaled_distance_rate * scaled_distance_rate - t5 * t9) / t6;
+    tau[0] = t4 + t10;
+    tau[1] = t4 - t10;
     return NOSLIP_OK;
 }
 

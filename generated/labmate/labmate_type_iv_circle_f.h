@@ -103,7 +103,7 @@ typedef struct labmate_type_iv_circle_f {
  * on_limit = NOSLIP_SLOW changes v_speed and keeps v_distance if the inputs would exceed their limits.
  * on_limit = NOSLIP_GRIP keeps right wheel, left wheel rolling, see noslip_grip.h; it requires friction.mu.
  */
-int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_params_f *params,
+NOSLIP_NODISCARD int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_params_f *params,
     const labmate_type_iv_circle_config_f *config, const labmate_type_iv_circle_gains_f *gains,
     const labmate_options_f *options);
 
@@ -111,6 +111,18 @@ int labmate_type_iv_circle_init_f(labmate_type_iv_circle_f *self, const labmate_
  * Sets the held inputs to zero.
  */
 int labmate_type_iv_circle_reset_f(labmate_type_iv_circle_f *self);
+
+/*
+ * Changes the limits of the inputs, such as to what motors have left now. 0: no limit. Limits held inputs too.
+ * NOSLIP_BAD_PARAMETER: a limit is not finite or negative; then nothing changes.
+ */
+int labmate_type_iv_circle_set_limits_f(labmate_type_iv_circle_f *self, const float limit[2]);
+
+/*
+ * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
+ * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ */
+int labmate_type_iv_circle_update_f(labmate_type_iv_circle_f *self, const labmate_type_iv_circle_f *next);
 
 /*
  * Outputs y = h (14).
@@ -146,7 +158,7 @@ int labmate_type_iv_circle_decoupling_rate_f(const labmate_type_iv_circle_f *sel
  * Linearizing feedback (12) with (20): from the virtual input v to the inputs.
  * v[2]: v_distance (m/s^2), v_speed (m/s^2)
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 30 mul, 7 add, 12 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 30 mul, 9 add, 10 sub, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_feedback_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const float v[2], float tau[2]);
@@ -169,7 +181,7 @@ int labmate_type_iv_circle_ground_by_inputs_f(const labmate_type_iv_circle_f *se
 
 /*
  * All quantities, with one sine and cosine.
- * Operations: 56 mul, 19 add, 25 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 65 mul, 20 add, 27 sub, 1 neg, 2 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_evaluate_f(const labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, labmate_type_iv_circle_evaluation_f *all);
@@ -177,7 +189,7 @@ int labmate_type_iv_circle_evaluate_f(const labmate_type_iv_circle_f *self, cons
 /*
  * The controller: outer loop and feedback (12) with (20), limits, safe outputs.
  * tau[2]: tau_r (N m), tau_l (N m)
- * Operations: 33 mul, 11 add, 15 sub, 2 div, 1 sqrt, 1 sincos.
+ * Operations: 34 mul, 13 add, 13 sub, 1 div, 1 sqrt, 1 sincos.
  */
 int labmate_type_iv_circle_step_f(labmate_type_iv_circle_f *self, const labmate_state_f *state,
     const labmate_type_iv_circle_reference_f *reference, float tau[2]);

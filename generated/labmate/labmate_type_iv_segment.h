@@ -109,7 +109,7 @@ typedef struct labmate_type_iv_segment {
  * on_limit = NOSLIP_SLOW changes v_speed and keeps v_distance if the inputs would exceed their limits.
  * on_limit = NOSLIP_GRIP keeps right wheel, left wheel rolling, see noslip_grip.h; it requires friction.mu.
  */
-int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_params *params,
+NOSLIP_NODISCARD int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_params *params,
     const labmate_type_iv_segment_config *config, const labmate_type_iv_segment_gains *gains,
     const labmate_options *options);
 
@@ -117,6 +117,18 @@ int labmate_type_iv_segment_init(labmate_type_iv_segment *self, const labmate_pa
  * Sets the held inputs to zero.
  */
 int labmate_type_iv_segment_reset(labmate_type_iv_segment *self);
+
+/*
+ * Changes the limits of the inputs, such as to what motors have left now. 0: no limit. Limits held inputs too.
+ * NOSLIP_BAD_PARAMETER: a limit is not finite or negative; then nothing changes.
+ */
+int labmate_type_iv_segment_set_limits(labmate_type_iv_segment *self, const double limit[2]);
+
+/*
+ * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
+ * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ */
+int labmate_type_iv_segment_update(labmate_type_iv_segment *self, const labmate_type_iv_segment *next);
 
 /*
  * Outputs y = h (14).

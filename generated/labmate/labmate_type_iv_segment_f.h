@@ -109,7 +109,7 @@ typedef struct labmate_type_iv_segment_f {
  * on_limit = NOSLIP_SLOW changes v_speed and keeps v_distance if the inputs would exceed their limits.
  * on_limit = NOSLIP_GRIP keeps right wheel, left wheel rolling, see noslip_grip.h; it requires friction.mu.
  */
-int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmate_params_f *params,
+NOSLIP_NODISCARD int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmate_params_f *params,
     const labmate_type_iv_segment_config_f *config, const labmate_type_iv_segment_gains_f *gains,
     const labmate_options_f *options);
 
@@ -117,6 +117,18 @@ int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmat
  * Sets the held inputs to zero.
  */
 int labmate_type_iv_segment_reset_f(labmate_type_iv_segment_f *self);
+
+/*
+ * Changes the limits of the inputs, such as to what motors have left now. 0: no limit. Limits held inputs too.
+ * NOSLIP_BAD_PARAMETER: a limit is not finite or negative; then nothing changes.
+ */
+int labmate_type_iv_segment_set_limits_f(labmate_type_iv_segment_f *self, const float limit[2]);
+
+/*
+ * Continues with parameters, config, gains and options of `next`, a law that init has accepted, between two steps.
+ * Held inputs stay, within the new limits. NOSLIP_NOT_READY: one of the two is not initialized; then nothing changes.
+ */
+int labmate_type_iv_segment_update_f(labmate_type_iv_segment_f *self, const labmate_type_iv_segment_f *next);
 
 /*
  * Outputs y = h (14).

@@ -26,20 +26,20 @@ def canonical(expression: ca.SX) -> ca.SX:
     """
     expression = ca.SX(expression)
     simplified = ca.SX(expression)
-    found: dict[int, CanonicalForm] = {}
+    elements: dict[int, CanonicalForm] = {}
     shortest: dict[object, ca.SX] = {}  # key of the element -> its magnitude
     for k in range(expression.nnz()):
         entry = simplified.nz[k] = _without_quotients_below(expression.nz[k])
         if entry.is_constant() or entry.is_symbolic() or ca.n_nodes(entry) > LARGEST:
             continue
         try:
-            found[k], magnitude = _simplify(entry)
+            elements[k], magnitude = _simplify(entry)
         except NotRational:
             continue
-        known = shortest.setdefault(found[k].key, magnitude)
-        if ca.n_nodes(magnitude) < ca.n_nodes(known):
-            shortest[found[k].key] = magnitude
-    for k, element in found.items():
+        current = shortest.setdefault(elements[k].key, magnitude)
+        if ca.n_nodes(magnitude) < ca.n_nodes(current):
+            shortest[elements[k].key] = magnitude
+    for k, element in elements.items():
         simplified.nz[k] = -shortest[element.key] if element.negative else shortest[element.key]
     return ca.sparsify(simplified)
 
@@ -50,14 +50,14 @@ def _simplify(entry: ca.SX) -> tuple[CanonicalForm, ca.SX]:
     The entry's own form is not used if it contains a symbol without effect or a removable pole. It is used if the canonical
     form has a pole where the entry has none: 1 / (1 + sin) is (1 - sin) / cos^2, but not where the sine is 1.
     """
-    found = [_tried(way) for way in (entry, by_addition_theorems(entry)) if way is not None]
-    as_written, *expanded = found
+    tried = [_tried(way) for way in (entry, by_addition_theorems(entry)) if way is not None]
+    as_written, *expanded = tried
     if as_written is None and expanded and expanded[0] and _cost(expanded[0][1]) > _cost(entry):
         raise NotRational
-    done = [pair for pair in found if pair]
-    if not done:
+    forms = [pair for pair in tried if pair]
+    if not forms:
         raise NotRational
-    return min(done, key=lambda pair: _cost(pair[1]))
+    return min(forms, key=lambda pair: _cost(pair[1]))
 
 
 def _tried(entry: ca.SX) -> tuple[CanonicalForm, ca.SX] | None:
@@ -82,12 +82,12 @@ def _as_written(entry: ca.SX) -> tuple[CanonicalForm, ca.SX]:
 
 def _divides_by_quotient(entry: ca.SX) -> bool:
     """Return whether an entry divides somewhere by a quotient with a divisor that is not constant, or by its multiple."""
-    stack, seen = [(entry, False)], set()
+    stack, visited = [(entry, False)], set()
     while stack:
         node, below = stack.pop()
-        if node.is_leaf() or (node.element_hash(), below) in seen:
+        if node.is_leaf() or (node.element_hash(), below) in visited:
             continue
-        seen.add((node.element_hash(), below))
+        visited.add((node.element_hash(), below))
         code, parts = node.op(), [node.dep(k) for k in range(node.n_dep())]
         divides = code in (ca.OP_DIV, ca.OP_INV)
         if below and divides and not parts[-1].is_constant():
@@ -127,19 +127,19 @@ def _cost(expression: ca.SX) -> tuple[int, int]:
 def by_addition_theorems(entry: ca.SX) -> ca.SX | None:
     """Return the entry with sines and cosines of sums and integer multiples of symbols expanded; None if there are none."""
     symbols = free_symbols(entry)
-    found = False
+    expanded = False
 
     def apply(code: int, parts: tuple[_Sum, ...]) -> _Sum:
-        nonlocal found
+        nonlocal expanded
         if code in (ca.OP_SIN, ca.OP_COS, ca.OP_TAN) and parts[0].terms is not None and parts[0].count > 1:
-            found = True
+            expanded = True
             cosine, sine = _circle(symbols, parts[0].terms)
             return _Sum({ca.OP_SIN: sine, ca.OP_COS: cosine}.get(code, sine / cosine))
         terms = parts[0].combined(code, *parts[1:])
         return _Sum(operate(code, *[part.expression for part in parts]), terms)
 
-    (made,) = fold(entry, symbols, lambda k: _Sum(symbols[k], {k: 1}), lambda value: _Sum(ca.SX(value)), apply)
-    return made.expression if found else None
+    (whole,) = fold(entry, symbols, lambda k: _Sum(symbols[k], {k: 1}), lambda value: _Sum(ca.SX(value)), apply)
+    return whole.expression if expanded else None
 
 
 @dataclass(frozen=True)
@@ -156,10 +156,10 @@ class _Sum:
 
     def combined(self, code: int, *others: "_Sum") -> Mapping[int, int] | None:
         """Return the terms after an operation."""
-        known = [each.terms for each in (self, *others) if each.terms is not None]
-        if len(known) <= len(others):
+        terms = [each.terms for each in (self, *others) if each.terms is not None]
+        if len(terms) <= len(others):
             return None
-        first, *rest = known
+        first, *rest = terms
         if code in (ca.OP_ADD, ca.OP_SUB):
             sign, (other,) = 1 if code == ca.OP_ADD else -1, rest
             places = dict.fromkeys([*first, *other])

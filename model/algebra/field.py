@@ -72,7 +72,7 @@ class Field:
         self.radicals: list[Radical] = []
         self.cosines: list[Radical] = []  # the sines among the radicals, with the roles exchanged
         self.floats: dict[QQ, float] = {}  # exact number -> the float from which it was made
-        self.known: dict[Step, int] = {}  # function and canonical arguments -> generator
+        self.atoms: dict[Step, int] = {}  # function and canonical arguments -> generator
         self.divisors: dict[PolyElement, None] = {}  # the sums that occur as denominators, as an ordered set
 
     def simplify(self) -> CanonicalForm:
@@ -81,17 +81,17 @@ class Field:
         The denominator has no sine or root, and there is no common factor. Then, if this has fewer terms, a sine or root is
         moved to the denominator and squares of cosines are written as squares of sines.
         """
-        given = self._evaluate()
-        numerator, denominator = self._rationalize(*given)
+        fraction = self._evaluate()
+        numerator, denominator = self._rationalize(*fraction)
         ratio = numerator.cancel(denominator)
         cancelled = ratio[1].leading_expv() != denominator.leading_expv()
         numerator, denominator = (self._by_sines(part) for part in self._roots_below(*ratio))
         negative = bool(numerator) and (numerator.LC < 0) != (denominator.LC < 0)
         magnitude = tuple(-part if part and part.LC < 0 else part for part in (numerator, denominator))
-        names = (*[symbol.__hash__() for symbol in self.symbols], *self.known.items())
-        pole = denominator != 1 and any(powers[r.place] for r in self.radicals for powers in given[1])
+        names = (*[symbol.__hash__() for symbol in self.symbols], *self.atoms.items())
+        pole = denominator != 1 and any(powers[r.place] for r in self.radicals for powers in fraction[1])
         return CanonicalForm(
-            (names, magnitude), negative, magnitude, cancelled, pole and not self._divides(denominator, given[1])
+            (names, magnitude), negative, magnitude, cancelled, pole and not self._divides(denominator, fraction[1])
         )
 
     def expression(self, ratio: Ratio) -> ca.SX:
@@ -134,14 +134,14 @@ class Field:
         if place not in self._expression_of:
             kind, *arguments = self.steps[place]
             if kind == SYMBOL:
-                made = self.symbols[arguments[0]]
+                expression = self.symbols[arguments[0]]
             elif kind == CONSTANT:
-                made = ca.SX(arguments[0])
+                expression = ca.SX(arguments[0])
             elif kind == POWER:
-                made = self._rebuilt(arguments[0]) ** arguments[1]
+                expression = self._rebuilt(arguments[0]) ** arguments[1]
             else:
-                made = operate(kind, *[self._rebuilt(argument) for argument in arguments])
-            self._expression_of[place] = made
+                expression = operate(kind, *[self._rebuilt(argument) for argument in arguments])
+            self._expression_of[place] = expression
         return self._expression_of[place]
 
     def _text(self, atom: Step) -> tuple[str, int]:
@@ -171,9 +171,9 @@ class Field:
 
     def _number(self, value: float) -> QQ:
         """Return the exact number for a float, and store the float, so that converting back gives the same bits."""
-        found = exact(value)
-        self.floats.setdefault(abs(found), abs(value))
-        return found
+        fraction = exact(value)
+        self.floats.setdefault(abs(fraction), abs(value))
+        return fraction
 
     def _float(self, coefficient: QQ) -> float:
         value = self.floats.get(abs(coefficient))
@@ -188,7 +188,7 @@ class Field:
     def _atom(self, step: Step, arguments: list[Ratio]) -> Ratio:
         """Return the generator of a function at these arguments, the same one for all equal arguments."""
         arguments = [self._lowest(ratio) for ratio in arguments]
-        place = self.known.setdefault((step[0], *arguments), self.generator_of[step])
+        place = self.atoms.setdefault((step[0], *arguments), self.generator_of[step])
         if place == self.generator_of[step]:
             if step[0] == ca.OP_SIN:
                 other = self.generator_of[ca.OP_COS, *step[1:]]
@@ -283,15 +283,15 @@ class Field:
         A square of a sum with sines has no factors as a polynomial once sin^2 + cos^2 = 1 was used in it, and where the sum is
         small, most of the digits of the expanded square cancel.
         """
-        found = []
+        shorter = []
         rest, _ = self._reduce(polynomial, self.ring.one)
         for divisor in sorted(divisors, key=len):
             while len(divisor) < len(rest) and (quotient := self._quotient(rest, divisor)) and len(quotient) < len(rest):
-                found.append(divisor)
+                shorter.append(divisor)
                 rest = quotient
-        if not found:
+        if not shorter:
             return QQ(1), [polynomial]
-        contents, factors = zip(*[_primitive(self._by_sines(factor)) for factor in (*found, rest)], strict=True)
+        contents, factors = zip(*[_primitive(self._by_sines(factor)) for factor in (*shorter, rest)], strict=True)
         return prod(contents, start=QQ(1)), list(factors)
 
     def _quotient(self, polynomial: PolyElement, divisor: PolyElement) -> PolyElement | None:

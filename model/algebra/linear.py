@@ -38,11 +38,11 @@ def solve_by_blocks(matrix: ca.SX, right: ca.SX, solve_block: Callable[[ca.SX, c
     """
     matrix = ca.sparsify(matrix)
     count, rows, columns, starts, *_ = matrix.sparsity().btf()
-    found = ca.SX(*right.shape)
+    solution = ca.SX(*right.shape)
     for first, last in zip(starts[:count], starts[1 : count + 1], strict=True):
         i, j = rows[first:last], columns[first:last]
-        found[j, :] = solve_block(ca.densify(matrix[i, j]), right[i, :] - matrix[i, :] @ found)
-    return found
+        solution[j, :] = solve_block(ca.densify(matrix[i, j]), right[i, :] - matrix[i, :] @ solution)
+    return solution
 
 
 def _solve_block(matrix: ca.SX, right: ca.SX) -> ca.SX:
@@ -63,10 +63,10 @@ def _orthogonally(matrix: ca.SX, right: ca.SX) -> ca.SX:
         for j in range(k + 1, len(columns)):
             table[k, j] = ca.dot(columns[k], columns[j]) / square
             columns[j] -= table[k, j] * columns[k]
-    found = table[:, n:]
+    solution = table[:, n:]
     for k in reversed(range(n)):
-        found[k, :] -= table[k, k + 1 : n] @ found[k + 1 :, :]
-    return found
+        solution[k, :] -= table[k, k + 1 : n] @ solution[k + 1 :, :]
+    return solution
 
 
 def condition(matrix: ca.SX) -> ca.SX:
@@ -77,17 +77,17 @@ def condition(matrix: ca.SX) -> ca.SX:
     |a| / (sqrt(n) |r|) is taken into account: the matrix is singular at the distance |r|.
     """
     n = matrix.shape[0]
-    found = norm(matrix) * norm(solve(matrix, ca.SX.eye(n)))
+    number = norm(matrix) * norm(solve(matrix, ca.SX.eye(n)))
     if n <= 3:  # by cofactors, whose determinant is zero there
-        return found
+        return number
     columns = ca.horzsplit(ca.densify(matrix))
     for k in range(n):
         rest = columns[k]
         for column in columns[:k]:
             rest -= ca.dot(column, rest) / ca.sumsqr(column) * column
-        found = larger(found, ca.norm_2(columns[k]) / (ca.norm_2(rest) * n**0.5))
+        number = larger(number, ca.norm_2(columns[k]) / (ca.norm_2(rest) * n**0.5))
         columns[k] = rest
-    return found
+    return number
 
 
 def norm(matrix: ca.SX) -> ca.SX:
@@ -107,9 +107,9 @@ def eliminate(matrix: ca.SX, right: ca.SX, moving: ca.SX, name: str) -> ca.SX:
     block by block. `moving` are the symbols that may have any value including zero; the others are positive. Raises ModelError
     with the name of the robot if a pole remains.
     """
-    found = _by_pivots(matrix, right)
-    if added_pole(found, (matrix, right), quotient, moving) is None:
-        return found
+    solution = _by_pivots(matrix, right)
+    if added_pole(solution, (matrix, right), quotient, moving) is None:
+        return solution
     return without_pole(name, "S", _by_cofactors(matrix, right), (matrix, right), quotient, moving)
 
 

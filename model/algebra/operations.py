@@ -35,8 +35,8 @@ USABLE = (
 
 
 def refuse_unsupported(expression: ca.SX, where: str) -> None:
-    """Raise ModelError for an operation that the generated C has not, an exponent that varies or is above LARGEST_POWER in
-    size, and a number that is not finite."""
+    """Raise ModelError for an operation that the generated C does not support, an exponent that varies or is above LARGEST_POWER
+    in size, and a number that is not finite."""
 
     def constant(value: float) -> float:
         if not math.isfinite(value):
@@ -75,19 +75,19 @@ def kinks(expression: ca.SX, variables: ca.SX, kinds: Iterable[int] = KINKS) -> 
 
 
 def is_polynomial(expression: ca.SX, variables: ca.SX) -> bool:
-    """Is the expression written as a polynomial in the variables, so that its derivatives at one place tell all of it?"""
+    """Return whether the expression is written as a polynomial in the variables: its derivatives at one place determine it."""
     return all(code in POLYNOMIAL or code == ca.OP_DIV and not moves[1] for code, moves in _moving(expression, variables))
 
 
 def _moving(expression: ca.SX, variables: ca.SX) -> list[tuple[int, tuple[bool, ...]]]:
     """The operations that depend on `variables`, each with which of its arguments do."""
     hashes = {symbol.element_hash() for symbol in ca.symvar(ca.SX(variables))}
-    symbols, found = free_symbols(expression), []
+    symbols, operations = free_symbols(expression), []
 
     def apply(code: int, arguments: tuple[bool, ...]) -> bool:
         if any(arguments):
-            found.append((code, arguments))
+            operations.append((code, arguments))
         return any(arguments)
 
     fold(expression, symbols, lambda k: symbols[k].element_hash() in hashes, lambda value: False, apply)
-    return found
+    return operations

@@ -20,19 +20,19 @@ ROUNDING = 1e-12  # relative to the product of the largest given values: bound o
 
 def denominators(expression: ca.SX) -> list[ca.SX]:
     """Return the factors, each once, by which the expression divides somewhere and that are not constant."""
-    found: dict[int, ca.SX] = {}
-    seen: set[int] = set()
+    factors: dict[int, ca.SX] = {}
+    visited: set[int] = set()
     stack = [expression.nz[k] for k in range(expression.nnz())]
     while stack:
         node = stack.pop()
-        if node.is_leaf() or node.element_hash() in seen:
+        if node.is_leaf() or node.element_hash() in visited:
             continue
-        seen.add(node.element_hash())
+        visited.add(node.element_hash())
         parts = [node.dep(k) for k in range(node.n_dep())]
         below = parts[1:] if node.op() == ca.OP_DIV else parts if node.op() == ca.OP_INV else []
-        found.update((factor.element_hash(), factor) for part in below for factor in _factors(part))
+        factors.update((factor.element_hash(), factor) for part in below for factor in _factors(part))
         stack += parts
-    return list(found.values())
+    return list(factors.values())
 
 
 def _factors(node: ca.SX) -> Iterator[ca.SX]:
@@ -46,23 +46,23 @@ def _factors(node: ca.SX) -> Iterator[ca.SX]:
         yield node
 
 
-def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX) -> ca.SX | None:
-    """Return a denominator of `found`, not of `given`, where `found` is wrong although `given` is regular; None if there is none.
+def added_pole(formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX) -> ca.SX | None:
+    """Return a denominator of `formula`, not of `parts`, where `formula` is wrong and `parts` are regular; None if there is none.
 
-    `found` must equal `combined` of the values of `given`, which returns None where these are singular. Both are compared at a
+    `formula` must equal `combined` of the values of `parts`, which returns None where these are singular. Both are compared at a
     distance of BESIDE from zeros of each denominator, on random lines in the space of the `moving` symbols, and where some of
     these are exactly 0, a common position of joints. The other symbols are random positive numbers.
     """
-    known = {str(each) for expression in given for each in denominators(ca.SX(expression))}
-    below = [each for each in denominators(found) if str(each) not in known]
+    present = {str(each) for part in parts for each in denominators(ca.SX(part))}
+    below = [each for each in denominators(formula) if str(each) not in present]
     if not below:
         return None
-    symbols = free_symbols(ca.veccat(found, *given))
+    symbols = free_symbols(ca.veccat(formula, *parts))
     place = ca.vertcat(*symbols)
     divisors = ca.Function("denominators", [place], [ca.vertcat(*below)])
-    values = ca.Function("values", [place], [ca.densify(each) for each in (found, *given)])
+    values = ca.Function("values", [place], [ca.densify(each) for each in (formula, *parts)])
     way = ca.SX.sym("way", len(symbols))
-    rates = ca.Function("rates", [place, way], [ca.densify(ca.jtimes(each, place, way)) for each in (found, *given)])
+    rates = ca.Function("rates", [place, way], [ca.densify(ca.jtimes(each, place, way)) for each in (formula, *parts)])
     names = {symbol.element_hash() for symbol in ca.vertsplit(moving)}
     moves = np.array([symbol.element_hash() in names for symbol in symbols])
     random = np.random.default_rng(1997)
@@ -98,7 +98,7 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
                     return below[k]
 
     def is_rough(at: np.ndarray) -> bool:
-        """Whether derivatives of `found` are not finite where those of `given` are, as of 1 / (1 / x) at 0."""
+        """Whether derivatives of `formula` are not finite where those of `parts` are, as of 1 / (1 / x) at 0."""
         value, *others = (each.full() for each in rates(at, random.normal(size=len(moves)) * moves))
         smooth = all(np.isfinite(each).all() for each in others)
         return smooth and compared(at)[1] is not None and not np.isfinite(value).all()
@@ -113,17 +113,17 @@ def added_pole(found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.
 
 
 def without_pole(
-    robot: str, what: str, found: ca.SX, given: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX
+    robot: str, name: str, formula: ca.SX, parts: Sequence[ca.SX], combined: Callable[..., np.ndarray | None], moving: ca.SX
 ) -> ca.SX:
-    """`found`, an expression for `what` of a robot. Raises ModelError where `added_pole` finds a denominator."""
-    pole = added_pole(found, given, combined, moving)
+    """Return `formula`, an expression for `name` of a robot. Raises ModelError where `added_pole` finds a denominator."""
+    pole = added_pole(formula, parts, combined, moving)
     if pole is None:
-        return found
+        return formula
     text = str(pole)
     if len(text) > LONGEST or "@" in text:  # CasADi numbers what appears twice
         text = f"an expression in {', '.join(sorted(map(str, free_symbols(pole))))}"
     raise ModelError(
-        f"{robot}: no expression for {what} was found without a division by {text}, which vanishes where the robot and its "
+        f"{robot}: no expression for {name} was found without a division by {text}, which vanishes where the robot and its "
         "quasi-velocities are regular; choose other quasi-velocities"
     )
 
@@ -150,7 +150,7 @@ def singular_sets(matrix: ca.SX, rows: int, states: ca.SX, parameters: ca.SX, va
     lines, and larger blocks, are not reported.
     """
     count, i, j, first, _, *_ = (matrix := ca.sparsify(matrix)).sparsity().btf()
-    found: dict[str, bool] = {}
+    sets: dict[str, bool] = {}
     random = np.random.default_rng(1992)
     for k in range(count):
         block = ca.densify(matrix[i[first[k] : first[k + 1]], j[first[k] : first[k + 1]]])
@@ -174,9 +174,9 @@ def singular_sets(matrix: ca.SX, rows: int, states: ca.SX, parameters: ca.SX, va
                     zero = _bisected(value, t[signs[0]], t[signs[0] + 1])
                     A = function(start + along * zero, values)[1].full()
                     scale = np.linalg.norm(function(start, values)[1].full(), axis=1).max()
-                    found[f"{factor} = 0"] = bool(np.linalg.svd(A, compute_uv=False)[-1] < 1e-6 * scale)
+                    sets[f"{factor} = 0"] = bool(np.linalg.svd(A, compute_uv=False)[-1] < 1e-6 * scale)
                     break
-    return list(found.items())
+    return list(sets.items())
 
 
 def _bisected(function: Callable[[float], float], low: float, high: float) -> float:

@@ -82,11 +82,11 @@ def angle_of(y: float | np.ndarray, x: float | np.ndarray) -> float | np.ndarray
     k = np.floor(8 * t + 0.5)
     u = (t - k / 8) / (1 + t * (k / 8))
     z = u * u
-    found = EIGHTHS[k.astype(int)] + (u + u * z * _polynomial(ARCTANGENT, z))
-    found = np.where(a > b, math.pi / 2 - found, found)
-    found = np.where(np.asarray(x) < 0, math.pi - found, found)
-    found = np.where(np.asarray(y) < 0, -found, found)
-    return found if found.ndim else float(found)
+    angle = EIGHTHS[k.astype(int)] + (u + u * z * _polynomial(ARCTANGENT, z))
+    angle = np.where(a > b, math.pi / 2 - angle, angle)
+    angle = np.where(np.asarray(x) < 0, math.pi - angle, angle)
+    angle = np.where(np.asarray(y) < 0, -angle, angle)
+    return angle if angle.ndim else float(angle)
 
 
 def arcsine(x: float) -> float:
@@ -119,10 +119,10 @@ def product(z: np.ndarray, w: np.ndarray | complex) -> np.ndarray:
 
 def _polynomial(coefficients: list[float], z: Number) -> Number:
     """Return c0 + c1 z + c2 z^2 + ... by Horner's scheme."""
-    made = coefficients[-2] + z * coefficients[-1]
+    value = coefficients[-2] + z * coefficients[-1]
     for coefficient in reversed(coefficients[:-2]):
-        made = coefficient + z * made
-    return made
+        value = coefficient + z * value
+    return value
 
 
 def _odd(n: Number, floor: Callable[[Number], Number]) -> Number:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from ..mechanism import Mechanism
 from .ball_plate import ball_plate
+from .differential import pioneer_3dx, turtlebot3_burger, turtlebot3_waffle_pi
 from .four_wheel import four_wheel
 from .geared_arm import geared_arm
 from .knife_edge import knife_edge
@@ -11,9 +12,8 @@ from .labmate import labmate
 from .mobile_manipulator import mobile_manipulator
 from .rolling_disk import rolling_disk
 from .slope_platform import slope_platform
-from .steered import car, tricycle
+from .steered import car, f1tenth, forklift, tricycle
 from .tractor_trailer import tractor_trailer
-from .turtlebot3 import turtlebot3_burger
 
 ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "labmate": labmate,
@@ -28,4 +28,8 @@ ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "tractor_trailer": tractor_trailer,
     "four_wheel": four_wheel,
     "turtlebot3_burger": turtlebot3_burger,
+    "turtlebot3_waffle_pi": turtlebot3_waffle_pi,
+    "pioneer_3dx": pioneer_3dx,
+    "f1tenth": f1tenth,
+    "forklift": forklift,
 }

@@ -3,7 +3,15 @@
 A. De Luca, G. Oriolo and C. Samson, Feedback control of a nonholonomic car-like robot (1998), for the kinematics and for a
 point ahead of the steered wheel as output: a point fixed to the body does not depend on the steering rate, so Phi is singular.
 G. Campion, G. Bastin and B. d'Andrea-Novel, Structural properties ... of wheeled mobile robots (1996), for the tricycle.
+
+Numbers of vehicles that exist:
+- F1TENTH: gym/f110_gym/envs/f110_env.py of github.com/f1tenth/f1tenth_gym (2024), the default parameters, and for the wheels
+  racecar.xacro of github.com/mit-racecar/racecar_simulator.
+- Forklift: Robotnik, elevator/elevator.urdf.xacro and wheels/motor_wheel.urdf.xacro in pallet_truck_description/urdf of
+  github.com/RobotnikAutomation/pallet_truck. The masses of its covers there are placeholders.
 """
+
+from collections.abc import Collection
 
 from casadi import SX, cos, sin, vertcat
 
@@ -23,8 +31,34 @@ def tricycle() -> Mechanism:
     return _steered(robot, driven_in_front=True, half=0.35, m=80.0, l=1.0, c=0.4, r=0.15, I_c=10.0, I_s=0.1, I_w=0.1)
 
 
-def _steered(robot: Mechanism, driven_in_front: bool, half: float, **sizes: float) -> Mechanism:
-    """5 coordinates, 3 constraints, a drive and a steering torque; all sizes are assumed, `half` (m) the width."""
+def f1tenth() -> Mechanism:
+    """A car of F1TENTH, a tenth of a car's size."""
+    sizes = {"m": 3.74, "l": 0.15875 + 0.17145, "c": 0.17145, "I_c": 0.04712}  # m, lf + lr, lr, I
+    sizes["r"] = 0.05  # racecar.xacro: wheel_radius
+    sizes |= {"I_s": 2e-4, "I_w": 5e-4}  # two wheels of 0.1 kg about a diameter; four about their axles, with the motor
+    robot = Mechanism("f1tenth", "car of F1TENTH, driven at the rear, steered in front")
+    return _steered(robot, driven_in_front=False, half=0.31 / 2, assumed=("I_s", "I_w"), **sizes)  # width
+
+
+def forklift() -> Mechanism:
+    """A pallet truck: one wheel drives and steers, ahead of the wheels under the forks."""
+    mass, radius, breadth = 10.0, 0.122, 0.1  # wheel_mass, wheel_radius, wheel_width
+    sizes = {"l": 1.3725, "r": radius}  # wheelbase: support_wheel joints
+    sizes["I_w"] = mass * radius**2 / 2  # front_wheel_link
+    sizes["I_s"] = mass * (3 * radius**2 + breadth**2) / 12 + mass * (3 * breadth**2 + radius**2) / 12  # and steer_link
+    sizes |= {"m": 600.0, "c": 0.95, "I_c": 600.0 * (1.7**2 + 0.8**2) / 12}  # a uniform box, its batteries near the driven wheel
+    robot = Mechanism("forklift", "forklift, driven and steered in front, forks behind")
+    return _steered(robot, driven_in_front=True, half=0.25, assumed=("m", "c", "I_c"), **sizes)  # fork_y, fork_width
+
+
+def _steered(
+    robot: Mechanism,
+    driven_in_front: bool,
+    half: float,
+    assumed: Collection[str] = ("m", "l", "c", "r", "I_c", "I_s", "I_w"),
+    **sizes: float,
+) -> Mechanism:
+    """5 coordinates, 3 constraints, a drive and a steering torque; `half` (m) the width, `assumed` which sizes have no source."""
     x = robot.coordinate("x", "m", "middle of the rear axle")
     y = robot.coordinate("y", "m", "middle of the rear axle")
     phi = robot.coordinate("phi", "rad", "heading of the body")
@@ -33,7 +67,7 @@ def _steered(robot: Mechanism, driven_in_front: bool, half: float, **sizes: floa
     theta = robot.coordinate("theta", "rad", f"{driven}, positive rolls forward")
 
     def size(name: str, unit: str, about: str, sign: str = "positive") -> SX:
-        return robot.parameter(name, sizes[name], unit, f"{about} (assumed)", sign)
+        return robot.parameter(name, sizes[name], unit, about + " (assumed)" * (name in assumed), sign)
 
     m = size("m", "kg", "mass with all wheels")
     l = size("l", "m", "wheelbase")  # noqa: E741

@@ -70,9 +70,9 @@ class _Contact(ABC):
     @cached_property
     def parameters(self) -> list[ca.SX]:
         """Symbols of the sizes of both bodies. Raises ModelError if two of them, or one and a coordinate, have the same name."""
-        found = {symbol.element_hash(): symbol for body in (self.first, self.second) for symbol in body.parameters}
-        refuse_twice([*self.names, *[symbol.name() for symbol in found.values()]], self.name)
-        return list(found.values())
+        symbols = {symbol.element_hash(): symbol for body in (self.first, self.second) for symbol in body.parameters}
+        refuse_twice([*self.names, *[symbol.name() for symbol in symbols.values()]], self.name)
+        return list(symbols.values())
 
     def kinematics(self) -> Kinematics:
         """Return the kinematics for the analysis: q, the sizes as parameters (with their signs), A, and the basis as S."""
@@ -368,7 +368,7 @@ def mirrors(contact: RollingContact) -> tuple[str, ...]:
     u, v, shift = ca.SX.sym("u"), ca.SX.sym("v"), ca.SX.sym("const")
     (M1, _, _), (M2, _, _) = contact.forms
     here = ca.substitute(M1, contact.q[:2], ca.vertcat(u, v))
-    found = []
+    orbits = []
     moved: tuple[tuple[ca.SX | int, ca.SX | int], ...] = ((0, shift), (shift, 0), (0, 0))
     for s, (psi, turn) in itertools.product(SIGNS, (("0", ca.DM([1, -1])), ("pi", ca.DM([-1, 1])))):
         for shifts in moved:
@@ -377,9 +377,9 @@ def mirrors(contact: RollingContact) -> tuple[str, ...]:
             left = there @ ca.diag(ca.DM(s)) - ca.diag(turn) @ here
             if not _differs(ca.norm_fro(left), ca.norm_fro(here)) and canonical(left).is_zero():
                 names = [_shifted(*each) for each in zip(s, ("u1", "v1"), shifts, strict=True)]
-                found.append(f"u2 = {names[0]}, v2 = {names[1]}, psi = {psi}")
+                orbits.append(f"u2 = {names[0]}, v2 = {names[1]}, psi = {psi}")
                 break
-    return tuple(found)
+    return tuple(orbits)
 
 
 def _without_signs(expression: ca.SX) -> ca.SX:

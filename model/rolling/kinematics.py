@@ -32,21 +32,21 @@ class Kinematics:
         if self.A is None and self.S is None:
             raise ModelError(f"{self.name}: neither constraints A(q) nor S(q)")
         refuse_twice([q.name for q in (*self.coordinates, *self.parameters)], self.name)
-        known = ca.vertcat(*[q.symbol for q in (*self.coordinates, *self.parameters)])
+        symbols = ca.vertcat(*[q.symbol for q in (*self.coordinates, *self.parameters)])
         for name in ("A", "S"):
-            given = getattr(self, name)
-            if given is not None:
-                made = matrix(given, f"{self.name}: {name}")
-                refuse_strangers(made, known, f"{self.name}: {name}", "coordinate or parameter of it")
-                object.__setattr__(self, name, made)
+            value = getattr(self, name)
+            if value is not None:
+                checked = matrix(value, f"{self.name}: {name}")
+                refuse_strangers(checked, symbols, f"{self.name}: {name}", "coordinate or parameter of it")
+                object.__setattr__(self, name, checked)
         if self.A is not None and (self.A.shape[1] != n or self.A.shape[0] >= n):
             raise ModelError(f"{self.name}: A is {self.A.shape[0]} x {self.A.shape[1]}, it must be m x n with m < n = {n}")
         columns = n - self.A.shape[0] if self.A is not None else None
         if self.S is not None and (
             self.S.shape[0] != n or not 0 < self.S.shape[1] <= n or columns not in (None, self.S.shape[1])
         ):
-            wanted = f"n x (n-m) = {n} x {'(n-m)' if columns is None else columns}"
-            raise ModelError(f"{self.name}: S is {self.S.shape[0]} x {self.S.shape[1]}, it must be {wanted}")
+            shape = f"n x (n-m) = {n} x {'(n-m)' if columns is None else columns}"
+            raise ModelError(f"{self.name}: S is {self.S.shape[0]} x {self.S.shape[1]}, it must be {shape}")
         if not self.constraint_names:
             object.__setattr__(self, "constraint_names", tuple(f"constraint {k + 1}" for k in range(self.m)))
 

@@ -118,8 +118,8 @@ class _Patch(ABC):
     @cached_property
     def _point(self) -> ca.SX:
         try:
-            made = self.position(*ca.vertsplit(self.coordinates))
-            parts = made if isinstance(made, list | tuple) else [made]
+            position = self.position(*ca.vertsplit(self.coordinates))
+            parts = position if isinstance(position, list | tuple) else [position]
             entries = [matrix(part, f"{self.name}: the position") for part in parts]
         except TypeError as error:
             raise ModelError(f"{self.name}: the position must be a function of ({', '.join(self.names)}): {error}") from error
@@ -135,25 +135,25 @@ class _Patch(ABC):
         symbols = free_symbols(point)
         return ca.vertcat(*fold(point, symbols, symbols.__getitem__, self._number, apply))
 
-    def _root(self, square: ca.SX, what: str) -> tuple[ca.SX, tuple[Condition, ...]]:
+    def _root(self, square: ca.SX, name: str) -> tuple[ca.SX, tuple[Condition, ...]]:
         """Return the root of a sum of squares, positive at the regular place, and what must be positive for it to be smooth.
 
         Squares are taken out of the root: sqrt(R^2 cos(u)^2) becomes R cos(u), smooth where |cos(u)| has a kink. A root in a
         denominator is moved to the numerator, so that one radicand is one radical.
         """
         if square.is_zero():
-            raise ModelError(f"{self.name}: {what} is zero everywhere: not a {type(self).__name__.lower()}")
+            raise ModelError(f"{self.name}: {name} is zero everywhere: not a {type(self).__name__.lower()}")
         try:
-            known = Field(square)
-            above, below = known.simplify().magnitude
-            root, factors = self._root_of(known, above, what)
-            divisor, others = self._root_of(known, below, what)
-            positive = known.expression((self._upright(known, below, what), known.ring.one))
+            rationals = Field(square)
+            above, below = rationals.simplify().magnitude
+            root, factors = self._root_of(rationals, above, name)
+            divisor, others = self._root_of(rationals, below, name)
+            positive = rationals.expression((self._upright(rationals, below, name), rationals.ring.one))
             root, factors = root * divisor / positive, [*factors, *others]
         except NotRational:
             root, factors = ca.sqrt(square), [square]
         for factor in factors:
-            self._value(factor, what)
+            self._value(factor, name)
         cause = f": {self.singular}" if self.singular else ""
         return canonical(root), tuple(
             Condition(factor, f"{factor} must be positive; the coordinates are singular where it is zero{cause}")
@@ -161,27 +161,27 @@ class _Patch(ABC):
             if not factor.is_constant()
         )
 
-    def _root_of(self, known: Field, polynomial: PolyElement, what: str) -> tuple[ca.SX, list[ca.SX]]:
+    def _root_of(self, rationals: Field, polynomial: PolyElement, name: str) -> tuple[ca.SX, list[ca.SX]]:
         """Return the root of a polynomial's magnitude, and its factors and radicand, each positive at the regular place."""
         content, powers = factored(polynomial) if not polynomial.is_ground else (polynomial.LC, [])
-        root, radicand, factors = self._number(math.sqrt(number(abs(content)))), known.ring.one, []
+        root, radicand, factors = self._number(math.sqrt(number(abs(content)))), rationals.ring.one, []
         for factor, power in powers:
-            factor = self._upright(known, factor, what)
+            factor = self._upright(rationals, factor, name)
             if power % 2:
                 radicand *= factor
             if power > 1:
-                factors.append(known.expression((factor, known.ring.one)))
+                factors.append(rationals.expression((factor, rationals.ring.one)))
                 root *= factors[-1] ** (power // 2)
         if radicand != 1:
-            factors.append(_sum(known, radicand))
+            factors.append(_sum(rationals, radicand))
             root *= ca.sqrt(factors[-1])
         return root, factors
 
-    def _upright(self, known: Field, factor: PolyElement, what: str) -> PolyElement:
+    def _upright(self, rationals: Field, factor: PolyElement, name: str) -> PolyElement:
         """Return the factor or its negative, whichever is positive at the regular place."""
-        return factor if self._value(known.expression((factor, known.ring.one)), what) > 0 else -factor
+        return factor if self._value(rationals.expression((factor, rationals.ring.one)), name) > 0 else -factor
 
-    def _value(self, expression: ca.SX, what: str) -> float:
+    def _value(self, expression: ca.SX, name: str) -> float:
         """Return the value at the regular place. Raises ModelError if it is zero or not finite."""
         values = {**dict.fromkeys(self.names, 0.0), **{s.name(): value for value, s in self._numbers.items()}, **self.at}
         symbols = free_symbols(expression)
@@ -190,7 +190,7 @@ class _Patch(ABC):
         if not math.isfinite(value) or abs(value) <= SMALLEST:
             where = ", ".join(f"{s.name()} = {number:g}" for s, number in zip(symbols, numbers, strict=True)) or "all places"
             raise ModelError(
-                f"{self.name}: {what} is {'zero' if math.isfinite(value) else 'not finite'} at {where}; "
+                f"{self.name}: {name} is {'zero' if math.isfinite(value) else 'not finite'} at {where}; "
                 "name a regular place with at={...}"
             )
         return value
@@ -264,10 +264,10 @@ class Surface(_Patch):
     @cached_property
     def conditions(self) -> tuple[Condition, ...]:
         """Expressions that must be positive for all of the above to hold."""
-        found: dict[str, Condition] = {}
+        conditions: dict[str, Condition] = {}
         for condition in (*self.needs, *self._roots[0][1], *self._roots[1][1]):
-            found.setdefault(str(condition.expression), condition)
-        return tuple(found.values())
+            conditions.setdefault(str(condition.expression), condition)
+        return tuple(conditions.values())
 
     # -- internal -----------------------------------------------------------------------------------------------
 
@@ -323,11 +323,11 @@ class Surface(_Patch):
         return canonical(ca.blockcat([[1 / self._length, -F / (self._length * self._area)], [0, self._length / self._area]]))
 
 
-def _sum(known: Field, polynomial: PolyElement) -> ca.SX:
+def _sum(rationals: Field, polynomial: PolyElement) -> ca.SX:
     """Return a polynomial as a sum: the radicand of a root keeps its sign, which a common factor -1 would hide."""
     terms = [
         ca.SX(number(coefficient))
-        * math.prod((known.expressions[k] ** power for k, power in enumerate(powers) if power), start=ca.SX(1))
+        * math.prod((rationals.expressions[k] ** power for k, power in enumerate(powers) if power), start=ca.SX(1))
         for powers, coefficient in polynomial.terms()
     ]
     return sum(terms[1:], start=terms[0])
@@ -437,14 +437,14 @@ def circle(R: ca.SX | float) -> Curve:
     return Curve("circle", lambda u: (R * ca.cos(u), R * ca.sin(u)), needs=needs)
 
 
-def _size(size: ca.SX | float, what: str) -> tuple[ca.SX, tuple[Condition, ...]]:
+def _size(size: ca.SX | float, name: str) -> tuple[ca.SX, tuple[Condition, ...]]:
     """Return a length, number or symbol, and the condition that it is positive. Raises ModelError for a number that is not."""
-    made = matrix(size, what)
-    if made.shape != (1, 1):
-        raise ModelError(f"{what} must be a number or a symbol")
-    if made.is_constant():
-        value = float(made)
+    length = matrix(size, name)
+    if length.shape != (1, 1):
+        raise ModelError(f"{name} must be a number or a symbol")
+    if length.is_constant():
+        value = float(length)
         if isinstance(size, bool) or not math.isfinite(value) or value <= 0.0:
-            raise ModelError(f"{what} = {value:g} must be positive and finite")
-        return made, ()
-    return made, (Condition(made, f"{what} must be positive"),)
+            raise ModelError(f"{name} = {value:g} must be positive and finite")
+        return length, ()
+    return length, (Condition(length, f"{name} must be positive"),)

@@ -47,7 +47,7 @@ class LinkMotion:
         """Return the pose of every link; all wheels are turned by some quarter turns."""
         c, s = np.cos(q["phi"]), np.sin(q["phi"])
         plane = np.array([[c, -s, 0, q["x"]], [s, c, 0, q["y"]], [0, 0, 1, 0], [0, 0, 0, 1.0]])
-        found = {self.document.root: plane @ self.root}
+        poses = {self.document.root: plane @ self.root}
         for link in self.document.subtree(self.document.root)[1:]:
             joint = self.document.carrier[link]
             turn = np.eye(4)
@@ -55,8 +55,8 @@ class LinkMotion:
                 turn = _turned(self.axes[joint.name], quarter * np.pi / 2)
             elif joint.name in self.carried:
                 turn = _turned(self.axes[joint.name], self.angle(self.carried[joint.name], q))
-            found[link] = found[joint.parent] @ placed(joint) @ turn
-        return found
+            poses[link] = poses[joint.parent] @ placed(joint) @ turn
+        return poses
 
     def twists(self, q, rates: Mapping[str, float], poses: dict[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Return the velocity (m/s) of every link's frame and its angular velocity (rad/s), in the world."""
@@ -94,15 +94,15 @@ class LinkMotion:
         turn = rates["phi_dot"] * UP
         at = np.array([rates["x_dot"], rates["y_dot"], 0.0])
         root = self.document.root
-        found = {root: (at + np.cross(turn, poses[root][:3, 3] - np.array([q["x"], q["y"], 0.0])), turn)}
+        velocities = {root: (at + np.cross(turn, poses[root][:3, 3] - np.array([q["x"], q["y"], 0.0])), turn)}
         for link in list(poses)[1:]:
             joint = self.document.carrier[link]
-            v, w = found[joint.parent]
+            v, w = velocities[joint.parent]
             v = v + np.cross(w, poses[link][:3, 3] - poses[joint.parent][:3, 3])
             if joint.name in joints:
                 w = w + joints[joint.name] * (poses[link][:3, :3] @ self.axes[joint.name])
-            found[link] = v, w
-        return found
+            velocities[link] = v, w
+        return velocities
 
     def _middle(self, poses, twists, wheel: LinkWheel) -> np.ndarray:
         """Return the velocity of the middle of a wheel, m/s."""
@@ -157,6 +157,6 @@ def _turned(axis: np.ndarray, angle: float) -> np.ndarray:
     """Return the rotation by an angle about an axis of length 1, 4 x 4 (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    found = np.eye(4)
-    found[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return found
+    transform = np.eye(4)
+    transform[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return transform

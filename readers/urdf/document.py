@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import BadInput, suggestion
 from ..files import read_input
+from .from_mjcf import urdf_of
 from .inertial import Inertial
 
 QUARTER = math.pi / 2
@@ -69,25 +70,25 @@ class Document:
 
     def subtree(self, link: str, follow: Callable[[Any], bool] = lambda joint: True) -> list[str]:
         """Return a link and all that it carries by joints for which `follow` holds, each after its parent."""
-        found = [link]
-        for each in found:
-            found += [joint.child for joint in self._below.get(each, ()) if follow(joint)]
-        return found
+        links = [link]
+        for each in links:
+            links += [joint.child for joint in self._below.get(each, ()) if follow(joint)]
+        return links
 
     @cached_property
     def _below(self) -> dict[str, list[Any]]:
-        found: dict[str, list[Any]] = {}
+        children: dict[str, list[Any]] = {}
         for joint in self.joints.values():
-            found.setdefault(joint.parent, []).append(joint)
-        return found
+            children.setdefault(joint.parent, []).append(joint)
+        return children
 
     @cached_property
     def _poses(self) -> dict[str, np.ndarray]:
-        found = {self.root: np.eye(4)}
+        poses = {self.root: np.eye(4)}
         for link in self.subtree(self.root)[1:]:
             joint = self.carrier[link]
-            found[link] = found[joint.parent] @ placed(joint)
-        return found
+            poses[link] = poses[joint.parent] @ placed(joint)
+        return poses
 
     def pose(self, link: str) -> np.ndarray:
         """Return the frame of a link in that of the root, 4 x 4, with all joints at zero."""
@@ -124,8 +125,10 @@ def read(file: str) -> Document:
     except etree.XMLSyntaxError as error:
         raise BadInput(f"{file}: not XML: {error.msg}; correct it, or export it again") from error
     _refuse_unexpanded(file, root)
+    if root.tag == "mujoco":
+        root = urdf_of(file)
     if root.tag != "robot":
-        raise BadInput(f"{file}: the first element is <{root.tag}>, and that of a URDF is <robot>; give a URDF")
+        raise BadInput(f"{file}: the first element is <{root.tag}>, that of a URDF is <robot> and of an MJCF <mujoco>; give one")
     notes = _check_elements(file, root)
     driven = {
         j.get("name") for path in ("transmission/joint", "ros2_control/joint[command_interface]") for j in root.iterfind(path)
@@ -138,9 +141,9 @@ def read(file: str) -> Document:
         robot = URDF.load(io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False).robot
     except Exception as error:  # what has not been checked above
         raise BadInput(f"{file}: yourdfpy cannot read it: {type(error).__name__}: {error}") from error
-    known = {joint.name: joint for joint in robot.joints}
+    joints = {joint.name: joint for joint in robot.joints}
     document = Document(
-        Path(file), robot.name, {link.name: link for link in robot.links}, known, frozenset(driven & known.keys()), notes
+        Path(file), robot.name, {link.name: link for link in robot.links}, joints, frozenset(driven & joints.keys()), notes
     )
     _check_tree(document)
     return document

@@ -25,9 +25,9 @@ def import_urdf(file: str, options: Options, folder: Path) -> tuple[str, Mapping
     text = robot_file(layout)
     name = name_of(layout.document.name)
     with work_folder(folder) as work:
-        made = work / "robot.py"
-        made.write_text(text)
-        system = system_of(find_robot(f"{made}:{name}"))
+        path = work / "robot.py"
+        path.write_text(text)
+        system = system_of(find_robot(f"{path}:{name}"))
     difference, slip = compare(system, layout)
     if not max(difference, slip or 0.0) <= SAME:
         raise BadInput(

@@ -15,7 +15,7 @@ class Inertial:
     inertia: np.ndarray
 
     def seen_from(self, pose: np.ndarray) -> "Inertial":
-        """Return it in another frame, in which the pose of its own is 4 x 4."""
+        """Return the same body in another frame; `pose`, 4 x 4, is that of the body's present frame in it."""
         turn = pose[:3, :3]
         return Inertial(self.mass, turn @ self.centre + pose[:3, 3], turn @ self.inertia @ turn.T)
 

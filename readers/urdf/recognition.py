@@ -26,7 +26,7 @@ UNBALANCED = 0.1  # of the radius: how far its centre of mass may be from the ax
 
 
 def recognize(document: Document, options: Options) -> Layout:
-    """Return what the URDF is. Raises BadInput, naming joints and links, for a robot that a robot file cannot describe."""
+    """Return the layout of the robot. Raises BadInput, naming joints and links, if a robot file cannot describe it."""
     return _Recognition(document, options).layout()
 
 
@@ -36,14 +36,14 @@ class _Recognition:
     def __init__(self, document: Document, options: Options):
         self.document, self.options, self.notes = document, options, list(document.notes)
         both = {*document.joints, *document.links}
-        for option, names, known in (
+        for option, names, candidates in (
             ("--wheels", options.wheels, document.joints),
             ("--castors", options.castors, both),
             ("--radius", options.radii, document.links),
         ):
             for name in names:
-                if name not in known:
-                    raise self.wrong(f"{option}: there is no {name!r}{suggestion(name, known)}")
+                if name not in candidates:
+                    raise self.wrong(f"{option}: there is no {name!r}{suggestion(name, candidates)}")
 
     def wrong(self, message: str) -> BadInput:
         return BadInput(f"{self.document.path}: {message}")
@@ -124,27 +124,27 @@ class _Recognition:
     def wheels(self) -> list[LinkWheel]:
         """Return the wheels that stand on the ground, those of castors included. Raises BadInput if there are none."""
         document, named = self.document, self.options.wheels
-        found: list[LinkWheel] = []
+        wheels: list[LinkWheel] = []
         self.reasons: dict[str, str] = {}  # why joints that turn are no wheels
         for joint in document.joints.values():
             if joint.name in named or joint.type == "continuous":
                 try:
-                    found.append(self.wheel(joint))
+                    wheels.append(self.wheel(joint))
                 except NotRound as error:
                     self.reasons[joint.name] = str(error)
-        lowest_named = [wheel.centre[2] - wheel.radius for wheel in found if not named or wheel.joint in named]
-        for wheel in list(found):
+        lowest_named = [wheel.centre[2] - wheel.radius for wheel in wheels if not named or wheel.joint in named]
+        for wheel in list(wheels):
             height = wheel.centre[2] - wheel.radius - min(lowest_named, default=0.0)
             if abs(height) > GROUND * wheel.radius:
                 self.reasons[wheel.joint] = f"its rim is {height:.3g} m above the ground, where the other wheels stand"
-                found.remove(wheel)
+                wheels.remove(wheel)
         for joint in set(named) & self.reasons.keys():
             raise self.wrong(f"joint {joint!r} cannot be a wheel: {self.reasons[joint]}")
-        if not found:
+        if not wheels:
             raise self.wrong(f"no wheel found; {self.unused()}name the joints of the wheels by --wheels JOINT ...")
-        for wheel in found:
+        for wheel in wheels:
             self.refuse_more_joints(wheel)
-        return found
+        return wheels
 
     def refuse_more_joints(self, wheel: LinkWheel) -> None:
         """Raise BadInput for a wheel that carries joints, as one with rollers does, or that turns with another."""
@@ -165,15 +165,15 @@ class _Recognition:
             raise NotRound(
                 f"its axis is {tilt:.3g} deg from horizontal; correct <axis>, which is in the frame of the joint, or rpy"
             )
-        given = self.options.radii.get(joint.child)
+        radius = self.options.radii.get(joint.child)
         try:
             size, along, source = rim(document, joint)
         except NotRound:
-            if not given:
+            if not radius:
                 raise
-            size, along = given, 0.0
-        if given:
-            size, source = given, f"--radius {joint.child}"
+            size, along = radius, 0.0
+        if radius:
+            size, source = radius, f"--radius {joint.child}"
         return LinkWheel(joint.name, joint.child, self.pivot(joint.name) + along * document.axis(joint), size, source)
 
     def unused(self) -> str:
@@ -184,12 +184,12 @@ class _Recognition:
 
     def ancestors(self, joint: str) -> list[Any]:
         """Return the joints that carry a joint, from it to the root."""
-        found, carrier = [], self.document.carrier
+        joints, carrier = [], self.document.carrier
         link = self.document.joints[joint].parent
         while link in carrier:
-            found.append(carrier[link])
+            joints.append(carrier[link])
             link = carrier[link].parent
-        return found
+        return joints
 
     def turning_joint(self, wheel: LinkWheel) -> str | None:
         """Return the nearest vertical joint that carries a wheel."""
@@ -220,7 +220,7 @@ class _Recognition:
 
     def fixed_castors(self, wheels: list[LinkWheel]) -> dict[str, np.ndarray]:
         """Return links that stand on the ground without a wheel: those named so, and spheres. Raises BadInput for a name."""
-        document, found = self.document, {}
+        document, castors = self.document, {}
         named = {document.joints[n].child if n in document.joints else n for n in self.options.castors} - self.castors.keys()
         rims = {link for wheel in wheels for link in document.subtree(wheel.link)}
         for name, link in document.links.items():
@@ -229,16 +229,16 @@ class _Recognition:
                 continue
             place = lowest(document, name)
             if place and abs(place[0] - self.ground) <= GROUND * wheels[0].radius:
-                found[name] = place[1]
-        lost = {name for name in named if not {*found, *self.castors} & set(document.subtree(name))}
+                castors[name] = place[1]
+        lost = {name for name in named if not {*castors, *self.castors} & set(document.subtree(name))}
         if lost:
             raise self.wrong(f"--castors: link {min(lost)!r} has no sphere, cylinder or box that reaches the ground")
-        return found
+        return castors
 
     # -- the base -----------------------------------------------------------------------------------------------
 
     def heading_of(self, wheel: LinkWheel) -> np.ndarray:
-        """Return the direction in which a wheel rolls, of the two that nearer to x, or to y if it rolls along y."""
+        """Return the direction in which a wheel rolls: of the two, the one nearer to x, or to y if it rolls along y."""
         axis = self.document.axis(self.document.joints[wheel.joint])
         heading = np.cross(axis, UP)
         heading /= np.linalg.norm(heading)
@@ -315,7 +315,7 @@ class _Recognition:
     # -- bodies -------------------------------------------------------------------------------------------------
 
     def links_of(self, joint: str) -> list[str]:
-        """Return the links of a part: all that its joint carries but what other parts do."""
+        """Return the links of a part: all that its joint carries, except those of other parts."""
         top = self.document.joints[joint].child if joint else self.document.root
         return self.document.subtree(top, lambda below: below.child not in self.carrying)
 
@@ -327,8 +327,8 @@ class _Recognition:
         for wheel in sorted(wheels, key=lambda w: ahead_and_left(w.centre, self.heading)[1]):
             own = document.subtree(wheel.link)
             rims.update(own)
-            made, mean = self.with_inertia(wheel, own)
-            finished.append(made)
+            complete, mean = self.with_inertia(wheel, own)
+            finished.append(complete)
             bodies.append(mean)
         bodies += [b.seen_from(document.pose(link)) for link in links if link not in rims and (b := document.inertial(link))]
         whole = merged(bodies)
@@ -413,20 +413,20 @@ class _Recognition:
         """Return whether the motor drives the steered wheels: as transmissions say, else those of a tricycle."""
         if not steered:
             return False
-        said = [any(w.joint in self.document.driven for w in wheels) for wheels in (fixed, [p.wheels[0] for p in steered])]
-        front = said[1] if said[0] != said[1] else len(steered) == 1
-        if said[0] == said[1]:
+        powered = [any(w.joint in self.document.driven for w in wheels) for wheels in (fixed, [p.wheels[0] for p in steered])]
+        front = powered[1] if powered[0] != powered[1] else len(steered) == 1
+        if powered[0] == powered[1]:
             driven = steered[0].wheels[0].joint if front else fixed[0].joint
             self.notes.append(f"the motor is taken to drive {driven}: the transmissions do not decide between front and rear")
         return front
 
     def chain(self, groups: Mapping[str, list[LinkWheel]], base: Part) -> tuple[Part, ...]:
         """Return the trailers in the order in which they are pulled. Raises BadInput unless they are one chain of axles."""
-        found: list[Part] = []
+        trailers: list[Part] = []
         for joint, wheels in sorted(groups.items(), key=lambda pair: len(self.ancestors(pair[0]))):
-            before = found[-1] if found else base
+            before = trailers[-1] if trailers else base
             above = [each.name for each in self.ancestors(joint) if each.child in self.carrying]
-            if above[:1] != ([before.joint] if found else []):
+            if above[:1] != ([before.joint] if trailers else []):
                 raise self.wrong(f"joint {joint!r}: a second trailer on one body; a robot file describes a chain of trailers")
             places = np.array([ahead_and_left(wheel.centre, self.heading) for wheel in wheels])
             near = ON_LINE * wheels[0].radius
@@ -443,8 +443,8 @@ class _Recognition:
                 raise self.wrong(f"joint {joint!r}: the hitch of a trailer must be on the middle line, and not above its axle")
             if joint in self.document.driven:
                 raise self.wrong(f"joint {joint!r} has a transmission; the joint of a trailer turns freely")
-            found.append(self.part(joint, wheels, middle))
-        return tuple(found)
+            trailers.append(self.part(joint, wheels, middle))
+        return tuple(trailers)
 
 
 def _joints(items: Any) -> str:

@@ -28,31 +28,31 @@ def rim(document: Document, joint: Any) -> tuple[float, float, str]:
     reasons: list[str] = []
     for meshes in (False, True):
         for kind in ("collision", "visual"):
-            found = []
+            circles = []
             for link, pose, geometry in _shapes(document, links, kind):
                 if (geometry.mesh is not None) is not meshes:
                     continue
                 try:
                     if circle := _circle(document, pose, geometry, axis, centre):
-                        found.append((*circle, f"link {link}, {kind} {_name(geometry)}"))
+                        circles.append((*circle, f"link {link}, {kind} {_name(geometry)}"))
                 except NotRound as error:
                     reasons.append(f"link {link!r}: {error}")
-            if found:
-                return max(found)
+            if circles:
+                return max(circles)
     reason = reasons[0] if reasons else f"link {joint.child!r} has no cylinder, sphere or mesh"
     raise NotRound(f"{reason}; give its radius by --radius {joint.child}=METRES")
 
 
 def lowest(document: Document, link: str) -> tuple[float, np.ndarray] | None:
     """Return height (m) and place (3) of the lowest point of a link's sphere, or of its box or cylinder; None without any."""
-    found = []
+    points = []
     for kind in ("collision", "visual"):
         for _, pose, geometry in _shapes(document, [link], kind):
             if geometry.mesh is None:
-                found.append((pose[2, 3] - _half_height(pose, geometry), pose[:3, 3]))
-        if found:
+                points.append((pose[2, 3] - _half_height(pose, geometry), pose[:3, 3]))
+        if points:
             break
-    return min(found, key=lambda pair: pair[0]) if found else None
+    return min(points, key=lambda pair: pair[0]) if points else None
 
 
 def extent(document: Document, links: Sequence[str]) -> np.ndarray:

@@ -16,7 +16,7 @@ def shares(
     more than three, the loads are taken as linear in the place, as on equal springs.
     """
     total = sum(part.mass for part in (base, *steered, *trailers))
-    found: dict[str, float] = {}
+    carried: dict[str, float] = {}
     weights = [(part.mass, *_place(part, base, heading)) for part in (base, *steered)]
     pulled = 0.0  # kg on the hitch of the trailer before
     for k in reversed(range(len(trailers))):
@@ -26,7 +26,7 @@ def shares(
         on_hitch = (part.mass * part.ahead + pulled * behind) / length
         half = ahead_and_left(part.wheels[1].centre - part.origin, heading)[1]
         for wheel, side in zip(part.wheels, (-1, 1), strict=True):
-            found[wheel.joint] = (part.mass + pulled - on_hitch) / 2 + side * part.mass * part.left / (2 * half)
+            carried[wheel.joint] = (part.mass + pulled - on_hitch) / 2 + side * part.mass * part.left / (2 * half)
         pulled = on_hitch
     if trailers:
         weights.append((pulled, *ahead_and_left(trailers[0].pivot - base.origin, heading)))
@@ -34,9 +34,9 @@ def shares(
     places = [wheel.centre for wheel in wheels] + list(castors.values())
     stands = np.array([ahead_and_left(place - base.origin, heading) for place in places])
     loads, stable = _loads(np.array(weights), stands, len(wheels))
-    found |= {wheel.joint: load for wheel, load in zip(wheels, loads, strict=False)}
+    carried |= {wheel.joint: load for wheel, load in zip(wheels, loads, strict=False)}
     note = [] if stable else ["the centre of mass is not above the supports; the wheels are taken to carry all the weight"]
-    return {joint: max(0.0, load) / total for joint, load in found.items()}, note
+    return {joint: max(0.0, load) / total for joint, load in carried.items()}, note
 
 
 def _place(part: Part, base: Part, heading: np.ndarray) -> tuple[float, float]:
@@ -55,11 +55,11 @@ def _loads(weights: np.ndarray, stands: np.ndarray, wheels: int) -> tuple[np.nda
         if np.abs(rows @ loads - forces).max() > 1e-9 * size:
             break
         if loads.min() >= 0:
-            found = np.zeros(len(stands))
-            found[kept] = loads
-            return found, True
+            all_loads = np.zeros(len(stands))
+            all_loads[kept] = loads
+            return all_loads, True
         kept.remove(kept[int(loads.argmin())])  # it is lifted
     rows = np.vstack([np.ones(wheels), stands[:wheels, 1]])
-    found = np.zeros(len(stands))
-    found[:wheels] = np.linalg.lstsq(rows, forces[[0, 2]], rcond=None)[0]
-    return found, False
+    all_loads = np.zeros(len(stands))
+    all_loads[:wheels] = np.linalg.lstsq(rows, forces[[0, 2]], rcond=None)[0]
+    return all_loads, False

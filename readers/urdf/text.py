@@ -75,10 +75,10 @@ class _Names:
     def collected(self) -> dict[str, object]:
         """Return what the template needs."""
         layout = self.layout
-        found = {"base": self.base(), **(self.steering() if layout.steered else self.two_wheels())}
-        found["trailers"] = [self.trailer(k) for k in range(1, len(layout.trailers) + 1)]
+        entries = {"base": self.base(), **(self.steering() if layout.steered else self.two_wheels())}
+        entries["trailers"] = [self.trailer(k) for k in range(1, len(layout.trailers) + 1)]
         total = f"({' + '.join(self.masses)})" if len(self.masses) > 1 else self.masses[0]
-        return {"coordinates": self.coordinates, "parameters": self.parameters, "total": total, **found}
+        return {"coordinates": self.coordinates, "parameters": self.parameters, "total": total, **entries}
 
     # -- coordinates and parameters -----------------------------------------------------------------------------
 
@@ -126,14 +126,14 @@ class _Names:
         self.parameter("b", layout.half, "m", about, "--skid-steer-track" if skid else _joints(part.wheels))
         return SimpleNamespace(e=self.body(part, "", "I_z", "the body"), box=self.box(part), **vars(self.axle(part, "")))
 
-    def body(self, part: Part, suffix: str, inertia: str, what: str) -> str:
+    def body(self, part: Part, suffix: str, inertia: str, name: str) -> str:
         """Add mass, inertia and centre of mass of a part on an axle. Return the name of its offset to the left, or nothing."""
         source = f"links {', '.join(part.links)}"
-        self.masses.append(self.parameter(f"m{suffix}", part.mass, "kg", f"mass of {what} with its wheels", source))
-        self.parameter(inertia, part.inertia, "kg m^2", f"{what} about the vertical through its centre of mass", source)
+        self.masses.append(self.parameter(f"m{suffix}", part.mass, "kg", f"mass of {name} with its wheels", source))
+        self.parameter(inertia, part.inertia, "kg m^2", f"{name} about the vertical through its centre of mass", source)
         ahead = part.ahead if abs(part.ahead) > NONE else 0.0
-        self.parameter(f"d{suffix}", ahead, "m", f"centre of mass of {what} ahead of its axle", source, "any")
-        return self.offsets(f"e{suffix}", [part.left], f"centre of mass of {what} to the left of its middle", source)[0]
+        self.parameter(f"d{suffix}", ahead, "m", f"centre of mass of {name} ahead of its axle", source, "any")
+        return self.offsets(f"e{suffix}", [part.left], f"centre of mass of {name} to the left of its middle", source)[0]
 
     def axle(self, part: Part, suffix: str) -> SimpleNamespace:
         """Add radius and inertia of the wheels of an axle, right and left; those of each side count together."""

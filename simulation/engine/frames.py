@@ -58,12 +58,14 @@ class WheelContact:
 class PlanarBodies:
     """A Mechanism as bodies: frames, wheels, and the map from the rates of its coordinates to those of the hinges and axles.
 
-    `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle] = joints @ qdot.
+    `joints` (n, n): velocity of [x; y; hinge of each frame; axle of each wheel with an angle] = joints @ qdot. `normal` is the
+    part of the weight that presses on the ground, below 1 where the Mechanism is on a slope of its own.
     """
 
     frames: tuple[Frame, ...]
     wheels: tuple[WheelContact, ...]
     joints: np.ndarray
+    normal: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,15 @@ def planar(mechanism: Mechanism, parameters: np.ndarray) -> PlanarBodies:
         )
         for k, c in enumerate(mechanism.contacts)
     )
-    return PlanarBodies(tuple(frames), wheels, _joints(name, frames, wheels, x_y, len(mechanism.coordinates)))
+    loaded = sum(wheel.load for wheel in wheels) / sum(frame.mass for frame in frames)
+    joints = _joints(name, frames, wheels, x_y, len(mechanism.coordinates))
+    return PlanarBodies(tuple(frames), wheels, joints, loaded if _sloped(mechanism, x_y) else 1.0)
+
+
+def _sloped(mechanism: Mechanism, x_y: list[int]) -> bool:
+    """Return whether the energy at rest depends on the place: the robot is on a slope, which its contacts' loads consider."""
+    resting = ca.substitute(mechanism.energy(), mechanism.qdot, ca.SX.zeros(len(mechanism.coordinates)))
+    return any(ca.which_depends(resting, mechanism.q, 1, False)[k] for k in x_y)
 
 
 def _refused(name: str, why: str) -> BadInput:

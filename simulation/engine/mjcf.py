@@ -6,8 +6,8 @@ contacts; the model adds what carries them:
 - A body whose contacts carry its own weight moves up and down by itself; its hinge carries no weight. Any other body is carried
   by the one it is hinged to.
 - It rolls if it has contacts on both sides, and pitches if it has contacts ahead and behind. Where it has none, it is kept level.
-- With a `share` below 1 a castor, a sphere without friction, carries the rest of the weight; then the body pitches. The castor is
-  where the moments balance.
+- What its contacts do not carry, by their loads or with a `share` below 1, is on a castor, a sphere without friction; then the
+  body pitches. The castor is where the moments balance.
 - About its horizontal axes through the centre of mass, a body has the inertia that it has about the vertical.
 """
 
@@ -96,18 +96,21 @@ def _supports(upper: xml.Element, k: int, planar: PlanarBodies, pairs: xml.Eleme
     if not len(places):
         raise BadInput("--engine mujoco: nothing carries a body: no contact is on it")
     wide, long = np.ptp(places[:, 1]) > SMALL, np.ptp(places[:, 0]) > SMALL
-    if share < 1 and long:
+    mass = sum(planar.frames[j].mass for j in group)
+    on_wheels = share * sum(w.load for w in planar.wheels if w.frame in group) / (mass * planar.normal)
+    carries = on_wheels < 1 - SMALL
+    if carries and long:
         raise BadInput(f"[contact] share = {share:g}: the contacts are ahead and behind and carry all of the weight; set 1")
-    if share < 1:
+    if carries:
         moment = sum((planar.frames[j].moment + planar.frames[j].mass * origins[j] for j in group), np.zeros(2))
-        ahead = moment[0] / sum(planar.frames[j].mass for j in group) - places[0, 0]
+        ahead = moment[0] / mass - places[0, 0]
         if abs(ahead) < SMALL:
             raise BadInput(f"[contact] share = {share:g}: the centre of mass is above the axle, castors carry nothing; set 1")
         radius = min(abs(w.radius) for w in planar.wheels) / 2
-        place = (places[0, 0] + ahead / (1 - share), places[:, 1].mean(), radius)
+        place = (places[0, 0] + ahead / (1 - on_wheels), places[:, 1].mean(), radius)
         _geom(upper, f"castor_{k}", "sphere", [radius], place)
         _pair(pairs, f"castor_{k}")
-    if long or share < 1:
+    if long or carries:
         _joint(upper, f"pitch_{k}", "hinge", Y)
     if wide:
         _joint(upper, f"roll_{k}", "hinge", X)
@@ -132,9 +135,8 @@ def _inertial(body: xml.Element, planar: PlanarBodies, k: int, height: float) ->
         raise BadInput(f"--engine mujoco: the wheels of body {k + 1} have more inertia about a vertical than the body itself")
     place = [*centre.tolist(), height if frame.mass else 0.0]
     xml.SubElement(body, "inertial", pos=_text(place), mass=_text([frame.mass or NOTHING]), diaginertia=_text([float(about)] * 3))
-    rests = sum(wheel.load for wheel in planar.wheels) / sum(other.mass for other in planar.frames)
-    if abs(rests - 1) > SMALL:  # as on a slope that the Mechanism has itself
-        body.set("gravcomp", _text([1 - rests]))
+    if abs(planar.normal - 1) > SMALL:
+        body.set("gravcomp", _text([1 - planar.normal]))
 
 
 def _diameter(wheel: WheelContact) -> float:

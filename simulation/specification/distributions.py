@@ -208,6 +208,7 @@ class Sweep:
     reference: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [reference]")
     initial: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [initial]")
     limits: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [limits]")
+    contact: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [contact]")
     sensors: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [sensors]")
     correction: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [correction]")
     simulation: Mapping[str, Margin] = entry(margins, {}, "distributions of numbers of [simulation]")
@@ -224,6 +225,6 @@ class Sweep:
         """Return all that varies: dotted name -> distribution."""
         sections = (
             *("parameters", "plant", "gains", "output", "reference", "initial"),
-            *("limits", "sensors", "correction", "simulation"),
+            *("limits", "contact", "sensors", "correction", "simulation"),
         )
         return {f"{where}.{name}": margin for where in sections for name, margin in getattr(self, where).items()}

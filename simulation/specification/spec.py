@@ -220,11 +220,12 @@ class OutputSection:
 
 @dataclass(frozen=True, kw_only=True)
 class ApproachSection:
-    """How the desired distance goes from where the robot is to 0, and the desired speed from its present one: with at most
-    `acceleration` (m/s^2). `jerk` (m/s^3) must be 0: it is not limited yet.
+    """How desired outputs go from where the robot is to their final values: a distance, a point and a speed with at most
+    `acceleration` (m/s^2), a heading with at most `angular` (rad/s^2). `jerk` (m/s^3) must be 0: it is not limited yet.
     """
 
-    acceleration: float = entry(number("positive", "m/s^2"), about="largest, of the desired distance and the desired speed")
+    acceleration: float = entry(number("positive", "m/s^2"), about="largest, of a desired distance, point and speed")
+    angular: float | None = entry(number("positive", "rad/s^2"), None, "largest, of a desired heading: types II and III")
     jerk: float = entry(number("nonnegative", "m/s^3"), 0.0, "reserved: must be 0")
 
     def __post_init__(self):
@@ -241,17 +242,30 @@ class CircleSection:
     angle: float = entry(angle, 0.0, "of the desired point at t = 0, from the x-axis to the left")
 
 
+FASTEST = math.inf  # m/s: as fast as the accelerations allow
+
+
+@reads({"anyOf": [*number(unit="m/s").schema()["anyOf"], {"const": "fastest"}], "description": "in m/s, or fastest"}, "m/s")
+def _speed(value: Any, where: str) -> float:
+    """Read a speed, m/s, or "fastest"."""
+    return FASTEST if value == "fastest" else number(unit="m/s")(value, where)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Reference:
     """Desired values of the outputs. Type IV: forward speed, m/s, at distance 0 from the path, at once or with `approach`.
 
     On a composite path, speed is that along it; before the end and each cusp the desired speed decreases with `deceleration`
-    (m/s^2; 0: at once) to `creep` (m/s), below which the vehicle counts as standing.
+    (m/s^2; 0: at once) to `creep` (m/s), below which the vehicle counts as standing. With the speed "fastest", or with `lateral`,
+    it follows a profile: the fastest within `lateral`, `acceleration`, `deceleration` and `angular`, by default of friction.
     Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad). With `circle` the
     first two outputs, a point, also move on a circle about it.
     """
 
-    speed: float | None = entry(number(unit="m/s"), None, "desired forward speed of type IV")
+    speed: float | None = entry(_speed, None, 'desired forward speed of type IV; on a composite path "fastest"')
+    lateral: float | None = entry(number("positive", "m/s^2"), None, "largest acceleration towards the centre of an arc")
+    acceleration: float | None = entry(number("positive", "m/s^2"), None, "largest forward acceleration along a composite path")
+    angular: float | None = entry(number("positive", "rad/s^2"), None, "largest change of the yaw rate where arcs begin and end")
     deceleration: float | None = entry(
         number("nonnegative", "m/s^2"), None, "before the end and cusps of a composite path; 0: at once"
     )
@@ -260,6 +274,11 @@ class Reference:
     velocity: tuple[float, ...] | None = entry(numbers, None, "rates of these desired outputs, one for each")
     approach: ApproachSection | None = entry(section(ApproachSection), None)
     circle: CircleSection | None = entry(section(CircleSection), None, "on which a desired point moves, in addition")
+
+    @property
+    def profiled(self) -> bool:
+        """Whether the speed along a composite path follows a profile."""
+        return self.speed == FASTEST or self.lateral is not None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -533,11 +552,16 @@ class Spec:
             raise BadInput("[initial] is missing: point, heading and speed, or q and nu")
         if self.output.extension:
             self._check_extension()
-        if self.reference.approach and (self.output.type != "IV" or composite or not self.simulation.period):
-            raise BadInput("[reference] approach requires type IV with a path that is not composite, and [simulation] period > 0")
-        for name in ("deceleration", "creep"):
+        if self.reference.approach and not self.simulation.period:
+            raise BadInput("[reference] approach requires [simulation] period > 0: it is advanced at the calls of the controller")
+        for name in ("deceleration", "creep", "lateral", "acceleration", "angular"):
             if getattr(self.reference, name) is not None and not composite:
                 raise BadInput(f"[reference] {name} applies to composite paths only")
+        if self.reference.speed == FASTEST and not composite:
+            raise BadInput('[reference] speed = "fastest" applies to composite paths only: give a speed in m/s')
+        for name in ("acceleration", "angular"):
+            if getattr(self.reference, name) is not None and not self.reference.profiled:
+                raise BadInput(f'[reference] {name} requires lateral, or speed = "fastest": give one of them')
         required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle"))
         for name in ("speed", "position", "velocity", "circle"):
             given = getattr(self.reference, name) is not None

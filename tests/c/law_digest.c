@@ -83,16 +83,17 @@ static double any_value(uint64_t *random)
 #undef LAW
 #include "route_bits.inc"
 
-#define LAWS 8 /* the last is not a law but a vehicle on a path */
-typedef void law_runner(uint32_t n, law_bits *bits);
-static law_runner *const in_float[LAWS] = {bits_labmate_type_i_f,          bits_labmate_type_ii_f,
-                                           bits_labmate_type_iii_f,        bits_labmate_type_iv_circle_f,
-                                           bits_labmate_type_iv_ellipse_f, bits_labmate_type_iv_line_f,
-                                           bits_labmate_type_iv_segment_f, bits_route_f};
-static law_runner *const in_double[LAWS] = {bits_labmate_type_i,          bits_labmate_type_ii,
-                                            bits_labmate_type_iii,        bits_labmate_type_iv_circle,
-                                            bits_labmate_type_iv_ellipse, bits_labmate_type_iv_line,
-                                            bits_labmate_type_iv_segment, bits_route};
+typedef void law_runner(uint32_t n, law_bits *bits); /* the last is not a law but a vehicle on a path */
+static law_runner *const in_float[] = {bits_labmate_type_i_f,          bits_labmate_type_ii_f,
+                                       bits_labmate_type_iii_f,        bits_labmate_type_iv_circle_f,
+                                       bits_labmate_type_iv_ellipse_f, bits_labmate_type_iv_line_f,
+                                       bits_labmate_type_iv_segment_f, bits_route_f};
+static law_runner *const in_double[] = {bits_labmate_type_i,          bits_labmate_type_ii,
+                                        bits_labmate_type_iii,        bits_labmate_type_iv_circle,
+                                        bits_labmate_type_iv_ellipse, bits_labmate_type_iv_line,
+                                        bits_labmate_type_iv_segment, bits_route};
+#define LAWS ((int)(sizeof in_float / sizeof in_float[0]))
+typedef char as_many_in_double[sizeof in_float == sizeof in_double ? 1 : -1];
 
 static char *write_hex(char *text, uint64_t value, int digits)
 {

@@ -10,6 +10,7 @@
 #include "labmate_type_iv_segment_f.h"
 #include "noslip_angle.h"
 #include "noslip_integral.h"
+#include "noslip_motor.h"
 #include "noslip_odometry.h"
 #include "noslip_path.h"
 #include "noslip_velocity.h"
@@ -49,10 +50,10 @@ static void fill(void *values, size_t size)
     } while (0)
 
 enum { STEP, FOLLOW, OUTPUT, RATE, DECOUPLING, DECOUPLING_RATE, FEEDBACK, EVALUATE, REDUCED, ACCELERATION, ALL_DYNAMICS, MOVE, READ,
-       LOOK, UPDATE, INTEGRAL, VELOCITY, ANGLE, DIFFERENTIAL, INIT_PATH, NAMES };
+       LOOK, UPDATE, INTEGRAL, VELOCITY, ANGLE, DIFFERENTIAL, INIT_PATH, MOTOR, MOTOR_LIMIT, NAMES };
 static const char *names[NAMES] = {"step", "follow", "output", "rate", "decoupling", "decoupling_rate", "feedback", "evaluate",
                                    "reduced", "acceleration", "dynamics", "move", "read", "look", "update", "integral", "velocity",
-                                   "angle", "differential", "path_init"};
+                                   "angle", "differential", "path_init", "motor", "motor_limit"};
 static int twice[NAMES], good[NAMES];
 
 int main(void)
@@ -72,11 +73,14 @@ int main(void)
     const noslip_velocity_limits_f wheels_at_most[2] = {{2, 5, 1}, {2, 5, 1}};
     noslip_velocity_f velocity;
     noslip_encoder_f encoder;
+    const noslip_motor_settings_f wheel = {NOSLIP_MOTOR_DUTY, 20, 0.8f, 0.7f, 0.05f, 0.02f, 0.1f, 0.2f, 1, 10, 24};
+    noslip_motor_f motor;
     int k, status = labmate_default_params_f(&params);
     status += LAW(init)(&law, &params, &config, &gains, &options) + labmate_dynamics_init_f(&plant, &params);
     status += noslip_odometry_differential_f(&wheels, 0.1f, 0.25f, 0.05f) + noslip_odometry_init_f(&odometry, &wheels, NULL);
     status += noslip_path_init_f(&path, segments, 2, &along, NULL) + noslip_integral_init_f(&integral, 1, 0.5f);
     status += noslip_encoder_init_f(&encoder, 4096, 16) + noslip_velocity_init_f(&velocity, wheels_at_most, 2, 0.01f);
+    status += noslip_motor_init_f(&motor, &wheel);
     for (k = 0; k < CALLS && status == 0; k++) {
         labmate_state_f state;
         LAW(reference) reference;
@@ -117,6 +121,8 @@ int main(void)
         COUNT(ANGLE, one, noslip_nearest_angle_f(number(), number(), &one));
         COUNT(DIFFERENTIAL, wheels, noslip_odometry_differential_f(&wheels, number(), number(), number()));
         COUNT(INIT_PATH, fault, noslip_path_init_f(&other, segments, (int)(seed >> 31), &along, &fault));
+        COUNT(MOTOR, one, noslip_motor_step_f(&motor, number(), number(), &one));
+        COUNT(MOTOR_LIMIT, one, noslip_motor_limit_f(&motor, number(), &one));
         status = k % 20 == 0 ? noslip_path_init_f(&path, segments, 2, &along, NULL) : 0; /* for the next calls */
     }
     for (k = 0; k < NAMES; k++) {

@@ -1,16 +1,14 @@
-/* watchdog.c - run, hold or stop, see watchdog.h. */
-#include <stddef.h>
-
+/* noslip_watchdog.c - run, hold or stop, see noslip_watchdog.h. */
+#include "noslip_watchdog.h"
 #include "noslip_controller.h"
-#include "watchdog.h"
 
-int watchdog_init(watchdog *self, const watchdog_settings *settings)
+int noslip_watchdog_init(noslip_watchdog *self, const noslip_watchdog_settings *settings)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
     }
     self->ready = 0;
-    self->state = WATCHDOG_STOP;
+    self->state = NOSLIP_WATCHDOG_STOP;
     if (settings == NULL) {
         return NOSLIP_NULL;
     }
@@ -21,10 +19,10 @@ int watchdog_init(watchdog *self, const watchdog_settings *settings)
     self->settings.forgiven = settings->forgiven;
     self->settings.stuck = settings->stuck;
     self->ready = NOSLIP_READY;
-    return watchdog_reset(self);
+    return noslip_watchdog_reset(self);
 }
 
-int watchdog_reset(watchdog *self)
+int noslip_watchdog_reset(noslip_watchdog *self)
 {
     if (self == NULL) {
         return NOSLIP_NULL;
@@ -32,8 +30,8 @@ int watchdog_reset(watchdog *self)
     if (self->ready != NOSLIP_READY) {
         return NOSLIP_NOT_READY;
     }
-    self->state = WATCHDOG_RUN;
-    self->reason = WATCHDOG_NONE;
+    self->state = NOSLIP_WATCHDOG_RUN;
+    self->reason = NOSLIP_WATCHDOG_NONE;
     self->status = NOSLIP_OK;
     self->strikes = 0;
     self->good = 0;
@@ -41,11 +39,11 @@ int watchdog_reset(watchdog *self)
     return NOSLIP_OK;
 }
 
-static int stop(watchdog *self, int reason)
+static noslip_watchdog_state stop(noslip_watchdog *self, noslip_watchdog_reason reason)
 {
-    self->state = WATCHDOG_STOP;
+    self->state = NOSLIP_WATCHDOG_STOP;
     self->reason = reason;
-    return WATCHDOG_STOP;
+    return NOSLIP_WATCHDOG_STOP;
 }
 
 /* Returns 1 for an error that may be gone at the next tick. */
@@ -55,53 +53,53 @@ static int passing(int status)
 }
 
 /* Handles a tick with an error or after missed ticks. */
-static int strike(watchdog *self, int status, uint32_t missed)
+static noslip_watchdog_state strike(noslip_watchdog *self, int status, uint32_t missed)
 {
     const uint32_t left = (uint32_t)(self->settings.tolerated - self->strikes);
     self->good = 0;
     if (status < 0) {
         self->status = status;
         if (!passing(status)) {
-            return stop(self, WATCHDOG_ERROR);
+            return stop(self, NOSLIP_WATCHDOG_ERROR);
         }
     }
     if (missed > left || missed + (status < 0) > left) {
-        return stop(self, WATCHDOG_STRIKES);
+        return stop(self, NOSLIP_WATCHDOG_STRIKES);
     }
     self->strikes += (int)missed + (status < 0);
-    self->state = status < 0 ? WATCHDOG_HOLD : WATCHDOG_RUN;
+    self->state = status < 0 ? NOSLIP_WATCHDOG_HOLD : NOSLIP_WATCHDOG_RUN;
     return self->state;
 }
 
 /* Handles a good tick after strikes. */
-static int forgive(watchdog *self)
+static noslip_watchdog_state forgive(noslip_watchdog *self)
 {
-    self->state = WATCHDOG_RUN;
+    self->state = NOSLIP_WATCHDOG_RUN;
     if (self->strikes > 0 && self->settings.forgiven > 0 && ++self->good >= self->settings.forgiven) {
         self->strikes--;
         self->good = 0;
     }
-    return WATCHDOG_RUN;
+    return NOSLIP_WATCHDOG_RUN;
 }
 
 /* Handles every tick but a good one without strikes. */
-static NOSLIP_COLD int watchdog_other_tick(watchdog *self, int status, uint32_t missed, int standing)
+static NOSLIP_COLD noslip_watchdog_state other_tick(noslip_watchdog *self, int status, uint32_t missed, int standing)
 {
-    if (self == NULL || self->ready != NOSLIP_READY || self->state == WATCHDOG_STOP) {
-        return WATCHDOG_STOP;
+    if (self == NULL || self->ready != NOSLIP_READY || self->state == NOSLIP_WATCHDOG_STOP) {
+        return NOSLIP_WATCHDOG_STOP;
     }
     self->stood = standing && self->settings.stuck > 0 ? self->stood + 1 : 0;
     if (self->stood > self->settings.stuck) {
-        return stop(self, WATCHDOG_STUCK);
+        return stop(self, NOSLIP_WATCHDOG_STUCK);
     }
     return status < 0 || missed > 0 ? strike(self, status, missed) : forgive(self);
 }
 
-int watchdog_step(watchdog *self, int status, uint32_t missed, int standing)
+noslip_watchdog_state noslip_watchdog_step(noslip_watchdog *self, int status, uint32_t missed, int standing)
 {
     if (self != NULL && self->ready == NOSLIP_READY && status >= 0 && missed == 0 && standing == 0 &&
-        (self->state | self->strikes | self->stood) == 0) {
-        return WATCHDOG_RUN;
+        ((int)self->state | self->strikes | self->stood) == 0) {
+        return NOSLIP_WATCHDOG_RUN;
     }
-    return watchdog_other_tick(self, status, missed, standing);
+    return other_tick(self, status, missed, standing);
 }

@@ -1,0 +1,119 @@
+"""C of the follower of a vehicle: odometry, path, law, limits, motors or velocity commands, and watchdog, in one struct."""
+
+import re
+from collections.abc import Iterable, Sequence
+
+import casadi as ca
+
+from ...model.algebra.exact import canonical
+from ...model.errors import ModelError
+from ...model.law import ControlLaw
+from ...model.reduction import ReducedSystem
+from ...model.vehicle import point_ahead, required_velocity_map, velocity_map
+from ...readers.templates import render
+from ..graph import Graph, Group, Node, from_casadi
+from ..printing.layout import WIDTH, aside, body, fill, table
+from ..printing.program_c import init_given
+from ..printing.scalar import Scalar
+from ..printing.statements import Statements
+
+NAME = "follower"
+LAW = "type_iv_segment"
+
+
+def has_follower(law: ControlLaw) -> bool:
+    """Return whether a follower can be written for a law: that of lines and arcs, of a vehicle with two wheels.
+
+    The quasi-velocities must be the rates of two wheels on which the two inputs act, and forward speed and yaw rate fixed
+    combinations of them.
+    """
+    return law.name == LAW and not law.extension and _has_wheels(law.system)
+
+
+def _has_wheels(system: ReducedSystem) -> bool:
+    mechanism = system.mechanism
+    if velocity_map(system) is None or len(mechanism.inputs) != 2 or {q.unit for q in system.quasi_velocities} != {"rad/s"}:
+        return False
+    if not _names(system, _place(system)):
+        return False
+    try:
+        point_ahead(system)
+    except ModelError:
+        return False
+    return canonical(system.input_map - ca.SX.eye(2)).is_zero()
+
+
+def follower_files(law: ControlLaw, scalar: Scalar, banner: Sequence[str]) -> dict[str, str]:
+    """Return file name -> text of header and source of the follower for a law that has one (`has_follower`)."""
+    system = law.system
+    robot = system.mechanism.name
+    own = scalar.name(f"{robot}_{NAME}")
+    values = {
+        "robot": robot,
+        "law": f"{robot}_{law.name}",
+        "own": scalar.name,
+        "real": scalar.real,
+        "suffix": scalar.suffix,
+        "banner": banner,
+        "inputs": system.mechanism.inputs,
+        "wheels": [q.in_c for q in system.quasi_velocities],
+        "state": [q.in_c for q in system.state],
+        "coordinates": len(system.mechanism.coordinates),
+        "place": _names(system, _place(system)),
+        "gains": [q.in_c for q in law.gains],
+        "odometry": _odometry(system, scalar),
+        "literal": scalar.literal,
+    }
+    texts = {f"{own}.{kind}": render(__file__, f"follower.{kind}", **values) for kind in "hc"}
+    return {name: "\n".join(_fitted(text.split("\n"))) for name, text in texts.items()}
+
+
+MEMBER = re.compile(r"    (\S.*;)(?: +/\* (.*) \*/)?$")
+
+
+def _fitted(lines: Iterable[str]) -> list[str]:
+    """Return the lines of C broken to the width, with the comments of each struct in a column."""
+    fitted: list[str] = []
+    members: list[tuple[str, str]] | None = None
+    for line in lines:
+        found = MEMBER.match(line) if members is not None else None
+        if members is not None and found:
+            members.append((found[1], found[2] or ""))
+            continue
+        fitted += table(members) if members else []
+        members = [] if line.startswith("typedef struct") else None
+        alone = line.startswith("/* ") and len(line) > WIDTH
+        if alone:
+            fitted += aside(line.removeprefix("/* ").removesuffix(" */"), WIDTH)
+        else:
+            fitted += fill(line, "") if len(line) > WIDTH else [line]
+    return fitted
+
+
+def _place(system: ReducedSystem) -> list[ca.SX]:
+    """Return position and heading of the vehicle, as expressions in the coordinates."""
+    vehicle = system.mechanism.vehicle
+    return [vehicle.x, vehicle.y, vehicle.heading] if vehicle else []
+
+
+def _names(system: ReducedSystem, expressions: Sequence[ca.SX]) -> list[str]:
+    """Return the members of the state that the expressions are; none unless each is one."""
+    known = {q.symbol.element_hash(): q.in_c for q in system.state}
+    found = [known.get(each.element_hash(), "") for each in expressions if each.is_symbolic()]
+    return found if len(found) == len(expressions) and all(found) else []
+
+
+def _odometry(system: ReducedSystem, scalar: Scalar) -> str:
+    """Return the statements that compute the options of dead reckoning from `params`."""
+    graph = Graph()
+    parameters = system.mechanism.parameters
+    nodes = [graph.leaf(Group.PARAMS, q.name) for q in parameters]
+    found = ca.vertcat(ca.vec(required_velocity_map(system).T), point_ahead(system))
+    symbols = [q.symbol for q in parameters]
+    roots: list[Node] = [row[0] for row in from_casadi(graph, found, symbols, nodes, system.mechanism.name)]
+    writer = Statements(scalar, init_given, {}, None)
+    writer.plan(roots)
+    places = ["forward[0]", "forward[1]", "turn[0]", "turn[1]", "ahead"]
+    for place, node in zip(places, roots, strict=True):
+        writer.assign(f"wheels->{place}", node)
+    return body(writer.lines)

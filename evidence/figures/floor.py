@@ -1,0 +1,262 @@
+"""Beyond the paper: its runs, and those of the shipped robots, on a floor where wheels may slip."""
+
+import math
+import textwrap
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib.figure
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+
+from ...readers.robots import find_robot
+from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels
+from ...simulation.engine.measured import SLIPS
+from ..framework import Case, Claim, Figure, FigureRun, Runs
+from . import circle, line, masses, robots
+
+PERIOD = 0.01  # s
+BARE, LIMITED = "no limiter", "limiter"
+LIMITS: Mapping[str, Mapping[str, Any]] = {BARE: {}, LIMITED: {"limits": {"mode": "grip"}}}
+COLOUR = {BARE: STOP, LIMITED: COLOURS[2]}
+EDGE = "#444444"
+Floor = tuple[float, str]  # friction, one of LIMITS
+
+PAPERS = (*line.FIGURES, circle.FIGURES[0], masses.FIGURES[1])  # figures 1, 6, 7, 8 (a), 9 (b)
+BY_KIND = ("1", "7")  # figures each of whose claims is on trajectory tracking (I) or path following (IV) alone
+SURVIVE: Mapping[Floor, int] = {(0.7, BARE): 1, (0.7, LIMITED): 7, (0.3, BARE): 0, (0.3, LIMITED): 5}  # of the paper's claims
+SHOWN, ROLLING = "IV C", "figure 1, IV C, rolling"
+
+FLOORS_OF_ROBOTS: tuple[Floor, ...] = tuple((mu, limits) for mu in (0.3, 0.15) for limits in LIMITS)
+UNLIMITED = ("mobile_manipulator", "tractor_trailer", "four_wheel")  # robots that the limiter does not apply to
+ROBOTS = tuple(name for name in ("labmate", *robots.TITLES) if name not in ("knife_edge", "ball_plate", "geared_arm"))
+LEAST, MOST = 1e-5, 10.0  # m/s: slips that are drawn
+RECKONED = 1e-3  # m
+
+
+def _on_floor(case: Case, floor: Floor, **contact: float) -> Case:
+    """The case with a sampled controller that knows the friction, on a floor."""
+    mu, limits = floor
+    changes = {"simulation.period": PERIOD, "contact": {"mu": mu, **contact}, "floor": {"mu": mu}, **LIMITS[limits]}
+    return Case(case.file, {**case.changes, **changes}, case.singular, "mujoco")
+
+
+def _said(floor: Floor) -> str:
+    return f"μ {floor[0]:g}, {floor[1]}"
+
+
+# -- the paper's claims --------------------------------------------------------------------------------------------------
+
+
+def _label(figure: Figure, label: str, floor: Floor) -> str:
+    first = next(other for other in PAPERS if other.cases is figure.cases)
+    return f"figure {first.name}, {label}, {_said(floor)}"
+
+
+PAPER_CASES = {ROLLING: line.LINE[SHOWN]} | {
+    _label(figure, label, floor): _on_floor(case, floor, share=0.7)
+    for floor in SURVIVE
+    for figure in PAPERS
+    for label, case in figure.cases.items()
+}
+
+
+def survivors(runs: Runs) -> dict[str, dict[Floor, tuple[bool, str]]]:
+    """For each of the paper's claims on a motion and each floor: whether it holds there, and what was measured.
+
+    It does not where a run that it is about ended early, as with wheels that spin without bound.
+    """
+    found: dict[str, dict[Floor, tuple[bool, str]]] = {}
+    for figure in PAPERS:
+        for floor in sorted(SURVIVE, key=lambda floor: floor[1] == BARE):  # with the limiter first: there all can be measured
+            here = {label: runs[_label(figure, label, floor)] for label in figure.cases}
+            ended = {label: run for label, run in here.items() if not run.refused and run.stopped}
+            try:
+                claims = figure.claims(here)
+            except (ValueError, IndexError):  # they compare runs that ended at different times
+                claims = []
+            for claim in claims:
+                if claim.paper and "singular" not in claim.text:
+                    kind = "IV" if claim.text.startswith("path following") else "I"
+                    about = [k for k in ended if figure.name not in BY_KIND or k.split()[0] == kind]
+                    said = f"{about[0]}: {ended[about[0]].stopped} at {ended[about[0]].t[-1]:.2f} s" if about else claim.measured
+                    found.setdefault(f"{figure.name}: {claim.text}", {})[floor] = (claim.holds and not about, said)
+    return found
+
+
+def draw_papers(runs: Runs) -> matplotlib.figure.Figure:
+    """Which claims hold on which floor, and how the line is approached there."""
+    figure, axes = panels(
+        "claims of the paper, each of which holds where the wheels roll", "Type IV, case C", height=5.6, widths=(2, 1)
+    )
+    table = survivors(runs)
+    for row, by_floor in enumerate(table.values()):
+        for column, floor in enumerate(SURVIVE):
+            holds = by_floor.get(floor, (False, ""))[0]
+            colour = COLOUR[LIMITED if holds else BARE]
+            axes[0].add_patch(_cell(column, row, colour))
+            axes[0].text(column, row, "holds" if holds else "lost", color=colour, ha="center", va="center", fontsize=9)
+    axes[0].set_xticks(range(len(SURVIVE)), [f"μ {mu:g}\n{limits}" for mu, limits in SURVIVE])
+    axes[0].set_yticks(range(len(table)), [textwrap.fill(text, 58) for text in table], fontsize=8)
+    axes[0].set(xlim=(-0.5, len(SURVIVE) - 0.5), ylim=(len(table) - 0.5, -0.5))
+    axes[0].xaxis.tick_top()
+    axes[0].tick_params(length=0)
+    axes[0].grid(False)
+    axes[0].spines[:].set_visible(False)
+    rolling = runs[ROLLING]
+    axes[1].plot(rolling.t, line.distance(rolling.P_l), color=FAINT, linewidth=5, alpha=0.5, label="rolling")
+    for floor, style in zip(SURVIVE, ("-", "-", "--", "--"), strict=True):
+        run = runs[_label(PAPERS[0], SHOWN, floor)]
+        label = f"{_said(floor)}: stopped" if run.stopped else f"{_said(floor)}: slip ≤ {1e3 * run.slipping:.1f} mm/s"
+        axes[1].plot(run.t, line.distance(run.P_l), style, marker="X" * bool(run.stopped), color=COLOUR[floor[1]], label=label)
+    over_time(axes[1], "distance of $P_l$ from the line (m)")
+    axes[1].set_xlim(-0.2, 8.0)
+    legend_below(axes[1])
+    return figure
+
+
+def _cell(column: float, row: float, colour: str) -> Rectangle:
+    return Rectangle((column - 0.47, row - 0.44), 0.94, 0.88, facecolor=colour, alpha=0.15, linewidth=0)
+
+
+def claims_papers(runs: Runs) -> list[Claim]:
+    """How many of the paper's claims survive, and whether the wheels roll."""
+    table, made = survivors(runs), []
+    for floor, count in SURVIVE.items():
+        lost = [text for text, by_floor in table.items() if not by_floor.get(floor, (False, ""))[0]]
+        made.append(
+            Claim(
+                f"at {_said(floor)}: {count} of the paper's {len(table)} claims survive",
+                f"{len(table) - len(lost)} survive",
+                len(table) - len(lost) == count,
+                note="lost: " + "; ".join(f"{text} ({table[text].get(floor, (False, 'runs ended early'))[1]})" for text in lost),
+            )
+        )
+    right = {
+        label: run for label, run in _measured(runs, LIMITED).items() if masses.LIGHT not in label and masses.HEAVY not in label
+    }
+    worst = max(right, key=lambda label: right[label].slipping)
+    return [
+        *made,
+        Claim(
+            "with the limiter and the right masses no wheel slips faster than 1 cm/s, also where the loop becomes singular",
+            f"{1e3 * right[worst].slipping:.1f} mm/s in {len(right)} runs ({worst})",
+            right[worst].slipping < SLIPS,
+        ),
+    ]
+
+
+def _measured(runs: Runs, limits: str) -> dict[str, FigureRun]:
+    return {label: run for label, run in runs.items() if run.floor and label.endswith(f", {limits}")}
+
+
+# -- the shipped robots --------------------------------------------------------------------------------------------------
+
+
+def _file(name: str) -> str:
+    return "../line.toml" if name == "labmate" else f"../robots/{name}.toml"
+
+
+ROBOT_CASES = {
+    f"{name}, {_said(floor)}": _on_floor(Case(_file(name)), floor)
+    for floor in FLOORS_OF_ROBOTS
+    for name in ROBOTS
+    if floor[1] == BARE or name not in UNLIMITED
+}
+
+
+def reckoning_error(run: FigureRun) -> float | None:
+    """How far the reckoned place is off at the end, m; None for a robot that does not reckon."""
+    if run.floor is None or run.floor.reckoned is None:
+        return None
+    places = [k for k, coordinate in enumerate(run.robot.coordinates) if coordinate.unit == "m"]
+    return float(np.hypot(*(run.floor.reckoned[-1, :2] - run.q[-1, places])))
+
+
+def draw_robots(runs: Runs) -> matplotlib.figure.Figure:
+    """Peak slip of each robot on either floor, and how far dead reckoning is off."""
+    figure, axes = panels("peak slip, μ 0.3", "peak slip, μ 0.15", "dead reckoning off at the end, μ 0.15", height=5.4)
+    for panel, mu in zip(axes, (0.3, 0.15), strict=False):
+        _compare(panel, runs, mu, lambda run: run.slipping)
+        panel.axvline(SLIPS, color=EDGE, linestyle=":", linewidth=1.0)
+        panel.set(xlabel="m/s (dotted: 1 cm/s)", xlim=(LEAST, 3 * MOST))
+    _compare(axes[2], runs, 0.15, reckoning_error)
+    axes[2].set(xlabel="m", xlim=(LEAST, 3 * MOST))
+    for panel in axes[1:]:
+        panel.tick_params(labelleft=False)
+    axes[0].plot([], [], "o", color=COLOUR[BARE], markerfacecolor="none", label=BARE)
+    axes[0].plot([], [], "X", color=EDGE, label="stopped: wheels spin, or singular")
+    axes[0].plot([], [], "o", color=COLOUR[LIMITED], label=LIMITED)
+    legend_below(axes[0])
+    return figure
+
+
+def _compare(panel: Axes, runs: Runs, mu: float, value: Any) -> None:
+    """A row for each robot, on a logarithmic scale: its values without and with the limiter."""
+    for row, name in enumerate(ROBOTS):
+        for limits, style in ((BARE, {"markerfacecolor": "none", "markersize": 9}), (LIMITED, {"markersize": 5})):
+            run = runs.get(f"{name}, {_said((mu, limits))}")
+            found = value(run) if run else None
+            if run and found is not None:
+                mark = "X" if run.stopped else "o"
+                filled = style | ({"markerfacecolor": COLOUR[limits]} if run.stopped else {})
+                panel.plot(np.clip(found, LEAST * 1.5, MOST), row, mark, color=COLOUR[limits], **filled)
+    panel.set_xscale("log")
+    panel.set_yticks(range(len(ROBOTS)), ROBOTS)
+    panel.set_ylim(len(ROBOTS) - 0.5, -0.5)
+    panel.grid(axis="y", alpha=0.3)
+
+
+def claims_robots(runs: Runs) -> list[Claim]:
+    """With the limiter they roll and dead reckoning holds, but on a slope that friction cannot hold."""
+    slope = {p.name: p.default for p in find_robot("slope_platform").parameters}["slope"]
+    steep = [f"slope_platform, {_said(floor)}" for floor in FLOORS_OF_ROBOTS if math.tan(slope) > floor[0]]
+    slips = {label: run.slipping for label, run in runs.items() if label not in steep}
+    bare, limited = ({k: v for k, v in slips.items() if k.endswith(f", {limits}")} for limits in (BARE, LIMITED))
+    worst = max(limited, key=lambda label: limited[label])
+    spun = sorted(label.rpartition(",")[0] for label, slip in bare.items() if slip > SLIPS)
+    went = {limits: [reckoning_error(run) for run in _measured(runs, limits).values() if not run.stopped] for limits in LIMITS}
+    off = {limits: max((e for e in errors if e is not None), default=math.inf) for limits, errors in went.items()}
+    return [
+        Claim(
+            "with the limiter no wheel slips faster than 1 cm/s",
+            f"{1e3 * limited[worst]:.1f} mm/s in {len(limited)} runs ({worst})",
+            limited[worst] < SLIPS,
+            note=f"without it some do in {len(spun)} of {len(bare)}: {'; '.join(spun)}",
+        ),
+        Claim(
+            f"with the limiter dead reckoning is off by at most {1e3 * RECKONED:g} mm at the end",
+            f"{1e3 * off[LIMITED]:.2f} mm; without it up to {1e3 * off[BARE]:.0f} mm",
+            off[LIMITED] < RECKONED < off[BARE],
+        ),
+        Claim(
+            f"no limiter holds a platform on a slope of {slope:g} rad where μ is 0.15",
+            "; ".join(f"{label}: slips at {runs[label].slipping:.3g} m/s" for label in steep),
+            bool(steep) and all(runs[label].slipping > SLIPS for label in steep),
+        ),
+    ]
+
+
+FIGURES = (
+    Figure(
+        "floor",
+        "Beyond the paper: which of its claims survive a floor",
+        "The runs of figures 1, 6, 7, 8 (a) and 9 (b) at 100 Hz in a physics engine, where wheels slip; a castor carries 30 %.",
+        "",
+        PAPER_CASES,
+        draw_papers,
+        claims_papers,
+    ),
+    Figure(
+        "robots_on_floor",
+        "Beyond the paper: the shipped robots on slippery floors",
+        "Each robot in the run of its SPEC, at 100 Hz, with and without the grip limiter; "
+        + ", ".join(UNLIMITED)
+        + " have none.",
+        "",
+        ROBOT_CASES,
+        draw_robots,
+        claims_robots,
+    ),
+)

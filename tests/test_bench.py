@@ -1,0 +1,71 @@
+"""The bench's estimate of cycles on a Cortex-M4F, compared with counts by hand."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from .tools import need
+
+ROOT = Path(__file__).resolve().parent.parent
+FUNCTION = {  # instruction -> its cycles, from the timing rules in bench/cycles.py
+    "vldr s0, [r1]": 2,
+    "vldr s1, [r1, #4]": 1,  # pipelined with the one before
+    "vmul.f32 s2, s0, s1": 1,  # what was loaded is there
+    "vadd.f32 s3, s2, s0": 2,  # waits for s2
+    "vsub.f32 s2, s3, s3": 2,  # waits once, however often it uses s3
+    "vsqrt.f32 s3, s3": 14,
+    "vneg.f32 s4, s3": 2,
+    "vdiv.f32 s5, s4, s3": 14,  # what is negated is there at once
+    "vstr s5, [r1]": 3,  # waits for s5
+    "ldr r3, [r1, #4]": 1,
+    "vpush {s16-s18}": 4,
+    "vpop {s16-s18}": 4,
+    "push {r4, r5, lr}": 4,
+    "pop {r4, r5, lr}": 4,
+    "udiv r3, r3, r0": 12,
+}
+LOOP = 3  # the function repeats all that so often
+AROUND = {"subs r0, #1": 1, "bne 1b": 1}
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "bench")
+    yield
+    for name in ("cycles", "counting", "measure", "programs", "cases", "callgraph"):
+        sys.modules.pop(name, None)
+
+
+def test_cycles_of_a_listing(bench):
+    """Every instruction of a listing takes the cycles that the rules give by hand."""
+    from cycles import costs
+
+    lines = [f"  {8 + 4 * k:x}:\t{text.replace(' ', chr(9), 1)}\t@ comment" for k, text in enumerate(FUNCTION)]
+    found = costs("00000008 <measured>:\n" + "\n".join(lines) + "\n  44:\t.word\t0x3f22f983\n")
+    assert dict(zip(FUNCTION, found.values(), strict=True)) == FUNCTION
+
+
+def test_cycles_of_a_trace(bench, tmp_path):
+    """A loop that QEMU executes takes what its instructions take, and 2 more for each branch taken: call, loop, return."""
+    from counting import count_calls, run, symbols_of
+    from cycles import write_costs
+    from measure import CortexM4F
+
+    need("arm-none-eabi-gcc", "qemu-system-arm", "gcc")
+    inner = "\\n".join([*FUNCTION, *AROUND])
+    (tmp_path / "main.c").write_text(f"""
+__attribute__((naked, noipa)) void measured(int n, float *x) {{ __asm__("1:\\n{inner}\\nbx lr"); }}
+__attribute__((noipa)) int drive(float *x) {{ measured({LOOP}, x); return 0; }}
+int main(void) {{ float x[2] = {{2, 3}}; return drive(x); }}
+""")
+    target, image = CortexM4F(tmp_path), tmp_path / "image"
+    build = ["arm-none-eabi-gcc", "-O1", *target.flags, "main.c", *map(str, target.startup), *target.link, "-o", str(image)]
+    run(build, tmp_path)
+    symbols = symbols_of(image, target.prefix)
+    costs = write_costs(image, target.prefix)
+    done, found = count_calls(target.machine, image, symbols, [("measured", "drive")], tmp_path, costs)
+    instructions = LOOP * len(FUNCTION | AROUND) + 1
+    refills = 2 * (1 + (LOOP - 1) + 1)
+    cycles = LOOP * sum((FUNCTION | AROUND).values()) + 1 + refills
+    assert done.returncode == 0 and found["measured"] == (1, instructions, instructions, instructions, cycles)

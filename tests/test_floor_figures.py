@@ -1,0 +1,105 @@
+"""The figures on a floor: which claims survive there, and what is said without the engine."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from noslip.evidence import catalogue
+from noslip.evidence.figures import floor, line
+from noslip.evidence.framework import carry_out, claims_of_every_run
+from noslip.evidence.production import Made
+from noslip.evidence.report import as_json, report
+from noslip.readers.errors import BadInput
+from noslip.simulation.drawing import pictures
+from noslip.tests.figures_made import figure_of
+from noslip.tests.test_engine import ROBOTS
+
+pytest.importorskip("mujoco")
+NAMES = [figure.name for figure in floor.FIGURES]
+SPEEDS = line.FIGURES[2]  # figure 7
+FLOORS = {(0.7, floor.BARE): 0, (0.7, floor.LIMITED): 2}
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """Figure 7 on a floor, its first 4 s, and one that rolls."""
+    made = {floor.ROLLING: carry_out(floor.PAPER_CASES[floor.ROLLING].spec())}
+    for mu, limits in FLOORS:
+        for label, case in SPEEDS.cases.items():
+            case = floor._on_floor(case, (mu, limits), share=0.7)
+            case = dataclasses.replace(case, changes={**case.changes, "simulation.duration": 4.0})
+            made[floor._label(SPEEDS, label, (mu, limits))] = carry_out(case.spec(), engine=case.engine)
+    return made
+
+
+def test_a_claim_is_lost_where_its_run_ended(runs, monkeypatch):
+    monkeypatch.setattr(floor, "PAPERS", (SPEEDS,))
+    monkeypatch.setattr(floor, "SURVIVE", FLOORS)
+    found = floor.survivors(runs)
+    assert len(found) == 4
+    bare, limited = ([by_floor[each] for by_floor in found.values()] for each in FLOORS)
+    assert not any(holds for holds, _ in bare) and all(said.partition(": ")[2].startswith("range at 0.0") for _, said in bare)
+    assert [holds for holds, _ in limited] == [True, False, False, True]  # at 4 s it is still 2 cm/s too slow
+    *_, rolls = floor.claims_papers(runs)
+    assert [claim.holds for claim in floor.claims_papers(runs)] == [True] * 3
+    slides = {label: dataclasses.replace(run, floor=run.floor and slid(run)) for label, run in runs.items()}
+    assert rolls.holds and not floor.claims_papers(slides)[-1].holds
+
+
+def slid(run):
+    return dataclasses.replace(run.floor, slip=run.floor.slip + 0.02)
+
+
+def test_runs_on_a_floor_in_the_report(runs):
+    """They have no column of what only rolling has, and no claims of every run."""
+    there = {label: run for label, run in runs.items() if run.floor}
+    assert claims_of_every_run(there) == [] and len(claims_of_every_run(runs)) == 3
+    cases = {label: dataclasses.replace(floor.PAPER_CASES[label], changes={}) for label in there}
+    figure = dataclasses.replace(floor.FIGURES[0], cases=cases)
+    made = Made(figure, there, [], {"svg": b"<svg/>", "png": b""})
+    assert report([made]).count('<td class="number">–</td>' * 4) == len(there)
+    (said,) = as_json([made])
+    bare, limited = ([one["slipping"] for k, one in said["runs"].items() if k.endswith(f", {limits}")] for _, limits in FLOORS)
+    assert min(bare) > 100 and 0 < max(limited) < 0.01
+
+
+def test_the_robots_are_those_that_the_engine_takes():
+    assert sorted(floor.ROBOTS) == sorted(ROBOTS)
+    assert {name for name in floor.ROBOTS if f"{name}, μ 0.3, limiter" not in floor.ROBOT_CASES} == set(floor.UNLIMITED)
+
+
+def test_without_the_engine_they_are_left_out(monkeypatch, capsys):
+    assert catalogue.left_out() == [] and {*NAMES} < {figure.name for figure in catalogue.chosen([])}
+    monkeypatch.setattr(catalogue, "find_spec", lambda name: None)
+    assert catalogue.left_out() == NAMES and not {*NAMES} & {figure.name for figure in catalogue.chosen([])}
+    with pytest.raises(BadInput, match=r"--only: figure 'floor' is made in a physics engine; pip install 'noslip\[physics\]'"):
+        catalogue.chosen(["6", "floor"])
+
+
+def test_reckoning_is_off_by_what_it_says(runs):
+    run = runs[floor._label(SPEEDS, "I", (0.7, floor.LIMITED))]
+    assert floor.reckoning_error(run) < 1e-2
+    moved = dataclasses.replace(run, floor=dataclasses.replace(run.floor, reckoned=run.floor.reckoned + [3.0, 4.0, 0.0]))
+    assert floor.reckoning_error(moved) == pytest.approx(5.0, abs=1e-2)
+    assert floor.reckoning_error(runs[floor.ROLLING]) is None
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", NAMES)
+def test_every_claim_of_a_floor_is_as_expected_and_can_fail(name):
+    made = figure_of(name)
+    assert [claim.text for claim in made.claims if not claim.as_expected] == []
+    on_floor = {label: run for label, run in made.runs.items() if run.floor}
+    worst, best = (f(on_floor.values(), key=lambda run: (run.stopped is not None, run.slipping)) for f in (max, min))
+    otherwise = np.zeros(len(made.figure.claims(made.runs)), int)
+    for same in (worst, best):
+        runs = {label: same if run.floor else run for label, run in made.runs.items()}
+        otherwise += [a.holds != b.holds for a, b in zip(made.claims, made.figure.claims(runs), strict=False)]
+    assert otherwise.all()
+
+
+@pytest.mark.nightly
+def test_pictures_of_a_floor_are_drawn():
+    for name in NAMES:
+        made = figure_of(name)
+        assert pictures(lambda made=made: made.figure.draw(made.runs), made.figure.title, "")["svg"]
