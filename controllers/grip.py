@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 
 import casadi as ca
 import numpy as np
 
+from ..model.algebra.linear_numbers import least_squares
 from ..model.algebra.portable import portable
 from ..model.contacts import GRAVITY, ground
 from ..model.law import ControlLaw, symbols
@@ -31,36 +33,54 @@ class Cones:
 
     def use(self, tau: np.ndarray) -> np.ndarray:
         """Return |F| / (mu load) at each contact, (c,); infinite without load."""
-        size, most = np.linalg.norm(self._force(tau), axis=1), self.most + tau @ self.most_by
+        size, most = _lengths(self._force(tau)), self._most(tau)
         return np.where(most > 0, size / np.where(most > 0, most, 1.0), np.inf)
 
     def excess(self, tau: np.ndarray) -> np.ndarray:
         """Return |F| - mu load at each contact, N, (c,): convex in the inputs."""
-        return np.linalg.norm(self._force(tau), axis=1) - self.most - tau @ self.most_by
+        return _lengths(self._force(tau)) - self._most(tau)
 
     def coasting(self) -> np.ndarray:
         """Return the inputs with the smallest sum of (F / mass)^2."""
         weighted = np.reshape(self.force_by / self.mass[:, None], (len(self.force_by), -1)).T
-        return -np.linalg.lstsq(weighted, np.ravel(self.force / self.mass[:, None]), rcond=None)[0]
+        return -least_squares(weighted, np.ravel(self.force / self.mass[:, None]))
 
     def interval(self, k: int, tau: np.ndarray, way: np.ndarray) -> tuple[float, float, bool]:
         """Return the s from low to high for which contact k rolls with tau + s way, and whether there are any; if not, the s
         at which |F|^2 - (mu load)^2 is smallest, twice.
         """
-        force, by = self._force(tau)[k], way @ self.force_by[:, k]
-        most, most_by = (self.most + tau @ self.most_by)[k], way @ self.most_by[:, k]
-        quadratic = np.array([by @ by - most_by**2, 2 * (force @ by - most * most_by), force @ force - most**2])
-        roots = np.roots(quadratic)
-        inside = [s for s in np.real(roots[np.abs(np.imag(roots)) == 0]) if most + s * most_by >= 0]
-        if quadratic[0] > 0:
-            middle = -quadratic[1] / (2 * quadratic[0])
+        force, by = self._force(tau)[k], (way[:, None] * self.force_by[:, k]).sum(axis=0)
+        most, most_by = self._most(tau)[k], (way * self.most_by[:, k]).sum()
+        square = (by * by).sum() - most_by**2
+        slope, constant = 2 * ((force * by).sum() - most * most_by), (force * force).sum() - most**2
+        inside = [s for s in _roots(square, slope, constant) if most + s * most_by >= 0]
+        if square > 0:
+            middle = -slope / (2 * square)
             return (min(inside), max(inside), True) if len(inside) == 2 else (middle, middle, False)
         if inside:
             return (inside[0], np.inf, True) if most_by > 0 else (-np.inf, inside[0], True)
-        return -np.inf, np.inf, bool(quadratic[2] <= 0 and most >= 0)
+        return -np.inf, np.inf, bool(constant <= 0 and most >= 0)
 
     def _force(self, tau: np.ndarray) -> np.ndarray:
-        return self.force + np.tensordot(tau, self.force_by, 1)
+        return self.force + (tau[:, None, None] * self.force_by).sum(axis=0)
+
+    def _most(self, tau: np.ndarray) -> np.ndarray:
+        return self.most + (tau[:, None] * self.most_by).sum(axis=0)
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    return np.sqrt((vectors * vectors).sum(axis=1))
+
+
+def _roots(square: float, slope: float, constant: float) -> list[float]:
+    """Return the real zeros of square s^2 + slope s + constant, a double one twice."""
+    if square == 0:
+        return [] if slope == 0 else [-constant / slope]
+    discriminant = slope**2 - 4 * square * constant
+    if discriminant < 0:
+        return []
+    half = -(slope + math.copysign(math.sqrt(discriminant), slope)) / 2
+    return [half / square, constant / half if half else 0.0]
 
 
 class GripReference:

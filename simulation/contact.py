@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..controllers.odometry import vehicle_wheels
+from ..model.algebra.linear_numbers import least_norm
 from ..model.contacts import GRAVITY, axles
 from ..model.mechanism import Mechanism
 from ..planning.profile import Accelerations
 from ..readers.errors import BadInput
 from .plant import Plant
 from .specification.spec import ContactSection
-from .starts import least_norm
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,13 +6,13 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from ..model.algebra.linear_numbers import least_norm
 from ..model.algebra.portable import portable
 from ..model.outputs import body_point, forward_speed, reference_point
 from ..model.reduction import ReducedSystem
 
 TRIES = 50
 ENOUGH = 1e-12  # relative residual
-DEPENDENT = 1e-13  # of a row: a smaller remainder after subtracting the others is due to rounding
 
 
 def starts(
@@ -84,27 +84,3 @@ def _solved(function: Callable, target: np.ndarray, given: list[np.ndarray], mov
             found[left] -= least_norm(jacobian, residual) * free
     found[~solved] = np.nan
     return found
-
-
-def least_norm(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the least-norm x with A x = b, (N, k) from (N, m, k) and (N, m). A row that depends on those before it is ignored.
-
-    Uses the Gram-Schmidt process twice, with sums in a fixed order: those of LAPACK depend on the processor.
-    """
-    directions: list[np.ndarray] = []
-    x = np.zeros((len(A), A.shape[2]))
-    for k in range(A.shape[1]):
-        row, size = A[:, k], _norm(A[:, k])
-        for direction in directions * 2:
-            row = row - (row * direction).sum(axis=1)[:, None] * direction
-        left = _norm(row)
-        counts = left > DEPENDENT * size
-        direction = np.where(counts, row / np.where(counts, left, 1.0), 0.0)
-        missing = b[:, k, None] - (A[:, k] * x).sum(axis=1)[:, None]
-        x = x + missing / np.where(counts, left, 1.0) * direction
-        directions.append(direction)
-    return x
-
-
-def _norm(rows: np.ndarray) -> np.ndarray:
-    return np.sqrt((rows * rows).sum(axis=1))[:, None]

@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 import pytest
 from mpmath import mp
+from noslip.model.algebra.linear_numbers import least_norm, least_squares
 from noslip.model.algebra.portable import portable
 from noslip.model.algebra.trigonometry import angle_of, arcsine, product, sine_cosine, size, unit
 from noslip.simulation.dop853 import E3, E5, A, B, C
-from noslip.simulation.starts import least_norm
 from noslip.tests.processors import SPECS, choices, digest_with
 from scipy.integrate import DOP853
 
@@ -79,6 +79,17 @@ def test_least_norm(rows, columns, rank):
     b = (A @ random.normal(size=(50, columns, 1)))[:, :, 0]
     wanted = (np.linalg.pinv(A, rcond=1e-12) @ b[:, :, None])[:, :, 0]
     assert np.abs(least_norm(A, b) - wanted).max() < 1e-11
+
+
+@pytest.mark.parametrize(("rows", "columns", "rank"), [(6, 2, 2), (4, 4, 4), (6, 3, 2), (5, 2, 1), (4, 2, 0)])
+def test_least_squares(rows, columns, rank):
+    """Against the pseudoinverse, of matrices of any rank."""
+    random = np.random.default_rng(rows * columns + rank)
+    for _ in range(50):
+        left, right = (np.linalg.qr(random.normal(size=(n, n)))[0] for n in (rows, columns))
+        A = left[:, :rank] * random.uniform(0.1, 2.0, rank) @ right[:, :rank].T
+        b = random.normal(size=rows)
+        assert np.abs(least_squares(A, b) - np.linalg.pinv(A, rcond=1e-12) @ b).max() < 1e-11
 
 
 def test_one_digest():
