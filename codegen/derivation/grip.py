@@ -28,6 +28,7 @@ def why_not(system: ReducedSystem) -> str:
     return ""
 
 
+@lru_cache(maxsize=64)
 def is_wide(system: ReducedSystem) -> bool:
     """Whether every axle, or all supports together, can carry the moment of side forces, so that a height of the centre of mass
     can be given."""
