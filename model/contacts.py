@@ -116,9 +116,7 @@ def shift_by_forces(mechanism: Mechanism) -> ca.SX:
 
 def _shift_of_all(mechanism: Mechanism) -> ca.SX:
     """Return K of `shift_by_forces` for a robot all of whose supports are named; zero if they are on one line."""
-    mass, ahead, left = (
-        ca.vertcat(*[getattr(each, name) for each in mechanism.standing]) for name in ("mass", "ahead", "left")
-    )
+    mass, ahead, left = (ca.vertcat(*[getattr(each, name) for each in mechanism.standing]) for name in ("mass", "ahead", "left"))
     arms = ca.horzcat(*[place - ca.dot(mass, place) / ca.sum1(mass) for place in (ahead, left)])
     weighted = ca.diag(mass) @ arms
     squares = canonical(arms.T @ weighted)
@@ -143,7 +141,8 @@ def _translations(mechanism: Mechanism) -> ca.SX:
         raise ModelError(f"{mechanism.name}: supports require a vehicle whose x and y are coordinates, up to functions of others")
     rates = ca.SX(n, 2)
     rates[[of[0][0], of[1][0]], :] = ca.vertcat(
-        ca.horzcat(ca.cos(vehicle.heading), -ca.sin(vehicle.heading)), ca.horzcat(ca.sin(vehicle.heading), ca.cos(vehicle.heading))
+        ca.horzcat(ca.cos(vehicle.heading), -ca.sin(vehicle.heading)),
+        ca.horzcat(ca.sin(vehicle.heading), ca.cos(vehicle.heading)),
     )
     return rates
 

@@ -90,7 +90,9 @@ class Grip:
         lifts = [f"{c.name}, first at t = {self._first(c.load <= 0)}" for c in self.contacts if np.any(c.load <= 0)]
         slips = [self._slip(c) for c in self.contacts if np.any((c.use > 1) & ~(c.load <= 0))]
         lines = [f"{kind}: {'; '.join(found)}" for kind, found in (("wheel lifts", lifts), ("would slip", slips)) if found]
-        return "\n".join(lines) or f"rolls: friction use at most {', '.join(self._worst(c) for c in self.contacts if not c.support)}"
+        return (
+            "\n".join(lines) or f"rolls: friction use at most {', '.join(self._worst(c) for c in self.contacts if not c.support)}"
+        )
 
     def summary(self) -> str:
         """Return the verdict and, in a last line, its assumptions."""

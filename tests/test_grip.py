@@ -238,7 +238,11 @@ def test_the_way_to_least_forces_is_a_stationary_point(inputs, scalar, accuracy)
         function(array(ground.ravel()), toward, combined, array(by.ravel()), contacts, inputs, work, way)
         rows = np.eye(inputs) if free is None else free
         effect = (by[:, :2] / mass[:, None, None]).reshape(-1, inputs) @ rows.T
-        force = np.ravel(ground[:, :2] / mass[:, None]) if asked is None else (by[:, :2] / mass[:, None, None]).reshape(-1, inputs) @ along
+        force = (
+            np.ravel(ground[:, :2] / mass[:, None])
+            if asked is None
+            else (by[:, :2] / mass[:, None, None]).reshape(-1, inputs) @ along
+        )
         normal = effect.T @ effect + 1e-4 * np.trace(effect.T @ effect) / inputs * np.eye(inputs)
         truth = -rows.T @ np.linalg.solve(normal, effect.T @ force) if k % 8 else np.zeros(inputs)
         assert np.abs(np.array(list(way)) - truth).max() <= accuracy * (np.abs(truth).max() + (k % 8 == 0)), k
@@ -260,7 +264,10 @@ def test_any_bits_are_answered_within_the_limits(robot, name, scalar):
             made, plant.params, plant.config, plant.gains, scalar, Limits(torque, "grip", friction if k % 3 else Friction(0.3))
         )
         for _ in range(20):
-            both = [source.integers(0, np.iinfo(whole).max, size, whole, True).view(kind) for size in (len(made.state), len(made.reference))]
+            both = [
+                source.integers(0, np.iinfo(whole).max, size, whole, True).view(kind)
+                for size in (len(made.state), len(made.reference))
+            ]
             ordinary = [10.0 ** source.uniform(-6, 6, each.size) * source.choice([-1, 1], each.size) for each in both]
             mixed = [np.where(source.random(a.size) < 0.1, a, b).astype(float) for a, b in zip(both, ordinary, strict=True)]
             status, tau = controller.step(*mixed)
