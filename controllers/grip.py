@@ -108,8 +108,8 @@ class GripReference:
             return "ok", tau
         below = Cones(cones.force, cones.most * (1 - SLACK), cones.force_by, cones.most_by * (1 - SLACK), cones.mass)
         found = False
-        free = self._null_inputs(state) if self._effort else None
-        if free is not None:
+        if self._effort:
+            free = self._null_inputs(*self._effort(state, self._params))
             tau, found = self._towards(below, tau, below.to_least(below.at(tau), free))
             slope = slope + below.to_least(below.forces_by(slope), free) if len(slope) else slope
         if len(slope) and not found:
@@ -129,13 +129,13 @@ class GripReference:
         found = found and s <= min(high, 1.0)
         return tau + (s if found else 1.0) * way, found
 
-    def _null_inputs(self, state: np.ndarray) -> np.ndarray:
+    @staticmethod
+    def _null_inputs(effort: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Return a projection onto the inputs that do not change the motion, as rows: along the inputs of smallest weighted
         squares."""
-        effort, weights = self._effort(state, self._params)
         root = np.sqrt(weights.ravel())
-        effort = effort.reshape(len(root), -1).T / root
-        return ((np.eye(len(root)) - np.linalg.pinv(effort) @ effort) * root / root[:, None]).T
+        scaled = effort.reshape(len(root), -1).T / root
+        return ((np.eye(len(root)) - np.linalg.pinv(scaled) @ scaled) * root / root[:, None]).T
 
     def _steps(self, cones: Cones, tau: np.ndarray, way: np.ndarray) -> tuple[float, float, bool]:
         """Return the s with which tau + s way is within all cones and limits, from low to high; whether each has any."""

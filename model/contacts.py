@@ -148,7 +148,7 @@ def _translations(mechanism: Mechanism) -> ca.SX:
 
 
 def narrow(mechanism: Mechanism) -> list[str]:
-    """Return the contacts that cannot carry the moment of side forces: their axle has no width, or all supports are on one line."""
+    """Return the contacts that cannot carry the moment of side forces: their axle has no width, or supports are on one line."""
     K = shift_by_forces(mechanism)
     if mechanism.supports:
         return [contact.name for contact in mechanism.standing] if K.is_zero() else []

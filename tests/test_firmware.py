@@ -53,7 +53,6 @@ SETTINGS = {  # a change of the settings that must be refused -> the status
     "stuck": (("watchdog", "stuck"), (-1,)),
 }
 
-
 @pytest.fixture(scope="module")
 def c(tmp_path_factory) -> Firmware:
     return Firmware(tmp_path_factory.mktemp("headers"))

@@ -135,9 +135,11 @@ def _with_slip(inner: ReducedSystem) -> tuple[Reduced, ca.SX]:
 
 def _in_steps(stages: Stages, equations: Reduced, parts: list[ca.SX], slip: ca.SX) -> list[ca.SX]:
     """Return the parts without slip, after adding the steps that they need."""
-    names, expressions = zip(*equations.steps, strict=True) if equations.steps else ((), ())
-    *expressions, Mbar, bias, input_map = ca.substitute([*expressions, *parts], [slip], [ca.SX.zeros(slip.numel())])
-    place, needed, stack = {symbol.element_hash(): k for k, symbol in enumerate(names)}, set(), [Mbar, bias, input_map]
+    names = [symbol for symbol, _ in equations.steps]
+    with_slip = [*(expression for _, expression in equations.steps), *parts]
+    *expressions, Mbar, bias, input_map = ca.substitute(with_slip, [slip], [ca.SX.zeros(slip.numel())])
+    place, stack = {symbol.element_hash(): k for k, symbol in enumerate(names)}, [Mbar, bias, input_map]
+    needed: set[int] = set()
     while stack:
         new = {place[symbol.element_hash()] for symbol in ca.symvar(stack.pop()) if symbol.element_hash() in place} - needed
         needed |= new
