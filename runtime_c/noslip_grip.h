@@ -250,7 +250,9 @@ NOSLIP_APART int noslip_go_towards(double *inputs, const double *way, double *gr
     steps = noslip_steps_within(inputs, way, ground, by_inputs, grip, limits, contacts, count);
     s = steps.low > -1 ? steps.low : -1;
     any = steps.any && s <= steps.high && s <= 0;
-    noslip_move(inputs, ground, by_inputs, way, any ? s : 0, contacts, count);
+    if (any) {
+        noslip_move(inputs, ground, by_inputs, way, s, contacts, count);
+    }
     return any;
 }
 
@@ -525,7 +527,9 @@ NOSLIP_APART int noslip_go_towards_f(float *inputs, const float *way, float *gro
     steps = noslip_steps_within_f(inputs, way, ground, by_inputs, grip, limits, contacts, count);
     s = steps.low > -1 ? steps.low : -1;
     any = steps.any && s <= steps.high && s <= 0;
-    noslip_move_f(inputs, ground, by_inputs, way, any ? s : 0, contacts, count);
+    if (any) {
+        noslip_move_f(inputs, ground, by_inputs, way, s, contacts, count);
+    }
     return any;
 }
 
