@@ -70,6 +70,12 @@ GROUND = Entry(
     Group.INPUT,
 )
 GROUND_BY_INPUTS = Entry("ground_by_inputs", "Derivatives of the first three of ground by each input", (Result.GROUND_BY_INPUTS,))
+NULL_INPUTS = Entry(
+    "null_inputs",
+    "Rows of inputs that do not change the motion, which span all of these: 1 - (S'E)^+ S'E, transposed (12)",
+    (Result.NULL_INPUTS,),
+    public=False,
+)
 EVALUATE = Entry(
     "evaluate",
     "All quantities, with one sine and cosine",
@@ -108,6 +114,7 @@ ENTRIES = (
     ),
     GROUND,
     GROUND_BY_INPUTS,
+    NULL_INPUTS,
     EVALUATE,
     STEP,
     SLOPE,
@@ -211,7 +218,7 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     labels = _own_names(law, quantities) | labels
     entries = {}
     for entry in ENTRIES:
-        if law.extension and entry in (GROUND, GROUND_BY_INPUTS):
+        if law.extension and entry in (GROUND, GROUND_BY_INPUTS, NULL_INPUTS):
             continue  # a step with an extension does not keep grip
         given = at_foot if entry.at_foot else quantities
         chosen = {name: given[name] for name in entry.answers if given.get(name)}

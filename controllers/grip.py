@@ -9,7 +9,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from ..model.algebra.linear_numbers import least_squares
+from ..model.algebra.linear_numbers import least_norm, least_squares
 from ..model.algebra.portable import portable
 from ..model.contacts import GRAVITY, ground
 from ..model.law import ControlLaw, symbols
@@ -19,6 +19,7 @@ from .direct import Direct
 FLAT = 1e-5  # entries of a direction below this part of the largest count as zero for the limits, as in the C runtime
 SLACK = 1024 * np.finfo(float).eps  # of friction, as in the C runtime
 ROUNDING = 1e-10  # of friction use
+CHANGE = 1e-4  # weight of the inputs' changes beside the mean of their effects, for more than two inputs, as in the C runtime
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,23 +34,42 @@ class Cones:
 
     def use(self, tau: np.ndarray) -> np.ndarray:
         """Return |F| / (mu load) at each contact, (c,); infinite without load."""
-        size, most = _lengths(self._force(tau)), self._most(tau)
+        size, most = _lengths(self.at(tau)), self._most(tau)
         return np.where(most > 0, size / np.where(most > 0, most, 1.0), np.inf)
 
     def excess(self, tau: np.ndarray) -> np.ndarray:
         """Return |F| - mu load at each contact, N, (c,): convex in the inputs."""
-        return _lengths(self._force(tau)) - self._most(tau)
+        return _lengths(self.at(tau)) - self._most(tau)
 
-    def coasting(self) -> np.ndarray:
-        """Return the inputs with the smallest sum of (F / mass)^2."""
-        weighted = np.reshape(self.force_by / self.mass[:, None], (len(self.force_by), -1)).T
-        return -least_squares(weighted, np.ravel(self.force / self.mass[:, None]))
+    def to_coasting(self, tau: np.ndarray) -> np.ndarray:
+        """Return the change of the inputs to the smallest sum of (F / mass)^2; as `to_least` for more than two inputs."""
+        if len(tau) > 2:
+            return self.to_least(self.at(tau), np.eye(len(tau)))
+        return -least_squares(self._effects(np.eye(2)), np.ravel(self.at(tau) / self.mass[:, None]))
+
+    def to_least(self, force: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """Return the combination of the rows of `free` that added to the inputs of a force (c, 2) gives the smallest sum of
+        (F / mass)^2, plus that of the squared coefficients times CHANGE and the mean effect.
+        """
+        effects = self._effects(free)
+        change = np.sqrt(CHANGE * np.sum(effects**2) / len(free)) * np.eye(len(free))
+        right = np.append(np.ravel(force / self.mass[:, None]), np.zeros(len(free)))
+        coefficients = least_squares(np.vstack([effects, change]), right)
+        return -(coefficients[:, None] * free).sum(axis=0)
+
+    def forces_by(self, way: np.ndarray) -> np.ndarray:
+        """Return the forces by the inputs `way` alone, (c, 2)."""
+        return (way[:, None, None] * self.force_by).sum(axis=0)
+
+    def _effects(self, free: np.ndarray) -> np.ndarray:
+        """Return F / mass by each row of `free`, (2 c, .)."""
+        return np.array([np.ravel(self.forces_by(row) / self.mass[:, None]) for row in free]).T
 
     def interval(self, k: int, tau: np.ndarray, way: np.ndarray) -> tuple[float, float, bool]:
         """Return the s from low to high for which contact k rolls with tau + s way, and whether there are any; if not, the s
         at which |F|^2 - (mu load)^2 is smallest, twice.
         """
-        force, by = self._force(tau)[k], (way[:, None] * self.force_by[:, k]).sum(axis=0)
+        force, by = self.at(tau)[k], (way[:, None] * self.force_by[:, k]).sum(axis=0)
         most, most_by = self._most(tau)[k], (way * self.most_by[:, k]).sum()
         square = (by * by).sum() - most_by**2
         slope, constant = 2 * ((force * by).sum() - most * most_by), (force * force).sum() - most**2
@@ -61,8 +81,9 @@ class Cones:
             return (inside[0], np.inf, True) if most_by > 0 else (-np.inf, inside[0], True)
         return -np.inf, np.inf, bool(constant <= 0 and most >= 0)
 
-    def _force(self, tau: np.ndarray) -> np.ndarray:
-        return self.force + (tau[:, None, None] * self.force_by).sum(axis=0)
+    def at(self, tau: np.ndarray) -> np.ndarray:
+        """Return the forces with the inputs tau, (c, 2)."""
+        return self.force + self.forces_by(tau)
 
     def _most(self, tau: np.ndarray) -> np.ndarray:
         return self.most + (tau[:, None] * self.most_by).sum(axis=0)
@@ -88,6 +109,7 @@ class GripReference:
 
     def __init__(self, law: ControlLaw, params: np.ndarray, friction: Friction, limits: np.ndarray):
         self._function, self._params = Direct(_ground_function(law)), params
+        self._effort = Direct(_effort_function(law)) if law.system.redundant else None
         self._friction, self._limits = friction, limits
 
     def cones(self, state: np.ndarray) -> Cones:
@@ -107,18 +129,34 @@ class GripReference:
             return "ok", tau
         below = Cones(cones.force, cones.most * (1 - SLACK), cones.force_by, cones.most_by * (1 - SLACK), cones.mass)
         found = False
-        if len(slope):
+        if self._effort:
+            free = self._null_inputs(*self._effort(state, self._params))
+            tau, found = self._towards(below, tau, below.to_least(below.at(tau), free))
+            slope = slope + below.to_least(below.forces_by(slope), free) if len(slope) else slope
+        if len(slope) and not found:
             low, high, found = self._steps(below, tau, slope)
             found = found and low <= high
             s = np.clip(0.0, low, high) if low <= high else (low + high) / 2
             tau = tau + s * slope
         if not found:
-            way = below.coasting() - tau
-            low, high, found = self._steps(below, tau, way)
-            s = max(low, 0.0)
-            tau = tau + (s if found and s <= min(high, 1.0) else 1.0) * way
+            tau, _ = self._towards(below, tau, below.to_coasting(tau))
         tau = np.clip(tau, -self._limits, self._limits)
         return "grip" if (cones.use(tau) <= 1 + ROUNDING).all() else "will_slip", tau
+
+    def _towards(self, cones: Cones, tau: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Return the inputs towards tau + way as little as needed, or that, and whether some on the way keep all cones."""
+        low, high, found = self._steps(cones, tau, way)
+        s = max(low, 0.0)
+        found = found and s <= min(high, 1.0)
+        return tau + (s if found else 1.0) * way, found
+
+    @staticmethod
+    def _null_inputs(effort: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Return a projection onto the inputs that do not change the motion, as rows: along the inputs of smallest weighted
+        squares."""
+        root = np.sqrt(weights.ravel())
+        scaled = effort.reshape(len(root), -1).T / root
+        return ((np.eye(len(root)) - np.linalg.pinv(scaled) @ scaled) * root / root[:, None]).T
 
     def _steps(self, cones: Cones, tau: np.ndarray, way: np.ndarray) -> tuple[float, float, bool]:
         """Return the s with which tau + s way is within all cones and limits, from low to high; whether each has any."""
@@ -143,3 +181,11 @@ def _ground_function(law: ControlLaw) -> ca.Function:
     return portable(
         ca.Function("ground", [symbols(system.state), system.mechanism.p], [ca.densify(part) for part in (*at_rest, *by)])
     )
+
+
+@cache
+def _effort_function(law: ControlLaw) -> ca.Function:
+    """Return the function (state, params) to S'E and the weights of the inputs."""
+    system = law.system
+    answers = [ca.densify(part) for part in (system.input_map, system.mechanism.weights)]
+    return portable(ca.Function("effort", [symbols(system.state), system.mechanism.p], answers))

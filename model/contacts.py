@@ -17,11 +17,12 @@ GRAVITY = 9.81  # m/s^2
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What the ground does at the c contacts of a robot.
+    """What the ground does at the c contacts of a robot, supports included.
 
     `force`, 2 c x 1 (N): on the robot, along and across at each contact in turn. `mass`, c x 1 (kg): what rests on the contact.
-    `shift`, c x 1 (N/m): what the side forces of its axle add to the load, for each metre of height of the centre of mass. The
-    load is gravity times `mass` plus height times `shift`. All are affine in the inputs, and so in the virtual input.
+    `shift`, c x 1 (N/m): what the forces add to the load, for each metre of height of the centre of mass, see
+    `shift_by_forces`. The load is gravity times `mass` plus height times `shift`. All are affine in the inputs, and so in the
+    virtual input.
     """
 
     force: ca.SX
@@ -31,17 +32,17 @@ class Ground:
 
 def combination(mechanism: Mechanism) -> ca.SX:
     """Return C(q), 2 c x m, such that the velocities along and across at the c contacts are C A qdot; they vanish with the
-    constraints.
+    constraints. Supports are contacts without velocities, the last ones.
 
     The ground forces F (N, along and across at each contact in turn) have the power F' C A qdot, the constraint forces in (8)
     -lambda' A qdot. Hence C' F = -lambda in the rows of the constraints that contacts maintain, those where C has a column.
     Raises ModelError for a contact that can move while the constraints hold, and if the contacts cannot produce every
     lambda of those constraints.
     """
-    A, rows = mechanism.A, mechanism.contact_rows
+    A, rows = mechanism.A, _rows(mechanism)
     if not mechanism.contacts:
         return ca.SX(0, A.shape[0])
-    C = canonical(rows @ _unit_slips(mechanism))
+    C = canonical(rows @ unit_slips(mechanism))
     moving = _sampled(mechanism, rows - C @ A)
     if moving.largest() > RANK_TOLERANCE:
         k = moving.largest_row()
@@ -66,44 +67,95 @@ def ground(system: ReducedSystem, nudot: ca.SX, tau: ca.SX) -> Ground:
     C' F = -lambda with lambda of (8). Contacts that share a force divide it in proportion to the masses that rest on them:
     F minimizes the sum of F^2 / mass. Raises ModelError as `combination` does.
     """
-    mechanism, C = system.mechanism, combination(system.mechanism)
+    mechanism = system.mechanism
+    simple = ca.sparsify if mechanism.bodies else canonical  # what several bodies do is too long when it is multiplied out
     qddot = system.Sdot @ system.nu + system.S @ nudot
-    needed = canonical(_unit_slips(mechanism).T @ (mechanism.M @ qddot + system.V - mechanism.E @ tau))  # -lambda
+    needed = simple(unit_slips(mechanism).T @ (mechanism.M @ qddot + system.V - mechanism.E @ tau))  # -lambda
+    force = ca.densify(simple(distribution(mechanism) @ needed))
+    return Ground(force, masses(mechanism), simple(shift_by_forces(mechanism) @ force))
+
+
+def masses(mechanism: Mechanism) -> ca.SX:
+    """Return the mass that rests on each contact, c x 1 (kg), supports included."""
+    return ca.vertcat(*[contact.mass for contact in mechanism.standing])
+
+
+def distribution(mechanism: Mechanism) -> ca.SX:
+    """Return D, 2 c x m: the forces at the contacts are D times -lambda. Raises ModelError as `combination` does."""
+    C, mass = combination(mechanism), masses(mechanism)
     rows, kept = ([k for k, part in enumerate(split(C)) if part.nnz()] for split in (ca.vertsplit, ca.horzsplit))
-    block, needed = C[rows, kept], needed[kept]
-    mass = ca.vertcat(*[contact.mass for contact in mechanism.contacts])
-    force = ca.SX(C.shape[0], 1)
+    block, D = C[rows, kept], ca.SX(*C.shape)
     if len(rows) == len(kept):
-        force[rows] = solve(canonical(block.T), needed)
+        D[rows, kept] = solve(canonical(block.T), ca.SX.eye(len(kept)))
     else:
         shares = ca.diag(ca.vec(ca.horzcat(mass, mass).T)[rows]) @ block
-        force[rows] = shares @ solve(canonical(block.T @ shares), needed)
-    force = ca.densify(canonical(force))
-    return Ground(force, mass, canonical(shift_of_sides(mechanism) @ force[1::2]))
+        D[rows, kept] = shares @ solve(canonical(block.T @ shares), ca.SX.eye(len(kept)))
+    return canonical(D)
 
 
-def shift_of_sides(mechanism: Mechanism) -> ca.SX:
-    """Return K, c x c (1/m): K times the forces across is the `shift` of Ground; zero for an axle without width.
+def shift_by_forces(mechanism: Mechanism) -> ca.SX:
+    """Return K, c x 2 c (1/m): K times the forces is the `shift` of Ground.
 
-    An axle carries the moment of its side force about its own contacts, in proportion to their masses.
+    If the robot names what else it stands on (`Mechanism.support`), the moments of all forces about the height of the centre of
+    mass are balanced by changes of all loads: exact for three supports, for more the changes of smallest sum of squares over
+    mass. Otherwise an axle carries the moment of its side force about its own contacts, by the same rule; zero for an axle
+    without width. The moment that the spin of wheels takes is neglected.
     """
-    K = ca.SX(len(mechanism.contacts), len(mechanism.contacts))
+    count = len(mechanism.standing)
+    K = ca.SX(count, 2 * count)
+    if mechanism.supports:
+        return _shift_of_all(mechanism)
     for axle in axles(mechanism):
         mass, left = (ca.vertcat(*[getattr(mechanism.contacts[k], name) for k in axle]) for name in ("mass", "left"))
         arm = left - ca.dot(mass, left) / ca.sum1(mass)
         width = canonical(ca.dot(mass, arm**2))
         if not width.is_zero():
-            K[axle, axle] = ca.repmat(-canonical(mass * arm / width), 1, len(axle))
+            K[axle, [2 * k + 1 for k in axle]] = ca.repmat(-canonical(mass * arm / width), 1, len(axle))
     return K
 
 
+def _shift_of_all(mechanism: Mechanism) -> ca.SX:
+    """Return K of `shift_by_forces` for a robot all of whose supports are named; zero if they are on one line."""
+    mass, ahead, left = (ca.vertcat(*[getattr(each, name) for each in mechanism.standing]) for name in ("mass", "ahead", "left"))
+    arms = ca.horzcat(*[place - ca.dot(mass, place) / ca.sum1(mass) for place in (ahead, left)])
+    weighted = ca.diag(mass) @ arms
+    squares = canonical(arms.T @ weighted)
+    if canonical(ca.det(squares)).is_zero():
+        return ca.SX(mass.numel(), 2 * mass.numel())
+    directions = canonical(_rows(mechanism) @ _translations(mechanism))  # of along and across, in the vehicle's axes
+    return canonical(-weighted @ solve(squares, directions.T))
+
+
+def _rows(mechanism: Mechanism) -> ca.SX:
+    """Return the velocities along and across at each contact, as rows by qdot, 2 c x n; those of supports, which are last, are
+    zero."""
+    return ca.vertcat(mechanism.contact_rows, ca.SX(2 * len(mechanism.supports), len(mechanism.coordinates)))
+
+
+def _translations(mechanism: Mechanism) -> ca.SX:
+    """Return the rates of the coordinates, n x 2, with which the whole robot moves at 1 m/s, forward and to the left."""
+    vehicle, n = mechanism.required_vehicle, len(mechanism.coordinates)
+    place = canonical(ca.jacobian(ca.vertcat(vehicle.x, vehicle.y), mechanism.q))
+    of = [[k for k in range(n) if (place[:, k] - axis).is_zero()] for axis in (ca.SX([1, 0]), ca.SX([0, 1]))]
+    if not all(of):
+        raise ModelError(f"{mechanism.name}: supports require a vehicle whose x and y are coordinates, up to functions of others")
+    rates = ca.SX(n, 2)
+    rates[[of[0][0], of[1][0]], :] = ca.vertcat(
+        ca.horzcat(ca.cos(vehicle.heading), -ca.sin(vehicle.heading)),
+        ca.horzcat(ca.sin(vehicle.heading), ca.cos(vehicle.heading)),
+    )
+    return rates
+
+
 def narrow(mechanism: Mechanism) -> list[str]:
-    """Return the contacts whose axle has no width to carry the moment of its side force."""
-    K = shift_of_sides(mechanism)
+    """Return the contacts that cannot carry the moment of side forces: their axle has no width, or supports are on one line."""
+    K = shift_by_forces(mechanism)
+    if mechanism.supports:
+        return [contact.name for contact in mechanism.standing] if K.is_zero() else []
     return [mechanism.contacts[k].name for axle in axles(mechanism) for k in axle if K[k, :].is_zero()]
 
 
-def _unit_slips(mechanism: Mechanism) -> ca.SX:
+def unit_slips(mechanism: Mechanism) -> ca.SX:
     """Return n x m velocities T with A T = 1: slip in one constraint each, if possible without quasi-velocities."""
     A, rows = mechanism.A, mechanism.quasi_velocity_rows
     m, n = A.shape

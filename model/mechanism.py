@@ -195,6 +195,7 @@ class Mechanism:
         self.quasi_velocities: list[Quantity] = []
         self.constraint_names: list[str] = []
         self.contacts: list[Contact] = []
+        self.supports: list[Contact] = []
         self.vehicle: Vehicle | None = None
         self.outputs: list[Output] = []
         self.lines: list[ca.SX] = []
@@ -368,24 +369,38 @@ class Mechanism:
 
     @_before_reduction
     def contact(
-        self, name: str, mass: ca.SX, along: ca.SX | None = None, across: ca.SX | None = None, left: ca.SX | float = 0.0
+        self,
+        name: str,
+        mass: ca.SX,
+        along: ca.SX | None = None,
+        across: ca.SX | None = None,
+        left: ca.SX | float = 0.0,
+        ahead: ca.SX | float = 0.0,
     ) -> None:
         """Define a contact with the ground, so that the forces there can be compared with the limit of friction.
 
         `along` and `across` are the velocity (m/s) of the contact point over the ground, forward and to the left; the constraints
         keep them zero by a force (N) in that direction. None means no force in that direction. `mass` (kg) rests on the
-        contact; `left` (m) is its position to the left of the vehicle's centre line. No equation of motion depends on this.
+        contact; `left` (m) is its position to the left of the vehicle's centre line, `ahead` (m) that ahead of any point of it,
+        which is required only with `support`. No equation of motion depends on this.
         """
-        if not isinstance(name, str) or not name.strip() or not name.isprintable():
-            raise ModelError(f"{self.name}: a contact's name must be text on one line, got {name!r}")
-        refuse_twice([*(c.name for c in self.contacts), name], f"{self.name}, contacts")
-        where = f"contact {name!r}"
         if along is None and across is None:
-            raise ModelError(f"{self.name}: {where} requires a velocity along or across that the constraints keep zero")
-        velocities = [ca.SX(0) if v is None else self._velocity(v, f"{where}, velocity") for v in (along, across)]
-        entries = [(f"{where}, mass", mass), (f"{where}, left", left)]
-        places = [self._at_rest(self._scalar(value, place), place) for place, value in entries]
-        self.contacts.append(Contact(name, *velocities, *places))
+            raise ModelError(
+                f"{self.name}: contact {name!r} requires a velocity along or across that the constraints keep zero; use support "
+                "for one without friction"
+            )
+        self.contacts.append(self._contact("contact", name, along, across, (mass, left, ahead)))
+        self._forget()
+
+    @_before_reduction
+    def support(self, name: str, mass: ca.SX, ahead: ca.SX | float, left: ca.SX | float = 0.0) -> None:
+        """Define a contact without friction, such as a castor: it carries `mass` (kg) at rest and keeps no velocity.
+
+        `ahead` and `left` (m) are its position, from the same point as those of the contacts. A robot with supports names all
+        that it stands on, on one frame: accelerating, it moves load forward and back too, and a support that would lift is
+        not accepted by the limiter of friction. No equation of motion depends on this.
+        """
+        self.supports.append(self._contact("support", name, None, None, (mass, left, ahead)))
         self._forget()
 
     def output(self, name: str, about: str, rows: Sequence[tuple[Any, ...]], parameters: Sequence[Quantity] = ()) -> None:
@@ -503,6 +518,11 @@ class Mechanism:
         return self._null_space
 
     @property
+    def standing(self) -> "tuple[Contact, ...]":
+        """All that the robot stands on: the contacts, then the supports."""
+        return (*self.contacts, *self.supports)
+
+    @property
     def constraints(self) -> tuple[ca.SX, ...]:
         """The velocities that the constraints keep zero, in order."""
         return tuple(self._constraints)
@@ -596,7 +616,7 @@ class Mechanism:
             ("the preferred value of an input", self.preferred),
             *[("a force", ca.vertcat(*pair)) for pair in self._forces],
             *[("a quasi-velocity", row) for row in self._quasi_expressions],
-            *[(f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left)) for c in self.contacts],
+            *[(f"contact {c.name!r}", ca.vertcat(c.along, c.across, c.mass, c.left, c.ahead)) for c in self.standing],
             *([("S", self._null_space)] if self._null_space is not None else []),
             *[("a line of the drawing", line) for line in self.lines],
             *([("the vehicle's pose", ca.vertcat(*vars(self.vehicle).values()))] if self.vehicle else []),
@@ -612,6 +632,19 @@ class Mechanism:
             if not linear or not rest[k].is_zero():
                 raise ModelError(f"{self.name}: {where} is not linear in the coordinates' rates")
         return rows
+
+    def _contact(
+        self, kind: str, name: str, along: ca.SX | None, across: ca.SX | None, entries: tuple[ca.SX | float, ...]
+    ) -> "Contact":
+        """Return a contact or support, checked; `entries` are mass, left and ahead."""
+        if not isinstance(name, str) or not name.strip() or not name.isprintable():
+            raise ModelError(f"{self.name}: a {kind}'s name must be text on one line, got {name!r}")
+        refuse_twice([*(c.name for c in self.standing), name], f"{self.name}, contacts")
+        where = f"{kind} {name!r}"
+        velocities = [ca.SX(0) if v is None else self._velocity(v, f"{where}, velocity") for v in (along, across)]
+        places = [f"{where}, {entry}" for entry in ("mass", "left", "ahead")]
+        values = [self._at_rest(self._scalar(value, place), place) for place, value in zip(places, entries, strict=True)]
+        return Contact(name, *velocities, *values)
 
     def _new(self, name: str, unit: str, about: str = "", default: float = 0.0, sign: str = "any") -> Quantity:
         new = quantity(name, unit, about, default, sign)
@@ -687,7 +720,8 @@ class Vehicle:
 class Contact:
     """A contact with the ground: its velocity along and across (m/s, forward and left), both zero in rolling.
 
-    `mass` (kg) rests on it, `left` (m) is its position to the left of the vehicle's centre line.
+    `mass` (kg) rests on it, `left` and `ahead` (m) are its position to the left of the vehicle's centre line and along it.
+    A support has no velocities.
     """
 
     name: str
@@ -695,6 +729,7 @@ class Contact:
     across: ca.SX
     mass: ca.SX
     left: ca.SX
+    ahead: ca.SX
 
 
 @dataclass(frozen=True, eq=False)

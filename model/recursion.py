@@ -10,7 +10,7 @@ where a_i are the drifts plus the terms due to the rotation of the axes. Rates a
 expressions in earlier symbols. They are not expanded, and simplification treats one body at a time.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -67,15 +67,16 @@ class Reduced:
     def _values(self) -> dict[int, ca.SX]:
         values: dict[int, ca.SX] = {}
         for symbol, expression in self.steps:
-            values[symbol.element_hash()] = self._inserted(expression, values)
+            values[symbol.element_hash()] = self.inserted(expression, values)
         return values
 
     def written_out(self, expression: ca.SX) -> ca.SX:
         """Return the expression with all steps substituted; common subexpressions stay shared."""
-        return self._inserted(expression, self._values)
+        return self.inserted(expression, self._values)
 
     @staticmethod
-    def _inserted(expression: ca.SX, values: dict[int, ca.SX]) -> ca.SX:
+    def inserted(expression: ca.SX, values: dict[int, ca.SX]) -> ca.SX:
+        """Return the expression with the values of some steps, by hash."""
         named = [symbol for symbol in ca.symvar(expression) if symbol.element_hash() in values]
         if not named:
             return expression
@@ -86,11 +87,12 @@ class Recursion:
     """Traverses the velocities of a mechanism, each once.
 
     The rates follow from the constraints (2) and quasi = `T` nu, where `quasi` are the quasi-velocities as expressions in the
-    rates; if there are none, from qdot = `T` nu (9).
+    rates; if there are none, from qdot = `T` nu (9). With `slips` the constraints are not maintained: the last m of nu are their
+    velocities A qdot.
     """
 
-    def __init__(self, mechanism: Mechanism, nu: ca.SX, T: ca.SX, quasi: Sequence[ca.SX] = ()):
-        self.mechanism, self.nu = mechanism, nu
+    def __init__(self, mechanism: Mechanism, nu: ca.SX, T: ca.SX, quasi: Sequence[ca.SX] = (), slips: bool = False):
+        self.mechanism, self.nu, self.slips = mechanism, nu, slips
         self.q, self.qdot = mechanism.q, mechanism.qdot
         self.n, self.dof = self.q.numel(), nu.numel()
         self.steps: list[Step] = []
@@ -115,7 +117,7 @@ class Recursion:
             self._solve(list(mechanism.constraints), list(quasi), T)
         else:
             self.rates = {k: self._given(T[k, :], T @ nu) for k in range(self.n)}
-            self._rest(mechanism.constraints)
+            self._maintain(range(len(mechanism.constraints)))
             for body in mechanism.bodies:
                 self._add_body(body)
 
@@ -231,10 +233,19 @@ class Recursion:
         entries = {j: row[j] for j in range(self.dof) if not row[j].is_zero()}
         return VelocityRow(entries, self._simple(time_derivative(row, self.q, qdot) @ self.nu))
 
-    def _rest(self, constraints: Sequence[ca.SX]) -> None:
-        """Replace the velocities that constraints keep zero by zero wherever they occur."""
-        for constraint in constraints:
-            self._velocities[constraint.element_hash()] = (constraint, VelocityRow())
+    def _maintain(self, numbers: Iterable[int]) -> None:
+        """Replace the velocities of constraints, given by their numbers, wherever they occur: by zero, or by the slip."""
+        for k in numbers:
+            constraint = self.mechanism.constraints[k]
+            slip = {self.dof - len(self.mechanism.constraints) + k: ca.SX(1)} if self.slips else {}
+            self._velocities[constraint.element_hash()] = (constraint, VelocityRow(slip))
+
+    def _slip(self, k: int) -> ca.SX:
+        """Return the row by nu of the velocity of constraint k."""
+        row, count = ca.SX(1, self.dof), len(self.mechanism.constraints)
+        if self.slips:
+            row[self.dof - count + k] = 1
+        return row
 
     def _solve(self, constraints: list[ca.SX], quasi: list[ca.SX], T: ca.SX) -> None:
         """Solve for all rates, in small sets of equations that contain only rates known before; each body as soon as possible."""
@@ -252,9 +263,9 @@ class Recursion:
             ready = (s for s in sets if all(k in self.rates or k in s[1] for i in s[0] for k in needs[i]))
             rows, columns = chosen = next(ready, (sum((s[0] for s in sets), start=[]), sum((s[1] for s in sets), start=[])))
             sets = [s for s in sets if s is not chosen and chosen in sets]
-            right = [T[i - len(constraints), :] if i >= len(constraints) else ca.SX(1, self.dof) for i in rows]
+            right = [T[i - len(constraints), :] if i >= len(constraints) else self._slip(i) for i in rows]
             self._solve_set([equations[i] for i in rows], columns, ca.vertcat(*right))
-            self._rest([constraints[i] for i in rows if i < len(constraints)])
+            self._maintain(i for i in rows if i < len(constraints))
             for body in [body for body, needed in waiting.items() if needed <= self.rates.keys()]:
                 del waiting[body]
                 self._add_body(body)

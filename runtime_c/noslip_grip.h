@@ -112,34 +112,49 @@ NOSLIP_APART void noslip_within_cone(noslip_steps *steps, const double *at, cons
     }
 }
 
+/* Returns the sum of by[i] way[i] over `count` inputs, two or more. */
+static inline double noslip_effect(const double *by, const double *way, int count)
+{
+    double sum = by[0] * way[0] + by[1] * way[1];
+    int i;
+    for (i = 2; i < count; i++) {
+        sum += by[i] * way[i];
+    }
+    return sum;
+}
+
 /*
- * Returns the s with which the inputs + s `way` keep each contact within friction and each input within its limit. `ground` as in
- * noslip_holds for each contact, `by_inputs` its first three numbers for each contact by each of the two inputs. Parts of `way` below
- * 1e-5 of the other count as zero for the limits.
+ * Returns the s with which the inputs + s `way` keep each contact within friction and each of `count` inputs within its limit.
+ * `ground` as in noslip_holds for each contact, `by_inputs` its first three numbers for each contact by each input. Parts of `way`
+ * below 1e-5 of the largest count as zero for the limits.
  */
 NOSLIP_APART noslip_steps noslip_steps_within(const double *inputs, const double *way,
                                     const double *ground, const double *by_inputs,
                                     const noslip_grip *grip,
-                                    const double *limits, int contacts)
+                                    const double *limits, int contacts, int count)
 {
     noslip_steps steps;
+    double largest = 0;
     int i, k;
     steps.low = -DBL_MAX;
     steps.high = DBL_MAX;
     steps.any = 1;
     for (k = 0; k < contacts; k++) {
-        const double *from = ground + 4 * k, *by = by_inputs + 6 * k;
+        const double *from = ground + 4 * k;
         double at[3], along[3];
         for (i = 0; i < 3; i++) {
             at[i] = from[i];
-            along[i] = by[2 * i] * way[0] + by[2 * i + 1] * way[1];
+            along[i] = noslip_effect(by_inputs + (3 * k + i) * count, way, count);
         }
         at[2] = grip->weight * from[3] + grip->height * from[2];
         along[2] = grip->height * along[2];
         noslip_within_cone(&steps, at, along);
     }
-    for (i = 0; i < 2; i++) {
-        if (noslip_abs(way[i]) * 100000 > noslip_abs(way[1 - i])) {
+    for (i = 0; i < count; i++) {
+        largest = noslip_abs(way[i]) > largest ? noslip_abs(way[i]) : largest;
+    }
+    for (i = 0; i < count; i++) {
+        if (noslip_abs(way[i]) * 100000 > largest) {
             const double bound = way[i] > 0 ? limits[i] : -limits[i];
             noslip_narrow(&steps, (-bound - inputs[i]) / way[i], (bound - inputs[i]) / way[i]);
         } else if (!noslip_within(inputs[i], limits[i])) {
@@ -151,16 +166,15 @@ NOSLIP_APART noslip_steps noslip_steps_within(const double *inputs, const double
 
 /* Adds s `way` to the inputs, and to `ground` what follows from it. */
 NOSLIP_APART void noslip_move(double *inputs, double *ground, const double *by_inputs,
-                const double *way, double s, int contacts)
+                const double *way, double s, int contacts, int count)
 {
     int i, k;
-    for (i = 0; i < 2; i++) {
+    for (i = 0; i < count; i++) {
         inputs[i] += s * way[i];
     }
     for (k = 0; k < contacts; k++) {
         for (i = 0; i < 3; i++) {
-            const double *by = by_inputs + 6 * k + 2 * i;
-            ground[4 * k + i] += s * (by[0] * way[0] + by[1] * way[1]);
+            ground[4 * k + i] += s * noslip_effect(by_inputs + (3 * k + i) * count, way, count);
         }
     }
 }
@@ -204,47 +218,82 @@ NOSLIP_APART void noslip_way_to_coasting(const double *ground, const double *by_
     }
 }
 
+/* Goes along `way` as little as needed; if nothing there is within friction and limits, as near to it as it gets. Returns 1 if
+ * something is. */
+NOSLIP_APART int noslip_go_along(double *inputs, const double *way, double *ground,
+                  const double *by_inputs, const noslip_grip *grip,
+                  const double *limits, int contacts, int count)
+{
+    noslip_steps
+    steps = noslip_steps_within(inputs, way, ground, by_inputs, grip, limits, contacts, count);
+    double s;
+    if (steps.low > steps.high) { /* apart from each other: in the middle between them */
+        steps.any = 0;
+        s = steps.low / 2 + steps.high / 2;
+    } else {
+        s = steps.low > 0 ? steps.low : steps.high < 0 ? steps.high : 0;
+    }
+    noslip_move(inputs, ground, by_inputs, way, s, contacts, count);
+    return steps.any;
+}
+
+/* Goes towards the end of `way` as little as needed; if nothing on it is within friction and limits, to the end. Returns 1 if
+ * something is. */
+NOSLIP_APART int noslip_go_towards(double *inputs, const double *way, double *ground,
+                    const double *by_inputs, const noslip_grip *grip,
+                    const double *limits, int contacts, int count)
+{
+    noslip_steps steps;
+    double s;
+    int any;
+    noslip_move(inputs, ground, by_inputs, way, 1, contacts, count);
+    steps = noslip_steps_within(inputs, way, ground, by_inputs, grip, limits, contacts, count);
+    s = steps.low > -1 ? steps.low : -1;
+    any = steps.any && s <= steps.high && s <= 0;
+    if (any) {
+        noslip_move(inputs, ground, by_inputs, way, s, contacts, count);
+    }
+    return any;
+}
+
+/* Returns the limit of friction less 1024 roundings, so that rounding does not exceed it. */
+static inline noslip_grip noslip_grip_below(const noslip_grip *grip)
+{
+    noslip_grip below;
+    below.weight = grip->weight * (1 - 1024 * DBL_EPSILON);
+    below.height = grip->height * (1 - 1024 * DBL_EPSILON);
+    return below;
+}
+
+/* Brings finite inputs within their limits (from noslip_limit). */
+static inline void noslip_cut(double *inputs, const double *limits, int count)
+{
+    int i;
+    for (i = 0; i < count; i++) {
+        if (!noslip_within(inputs[i], limits[i]) && noslip_is_finite(inputs[i])) {
+            inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];
+        }
+    }
+}
+
 /*
  * Changes two inputs so that each contact stays within friction and each input within its limit (from noslip_limit). First along
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
  * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
  * limits. `ground` and `by_inputs` as in noslip_steps_within; `ground` follows the inputs. What comes of it is to be checked by
- * noslip_holds at the new inputs; friction is used up to 1024 roundings below its limit, so that rounding does not exceed it.
+ * noslip_holds at the new inputs.
  */
 NOSLIP_APART void noslip_keep_grip(double *inputs, const double *slope, double *ground,
                      const double *by_inputs, const noslip_grip *grip,
                      const double *limits, int contacts)
 {
-    noslip_grip below;
-    noslip_steps steps;
-    double s, way[2];
-    int i;
-    below.weight = grip->weight * (1 - 1024 * DBL_EPSILON);
-    below.height = grip->height * (1 - 1024 * DBL_EPSILON);
-    steps.any = 0;
-    if (slope != NULL) {
-        steps = noslip_steps_within(inputs, slope, ground, by_inputs, &below, limits, contacts);
-        if (steps.low > steps.high) { /* apart from each other: in the middle between them */
-            steps.any = 0;
-            s = steps.low / 2 + steps.high / 2;
-        } else {
-            s = steps.low > 0 ? steps.low : steps.high < 0 ? steps.high : 0;
-        }
-        noslip_move(inputs, ground, by_inputs, slope, s, contacts);
-    }
-    if (!steps.any) {
+    const noslip_grip below = noslip_grip_below(grip);
+    if (slope == NULL || !noslip_go_along(inputs, slope, ground, by_inputs, &below, limits, contacts, 2)) {
+        double way[2];
         noslip_way_to_coasting(ground, by_inputs, contacts, way);
-        noslip_move(inputs, ground, by_inputs, way, 1, contacts);
-        steps = noslip_steps_within(inputs, way, ground, by_inputs, &below, limits, contacts);
-        s = steps.low > -1 ? steps.low : -1;
-        s = steps.any && s <= steps.high && s <= 0 ? s : 0;
-        noslip_move(inputs, ground, by_inputs, way, s, contacts);
+        (void)noslip_go_towards(inputs, way, ground, by_inputs, &below, limits, contacts, 2);
     }
-    for (i = 0; i < 2; i++) {
-        if (!noslip_within(inputs[i], limits[i]) && noslip_is_finite(inputs[i])) {
-            inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];
-        }
-    }
+    noslip_cut(inputs, limits, 2);
 }
 
 /* -- float: generated from noslip_grip.inc by guarantees/headers.py ---------------------------------------------------- */
@@ -340,34 +389,49 @@ NOSLIP_APART void noslip_within_cone_f(noslip_steps_f *steps, const float *at, c
     }
 }
 
+/* Returns the sum of by[i] way[i] over `count` inputs, two or more. */
+static inline float noslip_effect_f(const float *by, const float *way, int count)
+{
+    float sum = by[0] * way[0] + by[1] * way[1];
+    int i;
+    for (i = 2; i < count; i++) {
+        sum += by[i] * way[i];
+    }
+    return sum;
+}
+
 /*
- * Returns the s with which the inputs + s `way` keep each contact within friction and each input within its limit. `ground` as in
- * noslip_holds for each contact, `by_inputs` its first three numbers for each contact by each of the two inputs. Parts of `way` below
- * 1e-5 of the other count as zero for the limits.
+ * Returns the s with which the inputs + s `way` keep each contact within friction and each of `count` inputs within its limit.
+ * `ground` as in noslip_holds for each contact, `by_inputs` its first three numbers for each contact by each input. Parts of `way`
+ * below 1e-5 of the largest count as zero for the limits.
  */
 NOSLIP_APART noslip_steps_f noslip_steps_within_f(const float *inputs, const float *way,
                                       const float *ground, const float *by_inputs,
                                       const noslip_grip_f *grip,
-                                      const float *limits, int contacts)
+                                      const float *limits, int contacts, int count)
 {
     noslip_steps_f steps;
+    float largest = 0;
     int i, k;
     steps.low = -FLT_MAX;
     steps.high = FLT_MAX;
     steps.any = 1;
     for (k = 0; k < contacts; k++) {
-        const float *from = ground + 4 * k, *by = by_inputs + 6 * k;
+        const float *from = ground + 4 * k;
         float at[3], along[3];
         for (i = 0; i < 3; i++) {
             at[i] = from[i];
-            along[i] = by[2 * i] * way[0] + by[2 * i + 1] * way[1];
+            along[i] = noslip_effect_f(by_inputs + (3 * k + i) * count, way, count);
         }
         at[2] = grip->weight * from[3] + grip->height * from[2];
         along[2] = grip->height * along[2];
         noslip_within_cone_f(&steps, at, along);
     }
-    for (i = 0; i < 2; i++) {
-        if (noslip_abs_f(way[i]) * 100000 > noslip_abs_f(way[1 - i])) {
+    for (i = 0; i < count; i++) {
+        largest = noslip_abs_f(way[i]) > largest ? noslip_abs_f(way[i]) : largest;
+    }
+    for (i = 0; i < count; i++) {
+        if (noslip_abs_f(way[i]) * 100000 > largest) {
             const float bound = way[i] > 0 ? limits[i] : -limits[i];
             noslip_narrow_f(&steps, (-bound - inputs[i]) / way[i], (bound - inputs[i]) / way[i]);
         } else if (!noslip_within_f(inputs[i], limits[i])) {
@@ -379,16 +443,15 @@ NOSLIP_APART noslip_steps_f noslip_steps_within_f(const float *inputs, const flo
 
 /* Adds s `way` to the inputs, and to `ground` what follows from it. */
 NOSLIP_APART void noslip_move_f(float *inputs, float *ground, const float *by_inputs,
-               const float *way, float s, int contacts)
+               const float *way, float s, int contacts, int count)
 {
     int i, k;
-    for (i = 0; i < 2; i++) {
+    for (i = 0; i < count; i++) {
         inputs[i] += s * way[i];
     }
     for (k = 0; k < contacts; k++) {
         for (i = 0; i < 3; i++) {
-            const float *by = by_inputs + 6 * k + 2 * i;
-            ground[4 * k + i] += s * (by[0] * way[0] + by[1] * way[1]);
+            ground[4 * k + i] += s * noslip_effect_f(by_inputs + (3 * k + i) * count, way, count);
         }
     }
 }
@@ -432,47 +495,82 @@ NOSLIP_APART void noslip_way_to_coasting_f(const float *ground, const float *by_
     }
 }
 
+/* Goes along `way` as little as needed; if nothing there is within friction and limits, as near to it as it gets. Returns 1 if
+ * something is. */
+NOSLIP_APART int noslip_go_along_f(float *inputs, const float *way, float *ground,
+                 const float *by_inputs, const noslip_grip_f *grip,
+                 const float *limits, int contacts, int count)
+{
+    noslip_steps_f
+    steps = noslip_steps_within_f(inputs, way, ground, by_inputs, grip, limits, contacts, count);
+    float s;
+    if (steps.low > steps.high) { /* apart from each other: in the middle between them */
+        steps.any = 0;
+        s = steps.low / 2 + steps.high / 2;
+    } else {
+        s = steps.low > 0 ? steps.low : steps.high < 0 ? steps.high : 0;
+    }
+    noslip_move_f(inputs, ground, by_inputs, way, s, contacts, count);
+    return steps.any;
+}
+
+/* Goes towards the end of `way` as little as needed; if nothing on it is within friction and limits, to the end. Returns 1 if
+ * something is. */
+NOSLIP_APART int noslip_go_towards_f(float *inputs, const float *way, float *ground,
+                   const float *by_inputs, const noslip_grip_f *grip,
+                   const float *limits, int contacts, int count)
+{
+    noslip_steps_f steps;
+    float s;
+    int any;
+    noslip_move_f(inputs, ground, by_inputs, way, 1, contacts, count);
+    steps = noslip_steps_within_f(inputs, way, ground, by_inputs, grip, limits, contacts, count);
+    s = steps.low > -1 ? steps.low : -1;
+    any = steps.any && s <= steps.high && s <= 0;
+    if (any) {
+        noslip_move_f(inputs, ground, by_inputs, way, s, contacts, count);
+    }
+    return any;
+}
+
+/* Returns the limit of friction less 1024 roundings, so that rounding does not exceed it. */
+static inline noslip_grip_f noslip_grip_below_f(const noslip_grip_f *grip)
+{
+    noslip_grip_f below;
+    below.weight = grip->weight * (1 - 1024 * FLT_EPSILON);
+    below.height = grip->height * (1 - 1024 * FLT_EPSILON);
+    return below;
+}
+
+/* Brings finite inputs within their limits (from noslip_limit). */
+static inline void noslip_cut_f(float *inputs, const float *limits, int count)
+{
+    int i;
+    for (i = 0; i < count; i++) {
+        if (!noslip_within_f(inputs[i], limits[i]) && noslip_is_finite_f(inputs[i])) {
+            inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];
+        }
+    }
+}
+
 /*
  * Changes two inputs so that each contact stays within friction and each input within its limit (from noslip_limit). First along
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
  * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
  * limits. `ground` and `by_inputs` as in noslip_steps_within; `ground` follows the inputs. What comes of it is to be checked by
- * noslip_holds at the new inputs; friction is used up to 1024 roundings below its limit, so that rounding does not exceed it.
+ * noslip_holds at the new inputs.
  */
 NOSLIP_APART void noslip_keep_grip_f(float *inputs, const float *slope, float *ground,
                     const float *by_inputs, const noslip_grip_f *grip,
                     const float *limits, int contacts)
 {
-    noslip_grip_f below;
-    noslip_steps_f steps;
-    float s, way[2];
-    int i;
-    below.weight = grip->weight * (1 - 1024 * FLT_EPSILON);
-    below.height = grip->height * (1 - 1024 * FLT_EPSILON);
-    steps.any = 0;
-    if (slope != NULL) {
-        steps = noslip_steps_within_f(inputs, slope, ground, by_inputs, &below, limits, contacts);
-        if (steps.low > steps.high) { /* apart from each other: in the middle between them */
-            steps.any = 0;
-            s = steps.low / 2 + steps.high / 2;
-        } else {
-            s = steps.low > 0 ? steps.low : steps.high < 0 ? steps.high : 0;
-        }
-        noslip_move_f(inputs, ground, by_inputs, slope, s, contacts);
-    }
-    if (!steps.any) {
+    const noslip_grip_f below = noslip_grip_below_f(grip);
+    if (slope == NULL || !noslip_go_along_f(inputs, slope, ground, by_inputs, &below, limits, contacts, 2)) {
+        float way[2];
         noslip_way_to_coasting_f(ground, by_inputs, contacts, way);
-        noslip_move_f(inputs, ground, by_inputs, way, 1, contacts);
-        steps = noslip_steps_within_f(inputs, way, ground, by_inputs, &below, limits, contacts);
-        s = steps.low > -1 ? steps.low : -1;
-        s = steps.any && s <= steps.high && s <= 0 ? s : 0;
-        noslip_move_f(inputs, ground, by_inputs, way, s, contacts);
+        (void)noslip_go_towards_f(inputs, way, ground, by_inputs, &below, limits, contacts, 2);
     }
-    for (i = 0; i < 2; i++) {
-        if (!noslip_within_f(inputs[i], limits[i]) && noslip_is_finite_f(inputs[i])) {
-            inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];
-        }
-    }
+    noslip_cut_f(inputs, limits, 2);
 }
 
 /* -- end of the generated part ----------------------------------------------------------------------------------------- */

@@ -3,7 +3,8 @@
 The constraint forces lambda (8) are those that the ground must supply for the robot to roll without slip. If several
 contacts share one of them, the equations do not determine its distribution (two wheels of an axle, sideways); here it is
 proportional to their loads at rest. Loads are those of a level ground at rest, moved to the outer wheel of each axle by the
-height of the centre of mass, without dynamics; there is no load transfer forward or back.
+height of the centre of mass, without dynamics; for a robot that names all its supports they are those of the balance of all
+moments, with load transfer forward and back.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 
 from ..controllers.odometry import vehicle_wheels
 from ..model.algebra.linear_numbers import least_norm
-from ..model.contacts import GRAVITY, axles
+from ..model.contacts import GRAVITY, axles, narrow
 from ..model.mechanism import Mechanism
 from ..planning.profile import Accelerations
 from ..readers.errors import BadInput
@@ -51,6 +52,7 @@ class ContactForce:
     lateral: np.ndarray
     load: np.ndarray
     mu: float
+    support: bool = False  # without friction, such as a castor
 
     @property
     def needs(self) -> np.ndarray:
@@ -88,7 +90,9 @@ class Grip:
         lifts = [f"{c.name}, first at t = {self._first(c.load <= 0)}" for c in self.contacts if np.any(c.load <= 0)]
         slips = [self._slip(c) for c in self.contacts if np.any((c.use > 1) & ~(c.load <= 0))]
         lines = [f"{kind}: {'; '.join(found)}" for kind, found in (("wheel lifts", lifts), ("would slip", slips)) if found]
-        return "\n".join(lines) or f"rolls: friction use at most {', '.join(map(self._worst, self.contacts))}"
+        return (
+            "\n".join(lines) or f"rolls: friction use at most {', '.join(self._worst(c) for c in self.contacts if not c.support)}"
+        )
 
     def summary(self) -> str:
         """Return the verdict and, in a last line, its assumptions."""
@@ -118,9 +122,10 @@ class Grip:
     def assumed(self) -> str:
         """Return the assumptions of the verdict."""
         o = self.options
+        castors = "without friction" if any(contact.support for contact in self.contacts) else "ignored"
         return (
             f"assumed: mu {o.mu:g}, {o.share:.0%} of the weight on these contacts, centre of mass {o.height:g} m high, "
-            f"g {GRAVITY:g} m/s^2, castors ignored, wheels of an axle share its side force by load at rest"
+            f"g {GRAVITY:g} m/s^2, castors {castors}, wheels of an axle share its side force by load at rest"
         )
 
     def _worst(self, contact: ContactForce) -> str:
@@ -150,7 +155,8 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
     """Return forces at each contact of the plant in states x, (N, 2n-m), with inputs tau, (N, r); empty if it defines no
     contacts.
 
-    Raises BadInput if a height of the centre of mass is given and an axle has no width.
+    Supports are contacts too, the last ones. Raises BadInput if a height of the centre of mass is given and an axle has no width,
+    or all supports are on one line.
     """
     mechanism = plant.system.mechanism
     if not mechanism.contacts:
@@ -159,11 +165,15 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
     lam = plant.constraint_forces(x, tau)
     load = options.share * GRAVITY * mass
     force = _shared(combination, lam, load)
-    if options.height:
+    if options.height and mechanism.supports:
+        if narrow(mechanism):
+            raise BadInput(f"[contact] height = {options.height:g}: all supports of {mechanism.name} are on one line; omit it")
+        load = load + options.height * (plant.shift(x) @ force[:, :, None])[:, :, 0]
+    elif options.height:
         load = load + _transfer(mechanism, force[:, 1::2], load, left, options.height)
     return tuple(
-        ContactForce(contact.name, force[:, 2 * k], force[:, 2 * k + 1], load[:, k], options.mu)
-        for k, contact in enumerate(mechanism.contacts)
+        ContactForce(each.name, force[:, 2 * k], force[:, 2 * k + 1], load[:, k], options.mu, k >= len(mechanism.contacts))
+        for k, each in enumerate(mechanism.standing)
     )
 
 
@@ -245,7 +255,8 @@ def draw_contact(run: Run) -> Figure:
     found = grip(run)
     if not found.contacts:
         raise BadInput(f"{run.law.system.mechanism.name} defines no contacts; add them with contact(name, mass, along, across)")
-    coloured = list(zip(found.contacts, itertools.cycle((POINT, VEHICLE, AXLE, SECOND)), strict=False))
+    shown = [contact for contact in found.contacts if not contact.support]
+    coloured = list(zip(shown, itertools.cycle((POINT, VEHICLE, AXLE, SECOND)), strict=False))
     figure = Figure(figsize=(13, 6.5), layout="constrained")
     figure.suptitle(_title(run, found), fontsize=11)
     use, circle = figure.subplots(1, 2, width_ratios=(1.2, 1))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..controllers.direct import Direct
 from ..model.algebra.portable import portable
-from ..model.contacts import combination
+from ..model.contacts import combination, shift_by_forces
 from ..model.reduction import ReducedSystem
 from . import runge_kutta
 
@@ -49,11 +49,16 @@ class Plant:
 
     def contacts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return for each row of x: C, (N, 2 c, m), as in `combination`; mass (kg) on each contact and its position left (m),
-        (N, c).
+        (N, c). Supports are contacts too, the last ones.
         """
-        m, count = len(self.system.mechanism.constraint_names), len(self.system.mechanism.contacts)
+        m, count = len(self.system.mechanism.constraint_names), len(self.system.mechanism.standing)
         rows = np.split(self._rows("contacts", x), [2 * count * m, 2 * count * m + count], axis=1)
         return rows[0].reshape(-1, m, 2 * count).swapaxes(1, 2), rows[1], rows[2]
+
+    def shift(self, x: np.ndarray) -> np.ndarray:
+        """Return for each row of x: K, (N, c, 2 c), as in `shift_by_forces`."""
+        count = len(self.system.mechanism.standing)
+        return self._rows("shift", x).reshape(-1, 2 * count, count).swapaxes(1, 2)
 
     def _rows(self, name: str, *rows: np.ndarray) -> np.ndarray:
         return self._functions[name](*[np.atleast_2d(r).T for r in rows], self.parameters).full().T
@@ -72,13 +77,14 @@ def functions(system: ReducedSystem) -> dict[str, ca.Function]:
     power = ca.dot(tau, mechanism.E.T @ mechanism.qdot) + sum(
         (force * velocity for force, velocity in mechanism.forces), ca.SX(0)
     )
-    places = ca.vertcat(*[c.mass for c in mechanism.contacts], *[c.left for c in mechanism.contacts])
+    places = ca.vertcat(*[c.mass for c in mechanism.standing], *[c.left for c in mechanism.standing])
     contacts = ca.vertcat(ca.vec(combination(mechanism)), places)
     others = {
         "energy": ca.Function("energy", [x, p], [ca.densify(energy)]),
         "power": ca.Function("power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot))]),
         "slip": ca.Function("slip", [x, p], [ca.densify(mechanism.A @ system.qdot)]),
         "contacts": ca.Function("contacts", [x, p], [ca.densify(contacts)]),
+        "shift": ca.Function("shift", [x, p], [ca.densify(ca.vec(ca.densify(shift_by_forces(mechanism))))]),
         "forces": ca.Function("forces", [x, tau, p], [ca.densify(system.constraint_forces(tau, acceleration))]),
     }
     return {

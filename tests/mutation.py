@@ -96,6 +96,7 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_grip.inc": Source(
         _chosen("test_grip", "c_is rolls_or given_up least_squares init_checks cone_is_cut way_to steps_keep touched")
     ),
+    "runtime_c/noslip_shaping.inc": Source(_chosen("test_grip", "least_forces used_first c_is")),
     "runtime_c/noslip_approach.inc": Source(_chosen("test_approach", "bounded at_rest overshoot c_is refused within -specs")),
     "runtime_c/noslip_profile.inc": Source(_chosen("test_profile", "fastest refuses repeats")),
     "runtime_c/noslip_motor.inc": Source(_chosen("test_motor", "desired continuous leave supply torque misuse")),

@@ -458,3 +458,107 @@ def test_contacts_must_tell_constraints_apart():
     robot.contact("disk", 1.0, along=forward - robot.p[1] * robot.rate(robot.q[3]))
     with pytest.raises(ModelError, match="do not determine how the forces of 'rolls along x', 'rolls along y' are distributed"):
         combination(robot)
+
+
+# -- robots that name all that they stand on ---------------------------------------------------------------------------
+
+
+def cart(*supports: tuple[str, float, float, float], ahead: float = 0.0) -> Mechanism:
+    """The LABMATE's platform and wheels with supports (name, mass, ahead and left of the axle's middle); `ahead` is that of the
+    wheels."""
+    robot = labmate()
+    robot.contacts = [dataclasses.replace(each, mass=ca.SX(10.0), ahead=ca.SX(ahead)) for each in robot.contacts]
+    for support in supports:
+        robot.support(support[0], support[1], ahead=support[2], left=support[3])
+    return robot
+
+
+CARTS = {
+    "castor behind": (("castor", 4.0, -0.6, 0.0),),
+    "castor aside": (("castor", 3.0, 0.7, 0.2),),
+    "two castors": (("front", 3.0, 0.8, 0.1), ("rear", 5.0, -0.5, -0.1)),
+}
+
+
+@pytest.mark.parametrize("name", CARTS)
+def test_loads_balance_the_moments_of_all_forces(name):
+    """Newton and Euler for the whole robot as one body with its centre of mass at a height, whose acceleration is found by
+    differences of the motion: nothing of the contacts takes part. With three supports the loads are those of the balance; with
+    more they satisfy it.
+    """
+    system = reduce(cart(*CARTS[name]))
+    height, random = 0.15, np.random.default_rng(7)
+    places = np.array([[0.0, -0.75], [0.0, 0.75], *(support[2:] for support in CARTS[name])])
+    for _ in range(STATES // 4):
+        values = [p.default * random.uniform(0.8, 1.25) for p in system.mechanism.parameters]
+        sizes = dict(zip([p.name for p in system.mechanism.parameters], values, strict=True))
+        places[:2, 1] = -sizes["b"], sizes["b"]
+        plant = Plant(system, values)
+        x, tau = random.uniform(-2, 2, 7), random.uniform(-5, 5, 2)
+        found = contact_forces(plant, x, tau, ContactSection(height=height))
+        at_rest = contact_forces(plant, x, tau, ContactSection())
+        mass, _, ahead = body_of(sizes)
+        turn, spin = sizes["r"] * (x[5] - x[6]) / (2 * sizes["b"]), plant.rate(x, tau)[5:]
+        speed, turn_rate = sizes["r"] * (x[5] + x[6]) / 2, sizes["r"] * (spin[0] - spin[1]) / (2 * sizes["b"])
+        pull = mass * np.array([sizes["r"] * spin.sum() / 2 - ahead * turn**2, speed * turn + ahead * turn_rate])
+        load, still = (np.array([c.load[0] for c in each]) for each in (found, at_rest))
+        assert np.abs(still - GRAVITY * np.array([10.0, 10.0, *(s[1] for s in CARTS[name])])).max() < 1e-12
+        balance = np.vstack([np.ones(len(load)), places.T])
+        assert np.abs(balance @ (load - still) + [0.0, *(height * pull)]).max() < 1e-9
+        if len(load) == 3:
+            assert np.abs(load - still - np.linalg.solve(balance, [0.0, *(-height * pull)])).max() < 1e-9
+        assert [c.support for c in found] == [False, False, *[True] * len(CARTS[name])]
+        assert all(c.longitudinal[0] == 0 == c.lateral[0] and c.use[0] == (0 if c.load[0] > 0 else np.inf) for c in found[2:])
+
+
+@pytest.mark.parametrize("name", CARTS)
+def test_the_ground_of_a_robot_with_supports(name):
+    """`ground` gives the loads of `contact_forces`, affine in the inputs; also of a steered wheel, whose forces are turned."""
+    for system in (reduce(cart(*CARTS[name])), reduce(steered_with_supports())):
+        mechanism, random = system.mechanism, np.random.default_rng(8)
+        tau = ca.SX.sym("tau", 2)
+        made = ground(system, system.acceleration(tau), tau)
+        function = ca.Function("ground", [mechanism.q, system.nu, tau, mechanism.p], [ca.densify(a) for a in vars(made).values()])
+        plant = Plant(system, [p.default for p in mechanism.parameters])
+        for _ in range(10):
+            q, nu, inputs = (random.uniform(-1, 1, size) for size in (mechanism.q.numel(), 2, 2))
+            force, mass, shift = (value.full().ravel() for value in function(q, nu, inputs, plant.parameters))
+            found = contact_forces(plant, np.append(q, nu), inputs, ContactSection(height=0.2))
+            size = 1 + np.abs(force).max()
+            assert np.abs(GRAVITY * mass + 0.2 * shift - [c.load[0] for c in found]).max() < 1e-9 * size
+            assert np.abs(force - np.ravel([[c.longitudinal[0], c.lateral[0]] for c in found])).max() < 1e-9 * size
+
+
+def steered_with_supports() -> Mechanism:
+    robot = ROBOTS["car"]()
+    robot.contacts[1] = dataclasses.replace(robot.contacts[1], ahead=ca.SX(1.0))
+    robot.support("right castor", 2.0, ahead=0.2, left=-0.3)
+    robot.support("left castor", 2.0, ahead=0.2, left=0.3)
+    return robot
+
+
+def test_supports_on_one_line_carry_no_moment():
+    system = reduce(cart(("castor", 3.0, 0.0, 0.3)))
+    plant = Plant(system, [p.default for p in system.mechanism.parameters])
+    with pytest.raises(BadInput, match=r"\[contact\] height = 0.4: all supports of labmate are on one line"):
+        contact_forces(plant, np.zeros((3, 7)), np.zeros((3, 2)), ContactSection(height=0.4))
+
+
+WRONG_SUPPORTS = {
+    "twice": (lambda r: r.support("right wheel", 1.0, 0.0), "'right wheel' is used twice"),
+    "name": (lambda r: r.support(" ", 1.0, 0.0), "a support's name must be text"),
+    "place that moves": (lambda r: r.support("castor", 1.0, r.qdot[0]), "support 'castor', ahead uses rates"),
+    "matrix": (lambda r: r.support("castor", 1.0, 0.0, r.q), "must be a scalar"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_SUPPORTS)
+def test_wrong_supports_are_refused(name):
+    declare, message = WRONG_SUPPORTS[name]
+    with pytest.raises(ModelError, match=message):
+        declare(labmate())
+
+
+def test_supports_are_part_of_the_c():
+    one, other = (reduce(cart(("castor", 4.0, place, 0.0))) for place in (-0.6, -0.5))
+    assert len({fingerprint(system) for system in (one, other, reduce(labmate()))}) == 3

@@ -11,6 +11,7 @@ import pytest
 from noslip.cli.main import main
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
+from noslip.simulation.contact import contact_forces
 from noslip.simulation.engine.engine import FloorEngine
 from noslip.simulation.engine.friction import coulomb
 from noslip.simulation.plant import Plant
@@ -313,3 +314,19 @@ def test_halving_the_step_changes_a_path_by_less_than_a_millimetre(name, changes
     moved = [np.abs(b - a).max() for a, b in zip(paths, paths[1:], strict=False)]
     print(f"{name}: {moved[0] * 1e3:.3f} mm, {moved[1] * 1e3:.3f} mm")
     assert moved[0] < limit and moved[1] < 0.7 * moved[0]
+
+
+def test_loads_of_a_robot_with_a_castor_are_those_of_the_balance():
+    """The load on the Pioneer's axle while it starts to turn: that of contact_forces, and what the spin of the wheels takes."""
+    circle = {"type": "IV", "L": 0.2, "path": {"kind": "circle", "x_f": 0.0, "y_f": 0.0, "R": 1.5}}
+    start = {"initial": {"point": [1.5, 0.0], "heading": np.pi / 2, "speed": 0.0}, "reference.speed": 0.8, "output": circle}
+    rest = {"simulation.period": 0.01, "simulation.duration": 0.4, "contact": {"mu": 0.8, "height": 0.12}}
+    there = simulate(read_varied(LINE.parent / "robots" / "pioneer_3dx.toml", start | rest), engine="mujoco")
+    model = contact_forces(there.plant, there.x, there.tau, there.spec.contact)
+    still = contact_forces(there.plant, there.x, there.tau, ContactSection())
+    sizes = dict(zip([p.name for p in there.plant.system.mechanism.parameters], there.plant.parameters, strict=True))
+    spin = np.array([there.plant.rate(x, tau)[5:].sum() for x, tau in zip(there.x, there.tau, strict=True)])
+    load, at_rest = (sum(contact.load for contact in each[:2]) for each in (model, still))
+    moved = load + sizes["I_w"] * spin / sizes["c"] - at_rest
+    measured = there.floor.load.sum(axis=1) - at_rest
+    assert moved[10] < -5.0 and np.abs(measured - moved)[10:].max() < 0.05 * np.abs(moved).max()

@@ -104,10 +104,7 @@ def test_follow_is_the_step_seen_from_the_path(robot, suffix, scalar):
     assert turned == {True, False} or len(plants) < 3
 
 
-@pytest.mark.parametrize(
-    ("robot", "suffix", "mode"),
-    [(*case, mode) for case in CASES for mode in ON_LIMIT if mode != "grip" or case[0] != "four_wheel"],
-)
+@pytest.mark.parametrize(("robot", "suffix", "mode"), [(*case, mode) for case in CASES for mode in ON_LIMIT])
 def test_limits_as_of_the_step(robot, suffix, mode):
     law, plants = made(robot, suffix)
     inputs, seen = len(law.system.mechanism.inputs), set()

@@ -45,6 +45,7 @@ class Result(StrEnum):
     SLOPE = "slope"
     GROUND = "ground"
     GROUND_BY_INPUTS = "ground_by_inputs"
+    NULL_INPUTS = "null_inputs"
 
     SINGULAR = "singular"
     REGULAR = "regular"
@@ -110,6 +111,11 @@ class Stages:
     def row(self, names: list[str], expressions: ca.SX) -> ca.SX:
         """Return a row with a step for each entry."""
         return ca.horzcat(*[self.step(name, expressions[k]) for k, name in enumerate(names)])
+
+    def matrix(self, name: str, expressions: ca.SX) -> ca.SX:
+        """Return a matrix with a step for each entry."""
+        entries = [self.step(f"{name}_{k}", entry) for k, entry in enumerate(ca.vertsplit(ca.vec(ca.densify(expressions))))]
+        return ca.reshape(ca.vertcat(*entries), expressions.shape)
 
     def exact(self, matrix: ca.SX) -> ca.SX:
         """Return the matrix in canonical form, with a symbol for each factor that init can compute."""
@@ -477,7 +483,7 @@ class _Feedback:
         if inner.redundant:
             self.bias -= inner.input_map @ inner.preferred
             self.spread = stages.exact(inner.spread())
-            self.square = stages.inverse(_symbols(stages, "square", stages.exact(inner.input_map @ self.spread)))
+            self.square = stages.inverse(stages.matrix("square", stages.exact(inner.input_map @ self.spread)))
         else:
             to_inputs = stages.exact(inner.input_inverse()) if inner.dof <= 3 else stages.inverse(inner.input_map)
             self.K, self.bias = stages.exact(to_inputs @ self.K), to_inputs @ self.bias
@@ -522,15 +528,15 @@ class _Feedback:
         inputs."""
         if not self.inner.redundant:
             return effort
-        effort = _symbols(self.stages, "effort", effort)
-        return self.spread @ _symbols(self.stages, "share", self.square @ effort)
+        effort = self.stages.matrix("effort", effort)
+        return self.spread @ self.stages.matrix("share", self.square @ effort)
 
     def _accelerations(self, v: ca.SX) -> ca.SX:
         """Return the derivative of w without the part that is applied outside the inverse."""
         if not self.integrators:
             return self._solved(v)
         u, _ = self.integrators.rates(self._solved(v))
-        return _symbols(self.stages, "acceleration", u)
+        return self.stages.matrix("acceleration", u)
 
     def _solved(self, v: ca.SX) -> ca.SX:
         kinds = ["scaled_v_less_drift" if scaled else "v_less_drift" for scaled in self.rows]
@@ -557,12 +563,6 @@ class _Feedback:
         if row.point is not None and not self.rest.is_zero():
             return row.point.curvature
         return self.stages.exact(row.drift - row.Phi @ self.rest) if not self.rest.is_zero() else row.drift
-
-
-def _symbols(stages: Stages, name: str, matrix: ca.SX) -> ca.SX:
-    """Return the matrix with a step for each entry."""
-    entries = [stages.step(f"{name}_{k}", entry) for k, entry in enumerate(ca.vertsplit(ca.vec(ca.densify(matrix))))]
-    return ca.reshape(ca.vertcat(*entries), matrix.shape)
 
 
 def _singular(stages: Stages, Phi: ca.SX, W: ca.SX, inverse: ca.SX) -> dict[Result, ca.SX]:

@@ -8,7 +8,7 @@ from ...model.outputs import FOOT
 from ..derivation.grip import is_wide
 from ..derivation.stages import Result
 from ..graph import Group, Leaf, Node, angles, executed, headers, reachable
-from ..program import EVALUATE, GROUND, GROUND_BY_INPUTS, SLOPE, Entry, Program, hidden_inputs
+from ..program import EVALUATE, GROUND, GROUND_BY_INPUTS, NULL_INPUTS, SLOPE, Entry, Program, hidden_inputs
 from .layout import body, comment, fill
 from .meaning import users
 from .program_c import ProgramC, init_given
@@ -109,14 +109,24 @@ class LawC(ProgramC[Program]):
         return GROUND in self.program.entries
 
     @property
+    def plain_grip(self) -> bool:
+        """Whether the limiter of friction is that for two inputs, in closed form."""
+        return self.inputs == 2 and not self.shapes
+
+    @property
     def on_limit(self) -> list[str]:
         """The choices of on_limit."""
         return ["NOSLIP_CUT", *(["NOSLIP_SLOW"] if self.slows else []), *(["NOSLIP_GRIP"] if self.grips else [])]
 
     @property
     def contacts(self) -> int:
-        """The number of contacts with the ground."""
-        return len(self.system.mechanism.contacts)
+        """The number of contacts with the ground, supports included."""
+        return len(self.system.mechanism.standing)
+
+    @property
+    def shapes(self) -> bool:
+        """Whether inputs that do not change the motion shape the forces of the ground."""
+        return NULL_INPUTS in self.program.entries
 
     def shape(self, entry: Entry, quantity: Result) -> str:
         """Return the C array bounds of a quantity: a column has one, a matrix two (row major)."""
@@ -148,11 +158,12 @@ class LawC(ProgramC[Program]):
             + self._contact_names()
             + " by "
             + ", ".join(q.name for q in inputs),
+            Result.NULL_INPUTS: "rows of " + ", ".join(f"{q.name} ({q.unit})" for q in inputs),
             Result.SLOPE: ", ".join(f"{q.name} ({q.unit})" for q in inputs) + f", by {', '.join(first)}",
         }[quantity]
 
     def _contact_names(self) -> str:
-        return ", ".join(contact.name for contact in self.system.mechanism.contacts)
+        return ", ".join(contact.name for contact in self.system.mechanism.standing)
 
     def _prototype(self, entry: Entry) -> str:
         return self._about(entry) + "\n" + "\n".join(fill(self.signature(entry) + ";", ""))
@@ -244,7 +255,7 @@ class LawC(ProgramC[Program]):
         """Return the source of the law."""
         program = self.program
         computed = [*program.conditions, *program.regular, *(root for law in program.entries.values() for root in law.roots)]
-        includes = [self.type, *headers(computed)]
+        includes = [self.type, *headers(computed), *(["noslip_shaping"] if self.grips and not self.plain_grip else [])]
         parts = [
             self._head(f"{self.type}.c", includes, own=self.grips),
             self._init(),
@@ -603,20 +614,29 @@ class LawC(ProgramC[Program]):
 
     def _grip(self, slope: Entry) -> list[str]:
         """Return the statements that change tau so that the wheels keep rolling, within the limits."""
-        real, keep_grip = self.scalar.real, self.scalar.name("noslip_keep_grip")
+        real, name, count = self.scalar.real, self.scalar.name, self.inputs
+        arrays = {"ground": f"[{4 * self.contacts}]", "by_inputs": f"[{3 * self.contacts}][{count}]"}
         calls = [f"{self.function(GROUND.name)}_law(self, state, made, ground)"]
         calls.append(f"{self.function(GROUND_BY_INPUTS.name)}_law(self, state, by_inputs)")
-        calls += [f"{self.function(slope.name)}_law({', '.join(self._arguments(slope))})"] if self.slows else []
-        along = "slope" if self.slows else "NULL"
+        if self.slows:
+            arrays["slope"] = f"[{count}]"
+            calls.append(f"{self.function(slope.name)}_law({', '.join(self._arguments(slope))})")
+        along, rest = "slope" if self.slows else "NULL", f"ground, by_inputs[0], &self->grip, self->limit, {self.contacts}"
+        keep_grip = f"{name('noslip_keep_grip')}(made, {along}, {rest});"
+        if self.shapes:
+            arrays["null_inputs"] = f"[{count}][{count}]"
+            calls.append(f"{self.function(NULL_INPUTS.name)}_law(self, state, null_inputs)")
+        if not self.plain_grip:
+            arrays["work"] = f"[{count * (count + 3)}]"
+            free = "null_inputs[0]" if self.shapes else "NULL"
+            keep_grip = f"{name('noslip_keep_grip_of')}(made, {along}, {free}, {rest}, {count}, work);"
         return [
             "if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {",
-            f"    {real} ground[{4 * self.contacts}];",
-            f"    {real} by_inputs[{3 * self.contacts}][{self.inputs}];",
-            *([f"    {real} slope[{self.inputs}];"] if self.slows else []),
+            *(f"    {real} {array}{shape};" for array, shape in arrays.items()),
             f"    status = {calls[0]};",
             *(f"    status = status == NOSLIP_OK ? {call} : status;" for call in calls[1:]),
             "    if (status == NOSLIP_OK) {",
-            f"        {keep_grip}(made, {along}, ground, by_inputs[0], &self->grip, self->limit, {self.contacts});",
+            f"        {keep_grip}",
             f"        status = {self._rolls()} ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;",
             "    }",
             "}",
@@ -630,7 +650,8 @@ class LawC(ProgramC[Program]):
 
     def _read_by(self, entry: Entry) -> list[Node]:
         """Return what an entry point computes; for a step the forces at the contacts too."""
-        entries = [entry, GROUND, GROUND_BY_INPUTS] if entry.slope and self.grips else [entry]
+        too = [GROUND, GROUND_BY_INPUTS, *([NULL_INPUTS] if self.shapes else [])]
+        entries = [entry, *too] if entry.slope and self.grips else [entry]
         return [root for each in entries for root in self.program.entries[each].roots]
 
     def _hidden(self, entry: Entry) -> list[str]:

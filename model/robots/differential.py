@@ -73,5 +73,6 @@ def _with_castor(
     two_wheels(robot, {**sizes, "d": d, "m_c": m_c, "I_c": I_c}, behind + d, ahead - d, assumed)
     place = robot.parameter("c", c, "m", "distance of the castor ahead of the axle", sign="any")
     on_castor = robot["m_c"] * robot["d"] / place
+    robot.support("castor", on_castor, ahead=place)
     robot.contacts = [replace(contact, mass=contact.mass - on_castor / 2) for contact in robot.contacts]
     return robot

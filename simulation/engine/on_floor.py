@@ -43,8 +43,9 @@ class OnFloor:
 
     def constraint_forces(self, x: np.ndarray) -> np.ndarray:
         """Return lambda of (8), with the paper's sign, as the floor supplied it at each row x, (N, m)."""
-        combination = self.loop.plant.contacts(x)[0]
-        return -(combination.swapaxes(1, 2) @ self.measured().force[:, :, None])[:, :, 0]
+        force = self.measured().force
+        combination = self.loop.plant.contacts(x)[0][:, : force.shape[1]]  # without supports
+        return -(combination.swapaxes(1, 2) @ force[:, :, None])[:, :, 0]
 
 
 def _reckoning(loop: Loop, spec: Spec) -> Sensing | None:
