@@ -156,7 +156,8 @@ class GripReference:
         squares."""
         root = np.sqrt(weights.ravel())
         scaled = effort.reshape(len(root), -1).T / root
-        return ((np.eye(len(root)) - np.linalg.pinv(scaled) @ scaled) * root / root[:, None]).T
+        kept = least_norm(np.repeat(scaled[None], len(root), axis=0), scaled.T)
+        return (np.eye(len(root)) - kept) * root[:, None] / root
 
     def _steps(self, cones: Cones, tau: np.ndarray, way: np.ndarray) -> tuple[float, float, bool]:
         """Return the s with which tau + s way is within all cones and limits, from low to high; whether each has any."""
