@@ -34,11 +34,11 @@ class Accelerations:
     angular: float = 0.0
 
 
-def top_speed(segments: Sequence[Segment], limits: Accelerations) -> float:
-    """Return a speed (m/s) that no profile of the path exceeds."""
+def top_speed(segments: Sequence[Segment], limits: Accelerations) -> np.ndarray:
+    """Return a speed (m/s) that no profile of the path exceeds; for limits that are arrays, one of each."""
     way = sum(segment.length for segment in segments)
     radii = [1 / abs(segment.curvature) for segment in segments if segment.curvature]
-    return float(np.sqrt(2 * max(limits.acceleration, limits.deceleration) * way + limits.lateral * max(radii, default=0.0)))
+    return np.sqrt(2 * np.maximum(limits.acceleration, limits.deceleration) * way + limits.lateral * max(radii, default=0.0))
 
 
 class SpeedProfile:
@@ -65,6 +65,7 @@ class SpeedProfile:
         self._self = self._c.new("noslip_profile", scalar)
         self._given, self._guide = (segments, *given), self._c.new("noslip_guide", scalar)
         self._answer = [self._c.array(scalar, [0.0]) for _ in range(2)]
+        self.limits = limits
         self._call("init", self._segments, self._count, *given, self._squares)
 
     def speed(self, guide: Guide, forward_speed: float) -> tuple[float, float]:

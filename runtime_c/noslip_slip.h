@@ -122,6 +122,33 @@ static inline int noslip_slip_options_ok(const noslip_slip_options *options)
            noslip_slip_bound(options->rise) && noslip_slip_bound(options->hold);
 }
 
+/* Copies member by member: a compiler may call memcpy for a whole struct. */
+static inline void noslip_slip_copy(const noslip_slip_sums *from, noslip_slip_sums *to)
+{
+    to->time = from->time;
+    to->angle[0] = from->angle[0];
+    to->angle[1] = from->angle[1];
+    to->change[0] = from->change[0];
+    to->change[1] = from->change[1];
+    to->heading = from->heading;
+    to->speed = from->speed;
+    to->heading_square = from->heading_square;
+    to->speed_square = from->speed_square;
+}
+
+/* The same. */
+static inline void noslip_noticed_copy(const noslip_noticed *from, noslip_noticed *to)
+{
+    to->mu = from->mu;
+    to->slower = from->slower;
+    to->uncertain_heading = from->uncertain_heading;
+    to->uncertain_way = from->uncertain_way;
+    to->heading_difference = from->heading_difference;
+    to->heading_threshold = from->heading_threshold;
+    to->speed_difference = from->speed_difference;
+    to->speed_threshold = from->speed_threshold;
+}
+
 /* Begins all sums. */
 static inline void noslip_slip_clear(noslip_slip_sums *sums)
 {
@@ -153,8 +180,22 @@ NOSLIP_NODISCARD static inline int noslip_slip_init(noslip_slip *self,
           noslip_abs(vehicle->turn[0]) + noslip_abs(vehicle->turn[1]) > 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    self->options = *options;
+    self->options.window = options->window;
+    self->options.wheel_noise = options->wheel_noise;
+    self->options.gyro_noise = options->gyro_noise;
+    self->options.gyro_bias = options->gyro_bias;
+    self->options.acceleration_noise = options->acceleration_noise;
+    self->options.acceleration_bias = options->acceleration_bias;
+    self->options.geometry = options->geometry;
+    self->options.deviations = options->deviations;
+    self->options.mu = options->mu;
+    self->options.least = options->least;
+    self->options.lower = options->lower;
+    self->options.pause = options->pause;
+    self->options.rise = options->rise;
+    self->options.hold = options->hold;
     for (i = 0; i < 2; i++) {
+        self->options.count[i] = options->count[i];
         self->forward[i] = vehicle->forward[i];
         self->turn[i] = vehicle->turn[i];
         self->rate[i] = 0;
@@ -162,7 +203,7 @@ NOSLIP_NODISCARD static inline int noslip_slip_init(noslip_slip *self,
     noslip_slip_clear(&self->sums);
     self->frequency = 0;
     self->quiet = options->hold;
-    self->noticed = nothing;
+    noslip_noticed_copy(&nothing, &self->noticed);
     self->noticed.mu = options->mu;
     self->noticed.slower = 1;
     self->known = 0;
@@ -231,24 +272,18 @@ static inline int noslip_slip_finite(const noslip_slip_sums *sums,
            noslip_is_finite(noticed->speed_difference) && noslip_is_finite(noticed->speed_threshold);
 }
 
-/* Lowers mu if the wheels slip, and raises it when they have not slipped for long enough. */
-static inline void noslip_slip_believe(noslip_slip *self, int slips, double dt)
+/* Returns the friction that is believed from now on: less if the wheels slip, more when they have not for long enough. */
+static inline double noslip_slip_believed(const noslip_slip_options *options, double mu,
+                        int slips, int rises, double dt)
 {
-    const noslip_slip_options *options = &self->options;
-    double mu = self->noticed.mu;
     if (slips) {
-        mu *= options->lower;
-        mu = mu > options->least ? mu : options->least;
-        self->quiet = 0;
-    } else if (self->quiet < options->hold) {
-        const double quiet = self->quiet + dt;
-        self->quiet = quiet < options->hold ? quiet : options->hold;
-    } else {
-        mu += options->rise * dt;
-        mu = mu < options->mu ? mu : options->mu;
+        const double lower = mu * options->lower;
+        mu = lower > options->least ? lower : options->least;
+    } else if (rises) {
+        const double higher = mu + options->rise * dt;
+        mu = higher < options->mu ? higher : options->mu;
     }
-    self->noticed.mu = mu;
-    self->noticed.slower = noslip_sqrt(mu / options->mu);
+    return mu;
 }
 
 /*
@@ -263,32 +298,32 @@ static inline int noslip_slip_step(noslip_slip *self,
     static const noslip_noticed nothing = {0, 0, 0, 0, 0, 0, 0, 0};
     noslip_slip_sums sums;
     noslip_noticed next;
-    double rate[2], keeps, now, frequency;
+    double rate[2], keeps, now, frequency, quiet;
     int slips;
     if (noticed == NULL) {
         return NOSLIP_NULL;
     }
     if (self == NULL || self->ready != NOSLIP_READY) {
-        *noticed = nothing;
+        noslip_noticed_copy(&nothing, noticed);
         return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
     }
     now = 1 / dt;
     if (reading == NULL || !noslip_is_finite(dt) || !noslip_is_positive(now)) {
-        *noticed = self->noticed;
+        noslip_noticed_copy(&self->noticed, noticed);
         return reading == NULL ? NOSLIP_NULL : noslip_is_finite(dt) ? NOSLIP_BAD_PARAMETER : NOSLIP_NONFINITE;
     }
     keeps = self->options.window / (self->options.window + dt);
     frequency = self->known ? self->frequency : now;
     rate[0] = reading->angle[0] * now;
     rate[1] = reading->angle[1] * now;
-    sums = self->sums;
-    next = self->noticed;
+    noslip_slip_copy(&self->sums, &sums);
+    noslip_noticed_copy(&self->noticed, &next);
     noslip_slip_add(self, reading, rate, dt, keeps, &sums);
     noslip_slip_compare(self, &sums, keeps * (now + frequency), &next);
     frequency = keeps * frequency + (1 - keeps) * now;
     if (!(noslip_slip_finite(&sums, &next) && noslip_all_finite(rate, 2) &&
           noslip_is_finite(frequency))) {
-        *noticed = self->noticed;
+        noslip_noticed_copy(&self->noticed, noticed);
         return NOSLIP_NONFINITE;
     }
     slips = noslip_abs(next.heading_difference) > next.heading_threshold;
@@ -297,7 +332,11 @@ static inline int noslip_slip_step(noslip_slip *self,
     } else if (noslip_abs(next.speed_difference) > next.speed_threshold) {
         slips = 1;
     }
-    slips = slips && self->quiet >= self->options.pause;
+    quiet = self->quiet + dt;
+    quiet = quiet < self->options.hold ? quiet : self->options.hold;
+    slips = slips && quiet >= self->options.pause;
+    next.mu = noslip_slip_believed(&self->options, next.mu, slips, !(quiet < self->options.hold), dt);
+    next.slower = noslip_sqrt(next.mu / self->options.mu);
     if (slips) {
         noslip_slip_clear(&sums);              /* slip that goes on is noticed again, and lowers mu again */
     } else {
@@ -308,10 +347,10 @@ static inline int noslip_slip_step(noslip_slip *self,
     self->rate[1] = rate[1];
     self->frequency = frequency;
     self->known = 1;
-    self->sums = sums;
-    self->noticed = next;
-    noslip_slip_believe(self, slips, dt);
-    *noticed = self->noticed;
+    noslip_slip_copy(&sums, &self->sums);
+    noslip_noticed_copy(&next, &self->noticed);
+    self->quiet = slips ? 0 : quiet;
+    noslip_noticed_copy(&next, noticed);
     return slips || self->quiet < self->options.hold ? NOSLIP_SLIPPING : NOSLIP_OK;
 }
 
@@ -439,6 +478,33 @@ static inline int noslip_slip_options_ok_f(const noslip_slip_options_f *options)
            noslip_slip_bound_f(options->rise) && noslip_slip_bound_f(options->hold);
 }
 
+/* Copies member by member: a compiler may call memcpy for a whole struct. */
+static inline void noslip_slip_copy_f(const noslip_slip_sums_f *from, noslip_slip_sums_f *to)
+{
+    to->time = from->time;
+    to->angle[0] = from->angle[0];
+    to->angle[1] = from->angle[1];
+    to->change[0] = from->change[0];
+    to->change[1] = from->change[1];
+    to->heading = from->heading;
+    to->speed = from->speed;
+    to->heading_square = from->heading_square;
+    to->speed_square = from->speed_square;
+}
+
+/* The same. */
+static inline void noslip_noticed_copy_f(const noslip_noticed_f *from, noslip_noticed_f *to)
+{
+    to->mu = from->mu;
+    to->slower = from->slower;
+    to->uncertain_heading = from->uncertain_heading;
+    to->uncertain_way = from->uncertain_way;
+    to->heading_difference = from->heading_difference;
+    to->heading_threshold = from->heading_threshold;
+    to->speed_difference = from->speed_difference;
+    to->speed_threshold = from->speed_threshold;
+}
+
 /* Begins all sums. */
 static inline void noslip_slip_clear_f(noslip_slip_sums_f *sums)
 {
@@ -470,8 +536,22 @@ NOSLIP_NODISCARD static inline int noslip_slip_init_f(noslip_slip_f *self,
           noslip_abs_f(vehicle->turn[0]) + noslip_abs_f(vehicle->turn[1]) > 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    self->options = *options;
+    self->options.window = options->window;
+    self->options.wheel_noise = options->wheel_noise;
+    self->options.gyro_noise = options->gyro_noise;
+    self->options.gyro_bias = options->gyro_bias;
+    self->options.acceleration_noise = options->acceleration_noise;
+    self->options.acceleration_bias = options->acceleration_bias;
+    self->options.geometry = options->geometry;
+    self->options.deviations = options->deviations;
+    self->options.mu = options->mu;
+    self->options.least = options->least;
+    self->options.lower = options->lower;
+    self->options.pause = options->pause;
+    self->options.rise = options->rise;
+    self->options.hold = options->hold;
     for (i = 0; i < 2; i++) {
+        self->options.count[i] = options->count[i];
         self->forward[i] = vehicle->forward[i];
         self->turn[i] = vehicle->turn[i];
         self->rate[i] = 0;
@@ -479,7 +559,7 @@ NOSLIP_NODISCARD static inline int noslip_slip_init_f(noslip_slip_f *self,
     noslip_slip_clear_f(&self->sums);
     self->frequency = 0;
     self->quiet = options->hold;
-    self->noticed = nothing;
+    noslip_noticed_copy_f(&nothing, &self->noticed);
     self->noticed.mu = options->mu;
     self->noticed.slower = 1;
     self->known = 0;
@@ -548,24 +628,18 @@ static inline int noslip_slip_finite_f(const noslip_slip_sums_f *sums,
            noslip_is_finite_f(noticed->speed_difference) && noslip_is_finite_f(noticed->speed_threshold);
 }
 
-/* Lowers mu if the wheels slip, and raises it when they have not slipped for long enough. */
-static inline void noslip_slip_believe_f(noslip_slip_f *self, int slips, float dt)
+/* Returns the friction that is believed from now on: less if the wheels slip, more when they have not for long enough. */
+static inline float noslip_slip_believed_f(const noslip_slip_options_f *options, float mu,
+                          int slips, int rises, float dt)
 {
-    const noslip_slip_options_f *options = &self->options;
-    float mu = self->noticed.mu;
     if (slips) {
-        mu *= options->lower;
-        mu = mu > options->least ? mu : options->least;
-        self->quiet = 0;
-    } else if (self->quiet < options->hold) {
-        const float quiet = self->quiet + dt;
-        self->quiet = quiet < options->hold ? quiet : options->hold;
-    } else {
-        mu += options->rise * dt;
-        mu = mu < options->mu ? mu : options->mu;
+        const float lower = mu * options->lower;
+        mu = lower > options->least ? lower : options->least;
+    } else if (rises) {
+        const float higher = mu + options->rise * dt;
+        mu = higher < options->mu ? higher : options->mu;
     }
-    self->noticed.mu = mu;
-    self->noticed.slower = noslip_sqrt_f(mu / options->mu);
+    return mu;
 }
 
 /*
@@ -580,32 +654,32 @@ static inline int noslip_slip_step_f(noslip_slip_f *self,
     static const noslip_noticed_f nothing = {0, 0, 0, 0, 0, 0, 0, 0};
     noslip_slip_sums_f sums;
     noslip_noticed_f next;
-    float rate[2], keeps, now, frequency;
+    float rate[2], keeps, now, frequency, quiet;
     int slips;
     if (noticed == NULL) {
         return NOSLIP_NULL;
     }
     if (self == NULL || self->ready != NOSLIP_READY) {
-        *noticed = nothing;
+        noslip_noticed_copy_f(&nothing, noticed);
         return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
     }
     now = 1 / dt;
     if (reading == NULL || !noslip_is_finite_f(dt) || !noslip_is_positive_f(now)) {
-        *noticed = self->noticed;
+        noslip_noticed_copy_f(&self->noticed, noticed);
         return reading == NULL ? NOSLIP_NULL : noslip_is_finite_f(dt) ? NOSLIP_BAD_PARAMETER : NOSLIP_NONFINITE;
     }
     keeps = self->options.window / (self->options.window + dt);
     frequency = self->known ? self->frequency : now;
     rate[0] = reading->angle[0] * now;
     rate[1] = reading->angle[1] * now;
-    sums = self->sums;
-    next = self->noticed;
+    noslip_slip_copy_f(&self->sums, &sums);
+    noslip_noticed_copy_f(&self->noticed, &next);
     noslip_slip_add_f(self, reading, rate, dt, keeps, &sums);
     noslip_slip_compare_f(self, &sums, keeps * (now + frequency), &next);
     frequency = keeps * frequency + (1 - keeps) * now;
     if (!(noslip_slip_finite_f(&sums, &next) && noslip_all_finite_f(rate, 2) &&
           noslip_is_finite_f(frequency))) {
-        *noticed = self->noticed;
+        noslip_noticed_copy_f(&self->noticed, noticed);
         return NOSLIP_NONFINITE;
     }
     slips = noslip_abs_f(next.heading_difference) > next.heading_threshold;
@@ -614,7 +688,11 @@ static inline int noslip_slip_step_f(noslip_slip_f *self,
     } else if (noslip_abs_f(next.speed_difference) > next.speed_threshold) {
         slips = 1;
     }
-    slips = slips && self->quiet >= self->options.pause;
+    quiet = self->quiet + dt;
+    quiet = quiet < self->options.hold ? quiet : self->options.hold;
+    slips = slips && quiet >= self->options.pause;
+    next.mu = noslip_slip_believed_f(&self->options, next.mu, slips, !(quiet < self->options.hold), dt);
+    next.slower = noslip_sqrt_f(next.mu / self->options.mu);
     if (slips) {
         noslip_slip_clear_f(&sums);            /* slip that goes on is noticed again, and lowers mu again */
     } else {
@@ -625,10 +703,10 @@ static inline int noslip_slip_step_f(noslip_slip_f *self,
     self->rate[1] = rate[1];
     self->frequency = frequency;
     self->known = 1;
-    self->sums = sums;
-    self->noticed = next;
-    noslip_slip_believe_f(self, slips, dt);
-    *noticed = self->noticed;
+    noslip_slip_copy_f(&sums, &self->sums);
+    noslip_noticed_copy_f(&next, &self->noticed);
+    self->quiet = slips ? 0 : quiet;
+    noslip_noticed_copy_f(&next, noticed);
     return slips || self->quiet < self->options.hold ? NOSLIP_SLIPPING : NOSLIP_OK;
 }
 

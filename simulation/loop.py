@@ -234,7 +234,9 @@ def _generators(law: ControlLaw, spec: Spec, approach: ApproachSection) -> list[
         advice = "has an output in rad: give angular, in rad/s^2" if turns else "has no output in rad: leave out angular"
         raise BadInput(f"[reference] approach: {law.name} {advice}")
     found = accelerations(law, approach.acceleration, approach.angular or 0.0)
-    return [make_approach(spec.simulation.backend, each, spec.simulation.period, law) for each in found]
+    jerks = [each * (approach.jerk / approach.acceleration) for each in found]
+    backend, period = spec.simulation.backend, spec.simulation.period
+    return [make_approach(backend, each, period, law, jerk) for each, jerk in zip(found, jerks, strict=True)]
 
 
 def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Accelerations | None:
@@ -258,7 +260,7 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
     reference, output = spec.reference, spec.output
     speed, deceleration = reference.speed or 0.0, reference.deceleration or 0.0
     if limits:
-        speed, deceleration = min(speed, top_speed(path.segments, limits)), limits.deceleration
+        speed, deceleration = min(speed, float(top_speed(path.segments, limits))), limits.deceleration
     ahead = vehicle_wheels(law.system, believed)[2]
     mirrored = -output.L - 2 * ahead
     options = TrackerOptions(

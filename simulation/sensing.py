@@ -14,7 +14,7 @@ from ..model.algebra.trigonometry import sine_cosine
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
-from .guidance import vehicle_motion
+from .guidance import Number, vehicle_motion
 from .noise import Noise
 from .specification.spec import Correction, LimitsSection, Sensors
 
@@ -150,21 +150,17 @@ class SlipSensing:
 
 
 def slip_options(sensors: Sensors, limits: LimitsSection, mu: float, turn: np.ndarray, period: float) -> SlipOptions:
-    """Return the options of noticing slip: errors of the sensors as the SPEC has them. `turn` (2,) is that of the wheels.
-
-    Noise of the wheels that stays for several calls counts as if it were new at each, but larger.
-    """
+    """Return the options of noticing slip: errors of the sensors as the SPEC has them. `turn` (2,) is that of the wheels."""
     notice, gyro, accelerometer = limits.notice_slip, sensors.gyro, sensors.accelerometer
     assert notice and gyro, "checked by the SPEC"
     mean, sd = (_each(values, 2) for values in (sensors.noise.mean, sensors.noise.sd))
     count = 2 * math.pi / sensors.counts if sensors.counts else 0.0
-    calls = max(sensors.period / period, 1.0)
     return SlipOptions(
         window=notice.window,
         count=(count, count),
-        wheel_noise=float(sd.max() * math.sqrt(calls)),
+        wheel_noise=float(wheel_noise(sd, sensors.period, period)),
         gyro_noise=gyro.noise,
-        gyro_bias=gyro.bias + float(np.abs(turn) @ np.abs(mean)),
+        gyro_bias=float(gyro_bias(gyro.bias, turn, mean)),
         acceleration_noise=accelerometer.noise if accelerometer else 0.0,
         acceleration_bias=accelerometer.bias if accelerometer else 0.0,
         geometry=notice.geometry,
@@ -176,6 +172,18 @@ def slip_options(sensors: Sensors, limits: LimitsSection, mu: float, turn: np.nd
         rise=notice.rise,
         hold=notice.hold,
     )
+
+
+def wheel_noise(sd: np.ndarray, sensor_period: Number, period: Number) -> Number:
+    """Return the noise of the wheels' rates, of standard deviations (..., 2), as if it were new at each call: larger if it stays
+    for several.
+    """
+    return np.max(sd, axis=-1) * np.sqrt(np.maximum(sensor_period / period, 1.0))
+
+
+def gyro_bias(bias: Number, turn: np.ndarray, mean: np.ndarray) -> Number:
+    """Return the constant error of a gyro with that of the wheels' rates, (..., 2): the same in the difference of the two."""
+    return bias + np.abs(turn[..., 0] * mean[..., 0]) + np.abs(turn[..., 1] * mean[..., 1])
 
 
 def _count(t: float, period: float) -> float:

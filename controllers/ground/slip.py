@@ -111,14 +111,13 @@ class ReferenceSlip:
         difference = self._measured - np.sum(self._wheels * self._moved, axis=1)
         if acceleration is None:
             difference[1] = 0.0
+        self._quiet = min(self._quiet + dt, o.hold)
         slips = self._quiet >= o.pause and bool((np.abs(difference) > threshold).any())
         if slips:
             self._uncertain += [abs(difference[0]), np.sum(np.abs(self._wheels[1] * self._moved[0]))]
             self._mu, self._quiet = max(self._mu * o.lower, o.least), 0.0
             self._clear()
-        elif self._quiet < o.hold:
-            self._quiet = min(self._quiet + dt, o.hold)
-        else:
+        elif self._quiet >= o.hold:
             self._mu = min(self._mu + o.rise * dt, o.mu)
         status = "slipping" if slips or self._quiet < o.hold else "ok"
         pairs = [float(value) for pair in zip(difference, threshold, strict=True) for value in pair]

@@ -221,16 +221,13 @@ class OutputSection:
 @dataclass(frozen=True, kw_only=True)
 class ApproachSection:
     """How desired outputs go from where the robot is to their final values: a distance, a point and a speed with at most
-    `acceleration` (m/s^2), a heading with at most `angular` (rad/s^2). `jerk` (m/s^3) must be 0: it is not limited yet.
+    `acceleration` (m/s^2), a heading with at most `angular` (rad/s^2). With a `jerk` (m/s^3) the acceleration of a distance, point
+    and speed changes no faster; that of a heading in the same proportion.
     """
 
     acceleration: float = entry(number("positive", "m/s^2"), about="largest, of a desired distance, point and speed")
     angular: float | None = entry(number("positive", "rad/s^2"), None, "largest, of a desired heading: types II and III")
-    jerk: float = entry(number("nonnegative", "m/s^3"), 0.0, "reserved: must be 0")
-
-    def __post_init__(self):
-        if self.jerk:
-            raise BadInput(f"[reference] approach: jerk = {self.jerk:g} is not supported yet; leave it out")
+    jerk: float = entry(number("nonnegative", "m/s^3"), 0.0, "largest change of that per second; 0: no bound")
 
 
 @dataclass(frozen=True, kw_only=True)
