@@ -156,36 +156,34 @@ static inline double noslip_plan_end(const noslip_approach *self,
  * Computes the fastest plan from a distance and its rate, without acceleration, to 0. The rate between its changes is where the
  * end, which grows with that rate, is 0: by bisection between the rates at which it is before and beyond.
  */
-static inline noslip_approach_plan noslip_plan_of(const noslip_approach *self,
-                                     double distance, double rate)
+static inline void noslip_plan_of(const noslip_approach *self, double distance, double rate,
+           noslip_approach_plan *plan)
 {
     const noslip_rise stop = noslip_rise_of(self, noslip_abs(rate));
     const double rest = distance + rate / 2 * noslip_rise_time(&stop);
-    noslip_approach_plan plan;
     noslip_rise first, second;
     double low, high;
     int i;
-    plan.side = rest > 0 ? -1 : 1;
-    plan.distance = plan.side * distance;
-    plan.rate = plan.side * rate;
-    low = plan.rate > 0 ? plan.rate : 0;
+    plan->side = rest > 0 ? -1 : 1;
+    plan->distance = plan->side * distance;
+    plan->rate = plan->side * rate;
+    low = plan->rate > 0 ? plan->rate : 0;
     high = low + noslip_sqrt(2 * self->acceleration * noslip_abs(rest));
     for (i = 0; i < NOSLIP_HALVINGS; i++) {
         const double middle = low + (high - low) / 2;
-        if (noslip_plan_end(self, &plan, middle) < 0) {
+        if (noslip_plan_end(self, plan, middle) < 0) {
             low = middle;
         } else {
             high = middle;
         }
     }
-    plan.first = high - plan.rate;
-    plan.second = high;
-    first = noslip_rise_of(self, plan.first);
-    second = noslip_rise_of(self, plan.second);
-    plan.until = noslip_rise_time(&first);
-    plan.duration = plan.until + noslip_rise_time(&second);
-    plan.time = 0;
-    return plan;
+    plan->first = high - plan->rate;
+    plan->second = high;
+    first = noslip_rise_of(self, plan->first);
+    second = noslip_rise_of(self, plan->second);
+    plan->until = noslip_rise_time(&first);
+    plan->duration = plan->until + noslip_rise_time(&second);
+    plan->time = 0;
 }
 
 /* Computes distance, rate and acceleration at a time (s) of the plan. The second change is one from rest in reverse. */
@@ -194,7 +192,7 @@ static inline void noslip_plan_at(const noslip_approach *self, double time,
 {
     const noslip_approach_plan *plan = &self->plan;
     const double left = plan->duration - time;
-    double at[3] = {0, 0, 0};
+    double at[3];
     if (time < plan->until) {
         const noslip_rise rise = noslip_rise_of(self, plan->first);
         noslip_rise_at(&rise, time, at);
@@ -205,6 +203,8 @@ static inline void noslip_plan_at(const noslip_approach *self, double time,
         noslip_rise_at(&rise, left, at);
         at[0] = -at[0];
         at[2] = -at[2];
+    } else {
+        at[0] = at[1] = at[2] = 0;
     }
     desired->distance = plan->side * at[0];
     desired->distance_rate = plan->side * at[1];
@@ -229,11 +229,12 @@ static inline int noslip_approach_start(noslip_approach *self, double distance,
         return NOSLIP_NONFINITE;
     }
     if (self->jerk > 0) {
-        const noslip_approach_plan plan = noslip_plan_of(self, distance, distance_rate);
+        noslip_approach_plan plan;
+        noslip_plan_of(self, distance, distance_rate, &plan);
         if (!(noslip_is_finite(plan.first + plan.second) && noslip_is_finite(plan.duration))) {
             return NOSLIP_NONFINITE;
         }
-        self->plan = plan;
+        noslip_copy(&self->plan, &plan, sizeof plan);
     }
     self->desired.distance = distance;
     self->desired.distance_rate = distance_rate;
@@ -468,36 +469,34 @@ static inline float noslip_plan_end_f(const noslip_approach_f *self,
  * Computes the fastest plan from a distance and its rate, without acceleration, to 0. The rate between its changes is where the
  * end, which grows with that rate, is 0: by bisection between the rates at which it is before and beyond.
  */
-static inline noslip_approach_plan_f noslip_plan_of_f(const noslip_approach_f *self,
-                                           float distance, float rate)
+static inline void noslip_plan_of_f(const noslip_approach_f *self, float distance, float rate,
+             noslip_approach_plan_f *plan)
 {
     const noslip_rise_f stop = noslip_rise_of_f(self, noslip_abs_f(rate));
     const float rest = distance + rate / 2 * noslip_rise_time_f(&stop);
-    noslip_approach_plan_f plan;
     noslip_rise_f first, second;
     float low, high;
     int i;
-    plan.side = rest > 0 ? -1 : 1;
-    plan.distance = plan.side * distance;
-    plan.rate = plan.side * rate;
-    low = plan.rate > 0 ? plan.rate : 0;
+    plan->side = rest > 0 ? -1 : 1;
+    plan->distance = plan->side * distance;
+    plan->rate = plan->side * rate;
+    low = plan->rate > 0 ? plan->rate : 0;
     high = low + noslip_sqrt_f(2 * self->acceleration * noslip_abs_f(rest));
     for (i = 0; i < NOSLIP_HALVINGS; i++) {
         const float middle = low + (high - low) / 2;
-        if (noslip_plan_end_f(self, &plan, middle) < 0) {
+        if (noslip_plan_end_f(self, plan, middle) < 0) {
             low = middle;
         } else {
             high = middle;
         }
     }
-    plan.first = high - plan.rate;
-    plan.second = high;
-    first = noslip_rise_of_f(self, plan.first);
-    second = noslip_rise_of_f(self, plan.second);
-    plan.until = noslip_rise_time_f(&first);
-    plan.duration = plan.until + noslip_rise_time_f(&second);
-    plan.time = 0;
-    return plan;
+    plan->first = high - plan->rate;
+    plan->second = high;
+    first = noslip_rise_of_f(self, plan->first);
+    second = noslip_rise_of_f(self, plan->second);
+    plan->until = noslip_rise_time_f(&first);
+    plan->duration = plan->until + noslip_rise_time_f(&second);
+    plan->time = 0;
 }
 
 /* Computes distance, rate and acceleration at a time (s) of the plan. The second change is one from rest in reverse. */
@@ -506,7 +505,7 @@ static inline void noslip_plan_at_f(const noslip_approach_f *self, float time,
 {
     const noslip_approach_plan_f *plan = &self->plan;
     const float left = plan->duration - time;
-    float at[3] = {0, 0, 0};
+    float at[3];
     if (time < plan->until) {
         const noslip_rise_f rise = noslip_rise_of_f(self, plan->first);
         noslip_rise_at_f(&rise, time, at);
@@ -517,6 +516,8 @@ static inline void noslip_plan_at_f(const noslip_approach_f *self, float time,
         noslip_rise_at_f(&rise, left, at);
         at[0] = -at[0];
         at[2] = -at[2];
+    } else {
+        at[0] = at[1] = at[2] = 0;
     }
     desired->distance = plan->side * at[0];
     desired->distance_rate = plan->side * at[1];
@@ -541,11 +542,12 @@ static inline int noslip_approach_start_f(noslip_approach_f *self, float distanc
         return NOSLIP_NONFINITE;
     }
     if (self->jerk > 0) {
-        const noslip_approach_plan_f plan = noslip_plan_of_f(self, distance, distance_rate);
+        noslip_approach_plan_f plan;
+        noslip_plan_of_f(self, distance, distance_rate, &plan);
         if (!(noslip_is_finite_f(plan.first + plan.second) && noslip_is_finite_f(plan.duration))) {
             return NOSLIP_NONFINITE;
         }
-        self->plan = plan;
+        noslip_copy(&self->plan, &plan, sizeof plan);
     }
     self->desired.distance = distance;
     self->desired.distance_rate = distance_rate;

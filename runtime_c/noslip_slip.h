@@ -123,7 +123,7 @@ static inline int noslip_slip_options_ok(const noslip_slip_options *options)
 }
 
 /* Copies member by member: a compiler may call memcpy for a whole struct. */
-static inline void noslip_slip_copy(const noslip_slip_sums *from, noslip_slip_sums *to)
+NOSLIP_APART void noslip_slip_copy(const noslip_slip_sums *from, noslip_slip_sums *to)
 {
     to->time = from->time;
     to->angle[0] = from->angle[0];
@@ -137,7 +137,7 @@ static inline void noslip_slip_copy(const noslip_slip_sums *from, noslip_slip_su
 }
 
 /* The same. */
-static inline void noslip_noticed_copy(const noslip_noticed *from, noslip_noticed *to)
+NOSLIP_APART void noslip_noticed_copy(const noslip_noticed *from, noslip_noticed *to)
 {
     to->mu = from->mu;
     to->slower = from->slower;
@@ -180,22 +180,8 @@ NOSLIP_NODISCARD static inline int noslip_slip_init(noslip_slip *self,
           noslip_abs(vehicle->turn[0]) + noslip_abs(vehicle->turn[1]) > 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    self->options.window = options->window;
-    self->options.wheel_noise = options->wheel_noise;
-    self->options.gyro_noise = options->gyro_noise;
-    self->options.gyro_bias = options->gyro_bias;
-    self->options.acceleration_noise = options->acceleration_noise;
-    self->options.acceleration_bias = options->acceleration_bias;
-    self->options.geometry = options->geometry;
-    self->options.deviations = options->deviations;
-    self->options.mu = options->mu;
-    self->options.least = options->least;
-    self->options.lower = options->lower;
-    self->options.pause = options->pause;
-    self->options.rise = options->rise;
-    self->options.hold = options->hold;
+    noslip_copy(&self->options, options, sizeof *options);
     for (i = 0; i < 2; i++) {
-        self->options.count[i] = options->count[i];
         self->forward[i] = vehicle->forward[i];
         self->turn[i] = vehicle->turn[i];
         self->rate[i] = 0;
@@ -212,7 +198,7 @@ NOSLIP_NODISCARD static inline int noslip_slip_init(noslip_slip *self,
 }
 
 /* Adds a reading to the sums, of which `keeps` is kept; `rate` is that of the wheels (rad/s). */
-static inline void noslip_slip_add(const noslip_slip *self,
+NOSLIP_APART void noslip_slip_add(const noslip_slip *self,
                       const noslip_slip_reading *reading, const double *rate,
                       double dt, double keeps, noslip_slip_sums *sums)
 {
@@ -233,7 +219,7 @@ static inline void noslip_slip_add(const noslip_slip *self,
 
 /* Compares the sums, and adds to the uncertainty what it is if the wheels slip; `coarse` (1/s) is the largest error of the change
  * of a rate, in counts. */
-static inline void noslip_slip_compare(const noslip_slip *self,
+NOSLIP_APART void noslip_slip_compare(const noslip_slip *self,
                           const noslip_slip_sums *sums, double coarse,
                           noslip_noticed *noticed)
 {
@@ -260,7 +246,7 @@ static inline void noslip_slip_compare(const noslip_slip *self,
 }
 
 /* Returns 1 if all numbers are finite. */
-static inline int noslip_slip_finite(const noslip_slip_sums *sums,
+NOSLIP_APART int noslip_slip_finite(const noslip_slip_sums *sums,
                         const noslip_noticed *noticed)
 {
     return noslip_all_finite(sums->angle, 2) && noslip_all_finite(sums->change, 2) &&
@@ -374,7 +360,9 @@ static inline int noslip_slip_grip(const noslip_slip *self,
     if (!noslip_friction_ok(friction, 1)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    believed = *friction;
+    believed.margin = friction->margin;
+    believed.share = friction->share;
+    believed.height = friction->height;
     believed.mu = self->noticed.mu < friction->mu ? self->noticed.mu : friction->mu;
     *grip = noslip_grip_of(&believed);
     return NOSLIP_OK;
@@ -479,7 +467,7 @@ static inline int noslip_slip_options_ok_f(const noslip_slip_options_f *options)
 }
 
 /* Copies member by member: a compiler may call memcpy for a whole struct. */
-static inline void noslip_slip_copy_f(const noslip_slip_sums_f *from, noslip_slip_sums_f *to)
+NOSLIP_APART void noslip_slip_copy_f(const noslip_slip_sums_f *from, noslip_slip_sums_f *to)
 {
     to->time = from->time;
     to->angle[0] = from->angle[0];
@@ -493,7 +481,7 @@ static inline void noslip_slip_copy_f(const noslip_slip_sums_f *from, noslip_sli
 }
 
 /* The same. */
-static inline void noslip_noticed_copy_f(const noslip_noticed_f *from, noslip_noticed_f *to)
+NOSLIP_APART void noslip_noticed_copy_f(const noslip_noticed_f *from, noslip_noticed_f *to)
 {
     to->mu = from->mu;
     to->slower = from->slower;
@@ -536,22 +524,8 @@ NOSLIP_NODISCARD static inline int noslip_slip_init_f(noslip_slip_f *self,
           noslip_abs_f(vehicle->turn[0]) + noslip_abs_f(vehicle->turn[1]) > 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    self->options.window = options->window;
-    self->options.wheel_noise = options->wheel_noise;
-    self->options.gyro_noise = options->gyro_noise;
-    self->options.gyro_bias = options->gyro_bias;
-    self->options.acceleration_noise = options->acceleration_noise;
-    self->options.acceleration_bias = options->acceleration_bias;
-    self->options.geometry = options->geometry;
-    self->options.deviations = options->deviations;
-    self->options.mu = options->mu;
-    self->options.least = options->least;
-    self->options.lower = options->lower;
-    self->options.pause = options->pause;
-    self->options.rise = options->rise;
-    self->options.hold = options->hold;
+    noslip_copy(&self->options, options, sizeof *options);
     for (i = 0; i < 2; i++) {
-        self->options.count[i] = options->count[i];
         self->forward[i] = vehicle->forward[i];
         self->turn[i] = vehicle->turn[i];
         self->rate[i] = 0;
@@ -568,7 +542,7 @@ NOSLIP_NODISCARD static inline int noslip_slip_init_f(noslip_slip_f *self,
 }
 
 /* Adds a reading to the sums, of which `keeps` is kept; `rate` is that of the wheels (rad/s). */
-static inline void noslip_slip_add_f(const noslip_slip_f *self,
+NOSLIP_APART void noslip_slip_add_f(const noslip_slip_f *self,
                           const noslip_slip_reading_f *reading, const float *rate,
                           float dt, float keeps, noslip_slip_sums_f *sums)
 {
@@ -589,7 +563,7 @@ static inline void noslip_slip_add_f(const noslip_slip_f *self,
 
 /* Compares the sums, and adds to the uncertainty what it is if the wheels slip; `coarse` (1/s) is the largest error of the change
  * of a rate, in counts. */
-static inline void noslip_slip_compare_f(const noslip_slip_f *self,
+NOSLIP_APART void noslip_slip_compare_f(const noslip_slip_f *self,
                               const noslip_slip_sums_f *sums, float coarse,
                               noslip_noticed_f *noticed)
 {
@@ -616,7 +590,7 @@ static inline void noslip_slip_compare_f(const noslip_slip_f *self,
 }
 
 /* Returns 1 if all numbers are finite. */
-static inline int noslip_slip_finite_f(const noslip_slip_sums_f *sums,
+NOSLIP_APART int noslip_slip_finite_f(const noslip_slip_sums_f *sums,
                             const noslip_noticed_f *noticed)
 {
     return noslip_all_finite_f(sums->angle, 2) && noslip_all_finite_f(sums->change, 2) &&
@@ -730,7 +704,9 @@ static inline int noslip_slip_grip_f(const noslip_slip_f *self,
     if (!noslip_friction_ok_f(friction, 1)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    believed = *friction;
+    believed.margin = friction->margin;
+    believed.share = friction->share;
+    believed.height = friction->height;
     believed.mu = self->noticed.mu < friction->mu ? self->noticed.mu : friction->mu;
     *grip = noslip_grip_of_f(&believed);
     return NOSLIP_OK;
