@@ -293,8 +293,8 @@ static inline int noslip_slip_step(noslip_slip *self,
         noslip_noticed_copy(&nothing, noticed);
         return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
     }
-    now = 1 / dt;
-    if (reading == NULL || !noslip_is_finite(dt) || !noslip_is_positive(now)) {
+    now = noslip_is_positive(dt) ? 1 / dt : 0;
+    if (reading == NULL || !noslip_is_positive(now)) {
         noslip_noticed_copy(&self->noticed, noticed);
         return reading == NULL ? NOSLIP_NULL : noslip_is_finite(dt) ? NOSLIP_BAD_PARAMETER : NOSLIP_NONFINITE;
     }
@@ -637,8 +637,8 @@ static inline int noslip_slip_step_f(noslip_slip_f *self,
         noslip_noticed_copy_f(&nothing, noticed);
         return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
     }
-    now = 1 / dt;
-    if (reading == NULL || !noslip_is_finite_f(dt) || !noslip_is_positive_f(now)) {
+    now = noslip_is_positive_f(dt) ? 1 / dt : 0;
+    if (reading == NULL || !noslip_is_positive_f(now)) {
         noslip_noticed_copy_f(&self->noticed, noticed);
         return reading == NULL ? NOSLIP_NULL : noslip_is_finite_f(dt) ? NOSLIP_BAD_PARAMETER : NOSLIP_NONFINITE;
     }

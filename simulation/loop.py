@@ -33,7 +33,7 @@ from .specification.spec import ApproachSection, Initial, PathSection, Spec
 from .specification.units import check_units
 from .starts import starts
 
-PROFILE_PART = 0.6  # of friction that a speed profile uses by default; what is left is for staying on the path
+PROFILE_PART = 0.6  # of friction, and of the motors, that a speed profile uses by default; what is left is for staying on the path
 ON_AXLE = 1e-9  # m: a point this near to the axle is on it
 
 
@@ -250,7 +250,10 @@ def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Acceler
     if missing := [name for name in names if name not in given]:
         if spec.contact is None:
             raise BadInput(f"[reference] {missing[0]} is missing; give it, or [contact] mu, the friction that there is")
-        known = friction_accelerations(Plant(law.system, list(believed)), spec.contact, PROFILE_PART)
+        limits = _limits(spec, len(law.system.mechanism.inputs))
+        known = friction_accelerations(
+            Plant(law.system, list(believed)), spec.contact, PROFILE_PART, limits.torque if limits else ()
+        )
         given = {name: given.get(name, getattr(known, name)) for name in names}
     return Accelerations(**given)
 

@@ -212,6 +212,7 @@ def overestimated(notice: str = "", end: str = SENSED, mu: float = 0.65):
     return simulate(spec_of(text + end + "[floor]\nmu = 0.5\n", "test"), engine="mujoco")
 
 
+@pytest.mark.nightly
 def test_noticing_slip_keeps_the_path_where_mu_is_overestimated():
     """Without, it is lost by 10 cm; with, it is kept within 1 cm, the wheels slip ten times shorter, and what dead reckoning lost is
     within what it says; with the right mu nothing is noticed.
@@ -229,6 +230,16 @@ def test_noticing_slip_keeps_the_path_where_mu_is_overestimated():
     assert np.hypot(*reckoned[-1, :2]) < way[-1]
     right = overestimated(", notice_slip = {}", mu=0.5)
     assert "slipping" not in right.status and (right.noticed[:, 0] == 0.5).all() and (right.noticed[:, 1:] == 0).all()
+
+
+def test_slip_is_noticed_on_a_floor():
+    """Where the path is an arc of which mu promises too much, within its first second."""
+    pytest.importorskip("mujoco")
+    text = FASTEST.replace("mu = 0.5", "mu = 0.65").replace('mode = "grip"', 'mode = "grip", notice_slip = {}')
+    text = text.replace("to = [4, 0]", "to = [0.6, 0]").replace("11.0", "1.5")
+    run = simulate(spec_of(text + SENSED + "[floor]\nmu = 0.3\n", "test"), engine="mujoco")
+    slips, said = (run.t[np.flatnonzero(each)[0]] for each in (run.floor.slip.max(axis=1) > 0.1, run.status == "slipping"))
+    assert -0.011 < said - slips < 0.1 and run.noticed[-1, 0] < 0.5 and run.noticed[-1, 1] > 0
 
 
 @pytest.mark.parametrize("backend", ["c", "cf", "casadi"])

@@ -366,7 +366,7 @@ class NoticeSlipSection:
     deviations: float = entry(number("nonnegative", "1"), 6.0, "threshold, in standard deviations of the noise")
     lower: float = entry(number("positive", "1"), 0.8, "factor of mu each time slip is noticed, below 1")
     least: float = entry(number("positive", "1"), 0.1, "the least mu that is believed, at most that of [contact]")
-    pause: float = entry(number("nonnegative", "s"), 0.05, "slip that goes on is noticed again after so long; at most hold")
+    pause: float = entry(number("nonnegative", "s"), 0.1, "slip that goes on is noticed again after so long; at most hold")
     rise: float = entry(number("nonnegative", "1/s"), 0.05, "by so much mu rises per second")
     hold: float = entry(number("nonnegative", "s"), 1.0, "after so long without slip")
 
