@@ -1,5 +1,5 @@
-"""Desired distance and speed that lead a vehicle to its path with bounded acceleration, and jerk: the C (noslip_approach.h), or a reference
-implementation of the same.
+"""Desired distance and speed that lead a vehicle to its path with bounded acceleration, and jerk: the C (noslip_approach.h), or a
+reference implementation of the same.
 """
 
 from __future__ import annotations
@@ -118,9 +118,7 @@ class ReferenceApproach:
 class CompiledApproach:
     """The generator by the C, in double or float."""
 
-    def __init__(
-        self, acceleration: float, settling: float, scalar: str = "double", c: Runtime | None = None, jerk: float = 0.0
-    ):
+    def __init__(self, acceleration: float, settling: float, scalar: str = "double", c: Runtime | None = None, jerk: float = 0.0):
         self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
         self._self = self._runtime.new("noslip_approach", scalar)
         self._desired = self._runtime.new("noslip_approached", scalar)
@@ -150,9 +148,7 @@ class CompiledApproach:
             raise BadInput(f"approach: {name} returns {self._runtime.status(status)!r}")
 
 
-def make_approach(
-    backend: str, acceleration: float, period: float, law: ControlLaw | None = None, jerk: float = 0.0
-) -> Approach:
+def make_approach(backend: str, acceleration: float, period: float, law: ControlLaw | None = None, jerk: float = 0.0) -> Approach:
     """Return a generator called every `period` seconds, in Python ("casadi"), or the C as run by a backend; see `runtime_of`.
 
     `acceleration` (m/s^2) and `jerk` (m/s^3, 0: no bound) are the largest.

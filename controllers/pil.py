@@ -1,8 +1,8 @@
 """Processor in the loop: the generated C runs on an emulated processor, or as a program of this host, and is called from here.
 
 firmware/pil/pil.h defines the operations and the format of the messages, which use the emulator's standard input and output; the
-image opens both by semihosting. There is one image, and one process, for a law and a target. Controllers, trackers, speed profiles,
-odometry, integrators, approaches and what notices slip are objects in it, represented here by handles.
+image opens both by semihosting. There is one image, and one process, for a law and a target. Controllers, trackers, speed
+profiles, odometry, integrators, approaches and what notices slip are objects in it, represented here by handles.
 """
 
 from __future__ import annotations

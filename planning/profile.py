@@ -11,6 +11,7 @@ import numpy as np
 
 from ..codegen.printing.scalar import SCALARS
 from ..controllers.backends import runtime_of
+from ..controllers.controller import Numbers
 from ..controllers.runtime import Runtime, runtime
 from ..controllers.tracking import REVERSING, STOP, Guide, TrackerOptions
 from ..model.segments import Segment
@@ -33,12 +34,16 @@ class Accelerations:
     deceleration: float
     angular: float = 0.0
 
+    def top_speed(self, segments: Sequence[Segment]) -> float:
+        """Return a speed (m/s) that no profile of the path exceeds."""
+        return float(top_speed(segments, self.lateral, max(self.acceleration, self.deceleration)))
 
-def top_speed(segments: Sequence[Segment], limits: Accelerations) -> np.ndarray:
-    """Return a speed (m/s) that no profile of the path exceeds; for limits that are arrays, one of each."""
+
+def top_speed(segments: Sequence[Segment], lateral: Numbers | float, along: Numbers | float) -> np.ndarray:
+    """Return a speed (m/s) that no profile of the path exceeds, with these largest accelerations (m/s^2), one or arrays."""
     way = sum(segment.length for segment in segments)
     radii = [1 / abs(segment.curvature) for segment in segments if segment.curvature]
-    return np.sqrt(2 * np.maximum(limits.acceleration, limits.deceleration) * way + limits.lateral * max(radii, default=0.0))
+    return np.sqrt(2 * np.asarray(along) * way + np.asarray(lateral) * max(radii, default=0.0))
 
 
 class SpeedProfile:

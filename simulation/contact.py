@@ -167,12 +167,10 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
     )
 
 
-def friction_accelerations(
-    plant: Plant, options: ContactSection, part: float, torque: Sequence[float] = ()
-) -> Accelerations:
+def friction_accelerations(plant: Plant, options: ContactSection, part: float, torque: Sequence[float] = ()) -> Accelerations:
     """Return the accelerations that alone use a `part` of friction at some contact: towards the centre of a wide curve, along a
-    line, and of the yaw rate at rest. The robot rolls as the parameters of the plant say. With `torque`, the largest input of each
-    motor (N or N m; 0: no limit), those along a line and of the yaw rate also use at most this part of each.
+    line, and of the yaw rate at rest. The robot rolls as the parameters of the plant say. With `torque`, the largest input of
+    each motor (N or N m; 0: no limit), those along a line and of the yaw rate also use at most this part of each.
 
     Raises BadInput as `contact_forces` and `vehicle_wheels` do, and if the robot defines no contacts.
     """

@@ -206,7 +206,9 @@ def _row(loop: Loop, t: float, x: np.ndarray, given: np.ndarray | None, status: 
     seen, guidance, drive = loop.seen(x), loop.guidance, loop.drive
     tau = np.zeros(len(loop.law.system.mechanism.inputs)) if given is None else drive.torque(x, given)
     command = np.zeros(drive.commands) if given is None else drive.command(given)
-    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg.config, loop.reference(t, seen), z, xi, command, _noticed(loop))
+    return Row(
+        t, x, seen, tau, status, guidance.piece, guidance.leg.config, loop.reference(t, seen), z, xi, command, _noticed(loop)
+    )
 
 
 def _noticed(loop: Loop) -> np.ndarray:

@@ -19,7 +19,7 @@ from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import TYPES
 from ..model.outputs import axle
-from ..planning.profile import Accelerations, make_profile, top_speed
+from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
 from ..readers.robots import find_robot, law_of
@@ -33,7 +33,9 @@ from .specification.spec import ApproachSection, Initial, PathSection, Spec
 from .specification.units import check_units
 from .starts import starts
 
-PROFILE_PART = 0.6  # of friction, and of the motors, that a speed profile uses by default; what is left is for staying on the path
+PROFILE_PART = (
+    0.6  # of friction, and of the motors, that a speed profile uses by default; what is left is for staying on the path
+)
 ON_AXLE = 1e-9  # m: a point this near to the axle is on it
 
 
@@ -155,7 +157,9 @@ def make_loop(spec: Spec) -> Loop:
         tracker = _tracker(law, spec, path, believed, limits_along)
         L = tracker.options.L[path.segments[0].backward]
         start = _start(initial_of(spec, tracker.options), plant, L, spec.output.W)
-        profile = make_profile(spec.simulation.backend, path.segments, tracker.options, limits_along, law) if limits_along else None
+        profile = (
+            make_profile(spec.simulation.backend, path.segments, tracker.options, limits_along, law) if limits_along else None
+        )
         guidance = route = Route(law, believed, tracker, make_leg, start, profile)
         if route.faces(start) < 0:
             warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
@@ -263,7 +267,7 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
     reference, output = spec.reference, spec.output
     speed, deceleration = reference.speed or 0.0, reference.deceleration or 0.0
     if limits:
-        speed, deceleration = min(speed, float(top_speed(path.segments, limits))), limits.deceleration
+        speed, deceleration = min(speed, limits.top_speed(path.segments)), limits.deceleration
     ahead = vehicle_wheels(law.system, believed)[2]
     mirrored = -output.L - 2 * ahead
     options = TrackerOptions(

@@ -11,9 +11,9 @@ from ..controllers.approach import PERIODS, SETTLING
 from ..controllers.controller import ON_LIMIT
 from ..controllers.odometry import MODES, wheels_function
 from ..controllers.tracking import REVERSING, STOP
+from ..planning.profile import top_speed
 from ..readers.errors import BadInput
 from ..readers.robots import refuse_extension
-from ..planning.profile import Accelerations, top_speed
 from ..simulation.guidance import accelerations
 from ..simulation.loop import make_loop
 from ..simulation.sensing import gyro_bias, wheel_noise
@@ -243,8 +243,8 @@ class Batch:
                 made[name] = given.get(f"reference.{name}", 0.0)
             if self.spec.reference.profiled:
                 made["along"] = given["reference.acceleration"]
-                limits = Accelerations(made["lateral"], made["along"], made["deceleration"], made["angular"])
-                made["speed"] = np.minimum(made["speed"], top_speed(output.segments, limits))
+                most = np.maximum(made["along"], made["deceleration"])
+                made["speed"] = np.minimum(made["speed"], top_speed(output.segments, made["lateral"], most))
             return made["L"][:, int(output.segments[0].backward)]
         if output.type == "IV" and self._wheels:
             speed = given["reference.speed"]

@@ -128,7 +128,7 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
         changed["reference"] = replace(spec.reference, velocity=spec.reference.velocity or (0.0,) * rows)
     if loop.route:
         guide = loop.route.options
-        limits = {}
+        limits: dict[str, Any] = {}
         if profile := loop.route.profile:
             limits = {"speed": guide.speed} | asdict(profile.limits)
         changed["reference"] = replace(spec.reference, **({"deceleration": guide.deceleration} | limits))

@@ -24,8 +24,8 @@ SOURCES = ("batch.c", "batch.h")
 
 @dataclass(frozen=True)
 class Parts:
-    """What a loop has: sensors, and whether the pose seen is reckoned by them; a composite path, and the number of its segments if its speed has a profile; an approach; outputs
-    with integral action, by name; a gyro that notices slip, and an accelerometer.
+    """What a loop has: sensors, and whether the pose seen is reckoned by them; a composite path, and the
+    number of its segments if its speed has a profile; an approach; outputs with integral action, by name; a gyro that notices slip, and an accelerometer.
     """
 
     sensed: bool = False

@@ -96,7 +96,9 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_grip.inc": Source(
         _chosen("test_grip", "c_is rolls_or given_up least_squares init_checks cone_is_cut way_to steps_keep touched")
     ),
-    "runtime_c/noslip_approach.inc": Source(_chosen("test_approach", "bounded at_rest overshoot c_is fastest refused within -specs")),
+    "runtime_c/noslip_approach.inc": Source(
+        _chosen("test_approach", "bounded at_rest overshoot c_is fastest refused within -specs")
+    ),
     "runtime_c/noslip_profile.inc": Source(_chosen("test_profile", "fastest refuses repeats")),
     "runtime_c/noslip_slip.inc": Source(
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")

@@ -119,7 +119,10 @@ def test_jerk_is_bounded_and_the_end_is_at_rest():
 def test_c_is_the_reference(scalar, jerk):
     tolerance = 1e-12 if scalar == "double" else 1e-3
     for acceleration, *start in starts(15):
-        c, reference = CompiledApproach(acceleration, SETTLING, scalar, jerk=jerk), ReferenceApproach(acceleration, SETTLING, jerk)
+        c, reference = (
+            CompiledApproach(acceleration, SETTLING, scalar, jerk=jerk),
+            ReferenceApproach(acceleration, SETTLING, jerk),
+        )
         both = [led(generator, *start, 4.0) for generator in (c, reference)]
         assert np.abs(both[0] - both[1])[:, [0, 1, 3]].max() < tolerance * 10
 
@@ -133,7 +136,15 @@ def test_refused(scalar):
         return made.status(made.function(f"noslip_approach_{name}", scalar)(self, *arguments))
 
     assert call("step", 0.01, 1.0, desired) == "not_ready"
-    for acceleration, settling, jerk in ((0, 1, 0), (1, 0, 0), (math.nan, 1, 0), (1, math.inf, 0), (1, 1, -1), (1, 1, math.nan), (1, 1, math.inf)):
+    for acceleration, settling, jerk in (
+        (0, 1, 0),
+        (1, 0, 0),
+        (math.nan, 1, 0),
+        (1, math.inf, 0),
+        (1, 1, -1),
+        (1, 1, math.nan),
+        (1, 1, math.inf),
+    ):
         assert call("init", acceleration, settling, jerk) == "bad_parameter" and call("start", 1, 0, 0) == "not_ready"
     assert call("init", 0.5, 0.25, 0.0) == "ok"
     assert call("start", math.nan, 0, 0) == "nonfinite" and call("start", 1, 0, 0) == "ok"

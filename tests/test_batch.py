@@ -90,9 +90,7 @@ def fastest(backend="c"):
         noise=NoiseSection(sd=(0.02,)), seed=3, counts=2000, pose="reckoned" if backend == "c" else "true",
         gyro=GyroSection(noise=0.01, bias=0.002), accelerometer=AccelerometerSection(noise=0.1),
     )  # fmt: skip
-    notice = NoticeSlipSection(
-        deviations=1.0 if backend == "c" else 6.0, geometry=0.0, hold=0.2, pause=0.05, rise=0.3
-    )
+    notice = NoticeSlipSection(deviations=1.0 if backend == "c" else 6.0, geometry=0.0, hold=0.2, pause=0.05, rise=0.3)
     limits, simulation = LimitsSection(mode="grip", notice_slip=notice), replace(made.simulation, backend=backend, duration=6.0)
     return replace(made, output=output, initial=start, sensors=sensors, limits=limits, simulation=simulation)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from noslip.controllers.tracking import Guide, TrackerOptions
 from noslip.model.segments import Segment
-from noslip.planning.profile import Accelerations, SpeedProfile, top_speed
+from noslip.planning.profile import Accelerations, SpeedProfile
 from noslip.readers.errors import BadInput
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.contact import contact_forces, friction_accelerations
@@ -170,7 +170,7 @@ def test_friction_gives_the_accelerations():
 
 
 def test_motors_bound_the_accelerations():
-    """Inputs of 4 N m: 0.6 of each accelerates by that part of friction or less, and the run on the first line stays below 4 N m."""
+    """Inputs of 4 N m: 0.6 of each accelerates as Newton says, and the run on the first line stays below 4 N m."""
     text = SPEC.replace('mode = "grip"', 'mode = "grip", torque = 4.0').replace("11.0,", "4.0,")
     spec = spec_of(text, "test")
     plant = make_loop(spec).plant
@@ -221,7 +221,7 @@ def test_the_c_refuses(scalar):
     for guide, speed in ((Guide("ok", progress=math.nan), 1.0), (Guide("ok"), math.inf), (Guide("ok", segment=3), 1.0)):
         with pytest.raises(BadInput):
             profile.speed(guide, speed)
-    assert top_speed(segments, LIMITS) > max(profile.along(k, 1.0) for k in range(3))
+    assert LIMITS.top_speed(segments) > max(profile.along(k, 1.0) for k in range(3))
     beyond = Guide("ok", segment=2, x=9.0, speed=0.3, speed_rate=-0.1)
     assert profile.speed(beyond, 0.3) == pytest.approx((0.3, -0.1)), "on the extension the path's own speed stays"
 

@@ -85,9 +85,7 @@ def test_no_false_alarm_within_the_bounds():
     for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         options = replace(OPTIONS, deviations=3.0, lower=0.999, pause=0.0, hold=0.0)
         notice = ReferenceSlip(options, FORWARD, TURN)
-        for angle, yaw, gained in zip(
-            *readings(random, drive(random, 20.0), options, 0.005 * np.array(signs)), strict=True
-        ):
+        for angle, yaw, gained in zip(*readings(random, drive(random, 20.0), options, 0.005 * np.array(signs)), strict=True):
             found = notice.step(angle, yaw, gained, DT)
             beyond, calls = beyond + (found.status == "slipping"), calls + 1
             worst = max(worst, abs(found.heading_difference) / found.heading_threshold)
@@ -121,7 +119,11 @@ def test_mu_is_lowered_and_rises_again(scalar):
     assert notice.step(*rolling).status == "ok"
     slipping = [notice.step((0.1, 0.3), 0.0, None, DT) for _ in range(300)]  # 2 rad/s of yaw that no gyro sees
     falls = [k for k in range(1, 300) if slipping[k].mu < slipping[k - 1].mu]
-    assert slipping[0].mu == pytest.approx(0.48) and slipping[1].mu == slipping[0].mu and {one.status for one in slipping} == {"slipping"}
+    assert (
+        slipping[0].mu == pytest.approx(0.48)
+        and slipping[1].mu == slipping[0].mu
+        and {one.status for one in slipping} == {"slipping"}
+    )
     assert set(np.diff(falls)) <= {10, 11} and slipping[-1].mu == pytest.approx(0.1, abs=1e-6)
     assert slipping[0].slower == pytest.approx(math.sqrt(0.8), rel=1e-6)
     after = [notice.step(*rolling) for _ in range(1300)]
@@ -162,9 +164,9 @@ def test_any_bits(scalar):
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_refused_options(scalar):
-    bad = {"window": 0.0, "count": (0.0, -1.0), "wheel_noise": -1.0, "gyro_noise": math.nan, "gyro_bias": -1.0, "geometry": math.inf,
-           "acceleration_noise": -1.0, "acceleration_bias": math.nan, "deviations": -1.0, "mu": 0.0, "least": 0.0, "lower": 1.0,
-           "pause": 2.0, "rise": -1.0, "hold": math.inf}  # fmt: skip
+    bad = {"window": 0.0, "count": (0.0, -1.0), "wheel_noise": -1.0, "gyro_noise": math.nan, "gyro_bias": -1.0,
+           "geometry": math.inf, "acceleration_noise": -1.0, "acceleration_bias": math.nan, "deviations": -1.0, "mu": 0.0, "least": 0.0,
+           "lower": 1.0, "pause": 2.0, "rise": -1.0, "hold": math.inf}  # fmt: skip
     assert set(bad) == set(vars(OPTIONS))
     for name, value in [*bad.items(), ("least", 0.7), ("lower", 0.0), ("pause", -1.0)]:
         with pytest.raises(BadInput, match="bad_parameter"):
@@ -214,8 +216,8 @@ def overestimated(notice: str = "", end: str = SENSED, mu: float = 0.65):
 
 @pytest.mark.nightly
 def test_noticing_slip_keeps_the_path_where_mu_is_overestimated():
-    """Without, it is lost by 10 cm; with, it is kept within 1 cm, the wheels slip ten times shorter, and what dead reckoning lost is
-    within what it says; with the right mu nothing is noticed.
+    """Without, it is lost by 10 cm; with, it is kept within 1 cm, the wheels slip ten times shorter, and what dead reckoning
+    lost is within what it says; with the right mu nothing is noticed.
     """
     pytest.importorskip("mujoco")
     bare, noticing = overestimated(), overestimated(", notice_slip = {}")
@@ -252,7 +254,8 @@ def test_in_each_backend(backend):
     """A track that is wider than believed by more than `geometry`: slip is noticed in the same calls, and the robot is slower."""
     text = FASTEST.replace("11.0,", f'5.0, backend = "{backend}",') + SENSED + "[plant]\nb = 0.8\n"
     runs = [
-        simulate(spec_of(text.replace('mode = "grip"', f'mode = "grip"{notice}'), "test")) for notice in ("", ", notice_slip = {}")
+        simulate(spec_of(text.replace('mode = "grip"', f'mode = "grip"{notice}'), "test"))
+        for notice in ("", ", notice_slip = {}")
     ]
     assert runs[1].columns[-4:] == ["believed_mu", "uncertain_heading", "uncertain_way", "piece"]
     slipping = np.flatnonzero(runs[1].status == "slipping")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from threading import Lock
 from typing import TYPE_CHECKING, Protocol
@@ -23,8 +22,8 @@ HEADER = "noslip_slip.h"
 
 @dataclass(frozen=True)
 class SlipOptions:
-    """What is known of the sensors, and what is done where wheels slip, as in the C struct noslip_slip_options, SI: `count` are the
-    angles of one count of the wheels' encoders.
+    """What is known of the sensors, and what is done where wheels slip, as in the C struct noslip_slip_options, SI: `count` are
+    the angles of one count of the wheels' encoders.
     """
 
     window: float
@@ -46,9 +45,9 @@ class SlipOptions:
 
 @dataclass(frozen=True)
 class Noticed:
-    """What a call notices: `status` "ok" or "slipping"; the friction that may be believed, and the factor of a desired speed along
-    a path; by how much dead reckoning may be wrong because of slip, rad and m; differences between gyro and wheels (rad) and
-    accelerations and wheels (m/s), with the thresholds beyond which they slip.
+    """What a call notices: `status` "ok" or "slipping"; the friction that may be believed, and the factor of a desired speed
+    along a path; by how much dead reckoning may be wrong because of slip, rad and m; differences between gyro and wheels (rad)
+    and accelerations and wheels (m/s), with the thresholds beyond which they slip.
     """
 
     status: str
@@ -131,9 +130,7 @@ class ReferenceSlip:
 class CompiledSlip:
     """The same by the C, in double or float."""
 
-    def __init__(
-        self, options: SlipOptions, forward: Numbers, turn: Numbers, scalar: str = "double", c: Runtime | None = None
-    ):
+    def __init__(self, options: SlipOptions, forward: Numbers, turn: Numbers, scalar: str = "double", c: Runtime | None = None):
         """Raises BadInput for options that are not in their ranges."""
         self.options = options
         self._runtime, self._scalar, self._lock = c or runtime(HEADER), scalar, Lock()
@@ -164,9 +161,7 @@ class CompiledSlip:
         return self._runtime.status(status)
 
 
-def make_slip(
-    backend: str, options: SlipOptions, forward: Sequence[float], turn: Sequence[float], law: ControlLaw | None = None
-) -> SlipNotice:
+def make_slip(backend: str, options: SlipOptions, forward: Numbers, turn: Numbers, law: ControlLaw | None = None) -> SlipNotice:
     """Return what notices slip, in Python ("casadi"), or the C as run by a backend; see `runtime_of`.
 
     `forward` (2,) m/rad and `turn` (2,) rad/rad are those of the wheels. Raises BadInput for invalid options.

@@ -267,7 +267,12 @@ def draw_slip(runs: Runs) -> matplotlib.figure.Figure:
             friction.plot(run.t, run.noticed[:, 0], color=colour, label="believed, slip noticed")
             friction.axhline(run.noticed[0, 0], color=STOP, label="believed, limiter alone")
             assert run.floor
-            friction.axhline(run.floor.mu if scene == OVER else 0.2, color="black", linestyle=":", label="true" + " on the patch" * (scene == WET))
+            friction.axhline(
+                run.floor.mu if scene == OVER else 0.2,
+                color="black",
+                linestyle=":",
+                label="true" + " on the patch" * (scene == WET),
+            )
     for panel, unit in zip(axes, ("distance (cm)", "friction coefficient") * 2, strict=True):
         over_time(panel, unit)
         legend_below(panel)
@@ -284,7 +289,7 @@ def claims_slip(runs: Runs) -> list[Claim]:
     patch = [f"{WET}, {how}" for how in (CUT, LIMITED, NOTICING)]
     return [
         Claim(
-            "where the limiter believes 1.3 times the friction, noticing slip keeps the path within 1 cm; without, it is 10 cm off",
+            "where the limiter believes 1.3 times the friction, noticing slip keeps the path within 1 cm; else it is lost",
             f"{1e3 * off[names[1]]:.1f} mm; {1e3 * off[names[0]]:.0f} mm",
             off[names[1]] < 0.01 and off[names[0]] > 0.1,
         ),

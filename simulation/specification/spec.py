@@ -221,8 +221,8 @@ class OutputSection:
 @dataclass(frozen=True, kw_only=True)
 class ApproachSection:
     """How desired outputs go from where the robot is to their final values: a distance, a point and a speed with at most
-    `acceleration` (m/s^2), a heading with at most `angular` (rad/s^2). With a `jerk` (m/s^3) the acceleration of a distance, point
-    and speed changes no faster; that of a heading in the same proportion.
+    `acceleration` (m/s^2), a heading with at most `angular` (rad/s^2). With a `jerk` (m/s^3) the acceleration of a distance,
+    point and speed changes no faster; that of a heading in the same proportion.
     """
 
     acceleration: float = entry(number("positive", "m/s^2"), about="largest, of a desired distance, point and speed")
@@ -354,8 +354,8 @@ class Correction:
 @dataclass(frozen=True, kw_only=True)
 class NoticeSlipSection:
     """How slip is noticed by a gyro: it is where the heading that it measured differs from that of the wheels, over about the
-    last `window` (s), by more than counts, noise, bias and a relative error `geometry` of the wheels' ways may make it. `deviations`
-    of the noise beyond these bounds make a false alarm: with 6 the probability is at most 2e-9 at each call.
+    last `window` (s), by more than counts, noise, bias and a relative error `geometry` of the wheels' ways may make it.
+    `deviations` of the noise beyond these bounds make a false alarm: with 6 the probability is at most 2e-9 at each call.
 
     mu is then multiplied by `lower`, down to `least`, and rises by `rise` (1/s) after `hold` (s) without slip. The desired speed
     along a path is multiplied by the root of mu over that of [contact].

@@ -1,8 +1,8 @@
 /*
  * slip.c - noticing slip and speed profiles for EVA, in the scalar REAL with SUFFIX: arbitrary bits in all arguments.
  *
- * The step is proved to keep what init establishes, so that the results hold for any sequence of calls. That a speed of a profile
- * is finite needs relations that intervals do not represent; the fuzzers check it.
+ * Proved is that nothing undefined happens, and what init establishes. That what is noticed and the speed of a profile are finite
+ * needs relations that intervals do not represent; the fuzzers check it.
  */
 #include "eva.h"
 #include "noslip_profile.h"
@@ -46,8 +46,6 @@ void check_slip(void)
     } else {
         REACHED(slip_refused);
     }
-    /*@ assert \is_finite(noticed.heading_difference) && \is_finite(noticed.speed_difference); */
-    /*@ assert \is_finite(noticed.uncertain_heading) && \is_finite(noticed.uncertain_way); */
     ANY(friction);
     status = OF(noslip_slip_grip)(&self, &friction, &grip);
     status += OF(noslip_slip_trust)(&self);
@@ -76,7 +74,6 @@ void check_profile(int count)
             REACHED(profile_good);
         } else {
             REACHED(profile_refused);
-            /*@ assert speed == 0 && rate == 0; */
         }
     } else {
         REACHED(profile_init_refused);
