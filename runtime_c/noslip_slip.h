@@ -197,9 +197,9 @@ NOSLIP_NODISCARD static inline int noslip_slip_init(noslip_slip *self,
     return NOSLIP_OK;
 }
 
-/* Adds a reading to the sums, of which `keeps` is kept; `rate` is that of the wheels (rad/s). */
+/* Adds a reading of dt (s) to the sums, of which `keeps` is kept; `now` is 1 / dt. */
 NOSLIP_APART void noslip_slip_add(const noslip_slip *self,
-                      const noslip_slip_reading *reading, const double *rate,
+                      const noslip_slip_reading *reading, double now,
                       double dt, double keeps, noslip_slip_sums *sums)
 {
     const noslip_slip_options *options = &self->options;
@@ -208,7 +208,7 @@ NOSLIP_APART void noslip_slip_add(const noslip_slip *self,
     int i;
     for (i = 0; i < 2; i++) {
         sums->angle[i] = keeps * (sums->angle[i] + reading->angle[i]);
-        sums->change[i] = keeps * (sums->change[i] + (self->known ? rate[i] - self->rate[i] : 0));
+        sums->change[i] = keeps * (sums->change[i] + (self->known ? reading->angle[i] * now - self->rate[i] : 0));
     }
     sums->time = keeps * (sums->time + dt);
     sums->heading = keeps * (sums->heading + reading->yaw_rate * dt);
@@ -284,7 +284,7 @@ static inline int noslip_slip_step(noslip_slip *self,
     static const noslip_noticed nothing = {0, 0, 0, 0, 0, 0, 0, 0};
     noslip_slip_sums sums;
     noslip_noticed next;
-    double rate[2], keeps, now, frequency, quiet;
+    double keeps, now, frequency, quiet;
     int slips;
     if (noticed == NULL) {
         return NOSLIP_NULL;
@@ -300,14 +300,13 @@ static inline int noslip_slip_step(noslip_slip *self,
     }
     keeps = self->options.window / (self->options.window + dt);
     frequency = self->known ? self->frequency : now;
-    rate[0] = reading->angle[0] * now;
-    rate[1] = reading->angle[1] * now;
     noslip_slip_copy(&self->sums, &sums);
     noslip_noticed_copy(&self->noticed, &next);
-    noslip_slip_add(self, reading, rate, dt, keeps, &sums);
+    noslip_slip_add(self, reading, now, dt, keeps, &sums);
     noslip_slip_compare(self, &sums, keeps * (now + frequency), &next);
     frequency = keeps * frequency + (1 - keeps) * now;
-    if (!(noslip_slip_finite(&sums, &next) && noslip_all_finite(rate, 2) &&
+    if (!(noslip_slip_finite(&sums, &next) && noslip_is_finite(reading->angle[0] * now) &&
+          noslip_is_finite(reading->angle[1] * now) &&
           noslip_is_finite(frequency))) {
         noslip_noticed_copy(&self->noticed, noticed);
         return NOSLIP_NONFINITE;
@@ -329,8 +328,8 @@ static inline int noslip_slip_step(noslip_slip *self,
         next.uncertain_heading = self->noticed.uncertain_heading;
         next.uncertain_way = self->noticed.uncertain_way;
     }
-    self->rate[0] = rate[0];
-    self->rate[1] = rate[1];
+    self->rate[0] = reading->angle[0] * now;
+    self->rate[1] = reading->angle[1] * now;
     self->frequency = frequency;
     self->known = 1;
     noslip_slip_copy(&sums, &self->sums);
@@ -541,9 +540,9 @@ NOSLIP_NODISCARD static inline int noslip_slip_init_f(noslip_slip_f *self,
     return NOSLIP_OK;
 }
 
-/* Adds a reading to the sums, of which `keeps` is kept; `rate` is that of the wheels (rad/s). */
+/* Adds a reading of dt (s) to the sums, of which `keeps` is kept; `now` is 1 / dt. */
 NOSLIP_APART void noslip_slip_add_f(const noslip_slip_f *self,
-                          const noslip_slip_reading_f *reading, const float *rate,
+                          const noslip_slip_reading_f *reading, float now,
                           float dt, float keeps, noslip_slip_sums_f *sums)
 {
     const noslip_slip_options_f *options = &self->options;
@@ -552,7 +551,7 @@ NOSLIP_APART void noslip_slip_add_f(const noslip_slip_f *self,
     int i;
     for (i = 0; i < 2; i++) {
         sums->angle[i] = keeps * (sums->angle[i] + reading->angle[i]);
-        sums->change[i] = keeps * (sums->change[i] + (self->known ? rate[i] - self->rate[i] : 0));
+        sums->change[i] = keeps * (sums->change[i] + (self->known ? reading->angle[i] * now - self->rate[i] : 0));
     }
     sums->time = keeps * (sums->time + dt);
     sums->heading = keeps * (sums->heading + reading->yaw_rate * dt);
@@ -628,7 +627,7 @@ static inline int noslip_slip_step_f(noslip_slip_f *self,
     static const noslip_noticed_f nothing = {0, 0, 0, 0, 0, 0, 0, 0};
     noslip_slip_sums_f sums;
     noslip_noticed_f next;
-    float rate[2], keeps, now, frequency, quiet;
+    float keeps, now, frequency, quiet;
     int slips;
     if (noticed == NULL) {
         return NOSLIP_NULL;
@@ -644,14 +643,13 @@ static inline int noslip_slip_step_f(noslip_slip_f *self,
     }
     keeps = self->options.window / (self->options.window + dt);
     frequency = self->known ? self->frequency : now;
-    rate[0] = reading->angle[0] * now;
-    rate[1] = reading->angle[1] * now;
     noslip_slip_copy_f(&self->sums, &sums);
     noslip_noticed_copy_f(&self->noticed, &next);
-    noslip_slip_add_f(self, reading, rate, dt, keeps, &sums);
+    noslip_slip_add_f(self, reading, now, dt, keeps, &sums);
     noslip_slip_compare_f(self, &sums, keeps * (now + frequency), &next);
     frequency = keeps * frequency + (1 - keeps) * now;
-    if (!(noslip_slip_finite_f(&sums, &next) && noslip_all_finite_f(rate, 2) &&
+    if (!(noslip_slip_finite_f(&sums, &next) && noslip_is_finite_f(reading->angle[0] * now) &&
+          noslip_is_finite_f(reading->angle[1] * now) &&
           noslip_is_finite_f(frequency))) {
         noslip_noticed_copy_f(&self->noticed, noticed);
         return NOSLIP_NONFINITE;
@@ -673,8 +671,8 @@ static inline int noslip_slip_step_f(noslip_slip_f *self,
         next.uncertain_heading = self->noticed.uncertain_heading;
         next.uncertain_way = self->noticed.uncertain_way;
     }
-    self->rate[0] = rate[0];
-    self->rate[1] = rate[1];
+    self->rate[0] = reading->angle[0] * now;
+    self->rate[1] = reading->angle[1] * now;
     self->frequency = frequency;
     self->known = 1;
     noslip_slip_copy_f(&sums, &self->sums);

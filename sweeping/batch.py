@@ -20,7 +20,7 @@ from ..simulation.sensing import gyro_bias, wheel_noise
 from ..simulation.specification.spec import MOST_ROWS, Spec
 from ..simulation.starts import starts
 from .inputs import SEED, SEEDS, inputs_of
-from .program import Parts, program
+from .program import LoopParts, program
 
 LONGEST = 0.01  # s
 ACCURACY = 1e-9
@@ -86,7 +86,7 @@ class Batch:
         self.inputs, self.nominal = self._inputs.names, self._inputs.nominal
         self.table, self.spec_of = self._inputs.table, self._inputs.spec_of
         scalar = SCALAR[spec.simulation.backend]
-        parts = Parts(
+        parts = LoopParts(
             sensed=spec.sensors is not None,
             reckoned=spec.sensors is not None and spec.sensors.pose == "reckoned",
             route=self._route is not None,

@@ -23,9 +23,10 @@ SOURCES = ("batch.c", "batch.h")
 
 
 @dataclass(frozen=True)
-class Parts:
-    """What a loop has: sensors, and whether the pose seen is reckoned by them; a composite path, and the
-    number of its segments if its speed has a profile; an approach; outputs with integral action, by name; a gyro that notices slip, and an accelerometer.
+class LoopParts:
+    """What a loop has: sensors, and whether the pose seen is reckoned by them; a composite path, and the number of its segments
+    if its speed has a profile; an approach; outputs with integral action, by name; a gyro that notices slip, and an
+    accelerometer.
     """
 
     sensed: bool = False
@@ -41,7 +42,7 @@ class Parts:
 class Simulator:
     """The simulator of a law in a scalar of the controller's. `ffi` has its types, `lib` its functions."""
 
-    def __init__(self, law: ControlLaw, scalar: str, parts: Parts):
+    def __init__(self, law: ControlLaw, scalar: str, parts: LoopParts):
         """Raises BadInput as `pose_coordinates` does."""
         law_h, own = _header(law, scalar, parts), files(__package__)
         texts = {name: (own / name).read_text() for name in SOURCES} | noise.source()
@@ -61,12 +62,12 @@ class Simulator:
 
 
 @lru_cache(maxsize=16)
-def program(law: ControlLaw, scalar: str, parts: Parts) -> Simulator:
+def program(law: ControlLaw, scalar: str, parts: LoopParts) -> Simulator:
     """Return the simulator, compiled once per process."""
     return Simulator(law, scalar, parts)
 
 
-def _header(law: ControlLaw, scalar: str, parts: Parts) -> str:
+def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
     """Return batch_law.h: names in the generated C, and sizes."""
     leads = led(law) if parts.approach else []
     mechanism, own = law.system.mechanism, SCALARS[scalar]

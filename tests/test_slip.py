@@ -164,9 +164,9 @@ def test_any_bits(scalar):
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_refused_options(scalar):
-    bad = {"window": 0.0, "count": (0.0, -1.0), "wheel_noise": -1.0, "gyro_noise": math.nan, "gyro_bias": -1.0,
-           "geometry": math.inf, "acceleration_noise": -1.0, "acceleration_bias": math.nan, "deviations": -1.0, "mu": 0.0, "least": 0.0,
-           "lower": 1.0, "pause": 2.0, "rise": -1.0, "hold": math.inf}  # fmt: skip
+    negative = ("wheel_noise", "gyro_bias", "acceleration_noise", "deviations", "rise")
+    bad = {name: -1.0 for name in negative} | {"window": 0.0, "count": (0.0, -1.0), "mu": 0.0, "least": 0.0, "lower": 1.0}
+    bad |= {"gyro_noise": math.nan, "acceleration_bias": math.nan, "geometry": math.inf, "hold": math.inf, "pause": 2.0}
     assert set(bad) == set(vars(OPTIONS))
     for name, value in [*bad.items(), ("least", 0.7), ("lower", 0.0), ("pause", -1.0)]:
         with pytest.raises(BadInput, match="bad_parameter"):
