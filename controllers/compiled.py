@@ -18,8 +18,8 @@ from ..codegen.printing.scalar import SCALARS
 from ..codegen.program import Entry
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
-from .controller import ON_LIMIT, QUANTITIES, RUNNING, Evaluation, Limits, check_point
-from .runtime import InC, load
+from .controller import ON_LIMIT, QUANTITIES, RUNNING, Evaluation, Friction, Limits, check_point
+from .runtime import InC, load, runtime
 
 Text = TypeVar("Text", LawC, DynamicsC)
 
@@ -75,6 +75,12 @@ class Library(_Compiled[LawC]):
     def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str] | None = None):
         """`written`: files that are there already, by name, these among them; they make one library."""
         self._load(law.system, law_text(law_program(law), SCALARS[scalar]), written)
+
+    def set_friction(self, instance, friction: Friction) -> None:
+        """Set the friction of a law, as noslip_slip_grip does."""
+        c, scalar = runtime("noslip_grip.h"), self.text.scalar.real
+        grip = c.function("noslip_grip_of", scalar)(c.new("noslip_friction", scalar, dataclasses.asdict(friction)))
+        self.ffi.memmove(self.ffi.addressof(instance, "grip"), c.ffi.addressof(grip), c.ffi.sizeof(grip))
 
 
 class DynamicsLibrary(_Compiled[DynamicsC]):
@@ -137,6 +143,7 @@ class CompiledController:
             options.on_limit = ON_LIMIT.index(limits.mode)
             if limits.mode == "grip" and limits.friction:
                 options.friction = dataclasses.asdict(limits.friction)
+        self._friction = limits.friction if limits and limits.mode == "grip" else None
         status = self._library.function("init")(self._self, *structs, options)
         self.refused = None if status == 0 else self._library.status(status)
         self._evaluate, self._step = self._library.function("evaluate"), self._library.function("step")
@@ -167,6 +174,13 @@ class CompiledController:
             self._load(state, reference)
             status = self._step(self._self, self._state, self._reference, *self._dt, self._tau)
             return self._status(status), self._answer.astype(float)
+
+    def believe(self, mu: float) -> None:
+        """See Controller."""
+        assert self._friction is not None, "there is friction in mode grip only"
+        believed = dataclasses.replace(self._friction, mu=min(mu, self._friction.mu))
+        with self._lock:
+            self._library.set_friction(self._self, believed)
 
     @property
     def extension_rate(self) -> np.ndarray:

@@ -19,10 +19,10 @@ Numbers = Sequence[float] | np.ndarray  # in a fixed order
 
 STATUS = (  # as in the C runtime
     *("ok", "saturated", "null", "nonfinite", "range", "bad_parameter", "singular", "not_ready"),
-    *("bad_path", "unstable", "arrived", "grip", "will_slip", "astray"),
+    *("bad_path", "unstable", "arrived", "grip", "will_slip", "slipping", "astray"),
 )
 ON_LIMIT = ("cut", "slow", "grip")  # as the C runtime's NOSLIP_CUT, NOSLIP_SLOW and NOSLIP_GRIP
-RUNNING = ("ok", "saturated", "grip", "will_slip")  # statuses of a step that gave inputs
+RUNNING = ("ok", "saturated", "grip", "will_slip", "slipping")  # statuses of a step that gave inputs
 QUANTITIES = ("h", "ydot", "Phi", "Phidot", "u", "tau")  # computed by every backend
 MODEL_QUANTITIES = ("M", "V", "A", "S", "Mbar", "bias", "lam")  # computed by casadi in addition
 
@@ -116,6 +116,9 @@ class Controller(Protocol):
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
         """Status and inputs tau (12), (20), within the limits ("saturated": made so); zeros when the status is an error."""
+
+    def believe(self, mu: float) -> None:
+        """Keep the contacts within a friction `mu`, at most that of the limits, from the next step on; in mode "grip"."""
 
 
 def check_point(law: ControlLaw, state: np.ndarray, reference: np.ndarray) -> None:

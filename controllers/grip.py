@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import casadi as ca
@@ -110,7 +110,12 @@ class GripReference:
     def __init__(self, law: ControlLaw, params: np.ndarray, friction: Friction, limits: np.ndarray):
         self._function, self._params = Direct(_ground_function(law)), params
         self._effort = Direct(_effort_function(law)) if law.system.redundant else None
-        self._friction, self._limits = friction, limits
+        self._given = self._friction = friction
+        self._limits = limits
+
+    def believe(self, mu: float) -> None:
+        """Keep the contacts within a friction `mu`, at most that of the start."""
+        self._friction = replace(self._given, mu=min(mu, self._given.mu))
 
     def cones(self, state: np.ndarray) -> Cones:
         """Return the friction cones at a state."""

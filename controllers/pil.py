@@ -1,8 +1,8 @@
 """Processor in the loop: the generated C runs on an emulated processor, or as a program of this host, and is called from here.
 
 firmware/pil/pil.h defines the operations and the format of the messages, which use the emulator's standard input and output; the
-image opens both by semihosting. There is one image, and one process, for a law and a target. Controllers, trackers, odometry,
-integrators and approaches of that law are objects in it, represented here by handles.
+image opens both by semihosting. There is one image, and one process, for a law and a target. Controllers, trackers, speed
+profiles, odometry, integrators, approaches and what notices slip are objects in it, represented here by handles.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import subprocess
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
@@ -29,7 +29,7 @@ from ..readers.errors import BadInput
 from ..readers.files import children
 from .build import built, compiler, runtime_files
 from .compiled import Library, library
-from .controller import ON_TARGET
+from .controller import ON_TARGET, Friction
 from .runtime import Runtime, runtime
 from .targets import HOST, SEMIHOSTING, TARGETS, Target, require
 
@@ -44,6 +44,7 @@ REQUEST, ANSWER = struct.Struct("<5I"), struct.Struct("<3IiI")
 CALLED = ("noslip_path_f.c", "noslip_status.c")  # sources of the runtime that an image contains
 CHOSEN = """#define PIL_ROBOT(name) {robot}##name##_f
 #define PIL_LAW(name) {law}##name##_f
+#define PIL_GRIP {grip}
 #include "{law}_f.h"
 """
 PATIENCE = 30.0  # s, timeout of an answer; a step takes a millionth of it
@@ -68,7 +69,8 @@ def image(target: Target, law: Library) -> Path:
     """Return the program that serves calls of a law on a target. Raises BadInput if a tool is missing."""
     require(target.compiler, *target.machine[:1])
     own = {path.name: path.read_text() for path in FOLDER.glob("*.[ch]")}
-    chosen = CHOSEN.format(robot=law.text.robot, law=law.text.prefix)
+    has_grip = "grip" in [name for name, _ in law.ffi.typeof(law.name("")).fields]
+    chosen = CHOSEN.format(robot=law.text.robot, law=law.text.prefix, grip=int(has_grip))
     files = {**runtime_files(), **target.files(), **law.files, **own, "pil_law.h": chosen}
     sources = [name for name in (*law.files, *own) if name.endswith(".c")]
     command = target.compile() if target.compiler else compiler()
@@ -98,6 +100,7 @@ class Session:
             raise self._fault(f"sends an initial answer of {len(sizes)} bytes")
         self.sizes = dict(zip(SIZES, struct.unpack(f"<{len(SIZES)}I", sizes), strict=True))
         counts = {"law": "laws", "path": "paths", "odometry": "odometries", "integral": "integrals", "approach": "approaches"}
+        counts["slip"] = "slips"
         self._free = {kind: list(range(self.sizes[many]))[::-1] for kind, many in counts.items()}
 
     @property
@@ -264,6 +267,12 @@ class TargetLibrary(Library):
         """As Library.instance, on the target."""
         return Handle(session(self._law, self._backend), "law")
 
+    def set_friction(self, instance: Handle, friction: Friction) -> None:
+        """As Library.set_friction, on the target."""
+        c = runtime("noslip_grip.h")
+        made = c.new("noslip_friction", "float", asdict(friction))
+        instance.session.call("law_friction", instance.number, bytes(c.ffi.buffer(made)))
+
     def function(self, name: str) -> Function:
         """As Library.function, on the target."""
         kinds = self.ffi.typeof(self._here.function(name)).args[1:]
@@ -275,8 +284,9 @@ class TargetRuntime(Runtime):
 
     inputs = {  # 2 for the others
         **{"path_look": 4, "path_update": 4, "odometry_pose": 0, "odometry_unwind": 0},
-        **{"integral_step": 3, "approach_init": 3, "approach_start": 3},
+        **{"integral_step": 3, "approach_init": 3, "approach_start": 3, "slip_trust": 0},
     }
+    kinds = {"profile": "path"}  # of an object that shares the numbers, and the segments, of others
 
     def __init__(self, header: str, law: ControlLaw, backend: str):
         here = runtime(header)
@@ -286,7 +296,7 @@ class TargetRuntime(Runtime):
     def new(self, kind: str, scalar: str, *initial):
         """As Runtime.new; the object itself is on the target."""
         if kind == f"noslip_{self._kind}":
-            return Handle(session(self._law, self._backend), self._kind)
+            return Handle(session(self._law, self._backend), self.kinds.get(self._kind, self._kind))
         return super().new(kind, scalar, *initial)
 
     def function(self, name: str, scalar: str) -> Function:
@@ -294,22 +304,24 @@ class TargetRuntime(Runtime):
         operation = name.removeprefix("noslip_")
         kinds = self.ffi.typeof(super().function(name, scalar)).args[1:]
         if operation == "path_init":
-            return self._path_init(remote(self.ffi, operation, kinds[1:], 2))
+            return self._with_segments(remote(self.ffi, operation, kinds[1:], 2))
+        if operation == "profile_init":
+            return self._with_segments(remote(self.ffi, operation, kinds[1:], 3), 1)
         return remote(self.ffi, operation, kinds, self.inputs.get(operation, 2))
 
-    def _path_init(self, init: Function) -> Function:
-        """Send the segments first, one by one: they are stored on the target too."""
+    def _with_segments(self, init: Function, local: int = 0) -> Function:
+        """Send the segments first, one by one: they are stored on the target too, as the last `local` arguments are."""
 
-        def path_init(handle: Handle, segments, count: int, options, fault) -> int:
+        def init_with_segments(handle: Handle, segments, count: int, *arguments) -> int:
             most = handle.session.sizes["segments"]
             if count > most:
                 raise BadInput(f"path: it has {count} segments; backend {self._backend} takes {most}")
             for k in range(count):
                 segment = bytes(self.ffi.buffer(self.ffi.addressof(segments[k])))
                 handle.session.call("path_segment", handle.number, struct.pack("<I", k) + segment)
-            return init(handle, count, options, fault)
+            return init(handle, count, *arguments[: len(arguments) - local])
 
-        return path_init
+        return init_with_segments
 
 
 @lru_cache(maxsize=64)

@@ -69,6 +69,11 @@ class CasadiController:
             tau = slowed(tau, self._slope(state, reference), self._limits)
         return "saturated", np.clip(tau, -self._limits, self._limits)
 
+    def believe(self, mu: float) -> None:
+        """See Controller."""
+        assert self._grip is not None, "there is friction in mode grip only"
+        self._grip.believe(mu)
+
     def _slope(self, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
         return np.asarray(slope_function(self.law)(*self._fixed, state, reference)).ravel()
 

@@ -63,7 +63,7 @@ class AnalysedProgram:
         most = {"noslip_limit": 0, "noslip_abs": 0} | (MOST_IN_PATH if self.source == "path" else {})
         each = ",".join(f"{function}{suffix if function.startswith('noslip') else ''}:{n}" for function, n in most.items())
         split = ["-eva-split-return", "full", "-eva-split-return-function", f"noslip_abs{suffix}:-1"]
-        return ["-eva-slevel", "100" if self.source == "path" else "2000", "-eva-slevel-function", each, *split]
+        return ["-eva-slevel", {"path": "100", "slip": "20"}.get(self.source, "2000"), "-eva-slevel-function", each, *split]
 
     def sources(self, task: Task) -> list[Path]:
         """The C files to analyse."""
@@ -94,7 +94,7 @@ def programs(task: Task) -> list[AnalysedProgram]:
     """Return the programs to analyse; the short version has the last law, which also has `follow`, and the odometry, in float."""
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
-    named = [("law", law) for law in laws] + [("runtime", ""), ("path", "")][: 1 if task.short else 2]
+    named = [("law", law) for law in laws] + [("runtime", ""), ("path", ""), ("slip", "")][: 1 if task.short else 3]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
 
 

@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from threading import Lock
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..codegen.printing.scalar import SCALARS
-from ..controllers.runtime import runtime
+from ..controllers.backends import runtime_of
+from ..controllers.controller import Numbers
+from ..controllers.runtime import Runtime, runtime
 from ..controllers.tracking import REVERSING, STOP, Guide, TrackerOptions
 from ..model.segments import Segment
 from ..readers.errors import BadInput
+
+if TYPE_CHECKING:
+    from ..model.law import ControlLaw
 
 HEADER = "noslip_profile.h"
 
@@ -28,22 +34,34 @@ class Accelerations:
     deceleration: float
     angular: float = 0.0
 
+    def top_speed(self, segments: Sequence[Segment]) -> float:
+        """Return a speed (m/s) that no profile of the path exceeds."""
+        return float(top_speed(segments, self.lateral, max(self.acceleration, self.deceleration)))
 
-def top_speed(segments: Sequence[Segment], limits: Accelerations) -> float:
-    """Return a speed (m/s) that no profile of the path exceeds."""
+
+def top_speed(segments: Sequence[Segment], lateral: Numbers | float, along: Numbers | float) -> np.ndarray:
+    """Return a speed (m/s) that no profile of the path exceeds, with these largest accelerations (m/s^2), one or arrays."""
     way = sum(segment.length for segment in segments)
     radii = [1 / abs(segment.curvature) for segment in segments if segment.curvature]
-    return float(np.sqrt(2 * max(limits.acceleration, limits.deceleration) * way + limits.lateral * max(radii, default=0.0)))
+    return np.sqrt(2 * np.asarray(along) * way + np.asarray(lateral) * max(radii, default=0.0))
 
 
 class SpeedProfile:
-    """The profile of a path that a tracker follows with the same options, computed by the C in double or float; thread-safe.
+    """The profile of a path that a tracker follows with the same options, computed by the C in double or float, here or
+    as `c` runs it; thread-safe.
 
     Raises BadInput for accelerations that are not finite and positive.
     """
 
-    def __init__(self, segments: Sequence[Segment], options: TrackerOptions, limits: Accelerations, scalar: str = "double"):
-        self._c, self._scalar, self._lock, self._count = runtime(HEADER), scalar, Lock(), len(segments)
+    def __init__(
+        self,
+        segments: Sequence[Segment],
+        options: TrackerOptions,
+        limits: Accelerations,
+        scalar: str = "double",
+        c: Runtime | None = None,
+    ):
+        self._c, self._scalar, self._lock, self._count = c or runtime(HEADER), scalar, Lock(), len(segments)
         ffi, name = self._c.ffi, SCALARS[scalar].name
         self._segments = ffi.new(f"{name('noslip_segment')}[]", [vars(segment) for segment in segments])
         self._squares = self._c.array(scalar, np.zeros(len(segments)))
@@ -52,6 +70,7 @@ class SpeedProfile:
         self._self = self._c.new("noslip_profile", scalar)
         self._given, self._guide = (segments, *given), self._c.new("noslip_guide", scalar)
         self._answer = [self._c.array(scalar, [0.0]) for _ in range(2)]
+        self.limits = limits
         self._call("init", self._segments, self._count, *given, self._squares)
 
     def speed(self, guide: Guide, forward_speed: float) -> tuple[float, float]:
@@ -72,3 +91,11 @@ class SpeedProfile:
         status = self._c.function(f"noslip_profile_{name}", self._scalar)(self._self, *arguments)
         if status < 0:
             raise BadInput(f"speed profile: {name} returns {self._c.status(status)!r}; accelerations must be finite and positive")
+
+
+def make_profile(
+    backend: str, segments: Sequence[Segment], options: TrackerOptions, limits: Accelerations, law: ControlLaw
+) -> SpeedProfile:
+    """Return the profile, computed by the C as run by a backend, see `runtime_of`; in double for "casadi"."""
+    c, scalar = runtime_of("c" if backend == "casadi" else backend, HEADER, law)
+    return SpeedProfile(segments, options, limits, scalar, c)

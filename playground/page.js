@@ -14,7 +14,7 @@ const CONTROLS = [ // setting, label, least, largest, step, unit
 const CHOICES = [["law", "law and path", LAWS], ["mode", "at a limit", MODES]];
 const USED = { size: /circle|ellipse/, angle: /^I+$|line/, kv: /IV/, mode: /./ }; // by laws; the others always
 const MEANING = {
-  ok: "the law is in force", saturated: "a torque is at its limit", grip: "held back so that the wheels roll", will_slip: "no torque keeps the wheels rolling",
+  ok: "the law is in force", saturated: "a torque is at its limit", grip: "held back so that the wheels roll", slipping: "slip was noticed", will_slip: "no torque keeps the wheels rolling",
   singular: "singular: the law has no torque here. Drag the robot away", bad_path: "the robot cannot follow this path: draw smoother",
 };
 

@@ -8,6 +8,7 @@ const char *noslip_status_name(int status)
     case NOSLIP_ARRIVED: return "arrived";
     case NOSLIP_GRIP_LIMITED: return "grip";
     case NOSLIP_WILL_SLIP: return "will_slip";
+    case NOSLIP_SLIPPING: return "slipping";
     case NOSLIP_NULL: return "null";
     case NOSLIP_NONFINITE: return "nonfinite";
     case NOSLIP_RANGE: return "range";

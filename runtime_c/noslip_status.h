@@ -35,6 +35,7 @@ enum {
     NOSLIP_ARRIVED = 2,        /* success, and the end of the path is reached */
     NOSLIP_GRIP_LIMITED = 3,       /* success, but inputs were changed so that the wheels roll (on_limit = NOSLIP_GRIP) */
     NOSLIP_WILL_SLIP = 4,      /* success, but friction is not enough even for coasting: the wheels will slip */
+    NOSLIP_SLIPPING = 5,       /* success, but the wheels slip, or did so a moment ago: see noslip_slip.h */
     NOSLIP_NULL = -1,          /* a required pointer is null */
     NOSLIP_NONFINITE = -2,     /* a state, reference or result is infinite or NaN */
     NOSLIP_RANGE = -3,         /* an angle exceeds NOSLIP_ANGLE_MAX (double) or NOSLIP_ANGLE_MAX_F (float) */

@@ -67,6 +67,7 @@ def simulate(
         extension=np.array([row.extension for row in rows]),
         integral_rows=loop.integral.rows,
         command=np.array([row.command for row in rows]),
+        noticed=np.array([row.noticed for row in rows]),
         use=_use(loop, x, tau, spec, measured),
         warnings=loop.warnings,
         floor=measured,

@@ -177,9 +177,10 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
     )
 
 
-def friction_accelerations(plant: Plant, options: ContactSection, part: float) -> Accelerations:
+def friction_accelerations(plant: Plant, options: ContactSection, part: float, torque: Sequence[float] = ()) -> Accelerations:
     """Return the accelerations that alone use a `part` of friction at some contact: towards the centre of a wide curve, along a
-    line, and of the yaw rate at rest. The robot rolls as the parameters of the plant say.
+    line, and of the yaw rate at rest. The robot rolls as the parameters of the plant say. With `torque`, the largest input of
+    each motor (N or N m; 0: no limit), those along a line and of the yaw rate also use at most this part of each.
 
     Raises BadInput as `contact_forces` and `vehicle_wheels` do, and if the robot defines no contacts.
     """
@@ -203,6 +204,8 @@ def friction_accelerations(plant: Plant, options: ContactSection, part: float) -
             force = np.hypot(moving.longitudinal, moving.lateral)[0]
             limit, change = part * options.mu * still.load[0], part * options.mu * (moving.load - still.load)[0]
             found.append(limit / (force - change) if force > change else np.inf)
+        for limit, size in zip(torque, np.abs(tau), strict=False) if acceleration != (0.0, 0.0) else ():
+            found.append(part * limit / size if limit and size else np.inf)
         return float(min(found))
 
     along = most(0.0, 0.0, 1.0, 0.0)

@@ -277,7 +277,7 @@ class Route:
         """`parameters` are those of the controller. Starts with the first segment. With a `profile` its speed is desired. Raises
         BadInput if the position on the segment is undefined.
         """
-        self._law, self._tracker, self._make_leg, self._profile = law, tracker, make_leg, profile
+        self._law, self._tracker, self._make_leg, self.profile = law, tracker, make_leg, profile
         self._motion, self._parameters = Direct(vehicle_motion(law.system)), parameters
         self._speed = [q.name for q in law.reference].index("speed")
         self._zeros = np.zeros(len(law.reference))
@@ -296,7 +296,7 @@ class Route:
         guide = self.guide(x)
         speed = guide.speed, guide.speed_rate
         reference = self._zeros.copy()
-        reference[self._speed : self._speed + 2] = self._profile.speed(guide, self._seen(x)[3]) if self._profile else speed
+        reference[self._speed : self._speed + 2] = self.profile.speed(guide, self._seen(x)[3]) if self.profile else speed
         return reference
 
     def guide(self, x: np.ndarray) -> Guide:

@@ -25,7 +25,7 @@ class Row:
     """One instant: true state, state the controller saw, inputs, status, what was followed and how (config, reference).
 
     `integral`: of the error, for each output with integral action; `extension`: the states of the dynamic extension; `command`:
-    the velocities that drives were given, if any.
+    the velocities that drives were given, if any; `noticed`: friction believed, uncertain heading and way, if slip is noticed.
     """
 
     t: float
@@ -39,6 +39,7 @@ class Row:
     integral: np.ndarray
     extension: np.ndarray
     command: np.ndarray
+    noticed: np.ndarray
 
 
 def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
@@ -205,7 +206,15 @@ def _row(loop: Loop, t: float, x: np.ndarray, given: np.ndarray | None, status: 
     seen, guidance, drive = loop.seen(x), loop.guidance, loop.drive
     tau = np.zeros(len(loop.law.system.mechanism.inputs)) if given is None else drive.torque(x, given)
     command = np.zeros(drive.commands) if given is None else drive.command(given)
-    return Row(t, x, seen, tau, status, guidance.piece, guidance.leg.config, guidance.reference(t, seen), z, xi, command)
+    return Row(
+        t, x, seen, tau, status, guidance.piece, guidance.leg.config, loop.reference(t, seen), z, xi, command, _noticed(loop)
+    )
+
+
+def _noticed(loop: Loop) -> np.ndarray:
+    """Return the friction that is believed and the uncertainty of dead reckoning (rad, m); empty if slip is not noticed."""
+    noticed = loop.noticed
+    return np.array([noticed.mu, noticed.uncertain_heading, noticed.uncertain_way]) if noticed else np.zeros(0)
 
 
 def _row_times(simulation: Simulation) -> list[float]:

@@ -6,10 +6,10 @@ from dataclasses import dataclass, fields, replace
 import casadi as ca
 import numpy as np
 
-from ..controllers import ON_TARGET, SCALAR
 from ..controllers.approach import Approach, make_approach
 from ..controllers.backends import make_controller
 from ..controllers.controller import RUNNING, Friction, Limits
+from ..controllers.ground.slip import Noticed
 from ..controllers.integral import IntegralAction
 from ..controllers.odometry import vehicle_wheels
 from ..controllers.tracking import Tracker, TrackerOptions, make_tracker
@@ -19,7 +19,7 @@ from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import TYPES
 from ..model.outputs import axle
-from ..planning.profile import Accelerations, SpeedProfile, top_speed
+from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
 from ..readers.robots import find_robot, law_of
@@ -28,12 +28,14 @@ from .contact import friction_accelerations
 from .drive import Drive, make_drive
 from .guidance import Approaching, Guidance, Leg, OnePath, Route, ShortWay, Side, accelerations, led_units
 from .plant import Plant
-from .sensing import Sensing
+from .sensing import Sensing, SlipSensing
 from .specification.spec import ApproachSection, Initial, PathSection, Spec
 from .specification.units import check_units
 from .starts import starts
 
-PROFILE_PART = 0.6  # of friction that a speed profile uses by default; what is left is for staying on the path
+PROFILE_PART = (
+    0.6  # of friction, and of the motors, that a speed profile uses by default; what is left is for staying on the path
+)
 ON_AXLE = 1e-9  # m: a point this near to the axle is on it
 
 
@@ -81,7 +83,7 @@ class Loop:
         if not self.integral.rows:
             return np.zeros(0)
         seen = self.seen(x)
-        return self.integral.error(self.guidance.leg.controller, seen, self.guidance.reference(t, seen))
+        return self.integral.error(self.guidance.leg.controller, seen, self.reference(t, seen))
 
     def command(self, t: float, x: np.ndarray, add: np.ndarray, xi: np.ndarray) -> tuple[str, np.ndarray]:
         """Return status and inputs (N, N m) of the controller at time t in state x; zeros on an error.
@@ -89,11 +91,27 @@ class Loop:
         `add`: value of integral action for each output that has it; `xi`: states of the dynamic extension, if any.
         """
         seen, leg = self.seen(x), self.guidance.leg
-        known = np.append(seen, xi)
-        status, tau = leg.controller.step(known, self.integral.added(self.guidance.reference(t, seen), add))
+        known, noticed = np.append(seen, xi), self.noticed
+        if noticed:
+            leg.controller.believe(noticed.mu)
+        status, tau = leg.controller.step(known, self.integral.added(self.reference(t, seen), add))
         if status in RUNNING and leg.side(known) <= 0:
             return "singular", np.zeros_like(tau)
-        return status, tau
+        return noticed.status if noticed and noticed.status != "ok" and status in RUNNING else status, tau
+
+    def reference(self, t: float, seen: np.ndarray) -> np.ndarray:
+        """Return the reference for a state that the controller sees; the speed along a path is less where slip was noticed."""
+        reference = self.guidance.reference(t, seen)
+        if self.noticed and self.noticed.slower < 1 and self.law.speed_row is not None:
+            entry = [q.name for q in self.law.reference].index(self.law.output.rows[self.law.speed_row].name)
+            reference = reference.copy()
+            reference[entry : entry + 2] *= self.noticed.slower
+        return reference
+
+    @property
+    def noticed(self) -> Noticed | None:
+        """What was noticed of slip at the last call of the controller; None if that is not looked for."""
+        return self.sensing.slip.noticed if self.sensing and self.sensing.slip else None
 
     @property
     def at_rest(self) -> np.ndarray:
@@ -139,7 +157,10 @@ def make_loop(spec: Spec) -> Loop:
         tracker = _tracker(law, spec, path, believed, limits_along)
         L = tracker.options.L[path.segments[0].backward]
         start = _start(initial_of(spec, tracker.options), plant, L, spec.output.W)
-        guidance = route = Route(law, believed, tracker, make_leg, start, _profile(spec, path, tracker.options, limits_along))
+        profile = (
+            make_profile(spec.simulation.backend, path.segments, tracker.options, limits_along, law) if limits_along else None
+        )
+        guidance = route = Route(law, believed, tracker, make_leg, start, profile)
         if route.faces(start) < 0:
             warnings = ("[initial] faces against the direction of travel: the path is followed away from its end",)
     else:
@@ -152,6 +173,9 @@ def make_loop(spec: Spec) -> Loop:
     if spec.sensors:
         seen = (plant.parameters, believed, start, spec.simulation.backend)
         sensing = Sensing(spec.sensors, spec.correction, law, *seen)
+        if spec.limits and spec.limits.notice_slip and spec.contact:
+            known = (law, believed, spec.simulation.backend, spec.simulation.period)
+            sensing.slip = SlipSensing(sensing, spec.sensors, spec.limits, spec.contact.mu, *known)
     if spec.reference.approach:
         generators = _generators(law, spec, spec.reference.approach)
         guidance = Approaching(guidance, law, believed, generators, lambda: sensing is not None and sensing.jumped, start)
@@ -214,7 +238,9 @@ def _generators(law: ControlLaw, spec: Spec, approach: ApproachSection) -> list[
         advice = "has an output in rad: give angular, in rad/s^2" if turns else "has no output in rad: leave out angular"
         raise BadInput(f"[reference] approach: {law.name} {advice}")
     found = accelerations(law, approach.acceleration, approach.angular or 0.0)
-    return [make_approach(spec.simulation.backend, each, spec.simulation.period, law) for each in found]
+    jerks = [each * (approach.jerk / approach.acceleration) for each in found]
+    backend, period = spec.simulation.backend, spec.simulation.period
+    return [make_approach(backend, each, period, law, jerk) for each, jerk in zip(found, jerks, strict=True)]
 
 
 def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Accelerations | None:
@@ -228,19 +254,12 @@ def _accelerations(law: ControlLaw, spec: Spec, believed: np.ndarray) -> Acceler
     if missing := [name for name in names if name not in given]:
         if spec.contact is None:
             raise BadInput(f"[reference] {missing[0]} is missing; give it, or [contact] mu, the friction that there is")
-        known = friction_accelerations(Plant(law.system, list(believed)), spec.contact, PROFILE_PART)
+        limits = _limits(spec, len(law.system.mechanism.inputs))
+        known = friction_accelerations(
+            Plant(law.system, list(believed)), spec.contact, PROFILE_PART, limits.torque if limits else ()
+        )
         given = {name: given.get(name, getattr(known, name)) for name in names}
     return Accelerations(**given)
-
-
-def _profile(spec: Spec, path: PathSection, options: TrackerOptions, limits: Accelerations | None) -> SpeedProfile | None:
-    """Return the profile of the speed along a composite path within limits, None without."""
-    backend = spec.simulation.backend
-    if limits is None:
-        return None
-    if backend in ON_TARGET:
-        raise BadInput(f"[simulation] backend = {backend!r} does not compute speed profiles yet; set it to c or cf")
-    return SpeedProfile(path.segments, options, limits, SCALAR.get(backend, "double"))
 
 
 def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarray, limits: Accelerations | None) -> Tracker:
@@ -248,7 +267,7 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
     reference, output = spec.reference, spec.output
     speed, deceleration = reference.speed or 0.0, reference.deceleration or 0.0
     if limits:
-        speed, deceleration = min(speed, top_speed(path.segments, limits)), limits.deceleration
+        speed, deceleration = min(speed, limits.top_speed(path.segments)), limits.deceleration
     ahead = vehicle_wheels(law.system, believed)[2]
     mirrored = -output.L - 2 * ahead
     options = TrackerOptions(

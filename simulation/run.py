@@ -43,7 +43,9 @@ class Run(Outputs):
     `seen` (N, 2n-m) is the state that the controller sees, `piece` (N) the current segment of a composite path, `integral`
     (N, K) the integral of y_d - y, as the controller sees it, of the outputs with integral action, `integral_rows`, `extension`
     (N, k) the states of the law's dynamic extension. `command`
-    (N, n-m) are the velocities that velocity-controlled drives were given, (N, 0) with other drives. `use` is the
+    (N, n-m) are the velocities that velocity-controlled drives were given, (N, 0) with other drives. `noticed` (N, 3) are the
+    friction believed and by how much dead reckoning may be wrong because of slip, rad and m, if the SPEC has notice_slip, else
+    (N, 0). `use` is the
     friction use (N) of each contact by name, if the SPEC has [contact]. `floor` is what was measured in a physics engine, where
     the robot need not roll; None otherwise.
     If a run stopped, its last row has the time, the state and the status that stopped it, and no torque.
@@ -67,6 +69,7 @@ class Run(Outputs):
     extension: np.ndarray
     integral_rows: tuple[str, ...]
     command: np.ndarray
+    noticed: np.ndarray
     use: Mapping[str, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     floor: FloorMeasurements | None = None
@@ -83,6 +86,7 @@ class Run(Outputs):
         names += [f"integral_{row}" for row in self.integral_rows]
         names += [q.name for q in self.law.extension]
         names += [f"command_{v.name}" for v in self.law.system.quasi_velocities[: self.command.shape[1]]]
+        names += ["believed_mu", "uncertain_heading", "uncertain_way"][: self.noticed.shape[1]]
         names += self.floor.columns(mechanism) if self.floor else []
         return [*names, "piece"] if self.composite else names
 
@@ -101,7 +105,7 @@ class Run(Outputs):
         numbers = np.column_stack([self.t, self.x, self.tau, self.y]).tolist()
         seen, floor = [self.seen] if self.spec.sensors else [], [self.floor.values] if self.floor else []
         more = np.column_stack(
-            [self.forces, *self.use.values(), *seen, self.integral, self.extension, self.command, *floor]
+            [self.forces, *self.use.values(), *seen, self.integral, self.extension, self.command, self.noticed, *floor]
         ).tolist()
         pieces = [[str(piece)] if self.composite else [] for piece in self.piece]
         lines = [

@@ -7,15 +7,18 @@ import numpy as np
 
 from ..controllers.angles import nearest_angle
 from ..controllers.direct import Direct
+from ..controllers.ground.slip import Noticed, SlipOptions, make_slip
 from ..controllers.odometry import make_odometry, vehicle_wheels
 from ..model.algebra.exact import canonical
+from ..model.algebra.trigonometry import sine_cosine
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
-from .guidance import vehicle_motion
+from .guidance import Number, vehicle_motion
 from .noise import Noise
-from .specification.spec import Correction, Sensors
+from .specification.spec import Correction, LimitsSection, Sensors
 
+GYRO_SEED = 2**63  # added to the seed for gyro and accelerometer, so that their noise is not that of the wheels
 UNWIND = 4.0  # rad: beyond it whole turns are taken off the heading seen, as in firmware/vehicle.c
 
 
@@ -39,7 +42,7 @@ class Sensing:
         """Starts from the true pose. `parameters` are the truth, `believed` what the controller reckons with."""
         system = law.system
         n, dof = len(system.mechanism.coordinates), system.dof
-        self._sensors, self._correction, self._parameters = sensors, correction, parameters
+        self._sensors, self._correction, self.parameters = sensors, correction, parameters
         self._motion = Direct(vehicle_motion(system))
         self._pose, self._angles = pose_coordinates(system), angle_coordinates(system)
         self._mean, self._sd = (_each(values, dof) for values in (sensors.noise.mean, sensors.noise.sd))
@@ -54,6 +57,7 @@ class Sensing:
         self._noise, self._drawn, self._corrected = self._draw(), 0.0, 0.0
         self.jumped = False  # whether the pose was corrected at once, the last time
         self.state[self._rates] += self._noise
+        self.slip: SlipSensing | None = None  # set by the loop where slip is to be noticed
 
     def sense(self, t: float, x: np.ndarray) -> None:
         """Look at the true state x at time t, in order of time."""
@@ -69,10 +73,14 @@ class Sensing:
         if abs(self.state[self._pose[2]]) > UNWIND:
             self._odometry.unwind()
         pose = self._odometry.move(moved, dt)
+        if self.slip:
+            self.slip.sense(moved, dt, self._true_pose(x))
         if self._correction and (due := _count(t, 1 / self._correction.rate)) > self._corrected:
             self._corrected, self.jumped = due, self._correction.mode == "reset"
             *place, heading = self._true_pose(x)
             pose = self._odometry.correct((*place, nearest_angle(heading, pose[2])), self._correction.mode)
+            if self.slip:
+                self.slip.notice.trust()
         if (sample := _count(t, self._sensors.period)) > self._drawn:
             self._noise, self._drawn = self._draw(), sample
         self.state = x.copy()
@@ -93,7 +101,89 @@ class Sensing:
         return np.floor(self._turned / step) * step
 
     def _true_pose(self, x: np.ndarray) -> np.ndarray:
-        return self._motion(x, self._parameters)[0][:3]
+        return self._motion(x, self.parameters)[0][:3]
+
+
+class SlipSensing:
+    """Gyro and accelerometer of one run, and what is noticed by them. `noticed` is the result of the last call."""
+
+    def __init__(
+        self,
+        sensing: Sensing,
+        sensors: Sensors,
+        limits: LimitsSection,
+        mu: float,
+        law: ControlLaw,
+        believed: np.ndarray,
+        backend: str,
+        period: float,
+    ):
+        """`mu`: the friction of [contact]; `believed`: the parameters that the controller reckons with; `period` (s) of its
+        calls. Raises BadInput for a SPEC without gyro or notice_slip.
+        """
+        assert sensors.gyro and limits.notice_slip, "checked by the SPEC"
+        self._gyro, self._accelerometer = sensors.gyro, sensors.accelerometer
+        forward, turn, _ = vehicle_wheels(law.system, believed)
+        self.options = slip_options(sensors, limits, mu, turn, period)
+        self.notice = make_slip(backend, self.options, forward, turn, law)
+        self._ahead = vehicle_wheels(law.system, sensing.parameters)[2]
+        self._random = Noise(sensors.seed + GYRO_SEED, 2)
+        self._pose, self._speed = sensing.reckoned.copy(), math.nan
+        self.noticed = Noticed("ok", mu, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def sense(self, moved: np.ndarray, dt: float, pose: np.ndarray) -> None:
+        """Compare the angles `moved` (2,) with the true motion to `pose` during dt."""
+        noise, before = self._random.draw(), self._pose
+        yaw_rate = (pose[2] - before[2]) / dt + self._gyro.bias + self._gyro.noise * noise[0]
+        speed, acceleration = self._mean_speed(before, pose, dt), None
+        if self._accelerometer:
+            gained = 0.0 if math.isnan(self._speed) else (speed - self._speed) / dt
+            acceleration = gained + self._accelerometer.bias + self._accelerometer.noise * noise[1]
+        self._pose, self._speed = pose.copy(), speed
+        self.noticed = self.notice.step(moved, yaw_rate, acceleration, dt)
+
+    def _mean_speed(self, before: np.ndarray, after: np.ndarray, dt: float) -> float:
+        """Return the mean forward speed of the middle of the axle, m/s."""
+        (s0, c0), (s1, c1), (s, c) = (sine_cosine(float(a)) for a in (before[2], after[2], (before[2] + after[2]) / 2))
+        x, y = after[:2] - before[:2] - self._ahead * np.array([c1 - c0, s1 - s0])
+        return float((c * x + s * y) / dt)
+
+
+def slip_options(sensors: Sensors, limits: LimitsSection, mu: float, turn: np.ndarray, period: float) -> SlipOptions:
+    """Return the options of noticing slip: errors of the sensors as the SPEC has them. `turn` (2,) is that of the wheels."""
+    notice, gyro, accelerometer = limits.notice_slip, sensors.gyro, sensors.accelerometer
+    assert notice and gyro, "checked by the SPEC"
+    mean, sd = (_each(values, 2) for values in (sensors.noise.mean, sensors.noise.sd))
+    count = 2 * math.pi / sensors.counts if sensors.counts else 0.0
+    return SlipOptions(
+        window=notice.window,
+        count=(count, count),
+        wheel_noise=float(wheel_noise(sd, sensors.period, period)),
+        gyro_noise=gyro.noise,
+        gyro_bias=float(gyro_bias(gyro.bias, turn, mean)),
+        acceleration_noise=accelerometer.noise if accelerometer else 0.0,
+        acceleration_bias=accelerometer.bias if accelerometer else 0.0,
+        geometry=notice.geometry,
+        deviations=notice.deviations,
+        mu=mu,
+        least=notice.least,
+        lower=notice.lower,
+        pause=notice.pause,
+        rise=notice.rise,
+        hold=notice.hold,
+    )
+
+
+def wheel_noise(sd: np.ndarray, sensor_period: Number, period: Number) -> Number:
+    """Return the noise of the wheels' rates, of standard deviations (..., 2), as if it were new at each call: larger if it stays
+    for several.
+    """
+    return np.max(sd, axis=-1) * np.sqrt(np.maximum(sensor_period / period, 1.0))
+
+
+def gyro_bias(bias: Number, turn: np.ndarray, mean: np.ndarray) -> Number:
+    """Return the constant error of a gyro with that of the wheels' rates, (..., 2): the same in the difference of the two."""
+    return bias + np.abs(turn[..., 0] * mean[..., 0]) + np.abs(turn[..., 1] * mean[..., 1])
 
 
 def _count(t: float, period: float) -> float:

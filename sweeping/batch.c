@@ -6,6 +6,8 @@
 #include "noslip_approach.h"
 #include "noslip_integral.h"
 #include "noslip_odometry.h"
+#include "noslip_profile.h"
+#include "noslip_slip.h"
 
 #define STAGES 7         /* of the integrator */
 #define SHORTER 5        /* maximum number of repetitions of a run with half the step */
@@ -27,7 +29,7 @@ typedef union { BATCH_JUDGE(_config) named; double at[BATCH_CONFIG + 1]; } confi
 #define AS_MANY(name, type, number) typedef char name[sizeof(type) == sizeof(number) ? 1 : -1]
 AS_MANY(states_are_scalars, BATCH_JUDGE_ROBOT(_state), ((true_state *)0)->at);
 AS_MANY(references_are_scalars, BATCH_LAW(_reference), ((reference_values *)0)->at);
-AS_MANY(outcomes_are_doubles, batch_outcome, double[7 + 3 * BATCH_ROWS + BATCH_INPUTS + BATCH_STATE + 1]);
+AS_MANY(outcomes_are_doubles, batch_outcome, double[8 + 3 * BATCH_ROWS + BATCH_INPUTS + BATCH_STATE + 1]);
 
 #if BATCH_SENSED
 /* The state that the controller receives instead of the true one. */
@@ -38,6 +40,14 @@ typedef struct sensing {
     double angle[2], turned[2], noise[2]; /* true angle; angle with the accumulated noise; rad/s */
     double state[BATCH_STATE];
     int jumped; /* 1: the pose was corrected at once */
+#if BATCH_NOTICES
+    BATCH_RUNTIME(noslip_slip) slip;
+    BATCH_RUNTIME(noslip_noticed) noticed;
+    int slipping;          /* 1: slip was noticed a moment ago */
+    int moved;             /* 1: `speed` is known */
+    double pose[3], speed; /* true, at the last call and since the one before it */
+    uint64_t readings;
+#endif
 } sensing;
 #endif
 
@@ -62,6 +72,10 @@ typedef struct loop {
     BATCH_RUNTIME(noslip_path) path;
     BATCH_RUNTIME(noslip_guide) guide;
     int arrived, piece;
+#if BATCH_PROFILE
+    BATCH_RUNTIME(noslip_profile) profile;
+    BATCH_REAL squares[BATCH_PROFILE];
+#endif
     BATCH_REAL L;              /* m: of the present P_l, where approaches are advanced */
 #endif
 #if BATCH_APPROACHES
@@ -87,7 +101,8 @@ static double least(double a, double b)
 
 static int running(int status)
 {
-    return status == NOSLIP_OK || status == NOSLIP_SATURATED || status == NOSLIP_GRIP_LIMITED || status == NOSLIP_WILL_SLIP;
+    return status == NOSLIP_OK || status == NOSLIP_SATURATED || status == NOSLIP_GRIP_LIMITED ||
+        status == NOSLIP_WILL_SLIP || status == NOSLIP_SLIPPING;
 }
 
 static double number_of(uint64_t bits)
@@ -294,12 +309,20 @@ static void place_seen(const loop *self, BATCH_REAL place[4])
 static void take_guide(loop *self)
 {
     double *reference = self->reference;
+    BATCH_REAL speed = self->guide.speed, speed_rate = self->guide.speed_rate;
     int i;
     for (i = 0; i < BATCH_REFERENCE; i++) {
         reference[i] = 0;
     }
-    reference[BATCH_SPEED] = self->guide.speed;
-    reference[BATCH_SPEED + 1] = self->guide.speed_rate;
+#if BATCH_PROFILE
+    {
+        BATCH_REAL place[4];
+        place_seen(self, place);
+        (void)BATCH_RUNTIME(noslip_profile_speed)(&self->profile, &self->guide, place[3], &speed, &speed_rate);
+    }
+#endif
+    reference[BATCH_SPEED] = speed;
+    reference[BATCH_SPEED + 1] = speed_rate;
 }
 
 /* Updates the path, and initializes the law for the current segment. Returns an error of the law, or OK. */
@@ -342,6 +365,17 @@ static int begin(loop *self)
     options.stop = settings->stop;
     options.closed = settings->closed;
     status = BATCH_RUNTIME(noslip_path_init)(&self->path, settings->path, settings->segments, &options, NULL);
+#if BATCH_PROFILE
+    if (status >= 0) {
+        BATCH_RUNTIME(noslip_profile_limits) limits;
+        limits.lateral = (BATCH_REAL)sample->lateral;
+        limits.acceleration = (BATCH_REAL)sample->along;
+        limits.deceleration = (BATCH_REAL)sample->deceleration;
+        limits.angular = (BATCH_REAL)sample->angular;
+        status = BATCH_RUNTIME(noslip_profile_init)(&self->profile, settings->path, settings->segments, &options, &limits,
+                                                    self->squares);
+    }
+#endif
     if (status < 0) {
         return status;
     }
@@ -468,7 +502,7 @@ static int init_lead(loop *self)
     int i, status = NOSLIP_OK;
     for (i = 0; i < BATCH_APPROACHES && status >= 0; i++) {
         status = BATCH_RUNTIME(noslip_approach_init)(&self->approach[i], (BATCH_REAL)self->sample->acceleration[i],
-                                                     (BATCH_REAL)self->sample->settling, 0);
+                                                     (BATCH_REAL)self->sample->settling, (BATCH_REAL)self->sample->jerk[i]);
     }
 #if BATCH_ROUTE
     self->L = self->guide.L;
@@ -495,11 +529,23 @@ static int init_lead(loop *self)
 }
 #endif
 
+/* The speed along a path is less where slip was noticed. */
+static void slow_down(loop *self)
+{
+#if BATCH_NOTICES && BATCH_SPEED >= 0
+    self->reference[BATCH_SPEED] *= self->sensors.noticed.slower;
+    self->reference[BATCH_SPEED + 1] *= self->sensors.noticed.slower;
+#else
+    (void)self;
+#endif
+}
+
 /* The reference at a time, for the estimated state. */
 static void look(loop *self, double t)
 {
     desire(self, t);
     add_lead(self);
+    slow_down(self);
 }
 
 #if BATCH_INTEGRALS
@@ -539,6 +585,7 @@ static int command(loop *self, double t, double tau[BATCH_INPUTS])
     (void)t;
     take_guide(self);
     add_lead(self);
+    slow_down(self);
 #else
     look(self, t);
 #endif
@@ -552,12 +599,28 @@ static int command(loop *self, double t, double tau[BATCH_INPUTS])
         return self->status = status;
     }
 #endif
+#if BATCH_NOTICES
+    {
+        BATCH_RUNTIME(noslip_friction) friction;
+        friction.mu = (BATCH_REAL)self->sample->mu;
+        friction.margin = (BATCH_REAL)self->sample->margin;
+        friction.share = (BATCH_REAL)self->sample->share;
+        friction.height = (BATCH_REAL)self->sample->height;
+        status = BATCH_RUNTIME(noslip_slip_grip)(&self->sensors.slip, &friction, &self->law.grip);
+        if (status < 0) {
+            return self->status = status;
+        }
+    }
+#endif
     status = BATCH_LAW(_step)(&self->law, &state.named, &reference.named, answer);
     /* a true state has been checked when it was reached */
     if (running(status) && (BATCH_SENSED || self->fresh)) {
         self->fresh = 0;
         status = side(self, seen(self)) <= 0 ? NOSLIP_SINGULAR : status;
     }
+#if BATCH_NOTICES
+    status = running(status) && self->sensors.slipping ? NOSLIP_SLIPPING : status;
+#endif
     for (i = 0; i < BATCH_INPUTS; i++) {
         tau[i] = running(status) ? (double)answer[i] : 0;
     }
@@ -611,6 +674,85 @@ static void show_truth(loop *self)
     copy(self->sensors.state, self->x, BATCH_STATE);
 }
 
+#if BATCH_NOTICES
+static int notice_first(loop *self)
+{
+    const batch_sample *sample = self->sample;
+    sensing *sensors = &self->sensors;
+    BATCH_RUNTIME(noslip_slip_options) options;
+    BATCH_RUNTIME(noslip_odometry_options) vehicle;
+    int i;
+    options.window = (BATCH_REAL)sample->window;
+    options.wheel_noise = (BATCH_REAL)sample->wheel_noise;
+    options.gyro_noise = (BATCH_REAL)sample->gyro_noise;
+    options.gyro_bias = (BATCH_REAL)sample->bias;
+    options.acceleration_noise = (BATCH_REAL)sample->acceleration_noise;
+    options.acceleration_bias = (BATCH_REAL)sample->acceleration_bias;
+    options.geometry = (BATCH_REAL)sample->geometry;
+    options.deviations = (BATCH_REAL)sample->deviations;
+    options.mu = (BATCH_REAL)sample->mu;
+    options.least = (BATCH_REAL)sample->least;
+    options.lower = (BATCH_REAL)sample->lower;
+    options.pause = (BATCH_REAL)sample->pause;
+    options.rise = (BATCH_REAL)sample->rise;
+    options.hold = (BATCH_REAL)sample->hold;
+    for (i = 0; i < 2; i++) {
+        options.count[i] = (BATCH_REAL)(sample->counts > 0 ? 6.283185307179586 / sample->counts : 0);
+        vehicle.forward[i] = (BATCH_REAL)sample->forward[i];
+        vehicle.turn[i] = (BATCH_REAL)sample->turn[i];
+    }
+    vehicle.ahead = vehicle.release = 0;
+    for (i = 0; i < 3; i++) {
+        sensors->pose[i] = self->x[pose_coordinate[i]];
+    }
+    sensors->speed = 0;
+    sensors->readings = 0;
+    sensors->moved = sensors->slipping = 0;
+    i = BATCH_RUNTIME(noslip_slip_init)(&sensors->slip, &options, &vehicle);
+    sensors->noticed = sensors->slip.noticed;
+    return i;
+}
+
+/* The true mean speed of the middle of the axle on the way to a pose. */
+static double mean_speed(const double *before, const double *after, double ahead, double dt)
+{
+    double sine[3], cosine[3];
+    noslip_sincos(before[2], &sine[0], &cosine[0]);
+    noslip_sincos(after[2], &sine[1], &cosine[1]);
+    noslip_sincos((before[2] + after[2]) / 2, &sine[2], &cosine[2]);
+    return (cosine[2] * (after[0] - before[0] - ahead * (cosine[1] - cosine[0])) +
+            sine[2] * (after[1] - before[1] - ahead * (sine[1] - sine[0]))) / dt;
+}
+
+/* Compares gyro and accelerometer with the angles by which the wheels moved. */
+static int notice(loop *self, const BATCH_REAL *moved, double dt)
+{
+    const batch_sample *sample = self->sample;
+    sensing *sensors = &self->sensors;
+    BATCH_RUNTIME(noslip_slip_reading) reading;
+    double normal[2], pose[3], speed;
+    int i, status;
+    noise_normal((uint64_t)sample->seed + (UINT64_C(1) << 63), sensors->readings, 2, normal);
+    sensors->readings++;
+    for (i = 0; i < 3; i++) {
+        pose[i] = self->x[pose_coordinate[i]];
+    }
+    speed = mean_speed(sensors->pose, pose, sample->true_ahead, dt);
+    reading.angle[0] = moved[0];
+    reading.angle[1] = moved[1];
+    reading.yaw_rate = (BATCH_REAL)((pose[2] - sensors->pose[2]) / dt + sample->gyro_bias + sample->gyro_noise * normal[0]);
+    reading.acceleration = (BATCH_REAL)((sensors->moved ? (speed - sensors->speed) / dt : 0) + sample->acceleration_bias +
+                                        sample->acceleration_noise * normal[1]);
+    reading.accelerates = BATCH_ACCELERATES;
+    copy(sensors->pose, pose, 3);
+    sensors->speed = speed;
+    sensors->moved = 1;
+    status = BATCH_RUNTIME(noslip_slip_step)(&sensors->slip, &reading, (BATCH_REAL)dt, &sensors->noticed);
+    sensors->slipping = status == NOSLIP_SLIPPING;
+    return status;
+}
+#endif
+
 static int sense_first(loop *self)
 {
     const batch_sample *sample = self->sample;
@@ -631,6 +773,12 @@ static int sense_first(loop *self)
     for (i = 0; i < 2; i++) {
         sensors->state[BATCH_COORDINATES + i] += sensors->noise[i];
     }
+#if BATCH_NOTICES
+    i = notice_first(self);
+    if (i < 0) {
+        return i;
+    }
+#endif
     return BATCH_RUNTIME(noslip_odometry_init)(&sensors->odometry, &options, &pose);
 }
 
@@ -659,6 +807,9 @@ static int sense(loop *self, double t)
         (void)BATCH_RUNTIME(noslip_odometry_unwind)(&sensors->odometry);
     }
     status = BATCH_RUNTIME(noslip_odometry_move)(&sensors->odometry, moved_seen, (BATCH_REAL)dt, &pose);
+#if BATCH_NOTICES
+    status = status < 0 ? status : notice(self, moved_seen, dt);
+#endif
     now = status >= 0 && self->settings->corrected ? periods(t, 1 / sample->correction_rate) : 0;
     if (now > sensors->corrected) {
         BATCH_RUNTIME(noslip_pose) truth = true_pose(self->x);
@@ -671,6 +822,9 @@ static int sense(loop *self, double t)
         if (status >= 0) {
             status = BATCH_RUNTIME(noslip_odometry_pose)(&sensors->odometry, &pose);
         }
+#if BATCH_NOTICES
+        status = status < 0 ? status : BATCH_RUNTIME(noslip_slip_trust)(&sensors->slip);
+#endif
     }
     if (status < 0) {
         return status;
@@ -681,9 +835,11 @@ static int sense(loop *self, double t)
         sensors->drawn = now;
     }
     copy(sensors->state, self->x, BATCH_STATE);
+#if BATCH_RECKONED
     sensors->state[pose_coordinate[0]] = (double)pose.x;
     sensors->state[pose_coordinate[1]] = (double)pose.y;
     sensors->state[pose_coordinate[2]] = (double)pose.heading;
+#endif
     for (i = 0; i < 2; i++) {
         const double rate = self->x[BATCH_COORDINATES + i];
         sensors->state[wheel_coordinate[i]] = counted(sensors->turned[i], sample->counts);
@@ -914,6 +1070,8 @@ static void spend(const loop *self, double seconds)
         outcome->grip += seconds;
     } else if (self->status == NOSLIP_WILL_SLIP) {
         outcome->will_slip += seconds;
+    } else if (self->status == NOSLIP_SLIPPING) {
+        outcome->slipping += seconds;
     }
 }
 

@@ -40,13 +40,17 @@ typedef struct batch_sample {
     double integral_limit[BATCH_INTEGRALS + 1];
     double offset[BATCH_REFERENCE]; /* reference: offset + slope t */
     double slope[BATCH_REFERENCE];
-    double acceleration[BATCH_APPROACHES + 1], settling; /* see noslip_approach_init */
+    double acceleration[BATCH_APPROACHES + 1], jerk[BATCH_APPROACHES + 1], settling; /* see noslip_approach_init */
     double start[BATCH_STATE];
     double forward[2], turn[2], ahead; /* of the vehicle, as assumed by the controller; see noslip_odometry_options */
     double speed, deceleration, creep, L[2], W; /* of a composite path, see noslip_path_options */
+    double lateral, along, angular; /* of its speed profile, see noslip_profile_limits; deceleration is that above */
     double mean[BATCH_DOF], sd[BATCH_DOF]; /* rad/s: noise of the quasi-velocities */
     double seed;
     double sensor_period, counts, correction_rate, release;
+    double true_ahead;              /* m: of the vehicle's point ahead of the axle, where slip is noticed */
+    double gyro_noise, gyro_bias, acceleration_noise, acceleration_bias; /* of the readings */
+    double window, wheel_noise, bias, geometry, deviations, least, lower, pause, rise, hold; /* see noslip_slip_options */
     double period, delay, duration;
 } batch_sample;
 
@@ -57,9 +61,10 @@ typedef struct batch_outcome {
     double final[BATCH_ROWS];       /* y - y_d at the end */
     double peak[BATCH_ROWS];        /* largest |y - y_d| */
     double settling[BATCH_ROWS];    /* s: the last output time at which |y - y_d| was beyond the band; 0: never */
-    double saturated;               /* s with this status; likewise the next two */
+    double saturated;               /* s with this status; likewise the next three */
     double grip;
     double will_slip;
+    double slipping;
     double use;                     /* largest friction use at any contact at an output time; 0 if mu is not known */
     double effort[BATCH_INPUTS];    /* largest absolute value of each input */
     double end[BATCH_STATE];        /* true state at the end */

@@ -11,14 +11,16 @@ from ..controllers.approach import PERIODS, SETTLING
 from ..controllers.controller import ON_LIMIT
 from ..controllers.odometry import MODES, wheels_function
 from ..controllers.tracking import REVERSING, STOP
+from ..planning.profile import top_speed
 from ..readers.errors import BadInput
 from ..readers.robots import refuse_extension
 from ..simulation.guidance import accelerations
 from ..simulation.loop import make_loop
+from ..simulation.sensing import gyro_bias, wheel_noise
 from ..simulation.specification.spec import MOST_ROWS, Spec
 from ..simulation.starts import starts
 from .inputs import SEED, SEEDS, inputs_of
-from .program import program
+from .program import LoopParts, program
 
 LONGEST = 0.01  # s
 ACCURACY = 1e-9
@@ -38,6 +40,7 @@ class Batch:
                 output time (s) at which it was beyond the band
     saturated   time (s) with an input at its limit; effort.INPUT: the largest absolute value of each input
     grip, will_slip  time (s) with these statuses, where inputs are limited by friction
+    slipping    time (s) with this status, where slip is noticed: false alarms, since the wheels of a sweep roll
     use         largest friction use of any contact at an output time, with [contact], of a robot whose laws can limit it
     end.STATE   true state at the end
     integration_error  estimated error of the integrator, the largest component of the state
@@ -66,12 +69,11 @@ class Batch:
             raise BadInput(f"[simulation] backend = {spec.simulation.backend!r}: a sweep runs the C, {' or '.join(SCALAR)}")
         if spec.reference.circle:
             raise BadInput("[reference] circle: a sweep does not have it yet; use noslip simulate, or leave it out")
-        if spec.reference.profiled:
-            raise BadInput("[reference] a speed profile: a sweep does not have it yet; use noslip simulate, or give a speed only")
         if spec.drive and spec.drive.takes_velocity:
             raise BadInput(f'[drive] kind = "{spec.drive.kind}": a sweep does not have it yet; use noslip simulate, or "torque"')
         refuse_extension(spec.output.law, "sweep")
         self.loop = make_loop(spec)
+        self._notices = spec.limits is not None and spec.limits.notice_slip is not None
         self.law = law = self.loop.law
         self._route = self.loop.route
         self._wheels: ca.Function | None
@@ -84,8 +86,17 @@ class Batch:
         self.inputs, self.nominal = self._inputs.names, self._inputs.nominal
         self.table, self.spec_of = self._inputs.table, self._inputs.spec_of
         scalar = SCALAR[spec.simulation.backend]
-        followed = spec.sensors is not None, self._route is not None, spec.reference.approach is not None
-        self._program = program(law, scalar, *followed, self.loop.integral.rows)
+        parts = LoopParts(
+            sensed=spec.sensors is not None,
+            reckoned=spec.sensors is not None and spec.sensors.pose == "reckoned",
+            route=self._route is not None,
+            profile=len(spec.output.segments) if spec.reference.profiled else 0,
+            approach=spec.reference.approach is not None,
+            integrals=self.loop.integral.rows,
+            notices=self._notices,
+            accelerates=spec.sensors is not None and spec.sensors.accelerometer is not None,
+        )
+        self._program = program(law, scalar, parts)
         self._sample, self._row = (self._program.type(name) for name in ("batch_sample", "batch_row"))
         self._outcome = self._program.type("batch_outcome")
         self._settings = self._make_settings(accuracy, band, instants, longest)
@@ -150,6 +161,8 @@ class Batch:
 
     def _applies(self, outcome: str) -> bool:
         """Return whether the SPEC asks for what an outcome says."""
+        if outcome == "slipping":
+            return self._notices
         if outcome in ("grip", "will_slip"):
             return self.spec.limits is not None and self.spec.limits.mode == "grip"
         return outcome != "use" or (self.spec.contact is not None and can_grip(self.law.system))
@@ -196,11 +209,27 @@ class Batch:
                 given.get(f"reference.approach.{name}", np.zeros(len(made))) for name in ("acceleration", "angular")
             )
             made["acceleration"][:, :-1] = np.transpose(accelerations(law, linear, angular))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                made["jerk"] = made["acceleration"] * (given["reference.approach.jerk"] / linear)[:, None]
             made["settling"] = np.maximum(SETTLING, PERIODS * made["period"])
+        if self._notices:
+            self._notice(made, given)
         L = self._point(made, given)
         made["start"] = self._starts(made, given, L)
         made["refused"] = np.where(made["refused"] == 0, self._refused(made, table), made["refused"])
         return made
+
+    def _notice(self, made: np.ndarray, given: dict[str, np.ndarray]) -> None:
+        """Set the sensors that notice slip, and what is known of them, as `slip_options`."""
+        assert self._wheels, "checked by make_loop"
+        made["true_ahead"] = self._wheels(made["plant"].T)[1].full()[0]
+        for name in ("window", "geometry", "deviations", "least", "lower", "pause", "rise", "hold"):
+            made[name] = given[f"limits.notice_slip.{name}"]
+        for sensor, name in (("gyro", "gyro"), ("accelerometer", "acceleration")):
+            for part in ("noise", "bias"):
+                made[f"{name}_{part}"] = given.get(f"sensors.{sensor}.{part}", 0.0)
+        made["wheel_noise"] = wheel_noise(made["sd"], made["sensor_period"], made["period"])
+        made["bias"] = gyro_bias(made["gyro_bias"], made["turn"], made["mean"])
 
     def _point(self, made: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
         """Set the path and the position of P_l. Return its L, m."""
@@ -210,8 +239,12 @@ class Batch:
         mirrored = given.get("output.L_backward", -L - 2 * made["ahead"])
         if self._route:
             made["L"] = np.column_stack([L, mirrored])
-            for name in ("speed", "deceleration", "creep"):
+            for name in ("speed", "deceleration", "creep", "lateral", "angular"):
                 made[name] = given.get(f"reference.{name}", 0.0)
+            if self.spec.reference.profiled:
+                made["along"] = given["reference.acceleration"]
+                most = np.maximum(made["along"], made["deceleration"])
+                made["speed"] = np.minimum(made["speed"], top_speed(output.segments, made["lateral"], most))
             return made["L"][:, int(output.segments[0].backward)]
         if output.type == "IV" and self._wheels:
             speed = given["reference.speed"]
@@ -255,6 +288,8 @@ class Batch:
             if self.spec.contact:
                 good &= (made["mu"] > 0) & (made["share"] > 0)
                 good &= (made["height"] == 0) | is_wide(self.law.system)
+            if self._route and self.spec.reference.profiled:
+                good &= (made["angular"] >= 0) & (made["lateral"] > 0) & (made["along"] > 0) & (made["deceleration"] > 0)
             if self.spec.correction:
                 good &= (made["correction_rate"] > 0) & (made["release"] > 0)
             for k, row in enumerate(self.loop.integral.rows):

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -82,7 +82,7 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
     nominal |= {f"output.parameters.{name}": value for name, value in output.parameters.items()}
     nominal |= _numbers(reference, "reference")
     if reference.approach:
-        nominal |= {k: v for k, v in _numbers(reference.approach, "reference.approach").items() if not k.endswith("jerk")}
+        nominal |= _numbers(reference.approach, "reference.approach")
     initial, state = full.initial, [q.name for q in law.state]
     if initial and initial.q is not None:
         nominal |= {f"initial.{q}": v for q, v in zip(state, (*initial.q, *(initial.nu or ())), strict=True)}
@@ -91,12 +91,16 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
     if full.limits:
         limits = _numbers(full.limits, "limits")
         nominal |= limits if full.limits.mode == "grip" else {name: limits[name] for name in limits if name != "limits.margin"}
+        nominal |= _numbers(full.limits.notice_slip, "limits.notice_slip") if full.limits.notice_slip else {}
     if full.contact:
         nominal |= _numbers(full.contact, "contact")
     if full.sensors:
         nominal |= _numbers(full.sensors.noise, "sensors.noise")
         nominal |= {f"sensors.{name}": getattr(full.sensors, name) for name in ("period", "counts")}
         nominal |= _numbers(full.correction, "correction") if full.correction else {}
+        for name in ("gyro", "accelerometer"):
+            sensor = getattr(full.sensors, name) if full.limits and full.limits.notice_slip else None
+            nominal |= _numbers(sensor, f"sensors.{name}") if sensor else {}
         nominal[SEED] = full.sensors.seed
     nominal |= {f"simulation.{name}": getattr(simulation, name) for name in ("period", "delay", "duration")}
     follows = {f"plant.{name}": f"parameters.{name}" for name in full.plant if name not in spec.plant}
@@ -124,7 +128,10 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
         changed["reference"] = replace(spec.reference, velocity=spec.reference.velocity or (0.0,) * rows)
     if loop.route:
         guide = loop.route.options
-        changed["reference"] = replace(spec.reference, deceleration=guide.deceleration)
+        limits: dict[str, Any] = {}
+        if profile := loop.route.profile:
+            limits = {"speed": guide.speed} | asdict(profile.limits)
+        changed["reference"] = replace(spec.reference, **({"deceleration": guide.deceleration} | limits))
         changed["initial"] = initial_of(spec, guide)
     if initial := spec.initial:
         if initial.q is not None:

@@ -1,6 +1,7 @@
 """The C of the batch simulator for one law: batch.c compiled with the names and sizes of the law, and its types in NumPy."""
 
 import re
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 
@@ -21,12 +22,29 @@ from ..simulation.sensing import angle_coordinates, pose_coordinates
 SOURCES = ("batch.c", "batch.h")
 
 
+@dataclass(frozen=True)
+class LoopParts:
+    """What a loop has: sensors, and whether the pose seen is reckoned by them; a composite path, and the number of its segments
+    if its speed has a profile; an approach; outputs with integral action, by name; a gyro that notices slip, and an
+    accelerometer.
+    """
+
+    sensed: bool = False
+    reckoned: bool = True
+    route: bool = False
+    profile: int = 0
+    approach: bool = False
+    integrals: tuple[str, ...] = ()
+    notices: bool = False
+    accelerates: bool = False
+
+
 class Simulator:
     """The simulator of a law in a scalar of the controller's. `ffi` has its types, `lib` its functions."""
 
-    def __init__(self, law: ControlLaw, scalar: str, sensed: bool, route: bool, approach: bool, integrals: tuple[str, ...]):
-        """`integrals`: the outputs with integral action, by name. Raises BadInput as `pose_coordinates` does."""
-        law_h, own = _header(law, scalar, sensed, route, approach, integrals), files(__package__)
+    def __init__(self, law: ControlLaw, scalar: str, parts: LoopParts):
+        """Raises BadInput as `pose_coordinates` does."""
+        law_h, own = _header(law, scalar, parts), files(__package__)
         texts = {name: (own / name).read_text() for name in SOURCES} | noise.source()
         self.ffi = cffi.FFI()
         self.ffi.cdef(declarations(PATH))
@@ -44,20 +62,20 @@ class Simulator:
 
 
 @lru_cache(maxsize=16)
-def program(law: ControlLaw, scalar: str, sensed: bool, route: bool, approach: bool, integrals: tuple[str, ...]) -> Simulator:
+def program(law: ControlLaw, scalar: str, parts: LoopParts) -> Simulator:
     """Return the simulator, compiled once per process."""
-    return Simulator(law, scalar, sensed, route, approach, integrals)
+    return Simulator(law, scalar, parts)
 
 
-def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, approach: bool, integrals: tuple[str, ...]) -> str:
+def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
     """Return batch_law.h: names in the generated C, and sizes."""
-    leads = led(law) if approach else []
+    leads = led(law) if parts.approach else []
     mechanism, own = law.system.mechanism, SCALARS[scalar]
     degree, rows = law.linearization.relative_degree, law.output.rows
     names = [q.name for q in law.reference]
     entries = [names.index(row.name) for row in rows]
-    acting = [k for k, row in enumerate(rows) if row.name in integrals]
-    angles = [k for k, row in enumerate(rows) if row.unit == "rad" and not route]
+    acting = [k for k, row in enumerate(rows) if row.name in parts.integrals]
+    angles = [k for k, row in enumerate(rows) if row.unit == "rad" and not parts.route]
     suffix = f"##{own.suffix}" if own.suffix else ""
     known = {
         "REAL": own.real,
@@ -84,19 +102,23 @@ def _header(law: ControlLaw, scalar: str, sensed: bool, route: bool, approach: b
         "INTEGRAL_ROWS": _list(acting),
         "HIGHEST": _list([entries[k] + degree[k] for k in acting]),
         "SINGLE": int(bool(own.suffix)),
-        "SENSED": int(sensed),
-        "ROUTE": int(route),
+        "SENSED": int(parts.sensed),
+        "RECKONED": int(parts.reckoned),
+        "ROUTE": int(parts.route),
+        "PROFILE": parts.profile,
+        "NOTICES": int(parts.notices),
+        "ACCELERATES": int(parts.accelerates),
+        "SPEED": entries[law.speed_row] if law.speed_row is not None else -1,
         "APPROACHES": len(leads),
         "LED_ROWS": _list([each.position[0] if each.position else -1 for each in leads]),
         "LED_SPEEDS": _list([each.speed[0] if each.speed else -1 for each in leads]),
         "CONTACTS": len(mechanism.contacts) if can_grip(law.system) else 0,
     }
-    if sensed or route:
+    if parts.sensed or parts.route:
         known["POSE"] = _list(pose_coordinates(law.system))
-    if sensed:
+    if parts.sensed:
         known["WHEELS"] = _list(angle_coordinates(law.system))
-    if route:
-        known["SPEED"] = names.index("speed")
+    if parts.route:
         known["OFFSET(where, offset)"] = "((where).W = (offset))" if "W" in [c.name for c in law.config] else "((void)(offset))"
     includes = [own.name(f"{mechanism.name}_{law.name}"), f"{mechanism.name}_{law.name}", f"{mechanism.name}_dynamics"]
     lines = [f'#include "{name}.h"' for name in dict.fromkeys(includes)]
@@ -111,6 +133,6 @@ def _list(numbers: list[int]) -> str:
 
 def _declared(header: str, law_h: str) -> str:
     """Return batch.h for cffi, with the macros of the law replaced by their values."""
-    known = dict(re.findall(r"#define (BATCH_\w+) (\w+)$", law_h, re.MULTILINE))
+    known = dict(re.findall(r"#define (BATCH_\w+) (-?\w+)$", law_h, re.MULTILINE))
     text = "\n".join(line for line in header.splitlines() if not line.startswith("#"))
     return re.sub(r"\bBATCH_[A-Z_]+\b", lambda name: known[name[0]], text)

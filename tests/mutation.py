@@ -97,8 +97,13 @@ SOURCES: Mapping[str, Source] = {
         _chosen("test_grip", "c_is rolls_or given_up least_squares init_checks cone_is_cut way_to steps_keep touched")
     ),
     "runtime_c/noslip_shaping.inc": Source(_chosen("test_grip", "least_forces used_first c_is")),
-    "runtime_c/noslip_approach.inc": Source(_chosen("test_approach", "bounded at_rest overshoot c_is refused within -specs")),
+    "runtime_c/noslip_approach.inc": Source(
+        _chosen("test_approach", "bounded at_rest overshoot c_is fastest refused within -specs")
+    ),
     "runtime_c/noslip_profile.inc": Source(_chosen("test_profile", "fastest refuses repeats")),
+    "runtime_c/noslip_slip.inc": Source(
+        _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")
+    ),
     "runtime_c/noslip_motor.inc": Source(_chosen("test_motor", "desired continuous leave supply torque misuse")),
     "runtime_c/noslip_velocity.inc": Source(_chosen("test_drives", "c_is any_bits stop_together blocked keep_the misuse")),
     "runtime_c/noslip_reversing.inc": Source(_chosen("test_odometry", "reversing")),

@@ -22,7 +22,10 @@ NIGHTLY = {
         r"passes_its_own_test\[((tractor_trailer|car)-|ball_plate-generic)",
         r"energy_is_the_work_done\[(tractor_trailer:4|turtlebot3_waffle_pi|f1tenth|forklift)\]",
     ),
-    "test_batch": (r"are_the_runs_of_simulate\[(circle|float|heading|approach|led point)\]", r"chunks_and_threads\[circle\]"),
+    "test_batch": (
+        r"are_the_runs_of_simulate\[(circle|float|heading|approach|led point|fastest in float)\]",
+        r"chunks_and_threads\[circle\]",
+    ),
     "test_bits": (r"test_bits\[(cortex-m4f (clang|arm-none-eabi-gcc -O2 )|.* clang -O0|.*-mavx2)",),
     "test_cli": (
         r"leaves_nothing\[(import-(2|40|600)-2|import-(9|150)-15|open-400-15|os.mkdir-2-2|os.rename-1)",
@@ -158,6 +161,7 @@ NIGHTLY = {
     "test_shape": (r"enclosed_too\[tractor_trailer:3\]", r"not_decided_is_not_claimed\[robot[12]\]"),
     "test_structure": (r"law_of_parameters\[(tricycle|car)-",),
     "test_sweep": (r"failure_by_default\[II-",),
+    "test_slip": (r"in_each_backend\[(cf|casadi)\]",),
     "test_tracking": (
         r"from_beginning_to_end\[[1-5]\d-",
         r"(double|float)_against_the_reference\[[1-5]\d",

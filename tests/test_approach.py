@@ -14,6 +14,7 @@ from noslip.simulation.integrate import sampled
 from noslip.simulation.loop import make_loop
 from noslip.simulation.specification.spec import spec_of
 from noslip.tests.test_grip import SPEC
+from scipy.optimize import linprog
 
 STEP = 0.01  # s
 
@@ -64,14 +65,65 @@ def test_from_rest_it_does_not_overshoot_and_brakes_once():
         assert np.count_nonzero(np.diff(pushes[pushes != 0])) <= 1, "it chatters"
 
 
+def least_time(distance: float, rate: float, acceleration: float, jerk: float) -> tuple[float, float]:
+    """Bounds of the shortest time to rest at 0 with both bounds, by linear programs: a jerk for each of the steps of equal length
+    reaches it in the upper one; in the lower one, not even if the bound of the acceleration holds at the steps only and the
+    jerk may be larger by what a step can hide.
+    """
+    count = 40
+    before = np.tril(np.ones((count, count)))  # a after step i is h times the sum of the jerks until then
+
+    def feasible(time: float, most: float) -> bool:
+        h = time / count
+        left = (count - 1 - np.arange(count)) * h  # s after each step
+        final = np.array([h * np.ones(count), h * (left + h / 2), h * (left**2 / 2 + left * h / 2 + h**2 / 6)])
+        wanted = -np.array([0.0, rate, distance + rate * time])
+        A = np.vstack([h * before, -h * before])
+        found = linprog(np.zeros(count), A, np.full(2 * count, acceleration), final, wanted, (-most, most), method="highs")
+        return found.status == 0
+
+    low, high = 0.0, 4 * (abs(rate) / acceleration + math.sqrt(abs(distance) / acceleration) + acceleration / jerk + 1)
+    assert feasible(high, jerk)
+    while high - low > 1e-3 * high:
+        middle = (low + high) / 2
+        low, high = (low, middle) if feasible(middle, jerk) else (middle, high)
+    return low, high
+
+
+def test_with_bounded_jerk_it_is_the_fastest():
+    """Not slower than any jerk that is constant for 1/40 of the time, and faster than that by 3 % at most."""
+    for k, (acceleration, distance, rate, *_) in enumerate(starts(6)):
+        jerk = acceleration * (1.0, 4.0, 0.5)[k % 3]
+        generator = ReferenceApproach(acceleration, SETTLING, jerk)
+        generator.start(distance, rate, 0.0)
+        time, (low, high) = generator._plan[:, 0].sum(), least_time(distance, rate, acceleration, jerk)
+        assert 0.97 * low < time < high * (1 + 1e-9), (time, low, high)
+
+
+def test_jerk_is_bounded_and_the_end_is_at_rest():
+    """Acceleration and jerk within their bounds, the derivatives those of the distance, for the distance and the speed."""
+    for acceleration, distance, rate, speed, final in starts(40):
+        jerk = acceleration * 3.0
+        rows = led(CompiledApproach(acceleration, SETTLING, jerk=jerk), distance, rate, speed, final, 30.0 / acceleration + 4.0)
+        y, y_rate, y_acceleration, v, v_rate = rows.T
+        for a in (y_acceleration, v_rate):
+            assert np.abs(a).max() <= acceleration * (1 + 1e-12) and np.abs(np.diff(a)).max() <= STEP * jerk * (1 + 1e-9)
+        for value, derivative, most in ((y, y_rate, acceleration), (y_rate, y_acceleration, jerk), (v, v_rate, jerk)):
+            assert np.abs(np.diff(value) - STEP * (derivative[1:] + derivative[:-1]) / 2).max() < STEP**2 * most / 2
+        assert np.abs(rows[0, :3] - [distance, rate, 0.0]).max() < 1e-12 * (1 + abs(distance))
+        assert (rows[-1, :3] == 0).all() and abs(v[-1] - final) < 1e-3 * (1 + acceleration)
+
+
+@pytest.mark.parametrize("jerk", [0.0, 2.0])
 @pytest.mark.parametrize("scalar", ["double", "float"])
-def test_c_is_the_reference(scalar):
+def test_c_is_the_reference(scalar, jerk):
     tolerance = 1e-12 if scalar == "double" else 1e-3
     for acceleration, *start in starts(15):
-        both = [
-            led(make(acceleration), *start, 4.0)
-            for make in (lambda a: CompiledApproach(a, SETTLING, scalar), lambda a: ReferenceApproach(a, SETTLING))
-        ]
+        c, reference = (
+            CompiledApproach(acceleration, SETTLING, scalar, jerk=jerk),
+            ReferenceApproach(acceleration, SETTLING, jerk),
+        )
+        both = [led(generator, *start, 4.0) for generator in (c, reference)]
         assert np.abs(both[0] - both[1])[:, [0, 1, 3]].max() < tolerance * 10
 
 
@@ -84,7 +136,15 @@ def test_refused(scalar):
         return made.status(made.function(f"noslip_approach_{name}", scalar)(self, *arguments))
 
     assert call("step", 0.01, 1.0, desired) == "not_ready"
-    for acceleration, settling, jerk in ((0, 1, 0), (1, 0, 0), (math.nan, 1, 0), (1, math.inf, 0), (1, 1, 1), (1, 1, math.nan)):
+    for acceleration, settling, jerk in (
+        (0, 1, 0),
+        (1, 0, 0),
+        (math.nan, 1, 0),
+        (1, math.inf, 0),
+        (1, 1, -1),
+        (1, 1, math.nan),
+        (1, 1, math.inf),
+    ):
         assert call("init", acceleration, settling, jerk) == "bad_parameter" and call("start", 1, 0, 0) == "not_ready"
     assert call("init", 0.5, 0.25, 0.0) == "ok"
     assert call("start", math.nan, 0, 0) == "nonfinite" and call("start", 1, 0, 0) == "ok"
@@ -202,7 +262,7 @@ def test_the_acceleration_of_a_heading(text, said):
 @pytest.mark.parametrize(
     "change, said",
     [
-        (("speed = 1.414", "speed = 1.414, approach = { acceleration = 0.5, jerk = 1.0 }"), "jerk = 1 is not supported yet"),
+        (("speed = 1.414", "speed = 1.414, approach = { acceleration = 0.5, jerk = -1.0 }"), "jerk"),
         (("period = 0.01", "period = 0.0"), r"approach requires .* period > 0"),
     ],
 )

@@ -16,12 +16,15 @@ from noslip.simulation.guidance import vehicle_motion
 from noslip.simulation.noise import Noise as Draws
 from noslip.simulation.noise import library
 from noslip.simulation.specification.spec import (
+    AccelerometerSection,
     ApproachSection,
     ContactSection,
     Correction,
+    GyroSection,
     Initial,
     LimitsSection,
     NoiseSection,
+    NoticeSlipSection,
     OutputSection,
     Reference,
     Sensors,
@@ -79,8 +82,21 @@ def gripping(backend="c", approach=None, **limits):
     return replace(made, reference=reference, contact=contact, limits=LimitsSection(**{"mode": "grip", **limits}))
 
 
+def fastest(backend="c"):
+    """The fastest along a composite path, with a gyro and an accelerometer that tell wrongly that wheels slip."""
+    made = replace(route(), reference=Reference(speed=math.inf), contact=ContactSection(mu=0.5, height=0.1))
+    output, start = replace(made.output, L=0.0, reversing="refuse", path=replace(made.output.path, segments=WAY[:3])), None
+    sensors = Sensors(
+        noise=NoiseSection(sd=(0.02,)), seed=3, counts=2000, pose="reckoned" if backend == "c" else "true",
+        gyro=GyroSection(noise=0.01, bias=0.002), accelerometer=AccelerometerSection(noise=0.1),
+    )  # fmt: skip
+    notice = NoticeSlipSection(deviations=1.0 if backend == "c" else 6.0, geometry=0.0, hold=0.2, pause=0.05, rise=0.3)
+    limits, simulation = LimitsSection(mode="grip", notice_slip=notice), replace(made.simulation, backend=backend, duration=6.0)
+    return replace(made, output=output, initial=start, sensors=sensors, limits=limits, simulation=simulation)
+
+
 LED = Reference(speed=1.5, deceleration=1.0, approach=ApproachSection(acceleration=0.5))
-TURNING = ApproachSection(acceleration=0.5, angular=1.0)
+TURNING = ApproachSection(acceleration=0.5, angular=1.0, jerk=2.0)
 BESIDE, GAINS = Initial(point=(0.3, 0.4), heading=0.1, speed=0.2), {"kp": 1.0, "kd": 2.0}
 CORRECTED = {"sensors": Sensors(noise=NoiseSection(mean=(0.02, -0.05)), seed=4), "correction": Correction(rate=0.7)}
 KINDS = {  # name -> SPEC and how many samples
@@ -96,6 +112,8 @@ KINDS = {  # name -> SPEC and how many samples
     "approached": (lambda: replace(route(), reference=LED, initial=BESIDE, **CORRECTED), 2),
     "led point": (lambda: replace(headed(), reference=replace(headed().reference, approach=TURNING), gains=GAINS), 2),
     "slips": (lambda: gripping(torque=(20.0,), mode="cut"), 4),
+    "fastest": (fastest, 3),
+    "fastest in float": (lambda: fastest("cf"), 2),
 }
 
 
@@ -143,7 +161,7 @@ def test_samples_are_the_runs_of_simulate(kind):
             assert outcomes[k, batch.outcomes.index(f"error.{rows[0]}[{i}]")] == pytest.approx(error, abs=stated[k] + LEAST)
 
 
-@pytest.mark.parametrize("kind", ["grip", "approach", "slips"])
+@pytest.mark.parametrize("kind", ["grip", "approach", "slips", "fastest"])
 def test_friction_is_that_of_simulate(kind):
     """The largest friction use by the constraint forces, and how long which status lasted."""
     batch, table = made(kind)
@@ -152,9 +170,10 @@ def test_friction_is_that_of_simulate(kind):
         run, found = simulate(batch.spec_of(sample)), dict(zip(batch.outcomes, row, strict=True))
         worst.append(max(use.max() for use in run.use.values()))
         assert found["use"] == pytest.approx(worst[-1], abs=1e-9)
-        for status in ("saturated", "grip", "will_slip") if kind != "slips" else ():
+        limited = {"grip": ("saturated", "grip", "will_slip"), "approach": ("grip",), "fastest": ("grip", "slipping")}
+        for status in limited.get(kind, ()):
             assert found[status] == pytest.approx(np.count_nonzero(run.status[:-1] == status) * 0.01, abs=1e-9)
-    assert max(worst) > 1.5 if kind == "slips" else max(worst) <= 0.97
+    assert {"slips": max(worst) > 1.5, "fastest": max(worst) > 0.97}.get(kind, max(worst) <= 0.97)
     assert ("will_slip" in batch.outcomes) == (kind != "slips") and "use" not in made("line")[0].outcomes
 
 

@@ -24,7 +24,10 @@ from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.replay import first_difference, read_record, record_text
+from noslip.simulation.specification.spec import spec_of
 from noslip.tests import firmware
+from noslip.tests.test_profile import SPEC as FASTEST
+from noslip.tests.test_slip import SENSED
 from noslip.tests.tools import skip_without
 from noslip.verification.sampling import random_plants
 
@@ -44,6 +47,8 @@ def runs():
     """Short closed loops, and their tables on this host."""
     specs = firmware.runs()
     short = {name: replace(spec, simulation=replace(spec.simulation, duration=2.0)) for name, spec in specs.items()}
+    noticing = FASTEST.replace('mode = "grip"', 'mode = "grip", notice_slip = {}') + SENSED + "accelerometer = { noise = 0.1 }\n"
+    short["fastest"] = spec_of(noticing.replace("11.0,", "1.0,") + "[plant]\nb = 0.8\n", "test")
     short["continuous"] = replace(specs["circle"], simulation=replace(specs["circle"].simulation, period=0.0, duration=0.5))
     return {name: (spec, simulate(spec, "cf")) for name, spec in short.items()}
 
@@ -51,7 +56,7 @@ def runs():
 # -- the same bits ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["line", "circle", "composite", "continuous", "grip"])
+@pytest.mark.parametrize("name", ["line", "circle", "composite", "continuous", "grip", "fastest"])
 def test_loop(name, backend, runs):
     """The whole table, byte for byte: law, tracker, dead reckoning and integral answer as on this host."""
     spec, here = runs[name]

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from noslip.controllers.tracking import Guide, TrackerOptions
 from noslip.model.segments import Segment
-from noslip.planning.profile import Accelerations, SpeedProfile, top_speed
+from noslip.planning.profile import Accelerations, SpeedProfile
 from noslip.readers.errors import BadInput
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.contact import contact_forces, friction_accelerations
 from noslip.simulation.loop import make_loop
 from noslip.simulation.specification.spec import spec_of
-from noslip.sweeping.batch import Batch
 from scipy import sparse
 from scipy.optimize import linprog
 
@@ -170,6 +169,21 @@ def test_friction_gives_the_accelerations():
         assert use == pytest.approx(0.8, abs=0.02 if speed else 1e-9)
 
 
+def test_motors_bound_the_accelerations():
+    """Inputs of 4 N m: 0.6 of each accelerates as Newton says, and the run on the first line stays below 4 N m."""
+    text = SPEC.replace('mode = "grip"', 'mode = "grip", torque = 4.0').replace("11.0,", "4.0,")
+    spec = spec_of(text, "test")
+    plant = make_loop(spec).plant
+    free, bound = (friction_accelerations(plant, spec.contact, 0.6, torque) for torque in ((), (4.0, 4.0)))
+    assert bound.acceleration == bound.deceleration < 0.5 * free.acceleration and bound.angular < free.angular
+    assert bound.lateral == free.lateral
+    names = [p.name for p in plant.system.mechanism.parameters]
+    m_c, m_w, I_w, r = (plant.parameters[names.index(name)] for name in ("m_c", "m_w", "I_w", "r"))
+    assert bound.acceleration == pytest.approx(2 * 0.6 * 4.0 / r / (m_c + 2 * m_w + 2 * I_w / r**2), rel=1e-6)
+    run = simulate(spec)
+    assert set(run.status[run.piece == 0]) == {"ok"} and np.abs(run.tau[run.piece == 0]).max() < 4.0
+
+
 @pytest.mark.parametrize(
     "changes, said",
     [
@@ -177,7 +191,6 @@ def test_friction_gives_the_accelerations():
         ({'"fastest"': "1.0, angular = 1.0"}, "angular requires lateral, or speed"),
         ({'"fastest"': "1.0, lateral = -1.0"}, "must be positive"),
         ({'"fastest"': '"slowest"'}, "slowest"),
-        ({"period = 0.01": 'period = 0.01, backend = "m4f"'}, "does not compute speed profiles yet"),
     ],
 )
 def test_refused_specs(changes, said):
@@ -195,8 +208,6 @@ START = "[initial]\npoint = [0.0, 1.0]\n"
 def test_other_paths_have_no_profile():
     with pytest.raises(BadInput, match="applies to composite paths only"):
         spec_of(SPEC[: SPEC.index("path = ")] + 'path = { kind = "line", A = 1.0, B = 0.0, C = 0.0 }\n' + START, "test")
-    with pytest.raises(BadInput, match="speed profile: a sweep does not have it yet"):
-        Batch(spec_of(SPEC, "test"))
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
@@ -210,7 +221,7 @@ def test_the_c_refuses(scalar):
     for guide, speed in ((Guide("ok", progress=math.nan), 1.0), (Guide("ok"), math.inf), (Guide("ok", segment=3), 1.0)):
         with pytest.raises(BadInput):
             profile.speed(guide, speed)
-    assert top_speed(segments, LIMITS) > max(profile.along(k, 1.0) for k in range(3))
+    assert LIMITS.top_speed(segments) > max(profile.along(k, 1.0) for k in range(3))
     beyond = Guide("ok", segment=2, x=9.0, speed=0.3, speed_rate=-0.1)
     assert profile.speed(beyond, 0.3) == pytest.approx((0.3, -0.1)), "on the extension the path's own speed stays"
 

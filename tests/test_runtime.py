@@ -618,10 +618,10 @@ def test_init_again_forgets_what_was_held(robot):
 
 def test_status_names(program):
     ffi, lib = program
-    names = {status: ffi.string(lib.noslip_status_name(status)).decode() for status in range(-10, 7)}
+    names = {status: ffi.string(lib.noslip_status_name(status)).decode() for status in range(-10, 8)}
     assert names[0] == "ok" and names[1] == "saturated" and names[-6] == "not_ready"
-    assert len({names[status] for status in range(-9, 5)}) == 14
-    assert all(names[status] == "unknown" for status in (-10, 5, 6))
+    assert len({names[status] for status in range(-9, 6)}) == 15
+    assert all(names[status] == "unknown" for status in (-10, 6, 7))
 
 
 @each_scalar

@@ -67,10 +67,11 @@ def test_defaults_are_those_of_the_reader():
     assert stated["simulation.backend"] == "c" and not {"robot", "output.type"} & stated.keys()
     needed = {"simulation.period": 0.01, "limits.torque": [20.0], "sensors": {}, "correction.rate": 1.0, "contact": {}}
     needed |= {"reference.approach.acceleration": 0.5, "drive.kind": "torque"}
+    noticing = {"limits.mode": "grip", "sensors.gyro": {}}
     on_circle = {"output": {"type": "I"}, "reference": {"position": [0.0, 0.0], "circle": {"radius": 1.0, "rate": 0.1}}}
     for key, value in stated.items():
         base = CIRCLE | on_circle if key.startswith("reference.circle.") else CIRCLE
-        more = [] if base is not CIRCLE else needed.items()
+        more = [] if base is not CIRCLE else [*needed.items(), *(noticing.items() if "notice_slip" in key else ())]
         if not key.startswith(("sweep.", "simulation.period")):
             table = reduce(lambda content, item: changed(content, *item), [*more, (key, None)], base)
             assert attrgetter(key)(spec_of_table(table, SPECS / "line.toml")) == value, key

@@ -10,7 +10,8 @@ static int hello(pil *self)
                              sizeof out->evaluation,   sizeof out->tau,             sizeof in->segment.segment,
                              sizeof in->path.options,  sizeof out->guide,           sizeof in->odometry.options,
                              PIL_LAWS,                 PIL_PATHS,                   PIL_ODOMETRIES,
-                             PIL_INTEGRALS,            PIL_APPROACHES,              PIL_SEGMENTS};
+                             PIL_INTEGRALS,            PIL_APPROACHES,              PIL_SLIPS,
+                             PIL_SEGMENTS};
     self->output.hello = hello_answer;
     return NOSLIP_OK;
 }
@@ -33,6 +34,17 @@ static int law_evaluate(pil *self)
 {
     return PIL_LAW(_evaluate)(&self->laws[self->request.object], &self->input.step.state, &self->input.step.reference,
                               &self->output.evaluation);
+}
+
+static int law_friction(pil *self)
+{
+#if PIL_GRIP
+    self->laws[self->request.object].grip = noslip_grip_of_f(&self->input.friction);
+    return NOSLIP_OK;
+#else
+    (void)self;
+    return NOSLIP_BAD_PARAMETER;
+#endif
 }
 
 /* -- the path ---------------------------------------------------------------------------------------------------------- */
@@ -142,6 +154,45 @@ static int approach_within(pil *self)
                                     self->input.approach_within.speed_rate, &self->output.approached);
 }
 
+/* -- the speed profile of a path --------------------------------------------------------------------------------------- */
+
+static int profile_init(pil *self)
+{
+    const uint32_t k = self->request.object;
+    const int32_t count = self->input.profile.count;
+    if (count > PIL_SEGMENTS) {
+        self->answer.fault = PIL_FAULT_OBJECT;
+        return NOSLIP_BAD_PARAMETER;
+    }
+    return noslip_profile_init_f(&self->profiles[k], self->segments[k], count, &self->input.profile.options,
+                                 &self->input.profile.limits, self->squares[k]);
+}
+
+static int profile_speed(pil *self)
+{
+    return noslip_profile_speed_f(&self->profiles[self->request.object], &self->input.profile_speed.guide,
+                                  self->input.profile_speed.forward_speed, &self->output.profile.speed,
+                                  &self->output.profile.speed_rate);
+}
+
+/* -- noticing slip ----------------------------------------------------------------------------------------------------- */
+
+static int slip_init(pil *self)
+{
+    return noslip_slip_init_f(&self->slips[self->request.object], &self->input.slip.options, &self->input.slip.vehicle);
+}
+
+static int slip_step(pil *self)
+{
+    return noslip_slip_step_f(&self->slips[self->request.object], &self->input.slip_step.reading, self->input.slip_step.dt,
+                              &self->output.noticed);
+}
+
+static int slip_trust(pil *self)
+{
+    return noslip_slip_trust_f(&self->slips[self->request.object]);
+}
+
 /* -- calls ------------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
@@ -172,6 +223,12 @@ static const operation operations[PIL_OPERATIONS] = {
     [PIL_OP_APPROACH_START] = {approach_start, TAKES(approach_start), 0, PIL_APPROACHES},
     [PIL_OP_APPROACH_STEP] = {approach_step, TAKES(approach_step), GIVES(approached), PIL_APPROACHES},
     [PIL_OP_APPROACH_WITHIN] = {approach_within, TAKES(approach_within), GIVES(approached), PIL_APPROACHES},
+    [PIL_OP_PROFILE_INIT] = {profile_init, TAKES(profile), 0, PIL_PATHS},
+    [PIL_OP_PROFILE_SPEED] = {profile_speed, TAKES(profile_speed), GIVES(profile), PIL_PATHS},
+    [PIL_OP_SLIP_INIT] = {slip_init, TAKES(slip), 0, PIL_SLIPS},
+    [PIL_OP_SLIP_STEP] = {slip_step, TAKES(slip_step), GIVES(noticed), PIL_SLIPS},
+    [PIL_OP_SLIP_TRUST] = {slip_trust, 0, 0, PIL_SLIPS},
+    [PIL_OP_LAW_FRICTION] = {law_friction, TAKES(friction), 0, PIL_LAWS},
 };
 
 static uint32_t fault_of(const pil_request *request)

@@ -1,12 +1,12 @@
 /*
- * pil.h - processor in the loop: a law, paths, approaches, odometry and integral action on a target, called by a computer that
- * simulates the vehicle.
+ * pil.h - processor in the loop: a law, paths and their speed profiles, approaches, odometry, integral action and noticing slip on
+ * a target, called by a computer that simulates the vehicle.
  *
  * A call is a request and an answer, both of 32-bit words in the byte order of the target, with structs as they are in memory. The
  * objects (laws, paths and so on) stay on the target; a request selects one by its number.
  *
  * The law is the one included by pil_law.h, which defines PIL_ROBOT(name) and PIL_LAW(name), the C names of the robot and the law in
- * float.
+ * float, and PIL_GRIP to 1 if the law has the member grip, else 0.
  */
 #ifndef PIL_H
 #define PIL_H
@@ -15,6 +15,8 @@
 #include "noslip_integral.h"
 #include "noslip_odometry.h"
 #include "noslip_path.h"
+#include "noslip_profile.h"
+#include "noslip_slip.h"
 #include "pil_law.h"
 
 #define PIL_MAGIC 0x4c49504eu /* "NPIL" in little-endian order */
@@ -26,6 +28,7 @@
 #define PIL_ODOMETRIES 16
 #define PIL_INTEGRALS 64
 #define PIL_APPROACHES 16
+#define PIL_SLIPS 16
 #define PIL_SEGMENTS 512
 
 /* Operations: input -> output, in addition to the status returned. */
@@ -49,6 +52,12 @@ enum {
     PIL_OP_APPROACH_START,   /* distance, distance rate, speed -> */
     PIL_OP_APPROACH_STEP,    /* dt, speed -> approached */
     PIL_OP_APPROACH_WITHIN,  /* speed, speed rate -> approached */
+    PIL_OP_PROFILE_INIT,     /* count, options, limits ->; of the path with the same number, whose segments it has */
+    PIL_OP_PROFILE_SPEED,    /* guide, forward speed -> speed, its rate */
+    PIL_OP_SLIP_INIT,        /* options, vehicle -> */
+    PIL_OP_SLIP_STEP,        /* reading, dt -> noticed */
+    PIL_OP_SLIP_TRUST,       /* -> */
+    PIL_OP_LAW_FRICTION,     /* friction -> */
     PIL_OPERATIONS
 };
 
@@ -79,7 +88,7 @@ typedef struct {
 typedef struct {
     uint32_t params, config, gains, options, state, reference, evaluation, inputs;
     uint32_t segment, path_options, guide, odometry_options;
-    uint32_t laws, paths, odometries, integrals, approaches, segments;
+    uint32_t laws, paths, odometries, integrals, approaches, slips, segments;
 } pil_hello;
 
 typedef union {
@@ -134,6 +143,24 @@ typedef union {
     struct {
         float speed, speed_rate;
     } approach_within;
+    struct {
+        int32_t count;
+        noslip_path_options_f options;
+        noslip_profile_limits_f limits;
+    } profile;
+    struct {
+        noslip_guide_f guide;
+        float forward_speed;
+    } profile_speed;
+    struct {
+        noslip_slip_options_f options;
+        noslip_odometry_options_f vehicle;
+    } slip;
+    struct {
+        noslip_slip_reading_f reading;
+        float dt;
+    } slip_step;
+    noslip_friction_f friction;
 } pil_input;
 
 typedef union {
@@ -144,6 +171,10 @@ typedef union {
     noslip_guide_f guide;
     noslip_pose_f pose;
     noslip_approached_f approached;
+    noslip_noticed_f noticed;
+    struct {
+        float speed, speed_rate;
+    } profile;
     struct {
         float add, z;
     } integral;
@@ -162,6 +193,9 @@ typedef struct {
     noslip_odometry_f odometries[PIL_ODOMETRIES];
     noslip_integral_f integrals[PIL_INTEGRALS];
     noslip_approach_f approaches[PIL_APPROACHES];
+    noslip_profile_f profiles[PIL_PATHS];
+    float squares[PIL_PATHS][PIL_SEGMENTS];
+    noslip_slip_f slips[PIL_SLIPS];
 } pil;
 
 /* Checks a request before its input is read and prepares the answer. Returns the fault, or PIL_FAULT_NONE. */

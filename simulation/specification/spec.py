@@ -221,16 +221,13 @@ class OutputSection:
 @dataclass(frozen=True, kw_only=True)
 class ApproachSection:
     """How desired outputs go from where the robot is to their final values: a distance, a point and a speed with at most
-    `acceleration` (m/s^2), a heading with at most `angular` (rad/s^2). `jerk` (m/s^3) must be 0: it is not limited yet.
+    `acceleration` (m/s^2), a heading with at most `angular` (rad/s^2). With a `jerk` (m/s^3) the acceleration of a distance,
+    point and speed changes no faster; that of a heading in the same proportion.
     """
 
     acceleration: float = entry(number("positive", "m/s^2"), about="largest, of a desired distance, point and speed")
     angular: float | None = entry(number("positive", "rad/s^2"), None, "largest, of a desired heading: types II and III")
-    jerk: float = entry(number("nonnegative", "m/s^3"), 0.0, "reserved: must be 0")
-
-    def __post_init__(self):
-        if self.jerk:
-            raise BadInput(f"[reference] approach: jerk = {self.jerk:g} is not supported yet; leave it out")
+    jerk: float = entry(number("nonnegative", "m/s^3"), 0.0, "largest change of that per second; 0: no bound")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,14 +310,36 @@ class NoiseSection:
 
 
 @dataclass(frozen=True, kw_only=True)
+class GyroSection:
+    """A gyro: the mean yaw rate between two calls, with Gaussian noise and a constant error."""
+
+    noise: float = entry(number("nonnegative", "rad/s"), 0.0, "standard deviation of a reading")
+    bias: float = entry(number("nonnegative", "rad/s"), 0.0, "constant error of the readings; the largest that is expected")
+
+
+@dataclass(frozen=True, kw_only=True)
+class AccelerometerSection:
+    """An accelerometer at the middle of the axle: the mean forward acceleration between two calls, with Gaussian noise and a
+    constant error.
+    """
+
+    noise: float = entry(number("nonnegative", "m/s^2"), 0.0, "standard deviation of a reading")
+    bias: float = entry(number("nonnegative", "m/s^2"), 0.0, "constant error of the readings; the largest that is expected")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """State that the controller sees: wheel rates with noise, and a pose from dead reckoning or the true one."""
+    """State that the controller sees: wheel rates with noise, and a pose from dead reckoning or the true one. Gyro and
+    accelerometer are for noticing slip.
+    """
 
     noise: NoiseSection = entry(section(NoiseSection), NoiseSection())
     seed: int = entry(whole(0), 0, "seed of the random numbers of the noise")
     period: float = entry(number("nonnegative", "s"), 0.0, "between two values of the noise; 0: new at each call")
     counts: int = entry(whole(0), 0, "counts of an encoder per turn of a wheel; 0: no encoder, the exact angle")
     pose: str = entry(one_of("reckoned", "true"), "reckoned", "the pose that the controller is given")
+    gyro: GyroSection | None = entry(section(GyroSection), None)
+    accelerometer: AccelerometerSection | None = entry(section(AccelerometerSection), None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -333,10 +352,36 @@ class Correction:
 
 
 @dataclass(frozen=True, kw_only=True)
+class NoticeSlipSection:
+    """How slip is noticed by a gyro: it is where the heading that it measured differs from that of the wheels, over about the
+    last `window` (s), by more than counts, noise, bias and a relative error `geometry` of the wheels' ways may make it.
+    `deviations` of the noise beyond these bounds make a false alarm: with 6 the probability is at most 2e-9 at each call.
+
+    mu is then multiplied by `lower`, down to `least`, and rises by `rise` (1/s) after `hold` (s) without slip. The desired speed
+    along a path is multiplied by the root of mu over that of [contact].
+    """
+
+    window: float = entry(number("positive", "s"), 0.2, "differences count for about so long")
+    geometry: float = entry(number("nonnegative", "1"), 0.005, "largest relative error of the ways of the wheels")
+    deviations: float = entry(number("nonnegative", "1"), 6.0, "threshold, in standard deviations of the noise")
+    lower: float = entry(number("positive", "1"), 0.8, "factor of mu each time slip is noticed, below 1")
+    least: float = entry(number("positive", "1"), 0.1, "the least mu that is believed, at most that of [contact]")
+    pause: float = entry(number("nonnegative", "s"), 0.1, "slip that goes on is noticed again after so long; at most hold")
+    rise: float = entry(number("nonnegative", "1/s"), 0.05, "by so much mu rises per second")
+    hold: float = entry(number("nonnegative", "s"), 1.0, "after so long without slip")
+
+    def __post_init__(self):
+        if self.lower >= 1:
+            raise BadInput(f"[limits] notice_slip: lower = {self.lower:g} must be below 1: mu is multiplied by it")
+        if self.pause > self.hold:
+            raise BadInput(f"[limits] notice_slip: pause = {self.pause:g} must be at most hold = {self.hold:g}")
+
+
+@dataclass(frozen=True, kw_only=True)
 class LimitsSection:
     """Largest input of each motor (N m; 0: none), one or one each; above it each is limited ("cut"), or the vehicle slows down
     ("slow"). Mode "grip" also keeps the wheels rolling on the floor of [contact], with `margin`, a part of mu, in reserve; torque
-    may then be left out.
+    may then be left out. With `notice_slip` the controller lowers mu where it notices that wheels slip.
 
     `integral`: maximum that integral action may add to a desired derivative (0: no limit), one or one for each output with ki.
     """
@@ -349,8 +394,11 @@ class LimitsSection:
     integral: tuple[float, ...] = entry(
         one_or_more, (0.0,), "the most that integral action adds to each desired derivative; 0: no limit"
     )
+    notice_slip: NoticeSlipSection | None = entry(section(NoticeSlipSection), None)
 
     def __post_init__(self):
+        if self.notice_slip and self.mode != "grip":
+            raise BadInput(f'[limits] notice_slip requires mode = "grip"; mode is "{self.mode}"')
         if self.torque is None and self.mode != "grip":
             raise BadInput(f'[limits] torque is missing; mode = "{self.mode}" requires it')
         if self.margin >= 1:
@@ -543,6 +591,11 @@ class Spec:
             raise BadInput(f'[drive] kind = "{self.drive.kind}" requires [simulation] period > 0: commands are given at calls')
         if self.limits and self.limits.mode == "grip" and self.contact is None:
             raise BadInput('[limits] mode = "grip" requires [contact] mu, the friction that the controller may use')
+        if self.limits and self.limits.notice_slip and not (self.sensors and self.sensors.gyro):
+            raise BadInput("[limits] notice_slip requires [sensors] gyro: slip is where it differs from the wheels")
+        if self.limits and self.limits.notice_slip and self.contact and self.limits.notice_slip.least > self.contact.mu:
+            least, mu = self.limits.notice_slip.least, self.contact.mu
+            raise BadInput(f"[limits] notice_slip: least = {least:g} must be at most [contact] mu = {mu:g}")
         if self.correction and not self.sensors:
             raise BadInput("[correction] requires [sensors]: without them the pose is the true one")
         if self.correction and self.sensors and self.sensors.pose == "true":

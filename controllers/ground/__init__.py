@@ -1,0 +1,1 @@
+"""What a controller learns of the ground under its wheels while it drives."""
