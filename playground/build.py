@@ -71,7 +71,7 @@ def ground(system: ReducedSystem) -> ca.Function:
 
 
 def evaluated(system: ReducedSystem) -> str:
-    """The C of what `noslip simulate` evaluates besides the law: a step of the plant, forces, the vehicle's motion, lines to draw."""
+    """The C of what is evaluated besides the law: a step of the plant, forces, the vehicle's motion, lines to draw."""
     generator = ca.CodeGenerator("plant.c", {"with_header": False})
     none = ca.Function("ahead", [system.mechanism.p], [ca.DM(0)])
     for function in (functions(system)["step"], ground(system), vehicle_motion(system), ahead(system) or none):

@@ -27,7 +27,8 @@ const MEANING = {
   singular: "singular: the law has no torque here. Drag the robot away", bad_path: "the robot cannot follow this path: draw smoother",
 };
 
-const worker = new Worker(URL.createObjectURL(new Blob([element("model").textContent, "serve();"], { type: "text/javascript" })));
+const makeWorker = () => new Worker(URL.createObjectURL(new Blob([element("model").textContent, "serve();"], { type: "text/javascript" })));
+const worker = makeWorker();
 let settings = defaultsOf(DEFAULTS.robot), run = 0, now = null, going = false, waiting = false; // for the worker
 let paused = false, drawing = null, grabbed = null, clock = 0, last = 0, trace = [];
 
@@ -331,11 +332,12 @@ function place(event) {
 
 function press(event) {
   const at = place(event), { x } = now, { handle, size } = kindOf(settings.robot);
-  const near = (px, py, reach) => Math.hypot(at[0] - px, at[1] - py) < reach;
+  const away = (px, py) => Math.hypot(at[0] - px, at[1] - py);
+  const nose = away(x[0] + handle * Math.cos(x[2]), x[1] + handle * Math.sin(x[2])), body = away(x[0], x[1]);
   element("floor").setPointerCapture(event.pointerId);
   if (drawing) drawing = [at];
-  else if (near(x[0] + handle * Math.cos(x[2]), x[1] + handle * Math.sin(x[2]), Math.max(0.5, 20 / scale))) grabbed = "nose";
-  else if (near(x[0], x[1], Math.max(1.2 * size, 30 / scale))) grabbed = [x[0] - at[0], x[1] - at[1]];
+  else if (nose < Math.min(body, Math.max(0.5, 20 / scale))) grabbed = "nose";
+  else if (body < Math.max(1.2 * size, 30 / scale)) grabbed = [x[0] - at[0], x[1] - at[1]];
 }
 
 /* Each move of a robot starts a run there, so that the page tells what the law does in that state. */
