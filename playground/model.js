@@ -1,21 +1,58 @@
 "use strict";
 /*
  * What the page simulates, without anything of the page: settings, the numbers that they mean for playground.c, the SPEC of the
- * same run, and the loop. Before this, build.py puts MODULE, LAYOUT and PARAMETERS.
+ * same run, and the loop. Before this, build.py puts MODULES, LAYOUT and ROBOTS.
  */
 
 const LAWS = ["I", "II", "III", "IV line", "IV circle", "IV ellipse", "IV path"]; // in the order of `laws` in playground.c
 const MODES = ["cut", "slow", "grip"]; // as noslip_on_limit
 const PERIOD = 0.01, TOLERANCE = 1e-10, MARGIN = 0.05;
-const [B, D, RADIUS] = [PARAMETERS.b, PARAMETERS.d, PARAMETERS.r];
 
 const DEFAULTS = {
-  law: "IV circle", kp: 1, kd: 2.5, kv: 2, speed: 1.4, L: 0, size: 5, angle: 0,
-  believed: 30, mass: 30, mu: 0.7, limit: 0, mode: "cut",
-  x: [7, -2, Math.PI / 2, 0, 0, 0, 0], // at the start of the run: x_c, y_c, phi, theta_r, theta_l, thetadot_r, thetadot_l
+  robot: "labmate", law: "IV circle", kp: 1, kd: 2.5, kv: 2, speed: 1.4, L: 0, size: 5, angle: 0,
+  believed: 30, mass: 30, believedTrailers: 80, trailers: 80, // kg; of each trailer
+  mu: 0.7, limit: 0, mode: "cut",
+  x: [7, -2, Math.PI / 2, 0, 0, 0, 0], // at the start of the run: coordinates and quasi-velocities
   along: 0, // m, of the desired point of Types I to III on the line, at the start
   drawn: [], closed: false, // arcs [x, y, heading, radius, angle] of the drawn path
 };
+
+/* How robots differ, by the first part of their names: the parameter that is the mass, other defaults, by how much larger ranges of
+ * lengths, speeds and masses are than the LABMATE's, where the handle to turn the robot is (m ahead of the first coordinates), and which
+ * lines are the wheels of each contact. */
+const KINDS = {
+  labmate: { title: "LABMATE", mass: "m_c", size: 1, heavy: 1, handle: 1, wheels: [[1], [2]] },
+  car: {
+    title: "car", mass: "m", size: 3, heavy: 40, handle: 3.4, wheels: [[1, 2], [3]],
+    defaults: { L: 1, size: 15, speed: 5, kp: 0.25, kd: 1, kv: 0.5, believed: 1200, mass: 1200, x: [17, -5, Math.PI / 2, 0, 0, 0, 0] },
+  },
+  tractor_trailer: {
+    title: "tractor", mass: "m", size: 1, heavy: 5, handle: 1, wheels: [[1], [2], [5, 6], [9, 10], [13, 14]],
+    defaults: { L: 0.5, speed: 1, believed: 150, mass: 150 },
+  },
+};
+
+const kindOf = (robot) => KINDS[robot.split(":")[0]];
+const trailersOf = (robot) => +(robot.split(":")[1] || 0);
+const titleOf = (robot) => {
+  const count = trailersOf(robot);
+  return kindOf(robot).title + (robot.includes(":") ? ` with ${count} trailer${count === 1 ? "" : "s"}` : "");
+};
+const lawsOf = (robot) => LAWS.filter((law) => law !== "IV path" || ROBOTS[robot].followsDrawn);
+const modesOf = (robot) => MODES.filter((mode) => mode !== "grip" || ROBOTS[robot].grips);
+
+/* The settings with which a robot begins: at rest on the right of the circle, trailers behind it. */
+function defaultsOf(robot) {
+  const settings = { ...DEFAULTS, ...kindOf(robot).defaults, robot }, heading = settings.x[2];
+  return { ...settings, x: settings.x.toSpliced(5, 0, ...Array(trailersOf(robot)).fill(heading)) };
+}
+
+/* The parameters that settings change, as the controller believes them and as they are, kg. */
+function masses(s) {
+  const { mass } = kindOf(s.robot), names = Array.from({ length: trailersOf(s.robot) }, (_, k) => `m_${k + 1}`);
+  const all = (body, trailer) => ({ [mass]: body, ...Object.fromEntries(names.map((name) => [name, trailer])) });
+  return { believed: all(s.believed, s.believedTrailers), plant: all(s.mass, s.trailers) };
+}
 
 /* The curve of the law, by the names of a SPEC. */
 function curve(s) {
@@ -53,11 +90,11 @@ function mode(s) {
 
 /* The numbers of playground.c, by name. */
 function numbers(s) {
-  const wanted = reference(s), parameters = Object.values(PARAMETERS), place = Object.keys(PARAMETERS).indexOf("m_c");
+  const wanted = reference(s), { believed, plant } = masses(s), { parameters } = ROBOTS[s.robot];
   const [p, v] = wanted ? [wanted.position, wanted.velocity] : [[0, s.speed], [0, 0]];
   const arcs = route(s).map(([x, y, heading, radius, angle]) => [x, y, heading, Math.sign(angle) / radius, radius * Math.abs(angle)]);
   return {
-    law: LAWS.indexOf(s.law), believed: parameters.with(place, s.believed), plant: parameters.with(place, s.mass),
+    law: LAWS.indexOf(s.law), believed: Object.values({ ...parameters, ...believed }), plant: Object.values({ ...parameters, ...plant }),
     L: s.L, config: Object.values(curve(s)), gains: wanted ? [s.kp, s.kd, s.kp, s.kd] : [s.kp, s.kd, s.kv, 0],
     limit: s.limit, mode: MODES.indexOf(mode(s)), mu: s.mu, margin: MARGIN,
     offset: [p[0], v[0], 0, p[1], v[1], 0], slope: [v[0], 0, 0, v[1], 0, 0],
@@ -69,7 +106,7 @@ function numbers(s) {
 function spec(s, duration = 10) {
   const table = (entries) => `{ ${Object.entries(entries).map(([key, value]) => `${key} = ${value}`).join(", ")} }`;
   const list = (values) => `[${values.join(", ")}]`;
-  const wanted = reference(s), [type, kind] = s.law.split(" ");
+  const wanted = reference(s), [type, kind] = s.law.split(" "), { believed, plant } = masses(s), { coordinates } = ROBOTS[s.robot];
   const arcs = route(s).map(([x, y, heading, radius, angle]) =>
     `  ${table({ kind: '"arc"', from: list([x, y]), heading, radius, angle })},\n`);
   const path = arcs.length ? `{ kind = "composite", closed = ${s.closed}, segments = [\n${arcs.join("")}] }`
@@ -77,11 +114,11 @@ function spec(s, duration = 10) {
   const limits = [...(s.limit > 0 ? [`torque = ${s.limit} # N m`] : []), `mode = "${mode(s)}"`, ...(mode(s) === "grip" ? [`margin = ${MARGIN}`] : [])];
   return [
     "# A run of the playground: noslip simulate FILE -o run.csv --plot run.png", "",
-    'robot = "labmate"', `parameters = { m_c = ${s.believed} } # kg, as the controller knows it`, `plant = { m_c = ${s.mass} }`,
+    `robot = "${s.robot}"`, `parameters = ${table(believed)} # kg, as the controller knows them`, `plant = ${table(plant)}`,
     `gains = ${table(wanted ? { kp: s.kp, kd: s.kd } : { kp: s.kp, kd: s.kd, kv: s.kv })}`, "",
     "[output]", `type = "${type}"`, `L = ${s.L} # m`, ...(kind ? [`path = ${path}`] : []), "",
     "[reference]", ...(wanted ? [`position = ${list(wanted.position)}`, `velocity = ${list(wanted.velocity)}`] : [`speed = ${s.speed} # m/s`]), "",
-    "[initial]", `q = ${list(s.x.slice(0, 5))}`, `nu = ${list(s.x.slice(5))} # rad/s`, "",
+    "[initial]", `q = ${list(s.x.slice(0, coordinates))}`, `nu = ${list(s.x.slice(coordinates))} # rad/s`, "",
     ...(s.limit > 0 || s.mode === "grip" ? ["[limits]", ...limits, ""] : []),
     "[contact]", `mu = ${s.mu}`, "",
     "[simulation]", `duration = ${duration} # s`, `period = ${PERIOD} # s`, `output_step = ${PERIOD} # s`,
@@ -114,17 +151,26 @@ function arcsThrough(points, closed) {
   return arcs;
 }
 
-/* The loop in WebAssembly: its numbers by name. */
+/* The loop of a robot in WebAssembly: its numbers by name. */
 class Loop {
-  constructor() {
-    const bytes = Uint8Array.from(atob(MODULE), (letter) => letter.charCodeAt(0));
-    this.c = new WebAssembly.Instance(new WebAssembly.Module(bytes)).exports;
-    this.doubles = new Float64Array(this.c.memory.buffer, this.c.playground_numbers());
+  /* The loop of a robot; a promise, since its module is compressed. */
+  static async of(robot) {
+    const bytes = Uint8Array.from(atob(MODULES[robot]), (letter) => letter.charCodeAt(0));
+    const code = await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
+    return new Loop(robot, (await WebAssembly.instantiate(code)).instance.exports);
   }
 
+  constructor(robot, c) {
+    const { coordinates, contacts, lines } = ROBOTS[robot];
+    this.c = c;
+    this.doubles = new Float64Array(c.memory.buffer, c.playground_numbers());
+    this.counts = { x: coordinates + 2, use: contacts.length, forces: 2 * contacts.length, lines: 2 * lines.reduce((a, b) => a + b) };
+  }
+
+  /* A number, or the numbers that this robot has of an array. */
   get(name) {
-    const [place, count] = LAYOUT[name];
-    return count > 1 ? Array.from(this.doubles.subarray(place, place + count)) : this.doubles[place];
+    const [place, most] = LAYOUT[name], count = this.counts[name] || most;
+    return most > 1 ? Array.from(this.doubles.subarray(place, place + count)) : this.doubles[place];
   }
 
   /* Start a run with these settings; answers whether the law gives torques. */
@@ -142,4 +188,32 @@ class Loop {
     const bytes = new Uint8Array(this.c.memory.buffer, this.c.noslip_status_name(this.get("status")));
     return String.fromCharCode(...bytes.subarray(0, bytes.indexOf(0)));
   }
+
+  /* All that the page shows of now. */
+  get now() {
+    const names = ["t", "x", "tau", "error", "use", "forces", "motion", "lines"];
+    return { ...Object.fromEntries(names.map((name) => [name, this.get(name)])), status: this.status };
+  }
+}
+
+/* In a worker: answers what the page asks. { run, settings } starts a run, { run, steps } goes on with it; the answer has the number
+ * of the run, what there is to show after each step, and whether the law gives torques. */
+function serve() {
+  const loops = {};
+  let loop, going = false;
+  const answer = async ({ data: { run, settings, steps } }) => {
+    const rows = [];
+    if (settings) {
+      loop = loops[settings.robot] ??= await Loop.of(settings.robot);
+      going = loop.start(settings);
+      rows.push(loop.now);
+    }
+    for (let k = 0; going && k < steps; k++) {
+      going = loop.step();
+      rows.push(loop.now);
+    }
+    postMessage({ run, rows, going });
+  };
+  let before = Promise.resolve(); // one after the other, also while a module is unpacked
+  onmessage = (event) => { before = before.then(() => answer(event)); };
 }

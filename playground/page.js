@@ -1,54 +1,70 @@
-/* The page: controls, drawing, plots, and the pointer. */
+/* The page: controls, drawing, plots, and the pointer. The loop runs in a worker, so that a slow drawing never holds it up. */
 
 const element = (id) => document.getElementById(id);
-const COLOURS = Object.fromEntries(["ink", "quiet", "edge", "one", "two", "bad"].map((name) =>
+const COLOURS = Object.fromEntries(["ink", "quiet", "edge", "one", "two", "three", "four", "bad"].map((name) =>
   [name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim()]));
+const SPARSE = 3; // of so many points a plot shows one: 0.6 pixels of it
+const CURVES = ["one", "two", "ink", "three", "four"]; // colours of the curves of a plot
 const KEPT = 20; // s, of the plots and of the trace
 const CONTROLS = [ // setting, label, least, largest, step, unit
   ["speed", "desired speed", -2, 6, 0.1, "m/s"], ["size", "size of the curve", 2, 12, 0.5, "m"], ["angle", "angle of the line", -180, 180, 5, "°"],
-  ["kp", "gain kp", 0, 8, 0.1, "1/s²"], ["kd", "gain kd", 0, 8, 0.1, "1/s"], ["kv", "gain kv", 0, 8, 0.1, "1/s"],
-  ["L", "P_l ahead of the centre of mass", -1, 2, 0.1, "m"], ["mu", "friction μ", 0.05, 1, 0.05, ""],
+  ["kp", "gain kp", 0, 8, 0.05, "1/s²"], ["kd", "gain kd", 0, 8, 0.05, "1/s"], ["kv", "gain kv", 0, 8, 0.05, "1/s"],
+  ["L", "P_l ahead of the vehicle's point", -1, 2, 0.1, "m"], ["mu", "friction μ", 0.05, 1, 0.05, ""],
   ["believed", "mass that the law assumes", 10, 80, 1, "kg"], ["mass", "mass of the robot", 10, 80, 1, "kg"],
+  ["believedTrailers", "mass of each trailer that the law assumes", 2, 60, 1, "kg"], ["trailers", "mass of each trailer", 2, 60, 1, "kg"],
   ["limit", "largest torque (0: none)", 0, 40, 1, "N m"],
 ];
-const CHOICES = [["law", "law and path", LAWS], ["mode", "at a limit", MODES]];
-const USED = { size: /circle|ellipse/, angle: /^I+$|line/, kv: /IV/, mode: /./ }; // by laws; the others always
+const SCALED = { m: "size", "m/s": "size", kg: "heavy", "N m": "heavy" }; // by which a kind of robot has other ranges
+const CHOICES = [ // setting, label, names for a robot, what is shown
+  ["robot", "robot", () => Object.keys(ROBOTS), titleOf], ["law", "law and path", lawsOf, String], ["mode", "at a limit", modesOf, String],
+];
+const USED = { // where a setting matters; the others always
+  size: (s) => /circle|ellipse/.test(s.law), angle: (s) => /^I+$|line/.test(s.law), kv: (s) => /IV/.test(s.law),
+  trailers: (s) => trailersOf(s.robot) > 0, believedTrailers: (s) => trailersOf(s.robot) > 0,
+};
 const MEANING = {
   ok: "the law is in force", saturated: "a torque is at its limit", grip: "held back so that the wheels roll", slipping: "slip was noticed", will_slip: "no torque keeps the wheels rolling",
   singular: "singular: the law has no torque here. Drag the robot away", bad_path: "the robot cannot follow this path: draw smoother",
 };
 
-const loop = new Loop();
-let settings = { ...DEFAULTS }, running = false, paused = false, drawing = null, grabbed = null, clock = 0, last = 0, trace = [];
+const makeWorker = () => new Worker(URL.createObjectURL(new Blob([element("model").textContent, "serve();"], { type: "text/javascript" })));
+const worker = makeWorker();
+let settings = defaultsOf(DEFAULTS.robot), run = 0, now = null, going = false, waiting = false; // for the worker
+let paused = false, drawing = null, grabbed = null, clock = 0, last = 0, trace = [];
 
 /* -- settings ---------------------------------------------------------------------------------------------------------- */
 
 function makeControls() {
   const form = element("controls");
-  for (const [name, label, names] of CHOICES) {
-    form.insertAdjacentHTML("beforeend", `<label>${label}<select name="${name}">${names.map((n) => `<option>${n}</option>`).join("")}</select></label>`);
+  for (const [name, label] of CHOICES) form.insertAdjacentHTML("beforeend", `<label>${label}<select name="${name}"></select></label>`);
+  for (const [name, label] of CONTROLS) {
+    form.insertAdjacentHTML("beforeend", `<label>${label}<output></output><input type="range" name="${name}"></label>`);
   }
-  for (const [name, label, min, max, step] of CONTROLS) {
-    form.insertAdjacentHTML("beforeend", `<label>${label}<output></output><input type="range" name="${name}" min="${min}" max="${max}" step="${step}"></label>`);
-  }
-  form.addEventListener("input", ({ target }) => change({ [target.name]: target.type === "range" ? +target.value : target.value }));
+  form.addEventListener("input", ({ target }) => {
+    if (target.name === "robot") choose(target.value);
+    else change({ [target.name]: target.type === "range" ? +target.value : target.value });
+  });
 }
 
 function showControls() {
-  for (const input of element("controls").elements) {
-    if (!input.name) continue;
-    const used = !USED[input.name] || USED[input.name].test(settings.law);
-    input.value = settings[input.name];
-    input.parentElement.hidden = !used;
-    const control = CONTROLS.find(([name]) => name === input.name);
-    if (control) input.previousElementSibling.textContent = `${settings[input.name]} ${control[5]}`;
+  const { elements } = element("controls"), kind = kindOf(settings.robot);
+  for (const [name, , names, shown] of CHOICES) {
+    elements[name].replaceChildren(...names(settings.robot).map((value) => new Option(shown(value), value)));
+    elements[name].value = settings[name];
   }
+  for (const [name, , least, most, step, unit] of CONTROLS) {
+    const input = elements[name], factor = kind[SCALED[unit]] || 1;
+    Object.assign(input, { min: least * factor, max: most * factor, step, value: settings[name] });
+    input.previousElementSibling.textContent = `${settings[name]} ${unit}`;
+    input.parentElement.hidden = !(USED[name]?.(settings) ?? true);
+  }
+  element("draw").hidden = !ROBOTS[settings.robot].followsDrawn;
 }
 
 /* Change settings, and start a run from where the robot is. */
 function change(changes) {
-  const target = settings.along + settings.speed * loop.get("t"), x = changes.x || loop.get("x");
-  x[2] = Math.atan2(Math.sin(x[2]), Math.cos(x[2]));
+  const target = settings.along + settings.speed * now.t, x = [...(changes.x || now.x)], { coordinates } = ROBOTS[settings.robot];
+  for (const k of [2, ...Array(coordinates).keys()].filter((k) => k === 2 || k > 4)) x[k] = Math.atan2(Math.sin(x[k]), Math.cos(x[k])); // headings
   settings = { ...settings, along: target, ...changes, x };
   if (settings.law === "IV path" && settings.speed <= 0) settings.speed = DEFAULTS.speed; // a path has a direction
   if (settings.law === "IV path" && !settings.drawn.length) settings = { ...settings, drawn: arcsThrough(EIGHT, true), closed: true };
@@ -57,61 +73,84 @@ function change(changes) {
 
 const EIGHT = Array.from({ length: 16 }, (_, k) => [7 * Math.sin((k * Math.PI) / 8), 3.5 * Math.sin((k * Math.PI) / 4)]);
 
+/* Go on with another robot, on the same kind of path. */
+function choose(robot) {
+  const law = lawsOf(robot).includes(settings.law) ? settings.law : DEFAULTS.law;
+  settings = { ...defaultsOf(robot), law, mu: settings.mu };
+  trace = [];
+  now = { x: settings.x, t: 0 };
+  change({ along: 0 });
+}
+
 function begin() {
-  running = loop.start(settings);
+  run += 1;
+  worker.postMessage({ run, settings });
+  waiting = true;
   clock = 0;
   showControls();
-  remember();
   const hash = `#${encodeURIComponent(JSON.stringify(settings))}`;
-  if (location.hash !== hash) history.replaceState(null, "", hash);
+  if (!grabbed && location.hash !== hash) history.replaceState(null, "", hash);
 }
 
 /* Start the run that the address holds; without one, or if it cannot be read, that of the defaults. */
-
 function restore() {
+  settings = defaultsOf(DEFAULTS.robot);
   try {
     const given = location.hash.length > 1 ? JSON.parse(decodeURIComponent(location.hash.slice(1))) : {};
-    settings = { ...DEFAULTS, ...Object.fromEntries(Object.entries(given).filter(([name]) => name in DEFAULTS)) };
-    trace = [];
-    begin();
-  } catch {
-    settings = { ...DEFAULTS };
-    begin();
-  }
+    const usual = defaultsOf(given.robot || DEFAULTS.robot);
+    const read = { ...usual, ...Object.fromEntries(Object.entries(given).filter(([name]) => name in usual)) };
+    const fits = Object.entries(usual).every(([name, value]) => typeof read[name] === typeof value);
+    if (fits && read.x.length === usual.x.length && lawsOf(read.robot).includes(read.law)) settings = read;
+  } catch { /* not of this page */ }
+  trace = [];
+  begin();
 }
 
 /* -- time -------------------------------------------------------------------------------------------------------------- */
 
+/* What the worker answers; the answer of a run that is over is dropped. */
+worker.onmessage = ({ data }) => {
+  if (data.run !== run) return;
+  waiting = false;
+  ({ going } = data);
+  now = data.rows.at(-1) || now;
+  if (!grabbed) data.rows.forEach(remember);
+};
+
 /* A point of the trace; times go on from run to run. */
-function remember() {
-  const now = (trace.length ? trace[trace.length - 1].now : 0) + PERIOD, x = loop.get("x");
-  trace.push({ now, x: x[0] + settings.L * Math.cos(x[2]), y: x[1] + settings.L * Math.sin(x[2]), errors: loop.get("error"),
-    torques: loop.get("tau"), use: loop.get("use"), status: loop.status });
+function remember({ motion: [x, y, heading], error, tau, use, status }) {
+  const time = (trace.at(-1)?.now || 0) + PERIOD, { L } = settings;
+  const series = { error, tau, use }, most = Object.fromEntries(Object.entries(series).map(([name, all]) => [name, Math.max(...all.map(Math.abs))]));
+  trace.push({ now: time, x: x + L * Math.cos(heading), y: y + L * Math.sin(heading), ...series, most, status });
   if (trace.length > KEPT / PERIOD) trace.shift();
 }
 
-function frame(now) {
-  clock += paused || grabbed || drawing ? 0 : Math.min(0.1, (now - last) / 1000);
-  last = now;
-  while (running && clock >= PERIOD) {
-    clock -= PERIOD;
-    running = loop.step();
-    remember();
+function frame(time) {
+  clock += paused || grabbed || drawing ? 0 : Math.min(0.1, (time - last) / 1000);
+  last = time;
+  const steps = Math.floor(clock / PERIOD), { size, heavy } = kindOf(settings.robot);
+  if (going && !waiting && steps) {
+    worker.postMessage({ run, steps });
+    waiting = true;
+    clock -= steps * PERIOD;
   }
-  drawFloor();
-  plot("errors", 0.1, 20);
-  plot("torques", 1, 100);
-  plot("use", 1.2, 4, 1);
-  showStatus();
+  clock = Math.min(clock, 0.1);
+  if (now?.lines && trace.length) {
+    drawFloor();
+    plot("error", 0.1, 20 * size);
+    plot("tau", 1, 100 * heavy);
+    plot("use", 1.2, 4, 1);
+    showStatus();
+  }
   requestAnimationFrame(frame);
 }
 
 function showStatus() {
-  const slips = running && Math.max(...loop.get("use")) > 1, status = loop.status;
+  const slips = going && Math.max(...now.use) > 1, { status } = now;
   const text = `${MEANING[status] || status}${slips ? ", and the wheels would slip here" : ""}`;
   const shown = element("status");
   if (shown.textContent !== text) shown.textContent = text;
-  shown.className = slips || !running ? "bad" : "";
+  shown.className = slips || !going ? "bad" : "";
 }
 
 /* -- drawing ----------------------------------------------------------------------------------------------------------- */
@@ -133,8 +172,9 @@ function fresh(canvas) {
 }
 
 function drawFloor() {
-  const { context: c, width, height } = fresh(element("floor")), x = loop.get("x"), onLine = /^I+$|line/.test(settings.law);
-  const reach = { "IV path": 11, "IV circle": settings.size + 3, "IV ellipse": 1.5 * settings.size + 3 }[settings.law] || 8;
+  const { context: c, width, height } = fresh(element("floor")), { x } = now, { size } = kindOf(settings.robot);
+  const onLine = /^I+$|line/.test(settings.law), room = 3 * size;
+  const reach = { "IV path": 11, "IV circle": settings.size + room, "IV ellipse": 1.5 * settings.size + room }[settings.law] || 8 * size;
   middle.x = onLine ? x[0] : 0;
   middle.y = onLine ? x[1] : 0;
   scale = Math.min(width, height) / 2 / reach;
@@ -145,7 +185,7 @@ function drawFloor() {
   c.lineWidth = 2 / scale;
   drawPath(c);
   drawTrace(c);
-  drawRobot(c, x);
+  drawRobot(c);
 }
 
 function drawGrid(c, wide, high) {
@@ -175,7 +215,7 @@ function drawPath(c) {
   c.stroke();
   c.setLineDash([]);
   if (/^I+$/.test(law)) { // the desired point moves along the line
-    const along = settings.along + settings.speed * loop.get("t");
+    const along = settings.along + settings.speed * now.t;
     dot(c, along * Math.cos(angle), along * Math.sin(angle), 6, COLOURS.quiet);
   }
   if (drawing) {
@@ -187,39 +227,59 @@ function drawPath(c) {
 }
 
 function drawTrace(c) {
-  for (let k = 1; k < trace.length; k++) {
-    const [p, q] = [trace[k - 1], trace[k]], slips = Math.max(...q.use) > 1;
-    if (Math.hypot(q.x - p.x, q.y - p.y) > 1) continue; // it was carried
+  for (const slips of [false, true]) {
     c.strokeStyle = slips ? COLOURS.bad : COLOURS.one;
     c.beginPath();
-    c.moveTo(p.x, p.y);
-    c.lineTo(q.x, q.y);
+    for (let k = 1; k < trace.length; k++) {
+      const [p, q] = [trace[k - 1], trace[k]];
+      if (Math.hypot(q.x - p.x, q.y - p.y) > 1 || q.most.use > 1 !== slips) continue; // it was carried, or the other colour
+      c.moveTo(p.x, p.y);
+      c.lineTo(q.x, q.y);
+    }
     c.stroke();
-    if (q.status === "singular") dot(c, q.x, q.y, 6, COLOURS.bad);
   }
+  trace.filter(({ status }) => status === "singular").forEach((p) => dot(c, p.x, p.y, 6, COLOURS.bad));
 }
 
-function drawRobot(c, x) {
-  c.save();
-  c.translate(x[0], x[1]);
-  c.rotate(x[2]);
-  c.fillStyle = "#dfe9f5cc";
-  c.strokeStyle = COLOURS.ink;
-  c.fillRect(-1, -0.6, 2, 1.2);
-  c.strokeRect(-1, -0.6, 2, 1.2);
-  const use = loop.get("use"), forces = loop.get("tau");
-  [[-B, 0], [B, 1]].forEach(([side, wheel]) => {
-    c.fillStyle = use[wheel] > 1 ? COLOURS.bad : COLOURS.ink;
-    c.fillRect(-D - RADIUS, side - 0.06, 2 * RADIUS, 0.12);
-    c.strokeStyle = COLOURS.two; // torque, an arrow along the wheel
+/* The lines of the robot: bodies, hitches, and wheels, thick, red where they would slip; the forces at the wheels. */
+function drawRobot(c) {
+  const { wheels, handle } = kindOf(settings.robot), { lines, use, forces, motion, x } = now;
+  const contactOf = Object.fromEntries(use.flatMap((_, contact) => wheels[contact].map((line) => [line, contact])));
+  const ends = [];
+  let place = 0;
+  ROBOTS[settings.robot].lines.forEach((count, line) => {
+    const contact = contactOf[line];
     c.beginPath();
-    c.moveTo(-D, side);
-    c.lineTo(-D + Math.max(-3, Math.min(3, forces[wheel] / 8)), side);
+    for (let k = 0; k < count; k++) c.lineTo(lines[place + 2 * k], lines[place + 2 * k + 1]);
+    ends[line] = lines.slice(place, place + 4);
+    place += 2 * count;
+    c.lineWidth = (contact === undefined ? 2 : 6) / scale;
+    c.strokeStyle = use[contact] > 1 ? COLOURS.bad : COLOURS.ink;
+    if (count > 2) { c.fillStyle = "#dfe9f5cc"; c.fill(); }
     c.stroke();
   });
-  c.restore();
-  dot(c, x[0] + Math.cos(x[2]), x[1] + Math.sin(x[2]), 7, COLOURS.one);
-  dot(c, x[0] + settings.L * Math.cos(x[2]), x[1] + settings.L * Math.sin(x[2]), 4, COLOURS.ink);
+  c.lineWidth = 2 / scale;
+  use.forEach((_, contact) => drawForce(c, wheels[contact].map((line) => ends[line]), use[contact], forces.slice(2 * contact, 2 * contact + 2)));
+  dot(c, x[0] + handle * Math.cos(x[2]), x[1] + handle * Math.sin(x[2]), 7, COLOURS.one);
+  dot(c, motion[0] + settings.L * Math.cos(motion[2]), motion[1] + settings.L * Math.sin(motion[2]), 4, COLOURS.ink);
+}
+
+/* The force of the ground at a contact, between its wheels (ends x, y, x, y of each), as part of a ring, the limit of friction. */
+function drawForce(c, wheels, use, [along, across]) {
+  const mean = (k) => wheels.reduce((sum, ends) => sum + ends[k] + ends[k + 2], 0) / (2 * wheels.length), [x, y] = [mean(0), mean(1)];
+  const [u, v, p, q] = wheels[0], length = Math.hypot(p - u, q - v), [cos, sin] = [(p - u) / length, (q - v) / length];
+  const ring = 0.5 * kindOf(settings.robot).size, size = Math.hypot(along, across), reach = size ? (ring * Math.min(3, use)) / size : 0;
+  c.strokeStyle = COLOURS.quiet;
+  c.lineWidth = 1 / scale;
+  c.beginPath();
+  c.arc(x, y, ring, 0, 2 * Math.PI);
+  c.stroke();
+  c.strokeStyle = use > 1 ? COLOURS.bad : COLOURS.two;
+  c.lineWidth = 3 / scale;
+  c.beginPath();
+  c.moveTo(x, y);
+  c.lineTo(x + reach * (cos * along - sin * across), y + reach * (sin * along + cos * across));
+  c.stroke();
 }
 
 function dot(c, x, y, pixels, colour) {
@@ -229,10 +289,11 @@ function dot(c, x, y, pixels, colour) {
   c.fill();
 }
 
-/* Both series of the trace over the last seconds; the axis reaches at least `least` and at most `limit`; a line at `mark`. */
+/* The curves of the trace over the last seconds; the axis reaches at least `least` and at most `limit`; a line at `mark`. */
 function plot(name, least, limit, mark) {
   const { context: c, width, height } = fresh(element(name)), end = trace[trace.length - 1].now;
-  const largest = Math.max(least, ...trace.map((p) => Math.max(Math.abs(p[name][0]), Math.abs(p[name][1]))));
+  const largest = trace.reduce((most, p) => Math.max(most, p.most[name]), least), names = NAMES[name]();
+  const shown = trace.filter((p, k) => k + 1 === trace.length || Math.round(p.now / PERIOD) % SPARSE === 0);
   const most = Math.min(largest, limit), low = name === "use" ? 0 : -most;
   const across = (t) => width * (1 - (end - t) / KEPT), up = (value) => height - ((value - low) / (most - low)) * (height - 16) - 4;
   c.font = "11px system-ui, sans-serif";
@@ -245,20 +306,20 @@ function plot(name, least, limit, mark) {
     c.lineTo(width, up(value));
     c.stroke();
   });
-  ["one", "two"].forEach((colour, k) => {
-    c.strokeStyle = COLOURS[colour];
+  names.forEach((label, k) => {
+    c.strokeStyle = COLOURS[CURVES[k]];
     c.beginPath();
-    trace.forEach((p) => c.lineTo(across(p.now), up(p[name][k])));
+    shown.forEach((p) => c.lineTo(across(p.now), up(p[name][k])));
     c.stroke();
-    c.fillStyle = COLOURS[colour];
-    c.fillText(NAMES[name]()[k], 60 + 110 * k, 12);
+    c.fillStyle = COLOURS[CURVES[k]];
+    c.fillText(label, 50 + ((width - 50) / names.length) * k, 12);
   });
 }
 
 const NAMES = {
-  errors: () => ({ I: ["x (m)", "y (m)"], II: ["x (m)", "heading (rad)"], III: ["y (m)", "heading (rad)"] }[settings.law] || ["distance (m)", "speed (m/s)"]),
-  torques: () => ["right", "left"],
-  use: () => ["right wheel", "left wheel"],
+  error: () => ({ I: ["x (m)", "y (m)"], II: ["x (m)", "heading (rad)"], III: ["y (m)", "heading (rad)"] }[settings.law] || ["distance (m)", "speed (m/s)"]),
+  tau: () => ROBOTS[settings.robot].inputs,
+  use: () => ROBOTS[settings.robot].contacts,
 };
 
 /* -- pointer and buttons ----------------------------------------------------------------------------------------------- */
@@ -270,36 +331,41 @@ function place(event) {
 }
 
 function press(event) {
-  const at = place(event), x = loop.get("x"), near = (px, py) => Math.hypot(at[0] - px, at[1] - py);
+  const at = place(event), { x } = now, { handle, size } = kindOf(settings.robot);
+  const away = (px, py) => Math.hypot(at[0] - px, at[1] - py);
+  const nose = away(x[0] + handle * Math.cos(x[2]), x[1] + handle * Math.sin(x[2])), body = away(x[0], x[1]);
   element("floor").setPointerCapture(event.pointerId);
   if (drawing) drawing = [at];
-  else if (near(x[0] + Math.cos(x[2]), x[1] + Math.sin(x[2])) < Math.max(0.5, 20 / scale)) grabbed = "nose";
-  else if (near(x[0], x[1]) < Math.max(1.2, 30 / scale)) grabbed = [x[0] - at[0], x[1] - at[1]];
+  else if (nose < Math.min(body, Math.max(0.5, 20 / scale))) grabbed = "nose";
+  else if (body < Math.max(1.2 * size, 30 / scale)) grabbed = [x[0] - at[0], x[1] - at[1]];
 }
 
+/* Each move of a robot starts a run there, so that the page tells what the law does in that state. */
 function move(event) {
   if (!event.buttons) return;
-  const [x, y] = place(event), state = loop.get("x"), set = (k, value) => { loop.doubles[LAYOUT.x[0] + k] = value; };
+  const [x, y] = place(event), state = [...now.x];
   if (drawing?.length) {
     const [u, v] = drawing[drawing.length - 1];
     if (Math.hypot(x - u, y - v) > 0.8 && drawing.length < 90) drawing.push([x, y]);
   } else if (grabbed === "nose") {
-    set(2, Math.atan2(y - state[1], x - state[0]));
+    state[2] = Math.atan2(y - state[1], x - state[0]);
+    change({ x: state });
   } else if (grabbed) {
-    set(0, x + grabbed[0]);
-    set(1, y + grabbed[1]);
+    [state[0], state[1]] = [x + grabbed[0], y + grabbed[1]];
+    change({ x: state });
   }
 }
 
 function release() {
-  if (drawing?.length) followDrawn(drawing);
-  else if (grabbed) { grabbed = null; change({ x: loop.get("x") }); }
+  const carried = grabbed;
   grabbed = null;
+  if (drawing?.length) followDrawn(drawing);
+  else if (carried) change({ x: settings.x });
 }
 
 /* Arrow keys move the robot by 0.2 m; left and right with shift turn it. */
 function key(event) {
-  const way = { ArrowLeft: -1, ArrowRight: 1, ArrowDown: -1, ArrowUp: 1 }[event.key], x = loop.get("x");
+  const way = { ArrowLeft: -1, ArrowRight: 1, ArrowDown: -1, ArrowUp: 1 }[event.key], x = [...now.x];
   if (!way) return;
   event.preventDefault();
   if (/Up|Down/.test(event.key)) x[1] += 0.2 * way;
@@ -318,7 +384,8 @@ function followDrawn(points) {
   setDrawing(null);
   if (points.length < 3) return;
   const drawn = arcsThrough(smooth(smooth(smooth(points))), closed), [x, y, heading] = drawn[0];
-  change({ law: "IV path", drawn, closed, x: [x, y, heading, 0, 0, 0, 0] });
+  const { robot } = settings, rest = defaultsOf(robot).x.slice(5).map((_, k) => (k < trailersOf(robot) ? heading : 0));
+  change({ law: "IV path", drawn, closed, x: [x, y, heading, 0, 0, ...rest] });
 }
 
 function setDrawing(points) {
@@ -343,7 +410,7 @@ element("floor").addEventListener("pointermove", move);
 element("floor").addEventListener("pointerup", release);
 element("floor").addEventListener("pointercancel", release);
 element("pause").addEventListener("click", ({ target }) => { paused = !paused; target.textContent = paused ? "Go on" : "Pause"; });
-element("again").addEventListener("click", () => { trace = []; change({ x: [...DEFAULTS.x], along: 0 }); });
+element("again").addEventListener("click", () => { trace = []; change({ x: defaultsOf(settings.robot).x, along: 0 }); });
 element("draw").addEventListener("click", () => setDrawing(drawing ? null : []));
 element("spec").addEventListener("click", () => { change({}); copy(spec(settings)); });
 element("link").addEventListener("click", () => { change({}); copy(location.href); });

@@ -176,11 +176,12 @@ def outlines(robot: Mechanism, q: np.ndarray, parameters: np.ndarray) -> list[np
 
     A vehicle without lines is drawn as a small box.
     """
-    return [line.full().T.reshape(len(q), -1, 2) for line in _lines(robot).call([q.T, parameters])]
+    return [line.full().T.reshape(len(q), -1, 2) for line in lines_function(robot).call([q.T, parameters])]
 
 
 @lru_cache(maxsize=16)
-def _lines(robot: Mechanism) -> ca.Function:
+def lines_function(robot: Mechanism) -> ca.Function:
+    """Return the function of coordinates and parameters to the lines of `outlines`, each as one column."""
     lines, vehicle = list(robot.lines), robot.vehicle
     if not lines and vehicle:
         small = box((vehicle.x, vehicle.y), vehicle.heading, 0.5, 0.5, 0.25)
