@@ -32,7 +32,8 @@ from noslip.simulation.drawing import COLOURS, panels, pictures
 from noslip.simulation.engine.engine import FloorEngine
 from noslip.simulation.integrate import Refused
 from noslip.simulation.loop import make_loop
-from noslip.simulation.specification.spec import ContactSection, Floor, Spec
+from noslip.simulation.specification.floor import Floor
+from noslip.simulation.specification.spec import ContactSection, Spec
 from noslip.simulation.specification.vary import read_varied
 from scipy.stats import qmc
 

@@ -16,6 +16,7 @@ from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
+from matplotlib.patches import Circle, Patch, Rectangle
 from matplotlib.transforms import ScaledTranslation
 
 from ..model.drawing import box
@@ -23,6 +24,7 @@ from ..model.law import symbols
 from ..model.mechanism import Mechanism
 from ..model.outputs import OutputMap
 from ..readers.files import MARK
+from .specification.floor import Floor
 
 DESIRED, STOP, FAINT = "#9a9a9a", "#c00000", "#666666"
 COLOURS = ("#0b61a4", "#c2570c", "#2e8b57", "#8a4fa3", "#b8860b", "#16808c", "#a63a50", "#4d4d4d")
@@ -91,6 +93,21 @@ def legend_below(axes: Axes, ncols: int = 1, **options: Any) -> Legend:
     assert axes.figure, "a panel of a figure"
     below = axes.transAxes + ScaledTranslation(0, -BELOW, axes.figure.dpi_scale_trans)
     return axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0), bbox_transform=below, ncols=ncols, **options)
+
+
+def draw_floor(axes: Axes, floor: Floor) -> None:
+    """Draw patches and bumps of a floor, seen from above, behind the runs; they do not change the view."""
+    shapes: list[Patch] = [
+        Rectangle((p.x[0], p.y[0]), p.x[1] - p.x[0], p.y[1] - p.y[0], label=f"\u03bc {p.mu:g}", facecolor="#7fb2d9", alpha=0.35)
+        for p in floor.patch
+    ]
+    shapes += [
+        Circle((b.x, b.y), b.radius, label="bumps" if k == 0 else None, facecolor="#b59a6a", alpha=0.35)
+        for k, b in enumerate(floor.bumps)
+    ]
+    for shape in shapes:
+        shape.set(zorder=0, linewidth=0)
+        axes.add_artist(shape)
 
 
 def at_times(axes: Axes, times: np.ndarray, places: np.ndarray, away: np.ndarray) -> None:

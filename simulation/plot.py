@@ -14,7 +14,7 @@ from ..model.paths import Path
 from ..model.segments import Segment
 from ..readers.errors import BadInput
 from ..verification.cases import gain_entries, integral_entries
-from .drawing import at_times, draw_implicit, evenly_spread, implicit_path, is_outline, outlines
+from .drawing import at_times, draw_floor, draw_implicit, evenly_spread, implicit_path, is_outline, outlines
 from .engine.measured import SLIPS, FloorMeasurements
 from .guidance import vehicle_motion
 from .run import Run
@@ -144,6 +144,8 @@ def _draw_plane(axes: Axes, run: Run) -> None:
         _draw_followed(axes, run, run.law.output.path, p_l)
     else:
         _make_square(axes)
+    if run.floor and run.spec.floor:
+        draw_floor(axes, run.spec.floor)
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.grid(alpha=0.3)
 

@@ -15,7 +15,8 @@ from noslip.simulation.contact import contact_forces
 from noslip.simulation.engine.engine import FloorEngine
 from noslip.simulation.engine.friction import coulomb
 from noslip.simulation.plant import Plant
-from noslip.simulation.specification.spec import ContactSection, Floor, Patch
+from noslip.simulation.specification.floor import Bump, Floor, Patch, Rough
+from noslip.simulation.specification.spec import ContactSection
 from noslip.simulation.specification.vary import read_varied
 
 mujoco = pytest.importorskip("mujoco")
@@ -172,6 +173,71 @@ def test_a_wheel_across_a_slope_slides_beyond_the_angle_of_friction(angle, mu, p
     assert (made.look()[0].max() > 0.05) == slides
 
 
+def test_a_low_bump_is_a_flat_floor():
+    """The path over a bump of 1 micrometre is that without it."""
+    start = np.array([0, 0, 0, 0, 0, 6.0, 6.5])
+    states = []
+    for bumps in ((), (Bump(x=0.3, y=0.75, height=1e-6, radius=0.3),)):
+        made = engine("labmate", Floor(mu=0.7, bump=bumps), start, share=0.7, height=0.1)
+        for _ in range(70):
+            made.hold(0.0, made.state(), np.zeros(2), 0.01)
+        states.append(np.concatenate([made.state(), made.look()[1] / 110]))
+    assert np.abs(states[1] - states[0]).max() < 1e-4 and states[0][0] > 0.6
+
+
+@pytest.mark.parametrize("angle, slides", [(0.55, False), (0.65, True)])
+def test_the_flank_of_a_wide_bump_is_a_slope(angle, slides):
+    """As the test of a slope, on a sphere of 200 m; the load is the part of the weight that presses on it."""
+    height, radius = 80.0, 160.0
+    made = engine("rolling_disk", Floor(mu=0.7, bump=(Bump(x=0.0, y=-200 * np.sin(angle), height=height, radius=radius),)))
+    for _ in range(20):
+        made.hold(0.0, made.state(), np.zeros(2), 0.01)
+    slip, load, *_ = made.look()
+    weight = 9.81 * made.planar.frames[0].mass
+    assert (slip.max() > 0.05) == slides
+    assert load[0] == pytest.approx(weight * np.cos(angle), rel=1e-2)
+
+
+def test_a_wheel_on_a_bump_carries_less():
+    """By the moment of the weight about the middle of the wheels, as the body leans: W (h_c - r / 16) tan(lean) / 2 b on each
+    side; the rims are round also across, with a radius of r / 16.
+    """
+    raised, height, b, r = 0.05, 0.6, 0.75, 0.15
+    made = engine("labmate", Floor(bump=(Bump(x=-0.3, y=b, height=raised, radius=0.5),)), height=height)
+    right, left = made.look()[1]
+    weight, lean = 32 * 9.81, np.arcsin(raised / (2 * b))
+    assert right + left == pytest.approx(weight, rel=1e-3)
+    assert right - left == pytest.approx(weight * (height - r / 16) * np.tan(lean) / b, rel=0.01)
+
+
+def test_height_is_paid_for_in_speed():
+    """Down a wide bump without torques: kinetic energy and that of the height together stay, within 5 % (0.5 % here)."""
+    mechanism = find_robot("labmate")
+    energy = ca.Function("energy", [mechanism.q, mechanism.qdot, mechanism.p], [mechanism.energy()])
+    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 10.0, 10.0])
+    made = engine("labmate", Floor(mu=0.7, bump=(Bump(x=-1.8, y=0.0, height=0.3, radius=4.0),)), start)
+
+    def parts() -> tuple[float, float]:
+        rise, speed = (float(getattr(made.data.joint("z_0"), name)[0]) for name in ("qpos", "qvel"))
+        return float(energy(*made.coordinates(), mechanism.parameter_values({}))) + 16 * speed**2, 32 * 9.81 * rise
+
+    kinetic, potential = parts()
+    for _ in range(50):
+        made.hold(0.0, made.state(), np.zeros(2), 0.01)
+    moving, lower = parts()
+    assert potential - lower > 15 and made.look()[0].max() < 1e-3
+    assert moving - kinetic == pytest.approx(potential - lower, rel=5e-2)
+
+
+def test_a_rough_floor_is_the_same_for_the_same_seed():
+    rough = {"count": 40, "x": (0.0, 3.0), "y": (-1.0, 1.0), "height": 0.01, "radius": 0.2}
+    one, same, other = (Floor(rough=Rough(**rough, seed=seed)).bumps for seed in (1, 1, 2))
+    assert one == same != other and len(one) == 40
+    assert all(0 <= b.x <= 3 and -1 <= b.y <= 1 and 0 < b.height <= 0.01 and b.radius == 0.2 for b in one)
+    assert Bump(x=1.0, y=0.0, height=0.1, radius=0.3).at(1.0, 0.3 - 1e-9) == pytest.approx(0.0, abs=1e-8)
+    assert Floor(bump=one).height(one[3].x, one[3].y) >= one[3].height * (1 - 1e-9)
+
+
 def test_the_command_line(tmp_path, capsys):
     out = tmp_path / "run.csv"
     set_ = ["--set", "simulation.period=0.01", "--set", "simulation.duration=0.3", "--set", "floor={mu=2.0}"]
@@ -200,6 +266,14 @@ def test_the_command_line(tmp_path, capsys):
         (["floor={slope=1.5}"], "too steep"),
         (["floor={patch=[{x=[1,0],y=[0,1],mu=0.2}]}"], "must be below"),
         (["floor={patch=3}"], "not a list"),
+        (["floor={bump={x=1,y=0,height=0.1,radius=0.3}}"], "is not a list, for example [{ x = 1"),
+        (["floor={bump=[{x=1,y=0,height=0.1}]}"], "[floor] bump[0] radius is missing"),
+        (["floor={bump=[{x=1,y=0,height=-0.1,radius=0.3}]}"], "height = -0.1 must be positive"),
+        (["floor={bump=[{x=1,y=0,height=0.4,radius=0.3}]}"], "at most its radius, 0.3"),
+        (["floor={rough={count=0,x=[0,1],y=[0,1],height=0.01,radius=0.2}}"], "must be 1 or more"),
+        (["floor={rough={count=9999,x=[0,1],y=[0,1],height=0.01,radius=0.2}}"], "must be at most 1000"),
+        (["floor={rough={count=9,x=[1,0],y=[0,1],height=0.01,radius=0.2}}"], "must be below"),
+        (["floor={rough={count=9,x=[0,1],y=[0,1],height=0.3,radius=0.2}}"], "at most the radius, 0.2"),
         (['robot="knife_edge"', "parameters={}", "output.L=0.3"], "no contact has a wheel"),
         (["plant={I_w=0.0}"], "no inertia about its axle"),
         (["plant={d=0.0}", "contact={share=0.7}"], "castors carry nothing"),

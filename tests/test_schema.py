@@ -68,6 +68,7 @@ def test_defaults_are_those_of_the_reader():
     needed = {"simulation.period": 0.01, "limits.torque": [20.0], "sensors": {}, "correction.rate": 1.0, "contact": {}}
     needed |= {"reference.approach.acceleration": 0.5, "drive.kind": "torque"}
     noticing = {"limits.mode": "grip", "sensors.gyro": {}}
+    needed["floor.rough"] = {"count": 1, "x": [0, 1], "y": [0, 1], "height": 0.01, "radius": 0.1}
     on_circle = {"output": {"type": "I"}, "reference": {"position": [0.0, 0.0], "circle": {"radius": 1.0, "rate": 0.1}}}
     for key, value in stated.items():
         base = CIRCLE | on_circle if key.startswith("reference.circle.") else CIRCLE

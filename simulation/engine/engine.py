@@ -15,13 +15,15 @@ from ...readers.errors import BadInput
 from ..contact import GRAVITY
 from ..integrate import Refused
 from ..plant import Plant
-from ..specification.spec import ContactSection, Floor
+from ..specification.floor import Floor
+from ..specification.spec import ContactSection
 from .frames import planar
-from .friction import LEAST, coulomb
-from .mjcf import mjcf
+from .friction import CREEP, LEAST, coulomb
+from .mjcf import mjcf, stands
 
 STEP = 1e-3  # s, the longest; half of it changes a path by less than 1 mm where no wheel chatters
 SETTLED, LONGEST = 1e-9, 4000  # m/s, rad/s: the robot stands still; steps until it must
+ON_BUMPS = 1e-3  # m/s, as CREEP: tyres give way where the wheels of an axle that leans come nearer to each other
 FASTEST = 1e5  # m/s, rad/s
 
 
@@ -37,7 +39,7 @@ class FloorEngine:
         self._mujoco = _mujoco()
         system = plant.system
         self.planar = planar(system.mechanism, plant.parameters)
-        self.xml = mjcf(system.mechanism.name, self.planar, contact.height, contact.share)
+        self.xml = mjcf(system.mechanism.name, self.planar, contact.height, contact.share, floor.bumps)
         self.model = self._mujoco.MjModel.from_xml_string(self.xml)
         self.data = self._mujoco.MjData(self.model)
         self._functions = {name: Direct(function) for name, function in _functions(system).items()}
@@ -49,6 +51,9 @@ class FloorEngine:
         self._geoms = [self.model.geom(f"wheel_{k}").id for k in range(len(wheels))]
         self._bodies = self.model.geom_bodyid[self._geoms]
         self._radii = [abs(wheel.radius) for wheel in wheels]
+        self._uneven = bool(floor.bumps)
+        self._tangents = np.tile(np.eye(3)[:2], (len(wheels), 1, 1))  # directions of friction, in the plane that each touches
+        self._push = np.zeros((len(wheels), 3))  # N, of the ground, at right angles to that plane
         self._load, self._limit, self._friction = np.zeros(len(wheels)), np.ones(len(wheels)), np.zeros(2 * len(wheels))
         self._jacobian, self._slot = np.zeros((2 * len(wheels), self.model.nv)), np.zeros((3, self.model.nv))
         self._rates = np.linalg.inv(self.planar.joints)  # of the coordinates, by those of the joints
@@ -95,12 +100,20 @@ class FloorEngine:
         return self.state()
 
     def look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return for each contact slip (m/s), load (N), friction use, and force along and across in turn (N)."""
+        """Return for each contact slip (m/s), load (N), friction use, and the level force of the ground along and across in turn
+        (N).
+        """
         q, qdot = self.coordinates()
-        slip = np.hypot(*self._functions["slip"](q, qdot, self._parameters)[0].reshape(-1, 2).T)
+        friction = self._friction.reshape(-1, 2)
+        use = np.hypot(*friction.T) / self._limit
         c, s = np.cos(self._headings @ q), np.sin(self._headings @ q)
-        x, y = self._friction.reshape(-1, 2).T
-        use = np.hypot(x, y) / self._limit
+        if self._uneven:
+            self._mujoco.mj_fwdPosition(self.model, self.data)
+            slip = np.hypot(*(self._contact_rows() @ self.data.qvel).reshape(-1, 2).T)
+            x, y, _ = (np.einsum("ki,kij->kj", friction, self._tangents) + self._push).T
+        else:
+            slip = np.hypot(*self._functions["slip"](q, qdot, self._parameters)[0].reshape(-1, 2).T)
+            x, y = friction.T
         return slip, self._load.copy(), use, np.column_stack([c * x + s * y, c * y - s * x]).ravel()
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
@@ -108,30 +121,52 @@ class FloorEngine:
         return self._rates @ self.data.qpos[self.moving], self._rates @ self.data.qvel[self.moving]
 
     def _weigh(self) -> None:
-        """Note the load of each wheel."""
-        self._load[:] = 0.0
+        """Note the load of each wheel, and on bumps the plane that it touches."""
+        self._load[:], self._push[:] = 0.0, 0.0
         contacts = self.data.contact
-        for other, address in zip(contacts.geom.max(axis=1), contacts.efc_address, strict=True):  # the floor is the first geom
+        # The floor is the first geom, bumps are next.
+        for other, address, frame in zip(contacts.geom.max(axis=1), contacts.efc_address, contacts.frame, strict=True):
             if other in self._geoms and address >= 0:
-                self._load[self._geoms.index(other)] = self.data.efc_force[address]
+                k, force = self._geoms.index(other), self.data.efc_force[address]
+                self._load[k] = force
+                self._push[k] += force * (frame[:3] if frame[2] > 0 else -frame[:3])
+        if self._uneven:
+            x, y, z = self._push.T
+            self._load[:] = np.sqrt(x * x + y * y + z * z)
+            for k, load in enumerate(self._load):
+                self._tangents[k] = _tangents(self._push[k] / load if load > 0 else np.eye(3)[2])
 
-    def _rub(self) -> None:
-        """Add the friction of this step to the applied forces.
+    def _contact_rows(self) -> np.ndarray:
+        """Return J (2 c, nv): the velocity of the lowest point of each wheel in its tangents is J times the joints' velocities.
 
-        A wheel touches the floor at its radius below its centre, and what it gives way under its load does not count.
+        A wheel touches the floor at its radius from its centre, and what it gives way under its load does not count.
         """
-        self._mujoco.mj_fwdAcceleration(self.model, self.data)
-        h = self.model.opt.timestep
         J = self._jacobian
         for k, geom in enumerate(self._geoms):
-            point = self.data.geom_xpos[geom] - (0.0, 0.0, self._radii[k])
+            down = np.array([0.0, 0.0, -1.0])
+            if self._uneven:
+                axle = self.data.geom_xmat[geom].reshape(3, 3)[:, 1]
+                down = np.cross(self._tangents[k, 1], self._tangents[k, 0])
+                down -= (down @ axle) * axle
+                down /= np.sqrt(down @ down)
+            point = self.data.geom_xpos[geom] + self._radii[k] * down
             self._mujoco.mj_jac(self.model, self.data, self._slot, None, point, self._bodies[k])
-            J[2 * k : 2 * k + 2] = self._slot[:2]
+            J[2 * k : 2 * k + 2] = self._tangents[k] @ self._slot
+        return J
+
+    def _rub(self) -> None:
+        """Add the friction of this step to the applied forces."""
+        self._mujoco.mj_fwdAcceleration(self.model, self.data)
+        without = self.data.qacc_smooth
+        if self._uneven:  # friction also sees the forces at right angles, which between bumps are not parallel
+            self._mujoco.mj_fwdConstraint(self.model, self.data)
+            without = self.data.qacc
+        h, J = self.model.opt.timestep, self._contact_rows()
         moved = np.empty_like(J)
         self._mujoco.mj_solveM(self.model, self.data, moved, J)
-        free = J @ (self.data.qvel + h * self.data.qacc_smooth)
+        free = J @ (self.data.qvel + h * without)
         mu = self._mu()
-        self._friction = coulomb(h * (J @ moved.T), free, self._load, mu)
+        self._friction = coulomb(h * (J @ moved.T), free, self._load, mu, ON_BUMPS if self._uneven else CREEP)
         self._limit = np.maximum(mu * self._load, np.hypot(*self._friction.reshape(-1, 2).T)) + LEAST
         self.data.qfrc_applied += J.T @ self._friction
 
@@ -149,6 +184,10 @@ class FloorEngine:
         """Stand still at the start until the contacts carry the weight, then roll."""
         q = start[: self._n]
         self.data.qpos[self.moving] = self.planar.joints @ q
+        if self._uneven:
+            self._mujoco.mj_forward(self.model, self.data)
+            highest = max(self._floor.height(x, y) for x, y, _ in self.data.geom_xpos[self._geoms])
+            self.data.qpos[self._dofs([f"z_{k}" for k in range(len(self.planar.frames)) if stands(self.planar, k)])] = highest
         self.model.opt.timestep = self._longest
         held = np.concatenate([self.moving, self._free])
         for _ in range(LONGEST):
@@ -169,6 +208,13 @@ class FloorEngine:
             heading = self._headings[k] @ q
             self.data.qvel[dof] = (np.cos(heading) * x + np.sin(heading) * y) / self._radii[k]
         self.data.time = 0.0
+
+
+def _tangents(normal: np.ndarray) -> np.ndarray:
+    """Return two directions at right angles to a normal and to each other, (2, 3); those of x and y if it points upward."""
+    x = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
+    x /= np.sqrt(x @ x)
+    return np.array([x, np.cross(normal, x)])
 
 
 def _mujoco() -> Any:

@@ -14,11 +14,13 @@ contacts; the model adds what carries them:
 from __future__ import annotations
 
 import xml.etree.ElementTree as xml
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...readers.errors import BadInput
+from ..specification.floor import Bump
 from .frames import Frame, PlanarBodies, WheelContact
 
 NOTHING = 1e-12  # kg, kg m^2: a body with a joint must have a mass, also where it only holds others
@@ -27,38 +29,51 @@ BREADTH = 0.25  # of a wheel, relative to its radius: half the breadth of the el
 SMALL = 1e-6  # m, relative: equal places, equal weights
 STIFF, DAMPED = 0.004, 1.0  # s, 1: time constant and damping ratio with which a contact gives way
 HARD = "0.99 0.99 0.001"  # how much of a contact's force is independent of its penetration
+# MuJoCo leaves out that the normal turns as a wheel rolls on, v^2 / R; by half, a wheel leaves a bump as it should: beyond g.
+CURVED = "0.5 0.5 0.001"
 X, Y, Z = "1 0 0", "0 1 0", "0 0 1"
 
 
-def mjcf(name: str, planar: PlanarBodies, height: float, share: float) -> str:
+@dataclass(frozen=True)
+class Standing:
+    """The element for pairs of shapes that touch, and the names of the shapes that a robot can stand on."""
+
+    pairs: xml.Element
+    shapes: list[str]
+
+
+def mjcf(name: str, planar: PlanarBodies, height: float, share: float, bumps: Sequence[Bump] = ()) -> str:
     """Return the MJCF of a robot.
 
     `height` (m) is that of the centre of mass of each body with a mass, `share` the part of the weight on the contacts. Joints:
-    x, y, yaw_K of frame K, axle_K of wheel K; z_K, pitch_K, roll_K. Geoms: wheel_K, castor_K. Raises BadInput for a share that
-    cannot be balanced.
+    x, y, yaw_K of frame K, axle_K of wheel K; z_K, pitch_K, roll_K. Geoms: floor, bump_K, wheel_K, castor_K. Raises
+    BadInput for a share that cannot be balanced.
     """
     root = xml.Element("mujoco", model=name)
     option = xml.SubElement(root, "option", integrator="implicit")
     xml.SubElement(option, "flag", autoreset="disable")
     world = xml.SubElement(root, "worldbody")
     xml.SubElement(world, "geom", name="floor", type="plane", size="50 50 1", contype="0", conaffinity="0", rgba=".9 .9 .9 1")
+    ground = Standing(xml.SubElement(root, "contact"), ["floor"])
+    for k, bump in enumerate(bumps):
+        ground.shapes.append(f"bump_{k}")
+        _geom(world, f"bump_{k}", "sphere", [bump.curvature], (bump.x, bump.y, bump.height - bump.curvature))
     held = _body(world, "ground", (0.0, 0.0, 0.0))
     _joint(held, "x", "slide", X)
     _joint(held, "y", "slide", Y)
-    pairs = xml.SubElement(root, "contact")
     for k, frame in enumerate(planar.frames):
         if frame.parent is None:
-            _frame(held, held, k, planar, pairs, height, share)
+            _frame(held, held, k, planar, ground, height, share)
     return xml.tostring(root, encoding="unicode")
 
 
 def carried(planar: PlanarBodies, k: int) -> list[int]:
     """Return frame k and those that it carries, with what these carry."""
-    others = [j for j, frame in enumerate(planar.frames) if frame.parent == k and not _stands(planar, j)]
+    others = [j for j, frame in enumerate(planar.frames) if frame.parent == k and not stands(planar, j)]
     return [k, *[i for j in others for i in carried(planar, j)]]
 
 
-def _stands(planar: PlanarBodies, k: int) -> bool:
+def stands(planar: PlanarBodies, k: int) -> bool:
     """Return whether frame k carries its own weight: the first, or contacts on it carry as much."""
     frame = planar.frames[k]
     load = sum(wheel.load for wheel in planar.wheels if wheel.frame == k)
@@ -66,29 +81,29 @@ def _stands(planar: PlanarBodies, k: int) -> bool:
 
 
 def _frame(
-    level: xml.Element, tilting: xml.Element, k: int, planar: PlanarBodies, pairs: xml.Element, height: float, share: float
+    level: xml.Element, tilting: xml.Element, k: int, planar: PlanarBodies, ground: Standing, height: float, share: float
 ) -> None:
     """Add frame k and all that is hinged to it to its parent: to the part that stays level, or to that which tilts with the
     weight it carries.
     """
-    frame, stands = planar.frames[k], _stands(planar, k)
-    body = _body(level if stands else tilting, f"frame_{k}", (*frame.pivot, 0.0), inertial=stands)
+    frame, alone = planar.frames[k], stands(planar, k)
+    body = _body(level if alone else tilting, f"frame_{k}", (*frame.pivot, 0.0), inertial=alone)
     _joint(body, f"yaw_{k}", "hinge", Z)
     upper = body
-    if stands:
+    if alone:
         upper = _body(body, f"body_{k}", (0.0, 0.0, 0.0), inertial=False)
         _joint(upper, f"z_{k}", "slide", Z)
-        _supports(upper, k, planar, pairs, share)
+        _supports(upper, k, planar, ground, share)
     _inertial(upper, planar, k, height)
     for j, wheel in enumerate(planar.wheels):
         if wheel.frame == k:
-            _wheel(upper, j, wheel, pairs)
+            _wheel(upper, j, wheel, ground)
     for j, other in enumerate(planar.frames):
         if other.parent == k:
-            _frame(body, upper, j, planar, pairs, height, share)
+            _frame(body, upper, j, planar, ground, height, share)
 
 
-def _supports(upper: xml.Element, k: int, planar: PlanarBodies, pairs: xml.Element, share: float) -> None:
+def _supports(upper: xml.Element, k: int, planar: PlanarBodies, ground: Standing, share: float) -> None:
     """Add the joints about the horizontal axes of what stands on its own, and a castor if one carries a part."""
     group = carried(planar, k)
     origins = _origins(planar, k)
@@ -109,7 +124,7 @@ def _supports(upper: xml.Element, k: int, planar: PlanarBodies, pairs: xml.Eleme
         radius = min(abs(w.radius) for w in planar.wheels) / 2
         place = (places[0, 0] + ahead / (1 - on_wheels), places[:, 1].mean(), radius)
         _geom(upper, f"castor_{k}", "sphere", [radius], place)
-        _pair(pairs, f"castor_{k}")
+        _pair(ground, f"castor_{k}")
     if long or carries:
         _joint(upper, f"pitch_{k}", "hinge", Y)
     if wide:
@@ -144,13 +159,13 @@ def _diameter(wheel: WheelContact) -> float:
     return (wheel.inertia or FREE * wheel.radius**2) / 2
 
 
-def _wheel(body: xml.Element, j: int, wheel: WheelContact, pairs: xml.Element) -> None:
+def _wheel(body: xml.Element, j: int, wheel: WheelContact, ground: Standing) -> None:
     """Add a wheel; its mass is part of the body's."""
     radius, about = abs(wheel.radius), _diameter(wheel)
     made = _body(body, wheel.name, (*wheel.place, radius), (about, 2 * about, about))
     _joint(made, f"axle_{j}", "hinge", Y if wheel.radius > 0 else "0 -1 0")
     _geom(made, f"wheel_{j}", "ellipsoid", [radius, BREADTH * radius, radius], (0.0, 0.0, 0.0))
-    _pair(pairs, f"wheel_{j}")
+    _pair(ground, f"wheel_{j}")
 
 
 def _body(
@@ -172,10 +187,11 @@ def _geom(body: xml.Element, name: str, kind: str, size: Iterable[float], place:
     made.attrib.update(type=kind, size=_text(size), pos=_text(place))
 
 
-def _pair(pairs: xml.Element, name: str) -> None:
-    """Let a shape rest on the floor."""
-    made = xml.SubElement(pairs, "pair", name=name, geom1="floor", geom2=name, condim="1")
-    made.attrib.update(solref=_text([STIFF, DAMPED]), solimp=HARD)
+def _pair(ground: Standing, name: str) -> None:
+    """Let a shape rest on the floor and on bumps."""
+    for shape in ground.shapes:
+        made = xml.SubElement(ground.pairs, "pair", geom1=shape, geom2=name, condim="1")
+        made.attrib.update(solref=_text([STIFF, DAMPED]), solimp=HARD if shape == "floor" else CURVED)
 
 
 def _text(values: Iterable[float]) -> str:

@@ -11,7 +11,8 @@ from ...readers.errors import BadInput
 from ..integrate import Row, sampled
 from ..loop import Loop
 from ..sensing import Sensing
-from ..specification.spec import ContactSection, Floor, Sensors, Spec
+from ..specification.floor import Floor
+from ..specification.spec import ContactSection, Sensors, Spec
 from .engine import FloorEngine
 from .measured import FloorMeasurements
 

@@ -11,7 +11,7 @@ from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.figure import Figure
 
 from ...readers.errors import BadInput
-from ..drawing import is_outline, outlines
+from ..drawing import draw_floor, is_outline, outlines
 from ..guidance import vehicle_motion
 from ..run import Run
 from .measured import SLIPS
@@ -45,6 +45,8 @@ def video(run: Run, suffix: str) -> bytes:
     axes = figure.subplots()
     axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
     axes.grid(alpha=0.3)
+    if run.floor and run.spec.floor:
+        draw_floor(axes, run.spec.floor)
     (way,) = axes.plot([], [], color="#0b61a4", linewidth=1.5)
     drawn = [axes.plot([], [], color="#333333", linewidth=1.0 if is_outline(line[0]) else 4.0)[0] for line in lines]
 

@@ -35,7 +35,6 @@ from ...readers.reading import (
     point,
     pose,
     reads,
-    row,
     section,
     table,
     table_of,
@@ -43,6 +42,7 @@ from ...readers.reading import (
     whole,
 )
 from ...readers.robots import beside
+from .floor import Floor
 
 if TYPE_CHECKING:
     from .distributions import Sweep
@@ -50,7 +50,6 @@ if TYPE_CHECKING:
 
 TOLERANCES = (1e-13, 1e-2)  # below, rounding exceeds the tolerance; above, the result is not meaningful
 MOST_ROWS = 10_000_000
-STEEPEST = 1.0  # rad, of a floor
 DEEPEST = 16  # nesting of tables and lists
 MANY_PARTS = re.compile(rf"(?<![\w\"'-])(?:[\w\"'-]+[ \t]*\.[ \t]*){{{DEEPEST}}}")  # a key that would take minutes to parse
 
@@ -473,50 +472,6 @@ class ContactSection:
     def __post_init__(self):
         if self.share > 1:
             raise BadInput(f"[contact] share = {self.share:g} must be at most 1")
-
-
-@reads(row("[a, b]", number(unit="m"), number(unit="m")).schema(), "m")
-def _interval(value: Any, where: str) -> tuple[float, ...]:
-    """Read a < b, m."""
-    a, b = row("[a, b]", number(unit="m"), number(unit="m"))(value, where)
-    if not a < b:
-        raise BadInput(f"{where} = [{a:g}, {b:g}]: the first must be below the second")
-    return a, b
-
-
-@dataclass(frozen=True, kw_only=True)
-class Patch:
-    """A rectangle of the floor, x from x[0] to x[1] and y from y[0] to y[1] (m), with a friction coefficient of its own."""
-
-    x: tuple[float, ...] = entry(_interval, about="from a to b")
-    y: tuple[float, ...] = entry(_interval, about="from a to b")
-    mu: float = entry(number("nonnegative", "1"), about="friction coefficient")
-
-
-@reads(lambda: {"type": "array", "items": section(Patch).schema()})
-def _patches(value: Any, where: str) -> tuple[Patch, ...]:
-    """Read a list of patches; where two overlap, the later one counts."""
-    if not isinstance(value, list):
-        raise BadInput(f"{where} = {value!r} is not a list, for example [{{ x = [0, 1], y = [-1, 1], mu = 0.2 }}]")
-    return tuple(section(Patch)(item, f"{where}[{k}]") for k, item in enumerate(value))
-
-
-@reads({"anyOf": [angle.schema(), row("[angle, heading]", angle, angle).schema()], "description": "in rad"}, "rad")
-def _slope(value: Any, where: str) -> tuple[float, float]:
-    """Read an angle below the horizontal, or with it the heading of the way down."""
-    made = row("[angle, heading]", angle, angle)(value if isinstance(value, list) else [value, 0.0], where)
-    if not abs(made[0]) < STEEPEST:
-        raise BadInput(f"{where} = {made[0]:g} rad is too steep to stand on; give less than {STEEPEST:g}")
-    return made
-
-
-@dataclass(frozen=True, kw_only=True)
-class Floor:
-    """The floor of a run in a physics engine."""
-
-    mu: float | None = entry(number("nonnegative", "1"), None, "friction coefficient, by default that of [contact]")
-    slope: tuple[float, float] = entry(_slope, (0.0, 0.0), "angle below the horizontal, or [angle, heading of the way down]")
-    patch: tuple[Patch, ...] = entry(_patches, (), "rectangles with a friction coefficient of their own; the last one counts")
 
 
 @dataclass(frozen=True, kw_only=True)
