@@ -15,7 +15,7 @@ ROOT = RUNTIME.parent
 PERIOD = 0.01  # s, of firmware/robot.c
 RUN, HOLD, STOP = range(3)  # states of the watchdog
 
-LAW = ("labmate_f", "labmate_dynamics_f", "labmate_type_iv_segment_f", "labmate_follower_f")  # of generated/labmate
+LAW = ("labmate_f", "labmate_dynamics_f", "labmate_type_iv_segment_f", "labmate_follower_f", "labmate_telemetry_f")  # of generated/labmate
 
 LIBRARY = """
 #include "board.h"
@@ -23,7 +23,7 @@ LIBRARY = """
 #include "robot.h"
 
 /* The simulated board, with a clock that does not wait and nobody to talk to; its memory is there to be looked at. */
-#define SEMIHOSTING_WRITE0 0
+enum { SEMIHOSTING_WRITE0, SEMIHOSTING_OPEN, SEMIHOSTING_WRITE, SEMIHOSTING_COMMAND_LINE };
 static int semihosting(int operation, const void *argument) { return operation + (argument != 0); }
 uint32_t late; /* ticks */
 void clock_start(float period) { (void)period; }

@@ -56,7 +56,7 @@ def follower_files(law: ControlLaw, scalar: Scalar, banner: Sequence[str]) -> di
         "suffix": scalar.suffix,
         "banner": banner,
         "inputs": system.mechanism.inputs,
-        "wheels": [q.in_c for q in system.quasi_velocities],
+        "wheels": measured_names(system),
         "state": [q.in_c for q in system.state],
         "coordinates": len(system.mechanism.coordinates),
         "place": _names(system, _place(system)),
@@ -65,14 +65,18 @@ def follower_files(law: ControlLaw, scalar: Scalar, banner: Sequence[str]) -> di
         "literal": scalar.literal,
     }
     texts = {f"{own}.{kind}": render(__file__, f"follower.{kind}", **values) for kind in "hc"}
-    return {name: "\n".join(_fitted(text.split("\n"))) for name, text in texts.items()}
+    return {name: fitted(text) for name, text in texts.items()}
 
 
 MEMBER = re.compile(r"    (\S.*;)(?: +/\* (.*) \*/)?$")
 
 
+def fitted(text: str) -> str:
+    """Return C with its lines broken to the width, and the comments of each struct in a column."""
+    return "\n".join(_fitted(text.split("\n")))
+
+
 def _fitted(lines: Iterable[str]) -> list[str]:
-    """Return the lines of C broken to the width, with the comments of each struct in a column."""
     fitted: list[str] = []
     members: list[tuple[str, str]] | None = None
     for line in lines:
@@ -88,6 +92,11 @@ def _fitted(lines: Iterable[str]) -> list[str]:
         else:
             fitted += fill(line, "") if len(line) > WIDTH else [line]
     return fitted
+
+
+def measured_names(system: ReducedSystem) -> list[str]:
+    """Return the members of the state with the filtered rates of the wheels."""
+    return [q.in_c for q in system.quasi_velocities]
 
 
 def _place(system: ReducedSystem) -> list[ca.SX]:
