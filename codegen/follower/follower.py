@@ -34,7 +34,7 @@ def _has_wheels(system: ReducedSystem) -> bool:
     mechanism = system.mechanism
     if velocity_map(system) is None or len(mechanism.inputs) != 2 or {q.unit for q in system.quasi_velocities} != {"rad/s"}:
         return False
-    if not _names(system, _place(system)):
+    if not placed_names(system):
         return False
     try:
         point_ahead(system)
@@ -59,7 +59,7 @@ def follower_files(law: ControlLaw, scalar: Scalar, banner: Sequence[str]) -> di
         "wheels": measured_names(system),
         "state": [q.in_c for q in system.state],
         "coordinates": len(system.mechanism.coordinates),
-        "place": _names(system, _place(system)),
+        "place": placed_names(system),
         "gains": [q.in_c for q in law.gains],
         "odometry": _odometry(system, scalar),
         "literal": scalar.literal,
@@ -97,6 +97,11 @@ def _fitted(lines: Iterable[str]) -> list[str]:
 def measured_names(system: ReducedSystem) -> list[str]:
     """Return the members of the state with the filtered rates of the wheels."""
     return [q.in_c for q in system.quasi_velocities]
+
+
+def placed_names(system: ReducedSystem) -> list[str]:
+    """Return the members of the state that are position and heading of the vehicle; none unless each is one."""
+    return _names(system, _place(system))
 
 
 def _place(system: ReducedSystem) -> list[ca.SX]:

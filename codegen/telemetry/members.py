@@ -53,7 +53,7 @@ class Structs:
 
 
 def joined(members: Iterable[Member]) -> list[Member]:
-    """Return the numbers, those of the same width that follow each other in one struct as one: there is no gap on any machine."""
+    """Return the numbers; those of the same width that follow each other in one struct, without a gap on any machine, as one."""
     result: list[Member] = []
     for member in members:
         last = result[-1] if result else None
@@ -66,5 +66,5 @@ def joined(members: Iterable[Member]) -> list[Member]:
 
 def described(members: Mapping[str, Sequence[Member]]) -> str:
     """Return a text that changes if a name, an order or a kind does: the layout of an image."""
-    lines = [f"{group} {m.path} {m.count} {'real' if m.real else 'int'}" for group, each in members.items() for m in each if m.count]
-    return "\n".join(lines)
+    numbers = [(group, each) for group, several in members.items() for each in several if each.count]
+    return "\n".join(f"{group} {each.path} {each.count} {'real' if each.real else 'int'}" for group, each in numbers)

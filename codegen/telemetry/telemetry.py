@@ -20,13 +20,17 @@ HEAD = 28  # bytes of an image beside its numbers, see noslip_image.h
 def telemetry_files(
     law: ControlLaw, scalar: Scalar, banner: Sequence[str], model: str, files: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return file name -> text of header and source for a law that has a follower; `model` is its SHA-256, `files` have its structs."""
+    """Return file name -> text of header and source for a law that has a follower.
+
+    `model` is its SHA-256; `files` are the texts of the robot's headers, with its structs.
+    """
     robot = law.system.mechanism.name
     own = scalar.name(f"{robot}_telemetry")
     config, segments = layout(robot, scalar, files)
     in_use = [member for member in config if member.path.startswith(IN_USE)]
     values = {
         "robot": robot,
+        "law": f"{robot}_{law.name}",
         "own": scalar.name,
         "real": scalar.real,
         "banner": banner,

@@ -19,6 +19,15 @@ extern "C" {
 /* Bytes of the image of a config with `count` segments. */
 #define LABMATE_FOLLOWER_IMAGE(count) (588u + 44u * (uint32_t)(count))
 
+/* What update changes, as one struct. */
+typedef struct labmate_follower_tuning {
+    labmate_params params;
+    labmate_type_iv_segment_gains gains;
+    labmate_options limits;
+} labmate_follower_tuning;
+
+#define LABMATE_FOLLOWER_TUNING_IMAGE 172u /* bytes of its image */
+
 /* Writes the image of a config and its segments; `used` receives its bytes. Errors: see noslip_image_save. */
 int labmate_follower_save(const labmate_follower_config *config, uint8_t *image, uint32_t size, uint32_t *used);
 
@@ -30,6 +39,10 @@ int labmate_follower_save(const labmate_follower_config *config, uint8_t *image,
 NOSLIP_NODISCARD int labmate_follower_load(labmate_follower_config *config, noslip_segment *segments, int most,
     const uint8_t *image,
     uint32_t size);
+
+/* The same for parameters, gains and limits, such as those that came over a bus; update checks the values. */
+int labmate_follower_save_tuning(const labmate_follower_tuning *tuning, uint8_t *image, uint32_t size, uint32_t *used);
+NOSLIP_NODISCARD int labmate_follower_load_tuning(labmate_follower_tuning *tuning, const uint8_t *image, uint32_t size);
 
 /*
  * Writes the name of the robot, the config and what is in use now as frames. `image` is memory for the config,

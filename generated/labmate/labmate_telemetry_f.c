@@ -39,13 +39,13 @@ static const noslip_field segment_fields[] = {
     {offsetof(noslip_segment_f, backward), 1, sizeof(int)},
 };
 
-/* What update changes, in the follower. */
-static const noslip_field fields_in_use[] = {
-    {offsetof(labmate_follower_f, params.b), 8, sizeof(float)},
-    {offsetof(labmate_follower_f, gains.kp_distance), 3, sizeof(float)},
-    {offsetof(labmate_follower_f, limits.limit), 2, sizeof(float)},
-    {offsetof(labmate_follower_f, limits.on_error), 2, sizeof(int)},
-    {offsetof(labmate_follower_f, limits.friction.mu), 4, sizeof(float)},
+/* What update changes. */
+static const noslip_field tuning_fields[] = {
+    {offsetof(labmate_follower_tuning_f, params.b), 8, sizeof(float)},
+    {offsetof(labmate_follower_tuning_f, gains.kp_distance), 3, sizeof(float)},
+    {offsetof(labmate_follower_tuning_f, limits.limit), 2, sizeof(float)},
+    {offsetof(labmate_follower_tuning_f, limits.on_error), 2, sizeof(int)},
+    {offsetof(labmate_follower_tuning_f, limits.friction.mu), 4, sizeof(float)},
 };
 
 #define COUNT(fields) (int)(sizeof(fields) / sizeof(fields)[0])
@@ -54,8 +54,8 @@ static const noslip_field fields_in_use[] = {
 static const noslip_layout config_layout = {
     config_fields, segment_fields, COUNT(config_fields), COUNT(segment_fields), sizeof(noslip_segment_f), sizeof(float),
     0xebfa01a2u, MODEL};
-static const noslip_layout in_use_layout = {
-    fields_in_use, NULL, COUNT(fields_in_use), 0, 0, sizeof(float), 0xa00cd4ddu, MODEL};
+static const noslip_layout tuning_layout = {
+    tuning_fields, NULL, COUNT(tuning_fields), 0, 0, sizeof(float), 0xa00cd4ddu, MODEL};
 
 /* -- images -------------------------------------------------------------------------------------------------------- */
 
@@ -79,11 +79,24 @@ int labmate_follower_load_f(labmate_follower_config_f *config, noslip_segment_f 
     return status;
 }
 
+int labmate_follower_save_tuning_f(const labmate_follower_tuning_f *tuning, uint8_t *image, uint32_t size,
+    uint32_t *used)
+{
+    return noslip_image_save(&tuning_layout, tuning, NULL, 0, image, size, used);
+}
+
+int labmate_follower_load_tuning_f(labmate_follower_tuning_f *tuning, const uint8_t *image, uint32_t size)
+{
+    int none;
+    return noslip_image_load(&tuning_layout, tuning, NULL, 0, &none, image, size);
+}
+
 /* -- telemetry ----------------------------------------------------------------------------------------------------- */
 
 int labmate_follower_describe_f(const labmate_follower_f *self, noslip_telemetry *to, uint8_t *image, uint32_t size)
 {
     static const uint8_t robot[] = "labmate";
+    labmate_follower_tuning_f tuning;
     uint32_t used = 0;
     int status;
     if (self == NULL || to == NULL || image == NULL) {
@@ -95,7 +108,10 @@ int labmate_follower_describe_f(const labmate_follower_f *self, noslip_telemetry
     status = noslip_telemetry_send(to, NOSLIP_FRAME_ROBOT, robot, (uint32_t)sizeof robot - 1u);
     status = status < 0 ? status : labmate_follower_save_f(self->config, image, size, &used);
     status = status < 0 ? status : noslip_telemetry_send(to, NOSLIP_FRAME_CONFIG, image, used);
-    status = status < 0 ? status : noslip_image_save(&in_use_layout, self, NULL, 0, image, size, &used);
+    noslip_copy(&tuning.params, &self->params, sizeof tuning.params);
+    noslip_copy(&tuning.gains, &self->gains, sizeof tuning.gains);
+    noslip_copy(&tuning.limits, &self->limits, sizeof tuning.limits);
+    status = status < 0 ? status : labmate_follower_save_tuning_f(&tuning, image, size, &used);
     return status < 0 ? status : noslip_telemetry_send(to, NOSLIP_FRAME_UPDATE, image, used);
 }
 

@@ -19,6 +19,15 @@ extern "C" {
 /* Bytes of the image of a config with `count` segments. */
 #define LABMATE_FOLLOWER_IMAGE_F(count) (332u + 24u * (uint32_t)(count))
 
+/* What update changes, as one struct. */
+typedef struct labmate_follower_tuning_f {
+    labmate_params_f params;
+    labmate_type_iv_segment_gains_f gains;
+    labmate_options_f limits;
+} labmate_follower_tuning_f;
+
+#define LABMATE_FOLLOWER_TUNING_IMAGE_F 104u /* bytes of its image */
+
 /* Writes the image of a config and its segments; `used` receives its bytes. Errors: see noslip_image_save. */
 int labmate_follower_save_f(const labmate_follower_config_f *config, uint8_t *image, uint32_t size, uint32_t *used);
 
@@ -29,6 +38,12 @@ int labmate_follower_save_f(const labmate_follower_config_f *config, uint8_t *im
  */
 NOSLIP_NODISCARD int labmate_follower_load_f(labmate_follower_config_f *config, noslip_segment_f *segments, int most,
     const uint8_t *image,
+    uint32_t size);
+
+/* The same for parameters, gains and limits, such as those that came over a bus; update checks the values. */
+int labmate_follower_save_tuning_f(const labmate_follower_tuning_f *tuning, uint8_t *image, uint32_t size,
+    uint32_t *used);
+NOSLIP_NODISCARD int labmate_follower_load_tuning_f(labmate_follower_tuning_f *tuning, const uint8_t *image,
     uint32_t size);
 
 /*

@@ -23,16 +23,16 @@ static const noslip_field @{ name }[] = {
 /* The numbers of a config: place of the first, how many follow each other, their width. */
 @{ table("config_fields", f("config"), fields) }
 @{ table("segment_fields", n("segment"), row) }
-/* What update changes, in the follower. */
-@{ table("fields_in_use", own(robot ~ "_follower"), in_use) }
+/* What update changes. */
+@{ table("tuning_fields", f("tuning"), in_use) }
 #define COUNT(fields) (int)(sizeof(fields) / sizeof(fields)[0])
 #define MODEL @{ "0x%08xu" | format(model) } /* of robot and law */
 
 static const noslip_layout config_layout = {
     config_fields, segment_fields, COUNT(config_fields), COUNT(segment_fields), sizeof(@{ n("segment") }), sizeof(@{ real }),
     @{ "0x%08xu" | format(hash) }, MODEL};
-static const noslip_layout in_use_layout = {
-    fields_in_use, NULL, COUNT(fields_in_use), 0, 0, sizeof(@{ real }), @{ "0x%08xu" | format(in_use_hash) }, MODEL};
+static const noslip_layout tuning_layout = {
+    tuning_fields, NULL, COUNT(tuning_fields), 0, 0, sizeof(@{ real }), @{ "0x%08xu" | format(in_use_hash) }, MODEL};
 
 /* -- images -------------------------------------------------------------------------------------------------------- */
 
@@ -55,11 +55,23 @@ int @{ f("load") }(@{ f("config") } *config, @{ n("segment") } *segments, int mo
     return status;
 }
 
+int @{ f("save_tuning") }(const @{ f("tuning") } *tuning, uint8_t *image, uint32_t size, uint32_t *used)
+{
+    return noslip_image_save(&tuning_layout, tuning, NULL, 0, image, size, used);
+}
+
+int @{ f("load_tuning") }(@{ f("tuning") } *tuning, const uint8_t *image, uint32_t size)
+{
+    int none;
+    return noslip_image_load(&tuning_layout, tuning, NULL, 0, &none, image, size);
+}
+
 /* -- telemetry ----------------------------------------------------------------------------------------------------- */
 
 int @{ f("describe") }(const @{ own(robot ~ "_follower") } *self, noslip_telemetry *to, uint8_t *image, uint32_t size)
 {
     static const uint8_t robot[] = "@{ robot }";
+    @{ f("tuning") } tuning;
     uint32_t used = 0;
     int status;
     if (self == NULL || to == NULL || image == NULL) {
@@ -71,7 +83,10 @@ int @{ f("describe") }(const @{ own(robot ~ "_follower") } *self, noslip_telemet
     status = noslip_telemetry_send(to, NOSLIP_FRAME_ROBOT, robot, (uint32_t)sizeof robot - 1u);
     status = status < 0 ? status : @{ f("save") }(self->config, image, size, &used);
     status = status < 0 ? status : noslip_telemetry_send(to, NOSLIP_FRAME_CONFIG, image, used);
-    status = status < 0 ? status : noslip_image_save(&in_use_layout, self, NULL, 0, image, size, &used);
+    noslip_copy(&tuning.params, &self->params, sizeof tuning.params);
+    noslip_copy(&tuning.gains, &self->gains, sizeof tuning.gains);
+    noslip_copy(&tuning.limits, &self->limits, sizeof tuning.limits);
+    status = status < 0 ? status : @{ f("save_tuning") }(&tuning, image, size, &used);
     return status < 0 ? status : noslip_telemetry_send(to, NOSLIP_FRAME_UPDATE, image, used);
 }
 

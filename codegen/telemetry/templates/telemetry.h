@@ -23,6 +23,15 @@ extern "C" {
 /* Bytes of the image of a config with `count` segments. */
 #define @{ f("image") | upper }(count) (@{ size }u + @{ row_size }u * (uint32_t)(count))
 
+/* What update changes, as one struct. */
+typedef struct @{ f("tuning") } {
+    @{ own(robot ~ "_params") } params;
+    @{ own(law ~ "_gains") } gains;
+    @{ own(robot ~ "_options") } limits;
+} @{ f("tuning") };
+
+#define @{ f("tuning_image") | upper } @{ in_use_size }u /* bytes of its image */
+
 /* Writes the image of a config and its segments; `used` receives its bytes. Errors: see noslip_image_save. */
 int @{ f("save") }(const @{ f("config") } *config, uint8_t *image, uint32_t size, uint32_t *used);
 
@@ -33,6 +42,10 @@ int @{ f("save") }(const @{ f("config") } *config, uint8_t *image, uint32_t size
  */
 NOSLIP_NODISCARD int @{ f("load") }(@{ f("config") } *config, @{ n("segment") } *segments, int most, const uint8_t *image,
     uint32_t size);
+
+/* The same for parameters, gains and limits, such as those that came over a bus; update checks the values. */
+int @{ f("save_tuning") }(const @{ f("tuning") } *tuning, uint8_t *image, uint32_t size, uint32_t *used);
+NOSLIP_NODISCARD int @{ f("load_tuning") }(@{ f("tuning") } *tuning, const uint8_t *image, uint32_t size);
 
 /*
  * Writes the name of the robot, the config and what is in use now as frames. `image` is memory for the config,
