@@ -5,6 +5,7 @@ import io
 import json
 import math
 import re
+import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
@@ -119,7 +120,7 @@ def _mcap(file: str | Path) -> dict[str, list[Any]]:
                 encoding = channel.message_encoding
                 raise BadInput(f"{file}: topic {channel.topic} is encoded as {encoding}; only JSON is read, convert it to CSV")
             rows.append((message.log_time, channel.topic, dict(_fields(json.loads(message.data)))))
-    except (McapError, ValueError, TypeError, AttributeError) as error:
+    except (McapError, struct.error, ValueError, TypeError, AttributeError) as error:
         raise BadInput(f"{file} is not an MCAP file, or is damaged") from error
     if not rows:
         raise BadInput(f"{file} has no messages")

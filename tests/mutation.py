@@ -98,7 +98,7 @@ SOURCES: Mapping[str, Source] = {
     ),
     "runtime_c/noslip_approach.inc": Source(_chosen("test_approach", "bounded at_rest overshoot c_is refused within -specs")),
     "runtime_c/noslip_profile.inc": Source(_chosen("test_profile", "fastest refuses repeats")),
-    "runtime_c/noslip_motor.inc": Source(_chosen("test_motor", "desired continuous leave supply torque misuse")),
+    "runtime_c/noslip_motor.inc": Source(_chosen("test_motor", "desired continuous leave supply torque misuse finite")),
     "runtime_c/noslip_velocity.inc": Source(_chosen("test_drives", "c_is any_bits stop_together blocked keep_the misuse")),
     "runtime_c/noslip_reversing.inc": Source(_chosen("test_odometry", "reversing")),
     "runtime_c/noslip_angle.inc": Source(_chosen("test_outer_loop", "nearest_angle")),
@@ -111,8 +111,8 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_watchdog.c": Source(_chosen("test_firmware", "watchdog stuck stop missed null")),
     "generated/labmate/labmate_follower_f.c": Source(
         _chosen(
-            "test_firmware",
-            "settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck",
+            "test_firmware test_follower",
+            "zeros together are_counts far_from approach update settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck",
         )
     ),
     **{

@@ -62,8 +62,11 @@ class Ring:
 def contents(chance: random.Random, count: int) -> list[bytes]:
     """Of all lengths around a block, with few and with many zeros."""
     sizes = [0, 1, 2, 248, 249, 250, 253, 254, 255, 256, 503, 508, 509, *(chance.randrange(700) for _ in range(count))]
-    return [bytes(chance.choice((0, 0, 255, 1)) if chance.random() < 0.2 * (k % 3) else 1 + chance.randrange(255) for _ in range(n))
-            for k, n in enumerate(sizes)]  # fmt: skip
+
+    def byte(rare: float) -> int:
+        return chance.choice((0, 0, 255, 1)) if chance.random() < rare else 1 + chance.randrange(255)
+
+    return [bytes(byte(0.2 * (k % 3)) for _ in range(size)) for k, size in enumerate(sizes)]
 
 
 def test_frames_are_cobs_with_a_crc():
@@ -429,7 +432,8 @@ def test_damage_gaps_and_missed_ticks_are_counted(c, parts, dumped, capsys):
 
 def test_restarts_are_told_and_chosen(parts, dumped, bad_input, capsys):
     file = dumped([*parts[:101], *parts[:301]])
-    assert "started 2 times (1: 100 ticks, 2: 300 ticks); choose one with --start" in bad_input(["log", file, "-o", f"{file}.csv"])
+    said = bad_input(["log", file, "-o", f"{file}.csv"])
+    assert "started 2 times (1: 100 ticks, 2: 300 ticks); choose one with --start" in said
     assert "has 2 starts" in bad_input(["view", file, "-o", f"{file}.png", "--start", "3"])
     assert [logged(capsys, file, "--start", k)["ticks"] for k in ("1", "2")] == [100, 300]
     assert replayed(capsys, file, "--start", "2")[1]["ticks"] == 300
@@ -449,19 +453,24 @@ def test_any_bytes_are_read_or_refused(parts, dumped):
     """Bytes changed, left out and repeated at random: a start is a part of what was sent, in its order."""
     chance, whole = random.Random(9), b"".join(parts[:60])
     sent = {content for part in parts for _, content in frames(part)}
+    changes = (
+        lambda data, place: data.pop(place),
+        lambda data, place: data.insert(place, chance.randrange(256)),
+        lambda data, place: data.__setitem__(place, 0),
+        lambda data, place: data.__setitem__(slice(place, place + 200), b""),
+    )
     for _ in range(60):
         data = bytearray(whole)
         for _ in range(chance.randrange(1, 30)):
-            place = chance.randrange(len(data))
-            chance.choice((lambda d, p: d.pop(p), lambda d, p: d.insert(p, chance.randrange(256)),
-                           lambda d, p: d.__setitem__(p, 0), lambda d, p: d.__setitem__(slice(p, p + 200), b"")))(data, place)  # fmt: skip
+            chance.choice(changes)(data, chance.randrange(len(data)))
         try:
             dump = read_dump(dumped([bytes(data)]))
         except Exception as error:
             assert type(error).__name__ == "BadInput", error
             continue
         for start in dump.starts:
-            assert all(row.tobytes() in sent for row in start.records) and (np.diff(start.records["tick"].astype(int)) > 0).all()
+            assert all(row.tobytes() in sent for row in start.records)
+            assert (np.diff(start.records["tick"].astype(int)) > 0).all()
 
 
 def test_bad_input(parts, dumped, bad_input, tmp_path):
@@ -545,6 +554,37 @@ def test_a_log_identifies_the_vehicle(c, dumped, capsys):
     emf = motor.torque_constant * motor.gear
     added = 2 * motor.efficiency * emf**2 * PERIOD / (motor.resistance * params.r**2)
     assert mass == pytest.approx(params.m_c + added, rel=0.01) and added > 2
+
+
+def test_units_in_headers(tmp_path, bad_input):
+    from noslip.identification.log import read_poses
+    from noslip.readers.robots import find_robot, system_of
+
+    system, random = system_of(find_robot("labmate")), np.random.default_rng(1)
+    rows = np.column_stack([np.arange(30) * 10.0, *random.normal(size=(5, 30))])
+    head = "t [ms],theta_r [deg],theta_l,x_c [cm],y_c,yaw [deg]"
+    file = tmp_path / "log.csv"
+    np.savetxt(file, rows, delimiter=",", header=head, comments="")
+    log = read_poses(file, system, ("x_c", "y_c", "phi"), {"phi": "yaw"})
+    assert np.allclose(log.t, rows[:, 0] / 1e3) and np.allclose(log.angles[:, 0], np.deg2rad(rows[:, 1]))
+    assert np.allclose(log.pose, rows[:, 3:] * (0.01, 1.0, np.pi / 180))
+    for wrong, said in (("t [m]", "not a unit of a quantity in s"), ("t [furlongs/x]", "column 't'")):
+        np.savetxt(file, rows, delimiter=",", header=head.replace("t [ms]", wrong, 1), comments="")
+        assert said in bad_input(["calibrate", str(file), "--robot", "labmate", "--map", "phi=yaw"])
+    for name, content, said in (("a.mcap", b"no", "not an MCAP file"), ("a.parquet", b"no", "not a Parquet file")):
+        (tmp_path / name).write_bytes(content)
+        assert said in bad_input(["calibrate", str(tmp_path / name), "--robot", "labmate"])
+
+
+def test_commands_of_the_page(parts, dumped, tmp_path):
+    """Those of docs/firmware.md, with a dump of this host."""
+    page = (Path(__file__).parent.parent / "docs/firmware.md").read_text()
+    block = page.split("<!-- run by tests/test_telemetry.py -->\n```sh\n")[1].split("```")[0]
+    lines = [line.split("#")[0].split() for line in block.splitlines()]
+    assert lines[0][:4] == ["make", "-C", "firmware", "run"]
+    places = {"/tmp/run.dump": dumped(parts)} | {f"run.{suffix}": str(tmp_path / f"run.{suffix}") for suffix in ("mcap", "png")}
+    for _, *words in lines[1:]:
+        assert main([places.get(word, word) for word in words]) == 0
 
 
 def test_a_dump_is_drawn(parts, dumped, tmp_path, capsys):
