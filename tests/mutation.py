@@ -112,7 +112,8 @@ SOURCES: Mapping[str, Source] = {
     "generated/labmate/labmate_follower_f.c": Source(
         _chosen(
             "test_firmware test_follower",
-            "zeros together are_counts far_from approach update settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck",
+            "zeros together are_counts far_from approach update "
+            "settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck",
         )
     ),
     **{

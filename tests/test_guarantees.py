@@ -176,7 +176,10 @@ def test_eva_finds(wrong, tmp_path):
 
 
 EVA_FINDS_IN_DRIVES = {
-    "a command beyond its limit": (("noslip_motor.inc", "self->supply, 1)\n", "self->supply, 2)\n"), "assertion got status"),
+    "a command beyond its limit": (
+        ("noslip_motor.inc", "within)(current, self->current)", "is_finite)(current)"),
+        "assertion got status",
+    ),
     "a stop that ends by itself": (("noslip_watchdog.c", " || self->state == NOSLIP_WATCHDOG_STOP", ""), "assertion got status"),
     "a count that overflows": (("noslip_watchdog.c", "stood >= self->settings.stuck", "settings.stuck < 0"), "overflow"),
 }

@@ -28,26 +28,50 @@ static const noslip_field @{ name }[] = {
 #define COUNT(fields) (int)(sizeof(fields) / sizeof(fields)[0])
 #define MODEL @{ "0x%08xu" | format(model) } /* of robot and law */
 
-static const noslip_layout config_layout = {
-    config_fields, segment_fields, COUNT(config_fields), COUNT(segment_fields), sizeof(@{ n("segment") }), sizeof(@{ real }),
-    @{ "0x%08xu" | format(hash) }, MODEL};
-static const noslip_layout tuning_layout = {
-    tuning_fields, NULL, COUNT(tuning_fields), 0, 0, sizeof(@{ real }), @{ "0x%08xu" | format(in_use_hash) }, MODEL};
+/* Sets a layout. It is not a constant object, since that would have addresses, which a loader may have to write. */
+static void set_layout(noslip_layout *layout, const noslip_field *fields, int count, uint32_t hash)
+{
+    layout->fields = fields;
+    layout->field_count = count;
+    layout->row = NULL;
+    layout->row_count = 0;
+    layout->row_size = 0;
+    layout->real = sizeof(@{ real });
+    layout->hash = hash;
+    layout->model = MODEL;
+}
+
+static void set_config_layout(noslip_layout *layout)
+{
+    set_layout(layout, config_fields, COUNT(config_fields), @{ "0x%08xu" | format(hash) });
+    layout->row = segment_fields;
+    layout->row_count = COUNT(segment_fields);
+    layout->row_size = sizeof(@{ n("segment") });
+}
+
+static void set_tuning_layout(noslip_layout *layout)
+{
+    set_layout(layout, tuning_fields, COUNT(tuning_fields), @{ "0x%08xu" | format(in_use_hash) });
+}
 
 /* -- images -------------------------------------------------------------------------------------------------------- */
 
 int @{ f("save") }(const @{ f("config") } *config, uint8_t *image, uint32_t size, uint32_t *used)
 {
+    noslip_layout layout;
     if (config == NULL) {
         return NOSLIP_NULL;
     }
-    return noslip_image_save(&config_layout, config, config->segments, config->count, image, size, used);
+    set_config_layout(&layout);
+    return noslip_image_save(&layout, config, config->segments, config->count, image, size, used);
 }
 
 int @{ f("load") }(@{ f("config") } *config, @{ n("segment") } *segments, int most, const uint8_t *image, uint32_t size)
 {
-    int count = 0;
-    const int status = noslip_image_load(&config_layout, config, segments, most, &count, image, size);
+    noslip_layout layout;
+    int count = 0, status;
+    set_config_layout(&layout);
+    status = noslip_image_load(&layout, config, segments, most, &count, image, size);
     if (status >= 0) {
         config->segments = segments;
         config->count = count;
@@ -57,13 +81,17 @@ int @{ f("load") }(@{ f("config") } *config, @{ n("segment") } *segments, int mo
 
 int @{ f("save_tuning") }(const @{ f("tuning") } *tuning, uint8_t *image, uint32_t size, uint32_t *used)
 {
-    return noslip_image_save(&tuning_layout, tuning, NULL, 0, image, size, used);
+    noslip_layout layout;
+    set_tuning_layout(&layout);
+    return noslip_image_save(&layout, tuning, NULL, 0, image, size, used);
 }
 
 int @{ f("load_tuning") }(@{ f("tuning") } *tuning, const uint8_t *image, uint32_t size)
 {
+    noslip_layout layout;
     int none;
-    return noslip_image_load(&tuning_layout, tuning, NULL, 0, &none, image, size);
+    set_tuning_layout(&layout);
+    return noslip_image_load(&layout, tuning, NULL, 0, &none, image, size);
 }
 
 /* -- telemetry ----------------------------------------------------------------------------------------------------- */
