@@ -22,7 +22,7 @@ READY_SITE := $(VENV)/.ready-site
 export NOSLIP_CACHE ?= $(CURDIR)/build/compiled
 
 MODEL := $(wildcard __init__.py model/*.py model/*/*.py codegen/*.py codegen/*/*.py)
-ROOMS := analysis cli controllers evidence identification outer planning readers simulation sweeping verification
+ROOMS := analysis cli controllers evidence identification outer planning readers simulation sweeping telemetry verification
 ALL_PYTHON := $(MODEL) $(foreach room,$(ROOMS),$(wildcard $(room)/*.py $(room)/*/*.py))
 RUNTIME := $(wildcard runtime_c/*)
 ROBOTS := labmate

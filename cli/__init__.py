@@ -10,6 +10,8 @@ COMMANDS = (
     "evaluate",
     "simulate",
     "replay",
+    "log",
+    "view",
     "analyse",
     "plan",
     "outer-loop",
@@ -24,6 +26,7 @@ COMMANDS = (
 MODULES = {name: name.replace("-", "_") for name in COMMANDS} | {
     "robots": "robot.robots",
     "laws": "robot.robots",
+    "view": "log",
     "import": "robot.urdf",
     "identify": "robot.identify",
     "calibrate": "robot.calibrate",

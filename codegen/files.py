@@ -22,6 +22,7 @@ from .printing.law_c import LawC
 from .printing.robot_c import robot_header, robot_source
 from .printing.scalar import SCALARS, Scalar
 from .program import Program, compile_law
+from .telemetry.telemetry import telemetry_files
 
 TOOLS = f"noslip {__version__}, CasADi {ca.CasadiMeta.version()}, SymPy {sympy.__version__}"
 
@@ -69,7 +70,9 @@ def robot_files(
             of_plant = dynamics_text(plant, scalar)
             files.update(of_plant.files())
             for program in (program for program in programs if has_follower(program.law)):
-                files.update(follower_files(program.law, scalar, banner(fingerprint(system, program.law))))
+                model = fingerprint(system, program.law)
+                files.update(follower_files(program.law, scalar, banner(model)))
+                files.update(telemetry_files(program.law, scalar, banner(model), model, files))
             manifest["dynamics"] = {"operations": {entry.name: of_plant.operations(entry) for entry in plant.entries}}
     manifest["files"] = digests(files)
     files["manifest.json"] = json.dumps(manifest, indent=1) + "\n"

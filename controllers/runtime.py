@@ -28,7 +28,8 @@ SOURCE = """#include <float.h>
 """
 ASIDE = ("-Dstatic=", "-Dinline=", "-D__attribute__(x)=", "-DNOSLIP_REAL_H")  # words that cffi cannot parse, and a whole header
 ABSENT = ("float.h", "stddef.h", "stdint.h")
-TYPES = ("size_t", "int32_t", "int64_t", "uint32_t", "uint64_t", "noslip_bits", "noslip_bits_f")  # of ABSENT and noslip_real.h
+# of ABSENT and noslip_real.h
+TYPES = ("size_t", "int32_t", "int64_t", "uint8_t", "uint16_t", "uint32_t", "uint64_t", "noslip_bits", "noslip_bits_f")
 
 
 class InC:

@@ -1,6 +1,6 @@
 /*
  * board.h - functions that a board provides to main: periodic ticks, two encoder counters, two motor drivers, a hardware watchdog,
- * and a report at the end.
+ * a line for telemetry, and a report at the end.
  *
  * A board is one .c file in boards/ with start-up code and a linker script. It may access registers and use static memory. It does
  * not depend on noslip, except for the simulated vehicle.
@@ -45,6 +45,12 @@ void board_drive(const float command[2]);
 
 /* Feeds the hardware watchdog, which resets the processor if this is not called for some ticks. */
 void board_alive(void);
+
+/* Returns how many bytes of telemetry the board takes now, without waiting; 0 at the least. */
+uint32_t board_room(void);
+
+/* Sends bytes of telemetry, at most board_room(). */
+void board_send(const uint8_t *bytes, uint32_t count);
 
 /* Prints the report if the board can; the motors are off. Returns the exit code, report->code unless the board finds an error. */
 int board_end(const board_report *report);

@@ -5,7 +5,7 @@
 
 #define QUARTER 1.5707963f /* rad */
 
-static const noslip_segment_f segments[] = {
+static const noslip_segment_f segments[ROBOT_SEGMENTS] = {
     {.x = 0.0f, .y = 0.0f, .heading = 0.0f, .length = 3.0f},
     {.x = 3.0f, .y = 0.0f, .heading = 0.0f, .curvature = 0.4f, .length = 2.5f * QUARTER},
     {.x = 5.5f, .y = 2.5f, .heading = QUARTER, .length = 1.5f},
@@ -30,7 +30,7 @@ int robot_config(labmate_follower_config_f *config)
         .smoothing = 0.02f,
         .fastest = 20.0f,
         .segments = segments,
-        .count = sizeof segments / sizeof segments[0],
+        .count = ROBOT_SEGMENTS,
         .path = {.speed = 1.0f, .deceleration = 0.4f, .L = {0.0f, -0.6f}, .reversing = NOSLIP_SWITCH, .stop = NOSLIP_STOP_AXLE},
         .astray = 0.5f,
         .gains = {.kp_distance = 1.0f, .kd_distance = 2.5f, .kv_speed = 2.0f},
@@ -44,5 +44,5 @@ int robot_config(labmate_follower_config_f *config)
     }
     *config = robot;
     (void)labmate_default_params_f(&config->params);
-        return NOSLIP_OK;
+    return NOSLIP_OK;
 }

@@ -2,8 +2,10 @@
 #ifndef ROBOT_H
 #define ROBOT_H
 
-#include "labmate_follower_f.h"
+#include "labmate_telemetry_f.h"
 
+#define ROBOT_SEGMENTS 6      /* of its path */
+#define ROBOT_IMAGE LABMATE_FOLLOWER_IMAGE_F(ROBOT_SEGMENTS) /* bytes of its config */
 #define ROBOT_TOLERANCE 0.02f /* m: largest allowed distance from the end of the path */
 
 /* Writes the whole config. Returns NOSLIP_NULL for a null pointer. */

@@ -34,6 +34,10 @@ MAY_WRITE = {  # function -> objects and members, named as in the programs, that
     "noslip_odometry_unwind": RECKONED,
     "noslip_encoder_read": {"self.last", "self.started", "angle"},
     "noslip_integral_step": {"self.z", "self.rounded", "self.error", "self.added", "added"},
+    "noslip_motor_step": {"command"},
+    "noslip_motor_limit": {"torque"},
+    "noslip_motor_set_supply": {"self.supply", "self.standing"},
+    "noslip_watchdog_step": {f"self.{member}" for member in ("state", "reason", "status", "strikes", "good", "stood")},
     "noslip_path_look": {"guide"},
     "noslip_path_update": {"self.current", "self.saved", "self.guide", "self.started", "guide"},
 }
@@ -70,6 +74,7 @@ class AnalysedProgram:
         suffix = SCALARS[self.scalar][0]
         more = [task.generated / f"labmate{suffix}.c", task.generated / f"{self.law}{suffix}.c"] if self.law else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
+        more += [task.runtime / "noslip_watchdog.c"] if self.source == "drives" else []
         return [PROGRAMS / f"{self.source}.c", *more]
 
     def places(self, task: Task) -> list[str]:
@@ -91,10 +96,10 @@ class AnalysedProgram:
 
 
 def programs(task: Task) -> list[AnalysedProgram]:
-    """Return the programs to analyse; the short version has the last law, which also has `follow`, and the odometry, in float."""
+    """Return the programs to analyse; the short version has the last law, with `follow`, and all but the path, in float."""
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
-    named = [("law", law) for law in laws] + [("runtime", ""), ("path", ""), ("slip", "")][: 1 if task.short else 3]
+    named = [("law", law) for law in laws] + [("runtime", ""), ("drives", ""), ("path", ""), ("slip", "")][: 2 if task.short else 4]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
 
 

@@ -15,7 +15,8 @@ ROOT = RUNTIME.parent
 PERIOD = 0.01  # s, of firmware/robot.c
 RUN, HOLD, STOP = range(3)  # states of the watchdog
 
-LAW = ("labmate_f", "labmate_dynamics_f", "labmate_type_iv_segment_f", "labmate_follower_f")  # of generated/labmate
+# of generated/labmate
+LAW = ("labmate_f", "labmate_dynamics_f", "labmate_type_iv_segment_f", "labmate_follower_f", "labmate_telemetry_f")
 
 LIBRARY = """
 #include "board.h"
@@ -23,7 +24,7 @@ LIBRARY = """
 #include "robot.h"
 
 /* The simulated board, with a clock that does not wait and nobody to talk to; its memory is there to be looked at. */
-#define SEMIHOSTING_WRITE0 0
+enum { SEMIHOSTING_WRITE0, SEMIHOSTING_OPEN, SEMIHOSTING_WRITE, SEMIHOSTING_COMMAND_LINE };
 static int semihosting(int operation, const void *argument) { return operation + (argument != 0); }
 uint32_t late; /* ticks */
 void clock_start(float period) { (void)period; }
@@ -31,6 +32,23 @@ uint32_t clock_wait(void) { return late; }
 #define static
 #include "simulated.h"
 #undef static
+
+/* Writes the frames of a tick and of a correction, as a program does. */
+int tell(const labmate_follower_f *self, noslip_telemetry *to, const uint32_t *counts, uint32_t missed, int status,
+         const float *command, float dt, const float *turned)
+{
+    noslip_record_f record;
+    (void)labmate_follower_record_f(self, counts, missed, status, command, &record);
+    record.dt = dt;
+    record.turned[0] = turned[0];
+    record.turned[1] = turned[1];
+    return noslip_telemetry_record_f(to, &record);
+}
+
+int tell_correction(noslip_telemetry *to, const noslip_pose_f *truth, noslip_correction mode)
+{
+    return noslip_telemetry_correct_f(to, truth, mode);
+}
 
 /* Drives laps of pieces, each so many ticks with so many counts of each wheel; answers how many ticks were refused. */
 int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int laps)
@@ -51,6 +69,9 @@ int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int 
 }
 """
 OWN = """
+int tell(const labmate_follower_f *self, noslip_telemetry *to, const uint32_t *counts, uint32_t missed, int status,
+         const float *command, float dt, const float *turned);
+int tell_correction(noslip_telemetry *to, const noslip_pose_f *truth, noslip_correction mode);
 int drive_laps(labmate_follower_f *self, const int (*pieces)[3], int count, int laps);
 int robot_config(labmate_follower_config_f *settings);
 int board_start(float period); uint32_t board_wait(void); void board_read(uint32_t *counts);
@@ -83,7 +104,7 @@ class Firmware(InC):
         simulated = files.pop("simulated.c").replace('#include "semihosting.h"\n', "")
         self.ffi = cffi.FFI()
         write_folder(folder / "headers", {name: text for name, text in files.items() if name.endswith(".h")})
-        self.ffi.cdef(declarations("labmate_follower_f.h", folder / "headers") + OWN)
+        self.ffi.cdef(declarations("labmate_telemetry_f.h", folder / "headers") + OWN)
         self.lib = load(self.ffi, {**files, "simulated.h": simulated, "library.c": LIBRARY})
 
     def new(self, kind: str, *initial):

@@ -1,22 +1,18 @@
-"""Logs: tables of times, states and inputs, from CSV or Parquet."""
+"""Logs: tables of times, states and inputs, from CSV, Parquet or MCAP."""
 
-import csv
-import io
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
-from ..readers.files import read_input
 from ..readers.robots import suggestion
+from ..readers.tables import read_table
 
-LARGEST = 256  # MB
 GAP = 1.5  # times the usual interval: a longer one separates two stretches
 FEWEST = 20  # rows
 
@@ -68,7 +64,7 @@ def read_log(file: str | Path, system: ReducedSystem, columns: Mapping[str, str]
     """
     state, inputs = [q.name for q in system.state], [i.name for i in system.mechanism.inputs]
     needed = {"t", *(q.name for q in system.quasi_velocities), *inputs, *_read_by_dynamics(system)}
-    values = _columns(file, ["t", *state, *inputs], needed, columns)
+    values = _columns(file, system, ["t", *state, *inputs], needed, columns)
     rows = np.column_stack([values.get(name, np.zeros(len(values["t"]))) for name in ("t", *state, *inputs)])
     rows, stretches, remarks = _cleaned(str(file), rows, rows.shape[1], FEWEST)
     return Log(rows[:, 0], rows[:, 1 : 1 + len(state)], rows[:, 1 + len(state) :], stretches, remarks)
@@ -81,7 +77,7 @@ def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], col
     Raises BadInput as `read_log`, and if the log has no poses or no other coordinate; and OSError.
     """
     others = [q.name for q in system.mechanism.coordinates if q.name not in pose]
-    values = _columns(file, ["t", *others, *pose], {"t", *pose[:2]}, columns)
+    values = _columns(file, system, ["t", *others, *pose], {"t", *pose[:2]}, columns)
     names = [name for name in others if name in values]
     if not names:
         existing = f"those of {system.mechanism.name} are {', '.join(others)}" if others else f"{system.mechanism.name} has none"
@@ -99,17 +95,18 @@ def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], col
 
 
 def _columns(
-    file: str | Path, names: Sequence[str], needed: Collection[str], columns: Mapping[str, str]
+    file: str | Path, system: ReducedSystem, names: Sequence[str], needed: Collection[str], columns: Mapping[str, str]
 ) -> dict[str, np.ndarray]:
-    """Return the columns of these names as far as the file has them; those `needed` must be there."""
-    table = _parquet(file) if Path(file).suffix == ".parquet" else _csv(file)
+    """Return the columns of these names as far as the file has them, in SI; those `needed` must be there."""
+    table = read_table(file)
+    units = {q.name: q.unit for q in (*system.state, *system.mechanism.inputs)} | {"t": "s"}
     for name in columns:
         check_known("--map", name, "quantity", names)
     values = {}
     for name in names:
         column = columns.get(name, name)
         if column in table:
-            values[name] = _numbers(table[column], f"{file} column {column!r}")
+            values[name] = table[column].numbers(units[name])
         elif name in needed or name in columns:
             raise BadInput(f"{file}: column {column!r} is missing{suggestion(column, table)}")
     return values
@@ -119,49 +116,6 @@ def _read_by_dynamics(system: ReducedSystem) -> list[str]:
     """Return the coordinates that S'MS, the bias or S'E depend on."""
     dynamics = ca.veccat(system.Mbar, system.bias, system.input_map)
     return [q.name for q in system.mechanism.coordinates if ca.depends_on(dynamics, q.symbol)]
-
-
-def _csv(file: str | Path) -> dict[str, list[str]]:
-    try:
-        text = read_input(file, LARGEST).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{file}: not a text file (byte {error.start}); logs are CSV or .parquet") from error
-    lines = list(csv.reader(io.StringIO(text)))
-    lines = [line for line in lines if line and not line[0].startswith("#")]
-    if not lines:
-        raise BadInput(f"{file} is empty")
-    head = [name.strip() for name in lines[0]]
-    for name in head:
-        if head.count(name) > 1:
-            raise BadInput(f"{file}: two columns are called {name!r}")
-    for k, line in enumerate(lines[1:], 2):
-        if len(line) != len(head):
-            raise BadInput(f"{file} row {k}: {len(line)} entries, but the first row names {len(head)} columns")
-    return {name: [line[k] for line in lines[1:]] for k, name in enumerate(head)}
-
-
-def _parquet(file: str | Path) -> dict[str, Sequence[Any]]:
-    try:
-        import pyarrow
-        import pyarrow.parquet as pq
-    except ImportError as error:
-        raise BadInput(f"{file}: reading Parquet needs pyarrow; pip install 'noslip[sweep]'") from error
-    try:
-        table = pq.read_table(io.BytesIO(read_input(file, LARGEST)))
-    except pyarrow.ArrowException as error:
-        raise BadInput(f"{file} is not a Parquet file, or is damaged") from error
-    return {name: table[name].to_pylist() for name in table.column_names}
-
-
-def _numbers(column: Sequence[Any], where: str) -> np.ndarray:
-    """Return a column as floats, NaN where an entry is empty."""
-    values = np.empty(len(column))
-    for k, entry in enumerate(column):
-        try:
-            values[k] = math.nan if entry is None or entry == "" else float(entry)
-        except (TypeError, ValueError) as error:
-            raise BadInput(f"{where} row {k + 2}: {str(entry)[:40]!r} is not a number") from error
-    return values
 
 
 def _cleaned(file: str, rows: np.ndarray, dense: int, fewest: int) -> tuple[np.ndarray, tuple[range, ...], tuple[str, ...]]:

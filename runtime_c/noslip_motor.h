@@ -177,7 +177,7 @@ NOSLIP_APART int noslip_motor_at_limit(const noslip_motor *self, double torque, 
     }
     current = noslip_clip(current, self->current);
     voltage = self->resistance * current + emf;
-    if (noslip_abs(voltage) > self->supply) {
+    if (!noslip_within(voltage, self->supply)) {
         voltage = noslip_clip(voltage, self->supply);
         current = noslip_clip((voltage - emf) / self->resistance, self->current);
     }
@@ -225,7 +225,7 @@ static inline int noslip_motor_limit(const noslip_motor *self, double rate, doub
     } else if (self->mode == NOSLIP_MOTOR_TORQUE) {
         most = self->standing;
         status = noslip_is_finite(rate) ? NOSLIP_OK : status;
-    } else if (noslip_is_finite(rate)) {
+    } else if (noslip_is_finite(size)) {
         double current = (self->supply - noslip_abs(self->back_emf) * size) / self->resistance;
         current = current < self->current ? current : self->current;
         most = current / noslip_abs(self->per_torque) -
@@ -397,7 +397,7 @@ NOSLIP_APART int noslip_motor_at_limit_f(const noslip_motor_f *self, float torqu
     }
     current = noslip_clip_f(current, self->current);
     voltage = self->resistance * current + emf;
-    if (noslip_abs_f(voltage) > self->supply) {
+    if (!noslip_within_f(voltage, self->supply)) {
         voltage = noslip_clip_f(voltage, self->supply);
         current = noslip_clip_f((voltage - emf) / self->resistance, self->current);
     }
@@ -445,7 +445,7 @@ static inline int noslip_motor_limit_f(const noslip_motor_f *self, float rate, f
     } else if (self->mode == NOSLIP_MOTOR_TORQUE) {
         most = self->standing;
         status = noslip_is_finite_f(rate) ? NOSLIP_OK : status;
-    } else if (noslip_is_finite_f(rate)) {
+    } else if (noslip_is_finite_f(size)) {
         float current = (self->supply - noslip_abs_f(self->back_emf) * size) / self->resistance;
         current = current < self->current ? current : self->current;
         most = current / noslip_abs_f(self->per_torque) -

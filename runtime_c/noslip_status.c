@@ -18,6 +18,10 @@ const char *noslip_status_name(int status)
     case NOSLIP_BAD_PATH: return "bad_path";
     case NOSLIP_UNSTABLE: return "unstable";
     case NOSLIP_ASTRAY: return "astray";
+    case NOSLIP_DAMAGED: return "damaged";
+    case NOSLIP_OTHER_VERSION: return "other_version";
+    case NOSLIP_OTHER_MODEL: return "other_model";
+    case NOSLIP_FULL: return "full";
     default: return "unknown";
     }
 }

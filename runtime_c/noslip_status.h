@@ -44,7 +44,11 @@ enum {
     NOSLIP_NOT_READY = -6,     /* init was not called, or failed */
     NOSLIP_BAD_PATH = -7,      /* the vehicle cannot follow the path: see its fault */
     NOSLIP_UNSTABLE = -8,      /* forward speed and L + d have opposite signs: the heading would diverge */
-    NOSLIP_ASTRAY = -9         /* the vehicle is farther from its path than it may be */
+    NOSLIP_ASTRAY = -9,        /* the vehicle is farther from its path than it may be */
+    NOSLIP_DAMAGED = -10,      /* bytes are not those that were saved: their CRC is wrong */
+    NOSLIP_OTHER_VERSION = -11, /* saved in another format, with other fields or in the other scalar */
+    NOSLIP_OTHER_MODEL = -12,  /* saved for another robot or law */
+    NOSLIP_FULL = -13          /* the caller's memory has no room */
 };
 
 /* What a controller returns on an error. */

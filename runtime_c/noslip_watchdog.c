@@ -88,9 +88,12 @@ static NOSLIP_COLD noslip_watchdog_state other_tick(noslip_watchdog *self, int s
     if (self == NULL || self->ready != NOSLIP_READY || self->state == NOSLIP_WATCHDOG_STOP) {
         return NOSLIP_WATCHDOG_STOP;
     }
-    self->stood = standing && self->settings.stuck > 0 ? self->stood + 1 : 0;
-    if (self->stood > self->settings.stuck) {
+    if (!standing || self->settings.stuck == 0) {
+        self->stood = 0;
+    } else if (self->stood >= self->settings.stuck) { /* also where one more would overflow */
         return stop(self, NOSLIP_WATCHDOG_STUCK);
+    } else {
+        self->stood++;
     }
     return status < 0 || missed > 0 ? strike(self, status, missed) : forgive(self);
 }

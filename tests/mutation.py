@@ -104,7 +104,7 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_slip.inc": Source(
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")
     ),
-    "runtime_c/noslip_motor.inc": Source(_chosen("test_motor", "desired continuous leave supply torque misuse")),
+    "runtime_c/noslip_motor.inc": Source(_chosen("test_motor", "desired continuous leave supply torque misuse finite")),
     "runtime_c/noslip_velocity.inc": Source(_chosen("test_drives", "c_is any_bits stop_together blocked keep_the misuse")),
     "runtime_c/noslip_reversing.inc": Source(_chosen("test_odometry", "reversing")),
     "runtime_c/noslip_angle.inc": Source(_chosen("test_outer_loop", "nearest_angle")),
@@ -117,7 +117,8 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_watchdog.c": Source(_chosen("test_firmware", "watchdog stuck stop missed null")),
     "generated/labmate/labmate_follower_f.c": Source(
         _chosen(
-            "test_firmware",
+            "test_firmware test_follower",
+            "zeros together are_counts far_from approach update "
             "settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck",
         )
     ),

@@ -1,6 +1,7 @@
 """The firmware: vehicle and watchdog on this host, and the images of all targets in QEMU."""
 
 import cmath
+import csv
 import json
 import math
 import re
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from noslip.cli.main import main
 from noslip.codegen.targets import makefile
 from noslip.controllers.build import RUNTIME
 from noslip.controllers.targets import QUIET, TARGETS
@@ -501,9 +503,11 @@ def build(folder: Path, target: str, compiler: str = "gcc", source: Path = FIRMW
     return folder / f"{target}-{compiler}" / "firmware.elf"
 
 
-def emulate(target: str, image: Path) -> tuple[int, str]:
-    """QEMU's exit code, and what the image said."""
+def emulate(target: str, image: Path, dump: Path | None = None) -> tuple[int, str]:
+    """QEMU's exit code, and what the image said; its telemetry goes into a dump."""
     command = [*TARGETS[PLATFORM.get(target, target)].machine, *QUIET, *CONSOLE, *CLOCK, "-kernel", str(image)]
+    if dump:
+        command[command.index(CONSOLE[-1])] += f",arg=telemetry,arg={dump}"
     command[2] = MACHINE.get(target, command[2])
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, timeout=60)
     return done.returncode, done.stdout + done.stderr
@@ -539,6 +543,29 @@ def test_images_say_what_the_host_computes(c, built):
     _, said = emulate("cortex-m4f", build(built, "cortex-m4f"))
     wanted = f"ticks {ticks}, missed 0, x {x:.3f}, y {y:.3f}, heading {heading:.3f}, error {error:.3f}"
     assert wanted in said
+
+
+@pytest.mark.parametrize("target", ["cortex-m4f", "rv32imac"])
+def test_telemetry_of_an_image_is_repeated(c, built, target, tmp_path, capsys):
+    """Every tick that the target has sent has the same bits on this host, and in the log."""
+    dump = tmp_path / "run.dump"
+    code, said = emulate(target, build(built, target), dump)
+    assert code == 0, said
+    assert main(["replay", str(dump), "--json"]) == 0
+    replayed = json.loads(capsys.readouterr().out)
+    ticks = int(re.search(r"ticks (\d+)", said)[1])
+    assert (replayed["ticks"], replayed["remarks"]) == (ticks, [])
+    assert main(["log", str(dump), "-o", str(tmp_path / "run.csv")]) == 0
+    with open(tmp_path / "run.csv", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == ticks and rows[-1]["status"] == "arrived"
+    assert f"x {float(rows[-1]['x_c']):.3f}, y {float(rows[-1]['y_c']):.3f}" in said
+    loop = FirmwareLoop(c)
+    for row in rows[:500]:
+        loop.tick()
+        pose = loop.vehicle.odometry.pose
+        assert np.array_equal(np.float32([row["x_c"], row["phi"]]), [pose.x, pose.heading])
+        assert np.float32(row["command_tau_r"]) == loop.command[0]
 
 
 BROKEN = {  # a change of robot.c -> the exit code

@@ -137,7 +137,8 @@ def changed(folder: Path, file: str, was: str, now: str, laws: str | None = "") 
     for name in ("runtime_c", "generated", "tests/c", "firmware/boards", "bench/target"):
         shutil.copytree(ROOT / name, folder / "root" / name)
     for path in (folder / "root/generated/labmate").rglob("labmate_*"):
-        whole = "_type_" in path.name or ("_follower" in path.name and laws != "labmate_type_iv_segment")
+        follower = "_follower" in path.name or "_telemetry" in path.name
+        whole = "_type_" in path.name or (follower and laws != "labmate_type_iv_segment")
         if laws is not None and whole and not path.name.startswith((f"{laws}.", f"{laws}_f.")):
             path.unlink()
     path = folder / "root" / file
@@ -171,6 +172,25 @@ def test_eva_finds(wrong, tmp_path):
     if shutil.which("frama-c") is None:
         pytest.skip("install frama-c-base")
     _, lines = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("runtime", "float"))
+    assert any(message in line for line in lines), lines
+
+
+EVA_FINDS_IN_DRIVES = {
+    "a command beyond its limit": (
+        ("noslip_motor.inc", "within)(current, self->current)", "is_finite)(current)"),
+        "assertion got status",
+    ),
+    "a stop that ends by itself": (("noslip_watchdog.c", " || self->state == NOSLIP_WATCHDOG_STOP", ""), "assertion got status"),
+    "a count that overflows": (("noslip_watchdog.c", "stood >= self->settings.stuck", "settings.stuck < 0"), "overflow"),
+}
+
+
+@pytest.mark.parametrize("wrong", EVA_FINDS_IN_DRIVES)
+def test_eva_finds_in_drives(wrong, tmp_path):
+    (file, was, now), message = EVA_FINDS_IN_DRIVES[wrong]
+    if shutil.which("frama-c") is None:
+        pytest.skip("install frama-c-base")
+    _, lines = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("drives", "float"))
     assert any(message in line for line in lines), lines
 
 

@@ -193,7 +193,7 @@ def program(built, tmp_path_factory):
     run(["gcc", "-shared", *built("gcc", "-O2"), "-o", str(library)])
     ffi = cffi.FFI()
     ffi.cdef(declarations("noslip_grip.h"))
-    laws = [path for path in GENERATED.glob("*.h") if "follower" not in path.name]
+    laws = [path for path in GENERATED.glob("*.h") if not re.search("follower|telemetry", path.name)]
     for header in sorted(laws, key=lambda path: len(path.name)):
         text = re.sub(r'extern "C" \{|^\}$', "", re.sub(r"^#if.*__cplusplus.*\n.*\n#endif", "", header.read_text(), flags=re.M))
         ffi.cdef("\n".join(line for line in text.replace("NOSLIP_NODISCARD ", "").splitlines() if not line.startswith("#")))
@@ -618,10 +618,10 @@ def test_init_again_forgets_what_was_held(robot):
 
 def test_status_names(program):
     ffi, lib = program
-    names = {status: ffi.string(lib.noslip_status_name(status)).decode() for status in range(-10, 8)}
+    names = {status: ffi.string(lib.noslip_status_name(status)).decode() for status in range(-15, 9)}
     assert names[0] == "ok" and names[1] == "saturated" and names[-6] == "not_ready"
-    assert len({names[status] for status in range(-9, 6)}) == 15
-    assert all(names[status] == "unknown" for status in (-10, 6, 7))
+    assert len({names[status] for status in range(-14, 7)}) == 21
+    assert all(names[status] == "unknown" for status in (-15, 7, 8))
 
 
 @each_scalar

@@ -24,7 +24,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ),
         epilog=EXAMPLE,
     )
-    parser.add_argument("logs", metavar="LOG", nargs="+", help="CSV or .parquet with t, angles and pose, SI units")
+    parser.add_argument("logs", metavar="LOG", nargs="+", help="CSV, .parquet or .mcap with t, angles and pose, SI units")
     parser.add_argument("--fit", nargs="+", metavar="NAME", help="parameters to fit, such as r b")
     add_options(parser)
     parser.set_defaults(run=run)

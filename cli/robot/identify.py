@@ -29,7 +29,7 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ),
         epilog=EXAMPLE,
     )
-    parser.add_argument("log", metavar="LOG", help="CSV or .parquet with the columns of `noslip simulate`, SI units")
+    parser.add_argument("log", metavar="LOG", help="CSV, .parquet or .mcap with the columns of `noslip simulate`, SI units")
     parser.add_argument("--fit", required=True, nargs="+", metavar="NAME", help="parameters to fit, such as m_c I_c")
     add_options(parser)
     parser.add_argument(

@@ -34,7 +34,7 @@ def _has_wheels(system: ReducedSystem) -> bool:
     mechanism = system.mechanism
     if velocity_map(system) is None or len(mechanism.inputs) != 2 or {q.unit for q in system.quasi_velocities} != {"rad/s"}:
         return False
-    if not _names(system, _place(system)):
+    if not placed_names(system):
         return False
     try:
         point_ahead(system)
@@ -56,23 +56,27 @@ def follower_files(law: ControlLaw, scalar: Scalar, banner: Sequence[str]) -> di
         "suffix": scalar.suffix,
         "banner": banner,
         "inputs": system.mechanism.inputs,
-        "wheels": [q.in_c for q in system.quasi_velocities],
+        "wheels": measured_names(system),
         "state": [q.in_c for q in system.state],
         "coordinates": len(system.mechanism.coordinates),
-        "place": _names(system, _place(system)),
+        "place": placed_names(system),
         "gains": [q.in_c for q in law.gains],
         "odometry": _odometry(system, scalar),
         "literal": scalar.literal,
     }
     texts = {f"{own}.{kind}": render(__file__, f"follower.{kind}", **values) for kind in "hc"}
-    return {name: "\n".join(_fitted(text.split("\n"))) for name, text in texts.items()}
+    return {name: fitted(text) for name, text in texts.items()}
 
 
 MEMBER = re.compile(r"    (\S.*;)(?: +/\* (.*) \*/)?$")
 
 
+def fitted(text: str) -> str:
+    """Return C with its lines broken to the width, and the comments of each struct in a column."""
+    return "\n".join(_fitted(text.split("\n")))
+
+
 def _fitted(lines: Iterable[str]) -> list[str]:
-    """Return the lines of C broken to the width, with the comments of each struct in a column."""
     fitted: list[str] = []
     members: list[tuple[str, str]] | None = None
     for line in lines:
@@ -88,6 +92,16 @@ def _fitted(lines: Iterable[str]) -> list[str]:
         else:
             fitted += fill(line, "") if len(line) > WIDTH else [line]
     return fitted
+
+
+def measured_names(system: ReducedSystem) -> list[str]:
+    """Return the members of the state with the filtered rates of the wheels."""
+    return [q.in_c for q in system.quasi_velocities]
+
+
+def placed_names(system: ReducedSystem) -> list[str]:
+    """Return the members of the state that are position and heading of the vehicle; none unless each is one."""
+    return _names(system, _place(system))
 
 
 def _place(system: ReducedSystem) -> list[ca.SX]:

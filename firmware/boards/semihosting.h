@@ -9,6 +9,7 @@ enum {
     SEMIHOSTING_WRITE0 = 0x04,       /* prints a text on the console */
     SEMIHOSTING_WRITE = 0x05,        /* three words: number of a file, address, bytes; returns the number of bytes not written */
     SEMIHOSTING_READ = 0x06,         /* the same for reading */
+    SEMIHOSTING_COMMAND_LINE = 0x15, /* two words: address and size of memory for the text and its end; returns 0 on success */
     SEMIHOSTING_EXIT_EXTENDED = 0x20 /* two words: reason and exit code */
 };
 

@@ -14,12 +14,14 @@
 #include "semihosting.h"
 
 #define STEPS 4      /* integration steps per tick */
+#define ROOM 256u    /* bytes of telemetry per tick */
 #define DRIFT 0.005f /* m: largest allowed error of dead reckoning at the end */
 
 static labmate_follower_config_f robot;
 static float x, y, heading, rate[2], command[2], fraction[2]; /* x, y: middle of the axle; fraction: of a count */
 static uint32_t counter[2];
 static float elapsed; /* s: since the counters were last read */
+static int file;      /* for telemetry; negative: none */
 
 /* Returns the torque (N m) at the wheel for a motor command, see noslip_motor.h. */
 static float torque_of(const noslip_motor_settings_f *of, float command_value, float wheel_rate)
@@ -64,6 +66,31 @@ static void move(float dt)
     rate[1] = (v - p->b * w) / p->r;
 }
 
+/* Opens the file named by the command line "telemetry FILE"; returns -1 for any other. */
+static int open_file(void)
+{
+    static const char option[] = "telemetry ";
+    static char line[256];
+    uint32_t block[3], i, length = 0;
+    block[0] = (uint32_t)(uintptr_t)line;
+    block[1] = (uint32_t)sizeof line;
+    if (semihosting(SEMIHOSTING_COMMAND_LINE, block) != 0) {
+        return -1;
+    }
+    for (i = 0; option[i] != 0; i++) {
+        if (line[i] != option[i]) {
+            return -1;
+        }
+    }
+    while (line[i + length] != 0) {
+        length++;
+    }
+    block[0] = (uint32_t)(uintptr_t)&line[i];
+    block[1] = 5; /* "wb" */
+    block[2] = length;
+    return semihosting(SEMIHOSTING_OPEN, block);
+}
+
 int board_start(float period)
 {
     float sine, cosine;
@@ -76,6 +103,7 @@ int board_start(float period)
         counter[i] = 0;
     }
     elapsed = 0;
+    file = open_file();
     noslip_sincos_f(robot.start.heading, &sine, &cosine);
     x = robot.start.x - robot.params.d * cosine;
     y = robot.start.y - robot.params.d * sine;
@@ -109,6 +137,22 @@ void board_drive(const float commands[2])
 
 void board_alive(void)
 {
+}
+
+uint32_t board_room(void)
+{
+    return ROOM;
+}
+
+void board_send(const uint8_t *bytes, uint32_t count)
+{
+    uint32_t block[3];
+    if (file >= 0) {
+        block[0] = (uint32_t)file;
+        block[1] = (uint32_t)(uintptr_t)bytes;
+        block[2] = count;
+        (void)semihosting(SEMIHOSTING_WRITE, block);
+    }
 }
 
 /* -- report ------------------------------------------------------------------------------------------------------------ */

@@ -4,6 +4,7 @@
  *
  *     right encoder  PA0, PA1    bridge  PA8 (PWM), PB0 (high: backward)
  *     left encoder   PA6, PA7            PA9 (PWM), PB1 (high: backward)
+ *     telemetry      PA2, USART2, 500 kBd, 8N1
  *
  * Until board_start all pins are inputs. The bridges require pull-down resistors, so that the motors are off until then.
  */
@@ -12,6 +13,8 @@
 
 #define SUPPLY 24.0f /* V, of the bridges; use the measured battery voltage if available */
 #define PWM 800      /* counts per period, 20 kHz */
+#define ROOM 256u    /* bytes of telemetry that are sent at a time */
+#define BAUD 32      /* 16 MHz / 32: 500 kBd */
 #define LATE 5.0f    /* ticks without board_alive after which the watchdog resets */
 
 #define REGISTER(address) (*(volatile uint32_t *)(address))
@@ -43,6 +46,18 @@
 #define TIM_CCR2(timer) REGISTER((timer) + 0x38u)
 #define TIM_BDTR(timer) REGISTER((timer) + 0x44u)
 
+#define USART2_DR 0x40004404u
+#define USART2_BRR REGISTER(0x40004408u)
+#define USART2_CR1 REGISTER(0x4000440cu)
+#define USART2_CR3 REGISTER(0x40004414u)
+#define DMA1_HIFCR REGISTER(0x4002600cu)
+#define DMA1_S6CR REGISTER(0x400260a0u) /* stream 6, channel 4: USART2 sends */
+#define DMA1_S6NDTR REGISTER(0x400260a4u)
+#define DMA1_S6PAR REGISTER(0x400260a8u)
+#define DMA1_S6M0AR REGISTER(0x400260acu)
+#define DMA_ENABLED 1u
+#define DMA_SENDS 0x08000440u /* channel 4, from memory, whose address counts up; bytes; no interrupts */
+
 #define IWDG_KR REGISTER(0x40003000u)
 #define IWDG_PR REGISTER(0x40003004u)
 #define IWDG_RLR REGISTER(0x40003008u)
@@ -71,10 +86,18 @@ static void bridges_start(void)
 static void pins_start(void)
 {
     GPIOA_PUPDR |= 0x5005;                                    /* PA0, 1, 6, 7: pull-up, for encoders with open collectors */
-    GPIOA_AFRL = (GPIOA_AFRL & ~0xff0000ffu) | 0x22000011u;   /* PA0, 1: TIM2; PA6, 7: TIM3 */
+    GPIOA_AFRL = (GPIOA_AFRL & ~0xff000fffu) | 0x22000711u;   /* PA0, 1: TIM2; PA2: USART2; PA6, 7: TIM3 */
     GPIOA_AFRH = (GPIOA_AFRH & ~0x000000ffu) | 0x00000011u;   /* PA8, 9: TIM1 */
-    GPIOA_MODER = (GPIOA_MODER & ~0x000ff00fu) | 0x000aa00au; /* all six: alternate function */
+    GPIOA_MODER = (GPIOA_MODER & ~0x000ff03fu) | 0x000aa02au; /* all seven: alternate function */
     GPIOB_MODER = (GPIOB_MODER & ~0x0000000fu) | 0x00000005u; /* PB0, 1: outputs */
+}
+
+static void line_start(void)
+{
+    USART2_BRR = BAUD;
+    USART2_CR3 = 0x80;   /* bytes come by DMA */
+    USART2_CR1 = 0x2008; /* on, sends */
+    DMA1_S6PAR = USART2_DR;
 }
 
 static void watchdog_start(float period)
@@ -89,12 +112,13 @@ int board_start(float period)
 {
     const int restarted = (RCC_CSR & 0x20000000u) != 0; /* the last reset came from the watchdog */
     RCC_CSR |= 0x01000000u;                             /* clear this flag */
-    RCC_AHB1ENR |= 0x3;                                 /* GPIOA, B */
-    RCC_APB1ENR |= 0x3;                                 /* TIM2, 3 */
+    RCC_AHB1ENR |= 0x200003;                            /* GPIOA, B; DMA1 */
+    RCC_APB1ENR |= 0x20003;                             /* TIM2, 3; USART2 */
     RCC_APB2ENR |= 0x1;                                 /* TIM1 */
     encoder_start(TIM2);
     encoder_start(TIM3);
     bridges_start();
+    line_start();
     pins_start();
     watchdog_start(period);
     clock_start(period);
@@ -118,6 +142,29 @@ void board_drive(const float command[2])
     GPIOB_BSRR = (right < 0 ? 0x1u : 0x10000u) | (left < 0 ? 0x2u : 0x20000u);
     TIM_CCR1(TIM1) = (uint32_t)(right < 0 ? -right : right);
     TIM_CCR2(TIM1) = (uint32_t)(left < 0 ? -left : left);
+}
+
+/* All or nothing: the previous bytes have been sent or not. */
+uint32_t board_room(void)
+{
+    return (DMA1_S6CR & DMA_ENABLED) != 0 ? 0 : ROOM;
+}
+
+void board_send(const uint8_t *bytes, uint32_t count)
+{
+    static uint8_t sent[ROOM]; /* read by the DMA until all are sent */
+    uint32_t i;
+    if (count == 0 || count > board_room()) {
+        return;
+    }
+    for (i = 0; i < count; i++) {
+        sent[i] = bytes[i];
+    }
+    DMA1_HIFCR = 0x3d0000u; /* clear the flags of stream 6 */
+    DMA1_S6M0AR = (uint32_t)(uintptr_t)sent;
+    DMA1_S6NDTR = count;
+    DMA1_S6CR = DMA_SENDS;
+    DMA1_S6CR = DMA_SENDS | DMA_ENABLED;
 }
 
 void board_alive(void)

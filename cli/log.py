@@ -1,0 +1,125 @@
+"""`noslip log` and `noslip view`: a serial dump of a follower's telemetry as a table and as a plot."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..readers.errors import BadInput
+from ..readers.files import check_targets, write_whole
+from .commands import show
+
+if TYPE_CHECKING:
+    from ..simulation.run import Run
+    from ..telemetry.dump import Dump, Start
+    from ..telemetry.vehicle import FollowerInC
+
+EXAMPLE_OF_LOG = """examples:
+  make -C firmware run TARGET=cortex-m4f TELEMETRY=/tmp/run.dump
+  noslip log /tmp/run.dump -o run.csv
+  noslip log /tmp/run.dump -o run.mcap     for PlotJuggler or Foxglove"""
+EXAMPLE_OF_VIEW = """example:
+  noslip view /tmp/run.dump -o run.png"""
+
+
+def add_parser(subparsers: argparse._SubParsersAction) -> None:
+    """Add `noslip log` and `noslip view`."""
+    parser = subparsers.add_parser(
+        "log",
+        help="turn a serial dump of telemetry into CSV, Parquet or MCAP",
+        description="Write the ticks in a dump of noslip_telemetry.h as a table with the columns of `noslip simulate`: pose from "
+        "dead reckoning, angles and filtered rates of the wheels, torques, outputs, commands, status. Damaged frames, missing "
+        "records and restarts are counted.",
+        epilog=EXAMPLE_OF_LOG,
+    )
+    parser.add_argument("-o", "--output", metavar="LOG", required=True, help="LOG.csv, LOG.parquet or LOG.mcap")
+    _add_dump(parser)
+    parser.set_defaults(run=run)
+    parser = subparsers.add_parser(
+        "view",
+        help="plot a serial dump of telemetry as a run",
+        description="Draw the ticks in a dump of noslip_telemetry.h as `noslip simulate --plot` draws a run.",
+        epilog=EXAMPLE_OF_VIEW,
+    )
+    parser.add_argument("-o", "--output", metavar="RUN.png", required=True, help="picture: .png, .svg or .pdf")
+    _add_dump(parser)
+    parser.set_defaults(run=run_view)
+
+
+def add_start(parser: argparse.ArgumentParser) -> None:
+    """Add what selects the ticks of a dump."""
+    parser.add_argument("--robot", metavar="ROBOT", help="path/to/file.py:name, if the robot is not a shipped one")
+    parser.add_argument("--start", type=int, metavar="K", help="the ticks from the K-th start of the vehicle on, from 1")
+
+
+def _add_dump(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("dump", metavar="DUMP", help="bytes as they came from the line")
+    add_start(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run `noslip log`. Return 0. Raises BadInput, OSError."""
+    from ..readers.tables import check_format, table_bytes
+    from ..telemetry.run import table
+
+    check_targets([args.output], inputs=[args.dump])
+    check_format(args.output)
+    dump, start, vehicle, ticks = _read(args)
+    columns = table(start, ticks)
+    about = {"robot": vehicle.law.system.mechanism.name, "law": vehicle.law.name, "remarks": "; ".join(remarks(dump, start))}
+    write_whole(args.output, table_bytes(columns, Path(args.output).suffix.lower(), f"/{about['robot']}", about))
+    _show(args, dump, start, ticks)
+    return 0
+
+
+def run_view(args: argparse.Namespace) -> int:
+    """Run `noslip view`. Return 0. Raises BadInput, OSError."""
+    from ..simulation.drawing import encoded
+    from ..simulation.plot import draw
+
+    check_targets([], [args.output], inputs=[args.dump])
+    dump, start, _, ticks = _read(args)
+    write_whole(args.output, encoded(draw(ticks), Path(args.output).suffix[1:]))
+    _show(args, dump, start, ticks)
+    return 0
+
+
+def _read(args: argparse.Namespace) -> tuple["Dump", "Start", "FollowerInC", "Run"]:
+    from ..telemetry.dump import chosen, read_dump
+    from ..telemetry.run import run_of
+    from ..telemetry.vehicle import vehicle_of
+
+    dump = read_dump(args.dump)
+    start = chosen(dump, args.start, args.dump)
+    if not len(start.records):
+        raise BadInput(f"{args.dump}: this start has no record of a tick")
+    vehicle = vehicle_of(start, args.robot, args.dump)
+    return dump, start, vehicle, run_of(start, vehicle, args.dump)
+
+
+def remarks(dump: "Dump", start: "Start") -> list[str]:
+    """Return what is missing in a dump and in one of its starts."""
+    lost, missed = start.lost, int(start.records["missed"].sum())
+    lines = list(dump.remarks)
+    if len(dump.starts) > 1:
+        lines.append(f"the vehicle was started {len(dump.starts)} times")
+    if lost:
+        lines.append(f"{sum(number for _, number in lost)} records are missing in {len(lost)} gaps")
+    if missed:
+        lines.append(f"the vehicle missed {missed} ticks")
+    return lines
+
+
+def _show(args: argparse.Namespace, dump: "Dump", start: "Start", ticks: "Run") -> None:
+    head = f"{ticks.law.system.mechanism.name}: {len(ticks.t)} ticks, {ticks.t[-1]:.9g} s, at the end {ticks.status[-1]}"
+    lines = remarks(dump, start)
+    values: dict[str, Any] = {
+        "robot": ticks.law.system.mechanism.name,
+        "ticks": len(ticks.t),
+        "duration": float(ticks.t[-1]),
+        "status": str(ticks.status[-1]),
+        "starts": len(dump.starts),
+        "lost": sum(number for _, number in start.lost),
+        "remarks": lines,
+        "files": [args.output],
+    }
+    show(args, lambda: "\n  ".join([head, *lines, args.output]), lambda: values, args.output)

@@ -1,0 +1,1 @@
+"""A follower's config and ticks as bytes: for flash, and for telemetry."""
