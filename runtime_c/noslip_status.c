@@ -8,6 +8,7 @@ const char *noslip_status_name(int status)
     case NOSLIP_ARRIVED: return "arrived";
     case NOSLIP_GRIP_LIMITED: return "grip";
     case NOSLIP_WILL_SLIP: return "will_slip";
+    case NOSLIP_REJECTED: return "rejected";
     case NOSLIP_NULL: return "null";
     case NOSLIP_NONFINITE: return "nonfinite";
     case NOSLIP_RANGE: return "range";
@@ -17,6 +18,7 @@ const char *noslip_status_name(int status)
     case NOSLIP_BAD_PATH: return "bad_path";
     case NOSLIP_UNSTABLE: return "unstable";
     case NOSLIP_ASTRAY: return "astray";
+    case NOSLIP_DIVERGED: return "diverged";
     default: return "unknown";
     }
 }

@@ -35,6 +35,7 @@ enum {
     NOSLIP_ARRIVED = 2,        /* success, and the end of the path is reached */
     NOSLIP_GRIP_LIMITED = 3,       /* success, but inputs were changed so that the wheels roll (on_limit = NOSLIP_GRIP) */
     NOSLIP_WILL_SLIP = 4,      /* success, but friction is not enough even for coasting: the wheels will slip */
+    NOSLIP_REJECTED = 5,       /* success, but a measurement was not used: its innovation is too large */
     NOSLIP_NULL = -1,          /* a required pointer is null */
     NOSLIP_NONFINITE = -2,     /* a state, reference or result is infinite or NaN */
     NOSLIP_RANGE = -3,         /* an angle exceeds NOSLIP_ANGLE_MAX (double) or NOSLIP_ANGLE_MAX_F (float) */
@@ -43,7 +44,8 @@ enum {
     NOSLIP_NOT_READY = -6,     /* init was not called, or failed */
     NOSLIP_BAD_PATH = -7,      /* the vehicle cannot follow the path: see its fault */
     NOSLIP_UNSTABLE = -8,      /* forward speed and L + d have opposite signs: the heading would diverge */
-    NOSLIP_ASTRAY = -9         /* the vehicle is farther from its path than it may be */
+    NOSLIP_ASTRAY = -9,        /* the vehicle is farther from its path than it may be */
+    NOSLIP_DIVERGED = -10      /* the estimate disagrees with measurement after measurement */
 };
 
 /* What a controller returns on an error. */
