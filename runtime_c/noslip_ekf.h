@@ -17,9 +17,9 @@
  * freedom), on which the gate decides for all of them.
  *
  * A late measurement is compared with the pose at its time: the present estimate minus what was driven since, from `past`. The
- * variance that the drive added is added to that of the measurement. This counts it twice, since the estimate contains it too:
- * the covariance is then larger than that of a filter which got the measurement in time. It matters only if the variance added during the age
- * is not small against that of the measurement.
+ * errors of that drive are in the estimate and do not get smaller by the measurement. Their variance is therefore added to the
+ * covariance again, as a bound: to x and y that of both, with that of the heading over the way driven. What the gyro's bias and the
+ * scales have to do with that drive is neglected: ages are meant to be parts of a second.
  *
  * Each function exists for double and, with the suffix _f, for float.
  */
@@ -206,6 +206,7 @@ NOSLIP_HOT int noslip_ekf_advance(noslip_ekf *self, const double moved[3], const
     for (i = 3; i < states; i++) {
         sum += others[i - 3];
     }
+    sum += spent[0] + spent[1];
     if (!noslip_sum_finite(pose[0], pose[1], sum) || !noslip_is_finite(pose[2])) {
         return NOSLIP_NONFINITE;
     }
@@ -344,6 +345,26 @@ static inline double noslip_ekf_update(double *factors, int states, const double
     return alpha;
 }
 
+/* Adds the variance c >= 0 to a state (Agee and Turner 1972). */
+static inline void noslip_ekf_spread(double *factors, int state, double c)
+{
+    double a[3];
+    int i, j;
+    for (i = 0; i < 3; i++) {
+        a[i] = i == state ? 1 : 0;
+    }
+    for (j = state; j >= 0; j--) {
+        double *column = &factors[j * (j + 1) / 2];
+        const double weighted = c * a[j], larger = column[j] + weighted * a[j];
+        for (i = 0; i < j; i++) {
+            a[i] -= a[j] * column[i];
+            column[i] += weighted / larger * a[i];
+        }
+        c *= column[j] / larger;
+        column[j] = larger;
+    }
+}
+
 /* Checks the numbers of a measurement. */
 static inline int noslip_ekf_check_fix(const noslip_fix *fix)
 {
@@ -417,7 +438,6 @@ static inline int noslip_ekf_correct(noslip_ekf *self, const noslip_fix *fix)
     for (k = 0; k < rows.count; k++) {
         double *h = rows.by_pose[k];
         double innovation, alpha, step;
-        rows.variance[k] += spent[0] * (h[0] * h[0] + h[1] * h[1]) + spent[1] * h[2] * h[2];
         h[2] += h[0] * moved[1] - h[1] * moved[0]; /* the place then turns about the place now */
         innovation = rows.residual[k] - (h[0] * change[0] + h[1] * change[1] + h[2] * change[2]);
         alpha = noslip_ekf_update(factors, self->states, h, rows.variance[k], gain);
@@ -426,6 +446,12 @@ static inline int noslip_ekf_correct(noslip_ekf *self, const noslip_fix *fix)
             change[i] += gain[i] * step;
         }
         nis += innovation * step;
+    }
+    if (fix->age > 0) {
+        const double place = spent[0] + spent[1] * (moved[0] * moved[0] + moved[1] * moved[1]);
+        noslip_ekf_spread(factors, 0, place);
+        noslip_ekf_spread(factors, 1, place);
+        noslip_ekf_spread(factors, 2, spent[1]);
     }
     for (i = 0; i < size; i++) {
         sum += factors[i];
@@ -694,6 +720,7 @@ NOSLIP_HOT int noslip_ekf_advance_f(noslip_ekf_f *self, const float moved[3], co
     for (i = 3; i < states; i++) {
         sum += others[i - 3];
     }
+    sum += spent[0] + spent[1];
     if (!noslip_sum_finite_f(pose[0], pose[1], sum) || !noslip_is_finite_f(pose[2])) {
         return NOSLIP_NONFINITE;
     }
@@ -832,6 +859,26 @@ static inline float noslip_ekf_update_f(float *factors, int states, const float 
     return alpha;
 }
 
+/* Adds the variance c >= 0 to a state (Agee and Turner 1972). */
+static inline void noslip_ekf_spread_f(float *factors, int state, float c)
+{
+    float a[3];
+    int i, j;
+    for (i = 0; i < 3; i++) {
+        a[i] = i == state ? 1 : 0;
+    }
+    for (j = state; j >= 0; j--) {
+        float *column = &factors[j * (j + 1) / 2];
+        const float weighted = c * a[j], larger = column[j] + weighted * a[j];
+        for (i = 0; i < j; i++) {
+            a[i] -= a[j] * column[i];
+            column[i] += weighted / larger * a[i];
+        }
+        c *= column[j] / larger;
+        column[j] = larger;
+    }
+}
+
 /* Checks the numbers of a measurement. */
 static inline int noslip_ekf_check_fix_f(const noslip_fix_f *fix)
 {
@@ -905,7 +952,6 @@ static inline int noslip_ekf_correct_f(noslip_ekf_f *self, const noslip_fix_f *f
     for (k = 0; k < rows.count; k++) {
         float *h = rows.by_pose[k];
         float innovation, alpha, step;
-        rows.variance[k] += spent[0] * (h[0] * h[0] + h[1] * h[1]) + spent[1] * h[2] * h[2];
         h[2] += h[0] * moved[1] - h[1] * moved[0]; /* the place then turns about the place now */
         innovation = rows.residual[k] - (h[0] * change[0] + h[1] * change[1] + h[2] * change[2]);
         alpha = noslip_ekf_update_f(factors, self->states, h, rows.variance[k], gain);
@@ -914,6 +960,12 @@ static inline int noslip_ekf_correct_f(noslip_ekf_f *self, const noslip_fix_f *f
             change[i] += gain[i] * step;
         }
         nis += innovation * step;
+    }
+    if (fix->age > 0) {
+        const float place = spent[0] + spent[1] * (moved[0] * moved[0] + moved[1] * moved[1]);
+        noslip_ekf_spread_f(factors, 0, place);
+        noslip_ekf_spread_f(factors, 1, place);
+        noslip_ekf_spread_f(factors, 2, spent[1]);
     }
     for (i = 0; i < size; i++) {
         sum += factors[i];

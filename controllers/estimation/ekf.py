@@ -115,7 +115,7 @@ class Filter:
     @property
     def state(self) -> np.ndarray:
         """Estimated states: the pose, the gyro's bias, the scales."""
-        return np.array(self.self.filter.state[0 : self.self.filter.states])
+        return np.array(list(self.self.filter.state)[: self.self.filter.states])
 
     @property
     def factors(self) -> tuple[np.ndarray, np.ndarray]:
