@@ -70,6 +70,8 @@ class Batch:
             raise BadInput("[reference] a speed profile: a sweep does not have it yet; use noslip simulate, or give a speed only")
         if spec.drive and spec.drive.takes_velocity:
             raise BadInput(f'[drive] kind = "{spec.drive.kind}": a sweep does not have it yet; use noslip simulate, or "torque"')
+        if spec.estimator:
+            raise BadInput("[estimator]: a sweep does not have it yet; use noslip simulate, or [correction]")
         refuse_extension(spec.output.law, "sweep")
         self.loop = make_loop(spec)
         self.law = law = self.loop.law
