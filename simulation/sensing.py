@@ -78,7 +78,7 @@ class Sensing:
         if self._sensors.pose == "reckoned":
             self.state[self._pose] = pose
         self.state[self._angles] = self._counted()
-        self.state[self._rates] = moved / dt if self._sensors.counts else x[self._rates] + self._noise
+        self.state[self._rates] = self._rate_scales() * (moved / dt if self._sensors.counts else x[self._rates] + self._noise)
 
     def _pose_after(self, t: float, dt: float, moved: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Return the pose after the wheels turned by `moved` in dt, corrected if it is time; x is the true state."""
@@ -90,6 +90,10 @@ class Sensing:
             *place, heading = self._true_pose(x)
             pose = self._odometry.correct((*place, nearest_angle(heading, pose[2])), self._correction.mode)
         return pose
+
+    def _rate_scales(self) -> np.ndarray:
+        """Return by how much each sensed rate is multiplied."""
+        return np.ones(len(self._mean))
 
     def _draw(self) -> np.ndarray:
         return self._mean + self._sd * self._random.draw() if self._random else self._mean
@@ -106,7 +110,8 @@ class Sensing:
 
 
 class Estimating(Sensing):
-    """Sensors and the robot's extended Kalman filter, in C. `reckoned` is the estimated pose."""
+    """Sensors and the robot's extended Kalman filter, in C. `reckoned` is the estimated pose; sensed rates are multiplied by
+    their estimated scales."""
 
     def __init__(
         self,
@@ -121,7 +126,7 @@ class Estimating(Sensing):
         """Starts from the true pose; otherwise as Sensing. Raises BadInput if the robot has no filter of its wheels alone."""
         super().__init__(sensors, None, law, parameters, believed, start, simulation.backend)
         fixes = estimator.pose
-        self._estimator = estimator
+        self._estimator, self._names = estimator, [q.name for q in law.system.quasi_velocities]
         options = FilterOptions(
             noise=_each(estimator.noise, law.system.dof, "[estimator] noise"),
             start=self.reckoned,
@@ -140,6 +145,10 @@ class Estimating(Sensing):
         self._true_heading = float(self.reckoned[2])
         self._arriving: deque[tuple[float, np.ndarray]] = deque()  # time and value of poses on their way
         self._measured = 0.0
+
+    def _rate_scales(self) -> np.ndarray:
+        scales = dict(zip(self._estimator.scales, self.filter.state[4:], strict=True))
+        return np.array([scales.get(name, 1.0) for name in self._names])
 
     def _pose_after(self, t: float, dt: float, moved: np.ndarray, x: np.ndarray) -> np.ndarray:
         *place, heading = self._true_pose(x)
