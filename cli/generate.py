@@ -137,7 +137,7 @@ def _laws_of_files(args: argparse.Namespace) -> list["ControlLaw"]:
 
 
 def _scaled(args: argparse.Namespace, everything: bool) -> list[str] | None:
-    """Return of what the filter estimates the scale; None without a filter. Raises BadInput if the robot has none, or not this."""
+    """Return of what the filter estimates the scale; None: no filter. Raises BadInput if the robot has none, or not this."""
     from ..codegen.ekf.filter import check_scales, why_no_filter
     from ..model.errors import ModelError
     from ..readers.robots import find_robot, system_of

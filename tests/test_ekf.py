@@ -1,13 +1,19 @@
 """The generated extended Kalman filter: beside one in 50 digits, its statistics, missed, late and wrong measurements."""
 
 import math
+import re
+from pathlib import Path
 
 import mpmath as mp
+import noslip
 import numpy as np
 import pytest
+from noslip.cli.main import main
 from noslip.controllers.estimation.ekf import Filter, FilterOptions
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.specification.spec import read_spec
 from scipy.stats import chi2
 
 from .ekf_reference import Reference
@@ -18,6 +24,8 @@ OPTIONS = {
 }  # fmt: skip
 SCALED = {"thetadot_r": 0.01, "thetadot_l": 0.02, "b": 0.03}
 DT = 0.01
+ROOT = Path(noslip.__file__).parent
+DOCUMENT, SPEC = ROOT / "docs/estimator.md", ROOT / "specs/figures/figure_14.toml"
 KINDS = ("pose", "position", "heading", "range")
 
 
@@ -370,3 +378,57 @@ def test_float_keeps_the_covariance_positive():
         )
     _, D = ours.factors
     assert D.min() > 0 and np.linalg.eigvalsh(ours.covariance).min() > 0
+
+
+# -- in a run, and at the command line -----------------------------------------------------------------------------------
+
+
+def _simulated(tmp_path, estimator: str):
+    text = SPEC.read_text().replace("mean = [5.0, 0.5], sd = 3.0", "mean = [0.1, 0.05], sd = 0.5")
+    (tmp_path / "spec.toml").write_text(f"{text.replace('duration = 12.0', 'duration = 6.0')}\n{estimator}")
+    return simulate(read_spec(tmp_path / "spec.toml"))
+
+
+def test_the_controller_is_given_the_estimated_pose(tmp_path):
+    """With the section of docs/estimator.md the pose seen stays near the true one; by dead reckoning it does not."""
+    (documented,) = re.findall(r"tests/test_ekf.py -->\n```toml\n(.*?)^```", DOCUMENT.read_text(), re.S | re.M)
+    runs = (_simulated(tmp_path, documented), _simulated(tmp_path, ""))
+    off = [float(np.hypot(*(run.seen - run.x)[-1, :2])) for run in runs]
+    assert off[0] < 0.2 and off[1] > 2 * off[0], off
+
+
+BAD = {
+    "nothing": ("[estimator]", "noise"),
+    "with a correction": ("[correction]\nrate = 1.0\n[estimator]\nnoise = 0.1", "does not go with [correction]"),
+    "noise of three wheels": ("[estimator]\nnoise = [0.1, 0.1, 0.1]", "it must have 1 or 2"),
+    "start": ("[estimator]\nnoise = 0.1\nstart_sd = [0.1]", "it must have 3"),
+    "scale of a mass": ("[estimator]\nnoise = 0.1\nscales = { m_c = 0.1 }", "cannot be scaled"),
+    "noise too small": ("[estimator]\nnoise = 1e-9", "1e-6 to 1e6"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_section_is_refused(tmp_path, name):
+    section, message = BAD[name]
+    with pytest.raises(BadInput) as error:
+        _simulated(tmp_path, section)
+    assert message in str(error.value) and "\n" not in str(error.value)
+
+
+ASKED = {
+    "a mass": (["labmate", "--output", "ekf", "--scale", "m_c"], "b, d, r, thetadot_r, thetadot_l can"),
+    "too much": (
+        ["labmate", "--output", "ekf", "--scale", "r", "--scale", "thetadot_r", "--scale", "thetadot_l"],
+        "leave one out",
+    ),
+    "twice": (["labmate", "--output", "ekf", "--scale", "r", "--scale", "r"], "twice"),
+    "without the filter": (["labmate", "--output", "type_i", "--scale", "r"], "--output ekf"),
+    "no vehicle": (["ball_plate", "--output", "ekf"], "moves_in_plane"),
+}
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_generate_refuses(tmp_path, capsys, name):
+    arguments, message = ASKED[name]
+    assert main(["generate", *arguments, "-o", str(tmp_path)]) == 2
+    assert message in capsys.readouterr().err and not list(tmp_path.iterdir())
