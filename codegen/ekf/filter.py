@@ -13,7 +13,7 @@ The pose comes first. Its part of the transition matrix is then unit upper trian
 prediction are updates of rank one, for each error (Agee and Turner 1972). Numbers are used one by one (Bierman 1977).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -39,7 +39,7 @@ WITH_GYRO = Entry("gyro", "A tick by wheels and gyro", RESULTS, Group.INPUT, pub
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class TickMotion:
     """The kinematics of a tick: symbols of what is measured, and the motion in the inner velocities w = W nu."""
 
     turned: tuple[Quantity, ...]  # integral of each quasi-velocity
@@ -55,11 +55,11 @@ class Motion:
 class FilterProgram(DynamicsProgram):
     """The ticks of the filter in named steps."""
 
-    motion: Motion
-    leaves: Mapping[str, Sequence[Quantity]] = field(default_factory=dict)
+    motion: TickMotion
+    leaves: dict[str, Sequence[Quantity]] = field(default_factory=dict)
 
     @property
-    def groups(self) -> Mapping[str, Sequence[Quantity]]:
+    def groups(self) -> dict[str, Sequence[Quantity]]:
         """The leaves of the graph, by group."""
         return self.leaves
 
@@ -79,7 +79,7 @@ def why_no_filter(system: ReducedSystem) -> str:
 
 
 @lru_cache(maxsize=16)
-def _motion(system: ReducedSystem, scaled: tuple[str, ...]) -> Motion:
+def _motion(system: ReducedSystem, scaled: tuple[str, ...]) -> TickMotion:
     """Return the motion of a tick. Raises ModelError if the robot has none, or for names that cannot be scaled."""
     mechanism, vehicle = system.mechanism, system.mechanism.vehicle
     name = mechanism.name
@@ -119,7 +119,7 @@ def _motion(system: ReducedSystem, scaled: tuple[str, ...]) -> Motion:
     if not _is_planar(S, vehicle.heading, [c.symbol for c in mechanism.coordinates if c not in others]):
         raise ModelError(f"{name}: a filter needs a vehicle that moves alike wherever it is and whatever its heading")
     measured = tuple(c for c in others if ca.depends_on(S, c.symbol))
-    return Motion(turned, measured, tuple(scales), w, scaled_by(W) @ motions, vehicle.heading, S)
+    return TickMotion(turned, measured, tuple(scales), w, scaled_by(W) @ motions, vehicle.heading, S)
 
 
 def check_scales(system: ReducedSystem, scaled: Sequence[str]) -> None:
@@ -168,7 +168,7 @@ def compile_filter(system: ReducedSystem, scaled: Sequence[str] = ()) -> FilterP
 class _FilterBuilder(StepBuilder):
     """The steps of both ticks."""
 
-    def __init__(self, system: ReducedSystem, motion: Motion):
+    def __init__(self, system: ReducedSystem, motion: TickMotion):
         self.motion = motion
         count = POSE + 1 + len(motion.scales)
         if count > MOST_STATES:
@@ -188,7 +188,7 @@ class _FilterBuilder(StepBuilder):
         self.walk = quantity("bias_walk", "rad/s/sqrt(s)")
         self.gyro, self.dt = quantity("gyro", "rad/s", "rate"), quantity("dt", "s", "length of the tick")
         factors = [self.U[i, j] if i < j else self.D[j] for j in range(count) for i in range(j + 1)]
-        groups = {
+        groups: dict[str, Sequence[Quantity]] = {
             Group.PARAMS: system.mechanism.parameters,
             Group.CONFIG: (*self.noise, self.gyro_noise, self.walk),
             Group.ESTIMATE: estimate,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -32,9 +32,9 @@ class FilterOptions:
     random walks. `gyro_noise` 0: no gyro. `start_sd`: standard deviations of the first pose (m, m, rad).
     """
 
-    noise: Sequence[float]
-    start: Sequence[float] = (0.0, 0.0, 0.0)
-    start_sd: Sequence[float] = (1e-3, 1e-3, 1e-3)
+    noise: Numbers
+    start: Numbers = (0.0, 0.0, 0.0)
+    start_sd: Numbers = (1e-3, 1e-3, 1e-3)
     gyro_noise: float = 0.0
     bias_sd: float = 0.0
     bias_walk: float = 0.0
