@@ -106,7 +106,7 @@ typedef struct noslip_ekf_rows {
 /* -- internal ---------------------------------------------------------------------------------------------------------- */
 
 /* Returns 1 for a standard deviation whose square is well inside the range of float. */
-static inline int noslip_is_deviation(double sd)
+static inline int noslip_ekf_is_deviation(double sd)
 {
     return sd >= (double)1e-6 && sd <= (double)1e6;
 }
@@ -147,8 +147,8 @@ static inline void noslip_ekf_set_pose(noslip_ekf *self, const noslip_pose *pose
 /* Returns NOSLIP_OK if a pose and its standard deviations are valid. */
 static inline int noslip_ekf_check_start(const noslip_pose *pose, const noslip_pose *sd)
 {
-    if (!(noslip_is_deviation(sd->x) && noslip_is_deviation(sd->y) &&
-          noslip_is_deviation(sd->heading))) {
+    if (!(noslip_ekf_is_deviation(sd->x) && noslip_ekf_is_deviation(sd->y) &&
+          noslip_ekf_is_deviation(sd->heading))) {
         return NOSLIP_BAD_PARAMETER;
     }
     return noslip_check_pose(pose);
@@ -369,8 +369,8 @@ static inline void noslip_ekf_spread(double *factors, int state, double c)
 static inline int noslip_ekf_check_fix(const noslip_fix *fix)
 {
     const int kind = (int)fix->kind, turns = kind == NOSLIP_FIX_POSE || kind == NOSLIP_FIX_HEADING;
-    if (kind < NOSLIP_FIX_POSE || kind > NOSLIP_FIX_RANGE || (kind != NOSLIP_FIX_HEADING && !noslip_is_deviation(fix->sd)) ||
-        (turns && !noslip_is_deviation(fix->heading_sd)) || !noslip_limits_ok(&fix->age, 1) ||
+    if (kind < NOSLIP_FIX_POSE || kind > NOSLIP_FIX_RANGE || (kind != NOSLIP_FIX_HEADING && !noslip_ekf_is_deviation(fix->sd)) ||
+        (turns && !noslip_ekf_is_deviation(fix->heading_sd)) || !noslip_limits_ok(&fix->age, 1) ||
         (kind == NOSLIP_FIX_RANGE && fix->range < 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
@@ -620,7 +620,7 @@ typedef struct noslip_ekf_rows_f {
 /* -- internal ---------------------------------------------------------------------------------------------------------- */
 
 /* Returns 1 for a standard deviation whose square is well inside the range of float. */
-static inline int noslip_is_deviation_f(float sd)
+static inline int noslip_ekf_is_deviation_f(float sd)
 {
     return sd >= (float)1e-6 && sd <= (float)1e6;
 }
@@ -661,8 +661,8 @@ static inline void noslip_ekf_set_pose_f(noslip_ekf_f *self, const noslip_pose_f
 /* Returns NOSLIP_OK if a pose and its standard deviations are valid. */
 static inline int noslip_ekf_check_start_f(const noslip_pose_f *pose, const noslip_pose_f *sd)
 {
-    if (!(noslip_is_deviation_f(sd->x) && noslip_is_deviation_f(sd->y) &&
-          noslip_is_deviation_f(sd->heading))) {
+    if (!(noslip_ekf_is_deviation_f(sd->x) && noslip_ekf_is_deviation_f(sd->y) &&
+          noslip_ekf_is_deviation_f(sd->heading))) {
         return NOSLIP_BAD_PARAMETER;
     }
     return noslip_check_pose_f(pose);
@@ -883,8 +883,8 @@ static inline void noslip_ekf_spread_f(float *factors, int state, float c)
 static inline int noslip_ekf_check_fix_f(const noslip_fix_f *fix)
 {
     const int kind = (int)fix->kind, turns = kind == NOSLIP_FIX_POSE || kind == NOSLIP_FIX_HEADING;
-    if (kind < NOSLIP_FIX_POSE || kind > NOSLIP_FIX_RANGE || (kind != NOSLIP_FIX_HEADING && !noslip_is_deviation_f(fix->sd)) ||
-        (turns && !noslip_is_deviation_f(fix->heading_sd)) || !noslip_limits_ok_f(&fix->age, 1) ||
+    if (kind < NOSLIP_FIX_POSE || kind > NOSLIP_FIX_RANGE || (kind != NOSLIP_FIX_HEADING && !noslip_ekf_is_deviation_f(fix->sd)) ||
+        (turns && !noslip_ekf_is_deviation_f(fix->heading_sd)) || !noslip_limits_ok_f(&fix->age, 1) ||
         (kind == NOSLIP_FIX_RANGE && fix->range < 0)) {
         return NOSLIP_BAD_PARAMETER;
     }

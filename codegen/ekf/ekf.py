@@ -135,7 +135,7 @@ class FilterC(ProgramC[FilterProgram]):
 
     def _invalid(self) -> str:
         """Return the condition under which init rejects the config."""
-        deviation = self.scalar.name("noslip_is_deviation")
+        deviation = self.scalar.name("noslip_ekf_is_deviation")
         noise = [q.in_c for q in self.program.groups[Group.CONFIG] if q.name.startswith("noise_")]
         required = [*noise, *(f"{q.in_c}_sd" for q in self.program.motion.scales)]
         tests = [f"!{deviation}(config->{name})" for name in required]

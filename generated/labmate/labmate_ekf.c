@@ -22,9 +22,9 @@ int labmate_ekf_init(labmate_ekf *self, const labmate_ekf_config *config)
     if (status != NOSLIP_OK) {
         return status;
     }
-    if (!noslip_is_deviation(config->noise_thetadot_r) || !noslip_is_deviation(config->noise_thetadot_l) ||
-        (!(config->gyro_noise >= 0 && config->gyro_noise <= 0) && !(noslip_is_deviation(config->gyro_noise) &&
-        noslip_is_deviation(config->bias_sd))) || !(config->bias_walk >= 0 && config->bias_walk <= 1)) {
+    if (!noslip_ekf_is_deviation(config->noise_thetadot_r) || !noslip_ekf_is_deviation(config->noise_thetadot_l) ||
+        (!(config->gyro_noise >= 0 && config->gyro_noise <= 0) && !(noslip_ekf_is_deviation(config->gyro_noise) &&
+        noslip_ekf_is_deviation(config->bias_sd))) || !(config->bias_walk >= 0 && config->bias_walk <= 1)) {
         return NOSLIP_BAD_PARAMETER;
     }
     status = noslip_ekf_start(&self->filter, &config->filter, 4);
