@@ -19,15 +19,20 @@ if TYPE_CHECKING:
 
 DYNAMICS = "dynamics"  # written in addition to the laws
 FOLLOWER = "follower"  # with its law and the dynamics
+EKF = "ekf"  # the extended Kalman filter
+PARTS = (DYNAMICS, EKF)  # are not laws
 
 OUTPUT_HELP = (
-    f"a law, such as type_i, {DYNAMICS}, the plant model, or {FOLLOWER}, a law of lines and arcs with all that is around it; "
+    f"a law, such as type_i, {DYNAMICS}, the plant model, {EKF}, the filter for the pose, or {FOLLOWER}, a law of lines and arcs "
+    "with all that is around it; "
     "may be repeated (default: all)"
 )
 EXAMPLE = """examples:
   noslip generate labmate                      write generated/labmate/
   noslip generate labmate --check              exit with 1 and print a diff unless generated/labmate/ is current
   noslip generate labmate --explain            print the effect of each pass of the optimizer
+  noslip generate labmate --output ekf --scale thetadot_r --scale thetadot_l --scale b -o c
+                                               write the filter, which also estimates both wheel radii and the track
   noslip generate my_robot.py:cart -o c --output type_i --scalar float"""
 
 
@@ -56,6 +61,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 def add_selection(parser: argparse.ArgumentParser) -> None:
     """Add the options that select laws and scalars."""
     parser.add_argument("--output", action="append", default=[], metavar="LAW", help=OUTPUT_HELP)
+    parser.add_argument(
+        "--scale",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="the filter also estimates by how much this parameter or quasi-velocity must be multiplied; may be repeated",
+    )
     parser.add_argument("--scalar", choices=("double", "float", "both"), default="both", help="default: both")
 
 
@@ -113,7 +125,7 @@ def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = Tru
     robot = find_robot(args.robot)
     system, laws = system_of(robot), _laws_of_files(args)
     with placed(robot), Progress() as progress:
-        wanted = system, laws, scalars, dynamics, lanes
+        wanted = system, laws, scalars, dynamics, lanes, _scaled(args, lanes and not args.output)
         files = generate(*wanted, progress) if compare else robot_files(*wanted)
     for line in warnings(system):
         print(f"warning: {line}", file=sys.stderr)
@@ -121,7 +133,28 @@ def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = Tru
 
 
 def _laws_of_files(args: argparse.Namespace) -> list["ControlLaw"]:
-    return [] if set(args.output) == {DYNAMICS} else selected_laws(args)
+    return [] if args.output and set(args.output) <= set(PARTS) else selected_laws(args)
+
+
+def _scaled(args: argparse.Namespace, everything: bool) -> list[str] | None:
+    """Return of what the filter estimates the scale; None: no filter. Raises BadInput if the robot has none, or not this."""
+    from ..codegen.ekf.filter import check_scales, why_no_filter
+    from ..model.errors import ModelError
+    from ..readers.robots import find_robot, system_of
+
+    asked = EKF in args.output
+    if args.scale and not (asked or everything):
+        raise BadInput(f"--scale applies to the filter: add --output {EKF}")
+    if not (asked or everything):
+        return None
+    system = system_of(find_robot(args.robot))
+    if not asked and not args.scale and why_no_filter(system):
+        return None
+    try:
+        check_scales(system, args.scale)
+    except ModelError as error:
+        raise BadInput(f"--output {EKF}: {error}") from error
+    return args.scale
 
 
 def selected_laws(args: argparse.Namespace) -> list["ControlLaw"]:
@@ -130,9 +163,9 @@ def selected_laws(args: argparse.Namespace) -> list["ControlLaw"]:
     from ..readers.robots import find_laws, find_robot, law_of, system_of
 
     system = system_of(find_robot(args.robot))
-    names: Sequence[str] = [name for name in args.output if name != DYNAMICS]
+    names: Sequence[str] = [name for name in args.output if name not in PARTS]
     if args.output and not names:
-        raise BadInput(f"--output {DYNAMICS} is not a control law; also name a law, such as --output {next(iter(OUTPUTS))}")
+        raise BadInput(f"--output {args.output[0]} is not a control law; also name a law, such as --output {next(iter(OUTPUTS))}")
     names = names or find_laws(system)
     if not names:
         names = [next(iter(OUTPUTS))]  # building it raises the error that states the reason

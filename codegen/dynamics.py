@@ -4,7 +4,7 @@ Internally the quasi-velocities are the vehicle's forward speed and yaw rate, if
 sparse.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -16,9 +16,9 @@ from ..model.recursion import Recursion, Reduced
 from ..model.reduction import ReducedSystem
 from ..model.vehicle import velocity_map
 from .derivation.stages import Result, inner_velocities
-from .graph import Graph, Group, Node, angles, executed, free_name, from_casadi, reachable
-from .optimize import Optimizer
-from .program import Entry, Matrix, constants_of
+from .graph import Group, Node, angles, executed, reachable
+from .program import Entry, constants_of
+from .steps import StepBuilder, SteppedBody
 
 UNROLLED = 5  # quasi-velocities up to which L D L' is written out; above, the runtime's loop is shorter
 NEGLIGIBLE_PIVOT = 1e-6  # relative to the diagonal of the mass matrix, as in noslip_solve.inc
@@ -43,39 +43,11 @@ ENTRIES = (
 
 
 @dataclass(frozen=True, eq=False)
-class DynamicsStep:
-    """A named value, represented by `leaf` in later steps; a pivot is singular if it is not greater than `bound`."""
-
-    leaf: Node
-    node: Node
-    bound: Node | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class DynamicsBody:
-    """The computation of an entry point: steps in order, then its quantities.
-
-    `looped`: S'MS and S'E tau - bias, from which the runtime computes the quantity nudot.
-    """
-
-    steps: tuple[DynamicsStep, ...]
-    quantities: dict[Result, Matrix]
-    looped: tuple[Matrix, Matrix] | None = None
-
-    @property
-    def roots(self) -> list[Node]:
-        """All nodes that must be computed, including those of checks."""
-        matrices = [*self.quantities.values(), *(self.looped or ())]
-        bounds = [step.bound for step in self.steps if step.bound is not None]
-        return [*(step.node for step in self.steps), *bounds, *(node for matrix in matrices for row in matrix for node in row)]
-
-
-@dataclass(frozen=True, eq=False)
 class DynamicsProgram:
     """The entry points, the constants that init computes for them, names of nodes, and pivots that init checks."""
 
     system: ReducedSystem
-    entries: dict[Entry, DynamicsBody]
+    entries: dict[Entry, SteppedBody]
     constants: dict[Node, str]
     labels: dict[Node, str]
     regular: list[tuple[Node, Node]]  # init returns singular if the first is not greater than the second
@@ -102,28 +74,19 @@ def compile_dynamics(system: ReducedSystem, optimize: bool = True) -> DynamicsPr
     return _Builder(system, optimize).program()
 
 
-class _Builder:
-    """Collects steps group by group; an expression in parameters only is not a step and is inserted where it is used."""
+class _Builder(StepBuilder):
+    """The steps of a robot's dynamics."""
 
     def __init__(self, system: ReducedSystem, optimize: bool):
-        self.system, self.optimize = system, optimize
-        self.graph = Graph()
-        self.labels: dict[Node, str] = {}
-        self.steps: dict[Node, DynamicsStep] = {}  # by leaf
-        self.regular: list[tuple[Node, Node]] = []
-        self.taken: set[str] = set()  # names of steps
-        groups = _groups(system)
-        self.nodes = {
-            q.symbol.element_hash(): self.graph.leaf(group, q.name) for group, members in groups.items() for q in members
-        }
-        self.symbols = {q.symbol.element_hash(): q.symbol for members in groups.values() for q in members}
+        super().__init__(_groups(system), system.mechanism.name, optimize)
+        self.system = system
 
     def program(self) -> DynamicsProgram:
         """Return the program with all entry points."""
         reduced, w, W = _equations(self.system)
-        self._group(list(zip(ca.vertsplit(w), ca.vertsplit(W @ self.system.nu), strict=True)))
+        self.group(list(zip(ca.vertsplit(w), ca.vertsplit(W @ self.system.nu), strict=True)))
         for group in reduced.groups:
-            self._group(group)
+            self.group(group)
         tau = ca.vertcat(*[q.symbol for q in self.system.mechanism.inputs])
         force = reduced.input_map @ tau - reduced.bias
         quantities = {
@@ -153,54 +116,13 @@ class _Builder:
             rows.append(of_nu @ self.system.nu if fixed and of_nu.is_constant() else row @ w)
         return ca.vertcat(*rows)
 
-    def _body(self, entry: Entry, quantities: dict[Result, ca.SX], looped: tuple[ca.SX, ca.SX] | None) -> DynamicsBody:
+    def _body(self, entry: Entry, quantities: dict[Result, ca.SX], looped: tuple[ca.SX, ca.SX] | None) -> SteppedBody:
         chosen = {name: quantities[name] for name in entry.answers if name in quantities}
-        matrices = iter(self._built([*chosen.values(), *(looped or ())]))
+        matrices = iter(self.built([*chosen.values(), *(looped or ())]))
         results = {name: next(matrices) for name in chosen}
         loop = (next(matrices), next(matrices)) if looped else None
-        body = DynamicsBody((), results, loop)
-        return DynamicsBody(tuple(self._needed(body.roots)), results, loop)
-
-    def _needed(self, roots: Sequence[Node]) -> Iterator[DynamicsStep]:
-        """Yield the steps on which the roots depend, in order."""
-        needed: set[Node] = set()
-        stack = list(roots)
-        while stack:
-            leaves = [node for node in reachable([stack.pop()]) if node in self.steps and node not in needed]
-            needed.update(leaves)
-            stack += [node for leaf in leaves for node in (self.steps[leaf].node, self.steps[leaf].bound) if node is not None]
-        return (step for leaf, step in self.steps.items() if leaf in needed)
-
-    def _group(self, steps: Sequence[tuple[ca.SX, ca.SX]], bounds: Sequence[ca.SX] = ()) -> None:
-        """Add steps that are optimized together; a later one may use an earlier one. `bounds`: of pivots."""
-        for symbol, _ in steps:
-            self.symbols[symbol.element_hash()] = symbol
-            self.nodes[symbol.element_hash()] = self.graph.leaf(Group.STEP, free_name(str(symbol), self.taken))
-        nodes = [matrix[0][0] for matrix in self._built([expression for _, expression in (*steps, *((None, b) for b in bounds))])]
-        for k, (symbol, _) in enumerate(steps):
-            leaf, node = self.nodes[symbol.element_hash()], nodes[k]
-            bound = nodes[len(steps) + k] if bounds else None
-            if node.fixed or bound is None and not node.arguments:
-                self.nodes[symbol.element_hash()] = node
-                if bound is not None:
-                    self.regular.append((node, bound))
-            else:
-                self.steps[leaf] = DynamicsStep(leaf, node, bound)
-                self.labels.setdefault(node, str(symbol))
-
-    def _built(self, matrices: Sequence[ca.SX]) -> list[Matrix]:
-        """Return the nodes of matrices, optimized together."""
-        where = self.system.mechanism.name
-        built = []
-        for matrix in matrices:
-            symbols = ca.symvar(matrix)
-            leaves = [self.nodes[symbol.element_hash()] for symbol in symbols]
-            built.append(from_casadi(self.graph, ca.densify(matrix), symbols, leaves, where))
-        if not self.optimize:
-            return built
-        roots = [node for matrix in built for row in matrix for node in row]
-        improved = iter(Optimizer(self.graph, self.labels).run(roots))
-        return [[[next(improved) for _ in row] for row in matrix] for matrix in built]
+        body = SteppedBody((), results, loop)
+        return SteppedBody(tuple(self.needed(body.roots)), results, loop)
 
     def _solved(self, matrix: ca.SX, right: ca.SX) -> ca.SX:
         """Return matrix^-1 right by L D L' for a symmetric, positive definite matrix; zeros in it are exploited."""
@@ -212,27 +134,20 @@ class _Builder:
             for j in range(i):
                 above.append(matrix[i, j] - sum((above[k] * table[j, k] for k in range(j)), start=ca.SX(0)))
             for j in range(i):
-                table[i, j] = self._step(f"L_{i + 1}{j + 1}", above[j] * inverse[j])
+                table[i, j] = self.step(f"L_{i + 1}{j + 1}", above[j] * inverse[j])
             pivot = matrix[i, i] - sum((above[j] * table[i, j] for j in range(i)), start=ca.SX(0))
             alone = all(entry.is_zero() for entry in above)
             symbol = ca.SX.sym(f"pivot_{i + 1}")
-            self._group([(symbol, pivot)], [ca.SX(0) if alone else NEGLIGIBLE_PIVOT * matrix[i, i]])
+            self.group([(symbol, pivot)], [ca.SX(0) if alone else NEGLIGIBLE_PIVOT * matrix[i, i]])
             inverse.append(1 / symbol)
         x = list(ca.vertsplit(right))
         for i in range(n):
             x[i] -= sum((table[i, j] * x[j] for j in range(i)), start=ca.SX(0))
-            x[i] = self._step(f"force_{i + 1}", x[i])
+            x[i] = self.step(f"force_{i + 1}", x[i])
         for i in reversed(range(n)):
             rest = sum((table[j, i] * x[j] for j in range(i + 1, n)), start=ca.SX(0))
-            x[i] = self._step(f"w_dot_{i + 1}", x[i] * inverse[i] - rest)
+            x[i] = self.step(f"w_dot_{i + 1}", x[i] * inverse[i] - rest)
         return ca.vertcat(*x)
-
-    def _step(self, name: str, expression: ca.SX) -> ca.SX:
-        if expression.is_constant():
-            return expression
-        symbol = ca.SX.sym(name)
-        self._group([(symbol, expression)])
-        return symbol
 
 
 def _groups(system: ReducedSystem) -> dict[str, Sequence[Quantity]]:

@@ -15,6 +15,8 @@ from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.kept import remembered
 from .dynamics import DynamicsProgram, compile_dynamics
+from .ekf.ekf import FilterC, FilterText
+from .ekf.filter import FilterProgram, compile_filter
 from .follower.follower import follower_files, has_follower
 from .printing.dynamics_c import DynamicsC
 from .printing.lanes_c import LanesC
@@ -39,17 +41,33 @@ def dynamics_program(system: ReducedSystem) -> DynamicsProgram:
     return remembered(("dynamics", TOOLS, fingerprint(system)), lambda: compile_dynamics(system), system)
 
 
+@lru_cache(maxsize=16)
+def filter_text(system: ReducedSystem, scalar: Scalar, scaled: tuple[str, ...] = ()) -> FilterText:
+    """The C of the robot's filter with the scales that it estimates; written once, and cached between runs. Raises as
+    `compile_filter`."""
+    about = banner(fingerprint(system))
+    key = ("filter", TOOLS, *about, scalar.real, scaled)
+    return remembered(key, lambda: FilterC(filter_program(system, scaled), scalar, about).text())
+
+
+@lru_cache(maxsize=16)
+def filter_program(system: ReducedSystem, scaled: tuple[str, ...] = ()) -> FilterProgram:
+    """The robot's filter as a program, the same for both scalars."""
+    return compile_filter(system, scaled)
+
+
 def robot_files(
     system: ReducedSystem,
     laws: Sequence[ControlLaw],
     scalars: Sequence[str] = tuple(SCALARS),
     dynamics: bool = True,
     lanes: bool = False,
+    scaled: Sequence[str] | None = None,
 ) -> dict[str, str]:
     """File name -> text of the robot's headers and sources and a manifest that lists them with their costs.
 
     `dynamics` says whether the plant is among them; with it, the follower is where one of the laws has one. `lanes` says whether
-    the batch laws are, in a folder of their own.
+    the batch laws are, in a folder of their own; `scaled`, of what the filter estimates the scale (None: no filter).
     """
     files: dict[str, str] = {}
     manifest: dict[str, Any] = {"robot": system.mechanism.name, "tools": TOOLS, "model_sha256": fingerprint(system), "laws": {}}
@@ -74,6 +92,10 @@ def robot_files(
                 files.update(follower_files(program.law, scalar, banner(model)))
                 files.update(telemetry_files(program.law, scalar, banner(model), model, files))
             manifest["dynamics"] = {"operations": {entry.name: of_plant.operations(entry) for entry in plant.entries}}
+        if scaled is not None:
+            of_filter = filter_text(system, scalar, tuple(scaled))
+            files.update(of_filter.files)
+            manifest["ekf"] = {"scales": list(scaled), "operations": of_filter.operations}
     manifest["files"] = digests(files)
     files["manifest.json"] = json.dumps(manifest, indent=1) + "\n"
     return dict(sorted(files.items()))

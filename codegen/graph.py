@@ -63,6 +63,8 @@ class Group(StrEnum):
     FOOT = "foot"
     VIRTUAL_INPUT = "virtual_input"
     INPUT = "input"
+    ESTIMATE = "estimate"
+    FACTOR = "factor"
     STEP = "step"
 
 

@@ -5,7 +5,22 @@ from importlib.util import find_spec
 
 from ..readers.errors import BadInput
 from ..readers.robots import suggestion
-from .figures import beyond, circle, composite, floor, limits, line, masses, planned, redrawn, reversing, robots, rolling, sensing
+from .figures import (
+    beyond,
+    circle,
+    composite,
+    estimated,
+    floor,
+    limits,
+    line,
+    masses,
+    planned,
+    redrawn,
+    reversing,
+    robots,
+    rolling,
+    sensing,
+)
 from .framework import Figure
 
 FIGURES: tuple[Figure, ...] = (
@@ -16,6 +31,7 @@ FIGURES: tuple[Figure, ...] = (
     *masses.FIGURES,
     *composite.FIGURES,
     *sensing.FIGURES,
+    *estimated.FIGURES,
     *beyond.FIGURES,
     *limits.FIGURES,
     *reversing.FIGURES,

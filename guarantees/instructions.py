@@ -21,6 +21,8 @@ KINDS = {
 }
 PAGE = HERE / "README.md"  # contains the table of the budgeted numbers
 ROUTE = ("odometry_good", "odometry_refused", "path_line", "path_arc", "path_next", "path_refused")
+EKF = ("ekf_gyro", "ekf_wheels", "ekf_fix", "ekf_refused")
+ENTRIES = {"odometry": "odometry_move", "path": "noslip_path_update_f", "ekf": "labmate_ekf_tick_f"}
 MACHINE = "qemu-system-arm -M mps2-an386 -display none -monitor none -serial none -semihosting-config enable=on,target=native"
 
 
@@ -69,7 +71,7 @@ def _image(task: Task, folder):
     laws = "".join(task.driver(law, "_f", "instructions.inc") for law in task.laws)
     states = STATES // 10 if task.short else STATES
     calls = "".join(f"    count_{law}_f({states});\n" for law in task.laws)
-    main = f"int main(void)\n{{\n{calls}    count_route({states});\n    return 0;\n}}\n"
+    main = f"int main(void)\n{{\n{calls}    count_route({states});\n    count_ekf({states});\n    return 0;\n}}\n"
     (folder / "main.c").write_text(
         f'#include "instructions.h"\n#define ROBOT labmate\n{laws}#include "instructions_route.inc"\n{main}'
     )
@@ -90,10 +92,9 @@ def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
     steps = [(law, f"{law}_f", f"{law}_step_f") for law in task.laws]
     steps += [(law, f"{law}_follow_f", f"{law}_follow_f") for law in task.laws if task.follows(law)]
     selected = {(module, kind): (entry, f"{kind}_{law}_f") for law, module, entry in steps for kind in KINDS}
-    for name in ROUTE:
+    for name in (*ROUTE, *EKF):
         module, kind = name.split("_")
-        entry = "odometry_move" if module == "odometry" else "noslip_path_update_f"
-        selected[f"noslip_{module}_f", kind] = (entry, name)
+        selected[f"noslip_{module}_f", kind] = ("ekf_correct" if kind == "fix" else ENTRIES[module], name)
     plugin, log = folder / "count.so", folder / "count.log"
     run([need("gcc", "gcc"), *STANDARD, "-O2", "-fPIC", "-shared", task.root / "bench/target/count.c", "-o", plugin])
     calls = []

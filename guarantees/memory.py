@@ -9,10 +9,11 @@ from . import budget
 from .tools import HOST, M4F, Machine, Task, hold, run
 
 BY_COMPILERS = {"memcpy", "memmove", "memset"}  # calls that compilers generate
-MOST_STACK, MOST_OF_FOLLOWER = 384, 512  # bytes
+MOST_STACK, MOST_OF_LARGE = 384, 512  # bytes; LARGE
+LARGE = ("_follower_", "_ekf_")
 EMIT_ALL = "-fkeep-inline-functions"  # so that the object of headers.c contains the inline functions
 IN_HEADERS = tuple(
-    f"noslip_{name}" for name in ("odometry", "encoder", "integral", "motor", "nearest_angle", "reversing", "velocity")
+    f"noslip_{name}" for name in ("odometry", "ekf", "encoder", "integral", "motor", "nearest_angle", "reversing", "velocity")
 )
 
 
@@ -104,4 +105,4 @@ def _structs(task: Task, target: Machine) -> dict[str, int]:
 
 
 def _most(entry: str) -> int:
-    return MOST_OF_FOLLOWER if "_follower_" in entry else MOST_STACK
+    return MOST_OF_LARGE if any(part in entry for part in LARGE) else MOST_STACK

@@ -64,6 +64,7 @@ OF_FOLLOWER = ("", "_config", "_interval", "_init", "_tick", "_tick_angles", "_u
 OF_ROBOT = (
     *("params", "state", "options", "default_params", "check_params", "check_state", "dynamics"),
     *(f"follower{after}" for after in OF_FOLLOWER),
+    *(f"ekf{after}" for after in ("", "_config", "_init", "_tick", "_wheels", "_gyro")),
 )
 OF_LAW = (
     *("", "config", "gains", "reference", "evaluation", "init", "reset", "set_limits", "update"),

@@ -9,6 +9,7 @@ const char *noslip_status_name(int status)
     case NOSLIP_GRIP_LIMITED: return "grip";
     case NOSLIP_WILL_SLIP: return "will_slip";
     case NOSLIP_SLIPPING: return "slipping";
+    case NOSLIP_REJECTED: return "rejected";
     case NOSLIP_NULL: return "null";
     case NOSLIP_NONFINITE: return "nonfinite";
     case NOSLIP_RANGE: return "range";
@@ -22,6 +23,7 @@ const char *noslip_status_name(int status)
     case NOSLIP_OTHER_VERSION: return "other_version";
     case NOSLIP_OTHER_MODEL: return "other_model";
     case NOSLIP_FULL: return "full";
+    case NOSLIP_DIVERGED: return "diverged";
     default: return "unknown";
     }
 }

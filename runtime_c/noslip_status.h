@@ -36,6 +36,7 @@ enum {
     NOSLIP_GRIP_LIMITED = 3,       /* success, but inputs were changed so that the wheels roll (on_limit = NOSLIP_GRIP) */
     NOSLIP_WILL_SLIP = 4,      /* success, but friction is not enough even for coasting: the wheels will slip */
     NOSLIP_SLIPPING = 5,       /* success, but the wheels slip, or did so a moment ago: see noslip_slip.h */
+    NOSLIP_REJECTED = 6,       /* success, but a measurement was not used: its innovation is too large */
     NOSLIP_NULL = -1,          /* a required pointer is null */
     NOSLIP_NONFINITE = -2,     /* a state, reference or result is infinite or NaN */
     NOSLIP_RANGE = -3,         /* an angle exceeds NOSLIP_ANGLE_MAX (double) or NOSLIP_ANGLE_MAX_F (float) */
@@ -48,7 +49,8 @@ enum {
     NOSLIP_DAMAGED = -10,      /* bytes are not those that were saved: their CRC is wrong */
     NOSLIP_OTHER_VERSION = -11, /* saved in another format, with other fields or in the other scalar */
     NOSLIP_OTHER_MODEL = -12,  /* saved for another robot or law */
-    NOSLIP_FULL = -13          /* the caller's memory has no room */
+    NOSLIP_FULL = -13,         /* the caller's memory has no room */
+    NOSLIP_DIVERGED = -14      /* the estimate disagrees with measurement after measurement */
 };
 
 /* What a controller returns on an error. */

@@ -28,7 +28,7 @@ from .contact import friction_accelerations
 from .drive import Drive, make_drive
 from .guidance import Approaching, Guidance, Leg, OnePath, Route, ShortWay, Side, accelerations, led_units
 from .plant import Plant
-from .sensing import Sensing, SlipSensing
+from .sensing import Estimating, Sensing, SlipSensing
 from .specification.spec import ApproachSection, Initial, PathSection, Spec
 from .specification.units import check_units
 from .starts import starts
@@ -169,10 +169,13 @@ def make_loop(spec: Spec) -> Loop:
         start = _start(spec.initial, plant, spec.output.L, spec.output.W)
         leg = make_leg(_config(law, spec), start)
         guidance = OnePath(leg, _reference(law, spec), ShortWay(law, believed, leg.config))
-    sensing = None
+    sensing: Sensing | None = None
     if spec.sensors:
-        seen = (plant.parameters, believed, start, spec.simulation.backend)
-        sensing = Sensing(spec.sensors, spec.correction, law, *seen)
+        seen = (plant.parameters, believed, start)
+        if spec.estimator:
+            sensing = Estimating(spec.sensors, spec.estimator, law, *seen, spec.simulation)
+        else:
+            sensing = Sensing(spec.sensors, spec.correction, law, *seen, spec.simulation.backend)
         if spec.limits and spec.limits.notice_slip and spec.contact:
             known = (law, believed, spec.simulation.backend, spec.simulation.period)
             sensing.slip = SlipSensing(sensing, spec.sensors, spec.limits, spec.contact.mu, *known)

@@ -1,13 +1,16 @@
 """What the controller sees where it does not see the truth: noisy wheel rates, a dead-reckoned pose, corrections."""
 
 import math
+from collections import deque
 
 import casadi as ca
 import numpy as np
 
+from ..controllers import SCALAR
 from ..controllers.angles import nearest_angle
 from ..controllers.direct import Direct
 from ..controllers.ground.slip import Noticed, SlipOptions, make_slip
+from ..controllers.estimation.ekf import Filter, FilterOptions
 from ..controllers.odometry import make_odometry, vehicle_wheels
 from ..model.algebra.exact import canonical
 from ..model.algebra.trigonometry import sine_cosine
@@ -16,9 +19,10 @@ from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from .guidance import Number, vehicle_motion
 from .noise import Noise
-from .specification.spec import Correction, LimitsSection, Sensors
+from .specification.spec import Correction, EstimatorSection, LimitsSection, Sensors, Simulation
 
 GYRO_SEED = 2**63  # added to the seed for gyro and accelerometer, so that their noise is not that of the wheels
+ERRORS = 2**40  # added to the seed: errors of gyro and measured poses are independent of those of the wheels
 UNWIND = 4.0  # rad: beyond it whole turns are taken off the heading seen, as in firmware/vehicle.c
 
 
@@ -70,17 +74,9 @@ class Sensing:
         self._turned += angle - self._true_angle + self._noise * dt
         self._true_angle = angle.copy()
         moved = self._counted() - before
-        if abs(self.state[self._pose[2]]) > UNWIND:
-            self._odometry.unwind()
-        pose = self._odometry.move(moved, dt)
         if self.slip:
             self.slip.sense(moved, dt, self._true_pose(x))
-        if self._correction and (due := _count(t, 1 / self._correction.rate)) > self._corrected:
-            self._corrected, self.jumped = due, self._correction.mode == "reset"
-            *place, heading = self._true_pose(x)
-            pose = self._odometry.correct((*place, nearest_angle(heading, pose[2])), self._correction.mode)
-            if self.slip:
-                self.slip.notice.trust()
+        pose = self._pose_after(t, dt, moved, x)
         if (sample := _count(t, self._sensors.period)) > self._drawn:
             self._noise, self._drawn = self._draw(), sample
         self.state = x.copy()
@@ -88,7 +84,24 @@ class Sensing:
         if self._sensors.pose == "reckoned":
             self.state[self._pose] = pose
         self.state[self._angles] = self._counted()
-        self.state[self._rates] = moved / dt if self._sensors.counts else x[self._rates] + self._noise
+        self.state[self._rates] = self._rate_scales() * (moved / dt if self._sensors.counts else x[self._rates] + self._noise)
+
+    def _pose_after(self, t: float, dt: float, moved: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Return the pose after the wheels turned by `moved` in dt, corrected if it is time; x is the true state."""
+        if abs(self.reckoned[2]) > UNWIND:
+            self._odometry.unwind()
+        pose = self._odometry.move(moved, dt)
+        if self._correction and (due := _count(t, 1 / self._correction.rate)) > self._corrected:
+            self._corrected, self.jumped = due, self._correction.mode == "reset"
+            *place, heading = self._true_pose(x)
+            pose = self._odometry.correct((*place, nearest_angle(heading, pose[2])), self._correction.mode)
+            if self.slip:
+                self.slip.notice.trust()
+        return pose
+
+    def _rate_scales(self) -> np.ndarray:
+        """Return by how much each sensed rate is multiplied."""
+        return np.ones(len(self._mean))
 
     def _draw(self) -> np.ndarray:
         return self._mean + self._sd * self._random.draw() if self._random else self._mean
@@ -186,14 +199,80 @@ def gyro_bias(bias: Number, turn: np.ndarray, mean: np.ndarray) -> Number:
     return bias + np.abs(turn[..., 0] * mean[..., 0]) + np.abs(turn[..., 1] * mean[..., 1])
 
 
+class Estimating(Sensing):
+    """Sensors and the robot's extended Kalman filter, in C. `reckoned` is the estimated pose; sensed rates are multiplied by
+    their estimated scales."""
+
+    def __init__(
+        self,
+        sensors: Sensors,
+        estimator: EstimatorSection,
+        law: ControlLaw,
+        parameters: np.ndarray,
+        believed: np.ndarray,
+        start: np.ndarray,
+        simulation: Simulation,
+    ):
+        """Starts from the true pose; otherwise as Sensing. Raises BadInput if the robot has no filter of its wheels alone."""
+        super().__init__(sensors, None, law, parameters, believed, start, simulation.backend)
+        fixes = estimator.pose
+        self._estimator, self._names = estimator, [q.name for q in law.system.quasi_velocities]
+        options = FilterOptions(
+            noise=_each(estimator.noise, law.system.dof, "[estimator] noise"),
+            start=self.reckoned,
+            start_sd=estimator.start_sd,
+            gyro_noise=estimator.gyro_noise,
+            bias_sd=estimator.bias_sd,
+            bias_walk=estimator.bias_walk,
+            scale_sd=estimator.scales,
+            gate=estimator.gate,
+            memory=math.ceil(fixes.delay / simulation.period) + 2 if fixes else 0,
+        )
+        if simulation.backend not in ("casadi", *SCALAR):
+            raise BadInput(f"[estimator] does not run on backend {simulation.backend}: use {', '.join(SCALAR)}")
+        self.filter = Filter(law.system, believed, options, SCALAR.get(simulation.backend, "double"))
+        self._errors = Noise(sensors.seed + ERRORS, 4)  # of gyro and measured pose
+        self._true_heading = float(self.reckoned[2])
+        self._arriving: deque[tuple[float, np.ndarray]] = deque()  # time and value of poses on their way
+        self._measured = 0.0
+
+    def _rate_scales(self) -> np.ndarray:
+        scales = dict(zip(self._estimator.scales, self.filter.state[4:], strict=True))
+        return np.array([scales.get(name, 1.0) for name in self._names])
+
+    def _pose_after(self, t: float, dt: float, moved: np.ndarray, x: np.ndarray) -> np.ndarray:
+        *place, heading = self._true_pose(x)
+        rate = (heading - self._true_heading) / dt
+        self._true_heading = heading
+        error = self._errors.draw()
+        estimator, fixes = self._estimator, self._estimator.pose
+        gyro = rate + estimator.bias + estimator.gyro_noise / math.sqrt(dt) * error[0] if estimator.gyro_noise else None
+        if abs(self.filter.pose[2]) > UNWIND:
+            self.filter.unwind()
+        if (status := self.filter.tick(moved, dt, gyro)) not in ("ok", "diverged"):
+            raise BadInput(f"[estimator] the filter's tick at t = {t:g} s returns {status!r}")
+        if fixes and (due := _count(t, 1 / fixes.rate)) > self._measured:
+            self._measured = due
+            self._arriving.append((t, np.array([*place, heading]) + error[1:] * (fixes.sd, fixes.sd, fixes.heading_sd)))
+        while fixes and self._arriving and t - self._arriving[0][0] >= fixes.delay - 1e-9:
+            since, (x_m, y_m, heading_m) = self._arriving.popleft()
+            sds = {"sd": fixes.sd, "heading_sd": fixes.heading_sd}
+            heading_m = nearest_angle(heading_m, 0.0)
+            status = self.filter.correct("pose", x=x_m, y=y_m, heading=heading_m, age=t - since, **sds)
+            self.jumped = self.jumped or status == "ok"
+            if self.slip and status == "ok":
+                self.slip.notice.trust()
+        return self.filter.pose
+
+
 def _count(t: float, period: float) -> float:
     """How many periods have gone by; with none, every instant counts."""
     return math.floor(t / period + 1e-9) if period else t
 
 
-def _each(values: tuple[float, ...], count: int) -> np.ndarray:
+def _each(values: tuple[float, ...], count: int, where: str = "[sensors] noise") -> np.ndarray:
     if len(values) not in (1, count):
-        raise BadInput(f"[sensors] noise has {len(values)} numbers, it must have 1 or {count}")
+        raise BadInput(f"{where} has {len(values)} numbers, it must have 1 or {count}")
     return np.array(values * count if len(values) == 1 else values)
 
 

@@ -71,6 +71,8 @@ class Batch:
             raise BadInput("[reference] circle: a sweep does not have it yet; use noslip simulate, or leave it out")
         if spec.drive and spec.drive.takes_velocity:
             raise BadInput(f'[drive] kind = "{spec.drive.kind}": a sweep does not have it yet; use noslip simulate, or "torque"')
+        if spec.estimator:
+            raise BadInput("[estimator]: a sweep does not have it yet; use noslip simulate, or [correction]")
         refuse_extension(spec.output.law, "sweep")
         self.loop = make_loop(spec)
         self._notices = spec.limits is not None and spec.limits.notice_slip is not None

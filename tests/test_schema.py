@@ -72,7 +72,12 @@ def test_defaults_are_those_of_the_reader():
     on_circle = {"output": {"type": "I"}, "reference": {"position": [0.0, 0.0], "circle": {"radius": 1.0, "rate": 0.1}}}
     for key, value in stated.items():
         base = CIRCLE | on_circle if key.startswith("reference.circle.") else CIRCLE
-        more = [] if base is not CIRCLE else [*needed.items(), *(noticing.items() if "notice_slip" in key else ())]
+        if key.startswith("estimator."):  # which does not go with a correction
+            pose = {"estimator.pose.rate": 1.0, "estimator.pose.sd": 0.1, "estimator.pose.heading_sd": 0.1}
+            given = {name: needed[name] for name in ("simulation.period", "sensors")} | {"estimator.noise": 0.1} | pose
+        else:
+            given = needed
+        more = [] if base is not CIRCLE else [*given.items(), *(noticing.items() if "notice_slip" in key else ())]
         if not key.startswith(("sweep.", "simulation.period")):
             table = reduce(lambda content, item: changed(content, *item), [*more, (key, None)], base)
             assert attrgetter(key)(spec_of_table(table, SPECS / "line.toml")) == value, key

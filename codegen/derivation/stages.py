@@ -57,6 +57,11 @@ class Result(StrEnum):
     INPUT_MAP = "input_map"
     VELOCITY_RATES = "nudot"
 
+    MOVED = "moved"
+    OTHERS = "others"
+    FACTORS = "factors"
+    SPENT = "spent"
+
     @property
     def in_c(self) -> str:
         """The name of the argument or field that returns it."""

@@ -289,6 +289,8 @@ def users(roots: Sequence[tuple[Node, str]], named: Mapping[Node, str]) -> Calla
 
 def unit_of(text: str) -> Unit | None:
     """Return a unit as exponents of kg, m, s and other names; None if the text is not understood. Angles have no unit."""
+    if "sqrt" in text:
+        return None
     unit: Unit = {}
     above, slash, below = text.replace("(", " ").replace(")", " ").partition("/")
     for part, sign in ((above, 1), (below, -1)):

@@ -377,6 +377,43 @@ class NoticeSlipSection:
 
 
 @dataclass(frozen=True, kw_only=True)
+class MeasuredPose:
+    """Poses that are measured now and then, with normal errors, and reach the estimator `delay` s later."""
+
+    rate: float = entry(number("positive", "1/s"), about="how often the pose is measured")
+    sd: float = entry(number("positive", "m"), about="standard deviation of x and of y")
+    heading_sd: float = entry(number("positive", "rad"), about="standard deviation of the heading")
+    delay: float = entry(number("nonnegative", "s"), 0.0, "from the measurement to its arrival, which the estimator is told")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorSection:
+    """The pose by the robot's extended Kalman filter, from the wheels of [sensors], a gyro, and poses measured now and then.
+
+    `noise`, `gyro_noise`, `bias_sd`, `bias_walk`, `start_sd`, `scales` and `gate` are what the filter is told. The simulated
+    gyro has the bias `bias` and white noise of `gyro_noise`.
+    """
+
+    noise: tuple[float, ...] = entry(
+        one_or_more, about="of each wheel, or one for all: standard deviation of its angle after 1 rad, in sqrt(rad)"
+    )
+    gyro_noise: float = entry(number("nonnegative"), 0.0, "white noise of the gyro, rad/sqrt(s); 0: no gyro")
+    bias: float = entry(number(unit="rad/s"), 0.0, "of the simulated gyro")
+    bias_sd: float = entry(number("positive", "rad/s"), 0.01, "standard deviation of the bias at first")
+    bias_walk: float = entry(number("nonnegative"), 0.0, "random walk of the bias that the filter reckons with, rad/s/sqrt(s)")
+    start_sd: tuple[float, ...] = entry(numbers, (0.01, 0.01, 0.01), "standard deviations of the first pose: m, m, rad")
+    scales: Mapping[str, float] = entry(
+        named_numbers, {}, "parameters and quasi-velocities whose scale is estimated, with its standard deviation at first"
+    )
+    gate: float = entry(number("positive"), 1.0, "largest innovation that is used, in units of its 99.9 % quantile")
+    pose: MeasuredPose | None = entry(section(MeasuredPose), None, "poses that are measured now and then")
+
+    def __post_init__(self):
+        if len(self.start_sd) != 3:
+            raise BadInput(f"[estimator] start_sd has {len(self.start_sd)} numbers, it must have 3: x, y and heading")
+
+
+@dataclass(frozen=True, kw_only=True)
 class LimitsSection:
     """Largest input of each motor (N m; 0: none), one or one each; above it each is limited ("cut"), or the vehicle slows down
     ("slow"). Mode "grip" also keeps the wheels rolling on the floor of [contact], with `margin`, a part of mu, in reserve; torque
@@ -533,6 +570,7 @@ class Spec:
     limits: LimitsSection | None = entry(section(LimitsSection), None)
     sensors: Sensors | None = entry(section(Sensors), None)
     correction: Correction | None = entry(section(Correction), None)
+    estimator: EstimatorSection | None = entry(section(EstimatorSection), None)
     drive: DriveSection | None = entry(section(DriveSection), None)
     contact: ContactSection | None = entry(section(ContactSection), None)
     floor: Floor | None = entry(section(Floor), None)
@@ -555,6 +593,10 @@ class Spec:
             raise BadInput("[correction] requires [sensors]: without them the pose is the true one")
         if self.correction and self.sensors and self.sensors.pose == "true":
             raise BadInput('[correction] requires [sensors] pose = "reckoned": the true pose needs none')
+        if self.estimator and not self.sensors:
+            raise BadInput("[estimator] requires [sensors]: without them the pose is the true one")
+        if self.estimator and self.correction:
+            raise BadInput("[estimator] does not go with [correction]: give it poses by [estimator] pose")
         composite = self.output.segments
         if self.initial is None and not composite:
             raise BadInput("[initial] is missing: point, heading and speed, or q and nu")

@@ -1,0 +1,1 @@
+"""The extended Kalman filter of a robot: its steps, and their C."""

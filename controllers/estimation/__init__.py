@@ -1,0 +1,1 @@
+"""The generated extended Kalman filter of a robot, called from Python."""
