@@ -67,7 +67,7 @@ def ground(system: ReducedSystem, nudot: ca.SX, tau: ca.SX) -> Ground:
     F minimizes the sum of F^2 / mass. Raises ModelError as `combination` does.
     """
     mechanism, C = system.mechanism, combination(system.mechanism)
-    qddot = system.Sdot @ system.nu + system.S @ nudot
+    qddot = system.convective + system.S @ nudot
     needed = canonical(_unit_slips(mechanism).T @ (mechanism.M @ qddot + system.V - mechanism.E @ tau))  # -lambda
     rows, kept = ([k for k, part in enumerate(split(C)) if part.nnz()] for split in (ca.vertsplit, ca.horzsplit))
     block, needed = C[rows, kept], needed[kept]
