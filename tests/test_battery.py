@@ -400,7 +400,7 @@ ROBOTS_AS_MOVED = (*LAWS, "labmate", "four_wheel:0")
 
 @pytest.mark.parametrize("robot", ROBOTS_AS_MOVED)
 def test_energy_is_the_work_done(robot):
-    """Without inputs, friction and moving surfaces it stays as it is, to rounding of the integration; else its rate is the power."""
+    """Without inputs, friction and moving surfaces it stays as it is, up to the integration; else its rate is the power."""
     system, random = system_of(find_robot(robot)), np.random.default_rng(12)
     n, parameters = len(system.mechanism.coordinates), system.mechanism.parameters
     numbers = [p.default * random.uniform(0.7, 1.3) for p in parameters]
