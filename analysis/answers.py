@@ -105,6 +105,11 @@ def analyse(
     Raises ModelError and BadInput for what cannot be analysed, for a named law that is none of the system's, and for files that
     are no SPEC of it.
     """
+    if isinstance(system, Mechanism) and system.carried:
+        raise ModelError(
+            f"{system.name}: a surface moves on which it rolls: the analysis judges constraints A qdot = 0; "
+            "analyse the robot with the surface at rest"
+        )
     for law in laws:
         refuse_extension(law, "analyse")
         if isinstance(system, Mechanism):

@@ -2,7 +2,6 @@
 
 import argparse
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from ..readers.errors import BadInput
@@ -65,8 +64,6 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(f"{args.out}: exists and is not an empty folder; choose another")
     if (args.firmware or args.package) and args.scalar == "both":
         args.scalar = "float"
-    if args.firmware or args.package:
-        _refuse_extensions(args.output, f"--{'package' if args.package else 'firmware'}")
     generated = selected_files(args, dynamics=DYNAMICS in args.output)
     laws = selected_laws(args)
     library = {**_runtime(args.scalar), **generated}
@@ -107,13 +104,6 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _refuse_extensions(laws: Sequence[str], option: str) -> None:
-    from ..readers.robots import refuse_extension  # slow to import
-
-    for law in laws:
-        refuse_extension(law, option)
-
-
 def _export_fmu(args: argparse.Namespace) -> int:
     """Write an FMU, whose steps have been compared with those of the compiled C."""
     if not args.out.endswith(".fmu"):
@@ -123,14 +113,15 @@ def _export_fmu(args: argparse.Namespace) -> int:
     check_targets([args.out])
     args.scalar = "double"
     laws = [name for name in args.output if name != DYNAMICS]
-    _refuse_extensions(laws, "--fmu")
     if args.fmu == "plant":
         args.output = [DYNAMICS]
     elif len(laws) != 1:
         raise BadInput(f"--fmu {args.fmu} has one law: give one --output LAW")
-    from ..readers.robots import find_robot, system_of
+    from ..readers.robots import find_robot, refuse_extension, system_of
     from ..verification.fmu import make_fmu
 
+    for name in laws:
+        refuse_extension(name, "--fmu")
     generated = selected_files(args, dynamics=args.fmu != "controller")
     system, law = system_of(find_robot(args.robot)), None if args.fmu == "plant" else selected_laws(args)[0]
     model, content = make_fmu(args.fmu, system, law, generated)

@@ -60,7 +60,11 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         ("discrete-poles", "[ROW=]Z,Z", "poles of the sampled channel; needs --period"),
         ("settling", "[ROW=]S", "settling time to 2 %%, s"),
         ("damping", "[ROW=]Z", "damping ratio for --settling: 1 critically damped (default), larger overdamped"),
-        ("lqr", "[ROW=]E,R,V", "LQR by largest error, rate (relative degree 2 only), integral (with --integral), v; SI units"),
+        (
+            "lqr",
+            "[ROW=]E,R,V",
+            "LQR by largest error, its derivatives below the relative degree, integral (with --integral), v; SI units",
+        ),
     ):
         design.add_argument(f"--{name}", metavar=metavar, action="append", default=[], help=text)
     design.add_argument("--integral", action="store_true", help="design integral action too")
@@ -94,6 +98,8 @@ def run(args: argparse.Namespace) -> int:
 
     law, spec = _law_and_spec(args)
     drive = _drive(args, spec)
+    if drive and law.extension:
+        raise BadInput(f"{law.name} has a dynamic extension, which does not go with {drive}; leave out --drive")
     if args.period is not None:
         positive("period", args.period, "--period")
     elif args.delay or args.discrete_poles:
@@ -149,7 +155,7 @@ def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
 
 def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
     from ..outer.setting import SPEED, default_spec, with_speed
-    from ..readers.robots import find_robot, law_of, refuse_extension
+    from ..readers.robots import find_robot, law_of
     from ..simulation.loop import make_loop
     from ..simulation.specification.vary import read_varied
 
@@ -158,14 +164,12 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
     if args.spec is None:
         if args.output is None:
             raise BadInput("outer-loop needs --output LAW or --spec SPEC.toml")
-        refuse_extension(args.output, "outer-loop")
         law = law_of(find_robot(args.robot), args.output)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
     spec = read_varied(args.spec, {"simulation.backend": "casadi"})
     for option, value, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.output.law)):
         if value is not None and value != own:
             raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {value}")
-    refuse_extension(spec.output.law, f"{args.spec}: outer-loop")
     law = law_of(find_robot(spec.robot), spec.output.law)
     try:
         make_loop(spec)  # refuses what `noslip simulate` refuses
@@ -185,7 +189,8 @@ def _placed(spec: "Spec", L: float | None) -> "Spec":
 
 def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[str, "Gains"]:
     """Return the gains of each row: designed if an option requests it, else those of the SPEC, else the defaults of the law."""
-    from ..outer.design import Gains, from_discrete_poles, from_lqr, from_poles, from_settling
+    from ..model.law import gain_names
+    from ..outer.design import from_discrete_poles, from_lqr, from_poles, from_settling, gains_of
     from ..verification.cases import gain_entries, integral_entries
 
     own = gain_entries(law, spec.gains, "gains") | integral_entries(law, spec.gains)
@@ -201,8 +206,8 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
             raise BadInput(f"{row}: --damping requires --settling")
         numbers = {name: requested[name][row] for name in requested if row in requested[name]}
         if not ways:
-            error, rate = values[f"{'kp' if degree == 2 else 'kv'}_{row}"], values.get(f"kd_{row}", 0.0)
-            gains[row] = Gains(degree, error, rate, values.get(f"ki_{row}", 0.0)).check(row)
+            of_errors = [values[f"{name}_{row}"] for name in gain_names(degree)]
+            gains[row] = gains_of(degree, of_errors, values.get(f"ki_{row}", 0.0)).check(row)
         elif ways == ["poles"]:
             gains[row] = from_poles(degree, numbers["poles"], args.integral, row)
         elif ways == ["discrete_poles"]:

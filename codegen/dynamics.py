@@ -90,7 +90,7 @@ class _Builder(StepBuilder):
         tau = ca.vertcat(*[q.symbol for q in self.system.mechanism.inputs])
         force = reduced.input_map @ tau - reduced.bias
         quantities = {
-            Result.COORDINATE_RATES: self._rates(reduced.S, w, W),
+            Result.COORDINATE_RATES: self._rates(reduced.S, w, W) + self.system.carried,
             Result.MASS: W.T @ reduced.Mbar @ W,
             Result.BIAS: W.T @ reduced.bias,
             Result.INPUT_MAP: canonical(W.T @ reduced.input_map),

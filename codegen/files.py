@@ -138,6 +138,8 @@ def fingerprint(system: ReducedSystem, law: ControlLaw | None = None) -> str:
     mechanism = system.mechanism
     groups = [*mechanism.parameters, *mechanism.inputs, *system.state]
     expressions = [mechanism.M, mechanism.V, mechanism.A, mechanism.E, system.S]
+    if mechanism.carried:
+        expressions.append(mechanism.surface_velocity)
     if law is not None:
         groups += [q for group in law.groups.values() for q in group]
         expressions += [law.linearization.h, law.linearization.Phi, law.linearization.Phidot, law.tau]

@@ -38,10 +38,8 @@ def make_controller(
     from .compiled import CompiledController
 
     if backend in ON_TARGET:
-        from ..readers.robots import refuse_extension
         from .pil import target_library
 
-        refuse_extension(law.name, f"backend {backend}")
         return CompiledController(law, params, config, gains, limits=limits, made_by=target_library(law, backend))
     return CompiledController(law, params, config, gains, SCALAR[backend], limits)
 

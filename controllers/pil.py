@@ -22,6 +22,7 @@ from threading import Lock
 from typing import IO
 
 import cffi
+import numpy as np
 
 from ..codegen.targets import STANDARD
 from ..model.law import ControlLaw
@@ -45,6 +46,7 @@ CALLED = ("noslip_path_f.c", "noslip_status.c")  # sources of the runtime that a
 CHOSEN = """#define PIL_ROBOT(name) {robot}##name##_f
 #define PIL_LAW(name) {law}##name##_f
 #define PIL_GRIP {grip}
+#define PIL_EXTENSION {extends}
 #include "{law}_f.h"
 """
 PATIENCE = 30.0  # s, timeout of an answer; a step takes a millionth of it
@@ -70,7 +72,7 @@ def image(target: Target, law: Library) -> Path:
     require(target.compiler, *target.machine[:1])
     own = {path.name: path.read_text() for path in FOLDER.glob("*.[ch]")}
     has_grip = "grip" in [name for name, _ in law.ffi.typeof(law.name("")).fields]
-    chosen = CHOSEN.format(robot=law.text.robot, law=law.text.prefix, grip=int(has_grip))
+    chosen = CHOSEN.format(robot=law.text.robot, law=law.text.prefix, grip=int(has_grip), extends=law.text.extends)
     files = {**runtime_files(), **target.files(), **law.files, **own, "pil_law.h": chosen}
     sources = [name for name in (*law.files, *own) if name.endswith(".c")]
     command = target.compile() if target.compiler else compiler()
@@ -216,7 +218,11 @@ def replay_session(law: ControlLaw, backend: str) -> Session:
 
 
 class Handle:
-    """An object on the target. `z`: for an integrator, the last integral returned."""
+    """An object on the target. `z`: for an integrator, the last integral returned; `extension` and `extension_rate`: for a law,
+    the states of its dynamic extension, which are sent with each call, and their rates at the last step.
+    """
+
+    extension = extension_rate = np.zeros(0, np.float32)
 
     def __init__(self, session: Session, kind: str):
         self.session, self.number, self.z = session, session.take(kind), 0.0
@@ -233,13 +239,18 @@ def remote(ffi: cffi.FFI, operation: str, kinds: Sequence, inputs: int) -> Funct
 
     def call(handle: Handle, *arguments) -> int:
         given = b"".join(_bytes(ffi, kind, value) for kind, value in zip(kinds, arguments[:inputs], strict=False))
+        if operation in ("law_step", "law_evaluate"):
+            given += handle.extension.tobytes()
         status, answer = handle.session.call(operation, handle.number, given)
         places = [ffi.buffer(pointer) for pointer in arguments[inputs:]]
         at = sum(map(len, places))
-        if at + 4 * (operation == "integral_step") != len(answer):
+        more = {"integral_step": 4, "law_step": handle.extension_rate.nbytes}.get(operation, 0)
+        if at + more != len(answer):
             raise handle.session._fault(f"answers {operation} with {len(answer)} bytes")
         if operation == "integral_step":
             (handle.z,) = struct.unpack_from("<f", answer, at)
+        elif more:
+            handle.extension_rate[:] = np.frombuffer(answer, np.float32, offset=at)
         for place in places:
             place[:], answer = answer[: len(place)], answer[len(place) :]
         return status
@@ -265,7 +276,9 @@ class TargetLibrary(Library):
 
     def instance(self) -> Handle:
         """As Library.instance, on the target."""
-        return Handle(session(self._law, self._backend), "law")
+        handle = Handle(session(self._law, self._backend), "law")
+        handle.extension, handle.extension_rate = (np.zeros(len(self._law.extension), np.float32) for _ in range(2))
+        return handle
 
     def set_friction(self, instance: Handle, friction: Friction) -> None:
         """As Library.set_friction, on the target."""
@@ -276,7 +289,12 @@ class TargetLibrary(Library):
     def function(self, name: str) -> Function:
         """As Library.function, on the target."""
         kinds = self.ffi.typeof(self._here.function(name)).args[1:]
-        return remote(self.ffi, f"law_{name}", kinds, self.inputs[name])
+        timed = name == "step" and bool(self._law.extension)  # the step takes dt too
+        return remote(self.ffi, f"law_{name}", kinds, self.inputs[name] + timed)
+
+    def numbers(self, place) -> np.ndarray:
+        """As Library.numbers; of arrays that a handle keeps here, these themselves."""
+        return place if isinstance(place, np.ndarray) else super().numbers(place)
 
 
 class TargetRuntime(Runtime):

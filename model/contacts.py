@@ -69,7 +69,7 @@ def ground(system: ReducedSystem, nudot: ca.SX, tau: ca.SX) -> Ground:
     """
     mechanism = system.mechanism
     simple = ca.sparsify if mechanism.bodies else canonical  # what several bodies do is too long when it is multiplied out
-    qddot = system.Sdot @ system.nu + system.S @ nudot
+    qddot = system.convective + system.S @ nudot
     needed = simple(unit_slips(mechanism).T @ (mechanism.M @ qddot + system.V - mechanism.E @ tau))  # -lambda
     force = ca.densify(simple(distribution(mechanism) @ needed))
     return Ground(force, masses(mechanism), simple(shift_by_forces(mechanism) @ force))

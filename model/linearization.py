@@ -148,7 +148,7 @@ def _chain(system: ReducedSystem, output: OutputMap, row: OutputRow, expression:
             f"{where}: row {row.name!r} of Phi vanishes identically: neither the output nor its rate "
             "depends on an input, because the constraints keep the output constant; replace it by one that moves"
         )
-    return Chain((second @ system.nu,), second, second_drift)
+    return Chain((second @ system.nu + carried_rate(system, expression),), second, second_drift)
 
 
 def _rows(output_chains: Sequence[Chain]) -> ca.SX:
@@ -163,7 +163,12 @@ def derivative(system: ReducedSystem, expression: ca.SX, degree: int) -> tuple[c
         return system.simplified("a row of Phi", slope, (slope,), lambda slope: slope), system.along_motion(expression)
     J, S = ca.jacobian(expression, system.mechanism.q), system.S
     row = system.simplified("a row of Phi", J @ S, (J, S), lambda J, S: J @ S)
-    return row, system.along_motion(row) @ system.nu
+    return row, system.along_motion(row) @ system.nu + system.along_motion(carried_rate(system, expression))
+
+
+def carried_rate(system: ReducedSystem, expression: ca.SX) -> ca.SX:
+    """Return the part of the rate of an output h(q) that moving surfaces cause, whatever nu is: dh/dq s."""
+    return canonical(ca.jacobian(expression, system.mechanism.q) @ system.carried)
 
 
 def _vanishes(system: ReducedSystem, output: OutputMap, row: ca.SX) -> bool:

@@ -201,6 +201,7 @@ class Mechanism:
         self.lines: list[ca.SX] = []
         self.bodies: list[Body] = []
         self._constraints: list[ca.SX] = []
+        self._surfaces: list[ca.SX] = []
         self._actuation: list[ca.SX] = []
         self._weights: list[ca.SX] = []
         self._preferred: list[ca.SX] = []
@@ -279,11 +280,17 @@ class Mechanism:
         self._forget()
 
     @_before_reduction
-    def rolls(self, name: str, velocity: ca.SX) -> None:
-        """Add a constraint (2): this velocity, linear in the rates, is zero."""
+    def rolls(self, name: str, velocity: ca.SX, surface: ca.SX | float = 0.0) -> None:
+        """Add a constraint (2): this velocity, linear in the rates, is zero; or equal to that of the `surface` on which something
+        rolls, in coordinates and parameters, at the point of contact and in the same direction: a belt, a turntable.
+
+        A drive keeps the surface at its speed, whatever the robot does.
+        """
         if not isinstance(name, str) or not name.strip() or not name.isprintable():
             raise ModelError(f"{self.name}: a constraint's name must be text on one line, got {name!r}")
         refuse_twice([*self.constraint_names, name], f"{self.name}, constraints")
+        where = f"constraint {name!r}, surface"
+        self._surfaces.append(self._smooth(self._at_rest(self._scalar(surface, where), where), where))
         self._constraints.append(self._velocity(velocity, f"constraint {name!r}"))
         self.constraint_names.append(name)
         self._forget()
@@ -493,6 +500,16 @@ class Mechanism:
             {f"constraint {name!r}": row for name, row in zip(self.constraint_names, self._constraints, strict=True)}
         )
 
+    @property
+    def surface_velocity(self) -> ca.SX:
+        """The right-hand side b(q) of A qdot = b, m x 1: zero unless a surface moves."""
+        return ca.sparsify(ca.vertcat(ca.SX(0, 1), *self._surfaces))
+
+    @property
+    def carried(self) -> bool:
+        """Whether a surface moves on which the robot rolls."""
+        return self.surface_velocity.nnz() > 0
+
     @cached_property
     def E(self) -> ca.SX:
         """Input matrix (8), n x r."""
@@ -570,6 +587,9 @@ class Mechanism:
             raise ModelError(f"{self.name}: no constraints; add them with rolls(name, velocity) or holds(name, position)")
         if not self.inputs:
             raise ModelError(f"{self.name}: no inputs; add them with input(name, unit, on=velocity)")
+        if self.carried and (self.bodies or self.contacts):
+            what = "body" if self.bodies else "contact"
+            raise ModelError(f"{self.name}: {what}(...) does not go with a moving surface yet; leave it out")
         symbols = ca.vertcat(self.q, self.qdot, self.p)
         for where, expression in self._everything():
             refuse_strangers(expression, symbols, f"{self.name}: {where}", "coordinate, rate or parameter of it")
@@ -611,6 +631,7 @@ class Mechanism:
             ("the kinetic energy", self._total_kinetic),
             ("the potential energy", self._potential),
             *[(f"constraint {name!r}", row) for name, row in named],
+            ("the velocity of a surface", self.surface_velocity),
             *[(f"input {name!r}", row) for name, row in inputs],
             ("an input's weight", self.weights),
             ("the preferred value of an input", self.preferred),

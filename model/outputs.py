@@ -208,7 +208,14 @@ def on_axle(system: ReducedSystem, output: OutputMap) -> OutputMap:
     def moved(expression: ca.SX) -> ca.SX:
         return canonical(ca.substitute(expression, L.symbol, ahead))
 
-    rows = [replace(row, expression=moved(row.expression), through=None) for row in output.rows]
+    rows = [
+        replace(
+            row,
+            expression=moved(row.expression),
+            through=row.through and replace(row.through, inner=moved(row.through.inner)),
+        )
+        for row in output.rows
+    ]
     about = f"{output.about}, P_l on the axle"
     return replace(output, about=about, rows=tuple(rows), parameters=tuple(others))
 

@@ -21,12 +21,17 @@ NEGLIGIBLE_MASS = 1e-12  # S'MS is regarded as singular if its smallest eigenval
 
 @dataclass(frozen=True, eq=False)
 class ReducedSystem:
-    """S'MS nudot + S'(M Sdot nu + V) = S'E tau  (10), with qdot = S(q) nu  (9)."""
+    """S'MS nudot + S'(M Sdot nu + V) = S'E tau  (10), with qdot = S(q) nu  (9).
+
+    Where surfaces move, A qdot = b: then qdot = S nu + s with the particular solution s(q), A s = b, and in (10) ds/dt is added
+    to Sdot nu. Quasi-velocities that the user chose are nu = Gamma qdot still: Gamma s = 0.
+    """
 
     mechanism: Mechanism
     quasi_velocities: tuple[Quantity, ...]
     S: ca.SX
     reduced: Reduced | None = None  # the equations body by body, if computed together with S
+    particular: ca.SX | None = None  # s, n x 1; None: zero, because no surface moves
 
     @property
     def nu(self) -> ca.SX:
@@ -45,8 +50,19 @@ class ReducedSystem:
 
     @property
     def qdot(self) -> ca.SX:
-        """S nu (9), n x 1."""
-        return ca.densify(self.S @ self.nu)
+        """S nu (9), n x 1; S nu + s where surfaces move."""
+        return ca.densify(self.S @ self.nu + self.carried)
+
+    @property
+    def carried(self) -> ca.SX:
+        """The particular solution s(q), n x 1: qdot with nu = 0; zero unless a surface moves."""
+        return ca.SX(self.S.shape[0], 1) if self.particular is None else self.particular
+
+    @cached_property
+    def convective(self) -> ca.SX:
+        """The second derivative of q with nudot = 0: Sdot nu, and ds/dt where surfaces move, n x 1."""
+        rate = self.Sdot @ self.nu
+        return rate if self.particular is None else rate + self.along_motion(self.particular)
 
     def along_motion(self, expression: ca.SX) -> ca.SX:
         """Return the time derivative of an expression in q along (9)."""
@@ -84,7 +100,7 @@ class ReducedSystem:
     @cached_property
     def bias(self) -> ca.SX:
         """S'(M Sdot nu + V) (10), (n-m) x 1."""
-        forces = self.mechanism.M @ self.Sdot @ self.nu + self.V
+        forces = self.mechanism.M @ self.convective + self.V
         if self.by_bodies:
             expression = self.by_bodies.written_out(self.by_bodies.bias)
             return self.checked("the bias", expression, (self.S, forces), lambda S, forces: S.T @ forces)
@@ -157,7 +173,7 @@ class ReducedSystem:
     def constraint_forces(self, tau: ca.SX, nudot: ca.SX) -> ca.SX:
         """Return lambda of (8), m x 1, with the paper's sign: +A' lambda on the left-hand side."""
         A, M, E = self.mechanism.A, self.mechanism.M, self.mechanism.E
-        rest = E @ tau - self.V - M @ (self.Sdot @ self.nu + self.S @ nudot)
+        rest = E @ tau - self.V - M @ (self.convective + self.S @ nudot)
         return solve_symmetric(canonical(A @ A.T), A @ rest)
 
 
@@ -192,7 +208,7 @@ def reduce(mechanism: Mechanism) -> ReducedSystem:
         )
     if _sampled(mechanism, S, "S").rank() < n - m:
         raise ModelError(f"{mechanism.name}: the columns of S are dependent; choose other quasi-velocities")
-    system = ReducedSystem(mechanism, quasi_velocities, S, by_bodies)
+    system = ReducedSystem(mechanism, quasi_velocities, S, by_bodies, particular_solution(mechanism))
     if _sampled(mechanism, system.input_map, "S'E").rank() < n - m:
         raise ModelError(
             f"{mechanism.name}: S'E has rank below n - m = {n - m}: the inputs do not affect every motion; "
@@ -292,6 +308,19 @@ def null_space(mechanism: Mechanism) -> tuple[ca.SX, tuple[Quantity, ...], Reduc
         S = reduced.written_out(reduced.S)
         return without_pole(mechanism.name, "S", S, (square, right), quotient, mechanism.q), names, reduced
     return eliminate(square, right, mechanism.q, mechanism.name), names, None
+
+
+def particular_solution(mechanism: Mechanism) -> ca.SX | None:
+    """Return s(q), n x 1, with A s = b, the velocity of the surfaces: with Gamma s = 0 if the user chose quasi-velocities, else
+    of least norm; None if no surface moves.
+    """
+    if not mechanism.carried:
+        return None
+    A, b, rows = mechanism.A, mechanism.surface_velocity, mechanism.quasi_velocity_rows
+    if rows is None:
+        return canonical(A.T @ solve(canonical(A @ A.T), b))
+    right = ca.vertcat(b, ca.SX(rows.shape[0], 1))
+    return eliminate(ca.vertcat(A, rows), right, mechanism.q, mechanism.name)
 
 
 def _by_bodies(mechanism: Mechanism, nu: Sequence[Quantity], T: ca.SX) -> Reduced:

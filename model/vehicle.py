@@ -15,7 +15,7 @@ VELOCITIES = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
 def velocity_map(system: ReducedSystem) -> ca.SX | None:
     """Return W, 2 x 2, in parameters only, with (forward speed, yaw rate) = W nu; None if there is no invertible one."""
     vehicle = system.mechanism.vehicle
-    if vehicle is None or system.dof != 2:
+    if vehicle is None or system.dof != 2 or system.mechanism.carried:
         return None
     motion = ca.vertcat(forward_speed(system), system.along_motion(vehicle.heading))
     W = canonical(ca.jacobian(motion, system.nu))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from scipy.optimize import brentq
 
+from ..model.mechanism import derivative_name
 from ..readers.errors import BadInput
 from .design import Gains, by_speed, chain, positive, sampled_chain, show
 from .drive import DriveLoop, sampled_late
@@ -17,6 +18,7 @@ from .margins import Broken, Margins, margins
 if TYPE_CHECKING:
     import control  # slow to import
 
+MOST_EXACT = 2  # relative degree up to which the longest period is a root of a polynomial; above, it is searched for
 SCAN = 30  # periods tried before the one at which a margin is lost is refined
 SHORTEST = 1e-4  # of the stability limit: at shorter periods the margins are those of the continuous channel
 FIRST, GROWTH, LONGEST = 0.02, 1.1, 1e3  # periods tried: the first and the last of 1 / fastest pole, and by what they grow
@@ -75,12 +77,17 @@ class Channel:
         """The period as in python-control: 0 for continuous time."""
         return self.period or 0.0
 
+    @property
+    def _names(self) -> list[str]:
+        """Names of y and its derivatives below the relative degree."""
+        return [derivative_name(self.name, order) for order in range(self.gains.degree)]
+
     def plant(self) -> "control.StateSpace":
-        """The chain of integrators from v to y and, for degree 2, ydot; its signals have names."""
+        """The chain of integrators from v to y and its derivatives below the relative degree; its signals have names."""
         import control
 
         A, B = chain(self.gains.degree) if self.period is None else sampled_chain(self.gains.degree, self.period)
-        names = [self.name, f"{self.name}_rate"][: self.gains.degree]
+        names = self._names
         signals = {"states": names, "inputs": [f"v_{self.name}"], "outputs": names}
         return control.ss(A, B, np.eye(len(A)), 0, self.dt, name=f"{self.name}_plant", **signals)
 
@@ -118,10 +125,10 @@ class Channel:
         """Return the period (s) at which the channel loses stability, with or without a delay of one sample; 0 if it is not
         stable at the shortest one tried.
         """
-        if self.drive is None:
+        if self.drive is None and self.gains.degree <= MOST_EXACT:
             return longest_period(self.gains, delay)
         unit = 1 / max(abs(self.gains.poles))
-        first = max(FIRST, self.drive.shortest / unit)
+        first = max(FIRST, self.drive.shortest / unit) if self.drive else FIRST
         return first_unstable(lambda T: replace(self, period=T, delay=delay)._excess(), unit, first)
 
     def fastest(self) -> float:
@@ -135,7 +142,9 @@ class Channel:
         return float(abs(self.poles).max() - 1)
 
     def closed(self) -> "control.StateSpace":
-        """Return the system from the desired y alone, with its derivatives zero, to y, ydot and v: for step responses."""
+        """Return the system from the desired y alone, with its derivatives zero, to y, its derivatives and v: for step
+        responses.
+        """
         import control
 
         A, B, K = self._matrices()
@@ -147,7 +156,7 @@ class Channel:
         C = np.vstack([np.eye(size)[first : first + degree], -K])
         D = np.zeros((degree + 1, 1))
         D[-1, 0] = self.gains.error
-        names = [self.name, f"{self.name}_rate"][:degree] + [f"v_{self.name}"]
+        names = [*self._names, f"v_{self.name}"]
         signals = {"inputs": [f"{self.name}_d"], "outputs": names}
         return control.ss(A - B @ K, reference, C, D, self.dt, name=f"{self.name}_closed", **signals)
 
@@ -179,7 +188,7 @@ def delayed(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def longest_period(gains: Gains, delay: bool = False) -> float:
-    """The period (s) at which the sampled channel loses stability; it is stable at all shorter ones.
+    """The period (s) at which the sampled channel, of relative degree 1 or 2, loses stability; it is stable at all shorter ones.
 
     Exact: with w = (z - 1) / (z + 1) stability ends where the first or last coefficient of the characteristic polynomial, or
     Hurwitz's last determinant but one, vanishes; all three are polynomials in the period.
@@ -237,7 +246,7 @@ def _characteristic(gains: Gains, unit: float, delay: bool) -> list[Polynomial]:
     """
     order, w = len(gains.vector), Polynomial([0.0, 1.0])
     terms = [(0, (1 + w) ** delay * (2 * w) ** order)]
-    for k, gain in enumerate([gains.rate, gains.error][-gains.degree :], start=1):
+    for k, gain in enumerate(gains.of_errors[::-1], start=1):
         terms.append((k, gain * unit**k * (2 * w) ** (order - k) * (1 - w) ** (delay + 1)))
     if gains.integral:
         terms.append((order, gains.integral * unit**order * (1 - w) ** (delay + 2)))

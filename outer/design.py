@@ -5,7 +5,8 @@ After the second feedback (20) each output is a chain of as many integrators as 
     relative degree 2:  v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y) + ki z      s^3 + kd s^2 + kp s + ki
     relative degree 1:  v = ydot_d + kv (y_d - y) + ki z                            s^2 + kv s + ki
 
-with z the integral of y_d - y; without integral action ki = 0 and the characteristic polynomial has one root less.
+with z the integral of y_d - y; without integral action ki = 0 and the characteristic polynomial has one root less. Longer chains,
+those of a dynamic extension, have gains on higher derivatives too: ka on that of the second and so on, and no integral action.
 """
 
 import math
@@ -16,29 +17,37 @@ import numpy as np
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 from scipy.optimize import brentq
 
+from ..model.law import GAINS, ORDINAL, gain_names
 from ..readers.errors import BadInput
 from .exponential import exponential
 
 SETTLED = 0.02  # an error has settled if it stays within this part of its initial value
-DEGREES = (1, 2)
-FIRST_NAME = {1: "kv", 2: "kp"}  # of the gain on the error itself
+DEGREES = range(1, len(GAINS) + 1)
+MOST_INTEGRATED = 2  # largest relative degree with integral action
 SAMPLES = 4000  # instants at which an error is evaluated to find its settling time
 
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains of a channel: on the error (kp, or kv for relative degree 1), on its rate (kd), on its integral (ki); SI."""
+    """Gains of a channel: on the error (kp, or kv for relative degree 1), on its rate (kd), on its integral (ki), and on the
+    errors of `higher` derivatives, from the second on (ka, kj, ...); SI.
+    """
 
     degree: int
     error: float
     rate: float = 0.0
     integral: float = 0.0
+    higher: tuple[float, ...] = ()
+
+    @property
+    def of_errors(self) -> list[float]:
+        """The gains on the errors of the derivatives of order 0 to degree - 1."""
+        return [self.error, self.rate, *self.higher][: self.degree]
 
     @property
     def vector(self) -> np.ndarray:
-        """Feedback from the chain of integrators [z,] y [, ydot]: v = -vector @ state."""
-        chain = [self.error, self.rate][: self.degree]
-        return np.array([self.integral, *chain] if self.integral else chain)
+        """Feedback from the chain of integrators [z,] y [, ydot, ...]: v = -vector @ state."""
+        return np.array([self.integral, *self.of_errors] if self.integral else self.of_errors)
 
     @property
     def poles(self) -> np.ndarray:
@@ -47,14 +56,14 @@ class Gains:
 
     def named(self, row: str) -> dict[str, float]:
         """Return the gains by name as in the law: kp_distance, ... ; ki_distance only with integral action."""
-        gains = {f"{FIRST_NAME[self.degree]}_{row}": self.error}
-        gains |= {f"kd_{row}": self.rate} if self.degree == 2 else {}
+        gains = {f"{name}_{row}": gain for name, gain in zip(gain_names(self.degree), self.of_errors, strict=True)}
         return gains | ({f"ki_{row}": self.integral} if self.integral else {})
 
     def faster(self, factor: float) -> "Gains":
         """Return the gains whose poles are `factor` times as fast."""
         d = self.degree
-        return Gains(d, self.error * factor**d, self.rate * factor, self.integral * factor ** (d + 1))
+        errors = [gain * factor ** (d - order) for order, gain in enumerate(self.of_errors)]
+        return gains_of(d, errors, self.integral * factor ** (d + 1))
 
     def check(self, where: str = "gains") -> "Gains":
         """Return itself. Raises BadInput, with the reason, if a gain is negative or not finite, or the channel is not stable."""
@@ -83,14 +92,16 @@ def from_settling(degree: int, settling: float, damping: float = 1.0, integral: 
     """Return gains with which an error that starts at rest stays within 2 % of its initial value after `settling` s.
 
     Degree 2: a pair of poles with the damping ratio given, 1 critically damped, larger overdamped (no overshoot near a wall);
-    with integral action, a third pole at their natural frequency. Degree 1: one pole; a pair with integral action.
+    with integral action, and for each degree more, another pole at their natural frequency. Degree 1: one pole; a pair with
+    integral action.
     Raises BadInput for numbers that are not positive.
     """
     positive("settling time", settling, where)
     positive("damping ratio", damping, where)
     split = np.emath.sqrt(damping**2 - 1)
     pair = [-damping - split, -damping + split]
-    shape = {1: [-1.0], 2: pair, 3: [*pair, -1.0]}[_degree(degree, where) + integral]
+    order = _order(degree, integral, where)
+    shape = [-1.0] if order == 1 else [*pair, *[-1.0] * (order - 2)]
     unit = from_poles(degree, shape, integral, where)
     return from_poles(degree, [pole * (settling_time(unit) / settling) for pole in shape], integral, where)
 
@@ -127,14 +138,14 @@ def from_lqr(
     period: float | None = None,
     where: str = "channel",
 ) -> Gains:
-    """Return the gains of a linear-quadratic regulator with Bryson's weights: 1 / largest^2 of error, rate (degree 2),
-    integral, and v.
+    """Return the gains of a linear-quadratic regulator with Bryson's weights: 1 / largest^2 of error, its derivatives below the
+    relative degree, integral, and v.
 
     `largest` are the largest acceptable values of these, SI, in this order. With a period (s), the sampled channel is
     regulated. Raises BadInput for a wrong number of values, or values that are not positive.
     """
-    size = _degree(degree, where) + integral
-    names = ["error", "rate"][:degree] + ["integral"] * integral + ["v"]
+    size = _order(degree, integral, where)
+    names = ["error", *ORDINAL[1:degree]] + ["integral"] * int(integral) + ["v"]
     if len(largest) != size + 1:
         raise BadInput(f"{where}: LQR requires {size + 1} largest values ({', '.join(names)}), not {len(largest)}")
     for name, value in zip(names, largest, strict=True):
@@ -175,9 +186,12 @@ def chain(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sampled_chain(degree: int, period: float, integral: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """A, B of the sampled chain, v held between calls: exact for y and ydot; z grows by period (y_d - y) at each call."""
-    A = np.array([[1.0, period], [0.0, 1.0]])[:degree, :degree]
-    B = np.array([[period**2 / 2], [period]])[2 - degree :]
+    """A, B of the sampled chain, v held between calls: exact for y and its derivatives; z grows by period (y_d - y) at each
+    call.
+    """
+    taylor = [period**order / math.factorial(order) for order in range(degree + 1)]
+    A = sum((taylor[order] * np.eye(degree, k=order) for order in range(degree)), start=np.zeros((degree, degree)))
+    B = np.array(taylor[:0:-1])[:, None]
     if not integral:
         return A, B
     above = np.eye(degree + 1)[:1] + period * np.eye(degree + 1)[1:2]
@@ -207,20 +221,26 @@ def show(pole: complex) -> str:
 
 
 def _gains(degree: int, vector: np.ndarray, integral: bool) -> Gains:
-    """Return the gains from the feedback of the chain [z,] y [, ydot]."""
+    """Return the gains from the feedback of the chain [z,] y [, ydot, ...]."""
     z, y = (float(vector[0]), vector[1:]) if integral else (0.0, vector)
-    return Gains(degree, float(y[0]), float(y[1]) if degree == 2 else 0.0, z)
+    return gains_of(degree, y.tolist(), z)
+
+
+def gains_of(degree: int, of_errors: Sequence[float], integral: float = 0.0) -> Gains:
+    """Return the gains from those on the errors of the derivatives of order 0 to degree - 1."""
+    error, rate, *higher = [*map(float, of_errors), *([0.0] if degree == 1 else [])]
+    return Gains(degree, error, rate, integral, tuple(higher))
 
 
 def _polynomial(degree: int, poles: Sequence[complex], integral: bool, where: str) -> np.ndarray:
     """Return the monic polynomial with these roots. Raises BadInput if a channel cannot have them."""
-    count = _degree(degree, where) + integral
+    count = _order(degree, integral, where)
     try:
         roots = np.array([complex(pole) for pole in poles])
     except (TypeError, ValueError) as error:
         raise BadInput(f"{where}: poles {poles!r} are not numbers") from error
     if len(roots) > count:
-        better = ", or use integral action" if len(roots) == count + 1 and not integral else ""
+        better = ", or use integral action" if len(roots) == count + 1 <= MOST_INTEGRATED + 1 and not integral else ""
         raise BadInput(
             f"{where}: {len(roots)} poles make the controller improper, it would require a derivative more than is measured; "
             f"give {count}{better}"
@@ -240,7 +260,10 @@ def _refuse(poles: Sequence[complex], why: str, where: str) -> None:
         raise BadInput(f"{where}: a pole at {show(pole)} {why}")
 
 
-def _degree(degree: int, where: str) -> int:
+def _order(degree: int, integral: bool, where: str) -> int:
+    """Return the number of poles of a channel. Raises BadInput for a relative degree that no law has."""
     if degree not in DEGREES:
-        raise BadInput(f"{where}: relative degree {degree}; gains exist for 1 and 2")
-    return degree
+        raise BadInput(f"{where}: relative degree {degree}; gains exist for {DEGREES[0]} to {DEGREES[-1]}")
+    if integral and degree > MOST_INTEGRATED:
+        raise BadInput(f"{where}: relative degree {degree}; integral action applies up to {MOST_INTEGRATED}: leave it out")
+    return degree + integral

@@ -10,13 +10,13 @@ import numpy as np
 from ..controllers.controller import Controller
 from ..controllers.integral import IntegralAction
 from ..readers.errors import BadInput
-from ..readers.robots import refuse_extension
 from ..simulation.loop import RUNNING, Loop
 from ..simulation.plant import Plant
 from .design import positive
 from .motion import SteadyMotion, coordinates, functions
 
 SHORTEST = 1e-12  # s, of a step with a torque held
+TOLERANCE = 1e-12  # relative, of such a step
 
 
 class ControllerRefused(BadInput):
@@ -37,7 +37,7 @@ def robot_system(plant: Plant, name: str | None = None) -> control.NonlinearIOSy
 
 
 def sampled_robot_system(
-    plant: Plant, period: float, tolerance: float = 1e-12, name: str | None = None
+    plant: Plant, period: float, tolerance: float = TOLERANCE, name: str | None = None
 ) -> control.NonlinearIOSystem:
     """The true robot in discrete time, the inputs held over each `period` (s); integrated to `tolerance`."""
     positive("period", period, "robot")
@@ -56,11 +56,14 @@ def sampled_robot_system(
 def controller_system(controller: Controller, period: float | None = None, name: str = "controller") -> control.NonlinearIOSystem:
     """Return the law, in any backend: inputs [q; nu] and reference, outputs tau. It has no state.
 
-    With a period (s) it is a discrete-time system. If the controller returns an error, ControllerRefused is raised.
+    With a period (s) it is a discrete-time system. If the controller returns an error, ControllerRefused is raised. Raises
+    BadInput for a law with a dynamic extension: python-control first evaluates the parts of a loop at zero inputs, where such
+    a law is singular.
     """
     law = controller.law
-    refuse_extension(law.name, "controller_system")
-    states, desired = [q.name for q in law.state], [q.name for q in law.reference]
+    states, desired = [q.name for q in law.system.state], [q.name for q in law.reference]
+    if law.extension:
+        raise BadInput(f"{law.name} has a dynamic extension: use closed_loop_system, in which its states are")
     return control.nlsys(
         None,
         lambda t, x, u, params: command(controller, u[: len(states)], u[len(states) :]),
@@ -80,7 +83,7 @@ def integral_system(
     added to the desired derivatives of highest order.
     """
     law = controller.law
-    n, desired = len(law.state), [q.name for q in law.reference]
+    n, desired = len(law.system.state), [q.name for q in law.reference]
 
     def update(t: float, z: np.ndarray, u: np.ndarray, params: dict) -> np.ndarray:
         error = action.error(controller, u[:n], u[n:])
@@ -93,15 +96,16 @@ def integral_system(
         update,
         references,
         states=[f"{row}_integral" for row in action.rows],
-        inputs=[*[q.name for q in law.state], *(f"{w}_d" for w in desired)],
+        inputs=[*[q.name for q in law.system.state], *(f"{w}_d" for w in desired)],
         outputs=desired,
         dt=period or 0.0,
         name=name,
     )
 
 
-def closed_loop_system(loop: Loop, period: float | None = None, name: str = "closed_loop") -> control.InterconnectedSystem:
-    """Robot and controller of a loop joined: states [q; nu], inputs the references, outputs [q; nu] and tau.
+def closed_loop_system(loop: Loop, period: float | None = None, name: str = "closed_loop") -> control.NonlinearIOSystem:
+    """Robot and controller of a loop joined: states [q; nu] and those of a dynamic extension, inputs the references, outputs
+    [q; nu] and tau.
 
     With a period (s) as a discrete-time system, torque held. With integral action its z are states too, the last ones, and the
     references end in _d, as for `integral_system`. Raises BadInput for drives that take velocities.
@@ -109,14 +113,38 @@ def closed_loop_system(loop: Loop, period: float | None = None, name: str = "clo
     if loop.drive.commands:
         raise BadInput("these systems take torques: not with drives that take velocities")
     law, controller = loop.law, loop.guidance.leg.controller
+    if law.extension:
+        return _extended_loop(loop, period, name)
     robot = sampled_robot_system(loop.plant, period) if period else robot_system(loop.plant)
     parts = [robot, controller_system(controller, period)]
     desired = [q.name for q in law.reference]
     if loop.integral.rows:
         parts.append(integral_system(controller, loop.integral, period))
         desired = [f"{w}_d" for w in desired]
-    outputs = [*[q.name for q in law.state], *[q.name for q in law.system.mechanism.inputs]]
+    outputs = [*[q.name for q in law.system.state], *[q.name for q in law.system.mechanism.inputs]]
     return control.interconnect(parts, inputs=desired, outputs=outputs, name=name)
+
+
+def _extended_loop(loop: Loop, period: float | None, name: str) -> control.NonlinearIOSystem:
+    """Return the closed loop of a law with a dynamic extension, whose states are the last ones."""
+    law, controller, n = loop.law, loop.guidance.leg.controller, len(loop.start)
+    states, inputs = _names(loop.plant)
+
+    def update(t: float, x: np.ndarray, desired: np.ndarray, params: dict) -> np.ndarray:
+        tau = command(controller, x, desired)
+        if period is None:
+            return np.append(loop.plant.rate(x[:n], tau), controller.extension_rate)
+        return np.append(hold(loop.plant, x[:n], tau, period, TOLERANCE), x[n:] + period * controller.extension_rate)
+
+    return control.nlsys(
+        update,
+        lambda t, x, desired, params: np.append(x[:n], command(controller, x, desired)),
+        states=[q.name for q in law.state],
+        inputs=[q.name for q in law.reference],
+        outputs=[*states, *inputs],
+        dt=period or 0.0,
+        name=name,
+    )
 
 
 class Moving:
@@ -126,6 +154,8 @@ class Moving:
         """`controller` in any backend, with the numbers of motion.setting. Raises BadInput for a motion with velocity drives."""
         if motion.setting.drive:
             raise BadInput("these systems take torques: not with drives that take velocities")
+        if motion.setting.law.extension:
+            raise BadInput("these systems have no states of a controller: not with a dynamic extension")
         self._motion, self._controller = motion, controller
         self._setting, self._functions = motion.setting, functions(motion.setting.law, ())
         self.names = list(coordinates(motion.setting.law))

@@ -1,11 +1,13 @@
 """The whole closed loop about a steady motion: true robot, law with its own parameters, torque continuous or held.
 
 When following a line or an arc, or a reference that moves uniformly, only the position along it changes. The coordinates rho
-omit it: they are the errors of the outputs of relative degree 2, the heading (relative to the path's direction if there is a
+omit it: they are the errors of the outputs that are functions of q, the heading (relative to the path's direction if there is a
 path), other coordinates on which the robot's equations depend (a steering angle), and the quasi-velocities nu. The motion is an
 equilibrium of
 
     d rho/dt = r(rho, tau),    tau = kappa(rho, z),    dz/dt = y_d - y    (z only with integral action)
+
+The states xi of a law's dynamic extension are held in z too, after the integrals: d xi/dt is a function of rho and z.
 
 With velocity-controlled drives (drive.py) the acceleration nudot takes the place of tau, and u that of kappa: the drives make
 nudot follow u.
@@ -65,6 +67,11 @@ class Setting:
         """Rows with integral action."""
         return tuple(k for k, ki in enumerate(self.integral) if ki)
 
+    @property
+    def held(self) -> int:
+        """How many numbers the controller holds: integrals, and the states of its dynamic extension."""
+        return len(self.acting) + len(self.law.extension)
+
     def arguments(self, x: np.ndarray, z: np.ndarray) -> list[np.ndarray]:
         """Return the arguments of `functions` at a state and integrals."""
         integral = np.array(self.integral or np.zeros(len(self.law.output.rows)))
@@ -75,11 +82,12 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class SteadyMotion:
-    """An equilibrium and the loop linearized about it: d rho/dt = A rho + B tau, tau = K rho + H z, dz/dt = E rho.
+    """An equilibrium and the loop linearized about it: d rho/dt = A rho + B tau, tau = K rho + H z, dz/dt = E rho + F z.
 
     `state` is one state [q; nu] of the motion, `torque` its constant inputs, `rho` the coordinates there by `names`, `z` what
-    the integrals hold, in the order of the rows that have one. With a drive, tau stands for the accelerations nudot, the loop
-    without a period is that of ideal drives, and `fed` is what the feed-forward of torque adds (`Fed`).
+    the integrals hold, in the order of the rows that have one, and the states of a dynamic extension. With a drive, tau stands
+    for the accelerations nudot, the loop without a period is that of ideal drives, and `fed` is what the feed-forward of
+    torque adds (`Fed`).
     """
 
     setting: Setting = field(repr=False)
@@ -93,6 +101,7 @@ class SteadyMotion:
     K: np.ndarray
     H: np.ndarray
     E: np.ndarray
+    F: np.ndarray
     fed: "Fed | None" = None
 
     @property
@@ -152,7 +161,7 @@ class SteadyMotion:
     def _matrices(self, period: float | None, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return A, B and K of the loop in the state [rho, z(, tau)], with tau = K state."""
         n, held, r = len(self.rho), len(self.z), self.B.shape[1]
-        A = np.block([[self.A, np.zeros((n, held))], [self.E, np.zeros((held, held))]])
+        A = np.block([[self.A, np.zeros((n, held))], [self.E, self.F]])
         B, K = np.vstack([self.B, np.zeros((held, r))]), np.hstack([self.K, self.H])
         if period is None:
             return A, B, K
@@ -160,7 +169,7 @@ class SteadyMotion:
             return self._behind(self.setting.drive, period, delay)
         moved = exponential(period * np.block([[self.A, self.B], [np.zeros((r, n + r))]]))
         A[:n, :n], B[:n], A[n:, :n] = moved[:n, :n], moved[:n, n:], period * self.E
-        A[n:, n:] = np.eye(held)
+        A[n:, n:] = np.eye(held) + period * self.F
         return (*delayed(A, B), np.hstack([K, np.zeros((r, r))])) if delay else (A, B, K)
 
     def _behind(self, drive: DriveLoop, period: float, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -198,14 +207,14 @@ def steady_motion(setting: Setting) -> SteadyMotion:
     Raises BadInput if there is none (a path whose curvature changes, a reference that does not move uniformly), or if the loop
     depends on the position along it.
     """
-    look, held = functions(setting.law, setting.acting, setting.drive is not None), len(setting.acting)
+    look, held = functions(setting.law, setting.acting, setting.drive is not None), setting.held
     x, z = np.array(setting.start, float), np.zeros(held)
     for _ in range(STEPS):
         values = look(setting, x, z)
         P = np.linalg.pinv(values["P"])
         residual = np.concatenate([values["r"], values["e"]])
         matrix = values["r_x"] + values["r_tau"] @ values["kappa_x"]
-        slope = np.block([[matrix @ P, values["r_tau"] @ values["kappa_z"]], [values["e_x"] @ P, np.zeros((held, held))]])
+        slope = np.block([[matrix @ P, values["r_tau"] @ values["kappa_z"]], [values["e_x"] @ P, values["e_z"]]])
         if not np.all(np.isfinite(slope)):
             break
         step = np.linalg.lstsq(slope, -residual)[0]
@@ -238,15 +247,16 @@ def _linearized(setting: Setting, values: dict[str, np.ndarray], x: np.ndarray, 
         K=reduced["kappa_x"],
         H=values["kappa_z"],
         E=reduced["e_x"],
+        F=values["e_z"],
         fed=fed,
     )
 
 
 def _check_steady(law: ControlLaw, values: dict[str, np.ndarray], reduced: dict[str, np.ndarray]) -> None:
     """Raise BadInput if rho does not describe the motion completely, or the loop changes along a moving reference."""
-    taken = {"r_x": 0.0, "kappa_x": values["kappa_t"]}
+    taken = {"r_x": 0.0, "kappa_x": values["kappa_t"], "e_x": values["e_t"]}
     for name, matrix in reduced.items():
-        left = [values[name] - matrix @ values["P"], *([matrix @ values["moves"] + taken[name]] if name in taken else [])]
+        left = [values[name] - matrix @ values["P"], matrix @ values["moves"] + taken[name]]
         largest = max(np.abs(part).max(initial=0.0) for part in left)
         if largest > SYMMETRIC * max(1.0, np.abs(values[name]).max(initial=0.0)):
             raise BadInput(f"{law.name}: no steady motion: the closed loop depends on the position along it")
@@ -268,8 +278,12 @@ class MotionFunctions:
 
     def __init__(self, law: ControlLaw, acting: tuple[int, ...], driven: bool = False):
         system, rows = law.system, _position_rows(law)
-        x, p = symbols(law.state), symbols(law.parameters)
-        z, tau = ca.SX.sym("z", len(acting)), ca.SX.sym("tau", system.dof if driven else len(system.mechanism.inputs))
+        x, p = symbols(system.state), symbols(law.parameters)
+        xi = ca.SX.sym("xi", len(law.extension))
+        z, tau = (
+            ca.vertcat(ca.SX.sym("z", len(acting)), xi),
+            ca.SX.sym("tau", system.dof if driven else len(system.mechanism.inputs)),
+        )
         believed, config, measured = (ca.SX.sym(n, k) for n, k in _sizes(law))
         ki, bias = ca.SX.sym("ki", len(law.output.rows)), ca.SX.sym("bias", x.numel())
         gains, reference = symbols(law.gains), symbols(law.reference)
@@ -278,10 +292,13 @@ class MotionFunctions:
         # The law at the measured state.
         virtual = law.v + ca.vertcat(*[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))])
         kappa = ca.substitute(law.u_of_v if driven else law.tau_of_v, symbols(law.virtual_input), virtual)
-        substitution = [ca.vertcat(x, p, symbols(law.config)), ca.vertcat(x + bias, believed, config)]
+        substitution = [
+            ca.vertcat(x, symbols(law.extension), p, symbols(law.config)),
+            ca.vertcat(x + bias, xi, believed, config),
+        ]
         kappa = ca.substitute(kappa, *substitution)
         errors = [by_name[law.output.rows[k].name] - law.linearization.h[k] for k in acting]
-        e = ca.substitute(ca.vertcat(ca.SX(0, 1), *errors), *substitution)
+        e = ca.substitute(ca.vertcat(ca.SX(0, 1), *errors, law.extension_rate), *substitution)
 
         # The true robot, with its outputs relative to the desired ones.
         place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
@@ -295,8 +312,10 @@ class MotionFunctions:
         rho = rho - ca.vertcat(y_d, rest)
 
         answers = {"rho": rho, "P": P, "kappa": kappa, "e": e}
-        answers |= {"moves": moves, "kappa_t": ca.jacobian(kappa, y_d) @ moves[: len(rows)]}
-        answers |= {"kappa_x": ca.jacobian(kappa, x), "kappa_z": ca.jacobian(kappa, z), "e_x": ca.jacobian(e, x)}
+        along = moves[: len(rows)]
+        answers |= {"moves": moves, "kappa_t": ca.jacobian(kappa, y_d) @ along, "e_t": ca.jacobian(e, y_d) @ along}
+        answers |= {"kappa_x": ca.jacobian(kappa, x), "kappa_z": ca.jacobian(kappa, z)}
+        answers |= {"e_x": ca.jacobian(e, x), "e_z": ca.jacobian(e, z)}
         moving = {"r": r, "r_x": ca.jacobian(r, x), "r_tau": ca.jacobian(r, tau)}
         arguments = [x, z, p, believed, config, gains, ki, reference, bias, measured]
         self._law = ca.Function("law", arguments, [ca.densify(v) for v in answers.values()])
@@ -309,7 +328,7 @@ class MotionFunctions:
         values = dict(zip(self._names[0], self._law(*arguments), strict=True))
         values |= zip(self._names[1], self._robot(*arguments, values["kappa"] if tau is None else tau), strict=True)
         arrays = {name: value.full() for name, value in values.items()}
-        return arrays | {name: arrays[name].ravel() for name in ("rho", "kappa", "e", "moves", "kappa_t", "r")}
+        return arrays | {name: arrays[name].ravel() for name in ("rho", "kappa", "e", "moves", "kappa_t", "e_t", "r")}
 
 
 @lru_cache(maxsize=16)
@@ -343,8 +362,8 @@ def _sizes(law: ControlLaw) -> tuple[tuple[str, int], ...]:
 
 
 def _position_rows(law: ControlLaw) -> list[OutputRow]:
-    """Rows of relative degree 2."""
-    return [row for row, degree in zip(law.output.rows, law.linearization.relative_degree, strict=True) if degree == 2]
+    """Rows that are functions of q."""
+    return [row for row in law.output.rows if not ca.depends_on(row.expression, law.system.nu)]
 
 
 def _angles(law: ControlLaw) -> list[ca.SX]:

@@ -80,7 +80,8 @@ def draw_steps(report: OuterLoopReport) -> Figure:
             output.axhline(edge, color=FAINT, linewidth=0.8, linestyle=":")
         say(output, "dotted: within 2 %", (0.98, 0.08), ha="right")
         output.set(title=channel.name, xlabel="time t (s)", ylabel=f"{channel.name} ({channel.unit})")
-        unit = f"{channel.unit}/s$^2$" if channel.gains.degree == 2 else f"{channel.unit}/s"
+        power = f"$^{channel.gains.degree}$" if channel.gains.degree > 1 else ""
+        unit = f"{channel.unit}/s{power}"
         effort.set(title=f"v of {channel.name}", xlabel="time t (s)", ylabel=f"v ({unit.replace('m/s/s', 'm/s$^2$')})")
         legend_below(output)
         legend_below(effort)

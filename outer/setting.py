@@ -10,7 +10,7 @@ from ..model.mechanism import values_of
 from ..model.names import LawName
 from ..readers.errors import BadInput
 from ..readers.robots import find_robot
-from ..simulation.loop import make_loop
+from ..simulation.loop import axle_at, make_loop
 from ..simulation.specification.spec import Initial, OutputSection, PathSection, Reference, Simulation, Spec
 from ..verification.cases import gain_entries, integral_entries
 from .motion import Setting, path_frame
@@ -28,12 +28,14 @@ def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
     if name is None:
         raise BadInput(f"{law.name} is the robot's own output: give the pose and the reference in a SPEC, with --spec SPEC.toml")
     config = {c.name: c.default for c in law.config}
-    L, W = config.pop("L"), config.pop("W", 0.0)
+    L = axle_at(law, {}) if name.extended else config.pop("L")
+    W, extension = config.pop("W", 0.0), name.extended
     if law.output.path:
-        output = OutputSection(type="IV", L=L, W=W, path=PathSection(kind=law.output.path.kind, parameters=config))
+        path = PathSection(kind=law.output.path.kind, parameters=config)
+        output = OutputSection(type="IV", L=L, W=W, extension=extension, path=path)
         reference = Reference(speed=speed)
     else:
-        output = OutputSection(type=name.type, L=L, W=W)
+        output = OutputSection(type=name.type, L=L, W=W, extension=extension)
         position = (0.0, math.pi / 2 if output.type == "III" else 0.0)
         reference = Reference(position=position, velocity=(speed, 0.0))
     initial, simulation = _on_the_way(output, reference), Simulation(duration=10.0, backend="casadi")
@@ -82,7 +84,8 @@ def _setting(spec: Spec) -> Setting:
 def _along(setting: Setting) -> bool:
     """Return whether the vehicle heads along the path's direction or against it."""
     direction = setting.law.at_state(path_frame(setting.law)[1])
-    return float(direction(setting.start, setting.believed, setting.config)) > 0
+    state = np.append(setting.start, np.zeros(len(setting.law.extension)))
+    return float(direction(state, setting.believed, setting.config)) > 0
 
 
 def _on_the_way(output: OutputSection, reference: Reference, initial: Initial | None = None) -> Initial:

@@ -110,9 +110,7 @@ def check_law(robot: Mechanism, law_name: str) -> None:
 def refuse_extension(law_name: str, where: str) -> None:
     """Raise BadInput for a law with a dynamic extension; `where` names the command that does not support one."""
     if without_extension(law_name) != law_name:
-        raise BadInput(
-            f"{where}: {law_name!r} has a dynamic extension; only simulate, generate, check and plain export support one"
-        )
+        raise BadInput(f"{where}: {law_name!r} has a dynamic extension; it is not supported here: see docs/extension.md")
 
 
 @cache

@@ -62,7 +62,7 @@ def continuous(loop: Loop, simulation: Simulation) -> Iterator[Row]:
         return np.concatenate([loop.plant.rate(state[:n], tau), loop.error(t, state[:n]), loop.extension_rate])
 
     begin, steps = 0.0, 0  # of the current piece of the path
-    solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.at_rest]), simulation.tolerance)
+    solver = Integrator(rate, begin, np.concatenate([loop.start, np.zeros(len(ki)), loop.extension]), simulation.tolerance)
     for t in _row_times(simulation):
         while solver.t < t:
             try:
@@ -97,7 +97,7 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
     `hold` moves the robot in between; without one it is the plant, which rolls.
     """
     period = simulation.period
-    xi = loop.at_rest
+    xi = loop.extension
     hold = hold or (lambda t, x, given, duration: _hold(loop, t, x, xi, given, duration, simulation.tolerance))
     whole, rest = whole_periods(simulation.delay + loop.drive.delay, period)
     slack = 1e-9 * min(period, simulation.output_step)  # a row this near to a call belongs to the call
@@ -107,12 +107,12 @@ def sampled(loop: Loop, simulation: Simulation, hold: Hold | None = None) -> Ite
     held, waiting = loop.drive.begin(x), deque[tuple[float, np.ndarray]]()
     integrators = loop.integral.integrators(simulation.backend)
     for k in itertools.count():
+        if k:
+            xi = xi + period * loop.extension_rate
         loop.sense(t, x)
         loop.guidance.update(t, loop.seen(x))
         add = np.array([one.step(e, period, status) for one, e in zip(integrators, loop.error(t, x), strict=True)])
         z = np.array([one.z for one in integrators])
-        if k:
-            xi = xi + period * loop.extension_rate
         status, given = loop.drive.take(loop.seen(x), *loop.command(t, x, add, xi))
         if status not in RUNNING:
             yield _row(loop, t, x, None, status, z, xi)

@@ -1,6 +1,6 @@
 """Builds the loop of a controller and a robot from a SPEC."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 
 import casadi as ca
@@ -31,7 +31,7 @@ from .plant import Plant
 from .sensing import Estimating, Sensing, SlipSensing
 from .specification.spec import ApproachSection, Initial, PathSection, Spec
 from .specification.units import check_units
-from .starts import starts
+from .starts import extension_starts, starts
 
 PROFILE_PART = (
     0.6  # of friction, and of the motors, that a speed profile uses by default; what is left is for staying on the path
@@ -41,7 +41,8 @@ ON_AXLE = 1e-9  # m: a point this near to the axle is on it
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """All parts of a run except time. `start` is the true state [q; nu] at t = 0; `warnings` are for the user.
+    """All parts of a run except time. `start` is the true state [q; nu] at t = 0, `extension` (k) the states of the law's dynamic
+    extension then; `warnings` are for the user.
 
     `believed`, `gains` and `limits` are those of the controller. Without sensing, the controller sees the true state.
     """
@@ -56,6 +57,7 @@ class Loop:
     integral: IntegralAction
     sensing: Sensing | None
     drive: Drive
+    extension: np.ndarray
     warnings: tuple[str, ...] = ()
 
     @property
@@ -114,11 +116,6 @@ class Loop:
         return self.sensing.slip.noticed if self.sensing and self.sensing.slip else None
 
     @property
-    def at_rest(self) -> np.ndarray:
-        """The states of the dynamic extension at the start: zero, as `reset` of the C sets them; empty without one."""
-        return np.zeros(len(self.law.extension))
-
-    @property
     def extension_rate(self) -> np.ndarray:
         """The rates of these states as the last command gave them."""
         return self.guidance.leg.controller.extension_rate if self.law.extension else np.zeros(0)
@@ -136,7 +133,7 @@ def make_loop(spec: Spec) -> Loop:
     """
     mechanism = find_robot(spec.robot)
     law = _law(mechanism, spec)
-    _check_axle(law, mechanism, spec)
+    _check_axle(law, spec)
     names = [p.name for p in law.parameters]
     for where in ("parameters", "plant"):
         check_keys(getattr(spec, where), names, where)
@@ -183,7 +180,8 @@ def make_loop(spec: Spec) -> Loop:
         generators = _generators(law, spec, spec.reference.approach)
         guidance = Approaching(guidance, law, believed, generators, lambda: sensing is not None and sensing.jumped, start)
     drive = make_drive(spec.drive, spec.simulation, plant, believed)
-    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, drive, warnings)
+    extension = _extension(law, spec, believed, guidance, start)
+    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, drive, extension, warnings)
     _check_start(loop)
     return loop
 
@@ -197,17 +195,22 @@ def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
     return law_of(mechanism, spec.output.law)
 
 
-def _check_axle(law: ControlLaw, mechanism: Mechanism, spec: Spec) -> None:
+def _check_axle(law: ControlLaw, spec: Spec) -> None:
     """Raise BadInput if P_l of a law with a dynamic extension is not on the axle, where that law has it."""
     if not law.output.extension or spec.output.own:
         return
-    p = mechanism.parameter_values(spec.parameters)
-    ahead = float(ca.Function("ahead", [mechanism.p], [axle(law.system)])(p))
+    ahead = axle_at(law, spec.parameters)
     if abs(spec.output.L - ahead) > ON_AXLE:
         raise BadInput(
             f"[output] extension = true is for a P_l on the axle, L = {ahead:g} m; L is {spec.output.L:g}: change it, or omit "
             "extension; for another point that needs one, define an output of the robot's own"
         )
+
+
+def axle_at(law: ControlLaw, parameters: Mapping[str, float]) -> float:
+    """Return how far the axle is ahead of the vehicle's point, m; `parameters` that differ from their defaults by name."""
+    mechanism = law.system.mechanism
+    return float(ca.Function("ahead", [mechanism.p], [axle(law.system)])(mechanism.parameter_values(parameters)))
 
 
 def _limits(spec: Spec, inputs: int) -> Limits | None:
@@ -394,20 +397,32 @@ def _start(initial: Initial, plant: Plant, L: float, W: float) -> np.ndarray:
     return found
 
 
+def _extension(law: ControlLaw, spec: Spec, believed: np.ndarray, guidance: Guidance, start: np.ndarray) -> np.ndarray:
+    """Return the states of the dynamic extension at t = 0: as given, else as the reference desires; empty without one."""
+    given = spec.initial.extension if spec.initial else None
+    if given is not None:
+        if len(given) != len(law.extension):
+            needed = ", ".join(f"{q.name} ({q.unit})" for q in law.extension) or "none: the law has no dynamic extension"
+            raise BadInput(f"[initial] extension has {len(given)} numbers; {law.name} has {len(law.extension)} states: {needed}")
+        return np.array(given)
+    desired = guidance.reference(0.0, start)
+    return extension_starts(law, believed[None], guidance.leg.config[None], start[None], desired[None])[0]
+
+
 def _check_start(loop: Loop) -> None:
     """Raise BadInput with the reason if the controller returns an error at the start."""
-    status, _ = loop.command(0.0, loop.start, np.zeros(len(loop.integral.rows)), loop.at_rest)
+    status, _ = loop.command(0.0, loop.start, np.zeros(len(loop.integral.rows)), loop.extension)
     if status in RUNNING:
         return
     if status != "singular":
         raise BadInput(f"[initial]: the controller returns {status!r} at the start")
-    size = loop.guidance.leg.side.relative(np.append(loop.start, loop.at_rest))
+    size = loop.guidance.leg.side.relative(np.append(loop.start, loop.extension))
     raise BadInput(f"[initial]: Phi is singular at the start: |det Phi| = {size:.1e} of its row norms; {_why_singular(loop)}")
 
 
 def _why_singular(loop: Loop) -> str:
     """Return what to change: the output, if it is singular at other states too, else the start."""
-    start = np.append(loop.start, loop.at_rest)
+    start = np.append(loop.start, loop.extension)
     if np.isnan(loop.guidance.leg.side.relative(start)):
         return "an output has no derivative there (such as at the centre of a circle), or a number is too large: change either"
     random = np.random.default_rng(1992)

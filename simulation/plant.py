@@ -36,11 +36,13 @@ class Plant:
         return self._rows("energy", x)[:, 0]
 
     def power(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Return the power of inputs and forces (friction, not weight), W, for each row of x and tau: the rate of the energy."""
+        """Return the power of inputs, forces (friction, not weight) and the drives of moving surfaces, W, for each row of x
+        and tau: the rate of the energy.
+        """
         return self._rows("power", x, tau)[:, 0]
 
     def slip(self, x: np.ndarray) -> np.ndarray:
-        """Return A qdot, the residual of the constraints (2), for each row of x."""
+        """Return A qdot - b, the residual of the constraints (2), for each row of x; b is zero unless surfaces move."""
         return self._rows("slip", x)
 
     def constraint_forces(self, x: np.ndarray, tau: np.ndarray) -> np.ndarray:
@@ -77,15 +79,17 @@ def functions(system: ReducedSystem) -> dict[str, ca.Function]:
     power = ca.dot(tau, mechanism.E.T @ mechanism.qdot) + sum(
         (force * velocity for force, velocity in mechanism.forces), ca.SX(0)
     )
+    forces = system.constraint_forces(tau, acceleration)
+    power -= ca.dot(forces, mechanism.surface_velocity)
     places = ca.vertcat(*[c.mass for c in mechanism.standing], *[c.left for c in mechanism.standing])
     contacts = ca.vertcat(ca.vec(combination(mechanism)), places)
     others = {
         "energy": ca.Function("energy", [x, p], [ca.densify(energy)]),
         "power": ca.Function("power", [x, tau, p], [ca.densify(ca.substitute(power, mechanism.qdot, system.qdot))]),
-        "slip": ca.Function("slip", [x, p], [ca.densify(mechanism.A @ system.qdot)]),
+        "slip": ca.Function("slip", [x, p], [ca.densify(mechanism.A @ system.qdot - mechanism.surface_velocity)]),
         "contacts": ca.Function("contacts", [x, p], [ca.densify(contacts)]),
         "shift": ca.Function("shift", [x, p], [ca.densify(ca.vec(ca.densify(shift_by_forces(mechanism))))]),
-        "forces": ca.Function("forces", [x, tau, p], [ca.densify(system.constraint_forces(tau, acceleration))]),
+        "forces": ca.Function("forces", [x, tau, p], [ca.densify(forces)]),
     }
     return {
         "rate": rate,

@@ -9,8 +9,8 @@ import numpy as np
 from ..controllers import SCALAR
 from ..controllers.angles import nearest_angle
 from ..controllers.direct import Direct
-from ..controllers.ground.slip import Noticed, SlipOptions, make_slip
 from ..controllers.estimation.ekf import Filter, FilterOptions
+from ..controllers.ground.slip import Noticed, SlipOptions, make_slip
 from ..controllers.odometry import make_odometry, vehicle_wheels
 from ..model.algebra.exact import canonical
 from ..model.algebra.trigonometry import sine_cosine

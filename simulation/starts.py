@@ -8,7 +8,8 @@ import numpy as np
 
 from ..model.algebra.linear_numbers import least_norm
 from ..model.algebra.portable import portable
-from ..model.outputs import body_point, forward_speed, reference_point
+from ..model.law import ControlLaw, symbols
+from ..model.outputs import OutputRow, body_point, forward_speed, reference_point
 from ..model.reduction import ReducedSystem
 
 TRIES = 50
@@ -58,6 +59,47 @@ def _functions(system: ReducedSystem) -> tuple[ca.Function, ca.Function, np.ndar
         function(motion, system.nu, ca.vertcat(mechanism.q, mechanism.p)),
         shape,
     )
+
+
+def extension_starts(
+    law: ControlLaw, parameters: np.ndarray, config: np.ndarray, state: np.ndarray, reference: np.ndarray
+) -> np.ndarray:
+    """Return the states of the dynamic extension at t = 0, (N, k): those with which the outputs of N robots at `state` (N, 2n-m)
+    have the derivatives of the `reference` (N, R), or the nearest to them; (N, P) `parameters` and (N, C) `config` of the law.
+
+    Order by order: the states on which derivatives of this order depend, and those of lower orders do not, are the least-squares
+    solution.
+    """
+    function, depends = _extension_functions(law)
+    names = [q.name for q in law.reference]
+    orders = [(order, names.index(row.name) + order) for row, degree in _degrees(law) for order in range(1, degree)]
+    found, known = np.zeros((len(state), len(law.extension))), np.zeros(len(law.extension), bool)
+    for order in range(1, max(order for order, _ in orders) + 1 if orders else 1):
+        entries = [k for k, (each, _) in enumerate(orders) if each == order]
+        new = np.flatnonzero(depends[entries].any(axis=0) & ~known)
+        if not len(new):
+            continue
+        rate, slope = (v.full().T for v in function(np.hstack([state, found]).T, parameters.T, config.T))
+        wrong = reference[:, [orders[k][1] for k in entries]] - rate[:, entries]
+        A = slope.reshape(len(state), len(known), -1).swapaxes(1, 2)[:, entries][:, :, new]
+        normal = (A[:, :, :, None] * A[:, :, None, :]).sum(axis=1)
+        found[:, new] += least_norm(normal, (A * wrong[:, :, None]).sum(axis=1))
+        known[new] = True
+    return found
+
+
+def _degrees(law: ControlLaw) -> list[tuple[OutputRow, int]]:
+    return list(zip(law.output.rows, law.linearization.relative_degree, strict=True))
+
+
+@lru_cache(maxsize=16)
+def _extension_functions(law: ControlLaw) -> tuple[ca.Function, np.ndarray]:
+    """Return the function from state, parameters and config to the rates of the outputs and their derivatives by the states of
+    the extension, and which of these derivatives are not always zero.
+    """
+    rate = law.linearization.rate
+    slope = ca.jacobian(rate, symbols(law.extension))
+    return portable(law.at_state(rate, ca.vec(ca.densify(slope)))), ca.DM(slope.sparsity(), 1).full() != 0
 
 
 def _solved(function: Callable, target: np.ndarray, given: list[np.ndarray], moves: np.ndarray) -> np.ndarray:

@@ -61,6 +61,9 @@ typedef struct loop {
     double sign;             /* of det Phi where the law was initialized */
     int fresh;               /* 1: the side of the singular set has not been determined yet */
     double x[BATCH_STATE];   /* true state */
+#if BATCH_EXTENSION
+    double extension[BATCH_EXTENSION]; /* states of the law's dynamic extension */
+#endif
     double reference[BATCH_REFERENCE];
     int status;
     double step, error;      /* s; of the integrator, and its estimated error so far */
@@ -241,6 +244,44 @@ static void turn(loop *self)
 
 /* -- the controller's numbers ------------------------------------------------------------------------------------------ */
 
+/* Hands the states of the dynamic extension to the law, and to the law in double that knows the singular set. */
+static void extend(loop *self)
+{
+#if BATCH_EXTENSION
+    int i;
+    for (i = 0; i < BATCH_EXTENSION; i++) {
+        self->law.extension[i] = (BATCH_REAL)self->extension[i];
+        self->believed.extension[i] = self->extension[i];
+    }
+#else
+    (void)self;
+#endif
+}
+
+/* Calls the law. Its dynamic extension has been advanced. */
+static int call(loop *self, const BATCH_ROBOT(_state) *state, const BATCH_LAW(_reference) *reference, BATCH_REAL *tau)
+{
+#if BATCH_EXTENSION
+    extend(self);
+    return BATCH_LAW(_step)(&self->law, state, reference, 0, tau);
+#else
+    return BATCH_LAW(_step)(&self->law, state, reference, tau);
+#endif
+}
+
+/* Advances the states of the dynamic extension by a period, with the rates of the last call. */
+static void advance(loop *self)
+{
+#if BATCH_EXTENSION
+    int i;
+    for (i = 0; i < BATCH_EXTENSION; i++) {
+        self->extension[i] += self->sample->period * (double)self->law.extension_rate[i];
+    }
+#else
+    (void)self;
+#endif
+}
+
 /* Initializes the law of a path, for the controller and in double. The present state determines the side of the singular set. */
 static int make_law(loop *self, const double *where)
 {
@@ -285,7 +326,9 @@ static int make_law(loop *self, const double *where)
         status = BATCH_JUDGE(_init)(&self->truth, &exact.named, &place.named, &exact_gains.named, NULL);
     }
     if (status == NOSLIP_OK) {
-        const double found = determinant(&self->believed, seen(self));
+        double found;
+        extend(self);
+        found = determinant(&self->believed, seen(self));
         self->sign = found > 0 ? 1 : found < 0 ? -1 : found;
         self->fresh = 1;
     }
@@ -612,7 +655,7 @@ static int command(loop *self, double t, double tau[BATCH_INPUTS])
         }
     }
 #endif
-    status = BATCH_LAW(_step)(&self->law, &state.named, &reference.named, answer);
+    status = call(self, &state.named, &reference.named, answer);
     /* a true state has been checked when it was reached */
     if (running(status) && (BATCH_SENSED || self->fresh)) {
         self->fresh = 0;
@@ -1089,6 +1132,9 @@ static void march(loop *self)
     for (k = 0;; k++) {
         const double end = (k + 1) * sample->period;
         double weight = 0;
+        if (k > 0) {
+            advance(self);
+        }
         status = sense(self, t);
         if (status >= 0) {
             status = update(self);
@@ -1166,6 +1212,9 @@ static void attempt(loop *self, double longest, double nudge)
     for (i = 0; i < BATCH_STATE; i++) {
         self->x[i] = sample->start[i] + nudge;
     }
+#if BATCH_EXTENSION
+    copy(self->extension, sample->extension, BATCH_EXTENSION);
+#endif
     show_truth(self);
     copy(params.at, sample->plant, BATCH_PARAMETERS);
     if (status >= 0) {

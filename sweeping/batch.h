@@ -42,6 +42,7 @@ typedef struct batch_sample {
     double slope[BATCH_REFERENCE];
     double acceleration[BATCH_APPROACHES + 1], jerk[BATCH_APPROACHES + 1], settling; /* see noslip_approach_init */
     double start[BATCH_STATE];
+    double extension[BATCH_EXTENSION + 1]; /* states of the law's dynamic extension at the start */
     double forward[2], turn[2], ahead; /* of the vehicle, as assumed by the controller; see noslip_odometry_options */
     double speed, deceleration, creep, L[2], W; /* of a composite path, see noslip_path_options */
     double lateral, along, angular; /* of its speed profile, see noslip_profile_limits; deceleration is that above */

@@ -5,7 +5,7 @@ from threading import Lock
 import casadi as ca
 import numpy as np
 
-from ..codegen.derivation.grip import can_grip, is_wide
+from ..codegen.derivation.grip import is_wide
 from ..controllers import SCALAR
 from ..controllers.approach import PERIODS, SETTLING
 from ..controllers.controller import ON_LIMIT
@@ -13,14 +13,13 @@ from ..controllers.odometry import MODES, wheels_function
 from ..controllers.tracking import REVERSING, STOP
 from ..planning.profile import top_speed
 from ..readers.errors import BadInput
-from ..readers.robots import refuse_extension
 from ..simulation.guidance import accelerations
 from ..simulation.loop import make_loop
 from ..simulation.sensing import gyro_bias, wheel_noise
 from ..simulation.specification.spec import MOST_ROWS, Spec
-from ..simulation.starts import starts
+from ..simulation.starts import extension_starts, starts
 from .inputs import SEED, SEEDS, inputs_of
-from .program import LoopParts, program
+from .program import LoopParts, knows_ground, program
 
 LONGEST = 0.01  # s
 ACCURACY = 1e-9
@@ -73,7 +72,6 @@ class Batch:
             raise BadInput(f'[drive] kind = "{spec.drive.kind}": a sweep does not have it yet; use noslip simulate, or "torque"')
         if spec.estimator:
             raise BadInput("[estimator]: a sweep does not have it yet; use noslip simulate, or [correction]")
-        refuse_extension(spec.output.law, "sweep")
         self.loop = make_loop(spec)
         self._notices = spec.limits is not None and spec.limits.notice_slip is not None
         self.law = law = self.loop.law
@@ -167,7 +165,7 @@ class Batch:
             return self._notices
         if outcome in ("grip", "will_slip"):
             return self.spec.limits is not None and self.spec.limits.mode == "grip"
-        return outcome != "use" or (self.spec.contact is not None and can_grip(self.law.system))
+        return outcome != "use" or (self.spec.contact is not None and knows_ground(self.law))
 
     # -- samples ---------------------------------------------------------------------------------------------------------
 
@@ -218,6 +216,7 @@ class Batch:
             self._notice(made, given)
         L = self._point(made, given)
         made["start"] = self._starts(made, given, L)
+        made["extension"][:, : len(law.extension)] = self._extensions(made, given)
         made["refused"] = np.where(made["refused"] == 0, self._refused(made, table), made["refused"])
         return made
 
@@ -237,7 +236,8 @@ class Batch:
         """Set the path and the position of P_l. Return its L, m."""
         output, law = self.spec.output, self.law
         zeros = np.zeros(len(made))
-        L, made["W"] = given.get("output.L", zeros), given.get("output.W", zeros)
+        on_axle = output.extension and not output.own
+        L, made["W"] = -made["ahead"] if on_axle else given.get("output.L", zeros), given.get("output.W", zeros)
         mirrored = given.get("output.L_backward", -L - 2 * made["ahead"])
         if self._route:
             made["L"] = np.column_stack([L, mirrored])
@@ -277,11 +277,21 @@ class Batch:
         pose = np.column_stack([given[f"initial.{name}"] for name in ("point[0]", "point[1]", "heading")])
         return starts(self.law.system, made["plant"], (L, made["W"]), pose, given["initial.speed"])
 
+    def _extensions(self, made: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
+        """Return the states of the dynamic extension at the start; NaN where the start is."""
+        names = [name for name in self.inputs if name.startswith("initial.extension[")]
+        if names or not self.law.extension:
+            return np.column_stack([np.zeros((len(made), 0)), *[given[name] for name in names]])
+        config = made["config"][:, : len(self.law.config)]
+        config = np.broadcast_to(self.loop.guidance.leg.config, config.shape) if self._route else config
+        return extension_starts(self.law, made["believed"], config, made["start"], made["offset"])
+
     def _refused(self, made: np.ndarray, table: np.ndarray) -> np.ndarray:
         """Return 0, or the status with which a SPEC with these numbers is rejected, apart from the checks made by the C."""
         period, delay, duration = (made[name] for name in ("period", "delay", "duration"))
         with np.errstate(divide="ignore", invalid="ignore"):
             good = np.isfinite(table).all(axis=1) & np.isfinite(made["start"]).all(axis=1)
+            good &= np.isfinite(made["extension"]).all(axis=1)
             good &= (period > 0) & (delay >= 0) & (delay <= period) & (duration > 0)
             good &= (duration / period <= MOST_ROWS) & (duration / self.spec.simulation.output_step <= MOST_ROWS)
             good &= (made["sd"] >= 0).all(axis=1) & (made["sensor_period"] >= 0) & (made["counts"] >= 0)

@@ -11,8 +11,8 @@ from ..model.law import ControlLaw
 from ..model.mechanism import values_of
 from ..readers.errors import BadInput
 from ..readers.robots import suggestion
-from ..simulation.loop import Loop, initial_of
-from ..simulation.specification.spec import Initial, NoiseSection, OutputSection, Spec
+from ..simulation.loop import Loop, axle_at, initial_of
+from ..simulation.specification.spec import NoiseSection, OutputSection, Spec
 from ..verification.cases import gain_entries, integral_entries
 
 Place = tuple[str | int, ...]  # path to a number in a Spec: names of entries and indices of items
@@ -28,6 +28,7 @@ class SampleInputs:
     controller unless the SPEC gives others. `state`: names of [q; nu].
     """
 
+    law: ControlLaw
     spec: Spec
     nominal: dict[str, float]
     follows: dict[str, str]
@@ -53,7 +54,10 @@ class SampleInputs:
     def spec_of(self, row: Sequence[float]) -> Spec:
         """Return the SPEC of one sample, a row of a table, for `noslip simulate`. Raises BadInput if it cannot be run."""
         values = dict(zip(self.nominal, row, strict=True))
-        return _changed(self.spec, {self._place(name): float(value) for name, value in values.items()})
+        spec = _changed(self.spec, {self._place(name): float(value) for name, value in values.items()})
+        if not spec.output.extension or spec.output.own:
+            return spec
+        return replace(spec, output=replace(spec.output, L=axle_at(self.law, spec.parameters)))  # P_l stays on the axle
 
     def _place(self, name: str) -> Place:
         """Return the path to an input in a Spec."""
@@ -63,7 +67,7 @@ class SampleInputs:
         if tokens[:2] == ("output", "path"):
             return (*tokens[:2], "parameters", *tokens[2:])
         initial = self.spec.initial
-        if tokens[0] == "initial" and initial and initial.q is not None:
+        if tokens[0] == "initial" and tokens[1] != "extension" and initial and initial.q is not None:
             k, n = self.state.index(name.removeprefix("initial.")), len(initial.q)
             return ("initial", "q", k) if k < n else ("initial", "nu", k - n)
         return tokens
@@ -83,9 +87,10 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
     nominal |= _numbers(reference, "reference")
     if reference.approach:
         nominal |= _numbers(reference.approach, "reference.approach")
-    initial, state = full.initial, [q.name for q in law.state]
+    initial, state = full.initial, [q.name for q in law.system.state]
     if initial and initial.q is not None:
         nominal |= {f"initial.{q}": v for q, v in zip(state, (*initial.q, *(initial.nu or ())), strict=True)}
+        nominal |= {f"initial.extension[{k}]": v for k, v in enumerate(initial.extension or ())}
     else:
         nominal |= _numbers(initial, "initial")
     if full.limits:
@@ -104,7 +109,7 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
         nominal[SEED] = full.sensors.seed
     nominal |= {f"simulation.{name}": getattr(simulation, name) for name in ("period", "delay", "duration")}
     follows = {f"plant.{name}": f"parameters.{name}" for name in full.plant if name not in spec.plant}
-    return SampleInputs(full, {name: float(value) for name, value in nominal.items()}, follows, state)
+    return SampleInputs(law, full, {name: float(value) for name, value in nominal.items()}, follows, state)
 
 
 def _in_full(spec: Spec, loop: Loop) -> Spec:
@@ -137,7 +142,7 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
         if initial.q is not None:
             changed["initial"] = replace(initial, nu=initial.nu or (0.0,) * law.system.dof)
         else:
-            changed["initial"] = Initial(point=initial.point, heading=initial.heading or 0.0, speed=initial.speed or 0.0)
+            changed["initial"] = replace(initial, heading=initial.heading or 0.0, speed=initial.speed or 0.0)
     if spec.limits:
         count, integrals = len(mechanism.inputs), len(ki)
         changed["limits"] = replace(

@@ -88,7 +88,8 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
         "PLANT(name)": f"{mechanism.name}_dynamics##name",
         "COORDINATES": len(mechanism.coordinates),
         "DOF": law.system.dof,
-        "STATE": len(law.state),
+        "STATE": len(law.system.state),
+        "EXTENSION": len(law.extension),
         "PARAMETERS": len(law.parameters),
         "CONFIG": len(law.config),
         "GAINS": len(law.gains),
@@ -112,7 +113,7 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
         "APPROACHES": len(leads),
         "LED_ROWS": _list([each.position[0] if each.position else -1 for each in leads]),
         "LED_SPEEDS": _list([each.speed[0] if each.speed else -1 for each in leads]),
-        "CONTACTS": len(mechanism.contacts) if can_grip(law.system) else 0,
+        "CONTACTS": len(mechanism.contacts) if knows_ground(law) else 0,
     }
     if parts.sensed or parts.route:
         known["POSE"] = _list(pose_coordinates(law.system))
@@ -125,6 +126,11 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
     return "\n".join(
         ["#ifndef BATCH_LAW_H", "#define BATCH_LAW_H", *lines, *(f"#define BATCH_{k} {v}" for k, v in known.items()), "#endif\n"]
     )
+
+
+def knows_ground(law: ControlLaw) -> bool:
+    """Return whether the C of the law computes the forces on the ground; that of one with a dynamic extension does not."""
+    return can_grip(law.system) and not law.extension
 
 
 def _list(numbers: list[int]) -> str:

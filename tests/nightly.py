@@ -60,7 +60,12 @@ NIGHTLY = {
         r"the_c_is_the_textbook\[(car|twins|slope_platform|four_wheel|off_axle|knife_edge)-",
     ),
     "test_evaluate": (r"many_random_states\[(type_iii?|type_iv_(line|circle|ellipse))\]",),
-    "test_extension": (r"that_were_placed\[(train|arm|car-casadi|path-casadi)", r"the_c_is_the_model\[type_i_offset"),
+    "test_extension": (
+        r"that_were_placed\[(train|arm|car-casadi|path-casadi)",
+        r"the_c_is_the_model\[type_i_offset",
+        r"runs_the_same_loop\[(?!line)",
+        r"steady_motion\[train",
+    ),
     "test_faults": (r"may_not_be_is_found\[supplies",),
     "test_figures": (
         r"every_claim_\w+\[(1|4|5|6|8a|8b|9a|9b|10|11|12|14|15|16)\]",

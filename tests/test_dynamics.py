@@ -121,7 +121,8 @@ def textbook(name: str) -> ca.Function:
     reduced = system(name)
     robot = reduced.mechanism
     M, S = robot.M, reduced.S
-    bias = S.T @ (M @ reduced.Sdot @ reduced.nu + ca.substitute(robot.V, robot.qdot, reduced.qdot))
+    turning = ca.jtimes(S @ reduced.nu + reduced.carried, robot.q, reduced.qdot)  # the rate of qdot with nu held
+    bias = S.T @ (M @ turning + ca.substitute(robot.V, robot.qdot, reduced.qdot))
     energy = ca.substitute(robot.energy(), robot.qdot, reduced.qdot)
     answers = [S.T @ M @ S, bias, S.T @ robot.E, reduced.qdot, energy]
     return ca.Function("textbook", [robot.p, robot.q, reduced.nu], [ca.densify(answer) for answer in answers])

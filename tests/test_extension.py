@@ -2,8 +2,11 @@
 
 import dataclasses
 import json
+import shutil
+import subprocess
 
 import casadi as ca
+import control
 import numpy as np
 import pytest
 from casadi import cos, sin
@@ -20,12 +23,16 @@ from noslip.model.outputs import output_map
 from noslip.model.robots.mobile_manipulator import mobile_manipulator
 from noslip.model.robots.steered import car
 from noslip.model.robots.tractor_trailer import tractor_trailer
+from noslip.outer.interop import closed_loop_system
+from noslip.outer.motion import steady_motion
+from noslip.outer.setting import setting_of
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.loop import make_loop
 from noslip.simulation.run import Run
-from noslip.simulation.specification.spec import spec_of
+from noslip.simulation.specification.spec import Initial, spec_of
+from noslip.sweeping.batch import Batch
 from scipy.linalg import expm
 
 AXLE = """
@@ -117,8 +124,8 @@ def test_errors_have_the_poles_that_were_placed(name, backend, tmp_path):
     run, degrees = run_of(SPECS[name], tmp_path, backend=backend), DEGREES[name]
     law = run.law
     assert law.linearization.relative_degree == degrees and run.stopped is None
-    start = np.append(run.x[0], np.zeros(len(law.extension)))
     loop = make_loop(run.spec)
+    start = np.append(run.x[0], loop.extension)
     reference = loop.guidance.reference(0, run.x[0])
     evaluation = make_controller("casadi", law, loop.believed, run.config[0], loop.gains).evaluate(start, reference)
     desired, rates = iter(reference), iter(evaluation.values["ydot"])
@@ -291,16 +298,132 @@ def test_a_name_of_an_extended_law_cannot_be_that_of_an_output():
         robot.output("rear_extended", "", [("x_r", "m", robot["x"]), ("y_r", "m", robot["y"])])
 
 
+def test_start_values_are_those_of_the_reference():
+    """x' = v cos, y' = v sin: the forward acceleration that a point on a circle desires, along the heading; and numbers given."""
+    spec = spec_of(CIRCLE, "")
+    circle = spec.reference.circle
+    toward = -circle.radius * circle.rate**2 * np.exp(1j * circle.angle)  # to the centre, m/s^2
+    expected = (toward * np.exp(-1j * spec.initial.heading)).real
+    np.testing.assert_allclose(make_loop(spec).extension, [expected], atol=1e-14)
+    given = dataclasses.replace(spec, initial=dataclasses.replace(spec.initial, extension=(0.25,)))
+    np.testing.assert_array_equal(make_loop(given).extension, [0.25])
+    many = dataclasses.replace(spec, initial=dataclasses.replace(spec.initial, extension=(0.25, 0.0)))
+    with pytest.raises(BadInput, match="extension has 2 numbers; type_i_extended has 1 states: forward_speed_rate"):
+        make_loop(many)
+
+
+@pytest.mark.parametrize(("name", "backend"), [("line", "c"), ("car", "cf"), ("path", "c"), ("train", "c"), ("arm", "c")])
+def test_a_sweep_runs_the_same_loop(name, backend, tmp_path):
+    """Also with other parameters, where the axle, and P_l with it, is somewhere else."""
+    (tmp_path / "robots.py").write_text(ROBOTS)
+    spec = spec_of(SPECS[name], tmp_path / "spec.toml")
+    simulation = dataclasses.replace(spec.simulation, period=0.02, backend=backend, tolerance=1e-12, duration=3.0)
+    batch = Batch(dataclasses.replace(spec, simulation=simulation))
+    first = next(name for name in batch.inputs if name.startswith("parameters."))
+    moved = "parameters.d" if "parameters.d" in batch.inputs else first
+    table = batch.table({moved: batch.nominal[moved] * np.array([1.0, 1.1])}, 2)
+    for row, outcome in zip(table, batch.run(table), strict=True):
+        run, found = simulate(batch.spec_of(row)), dict(zip(batch.outcomes, outcome, strict=True))
+        end = [found[f"end.{q.name}"] for q in run.law.system.state]
+        assert batch.status(found["status"]) == "ok" == run.status[-1] and found["integration_error"] < 1e-7
+        np.testing.assert_allclose(end, run.x[-1], rtol=0, atol=found["integration_error"] + 1e-10)
+
+
+@pytest.mark.parametrize("name", ["path", "train"])
+def test_the_whole_loop_about_its_steady_motion(name, tmp_path):
+    """Continuous: the poles that were placed. Sampled: the error of a run close to it satisfies the equation of the eigenvalues
+    of the linearized loop, in which the states of the extension advance by Euler's steps, as in C.
+    """
+    (tmp_path / "robots.py").write_text(ROBOTS)
+    spec = spec_of(SPECS[name], tmp_path / "spec.toml")
+    motion = steady_motion(setting_of(spec))
+    degrees = motion.setting.law.linearization.relative_degree
+    placed = [p for degree in degrees for p in np.polynomial.polynomial.polyroots([*default_gains(degree), 1.0])]
+    if name == "path":
+        placed.remove(max(placed, key=abs))  # none of them belongs to the place along the path
+    for pole in motion.eigenvalues():
+        assert min(abs(pole - each) for each in placed) < 2e-3, pole
+    period = 0.1
+    moved = motion.state.copy()
+    moved[:2] += 1e-5
+    count = len(motion.setting.law.system.mechanism.coordinates)
+    initial = Initial(q=tuple(moved[:count]), nu=tuple(moved[count:]), extension=(0.0,) * len(motion.z))
+    simulation = dataclasses.replace(spec.simulation, period=period, duration=4.0, output_step=period, tolerance=1e-13)
+    run = simulate(dataclasses.replace(spec, initial=initial, simulation=simulation))
+    equation = np.poly(motion.eigenvalues(period)).real
+    residual = np.convolve(run.error[:, 0], equation, "valid")
+    assert np.abs(residual).max() < 1e-5 * np.abs(run.error[:, 0]).max()
+
+
+def test_systems_of_python_control_have_the_states_of_the_extension():
+    loop = make_loop(spec_of(AXLE, ""))
+    system = closed_loop_system(loop)
+    assert system.state_labels[-1] == "forward_speed_rate"
+    run = simulate(spec_of(AXLE, ""))
+    desired = np.column_stack([loop.guidance.reference(t, loop.start) for t in run.t])
+    options = {"solve_ivp_kwargs": {"rtol": 1e-9, "atol": 1e-11}}
+    start = np.append(loop.start, loop.extension)
+    response = control.input_output_response(system, run.t, desired, start, **options)
+    np.testing.assert_allclose(response.states[:-1].T, run.x, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(response.states[-1], run.extension[:, 0], rtol=0, atol=1e-6)
+    period = 0.1
+    state = np.append(loop.start, loop.extension)
+    after = closed_loop_system(loop, period).dynamics(0.0, state, loop.guidance.reference(0.0, loop.start))
+    held = simulate(dataclasses.replace(run.spec, simulation=dataclasses.replace(run.spec.simulation, period=period)))
+    at = list(np.round(held.t, 9)).index(0.5)
+    for k in range(1, 5):
+        after = closed_loop_system(loop, period).dynamics(k * period, after, loop.guidance.reference(k * period, loop.start))
+    np.testing.assert_allclose(after[:-1], held.x[at], rtol=0, atol=1e-9)
+
+
+OUTER_LOOP = ["outer-loop", "labmate", "--output", "type_iv_circle_extended", "--period", "0.01", "--json"]
+
+
+@pytest.mark.nightly
+def test_outer_loop_of_an_extended_law(capsys):
+    assert main([*OUTER_LOOP, "--poles", "distance=-1,-2,-3", "--lqr", "speed=0.2,0.5,1"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert [report["gains"][f"{name}_distance"] for name in ("kp", "kd", "ka")] == pytest.approx([6.0, 11.0, 6.0])
+    assert report["whole"]["decay"] > 0.9 and report["channels"]["distance"]["relative_degree"] == 3
+
+
+def test_outer_loop_does_not_mix_an_extension_with_drives(bad_input):
+    message = bad_input([*OUTER_LOOP, "--drive", "velocity", "--bandwidth", "5"])
+    assert "does not go with velocity drives" in message
+
+
+def test_exported_projects_test_the_extended_law(tmp_path, capsys):
+    """The self-test compares with the model and the bits of this host; the loop and the package's example pass the time on."""
+    project, package = tmp_path / "project", tmp_path / "package"
+    assert main(["export", "labmate", "--output", "type_i_extended", "--firmware", "generic", "-o", str(project)]) == 0
+    said = subprocess.run(["make", "-C", project, "test"], capture_output=True, text=True).stdout
+    assert "labmate_type_i_extended_f: pass, steps 13" in said and "selftest: pass" in said
+    assert "&reference, dt, tau)" in (project / "loop.c").read_text()
+    text = (project / "selftest" / "selftest.c").read_text()
+    (project / "selftest" / "selftest.c").write_text(text.replace("= extension.value", "= -extension.value"))
+    assert "FAIL at step" in subprocess.run(["make", "-C", project, "test"], capture_output=True, text=True).stdout
+    assert main(["export", "labmate", "--output", "type_i_extended", "--package", "arduino", "-o", str(package)]) == 0
+    assert "&reference, dt, tau)" in (package / "examples" / "Step" / "Step.ino").read_text()
+
+
+@pytest.mark.skipif(not shutil.which("qemu-system-arm") or not shutil.which("arm-none-eabi-gcc"), reason="no emulator")
+def test_an_emulated_processor_computes_the_same_bits():
+    runs = []
+    for backend in ("cf", "m4f"):
+        spec = spec_of(AXLE, "")
+        simulation = dataclasses.replace(spec.simulation, backend=backend, period=0.05, duration=2.0)
+        runs.append(simulate(dataclasses.replace(spec, simulation=simulation)))
+    np.testing.assert_array_equal(runs[0].x, runs[1].x)
+    np.testing.assert_array_equal(runs[0].extension, runs[1].extension)
+    assert runs[0].extension.any()
+
+
 REFUSED = {
     "no extension": (AXLE.replace(", extension = true", ""), "extension = true"),
     "standstill": (AXLE.replace("speed = 0.5", "speed = 0.0"), "start with a speed"),
     "not on the axle": (AXLE.replace("L = -0.3", "L = 0.1"), "L = -0.3 m; L is 0.1"),
     "integral action": (AXLE + "gains = { ki = 0.1 }", "does not go with a gain ki"),
     "slow": (AXLE + 'limits = { torque = 3.0, mode = "slow" }', 'set mode = "cut"'),
-    "target": (
-        AXLE.replace("output_step = 0.5 }", 'period = 0.01, backend = "m4f" }'),
-        "backend m4f: 'type_i_extended' has a dynamic extension",
-    ),
     "drive": (
         AXLE.replace("output_step = 0.5 }", "period = 0.01 }") + 'drive = { kind = "velocity", bandwidth = 5.0 }',
         "use drives that take torques",
@@ -332,9 +455,7 @@ def test_what_is_not_there_is_refused_with_the_reason(name):
     "command",
     [
         ["analyse", "labmate", "--output", "type_i_extended"],
-        ["outer-loop", "labmate", "--output", "type_i_extended", "--settling", "4"],
         ["export", "labmate", "--output", "type_i_extended", "--fmu", "controller", "-o", "x.fmu"],
-        ["export", "labmate", "--output", "type_i_extended", "--firmware", "cortex-m4f", "-o", "x"],
     ],
     ids=lambda command: command[0],
 )

@@ -143,6 +143,30 @@ def test_discrete_poles(degree, integral):
     assert np.sort(Channel("y", "m", gains, 0.1).poles.real) == pytest.approx(sorted(poles), abs=1e-7)
 
 
+@pytest.mark.parametrize("degree", [3, 4, 6])
+def test_longer_chains(degree):
+    """Poles against the polynomial written out; the sampled chain and both regulators against python-control's."""
+    poles = [-1 - 0.3 * k for k in range(degree)]
+    gains = from_poles(degree, poles)
+    assert [*gains.of_errors, 1.0] == pytest.approx(np.poly(poles)[::-1], rel=1e-12)
+    assert list(gains.named("y")) == [f"{name}_y" for name in ("kp", "kd", "ka", "kj", "ks", "kc")[:degree]]
+    assert np.sort(gains.faster(2.0).poles.real) == pytest.approx(sorted(2 * np.array(poles)), rel=1e-6)
+    A, B, largest = np.eye(degree, k=1), np.eye(degree)[:, -1:], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6][:degree] + [0.7]
+    Q, R = np.diag(1 / np.square(largest[:-1])), [[1 / 0.7**2]]
+    sampled = control.c2d(control.ss(A, B, np.eye(degree), 0), 0.1)
+    for answer, expected in (
+        (from_lqr(degree, largest), control.lqr(A, B, Q, R, method="scipy")[0][0]),
+        (from_lqr(degree, largest, period=0.1), control.dlqr(sampled.A, sampled.B, Q, R, method="scipy")[0][0]),
+    ):
+        assert answer.vector == pytest.approx(expected, rel=1e-8)
+    discrete = [0.8 + 0.02 * k for k in range(degree)]
+    closed = Channel("y", "m", from_discrete_poles(degree, discrete, 0.1), 0.1)
+    assert np.sort(closed.poles.real) == pytest.approx(discrete, abs=1e-3 if degree == 6 else 1e-5)
+    limit = closed.longest_period(True)
+    late = [np.abs(Channel("y", "m", closed.gains, T, True).poles).max() for T in (0.999 * limit, 1.001 * limit)]
+    assert late[0] < 1 < late[1]
+
+
 def test_deadbeat():
     assert from_discrete_poles(2, [0, 0], 0.1) == Gains(2, pytest.approx(100.0), pytest.approx(15.0))
 
@@ -158,7 +182,8 @@ def test_deadbeat():
         (lambda: from_poles(2, [-1 + 1j, -2]), "conjugate"),
         (lambda: from_poles(2, [NAN, -1]), "not finite"),
         (lambda: from_poles(2, ["a", -1]), "not numbers"),
-        (lambda: from_poles(3, [-1, -1, -1]), "relative degree 3"),
+        (lambda: from_poles(7, [-1] * 7), "relative degree 7"),
+        (lambda: from_poles(3, [-1] * 4, True), "integral action applies up to 2"),
         (lambda: from_settling(2, 0.0), "must be positive"),
         (lambda: from_settling(2, -1.0), "must be positive"),
         (lambda: from_settling(2, 1.0, NAN), "must be positive and finite"),

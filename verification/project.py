@@ -118,7 +118,7 @@ def _golden(law: ControlLaw, scalar: str) -> Golden:
         ("nonfinite", np.zeros(len(taus[0])), 0.0)
     ]
     broken = np.array(points[0][0])
-    broken[-1] = np.nan
+    broken[len(law.system.state) - 1] = np.nan
     points.append((broken, points[0][1]))
     controller = CompiledController(law, params, config, gains, scalar, Limits(tuple(limits), "slow" if slows(law) else "cut"))
     if controller.refused:

@@ -24,7 +24,7 @@ def has_foot_form(law: ControlLaw) -> bool:
     The dynamics, the other outputs and the motion in the vehicle's frame are examined; on an inclined plane, for example, they
     depend on the heading.
     """
-    if law.output.at_foot is None:
+    if law.output.at_foot is None or law.system.mechanism.carried:
         return False
     vehicle, inner = law.system.mechanism.required_vehicle, inner_velocities(law.system)[0]
     place = ca.vertcat(vehicle.x, vehicle.y, vehicle.heading)

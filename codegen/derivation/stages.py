@@ -19,7 +19,7 @@ from ...model.algebra.linear import norm, solve, solve_by_blocks
 from ...model.algebra.operations import is_polynomial
 from ...model.extension import Integrators, extended_alike
 from ...model.law import ControlLaw, outer_loop
-from ...model.linearization import SINGULAR, SINGULAR_SQUARED, chains, derivative
+from ...model.linearization import SINGULAR, SINGULAR_SQUARED, carried_rate, chains, derivative
 from ...model.mechanism import Quantity, derivative_name, quantity
 from ...model.outputs import OutputMap, OutputRow, Through
 from ...model.reduction import ReducedSystem
@@ -232,12 +232,14 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
         to_inner = W = ca.SX.eye(inner.dof)  # the columns of Phi are the inputs of the integrators
     else:
         rows = [
-            _point_row(stages, inner, row.name, row.through) if row.through else _plain_row(stages, inner, row, k)
+            _point_row(stages, inner, row.name, row.through)
+            if row.through and not law.system.mechanism.carried
+            else _plain_row(stages, inner, row, k)
             for row, k in zip(output.rows, degree, strict=True)
         ]
     second = [row for row, k in zip(rows, degree, strict=True) if k > 1]
     h, rate = ca.vertcat(*[row.h for row in rows]), ca.vertcat(*[row.rate for row in second])
-    damped = {} if integrators else _damped_alone(rows, degree)
+    damped = {} if integrators or law.system.mechanism.carried else _damped_alone(rows, degree)
     feedback = _Feedback(stages, inner, rows, integrators)
     loop = feedback.loop(law, ca.SX(h), _rest_of_rates(rows, degree, damped, inner.nu))
     virtual = feedback.scale * ca.vertcat(*[q.symbol for q in law.virtual_input])
@@ -271,7 +273,7 @@ def inner_velocities(system: ReducedSystem) -> tuple[ReducedSystem, ca.SX]:
         names = tuple(quantity(q.name, q.unit) for q in VELOCITIES)
         return ReducedSystem(system.mechanism, names, canonical(system.S @ solve(W, ca.SX.eye(n)))), W
     same = tuple(Quantity(f"w_{q.name}", q.unit, q.about, symbol=ca.SX.sym(f"w_{q.name}")) for q in system.quasi_velocities)
-    return ReducedSystem(system.mechanism, same, system.S), ca.SX.eye(n)
+    return ReducedSystem(system.mechanism, same, system.S, particular=system.particular), ca.SX.eye(n)
 
 
 @dataclass
@@ -327,7 +329,8 @@ def _plain_row(stages: Stages, inner: ReducedSystem, row: OutputRow, degree: int
     row_of_Phi, drift = derivative(inner, row.expression, degree)
     Phi, Phidot = stages.exact(row_of_Phi), stages.exact(inner.along_motion(row_of_Phi))
     h = stages.step(row.name, stages.exact(row.expression))
-    return _Row(h, stages.step(f"{row.name}_rate", Phi @ inner.nu), Phi, Phi, Phidot, stages.exact(drift))
+    rate = Phi @ inner.nu + stages.exact(carried_rate(inner, row.expression))
+    return _Row(h, stages.step(f"{row.name}_rate", rate), Phi, Phi, Phidot, stages.exact(drift))
 
 
 def _point_row(stages: Stages, inner: ReducedSystem, name: str, through: Through) -> _Row:

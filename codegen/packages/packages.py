@@ -46,6 +46,8 @@ def package(manager: str, project: Mapping[str, str], laws: Sequence[ControlLaw]
         "own": scalar.name,
         "real": scalar.real,
         "inputs": robot.inputs,
+        "extension": law.extension,
+        "period": scalar.literal(0.01),
         "config": [(q.in_c, scalar.literal(starting_value(q)), q.unit) for q in law.config],
         "gains": [(q.in_c, scalar.literal(q.default), q.unit) for q in law.gains],
     }

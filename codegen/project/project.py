@@ -70,6 +70,8 @@ def loop(law: ControlLaw, scalar: Scalar) -> str:
         own=own,
         real=scalar.real,
         inputs=len(inputs),
+        extension=law.extension,
+        period=scalar.literal(0.01),
         zeros=", ".join([scalar.literal(0.0)] * len(inputs)),
         **initializers(law, scalar),
     )

@@ -20,7 +20,8 @@ Numbers = Sequence[float] | np.ndarray
 
 @dataclass(frozen=True)
 class ExpectedStep:
-    """A call of the step of a law: state, reference, expected status and tau, in SI units and in the order of the law's groups.
+    """A call of the step of a law: state (with that of a dynamic extension), reference, expected status and tau, in SI units
+    and in the order of the law's groups.
 
     `within` is the permitted error of each entry of tau.
     """
@@ -100,7 +101,8 @@ def _law(golden: Golden, scalar: Scalar) -> dict[str, object]:
         "slows": slows(law),
         "grips": can_grip(law.system),
         "follows": FOLLOW in law_program(law).entries,
-        "state": len(law.state),
+        "state": len(law.system.state),
+        "extension": len(law.extension),
         "reference": len(law.reference),
         "inputs": len(law.system.mechanism.inputs),
         "params": _numbers(golden.params, scalar) or "0",
@@ -110,12 +112,18 @@ def _law(golden: Golden, scalar: Scalar) -> dict[str, object]:
         "zeros": _numbers([0.0] * len(law.reference), scalar),
         "digest": f"{golden.digest:08x}",
         "rows": [
-            f"{{{{{_bits(s.state, scalar)}}}, {{{_bits(s.reference, scalar)}}}, {{{_numbers(s.tau, scalar)}}}, "
-            f"{_numbers([s.within], scalar)}, {s.status}}}"
+            f"{{{_groups(s, law, scalar)}, {{{_numbers(s.tau, scalar)}}}, {_numbers([s.within], scalar)}, {s.status}}}"
             for s in golden.steps
         ],
         "states": [_numbers(s.state, scalar) for s in golden.steps if np.all(np.isfinite(s.state))],
     }
+
+
+def _groups(step: ExpectedStep, law: ControlLaw, scalar: Scalar) -> str:
+    """Return the bits of the state, of the states of the dynamic extension if there are any, and of the reference."""
+    own = len(law.system.state)
+    groups = [step.state[:own], *([step.state[own:]] if law.extension else []), step.reference]
+    return ", ".join(f"{{{_bits(group, scalar)}}}" for group in groups)
 
 
 def _numbers(values: Iterable[float], scalar: Scalar) -> str:

@@ -7,7 +7,7 @@ static int hello(pil *self)
     const pil_output *out = &self->output;
     const pil_hello hello_answer = {sizeof in->law.params,    sizeof in->law.config,       sizeof in->law.gains,
                              sizeof in->law.options,   sizeof in->step.state,       sizeof in->step.reference,
-                             sizeof out->evaluation,   sizeof out->tau,             sizeof in->segment.segment,
+                             sizeof out->evaluation,   sizeof out->step.tau,        sizeof in->segment.segment,
                              sizeof in->path.options,  sizeof out->guide,           sizeof in->odometry.options,
                              PIL_LAWS,                 PIL_PATHS,                   PIL_ODOMETRIES,
                              PIL_INTEGRALS,            PIL_APPROACHES,              PIL_SLIPS,
@@ -24,16 +24,40 @@ static int law_init(pil *self)
                           &self->input.law.gains, &self->input.law.options);
 }
 
+#if PIL_EXTENSION
+static void set_extension(PIL_LAW() *law, const float extension[PIL_EXTENSION])
+{
+    int i;
+    for (i = 0; i < PIL_EXTENSION; i++) {
+        law->extension[i] = extension[i];
+    }
+}
+#endif
+
 static int law_step(pil *self)
 {
-    return PIL_LAW(_step)(&self->laws[self->request.object], &self->input.step.state, &self->input.step.reference,
-                          self->output.tau);
+    PIL_LAW() *law = &self->laws[self->request.object];
+#if PIL_EXTENSION
+    int status, i;
+    set_extension(law, self->input.step.extension);
+    status = PIL_LAW(_step)(law, &self->input.step.state, &self->input.step.reference, self->input.step.dt,
+                            self->output.step.tau);
+    for (i = 0; i < PIL_EXTENSION; i++) {
+        self->output.step.extension_rate[i] = law->extension_rate[i];
+    }
+    return status;
+#else
+    return PIL_LAW(_step)(law, &self->input.step.state, &self->input.step.reference, self->output.step.tau);
+#endif
 }
 
 static int law_evaluate(pil *self)
 {
-    return PIL_LAW(_evaluate)(&self->laws[self->request.object], &self->input.step.state, &self->input.step.reference,
-                              &self->output.evaluation);
+    PIL_LAW() *law = &self->laws[self->request.object];
+#if PIL_EXTENSION
+    set_extension(law, self->input.evaluate.extension);
+#endif
+    return PIL_LAW(_evaluate)(law, &self->input.evaluate.state, &self->input.evaluate.reference, &self->output.evaluation);
 }
 
 static int law_friction(pil *self)
@@ -206,8 +230,8 @@ typedef struct {
 static const operation operations[PIL_OPERATIONS] = {
     [PIL_OP_HELLO] = {hello, 0, GIVES(hello), 1},
     [PIL_OP_LAW_INIT] = {law_init, TAKES(law), 0, PIL_LAWS},
-    [PIL_OP_LAW_STEP] = {law_step, TAKES(step), GIVES(tau), PIL_LAWS},
-    [PIL_OP_LAW_EVALUATE] = {law_evaluate, TAKES(step), GIVES(evaluation), PIL_LAWS},
+    [PIL_OP_LAW_STEP] = {law_step, TAKES(step), GIVES(step), PIL_LAWS},
+    [PIL_OP_LAW_EVALUATE] = {law_evaluate, TAKES(evaluate), GIVES(evaluation), PIL_LAWS},
     [PIL_OP_PATH_SEGMENT] = {path_segment, TAKES(segment), 0, PIL_PATHS},
     [PIL_OP_PATH_INIT] = {path_init, TAKES(path), GIVES(fault), PIL_PATHS},
     [PIL_OP_PATH_LOOK] = {path_look, TAKES(seen), GIVES(guide), PIL_PATHS},

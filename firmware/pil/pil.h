@@ -6,7 +6,8 @@
  * objects (laws, paths and so on) stay on the target; a request selects one by its number.
  *
  * The law is the one included by pil_law.h, which defines PIL_ROBOT(name) and PIL_LAW(name), the C names of the robot and the law in
- * float, and PIL_GRIP to 1 if the law has the member grip, else 0.
+ * float, PIL_GRIP to 1 if the law has the member grip, else 0, and PIL_EXTENSION, the number of states of its dynamic extension.
+ * These states are sent with each call and replace those of the law.
  */
 #ifndef PIL_H
 #define PIL_H
@@ -35,8 +36,8 @@
 enum {
     PIL_OP_HELLO,            /* -> pil_hello */
     PIL_OP_LAW_INIT,         /* params, config, gains, options -> */
-    PIL_OP_LAW_STEP,         /* state, reference -> tau */
-    PIL_OP_LAW_EVALUATE,     /* state, reference -> evaluation */
+    PIL_OP_LAW_STEP,         /* state, reference(, dt, extension) -> tau(, extension rate) */
+    PIL_OP_LAW_EVALUATE,     /* state, reference(, extension) -> evaluation */
     PIL_OP_PATH_SEGMENT,     /* index, segment -> */
     PIL_OP_PATH_INIT,        /* count, options -> fault */
     PIL_OP_PATH_LOOK,        /* x, y, heading, forward speed -> guide */
@@ -101,7 +102,17 @@ typedef union {
     struct {
         PIL_ROBOT(_state) state;
         PIL_LAW(_reference) reference;
+#if PIL_EXTENSION
+        float dt, extension[PIL_EXTENSION];
+#endif
     } step;
+    struct {
+        PIL_ROBOT(_state) state;
+        PIL_LAW(_reference) reference;
+#if PIL_EXTENSION
+        float extension[PIL_EXTENSION];
+#endif
+    } evaluate;
     struct {
         uint32_t index;
         noslip_segment_f segment;
@@ -165,7 +176,12 @@ typedef union {
 
 typedef union {
     pil_hello hello;
-    float tau[sizeof((PIL_ROBOT(_options) *)0)->limit / sizeof(float)];
+    struct {
+        float tau[sizeof((PIL_ROBOT(_options) *)0)->limit / sizeof(float)];
+#if PIL_EXTENSION
+        float extension_rate[PIL_EXTENSION];
+#endif
+    } step;
     PIL_LAW(_evaluation) evaluation;
     noslip_path_fault_f fault;
     noslip_guide_f guide;

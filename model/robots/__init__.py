@@ -14,6 +14,7 @@ from .rolling_disk import rolling_disk
 from .slope_platform import slope_platform
 from .steered import car, f1tenth, forklift, tricycle
 from .tractor_trailer import tractor_trailer
+from .turntable_ball import turntable_ball
 
 ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "labmate": labmate,
@@ -32,4 +33,5 @@ ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "pioneer_3dx": pioneer_3dx,
     "f1tenth": f1tenth,
     "forklift": forklift,
+    "turntable_ball": turntable_ball,
 }

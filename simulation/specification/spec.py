@@ -279,13 +279,19 @@ class Reference:
 
 @dataclass(frozen=True, kw_only=True)
 class Initial:
-    """Initial state: P_l (m), heading (rad) and forward speed (m/s) without turning; or coordinates q and quasi-velocities nu."""
+    """Initial state: P_l (m), heading (rad) and forward speed (m/s) without turning; or coordinates q and quasi-velocities nu.
+
+    `extension`: states of the law's dynamic extension, by default those with which the outputs move as the reference does.
+    """
 
     point: tuple[float, ...] | None = entry(point, None, "position of P_l")
     heading: float | None = entry(angle, None, "heading of the vehicle, from the x-axis to the left")
     speed: float | None = entry(number(unit="m/s"), None, "forward, without turning")
     q: tuple[float, ...] | None = entry(numbers, None, "every coordinate, in the order of the robot")
     nu: tuple[float, ...] | None = entry(numbers, None, "every quasi-velocity, in the order of the robot")
+    extension: tuple[float, ...] | None = entry(
+        numbers, None, "every state of the law's dynamic extension; by default as the reference desires"
+    )
 
     def __post_init__(self):
         by_pose = [name for name in ("point", "heading", "speed") if getattr(self, name) is not None]

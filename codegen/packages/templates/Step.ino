@@ -6,6 +6,9 @@
 
 static @{ own(law) } law;
 static unsigned long next;
+{% if extension %}
+static @{ real } dt = 0; /* s, since the step before */
+{% endif %}
 
 void setup()
 {
@@ -32,7 +35,10 @@ void loop()
     while ((long)(micros() - next) < 0) {
     }
     next += 10000ul;
-    const int status = @{ own(law ~ "_step") }(&law, &state, &reference, tau); /* on an error tau is zero, never NaN */
+    const int status = @{ own(law ~ "_step") }(&law, &state, &reference@{ ", dt" if extension else "" }, tau); /* on an error tau is zero, never NaN */
+{% if extension %}
+    dt = @{ period };
+{% endif %}
     Serial.print(noslip_status_name(status));
 {% for _ in inputs %}
     Serial.print(' ');

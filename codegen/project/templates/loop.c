@@ -20,6 +20,10 @@ int control_loop(void)
     @{ own(robot ~ "_state") } state;
     @{ own(law) } law;
     @{ real } tau[@{ inputs }];
+{% if extension %}
+    const @{ real } period = @{ period }; /* s, between two ticks: put in yours */
+    @{ real } dt = 0; /* s, since the step before */
+{% endif %}
     int status = @{ own(robot ~ "_default_params") }(&params); /* then put in what differs in yours */
 
     if (status == NOSLIP_OK) {
@@ -29,7 +33,10 @@ int control_loop(void)
         wait_for_tick();
         read_state(&state);
         read_reference(&reference);
-        status = @{ own(law ~ "_step") }(&law, &state, &reference, tau); /* on an error tau is zero: defined, never NaN */
+        status = @{ own(law ~ "_step") }(&law, &state, &reference@{ ", dt" if extension else "" }, tau); /* on an error tau is zero: defined, never NaN */
+{% if extension %}
+        dt = period;
+{% endif %}
         set_inputs(tau);
     }
     set_inputs(none);

@@ -37,12 +37,12 @@ static uint32_t mixed_bits(uint32_t digest, bits value)
     static const @{ own(law.robot ~ "_options") } options = {{@{ law.limits }}, NOSLIP_ZERO, @{ "NOSLIP_SLOW" if law.slows else "NOSLIP_CUT" }@{ ", {0, 0, 0, 0}" if law.grips else "" }};
 {% endmacro %}
 {% for law in laws %}
-{% set step = own(law.prefix ~ "_step") ~ "(&law, &state.value, &reference.value, tau.value)" %}
+{% set step = own(law.prefix ~ "_step") ~ "(&law, &state.value, &reference.value" ~ (", 0" if law.extension else "") ~ ", tau.value)" %}
 /* @{ law.about }. Answers 0 if all is right. */
 static int test_@{ law.name }(void)
 {
 @{ constants(law) }    static const struct {
-        bits state[@{ law.state }], reference[@{ law.reference }];
+        bits state[@{ law.state }], @{ "extension[" ~ law.extension ~ "], " if law.extension else "" }reference[@{ law.reference }];
         @{ real } tau[@{ law.inputs }], within;
         int status;
     } steps[] = {
@@ -59,6 +59,12 @@ static int test_@{ law.name }(void)
         bits given[@{ law.reference }];
         @{ own(law.prefix ~ "_reference") } value;
     } reference;
+{% if law.extension %}
+    union {
+        bits given[@{ law.extension }];
+        @{ real } value[@{ law.extension }];
+    } extension;
+{% endif %}
     union {
         @{ real } value[@{ law.inputs }];
         bits made[@{ law.inputs }];
@@ -75,6 +81,12 @@ static int test_@{ law.name }(void)
         for (i = 0; i < @{ law.reference }u; i++) {
             reference.given[i] = steps[k].reference[i];
         }
+{% if law.extension %}
+        for (i = 0; i < @{ law.extension }u; i++) {
+            extension.given[i] = steps[k].extension[i];
+            law.extension[i] = extension.value[i];
+        }
+{% endif %}
         const int status = @{ step };
         wrong = status != steps[k].status;
         digest = mixed(digest, (uint32_t)status);

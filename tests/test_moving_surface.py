@@ -1,0 +1,154 @@
+"""Constraints that move, A qdot = b: the ball on a turntable against closed forms, a vehicle on a belt, what is refused."""
+
+import dataclasses
+
+import casadi as ca
+import numpy as np
+import pytest
+from casadi import cos, sin
+from noslip.cli.main import main
+from noslip.model import Mechanism, ModelError, reduce
+from noslip.model.robots.labmate import labmate
+from noslip.model.robots.turntable_ball import turntable_ball
+from noslip.readers.robots import find_robot, law_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.plant import Plant
+from noslip.simulation.specification.spec import spec_of
+from scipy.integrate import solve_ivp
+
+BALL = """
+robot = "turntable_ball"
+output = { type = "ball" }
+reference = { position = [0.3, 0.1, 0.0], velocity = [-0.05, 0.1, 0.0] }
+initial = { q = [0.4, 0.0, 0.0, 0.0, 0.0], nu = [0.1, -0.2, 1.5] }
+simulation = { duration = 4.0, output_step = 0.5 }
+"""
+
+
+def plant_of(robot: Mechanism, **values: float) -> Plant:
+    return Plant(reduce(robot), robot.parameter_values(values))
+
+
+@pytest.mark.parametrize(("shape", "ratio"), [(2 / 5, 7 / 2), (2 / 3, 5 / 2)], ids=["solid", "hollow"])
+def test_a_free_ball_goes_round_a_circle_in_a_multiple_of_the_turntables_period(shape, ratio):
+    """x'' = -Omega y' / ratio and y'' = Omega x' / ratio: a circle; its period over that of the turntable is ratio = 1 + 1/shape,
+    with the inertia shape m R^2.
+    """
+    Omega, m, R = 2.0, 0.2, 0.03
+    plant = plant_of(turntable_ball(), Omega=Omega, m=m, R=R, I=shape * m * R**2)
+    x = start = np.array([0.4, 0.1, 0.3, -0.2, 0.1, 0.1, -0.2, 1.5])
+    turning, steps = Omega / ratio, 200
+    velocity, place = complex(*start[5:7]), complex(*start[:2])
+    centre = place - velocity / (1j * turning)
+    for k in range(1, steps + 1):
+        x, error = plant.step(x, np.zeros(3), 2 * np.pi / turning / steps, 1e-11)
+        assert error <= 1
+        expected = centre + (place - centre) * np.exp(2j * np.pi * k / steps)
+        assert abs(complex(*x[:2]) - expected) < 1e-8
+    np.testing.assert_allclose(x[[0, 1, 5, 6, 7]], start[[0, 1, 5, 6, 7]], rtol=0, atol=1e-8)
+
+
+def test_equations_are_newtons_and_eulers():
+    """m v' = F + f and I w' = r x f + torque for the force f at the contact r = (0, 0, -R), v + w x r = Omega z x place."""
+    random, plant = np.random.default_rng(7), plant_of(turntable_ball())
+    m, R, I, Omega = plant.parameters  # noqa: E741
+    for _ in range(50):
+        x, tau = random.uniform(-2, 2, 8), random.uniform(-2, 2, 3)
+        # Unknown: v' (2), w' (3), f (2).
+        A, right = np.zeros((7, 7)), np.zeros(7)
+        A[[0, 1], [0, 1]], A[0, 5], A[1, 6], right[:2] = m, -1, -1, tau[:2]
+        A[[2, 3, 4], [2, 3, 4]] = I
+        A[2, 6], A[3, 5], right[4] = -R, R, tau[2]  # r x f = (R f_y, -R f_x, 0)
+        A[5, [0, 3]], right[5] = [1, -R], -Omega * x[6]
+        A[6, [1, 2]], right[6] = [1, R], Omega * x[5]
+        expected = np.linalg.solve(A, right)
+        rate = plant.rate(x, tau)
+        np.testing.assert_allclose(rate[5:], expected[[0, 1, 4]], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(rate[2:5], [(Omega * x[0] - x[6]) / R, (x[5] + Omega * x[1]) / R, x[7]], rtol=0, atol=1e-10)
+        np.testing.assert_allclose(-plant.constraint_forces(x, tau)[0], expected[5:], rtol=0, atol=1e-10)
+        assert np.abs(plant.slip(x)).max() < 1e-13
+
+
+def test_the_energy_is_the_work_of_inputs_and_of_the_drive():
+    plant, tau = plant_of(turntable_ball()), np.array([0.02, -0.01, 0.001])
+
+    def rate(t: float, state: np.ndarray) -> np.ndarray:
+        return np.append(plant.rate(state[:-1], tau), plant.power(state[:-1], tau)[0])
+
+    start = np.array([0.4, 0.1, 0.0, 0.0, 0.0, 0.1, -0.2, 1.5, 0.0])
+    end = solve_ivp(rate, (0, 5), start, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+    gained = plant.energy(end[:-1])[0] - plant.energy(start[:-1])[0]
+    assert gained == pytest.approx(end[-1], abs=1e-9)
+    by_inputs = tau @ np.array([0.1, -0.2, 1.5])  # the inputs act on the quasi-velocities
+    assert abs(plant.power(start[:-1], tau)[0] - by_inputs) > 1e-3, "the drive works too"
+
+
+@pytest.mark.parametrize("backend", ["c", "casadi"])
+def test_the_ball_follows_a_reference_on_the_turntable(backend):
+    """Double poles as the gains say: e'' + 2.5 e' + e = 0 for the position, e' + 2 e = 0 for the spin."""
+    spec = spec_of(BALL, "")
+    run = simulate(dataclasses.replace(spec, simulation=dataclasses.replace(spec.simulation, backend=backend)))
+    assert run.stopped is None
+    t = run.t
+    for k, (error, rate) in enumerate([(-0.1, -0.05 - 0.1), (0.1, 0.1 + 0.2)]):
+        slow, fast = -0.5, -2.0
+        a = (rate - fast * error) / (slow - fast)
+        np.testing.assert_allclose(run.y_d[:, k] - run.y[:, k], a * np.exp(slow * t) + (error - a) * np.exp(fast * t), atol=1e-8)
+    np.testing.assert_allclose(run.y[:, 2], 1.5 * np.exp(-2 * t), atol=1e-8)
+    assert np.abs(run.plant.slip(run.x)).max() < 1e-12
+
+
+def test_the_c_is_the_model(tmp_path, capsys):
+    assert main(["generate", "turntable_ball", "--output", "ball", "--output", "dynamics", "-o", str(tmp_path)]) == 0
+    assert main(["check", "--robot", "turntable_ball", "--output", "ball", "--states", "200"]) == 0
+    assert "ball" in capsys.readouterr().out
+
+
+def belt(speed_symbol: bool = True) -> Mechanism:
+    """A unicycle on a belt that runs along x."""
+    robot = Mechanism("belted", "a cart on a belt")
+    x, y, heading = robot.coordinate("x", "m"), robot.coordinate("y", "m"), robot.coordinate("heading", "rad")
+    m, I = robot.parameter("m", 12.0, "kg"), robot.parameter("I", 0.8, "kg m^2")  # noqa: E741
+    belt_speed = robot.parameter("belt_speed", 0.4, "m/s", sign="any")
+    v_x, v_y, turning = robot.rate(x), robot.rate(y), robot.rate(heading)
+    robot.kinetic_energy(m * (v_x**2 + v_y**2) / 2 + I * turning**2 / 2)
+    robot.rolls("no side slip", cos(heading) * v_y - sin(heading) * v_x, surface=-sin(heading) * belt_speed)
+    forward = cos(heading) * v_x + sin(heading) * v_y
+    robot.input("push", "N", on=forward)
+    robot.input("turn", "N m", on=turning)
+    robot.quasi_velocity("v", "m/s", forward)
+    robot.quasi_velocity("omega", "rad/s", turning)
+    robot.moves_in_plane(x, y, heading)
+    return robot
+
+
+def test_a_vehicle_on_a_belt_tracks_a_line_that_stands_still():
+    """Type I, P_l ahead of the axle: with belt and vehicle at opposite speeds P_l stays where it is."""
+    robot = belt()
+    law = law_of(reduce(robot), "type_i")
+    x = np.array([0.0, 0.0, 0.0, -0.4 + 0.4, 0.0])
+    linear = law.linearization
+    values = ca.Function("f", [ca.vertcat(robot.q, law.system.nu), robot.p, ca.vertcat(*[c.symbol for c in law.config])],
+                         [linear.rate])(x, robot.parameter_values({}), [0.5])  # fmt: skip
+    np.testing.assert_allclose(values.full().ravel(), [0.0, 0.0], atol=1e-14)
+    moving = np.array([0.1, -0.2, 0.7, 0.3, 0.5])
+    side = -np.sin(0.7) * 0.4
+    qdot = ca.Function("q", [ca.vertcat(robot.q, law.system.nu), robot.p], [law.system.qdot])(moving, robot.parameter_values({}))
+    expected = [0.3 * np.cos(0.7) - side * np.sin(0.7), 0.3 * np.sin(0.7) + side * np.cos(0.7), 0.5]
+    np.testing.assert_allclose(qdot.full().ravel(), expected, atol=1e-14)
+
+
+def test_what_cannot_be_judged_is_refused(bad_input):
+    assert "the robot with the surface at rest" in bad_input(["analyse", "turntable_ball"])
+    robot = belt()
+    robot.contact("wheel", 12.0, across=robot.rate(robot["y"]))
+    with pytest.raises(ModelError, match="contact.* does not go with a moving surface"):
+        reduce(robot)
+    robot = belt()
+    with pytest.raises(ModelError, match="surface"):
+        robot.rolls("a rate", robot.rate(robot["x"]), surface=robot.rate(robot["y"]))
+
+
+def test_a_surface_at_rest_changes_nothing():
+    system = reduce(labmate())
+    assert system.particular is None and not system.mechanism.carried and find_robot("turntable_ball").carried
