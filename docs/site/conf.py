@@ -53,6 +53,7 @@ docs/extension
 docs/identify
 docs/sweep
 docs/engine
+docs/following
 docs/extending
 CONTRIBUTING
 ```
