@@ -99,7 +99,8 @@ def programs(task: Task) -> list[AnalysedProgram]:
     """Return the programs to analyse; the short version has the last law, with `follow`, and all but the path, in float."""
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
-    named = [("law", law) for law in laws] + [("runtime", ""), ("drives", ""), ("path", ""), ("slip", "")][: 2 if task.short else 4]
+    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", "")]
+    named = [("law", law) for law in laws] + parts[: 2 if task.short else 4]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
 
 
