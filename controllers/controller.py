@@ -20,6 +20,7 @@ Numbers = Sequence[float] | np.ndarray  # in a fixed order
 STATUS = (  # as in the C runtime
     *("ok", "saturated", "null", "nonfinite", "range", "bad_parameter", "singular", "not_ready"),
     *("bad_path", "unstable", "arrived", "grip", "will_slip", "slipping", "astray"),
+    *("rejected", "diverged", "damaged", "other_version", "other_model", "full"),
 )
 ON_LIMIT = ("cut", "slow", "grip")  # as the C runtime's NOSLIP_CUT, NOSLIP_SLOW and NOSLIP_GRIP
 RUNNING = ("ok", "saturated", "grip", "will_slip", "slipping")  # statuses of a step that gave inputs

@@ -32,6 +32,7 @@ TITLES = {  # name -> title, why it is here
     "tricycle": ("Tricycle to a line", "Driven and steered in front, so that it can turn on the spot."),
     "tractor_trailer": ("Tractor with three trailers", "A chain: its reduced equations come body by body."),
     "ball_plate": ("Ball between two plates", "Rolling in space: the plate above rolls the ball along a line."),
+    "turntable_ball": ("Ball across a turntable", "Constraints that move: the turntable drives the ball."),
     "four_wheel": ("Jointed platform with four motors", "Four torques for two degrees of freedom, shared by weights."),
     "mobile_manipulator": (
         "Platform with an arm",
