@@ -7,8 +7,8 @@
 {% endfor %}
  *
  *     status = @{ own(robot ~ "_ekf_init") }(&ekf, &config);
- *     status = @{ own(robot ~ "_ekf_tick") }(&ekf, turned, @{ "measured, " if measured }&gyro, dt, &pose);   at each tick
- *     status = @{ n("ekf_correct") }(&ekf.filter, &fix);      whenever a pose, position, heading or range comes
+ *     status = @{ own(robot ~ "_ekf_tick") }(&ekf, turned, @{ "measured, " if measured }&gyro, dt, &pose); at each tick
+ *     status = @{ n("ekf_correct") }(&ekf.filter, &fix);  whenever a pose, position, heading or range comes
  *
  * The pose moves by the kinematics of the model, S(q) (9), at the heading in the middle of the tick. noslip_ekf.h describes
  * the measurements. A pose in noslip_pose is that of the point@{ place }.
