@@ -60,7 +60,8 @@ class _Unpickler(pickle.Unpickler):
 @cache
 def _digest_of_code(rooms: tuple[str, ...]) -> str:
     root = Path(__file__).resolve().parent.parent
-    files = sorted(file for room in rooms for file in (root / room).rglob("*.py"))
+    paths = (path for room in rooms for path in (root / room).rglob("*"))  # templates count as code
+    files = sorted(path for path in paths if path.is_file() and path.parent.name != "__pycache__")
     return _short_digest(b"".join(file.read_bytes() for file in files))
 
 

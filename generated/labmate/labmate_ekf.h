@@ -4,11 +4,11 @@
  * Model SHA-256 697a6c1c1e22ae81291a47790a54e247f02b4e5839e0db8c92468088e8ada5f6
  *
  *     status = labmate_ekf_init(&ekf, &config);
- *     status = labmate_ekf_tick(&ekf, turned, &gyro, dt, &pose);   at each tick
- *     status = noslip_ekf_correct(&ekf.filter, &fix);                 whenever a pose, position, heading or range comes
+ *     status = labmate_ekf_tick(&ekf, turned, &gyro, dt, &pose); at each tick
+ *     status = noslip_ekf_correct(&ekf.filter, &fix);  whenever a pose, position, heading or range comes
  *
- * The pose moves by the kinematics of the model, S(q) (9), at the heading in the middle of the tick. noslip_ekf.h describes the
- * measurements. A pose in noslip_pose is that of the point (x_c, y_c).
+ * The pose moves by the kinematics of the model, S(q) (9), at the heading in the middle of the tick. noslip_ekf.h
+ * describes the measurements. A pose in noslip_pose is that of the point (x_c, y_c).
  * States, in the order of filter.state:
  *   x (m)
  *   y (m)
@@ -56,8 +56,8 @@ typedef struct labmate_ekf {
 } labmate_ekf;
 
 /*
- * Initializes the filter. NOSLIP_BAD_PARAMETER: a parameter, option, noise or standard deviation is invalid; noise and standard
- * deviations must be in 1e-6 to 1e6, gyro_noise may also be 0. NOSLIP_NONFINITE, NOSLIP_RANGE: the start.
+ * Initializes the filter. NOSLIP_BAD_PARAMETER: a parameter, option, noise or standard deviation is invalid; noise and
+ * standard deviations must be in 1e-6 to 1e6, gyro_noise may also be 0. NOSLIP_NONFINITE, NOSLIP_RANGE: the start.
  */
 NOSLIP_NODISCARD int labmate_ekf_init(labmate_ekf *self, const labmate_ekf_config *config);
 
@@ -68,7 +68,7 @@ NOSLIP_NODISCARD int labmate_ekf_init(labmate_ekf *self, const labmate_ekf_confi
  * dt: s, length of the tick, positive
  * NOSLIP_DIVERGED: the measurements disagree with the estimate, which moves on; correct it by noslip_ekf_reset.
  * On any other error nothing changes and the pose is the previous one: NOSLIP_NULL; NOSLIP_NOT_READY; NOSLIP_NONFINITE;
- * NOSLIP_BAD_PARAMETER (dt; a gyro without gyro_noise); NOSLIP_RANGE (heading: call noslip_ekf_unwind and repeat; angles).
+ * NOSLIP_BAD_PARAMETER (dt; a gyro without gyro_noise); NOSLIP_RANGE (heading: unwind and repeat; angles).
  * By the wheels alone. operations: 88 mul, 37 add, 15 sub, 5 neg, 7 div, 2 abs, 1 sincos.
  * By wheels and gyro. operations: 129 mul, 53 add, 22 sub, 12 neg, 10 div, 2 abs, 1 sincos.
  */

@@ -10,8 +10,8 @@
  *     status = @{ own(robot ~ "_ekf_tick") }(&ekf, turned, @{ "measured, " if measured }&gyro, dt, &pose); at each tick
  *     status = @{ n("ekf_correct") }(&ekf.filter, &fix);  whenever a pose, position, heading or range comes
  *
- * The pose moves by the kinematics of the model, S(q) (9), at the heading in the middle of the tick. noslip_ekf.h describes
- * the measurements. A pose in noslip_pose is that of the point@{ place }.
+ * The pose moves by the kinematics of the model, S(q) (9), at the heading in the middle of the tick. noslip_ekf.h
+ * describes the measurements. A pose in noslip_pose is that of the point@{ place }.
  * States, in the order of filter.state:
 {% for line in states %}
  *   @{ line }
@@ -34,8 +34,8 @@ extern "C" {
 @{ filter }
 
 /*
- * Initializes the filter. NOSLIP_BAD_PARAMETER: a parameter, option, noise or standard deviation is invalid; noise and standard
- * deviations must be in 1e-6 to 1e6, @{ "gyro_noise" } may also be 0. NOSLIP_NONFINITE, NOSLIP_RANGE: the start.
+ * Initializes the filter. NOSLIP_BAD_PARAMETER: a parameter, option, noise or standard deviation is invalid; noise and
+ * standard deviations must be in 1e-6 to 1e6, @{ "gyro_noise" } may also be 0. NOSLIP_NONFINITE, NOSLIP_RANGE: the start.
  */
 NOSLIP_NODISCARD int @{ own(robot ~ "_ekf_init") }(@{ self } *self, const @{ self_config } *config);
 
@@ -49,7 +49,7 @@ NOSLIP_NODISCARD int @{ own(robot ~ "_ekf_init") }(@{ self } *self, const @{ sel
  * dt: s, length of the tick, positive
  * NOSLIP_DIVERGED: the measurements disagree with the estimate, which moves on; correct it by noslip_ekf_reset.
  * On any other error nothing changes and the pose is the previous one: NOSLIP_NULL; NOSLIP_NOT_READY; NOSLIP_NONFINITE;
- * NOSLIP_BAD_PARAMETER (dt; a gyro without gyro_noise); NOSLIP_RANGE (heading: call noslip_ekf_unwind and repeat; angles)@{ singular }.
+ * NOSLIP_BAD_PARAMETER (dt; a gyro without gyro_noise); NOSLIP_RANGE (heading: unwind and repeat; angles)@{ singular }.
 {% for line in costs %}
  * @{ line }
 {% endfor %}
