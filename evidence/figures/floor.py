@@ -30,7 +30,8 @@ SHOWN, ROLLING = "IV C", "figure 1, IV C, rolling"
 
 FLOORS_OF_ROBOTS: tuple[Floor, ...] = tuple((mu, limits) for mu in (0.3, 0.15) for limits in LIMITS)
 UNLIMITED = ("mobile_manipulator", "tractor_trailer", "four_wheel")  # robots that the limiter does not apply to
-ROBOTS = tuple(name for name in ("labmate", *robots.TITLES) if name not in ("knife_edge", "ball_plate", "geared_arm"))
+OTHERS = ("knife_edge", "ball_plate", "geared_arm", "turntable_ball")  # without wheels on a floor
+ROBOTS = tuple(name for name in ("labmate", *robots.TITLES) if name not in OTHERS)
 LEAST, MOST = 1e-5, 10.0  # m/s: slips that are drawn
 RECKONED = 1e-3  # m
 
