@@ -22,6 +22,7 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -459,11 +460,12 @@ def run(root: Path, sources: Mapping[str, Source], everything=False, sample=0, s
     killed = total = 0
     # When a worker is stopped, the tests that it runs may still write.
     scratch = tempfile.TemporaryDirectory(prefix="mutation", ignore_cleanup_errors=True)
-    with scratch as folder, multiprocessing.get_context("fork").Pool(jobs) as pool:
+    with scratch as folder, ProcessPoolExecutor(jobs, multiprocessing.get_context("fork")) as pool:
         tasks = [(root, Path(folder), ready, path, source, everything, sample, seed) for path, source in sources.items()]
-        for (path, _), found in zip(sources.items(), pool.imap(_outcomes, tasks), strict=True):
+        for (path, _), found in zip(sources.items(), pool.map(_outcomes, tasks), strict=True):
             if isinstance(found, str):
                 print(found)
+                pool.shutdown(cancel_futures=True)  # waits for what runs: a worker that is stopped may hold a lock
                 return 2
             good = sum(outcome.killed for outcome in found)
             print(f"{path}: {good} of {len(found)} killed", flush=True)
