@@ -30,7 +30,12 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument("spec", metavar="SPEC.toml", help="robot, gains, output, reference, initial state, simulation")
     parser.add_argument("-o", "--output", metavar="RUN.csv", required=True, help="output file")
     parser.add_argument("--plot", metavar="RUN.png", help="also write a plot of the run")
-    parser.add_argument("--video", metavar="FILE", help="also write a film of the run from above, .gif, or .mp4 with ffmpeg")
+    parser.add_argument(
+        "--animate",
+        "--video",
+        metavar="FILE",
+        help="also write a film of the run from above: .html (a page with a bar for the time), .gif, or .mp4 with ffmpeg",
+    )
     parser.add_argument("--contact", metavar="FORCES.png", help="also plot the forces of the wheels and the limits of friction")
     parser.add_argument(
         "--engine",
@@ -71,17 +76,17 @@ def run(arguments: argparse.Namespace) -> int:
     from ..simulation.closed_loop import as_json, simulate, summary  # slow to import, as are models
     from ..simulation.specification.vary import change, read_varied
 
-    outputs = filter(None, (arguments.output, arguments.record, arguments.video))
+    outputs = filter(None, (arguments.output, arguments.record, arguments.animate))
     pictures = filter(None, (arguments.plot, arguments.contact))
     check_targets(list(outputs), list(pictures), inputs=[arguments.spec])
     if arguments.engine and arguments.contact:
         raise BadInput(
             "--contact shows the forces that rolling requires; with --engine, RUN.csv has slip and load of each contact"
         )
-    if arguments.video:
-        from ..simulation.engine.video import check_video  # slow to import
+    if arguments.animate:
+        from ..simulation.film.film import check_film  # slow to import
 
-        check_video(Path(arguments.video).suffix)
+        check_film(Path(arguments.animate).suffix)
     changes = dict(map(change, arguments.set))
     spec = read_varied(arguments.spec, changes) if arguments.sample is None else _sample(arguments, changes)
     try:
@@ -95,10 +100,10 @@ def run(arguments: argparse.Namespace) -> int:
 
             completed, record = _recorded(spec, simulated) if arguments.record else (simulated(), "")
         drawn: dict[str, str | bytes] = {**_pictures(completed, arguments)}
-        if arguments.video:
-            from ..simulation.engine.video import video  # slow to import
+        if arguments.animate:
+            from ..simulation.film.film import film  # slow to import
 
-            drawn[arguments.video] = video(completed, Path(arguments.video).suffix)
+            drawn[arguments.animate] = film(completed, Path(arguments.animate).suffix)
     except (BadInput, ModelError) as error:
         raise BadInput(f"{arguments.spec}: {error}") from error
     written: dict[str, str | bytes] = {arguments.output: completed.csv()}

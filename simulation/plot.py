@@ -134,7 +134,7 @@ def _draw_plane(axes: Axes, run: Run) -> None:
     if run.stopped:
         label = f"stopped at {run.t[-1]:.4g} s: {run.stopped}"
         axes.plot(*p_l[-1], "X", color=STOP, markersize=11, label=label, zorder=6)
-    if run.spec.output.own and _are_places(run):
+    if run.spec.output.own and are_places(run):
         _draw_places(axes, run, SECOND)
     if run.spec.output.type == "I":
         axes.plot(*run.y_d.T, color=FOLLOWED, linewidth=4, alpha=0.6, label="desired $P_l$", zorder=0)
@@ -153,7 +153,7 @@ def _draw_plane(axes: Axes, run: Run) -> None:
 def _draw_outputs(axes: Axes, run: Run) -> None:
     """Draw the first two outputs against each other if both are lengths, else all of them over time; and their desired values."""
     rows = run.law.output.rows
-    if _are_places(run):
+    if are_places(run):
         _draw_places(axes, run, POINT)
         axes.set(xlabel=f"{rows[0].about} (m)", ylabel=f"{rows[1].about} (m)")
         _make_square(axes)
@@ -165,7 +165,7 @@ def _draw_outputs(axes: Axes, run: Run) -> None:
     axes.grid(alpha=0.3)
 
 
-def _are_places(run: Run) -> bool:
+def are_places(run: Run) -> bool:
     """Return whether the first two outputs are lengths, as the coordinates of a point are."""
     return [row.unit for row in run.law.output.rows[:2]] == ["m", "m"]
 

@@ -310,18 +310,6 @@ def test_the_pose_that_the_controller_sees():
     assert np.abs(there.seen[-1, :3] - there.q[-1, :3]).max() > 0.05
 
 
-def test_a_film(tmp_path, capsys):
-    """One picture for each 1/20 s; a kind of film that cannot be written is refused before the run."""
-    from PIL import Image
-
-    film, run_ = tmp_path / "run.gif", ["simulate", "line", "-o", str(tmp_path / "run.csv"), "--set", "simulation.duration=0.2"]
-    assert main([*run_, "--video", str(film)]) == 0
-    with Image.open(film) as made:
-        assert made.n_frames == 5
-    assert main([*run_, "--video", str(tmp_path / "run.avi")]) == 2
-    assert ".gif or .mp4" in capsys.readouterr().err
-
-
 def test_a_floor_without_an_engine_is_reported(tmp_path, capsys):
     set_ = ["--set", "simulation.duration=0.02", "--set", "floor={mu=0.5}"]
     assert main(["simulate", "line", *set_, "-o", str(tmp_path / "run.csv")]) == 0
