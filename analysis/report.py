@@ -9,12 +9,13 @@ import sympy as sp
 from markupsafe import Markup, escape
 
 from .. import __version__
+from ..readers.glossary import meanings
 from ..readers.templates import render
 from .answers import Answer, Constraints, driven_straight, uncontrolled
 from .certification.safety import SAFE, SINGULAR, Verdict
 from .mathml import mathml
 from .outputs.normal_form import SYMBOLS, NormalForm
-from .text import VERDICTS
+from .text import VERDICTS, WORDS
 
 INK, SOFT, OLD, NEW, HOLD, BAD, GOOD = "#1a1a1a", "#777777", "#c9d9e8", "#0b61a4", "#f3e3d3", "#c00000", "#1b6e3c"
 BREAK = Markup("<br>")
@@ -40,6 +41,7 @@ def report(answer: Answer) -> str:
         safe=SAFE,
         singular=SINGULAR,
         br=BREAK,
+        words={name: meaning for word in WORDS for name, meaning in meanings(word).items()},
         version=__version__,
     )
 

@@ -10,6 +10,7 @@ from .outputs.normal_form import SYMBOLS, NormalForm
 
 WIDTH = 120
 VERDICTS = {True: "yes", False: "no", None: "not decided"}
+WORDS = ("growth", "nonholonomic", "involutive", "relative degree", "decoupling matrix", "singularity", "zero dynamics")
 SPACE = 18  # columns before the text of a label
 
 
@@ -25,6 +26,7 @@ def as_text(answer: Answer) -> str:
         lines += [line for word, meaning in BASIS.items() for line in labelled(word, [meaning])]
     for file, table in answer.tables.items():
         lines += ["", f"Largest offset proved to be safe on both sides of the path, {file}", *table.lines()]
+    lines += ["", *labelled("Words", [f"noslip glossary WORD explains {', '.join(WORDS)}"], 0)]
     return "\n".join(lines)
 
 

@@ -21,6 +21,7 @@ COMMANDS = (
     "calibrate",
     "excite",
     "export",
+    "glossary",
     "completion",
 )
 MODULES = {name: name.replace("-", "_") for name in COMMANDS} | {

@@ -1,0 +1,34 @@
+"""The glossary: the words of mechanics and control that answers use, from docs/glossary.md."""
+
+from difflib import get_close_matches
+from functools import lru_cache
+from pathlib import Path
+
+from .errors import BadInput
+
+FILE = Path(__file__).resolve().parent.parent / "docs" / "glossary.md"
+
+
+@lru_cache
+def glossary() -> dict[str, str]:
+    """Return the meaning of each word, in its order: plain text with one blank line between paragraphs."""
+    _, *sections = FILE.read_text(encoding="utf-8").split("\n## ")
+    return {word.strip(): meaning.strip() for word, _, meaning in (section.partition("\n") for section in sections)}
+
+
+def meanings(word: str) -> dict[str, str]:
+    """Return the entries whose names have all parts of `word`, such as "zero dynamics", "nonholonomic", "path-following". Raises
+    BadInput if there is none.
+    """
+    parts = word.lower().replace("-", " ").split()
+    entries = {name: meaning for name, meaning in glossary().items() if parts and _words(name).issuperset(parts)}
+    if not entries:
+        known = {each: each for each in glossary()} | {part: part for each in glossary() for part in _words(each)}
+        near = get_close_matches(word.lower(), [name.lower() for name in known], 1)
+        hint = f"; did you mean {near[0]!r}?" if near else f"; it has {', '.join(glossary())}"
+        raise BadInput(f"the glossary has no {word!r}{hint}")
+    return entries
+
+
+def _words(name: str) -> set[str]:
+    return set(name.lower().replace(",", " ").replace("-", " ").split())
