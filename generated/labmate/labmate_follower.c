@@ -390,7 +390,7 @@ static int is_possible(const double turned[2], const labmate_follower_interval *
 }
 
 /* Updates wheel rates and pose from the counters. */
-static int measure(labmate_follower *self, const uint32_t counts[2], uint32_t missed, int *standing)
+static NOSLIP_BESIDE int measure(labmate_follower *self, const uint32_t counts[2], uint32_t missed, int *standing)
 {
     const uint32_t first = self->encoders[0].last, second = self->encoders[1].last;
     const labmate_follower_interval *time = &self->nominal;

@@ -392,7 +392,7 @@ static int is_possible(const float turned[2], const labmate_follower_interval_f 
 }
 
 /* Updates wheel rates and pose from the counters. */
-static int measure(labmate_follower_f *self, const uint32_t counts[2], uint32_t missed, int *standing)
+static NOSLIP_BESIDE int measure(labmate_follower_f *self, const uint32_t counts[2], uint32_t missed, int *standing)
 {
     const uint32_t first = self->encoders[0].last, second = self->encoders[1].last;
     const labmate_follower_interval_f *time = &self->nominal;

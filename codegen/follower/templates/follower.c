@@ -375,7 +375,7 @@ static int is_possible(const @{ real } turned[2], const @{ f("interval") } *time
 }
 
 /* Updates wheel rates and pose from the counters. */
-static int measure(@{ self } *self, const uint32_t counts[2], uint32_t missed, int *standing)
+static NOSLIP_BESIDE int measure(@{ self } *self, const uint32_t counts[2], uint32_t missed, int *standing)
 {
     const uint32_t first = self->encoders[0].last, second = self->encoders[1].last;
     const @{ f("interval") } *time = &self->nominal;
