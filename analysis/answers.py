@@ -133,7 +133,7 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
     try:
         if find_robot(spec.robot).name != name:
             raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
-        refuse_extension(spec.output.law, "analyse --start")
+        refuse_extension(spec.law, "analyse --start")
         if spec.reference.circle:
             raise BadInput("[reference] circle: starts are certified along lines and paths; leave it out")
         loop = make_loop(spec)

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..readers.errors import BadInput
@@ -104,6 +105,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _refuse_kinematic(laws: Sequence[str]) -> None:
+    from ..model.names import without_kinematic  # slow to import
+
+    for name in laws:
+        if without_kinematic(name) != name:
+            raise BadInput(f"--fmu: {name} gives velocities; an FMU has the law of torques: take {without_kinematic(name)}")
+
+
 def _export_fmu(args: argparse.Namespace) -> int:
     """Write an FMU, whose steps have been compared with those of the compiled C."""
     if not args.out.endswith(".fmu"):
@@ -113,6 +122,7 @@ def _export_fmu(args: argparse.Namespace) -> int:
     check_targets([args.out])
     args.scalar = "double"
     laws = [name for name in args.output if name != DYNAMICS]
+    _refuse_kinematic(laws)
     if args.fmu == "plant":
         args.output = [DYNAMICS]
     elif len(laws) != 1:

@@ -141,20 +141,23 @@ def _drive(args: argparse.Namespace, spec: "Spec") -> "DriveLoop | None":
 
     own = spec.drive
     kind = args.drive or (own.kind if own else "torque")
+    if spec.kinematic != (kind == "kinematic"):
+        raise BadInput(f"--drive {kind} does not fit {spec.law}: a kinematic law goes with --drive kinematic, and no other does")
     if kind == "torque":
         for name in ("bandwidth", "drive_delay"):
             if getattr(args, name) is not None:
-                raise BadInput(f"--{name.replace('_', '-')} requires --drive velocity or velocity+torque")
+                raise BadInput(f"--{name.replace('_', '-')} requires --drive velocity, velocity+torque or kinematic")
         return None
     bandwidth = args.bandwidth if args.bandwidth is not None else own.bandwidth if own else None
     if bandwidth is None:
         raise BadInput(f"--drive {kind} requires --bandwidth HZ, that of the drives' own loop")
     delay = args.drive_delay if args.drive_delay is not None else own.delay if own else 0.0
-    return DriveLoop(2 * math.pi * bandwidth, delay, kind == "velocity+torque")
+    return DriveLoop(2 * math.pi * bandwidth, delay, kind == "velocity+torque", kind == "kinematic")
 
 
 def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
-    from ..outer.setting import SPEED, default_spec, with_speed
+    from ..model.names import KINEMATIC, without_kinematic
+    from ..outer.setting import BANDWIDTH, SPEED, as_kinematic, default_spec, with_speed
     from ..readers.robots import find_robot, law_of
     from ..simulation.loop import make_loop
     from ..simulation.specification.vary import read_varied
@@ -164,13 +167,16 @@ def _law_and_spec(args: argparse.Namespace) -> tuple["ControlLaw", "Spec"]:
     if args.spec is None:
         if args.output is None:
             raise BadInput("outer-loop needs --output LAW or --spec SPEC.toml")
-        law = law_of(find_robot(args.robot), args.output)
+        kinematic = args.drive == "kinematic" and without_kinematic(args.output) == args.output
+        law = law_of(find_robot(args.robot), args.output + KINEMATIC * kinematic)
         return law, _placed(default_spec(args.robot, law, SPEED if args.speed is None else args.speed), args.L)
     spec = read_varied(args.spec, {"simulation.backend": "casadi"})
-    for option, value, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.output.law)):
+    for option, value, own in (("ROBOT", args.robot, spec.robot), ("--output", args.output, spec.law)):
         if value is not None and value != own:
             raise BadInput(f"{args.spec}: the SPEC has {own}, but {option} is {value}")
-    law = law_of(find_robot(spec.robot), spec.output.law)
+    if args.drive == "kinematic" and not spec.kinematic:
+        spec = as_kinematic(replace(spec, drive=None), args.bandwidth or BANDWIDTH)
+    law = law_of(find_robot(spec.robot), spec.law)
     try:
         make_loop(spec)  # refuses what `noslip simulate` refuses
     except BadInput as error:
@@ -195,10 +201,12 @@ def _gains(args: argparse.Namespace, law: "ControlLaw", spec: "Spec") -> dict[st
 
     own = gain_entries(law, spec.gains, "gains") | integral_entries(law, spec.gains)
     values = {gain.name: gain.default for gain in law.gains} | own
-    rows = [row.name for row in law.output.rows]
+    each = zip(law.output.rows, law.linearization.relative_degree, strict=True)
+    degrees = {row.name: degree for row, degree in each if degree}  # without what a kinematic law commands as it is
+    rows = list(degrees)
     requested = {name: _by_row(getattr(args, name), rows, f"--{name.replace('_', '-')}") for name in (*DESIGNS, "damping")}
     gains = {}
-    for row, degree in zip(rows, law.linearization.relative_degree, strict=True):
+    for row, degree in degrees.items():
         ways = [name for name in DESIGNS if row in requested[name]]
         if len(ways) > 1:
             raise BadInput(f"{row}: --{ways[0].replace('_', '-')} and --{ways[1].replace('_', '-')}; choose one")

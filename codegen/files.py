@@ -78,7 +78,7 @@ def robot_files(
         for program in programs:
             text = law_text(program, scalar)
             files.update(text.files())
-            files.update(LanesC(program, scalar, text.banner).files() if lanes else {})
+            files.update(LanesC(program, scalar, text.banner).files() if lanes and not program.law.kinematic else {})
             manifest["laws"][program.law.name] = {
                 "relative_degree": list(program.law.linearization.relative_degree),
                 "model_sha256": fingerprint(system, program.law),

@@ -11,7 +11,7 @@ from ..model.linearization import SINGULAR, SINGULAR_SQUARED, Linearization
 from ..model.mechanism import Quantity
 from ..model.names import in_c
 from ..model.outputs import FOOT
-from .derivation.foot import AT_FOOT, has_foot_form, place_names, plain_at_foot, staged_at_foot
+from .derivation.foot import at_foot_of, has_foot_form, place_names, plain_at_foot, staged_at_foot
 from .derivation.grip import plain_ground, staged_ground
 from .derivation.stages import Result, Stages, inner_velocities, staged
 from .graph import (
@@ -54,9 +54,10 @@ class Entry:
     @property
     def inverts(self) -> bool:
         """Whether it uses the inverse of Phi."""
-        return not {Result.ACCELERATION, Result.INPUTS, Result.INPUTS_OF_V, Result.SLOPE}.isdisjoint(self.answers)
+        return not INVERTING.isdisjoint(self.answers)
 
 
+INVERTING = {Result.ACCELERATION, Result.INPUTS, Result.COMMAND, Result.INPUTS_OF_V, Result.COMMAND_OF_V, Result.SLOPE}
 SLOPE = Entry(
     "slope", "Derivative of the inputs by the virtual input of the speed, the output of degree 1", (Result.SLOPE,), public=False
 )
@@ -81,7 +82,7 @@ EVALUATE = Entry(
     "All quantities, with one sine and cosine",
     (
         *(Result.OUTPUTS, Result.RATES, Result.DECOUPLING, Result.DECOUPLING_RATE),
-        *(Result.ACCELERATION, Result.INPUTS, Result.EXTENSION_RATE),
+        *(Result.ACCELERATION, Result.INPUTS, Result.COMMAND, Result.EXTENSION_RATE),
     ),
     Group.REFERENCE,
     whole=True,
@@ -89,14 +90,14 @@ EVALUATE = Entry(
 STEP = Entry(
     "step",
     "The controller: outer loop and feedback (12) with (20), limits, safe outputs",
-    (Result.EXTENSION_RATE, Result.INPUTS),
+    (Result.EXTENSION_RATE, Result.INPUTS, Result.COMMAND),
     Group.REFERENCE,
     slope=SLOPE,
 )
 FOLLOW = Entry(
     "follow",
     "The step for a path given by the position relative to the foot of P_l",
-    (Result.INPUTS,),
+    (Result.INPUTS, Result.COMMAND),
     Group.REFERENCE,
     at_foot=True,
     slope=FOLLOW_SLOPE,
@@ -109,7 +110,7 @@ ENTRIES = (
     Entry(
         "feedback",
         "Linearizing feedback (12) with (20): from the virtual input v to the inputs",
-        (Result.INPUTS_OF_V,),
+        (Result.INPUTS_OF_V, Result.COMMAND_OF_V),
         Group.VIRTUAL_INPUT,
     ),
     GROUND,
@@ -218,8 +219,8 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     labels = _own_names(law, quantities) | labels
     entries = {}
     for entry in ENTRIES:
-        if law.extension and entry in (GROUND, GROUND_BY_INPUTS, NULL_INPUTS):
-            continue  # a step with an extension does not keep grip
+        if (law.extension or law.kinematic) and entry in (GROUND, GROUND_BY_INPUTS, NULL_INPUTS):
+            continue  # a step with an extension or without inputs does not keep grip
         given = at_foot if entry.at_foot else quantities
         chosen = {name: given[name] for name in entry.answers if given.get(name)}
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
@@ -241,9 +242,10 @@ def _groups(law: ControlLaw) -> dict[str, Sequence[Quantity]]:
 def in_steps(law: ControlLaw) -> Stages:
     """The law's quantities in short steps; those at the foot too, where they need nothing else of place and heading."""
     found = staged(law)
-    floor = staged_ground(inner_velocities(law.system)[0])
-    found.steps += floor.steps
-    found.quantities |= floor.quantities
+    if not law.kinematic:
+        floor = staged_ground(inner_velocities(law.system)[0])
+        found.steps += floor.steps
+        found.quantities |= floor.quantities
     if has_foot_form(law):
         foot = staged_at_foot(law)
         shared = {step.symbol.element_hash() for step in found.steps if step.symbol.is_symbolic()}  # the velocities
@@ -255,22 +257,23 @@ def in_steps(law: ControlLaw) -> Stages:
 def plain(law: ControlLaw) -> Stages:
     """The law's quantities as the model has them, in one step."""
     found = law.linearization
+    given, of_v = (Result.COMMAND, Result.COMMAND_OF_V) if law.kinematic else (Result.INPUTS, Result.INPUTS_OF_V)
     quantities = {
         Result.OUTPUTS: found.h,
         Result.RATES: found.rate,
         Result.DECOUPLING: found.Phi,
         Result.DECOUPLING_RATE: found.Phidot,
         Result.ACCELERATION: law.u,
-        Result.INPUTS: law.tau,
+        given: law.tau,
         Result.EXTENSION_RATE: law.extension_rate,
-        Result.INPUTS_OF_V: law.tau_of_v,
+        of_v: law.tau_of_v,
         Result.SINGULAR: _singular(found),
         Result.REGULAR: ca.SX(0, 1),
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         Result.SLOPE: law.slope,
-        **plain_ground(law.system),
+        **({} if law.kinematic else plain_ground(law.system)),
     }
-    at_foot = {name: plain_at_foot(law, quantities[name]) for name in AT_FOOT} if has_foot_form(law) else {}
+    at_foot = {name: plain_at_foot(law, quantities[name]) for name in at_foot_of(law)} if has_foot_form(law) else {}
     return Stages([], quantities=quantities, at_foot=at_foot)
 
 
@@ -296,7 +299,9 @@ def _reads(body: EntryBody, names: frozenset[str]) -> bool:
 
 
 def _grip_reads(law: ControlLaw, names: frozenset[str]) -> bool:
-    """Do the ground's forces, in steps, depend on one of these coordinates?"""
+    """Do the ground's forces, in steps, depend on one of these coordinates? A kinematic law does not use them."""
+    if law.kinematic:
+        return False
     floor = staged_ground(inner_velocities(law.system)[0])
     expressions = [*(step.expression for step in floor.steps), *floor.quantities.values()]
     return any(ca.depends_on(each, q.symbol) for each in expressions for q in law.groups[Group.STATE] if q.name in names)
@@ -312,11 +317,11 @@ def _own_names(law: ControlLaw, quantities: dict[Result, Matrix]) -> dict[Node, 
         Result.DECOUPLING: [[f"Phi_{i}{j}" for j in size] for i in size],
         Result.DECOUPLING_RATE: [[f"Phidot_{i}{j}" for j in size] for i in size],
         Result.ACCELERATION: [[f"u_{q.name}"] for q in law.system.quasi_velocities],
-        Result.INPUTS: [[q.name] for q in law.system.mechanism.inputs],
+        Result.COMMAND if law.kinematic else Result.INPUTS: [[q.name] for q in law.inputs],
         Result.EXTENSION_RATE: [[f"{q.name}_rate"] for q in law.extension],
     }
     labels: dict[Node, str] = {}
-    for quantity, texts in ((quantity, texts) for quantity, texts in names.items() if quantities[quantity]):
+    for quantity, texts in ((quantity, texts) for quantity, texts in names.items() if quantities.get(quantity)):
         for nodes, row in zip(quantities[quantity], texts, strict=True):
             for node, text in zip(nodes, row, strict=True):
                 if node.arguments:

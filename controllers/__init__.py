@@ -8,4 +8,4 @@ runtime_c/.
 BACKENDS = ("casadi", "c", "cf")  # CasADi in double, generated C in double, generated C in float
 SCALAR = {"c": "double", "cf": "float"}  # of the generated C on this host, by backend
 ON_TARGET = {"m4f": "cortex-m4f", "rv32": "rv32imafc"}  # generated C in float on an emulated processor: backend -> target
-DRIVES = ("torque", "velocity", "velocity+torque")  # what the drives of a robot take
+DRIVES = ("torque", "velocity", "velocity+torque", "kinematic")  # what the drives of a robot take, and from which law

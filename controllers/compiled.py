@@ -18,7 +18,7 @@ from ..codegen.printing.scalar import SCALARS
 from ..codegen.program import Entry
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
-from .controller import ON_LIMIT, QUANTITIES, RUNNING, Evaluation, Friction, Limits, check_point
+from .controller import ON_LIMIT, RUNNING, Evaluation, Friction, Limits, check_point
 from .runtime import InC, load, runtime
 
 Text = TypeVar("Text", LawC, DynamicsC)
@@ -130,7 +130,8 @@ class CompiledController:
         self._extension = [self._library.numbers(getattr(self._self, field)) for field in fields]
         self._dt = (0.0,) if law.extension else ()
         self._evaluation = ffi.new(f"{name('evaluation')} *")
-        self._tau = ffi.new(f"{self._library.text.scalar.real}[{len(law.system.mechanism.inputs)}]")
+        self._tau = ffi.new(f"{self._library.text.scalar.real}[{len(law.inputs)}]")
+        self._quantities = tuple(law.quantities)
         groups = [
             (self._library.robot_name("params"), params),
             (name("config"), config),
@@ -139,7 +140,8 @@ class CompiledController:
         structs = [self._library.struct(kind, values) for kind, values in groups]
         options = ffi.new(f"{self._library.robot_name('options')} *")  # all zero: no limits, zeros on an error
         if limits is not None:
-            options.limit = [value if np.isfinite(value) else 0.0 for value in limits.torque]
+            for k, value in enumerate(limits.torque):
+                options.limit[k] = value if np.isfinite(value) else 0.0
             options.on_limit = ON_LIMIT.index(limits.mode)
             if limits.mode == "grip" and limits.friction:
                 options.friction = dataclasses.asdict(limits.friction)
@@ -153,7 +155,7 @@ class CompiledController:
         self._lock = Lock()
 
     def evaluate(self, state: np.ndarray, reference: np.ndarray) -> Evaluation:
-        """Return h, ydot, Phi, Phidot, u and tau at one state; no values unless the status is ok."""
+        """Return the quantities of the law at one state, such as h, Phi and tau; no values unless the status is ok."""
         check_point(self.law, state, reference)
         if self.refused:
             return Evaluation(self.refused, {})
@@ -162,11 +164,11 @@ class CompiledController:
             status = self._evaluate(self._self, self._state, self._reference, self._evaluation)
             if status != 0:
                 return Evaluation(self._status(status), {})
-            names = (*QUANTITIES, "extension_rate") if self._extension else QUANTITIES
-            return Evaluation("ok", {q: self._found[q].astype(float) if q in self._found else np.zeros(0) for q in names})
+            found = self._found
+            return Evaluation("ok", {q: found[q].astype(float) if q in found else np.zeros(0) for q in self._quantities})
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
-        """Return status and inputs (N or N m), zeros on an error."""
+        """Return status and what the law gives, see Controller; zeros on an error."""
         check_point(self.law, state, reference)
         if self.refused:
             return self.refused, np.zeros(len(self._tau))

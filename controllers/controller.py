@@ -46,7 +46,8 @@ class Friction:
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the actuators: `torque` is the largest absolute value of each input, N or N m; 0 or inf: no limit.
+    """Limits of the actuators: `torque` is the largest absolute value of each input, N or N m; 0 or inf: no limit. For a
+    kinematic law it is that of each command, in the unit of the quasi-velocity, and the mode is not "grip".
 
     In `mode` "cut" each input is limited separately. In mode "slow" the desired acceleration is changed as little as possible, so
     that the other outputs are not affected; if these alone require more than the limits, the change that minimizes the largest
@@ -61,7 +62,7 @@ class Limits:
 
     def check(self, law: ControlLaw) -> None:
         """Raise BadInput if the law cannot have these limits."""
-        inputs = law.system.mechanism.inputs
+        inputs = law.inputs
         if len(self.torque) != len(inputs):
             names = ", ".join(q.name for q in inputs)
             raise BadInput(f"limits: torque has {len(self.torque)} values; give {len(inputs)}, for {names}")
@@ -79,6 +80,8 @@ class Limits:
         from ..codegen.derivation.grip import is_wide, why_not  # slow to import
 
         name, floor = law.system.mechanism.name, self.friction
+        if law.kinematic:
+            raise BadInput(f'limits: mode "grip" is for laws that give torques; {law.name} gives velocities')
         if reason := why_not(law.system):
             raise BadInput(f'limits: mode "grip" does not apply to {name}: {reason}')
         if floor is None:
@@ -116,7 +119,9 @@ class Controller(Protocol):
         """All quantities at a state."""
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
-        """Status and inputs tau (12), (20), within the limits ("saturated": made so); zeros when the status is an error."""
+        """Status and inputs tau (12), (20), of a kinematic law the commanded nu, within the limits ("saturated": made so); zeros
+        when the status is an error.
+        """
 
     def believe(self, mu: float) -> None:
         """Keep the contacts within a friction `mu`, at most that of the limits, from the next step on; in mode "grip"."""

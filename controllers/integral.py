@@ -153,6 +153,8 @@ def _check(row: str, degree: int, ki: float, gains: Mapping[str, float]) -> None
     """Check Routh's conditions. Raises BadInput if they do not hold."""
     if not (math.isfinite(ki) and ki > 0):
         raise BadInput(f"gains: ki_{row} = {ki:g} must be nonnegative and finite")
+    if degree == 0:
+        raise BadInput(f"gains: ki_{row}: a kinematic law commands {row} as it is; leave it out")
     if degree == 1:
         if not gains[f"kv_{row}"] > 0:
             raise BadInput(f"gains: ki_{row} requires kv_{row} > 0: otherwise s^2 + kv s + ki is not stable")

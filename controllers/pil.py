@@ -2,7 +2,8 @@
 
 firmware/pil/pil.h defines the operations and the format of the messages, which use the emulator's standard input and output; the
 image opens both by semihosting. There is one image, and one process, for a law and a target. Controllers, trackers, speed
-profiles, odometry, integrators, approaches and what notices slip are objects in it, represented here by handles.
+profiles, odometry, integrators, approaches, what notices slip and commands of velocity drives of that law are objects in it,
+represented here by handles.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from ..model.law import ControlLaw
 from ..readers.errors import BadInput
 from ..readers.files import children
 from .build import built, compiler, runtime_files
-from .compiled import Library, library
+from .compiled import DynamicsLibrary, Library, dynamics_library, library
 from .controller import ON_TARGET, Friction
 from .runtime import Runtime, runtime
 from .targets import HOST, SEMIHOSTING, TARGETS, Target, require
@@ -48,6 +49,11 @@ CHOSEN = """#define PIL_ROBOT(name) {robot}##name##_f
 #define PIL_GRIP {grip}
 #define PIL_EXTENSION {extends}
 #include "{law}_f.h"
+"""
+DYNAMICS = """#define PIL_DYNAMICS(name) {robot}_dynamics##name##_f
+#define PIL_COORDINATES {coordinates}
+#define PIL_DOF {dof}
+#include "{robot}_dynamics_f.h"
 """
 PATIENCE = 30.0  # s, timeout of an answer; a step takes a millionth of it
 
@@ -73,8 +79,13 @@ def image(target: Target, law: Library) -> Path:
     own = {path.name: path.read_text() for path in FOLDER.glob("*.[ch]")}
     has_grip = "grip" in [name for name, _ in law.ffi.typeof(law.name("")).fields]
     chosen = CHOSEN.format(robot=law.text.robot, law=law.text.prefix, grip=int(has_grip), extends=law.text.extends)
-    files = {**runtime_files(), **target.files(), **law.files, **own, "pil_law.h": chosen}
-    sources = [name for name in (*law.files, *own) if name.endswith(".c")]
+    system, generated = law.text.system, dict(law.files)
+    if not law.text.law.kinematic:
+        sizes = {"coordinates": len(system.mechanism.coordinates), "dof": system.dof}
+        chosen += DYNAMICS.format(robot=law.text.robot, **sizes)
+        generated |= dynamics_library(system, "float").files
+    files = {**runtime_files(), **target.files(), **generated, **own, "pil_law.h": chosen}
+    sources = [name for name in (*generated, *own) if name.endswith(".c")]
     command = target.compile() if target.compiler else compiler()
     return built([*command, *STANDARD, "-O2", *sources, *CALLED, *target.start, *target.link()], files, "pil.elf")
 
@@ -102,7 +113,7 @@ class Session:
             raise self._fault(f"sends an initial answer of {len(sizes)} bytes")
         self.sizes = dict(zip(SIZES, struct.unpack(f"<{len(SIZES)}I", sizes), strict=True))
         counts = {"law": "laws", "path": "paths", "odometry": "odometries", "integral": "integrals", "approach": "approaches"}
-        counts["slip"] = "slips"
+        counts |= {"slip": "slips", "velocity": "velocities", "dynamics": "dynamics"}
         self._free = {kind: list(range(self.sizes[many]))[::-1] for kind, many in counts.items()}
 
     @property
@@ -297,12 +308,33 @@ class TargetLibrary(Library):
         return place if isinstance(place, np.ndarray) else super().numbers(place)
 
 
+class TargetDynamics(DynamicsLibrary):
+    """The C of the dynamics of a law's robot on the target that runs the law, as `TargetLibrary`."""
+
+    inputs = {"init": 1, "acceleration": 2}
+
+    def __init__(self, law: ControlLaw, backend: str):
+        here = dynamics_library(law.system, "float")
+        self.text, self.ffi, self.lib, self.files = here.text, here.ffi, here.lib, here.files
+        self._law, self._backend, self._here = law, backend, here
+
+    def instance(self) -> Handle:
+        """As DynamicsLibrary.instance, on the target."""
+        return Handle(session(self._law, self._backend), "dynamics")
+
+    def function(self, name: str) -> Function:
+        """As DynamicsLibrary.function, on the target."""
+        kinds = self.ffi.typeof(self._here.function(name)).args[1:]
+        return remote(self.ffi, f"dynamics_{name}", kinds, self.inputs[name])
+
+
 class TargetRuntime(Runtime):
     """The C of a header on the target that runs a law, in float, with the interface of Runtime."""
 
     inputs = {  # 2 for the others
         **{"path_look": 4, "path_update": 4, "odometry_pose": 0, "odometry_unwind": 0},
         **{"integral_step": 3, "approach_init": 3, "approach_start": 3, "slip_trust": 0},
+        **{"velocity_init": 3, "velocity_set_vehicle": 1, "velocity_reset": 1, "velocity_step": 4, "velocity_follow": 4},
     }
     kinds = {"profile": "path"}  # of an object that shares the numbers, and the segments, of others
 
@@ -346,6 +378,12 @@ class TargetRuntime(Runtime):
 def target_library(law: ControlLaw, backend: str) -> TargetLibrary:
     """Return a law's C for a backend that runs on a target, created once per process."""
     return TargetLibrary(law, backend)
+
+
+@lru_cache(maxsize=16)
+def target_dynamics(law: ControlLaw, backend: str) -> TargetDynamics:
+    """Return the C of the dynamics of a law's robot for a backend that runs on a target, created once per process."""
+    return TargetDynamics(law, backend)
 
 
 @lru_cache(maxsize=64)

@@ -15,7 +15,7 @@ from .grip import GripReference
 
 ANGLE_MAX = 2.0**20  # rad; the C in double rejects larger angles
 FLAT = 1e-5  # entries of a gradient below this part of the largest count as zero, as in the C runtime
-VECTORS = ("h", "ydot", "u", "tau", "extension_rate", "V", "bias", "lam")  # the other quantities are matrices
+VECTORS = ("h", "ydot", "u", "tau", "command", "extension_rate", "V", "bias", "lam")  # the other quantities are matrices
 
 
 class CasadiController:
@@ -56,7 +56,7 @@ class CasadiController:
         return Evaluation(status, values)
 
     def step(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
-        """Return status and tau, N or N m, within the limits; zeros if the status is an error."""
+        """Return status and what the law gives, see Controller, within the limits; zeros if the status is an error."""
         check_point(self.law, state, reference)
         status, tau = self._unlimited(state, reference)
         if not (status == "ok" and (np.abs(tau) <= self._limits).all()):
@@ -78,7 +78,7 @@ class CasadiController:
         return np.asarray(slope_function(self.law)(*self._fixed, state, reference)).ravel()
 
     def _unlimited(self, state: np.ndarray, reference: np.ndarray) -> tuple[str, np.ndarray]:
-        zero = np.zeros(len(self.law.system.mechanism.inputs))
+        zero = np.zeros(len(self.law.inputs))
         if not (np.isfinite(state).all() and np.isfinite(reference).all()):
             return "nonfinite", zero
         tau, measure, angles, self.extension_rate = self._step(*self._fixed, state, reference)
@@ -121,7 +121,8 @@ def evaluation_function(law: ControlLaw) -> ca.Function:
     system, mechanism = law.system, law.system.mechanism
     quantities = law.quantities
     quantities |= {"M": mechanism.M, "V": system.V, "A": mechanism.A, "S": system.S, "Mbar": system.Mbar, "bias": system.bias}
-    return portable(law.function(quantities | {"lam": system.constraint_forces(law.tau, law.u)}))
+    quantities |= {} if law.kinematic else {"lam": system.constraint_forces(law.tau, law.u)}
+    return portable(law.function(quantities))
 
 
 @cache

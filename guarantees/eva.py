@@ -32,7 +32,7 @@ MAY_WRITE = {  # function -> objects and members, named as in the programs, that
     "noslip_odometry_rates": {*RECKONED, "pose"},
     "noslip_odometry_correct": RECKONED,
     "noslip_odometry_unwind": RECKONED,
-    "noslip_encoder_read": {"self.last", "self.started", "angle"},
+    "noslip_encoder_read": {"self.last", "self.started", "self.carry", "angle"},
     "noslip_integral_step": {"self.z", "self.rounded", "self.error", "self.added", "added"},
     "noslip_motor_step": {"command"},
     "noslip_motor_limit": {"torque"},

@@ -1,4 +1,7 @@
-"""The whole control law: outer loop, second feedback (20), first feedback (12), as one set of expressions."""
+"""The whole control law: outer loop, second feedback (20), first feedback (12), as one set of expressions.
+
+Of a kinematic law the second feedback gives the quasi-velocities that drives are commanded; there is no first feedback.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,9 +20,10 @@ class ControlLaw:
     """A control law from state and reference to the inputs, symbolic.
 
     Outer loop, row of relative degree 2: v = yddot_d + kd (ydot_d - ydot) + kp (y_d - y); degree 1: v = ydot_d + kv (y_d - y);
-    longer chains as degree 2, with ka on the error of the second derivative and so on (GAINS).
+    longer chains as degree 2, with ka on the error of the second derivative and so on (GAINS); degree 0: v = y_d.
     `v` and `u` are (n-m) x 1, `tau` is r x 1 in the units of the inputs. They depend on `groups`: parameters, config (of the
     output map), gains, state [q; nu] and reference, in SI units. `u_of_v` and `tau_of_v` are functions of v itself.
+    Of a kinematic law `tau` is the command nu_c, (n-m) x 1, in the units of the quasi-velocities, and `u` is empty.
     With a dynamic extension its states xi are the last of the state, and `extension_rate` is d xi/dt, k x 1; else 0 x 1.
     """
 
@@ -52,6 +56,19 @@ class ControlLaw:
         return self.linearization.output
 
     @property
+    def kinematic(self) -> bool:
+        """Whether it commands quasi-velocities instead of inputs."""
+        return self.linearization.kinematic
+
+    @property
+    def inputs(self) -> tuple[Quantity, ...]:
+        """Return what a step returns: the robot's inputs, or of a kinematic law the commanded quasi-velocities."""
+        if not self.kinematic:
+            return tuple(self.system.mechanism.inputs)
+        velocities = self.system.quasi_velocities
+        return tuple(quantity(f"command_{q.name}", q.unit, f"commanded {q.about or q.name}") for q in velocities)
+
+    @property
     def extension(self) -> tuple[Quantity, ...]:
         """Return the states of the dynamic extension; empty without one."""
         return self.linearization.extension
@@ -69,11 +86,11 @@ class ControlLaw:
 
     @property
     def speed_row(self) -> int | None:
-        """Return the row of relative degree 1 if there is exactly one: its acceleration can be reduced in favour of the other
-        rows.
+        """Return the row of relative degree 1, of a kinematic law 0, if there is exactly one: it can be reduced in favour of the
+        other rows.
         """
-        degree = self.linearization.relative_degree
-        return degree.index(1) if degree.count(1) == 1 else None
+        degree, of_speed = self.linearization.relative_degree, 0 if self.kinematic else 1
+        return degree.index(of_speed) if degree.count(of_speed) == 1 else None
 
     @property
     def slope(self) -> ca.SX:
@@ -100,6 +117,8 @@ class ControlLaw:
     def quantities(self) -> dict[str, ca.SX]:
         """What an evaluation of the law returns, by name."""
         io = self.linearization
+        if self.kinematic:
+            return {"h": io.h, "Phi": io.Phi, "command": self.tau}
         values = {"h": io.h, "ydot": io.rate, "Phi": io.Phi, "Phidot": io.Phidot, "u": self.u, "tau": self.tau}
         return values | ({"extension_rate": self.extension_rate} if self.extension else {})
 
@@ -127,28 +146,32 @@ def control_law(system: ReducedSystem, output: OutputMap) -> ControlLaw:
     degrees, h, rate = linearization.relative_degree, linearization.h, linearization.rate
     v = outer_loop(degrees, [k.symbol for k in gains], [y.symbol for y in reference], h, rate)
     virtual_input = tuple(
-        quantity(f"v_{row.name}", derivative_unit(row.unit, degree), f"virtual input: derivative {degree} of {row.name}")
+        quantity(f"v_{row.name}", derivative_unit(row.unit, degree), f"virtual input: {_nth(degree)}{row.name}")
         for row, degree in zip(output.rows, degrees, strict=True)
     )
     for group, members in (("reference", reference), ("gains", gains)):
         refuse_twice([q.name for q in members], f"{system.mechanism.name}, output {output.name}, {group}")
     u, extension_rate = linearization.accelerations(linearization.second_feedback(v))
     u_of_v, _ = linearization.accelerations(linearization.second_feedback(symbols(virtual_input)))
-    mechanism = system.mechanism
+    kinematic, none = linearization.kinematic, ca.SX(0, 1)
     return ControlLaw(
         linearization=linearization,
-        parameters=tuple(mechanism.parameters),
+        parameters=tuple(system.mechanism.parameters),
         config=tuple(output.parameters),
         gains=gains,
         reference=reference,
         virtual_input=virtual_input,
         v=v,
-        u=u,
-        tau=system.first_feedback(u),
+        u=none if kinematic else u,
+        tau=u if kinematic else system.first_feedback(u),
         extension_rate=extension_rate,
-        u_of_v=u_of_v,
-        tau_of_v=system.first_feedback(u_of_v),
+        u_of_v=none if kinematic else u_of_v,
+        tau_of_v=u_of_v if kinematic else system.first_feedback(u_of_v),
     )
+
+
+def _nth(order: int) -> str:
+    return f"derivative {order} of " if order else ""
 
 
 def _derivative(row: OutputRow, order: int, about: str = "") -> Quantity:
@@ -160,7 +183,8 @@ def outer_loop(degree: Sequence[int], gains: Sequence[ca.SX], reference: Sequenc
     gain, desired, rates = iter(gains), iter(reference), iter(ca.vertsplit(rate) if rate.numel() else ())
     v = []
     for k, y in zip(degree, ca.vertsplit(h), strict=True):
-        errors = [next(desired) - y, *[next(desired) - next(rates) for _ in range(1, k)]]
+        measured = [y, *[next(rates) for _ in range(1, k)]][:k]
+        errors = [next(desired) - value for value in measured]
         v.append(sum((next(gain) * error for error in errors), start=next(desired)))
     return ca.vertcat(*v)
 
@@ -172,12 +196,12 @@ SHORT_GAINS = ("kv", *GAINS)
 
 def gain_names(degree: int) -> tuple[str, ...]:
     """Return the names of the gains of a chain, without that of the output."""
-    return GAINS[:degree] if degree > 1 else ("kv",)
+    return ("kv",) if degree == 1 else GAINS[:degree]
 
 
 def default_gains(degree: int) -> list[float]:
-    """Return default gains: a pole at -2 1/s; from degree 2 on one at -0.5 1/s, and all others at -2 1/s."""
-    poles = [-2.0] if degree == 1 else [-0.5, *[-2.0] * (degree - 1)]
+    """Return default gains of a chain: a pole at -2 1/s; from degree 2 on one at -0.5 1/s, and all others at -2 1/s."""
+    poles = [-2.0] * degree if degree < 2 else [-0.5, *[-2.0] * (degree - 1)]
     return polynomial.polyfromroots(poles)[:-1].tolist()
 
 

@@ -27,6 +27,9 @@ SINGULAR_SQUARED = 1e-10  # the same for squares, which avoid a root
 class Linearization:
     """Input-output linearization of a reduced system: y_i^(k) = drift_i + (Phi u)_i with k = relative_degree[i], 1 or 2.
 
+    Of a `kinematic` law the quasi-velocities nu take the place of u: y_i^(k) = drift_i + (Phi nu)_i with k one less, and the same
+    Phi. Nothing but h depends on nu then; `rate` and `Phidot` are empty.
+
     Symbolic, in q, nu and parameters: outputs `h` ((n-m) x 1), derivatives `rate` of order 1 to k - 1 of each row in order,
     decoupling matrix `Phi` (15) and its time derivative `Phidot` (both (n-m) x (n-m)), `drift` ((n-m) x 1).
     Units are those of the output map's rows, per second for each derivative.
@@ -49,6 +52,11 @@ class Linearization:
     def extension(self) -> tuple[Quantity, ...]:
         """The states xi of the integrators; empty without an extension."""
         return self.integrators.states if self.integrators else ()
+
+    @property
+    def kinematic(self) -> bool:
+        """Whether nu takes the place of u."""
+        return self.output.kinematic
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -103,7 +111,7 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
     A row that depends on nu has degree 1; its row of Phi is dh/dnu. A row h(q) has degree 2; its row of Phi is dh/dq S.
     If the output map allows an extension and Phi is singular everywhere, see `extend`.
     Raises ModelError if the output map does not belong to this system (`OutputMap.check`), the number of rows is not n-m, a
-    row of Phi vanishes identically, or Phi is singular everywhere.
+    row of Phi vanishes identically, or Phi is singular everywhere; for a kinematic law also if an output is not affine in nu.
     """
     where = f"{system.mechanism.name}, output {output.name}"
     if len(output.rows) != system.dof:
@@ -114,6 +122,8 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
         output_chains, integrators = extend(system, output_chains, output)
     Phi = _rows(output_chains)
     _check_regular(system, output, Phi, integrators)
+    if output.kinematic:
+        return _kinematic(system, output, output_chains)
     return Linearization(
         system,
         output,
@@ -125,6 +135,24 @@ def linearize(system: ReducedSystem, output: OutputMap) -> Linearization:
         ca.vertcat(*[chain.drift for chain in output_chains]),
         integrators,
     )
+
+
+def _kinematic(system: ReducedSystem, output: OutputMap, output_chains: Sequence[Chain]) -> Linearization:
+    """Return the linearization of a kinematic law: an output h(q) has degree 1, hdot = Phi nu; one h(q, nu) = Phi nu + drift has
+    degree 0.
+    """
+    degrees, drift = tuple(chain.degree - 1 for chain in output_chains), []
+    still = ca.SX.zeros(system.dof)
+    for row, degree in zip(output.rows, degrees, strict=True):
+        if degree_in(canonical(row.expression), system.nu) > 1:
+            raise ModelError(
+                f"{system.mechanism.name}, output {output.name}: row {row.name!r} is not affine in the quasi-velocities, as a "
+                "kinematic law requires"
+            )
+        drift.append(ca.SX(0) if degree else canonical(ca.substitute(row.expression, system.nu, still)))
+    h, none = ca.vertcat(*[row.expression for row in output.rows]), ca.SX(0, 1)
+    Phi = ca.densify(_rows(output_chains))
+    return Linearization(system, output, degrees, h, none, Phi, ca.SX(0, 0), ca.vertcat(*drift))
 
 
 def chains(system: ReducedSystem, output: OutputMap) -> list[Chain]:

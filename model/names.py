@@ -11,6 +11,7 @@ from .errors import ModelError
 TYPE = "type_"  # prefix of the names of Types I to IV
 OFFSET = "_offset"  # suffix of the name of a law whose P_l may lie beside the vehicle's axis
 EXTENDED = "_extended"  # suffix of the name of a law with a dynamic extension
+KINEMATIC = "_kinematic"  # suffix of the name of a law that commands quasi-velocities
 TYPES = ("I", "II", "III", "IV")
 FLOAT = "_f"  # suffix of every name in float
 
@@ -89,25 +90,28 @@ def is_reserved(name: str) -> bool:
 
 @dataclass(frozen=True)
 class LawName:
-    """The name of a law of Types I to IV: one of TYPES, the kind of path of IV, whether P_l may lie aside of the axis, and
-    whether it is on the axle, with a dynamic extension.
+    """The name of a law of Types I to IV: one of TYPES, the kind of path of IV, whether P_l may lie aside of the axis, whether
+    it is on the axle, with a dynamic extension, and whether the law is kinematic.
     """
 
     type: str
     path: str = ""
     offset: bool = False
     extended: bool = False
+    kinematic: bool = False
 
     def __str__(self) -> str:
         path = f"_{self.path}" if self.path else ""
-        return f"{TYPE}{self.type.lower()}{path}{OFFSET if self.offset else ''}{EXTENDED if self.extended else ''}"
+        after = OFFSET * self.offset + EXTENDED * self.extended + KINEMATIC * self.kinematic
+        return f"{TYPE}{self.type.lower()}{path}{after}"
 
     @classmethod
     def parse(cls, name: str) -> "LawName | None":
         """The parts of a name; None of an output of the robot's own."""
-        plain = without_extension(name)
+        dynamic = without_kinematic(name)
+        plain = without_extension(dynamic)
         number, _, path = without_offset(plain).removeprefix(TYPE).partition("_")
-        law = cls(number.upper(), path, plain.endswith(OFFSET), plain != name)
+        law = cls(number.upper(), path, plain.endswith(OFFSET), plain != dynamic, dynamic != name)
         return law if law.type in TYPES and str(law) == name else None
 
 
@@ -119,6 +123,11 @@ def without_offset(name: str) -> str:
 def without_extension(name: str) -> str:
     """The name of the law of the same outputs without a dynamic extension."""
     return name.removesuffix(EXTENDED)
+
+
+def without_kinematic(name: str) -> str:
+    """The name of the law of the same outputs that gives the robot's inputs."""
+    return name.removesuffix(KINEMATIC)
 
 
 def in_c(name: str) -> str:
@@ -136,10 +145,9 @@ def refuse_output(name: str, others: Iterable[str], where: str) -> None:
     """Raise ModelError for an output whose C would share a name with that of another output or of the robot."""
     if name.startswith(TYPE):
         raise ModelError(f"{where}: the name has a meaning already: {TYPE} begins the names of Types I to IV; choose another")
-    if name.endswith(EXTENDED):
-        raise ModelError(
-            f"{where}: the name has a meaning already: {EXTENDED} ends those of laws with an extension; choose another"
-        )
+    for ending, laws in ((EXTENDED, "laws with an extension"), (KINEMATIC, "kinematic laws")):
+        if name.endswith(ending):
+            raise ModelError(f"{where}: the name has a meaning already: {ending} ends those of {laws}; choose another")
     defined = set(_law_names(name))
     robots = {FLOAT, *(f"_{own}{after}" for own in OF_ROBOT for after in ("", FLOAT)), *_law_names("dynamics")}
     taken = {"the robot itself": robots} | {f"output {other!r}": set(_law_names(other)) for other in others}

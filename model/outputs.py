@@ -13,7 +13,7 @@ from .algebra.exact import canonical
 from .algebra.operations import refuse_jumps, refuse_unsupported
 from .errors import ModelError
 from .mechanism import Mechanism, Output, Quantity, quantity, refuse_strangers, refuse_twice, scalar
-from .names import LawName, without_extension, without_offset
+from .names import LawName, without_extension, without_kinematic, without_offset
 from .paths import PATHS, Path, config
 from .reduction import ReducedSystem
 
@@ -56,7 +56,7 @@ FOOT = (
 @dataclass(frozen=True, eq=False)
 class OutputMap:
     """n-m outputs with their additional parameters. `path` is the curve followed, for Type IV; `extension` allows a dynamic
-    extension.
+    extension; a `kinematic` law commands quasi-velocities instead of inputs.
     """
 
     name: str
@@ -66,6 +66,7 @@ class OutputMap:
     conditions: tuple[tuple[ca.SX, str], ...] = ()
     path: Path | None = None
     extension: bool = False
+    kinematic: bool = False
 
     @property
     def required_path(self) -> Path:
@@ -174,8 +175,12 @@ def output_names(robot: Mechanism) -> tuple[str, ...]:
 def output_map(system: ReducedSystem, name: str) -> OutputMap:
     """Return the output map of a law by name: one of OUTPUTS, optionally with an offset, or the robot's own. Raises KeyError.
 
-    With EXTENDED of names.py it allows a dynamic extension, and P_l of one of OUTPUTS is on the axle.
+    With EXTENDED of names.py it allows a dynamic extension, and P_l of one of OUTPUTS is on the axle. With KINEMATIC the outputs
+    are those of a kinematic law.
     """
+    if (dynamic := without_kinematic(name)) != name:
+        base_map = output_map(system, dynamic)
+        return replace(base_map, name=name, about=f"{base_map.about}, kinematic", kinematic=True)
     if (plain := without_extension(name)) != name:
         base_map = output_map(system, plain)
         about = f"{base_map.about}, with dynamic extension"

@@ -5,7 +5,9 @@ With c the integral of the desired acceleration u, and e = c - nu, such a drive 
     nudot = omega e,        e+ = e + T u(t - delay) at each call,        de/dt = -nudot in between
 
 that is, the acceleration follows u with the time constant 1 / omega. With feed-forward of the torque that causes u,
-nudot = u(t - delay) + omega e: e only has to remove the error.
+nudot = u(t - delay) + omega e: e only has to remove the error. With a kinematic law c is its command, held over each period:
+
+    nudot = omega (c(t - delay) - nu)
 """
 
 import math
@@ -22,11 +24,14 @@ MOST_PERIODS = 30  # in the delay of a drive, when the longest period is searche
 
 @dataclass(frozen=True)
 class DriveLoop:
-    """The loop of a drive: its bandwidth `omega` (rad/s), `delay` (s) until a command acts, whether it is fed the torque."""
+    """The loop of a drive: its bandwidth `omega` (rad/s), `delay` (s) until a command acts, whether it is fed the torque, and
+    whether its commands are those of a kinematic law.
+    """
 
     omega: float
     delay: float = 0.0
     feeds: bool = False
+    kinematic: bool = False
 
     def __post_init__(self):
         positive("bandwidth", self.omega, "drive")
@@ -39,12 +44,18 @@ class DriveLoop:
         return self.delay / MOST_PERIODS
 
     def __str__(self) -> str:
-        kind = "velocity+torque" if self.feeds else "velocity"
+        kind = "kinematic" if self.kinematic else "velocity+torque" if self.feeds else "velocity"
         return f"{kind} drives of {self.omega / (2 * math.pi):.6g} Hz, delay {self.delay:g} s"
 
     def between_samples(self, A: np.ndarray, B: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return F, G, J of [x, e] for a plant dx/dt = A x + B nudot: d/dt = F [x, e] + G u held, and + J u once at a call."""
+        """Return F, G, J of [x, e] for a plant dx/dt = A x + B nudot: d/dt = F [x, e] + G u held, and + J u once at a call.
+
+        Of a kinematic law, with dx/dt = A x + B nu, that of [x, nu], with its command in place of u.
+        """
         n, r = B.shape
+        if self.kinematic:
+            F = np.block([[A, B], [np.zeros((r, n)), -self.omega * np.eye(r)]])
+            return F, np.vstack([np.zeros((n, r)), self.omega * np.eye(r)]), np.zeros((n + r, r))
         F = np.block([[A, self.omega * B], [np.zeros((r, n)), -self.omega * np.eye(r)]])
         G = float(self.feeds) * np.vstack([B, -np.eye(r)])
         return F, G, np.vstack([np.zeros((n, r)), period * np.eye(r)])

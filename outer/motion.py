@@ -10,7 +10,7 @@ equilibrium of
 The states xi of a law's dynamic extension are held in z too, after the integrals: d xi/dt is a function of rho and z.
 
 With velocity-controlled drives (drive.py) the acceleration nudot takes the place of tau, and u that of kappa: the drives make
-nudot follow u.
+nudot follow u. With a kinematic law its command c takes the place of tau: the drives make nu follow c, nudot = omega (c - nu).
 
 Because tau is constant in the motion, a sampled loop linearized about it is exactly the held one of the linearized robot:
 rho+ = exp(A T) rho + int_0^T exp(A s) ds B tau.
@@ -77,7 +77,8 @@ class Setting:
         integral = np.array(self.integral or np.zeros(len(self.law.output.rows)))
         bias = np.zeros(len(x)) if self.bias is None else self.bias
         measured = self.config if self.measured is None else self.measured
-        return [x, z, self.true, self.believed, self.config, self.gains, integral, self.reference, bias, measured]
+        omega = np.array(self.drive.omega if self.drive else 0.0)
+        return [x, z, self.true, self.believed, self.config, self.gains, integral, self.reference, bias, measured, omega]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,8 @@ class SteadyMotion:
     `state` is one state [q; nu] of the motion, `torque` its constant inputs, `rho` the coordinates there by `names`, `z` what
     the integrals hold, in the order of the rows that have one, and the states of a dynamic extension. With a drive, tau stands
     for the accelerations nudot, the loop without a period is that of ideal drives, and `fed` is what the feed-forward of
-    torque adds (`Fed`).
+    torque adds (`Fed`). With a kinematic law tau stands for its command, and the loop without a period is that behind drives
+    without dead time.
     """
 
     setting: Setting = field(repr=False)
@@ -108,6 +110,8 @@ class SteadyMotion:
     def inputs(self) -> list[str]:
         """Names of the inputs at which the loop is broken."""
         system = self.setting.law.system
+        if self.setting.law.kinematic:
+            return [q.name for q in self.setting.law.inputs]
         if self.setting.drive:
             return [f"u_{v.name}" for v in system.quasi_velocities]
         return [q.name for q in system.mechanism.inputs]
@@ -175,7 +179,10 @@ class SteadyMotion:
     def _behind(self, drive: DriveLoop, period: float, delay: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return A, B and K of the loop in the state [rho, e, the u (and tau) of the calls before, z], with u = K state."""
         (n, r), held = self.B.shape, len(self.z)
-        F, G, J = drive.between_samples(self.A, self.B, period)
+        if drive.kinematic:  # nu is in rho
+            F, G, J = self.A, self.B, np.zeros((n, r))
+        else:
+            F, G, J = drive.between_samples(self.A, self.B, period)
         if self.fed:  # of [u; tau]: nudot = by_state rho + by_torque tau + omega e
             F[:, :n] += np.vstack([self.B, -np.eye(r)]) @ self.fed.by_state
             G = np.hstack([0 * G, np.vstack([self.B, -np.eye(r)]) @ self.fed.by_torque])
@@ -273,7 +280,7 @@ def coordinates(law: ControlLaw) -> tuple[str, ...]:
 class MotionFunctions:
     """Residuals and their derivatives by name, for a law and the rows that have integral action.
 
-    `driven`: the input tau is the acceleration nudot instead, and kappa the law's u.
+    `driven`: the input tau is the acceleration nudot instead, and kappa the law's u; of a kinematic law its command.
     """
 
     def __init__(self, law: ControlLaw, acting: tuple[int, ...], driven: bool = False):
@@ -286,12 +293,13 @@ class MotionFunctions:
         )
         believed, config, measured = (ca.SX.sym(n, k) for n, k in _sizes(law))
         ki, bias = ca.SX.sym("ki", len(law.output.rows)), ca.SX.sym("bias", x.numel())
-        gains, reference = symbols(law.gains), symbols(law.reference)
+        omega, gains, reference = ca.SX.sym("omega"), symbols(law.gains), symbols(law.reference)
+        acts = driven and not law.kinematic
         by_name = {q.name: q.symbol for q in law.reference}
 
         # The law at the measured state.
         virtual = law.v + ca.vertcat(*[ki[k] * z[acting.index(k)] if k in acting else 0 for k in range(len(law.output.rows))])
-        kappa = ca.substitute(law.u_of_v if driven else law.tau_of_v, symbols(law.virtual_input), virtual)
+        kappa = ca.substitute(law.u_of_v if acts else law.tau_of_v, symbols(law.virtual_input), virtual)
         substitution = [
             ca.vertcat(x, symbols(law.extension), p, symbols(law.config)),
             ca.vertcat(x + bias, xi, believed, config),
@@ -303,7 +311,8 @@ class MotionFunctions:
         # The true robot, with its outputs relative to the desired ones.
         place = ca.vertcat(*[row.expression for row in rows], *_angles(law), *[c.symbol for c in _shape(law)])
         rho = ca.vertcat(ca.substitute(place, symbols(law.config), measured), system.nu)
-        full = ca.vertcat(system.qdot, tau if driven else system.acceleration(tau))
+        follows = omega * (tau - system.nu)
+        full = ca.vertcat(system.qdot, follows if law.kinematic else tau if driven else system.acceleration(tau))
         P = ca.jacobian(rho, x)
         rest = ca.SX(rho.numel() - len(rows), 1)
         y_d = ca.vertcat(*[by_name[row.name] for row in rows])
@@ -317,7 +326,7 @@ class MotionFunctions:
         answers |= {"kappa_x": ca.jacobian(kappa, x), "kappa_z": ca.jacobian(kappa, z)}
         answers |= {"e_x": ca.jacobian(e, x), "e_z": ca.jacobian(e, z)}
         moving = {"r": r, "r_x": ca.jacobian(r, x), "r_tau": ca.jacobian(r, tau)}
-        arguments = [x, z, p, believed, config, gains, ki, reference, bias, measured]
+        arguments = [x, z, p, believed, config, gains, ki, reference, bias, measured, omega]
         self._law = ca.Function("law", arguments, [ca.densify(v) for v in answers.values()])
         self._robot = ca.Function("robot", [*arguments, tau], [ca.densify(v) for v in moving.values()])
         self._names = (tuple(answers), tuple(moving))

@@ -94,7 +94,7 @@ class OuterLoopReport:
 
     @cached_property
     def at_once(self) -> Margins:
-        """Margins of the whole loop, broken at all inputs; with velocity drives at all accelerations u."""
+        """Margins of the whole loop, broken at all inputs; with velocity drives at all accelerations u, or commands."""
         return margins(self.motion.broken(self.loops.period, self.loops.delay))
 
     @cached_property
@@ -125,7 +125,7 @@ class OuterLoopReport:
             named = [(row, gains.faster(factor)) for row, gains in self.gains.items()]
             entries = {name: value for row, gains in named for name, value in gains.named(row).items()}
             gains = np.array([entries[gain.name] for gain in self.law.gains])
-            integral = tuple(each.integral for _, each in named)
+            integral = tuple(entries.get(f"ki_{row.name}", 0.0) for row in self.law.output.rows)
             setting = replace(motion.setting, start=motion.state, gains=gains, integral=integral)
             return -steady_motion(setting).decay(period, delay) - NEUTRAL
 

@@ -11,11 +11,12 @@ from ..model.names import LawName
 from ..readers.errors import BadInput
 from ..readers.robots import find_robot
 from ..simulation.loop import axle_at, make_loop
-from ..simulation.specification.spec import Initial, OutputSection, PathSection, Reference, Simulation, Spec
+from ..simulation.specification.spec import DriveSection, Initial, OutputSection, PathSection, Reference, Simulation, Spec
 from ..verification.cases import gain_entries, integral_entries
 from .motion import Setting, path_frame
 
 SPEED = 1.0  # m/s, default
+BANDWIDTH, PERIOD = 5.0, 0.01  # Hz and s, of a kinematic law in a SPEC that does not say
 KINDS = ("line", "circle", "segment")  # paths of constant curvature
 
 
@@ -39,7 +40,14 @@ def default_spec(robot: str, law: ControlLaw, speed: float = SPEED) -> Spec:
         position = (0.0, math.pi / 2 if output.type == "III" else 0.0)
         reference = Reference(position=position, velocity=(speed, 0.0))
     initial, simulation = _on_the_way(output, reference), Simulation(duration=10.0, backend="casadi")
-    return Spec(robot=robot, output=output, reference=reference, initial=initial, simulation=simulation)
+    spec = Spec(robot=robot, output=output, reference=reference, initial=initial, simulation=simulation)
+    return as_kinematic(spec, BANDWIDTH) if law.kinematic else spec
+
+
+def as_kinematic(spec: Spec, bandwidth: float) -> Spec:
+    """Return the SPEC with the kinematic law of its outputs, behind drives with a bandwidth (Hz)."""
+    simulation = replace(spec.simulation, period=spec.simulation.period or PERIOD)
+    return replace(spec, drive=DriveSection(kind="kinematic", bandwidth=bandwidth), simulation=simulation)
 
 
 def setting_of(spec: Spec) -> Setting:
@@ -52,7 +60,7 @@ def setting_of(spec: Spec) -> Setting:
     if spec.reference.circle:
         raise BadInput("[reference] circle: the steady motion is along a line, or on a path of Type IV; leave it out")
     if spec.sensors or spec.limits or spec.drive:
-        spec = replace(spec, sensors=None, correction=None, limits=None, drive=None)
+        spec = replace(spec, sensors=None, correction=None, limits=None, drive=spec.drive if spec.kinematic else None)
     spec = replace(spec, simulation=replace(spec.simulation, backend="casadi"))
     setting = _setting(spec)
     if spec.output.own:  # the steady motion is searched for near the start

@@ -17,7 +17,7 @@ from weakref import WeakKeyDictionary
 from ..model.errors import ModelError
 from ..model.law import ControlLaw, control_law
 from ..model.mechanism import Mechanism
-from ..model.names import without_extension, without_offset
+from ..model.names import KINEMATIC, without_extension, without_kinematic, without_offset
 from ..model.outputs import OUTPUTS, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
 from ..model.robots import ROBOTS
@@ -102,9 +102,12 @@ def law_of(robot: Mechanism | ReducedSystem, law_name: str) -> ControlLaw:
 
 def check_law(robot: Mechanism, law_name: str) -> None:
     """Raise BadInput unless the name is one of Types I to IV or of the robot's own outputs."""
-    names, plain = output_names(robot), without_extension(law_name)
+    dynamic = without_kinematic(law_name)
+    names, plain = output_names(robot), without_extension(dynamic)
     if plain not in names and without_offset(plain) not in OUTPUTS:
         raise BadInput(f"unknown output {law_name!r}{suggestion(law_name, names)}")
+    if plain != dynamic != law_name:
+        raise BadInput(f"{law_name}: a kinematic law has no dynamic extension: it has no accelerations; take {plain}{KINEMATIC}")
 
 
 def refuse_extension(law_name: str, where: str) -> None:

@@ -73,7 +73,9 @@ typedef struct noslip_odometry {
 /* Converts the counter of an encoder, which wraps around, to angles of its wheel. */
 typedef struct noslip_encoder {
     double angle;      /* rad per count */
-    double scale;      /* rad per count / full */
+    double scale;      /* rad per count / full, without its lower half of bits: its product with up to 4095 counts is exact */
+    double rest;       /* of it: the lower half of bits */
+    double carry;      /* rad: what rounding has left out of the angles written, so that errors do not add up */
     uint32_t mask;     /* the bits of the counter */
     uint32_t full;     /* 2^(32 - bits): shifts the highest bit of the counter to bit 31 */
     uint32_t last;     /* last counter value read */
@@ -507,7 +509,9 @@ NOSLIP_NODISCARD static inline int noslip_encoder_init(noslip_encoder *self, dou
     self->angle = (double)6.283185307179586 / counts_per_turn;
     self->mask = UINT32_MAX >> (32 - counter_bits);
     self->full = UINT32_C(1) << (32 - counter_bits);
-    self->scale = self->angle / (double)self->full;
+    self->scale = noslip_upper_half(self->angle / (double)self->full);
+    self->rest = self->angle / (double)self->full - self->scale;
+    self->carry = 0;
     self->last = 0;
     self->ready = NOSLIP_READY;
     return NOSLIP_OK;
@@ -527,6 +531,7 @@ NOSLIP_APART int noslip_encoder_start(noslip_encoder *self, uint32_t counter,
     if (self->ready != NOSLIP_READY) {
         return NOSLIP_NOT_READY;
     }
+    self->carry = 0;
     self->last = counter;
     self->started = NOSLIP_READY;
     return NOSLIP_OK;
@@ -540,12 +545,17 @@ NOSLIP_APART int noslip_encoder_start(noslip_encoder *self, uint32_t counter,
 static inline int noslip_encoder_read(noslip_encoder *self, uint32_t counter, double *angle)
 {
     uint32_t change; /* of the counter, shifted so that its highest bit is bit 31 */
+    double counts, most, turned;
     if (self == NULL || angle == NULL || self->started != NOSLIP_READY) {
         return noslip_encoder_start(self, counter, angle);
     }
     change = (counter - self->last) * self->full;
-    *angle = (double)(int32_t)change * self->scale;
+    counts = (double)(int32_t)change;
+    most = counts * self->scale;
+    turned = most + (counts * self->rest + self->carry);
+    self->carry = counts * self->rest + self->carry - (turned - most);
     self->last = counter;
+    *angle = turned;
     return NOSLIP_OK;
 }
 
@@ -588,7 +598,9 @@ typedef struct noslip_odometry_f {
 /* Converts the counter of an encoder, which wraps around, to angles of its wheel. */
 typedef struct noslip_encoder_f {
     float angle;       /* rad per count */
-    float scale;       /* rad per count / full */
+    float scale;       /* rad per count / full, without its lower half of bits: its product with up to 4095 counts is exact */
+    float rest;        /* of it: the lower half of bits */
+    float carry;       /* rad: what rounding has left out of the angles written, so that errors do not add up */
     uint32_t mask;     /* the bits of the counter */
     uint32_t full;     /* 2^(32 - bits): shifts the highest bit of the counter to bit 31 */
     uint32_t last;     /* last counter value read */
@@ -1022,7 +1034,9 @@ NOSLIP_NODISCARD static inline int noslip_encoder_init_f(noslip_encoder_f *self,
     self->angle = (float)6.283185307179586 / counts_per_turn;
     self->mask = UINT32_MAX >> (32 - counter_bits);
     self->full = UINT32_C(1) << (32 - counter_bits);
-    self->scale = self->angle / (float)self->full;
+    self->scale = noslip_upper_half_f(self->angle / (float)self->full);
+    self->rest = self->angle / (float)self->full - self->scale;
+    self->carry = 0;
     self->last = 0;
     self->ready = NOSLIP_READY;
     return NOSLIP_OK;
@@ -1042,6 +1056,7 @@ NOSLIP_APART int noslip_encoder_start_f(noslip_encoder_f *self, uint32_t counter
     if (self->ready != NOSLIP_READY) {
         return NOSLIP_NOT_READY;
     }
+    self->carry = 0;
     self->last = counter;
     self->started = NOSLIP_READY;
     return NOSLIP_OK;
@@ -1055,12 +1070,17 @@ NOSLIP_APART int noslip_encoder_start_f(noslip_encoder_f *self, uint32_t counter
 static inline int noslip_encoder_read_f(noslip_encoder_f *self, uint32_t counter, float *angle)
 {
     uint32_t change; /* of the counter, shifted so that its highest bit is bit 31 */
+    float counts, most, turned;
     if (self == NULL || angle == NULL || self->started != NOSLIP_READY) {
         return noslip_encoder_start_f(self, counter, angle);
     }
     change = (counter - self->last) * self->full;
-    *angle = (float)(int32_t)change * self->scale;
+    counts = (float)(int32_t)change;
+    most = counts * self->scale;
+    turned = most + (counts * self->rest + self->carry);
+    self->carry = counts * self->rest + self->carry - (turned - most);
     self->last = counter;
+    *angle = turned;
     return NOSLIP_OK;
 }
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..controllers.controller import RUNNING
 from ..controllers.direct import Direct
-from ..controllers.velocity import make_acceleration, make_velocity, velocity_limits
+from ..controllers.velocity import VehicleLimits, make_acceleration, make_velocity, velocity_limits
 from ..model.algebra.portable import portable
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
@@ -19,6 +19,7 @@ from . import runge_kutta
 from .plant import Plant
 
 if TYPE_CHECKING:
+    from ..model.law import ControlLaw
     from .specification.spec import DriveSection, Simulation
 
 
@@ -77,19 +78,29 @@ class VelocityDrive:
     """Drives whose own loop makes each quasi-velocity follow its command c: nudot = omega (c - nu), and with feed-forward of the
     controller's torque the acceleration that this causes in addition; the whole within the largest acceleration.
 
-    What is given: [c; tau].
+    What is given: [c; tau]; of a kinematic law [c], limited, and no torque.
     """
 
-    def __init__(self, section: DriveSection, simulation: Simulation, plant: Plant, believed: np.ndarray):
-        """`believed`: the controller's parameters. Raises BadInput for a wrong number of limits."""
+    def __init__(
+        self,
+        section: DriveSection,
+        simulation: Simulation,
+        plant: Plant,
+        law: ControlLaw,
+        believed: np.ndarray,
+        vehicle: VehicleLimits | None = None,
+    ):
+        """`believed`: parameters of the controller of `law`; `vehicle`: limits of the motion that is commanded. Raises BadInput
+        for a wrong number of limits.
+        """
         system, period = plant.system, simulation.period
         names = [v.name for v in system.quasi_velocities]
         self.delay, self.commands = section.delay, len(names)
         speed = _each("most_speed", section.most_speed, names)
         acceleration = _each("most_acceleration", section.most_acceleration, names)
-        limits = velocity_limits(speed, acceleration, section.lag + period)
-        self._velocity = make_velocity(simulation.backend, limits, period)
-        self._acceleration = make_acceleration(simulation.backend, system, believed)
+        limits = velocity_limits(speed, acceleration, section.lag + period, vehicle)
+        self._velocity = make_velocity(simulation.backend, limits, period, law)
+        self._acceleration = None if section.kinematic else make_acceleration(simulation.backend, law, believed)
         self._period, self._inputs = period, len(system.mechanism.inputs)
         step, torque = driven(system, section.feeds)
         self._step, self._torque = Direct(step), Direct(torque)
@@ -103,6 +114,9 @@ class VelocityDrive:
 
     def take(self, x: np.ndarray, status: str, tau: np.ndarray) -> tuple[str, np.ndarray]:
         """See Drive."""
+        if self._acceleration is None:
+            status, command = self._velocity.follow(tau, x[-self.commands :], status, self._period)
+            return status, np.concatenate([command, np.zeros(self._inputs)])
         caused, u = self._acceleration(x, tau)
         status, command = self._velocity.step(u, x[-self.commands :], status if caused in RUNNING else caused, self._period)
         return status, np.concatenate([command, tau])
@@ -121,11 +135,18 @@ class VelocityDrive:
         return given[: self.commands]
 
 
-def make_drive(section: DriveSection | None, simulation: Simulation, plant: Plant, believed: np.ndarray) -> Drive:
-    """Return the drives of a SPEC. Raises BadInput for limits that do not fit the robot, and backends without commands."""
+def make_drive(
+    section: DriveSection | None,
+    simulation: Simulation,
+    plant: Plant,
+    law: ControlLaw,
+    believed: np.ndarray,
+    vehicle: VehicleLimits | None = None,
+) -> Drive:
+    """Return the drives of a SPEC. Raises BadInput for limits that do not fit the robot."""
     if section is None or not section.takes_velocity:
         return TorqueDrive(plant)
-    return VelocityDrive(section, simulation, plant, believed)
+    return VelocityDrive(section, simulation, plant, law, believed, vehicle)
 
 
 @lru_cache(maxsize=16)

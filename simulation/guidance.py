@@ -279,7 +279,8 @@ class Route:
         """
         self._law, self._tracker, self._make_leg, self.profile = law, tracker, make_leg, profile
         self._motion, self._parameters = Direct(vehicle_motion(law.system)), parameters
-        self._speed = [q.name for q in law.reference].index("speed")
+        speed = [q.name for q in law.reference].index("speed")
+        self._speed = slice(speed, speed + (1 if law.kinematic else 2))  # with its rate, where the law uses it
         self._zeros = np.zeros(len(law.reference))
         self.piece, self.arrived = 0, False
         if (reason := LOST.get(tracker.look(*self._seen(start)).status)) is not None:
@@ -296,7 +297,8 @@ class Route:
         guide = self.guide(x)
         speed = guide.speed, guide.speed_rate
         reference = self._zeros.copy()
-        reference[self._speed : self._speed + 2] = self.profile.speed(guide, self._seen(x)[3]) if self.profile else speed
+        desired = self.profile.speed(guide, self._seen(x)[3]) if self.profile else speed
+        reference[self._speed] = desired[: len(reference[self._speed])]
         return reference
 
     def guide(self, x: np.ndarray) -> Guide:

@@ -13,7 +13,9 @@ from ..controllers.ground.slip import Noticed
 from ..controllers.integral import IntegralAction
 from ..controllers.odometry import vehicle_wheels
 from ..controllers.tracking import Tracker, TrackerOptions, make_tracker
+from ..controllers.velocity import VehicleLimits
 from ..model.algebra.trigonometry import sine_cosine
+from ..model.contacts import GRAVITY
 from ..model.law import ControlLaw
 from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
@@ -36,6 +38,7 @@ from .starts import extension_starts, starts
 PROFILE_PART = (
     0.6  # of friction, and of the motors, that a speed profile uses by default; what is left is for staying on the path
 )
+ALONG, LATERAL = 0.6, 0.8  # parts of friction that a kinematic law uses along its way and across it: together all of it
 ON_AXLE = 1e-9  # m: a point this near to the axle is on it
 
 
@@ -179,7 +182,8 @@ def make_loop(spec: Spec) -> Loop:
     if spec.reference.approach:
         generators = _generators(law, spec, spec.reference.approach)
         guidance = Approaching(guidance, law, believed, generators, lambda: sensing is not None and sensing.jumped, start)
-    drive = make_drive(spec.drive, spec.simulation, plant, believed)
+    vehicle = _vehicle_limits(spec, law, believed) if spec.kinematic and spec.limits else None
+    drive = make_drive(spec.drive, spec.simulation, plant, law, believed, vehicle)
     extension = _extension(law, spec, believed, guidance, start)
     loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, drive, extension, warnings)
     _check_start(loop)
@@ -192,7 +196,7 @@ def _law(mechanism: Mechanism, spec: Spec) -> ControlLaw:
     if spec.output.own and spec.output.type not in own:
         known = ", ".join([*TYPES, *own])
         raise BadInput(f"[output] type = {spec.output.type!r} is not one of {known}")
-    return law_of(mechanism, spec.output.law)
+    return law_of(mechanism, spec.law)
 
 
 def _check_axle(law: ControlLaw, spec: Spec) -> None:
@@ -214,8 +218,8 @@ def axle_at(law: ControlLaw, parameters: Mapping[str, float]) -> float:
 
 
 def _limits(spec: Spec, inputs: int) -> Limits | None:
-    """Return the limits; a single limit applies to all inputs."""
-    if spec.limits is None:
+    """Return the limits; a single limit applies to all inputs. None for a kinematic law, whose commands its drives limit."""
+    if spec.limits is None or spec.kinematic:
         return None
     torque, friction = (0.0,) if spec.limits.torque is None else spec.limits.torque, None
     if spec.limits.mode == "grip":
@@ -223,6 +227,16 @@ def _limits(spec: Spec, inputs: int) -> Limits | None:
         assert floor is not None, "checked by the SPEC"
         friction = Friction(floor.mu, spec.limits.margin, floor.share, floor.height)
     return Limits(torque * inputs if len(torque) == 1 else torque, spec.limits.mode, friction)
+
+
+def _vehicle_limits(spec: Spec, law: ControlLaw, believed: np.ndarray) -> VehicleLimits:
+    """Return the accelerations that use all of friction together, with its margin: the vehicle as one body. Raises BadInput as
+    `vehicle_wheels` does.
+    """
+    assert spec.limits and spec.contact, "checked by the SPEC"
+    forward, turn, _ = vehicle_wheels(law.system, believed)
+    most = spec.contact.mu * (1 - spec.limits.margin) * spec.contact.share * GRAVITY
+    return VehicleLimits(tuple(forward), tuple(turn), ALONG * most, LATERAL * most)
 
 
 def _integral(spec: Spec, law: ControlLaw, gains: list[float]) -> IntegralAction:
@@ -342,7 +356,7 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
             raise BadInput(f"[reference] {name} has {len(given)} numbers; it must have {rows}: {needed}")
     offset, slope = [], []
     for degree, start, rate in zip(degrees, position, velocity, strict=True):
-        offset += [start, rate, *[0.0] * (degree - 1)]
+        offset += [start, rate, *[0.0] * (degree - 1)][: degree + 1]
         slope += [rate, *[0.0] * degree]
     begin, rates, circle = np.array(offset), np.array(slope), spec.reference.circle
     if circle is None:

@@ -8,17 +8,23 @@
 #include "noslip_odometry.h"
 #include "noslip_profile.h"
 #include "noslip_slip.h"
+#include "noslip_solve.h"
+#include "noslip_velocity.h"
 
 #define STAGES 7         /* of the integrator */
 #define SHORTER 5        /* maximum number of repetitions of a run with half the step */
 #define CROSSING 1e-12   /* s: accuracy of the instant at which a run meets the singular set */
 #define KNOWN 1e-9       /* s: its accuracy in the adaptive simulation */
 #define SAFETY 4         /* factor on the sum of the errors of all calls, which may grow until the end */
+#define WAITING 64       /* calls whose commands wait for their delay */
 #define LATEST 16        /* maximum number of calls between two estimates of the integration error */
 
 typedef struct BATCH_LAW() controller;
 typedef struct BATCH_JUDGE() judge; /* the law in double for the true state, whatever the scalar of the controller */
 typedef struct BATCH_PLANT() plant;
+#if BATCH_DRIVE == 1
+typedef struct BATCH_ROBOT(_dynamics) moved; /* what the torques of the controller cause, as it assumes */
+#endif
 
 /* Structs of scalars, and the same as arrays. */
 typedef union { BATCH_ROBOT(_state) named; BATCH_REAL at[BATCH_STATE]; } seen_state;
@@ -66,6 +72,12 @@ typedef struct loop {
 #endif
     double reference[BATCH_REFERENCE];
     int status;
+#if BATCH_DRIVE
+    BATCH_RUNTIME(noslip_velocity) velocity;
+#endif
+#if BATCH_DRIVE == 1
+    moved moves;
+#endif
     double step, error;      /* s; of the integrator, and its estimated error so far */
     double edge;             /* change of the state within the accuracy of the instant at which the run meets the singular set */
 #if BATCH_SENSED
@@ -365,7 +377,11 @@ static void take_guide(loop *self)
     }
 #endif
     reference[BATCH_SPEED] = speed;
+#if BATCH_DRIVE == 2
+    (void)speed_rate; /* a kinematic law does not have it */
+#else
     reference[BATCH_SPEED + 1] = speed_rate;
+#endif
 }
 
 /* Updates the path, and initializes the law for the current segment. Returns an error of the law, or OK. */
@@ -617,10 +633,87 @@ static int integrate(loop *self, const seen_state *state, reference_values *refe
 }
 #endif
 
-/* Calls the controller at time t: stores its status and the inputs. */
-static int command(loop *self, double t, double tau[BATCH_INPUTS])
+#if BATCH_DRIVE
+/* Makes the commands of the drives from the answer of the law. Returns the status. */
+static int drive(loop *self, const seen_state *state, int status, const BATCH_REAL answer[BATCH_ANSWER], double given[BATCH_GIVEN])
 {
-    BATCH_REAL answer[BATCH_INPUTS];
+    const BATCH_REAL *nu = state->at + BATCH_COORDINATES;
+    BATCH_REAL commanded[BATCH_DOF];
+    int i;
+#if BATCH_DRIVE == 1
+    BATCH_REAL qdot[BATCH_COORDINATES], u[BATCH_DOF];
+    const int caused = BATCH_ROBOT(_dynamics_acceleration)(&self->moves, &state->named, answer, qdot, u);
+    status = BATCH_RUNTIME(noslip_velocity_step)(&self->velocity, u, nu, caused == NOSLIP_OK ? status : caused,
+                                                 (BATCH_REAL)self->sample->period, commanded);
+    for (i = 0; i < BATCH_INPUTS; i++) {
+        given[BATCH_DOF + i] = (double)answer[i];
+    }
+#else
+    status = BATCH_RUNTIME(noslip_velocity_follow)(&self->velocity, answer, nu, status, (BATCH_REAL)self->sample->period, commanded);
+    for (i = 0; i < BATCH_INPUTS; i++) {
+        given[BATCH_DOF + i] = 0;
+    }
+#endif
+    for (i = 0; i < BATCH_DOF; i++) {
+        given[i] = (double)commanded[i];
+    }
+    return status;
+}
+#endif
+
+/* Initializes the drives, which hold the velocities of the start. */
+static int init_drives(loop *self, double given[BATCH_GIVEN])
+{
+    int i, status = NOSLIP_OK;
+#if BATCH_DRIVE
+    const batch_sample *sample = self->sample;
+    BATCH_RUNTIME(noslip_velocity_limits) limits[BATCH_DOF];
+    BATCH_REAL nu[BATCH_DOF];
+#endif
+#if BATCH_DRIVE == 1
+    union { BATCH_ROBOT(_params) named; BATCH_REAL at[BATCH_PARAMETERS]; } params;
+    for (i = 0; i < BATCH_PARAMETERS; i++) {
+        params.at[i] = (BATCH_REAL)sample->believed[i];
+    }
+    status = BATCH_ROBOT(_dynamics_init)(&self->moves, &params.named);
+#endif
+    for (i = 0; i < BATCH_GIVEN; i++) {
+        given[i] = 0;
+    }
+#if BATCH_DRIVE
+    for (i = 0; i < BATCH_DOF; i++) {
+        limits[i].speed = (BATCH_REAL)sample->most_speed[i];
+        limits[i].acceleration = (BATCH_REAL)sample->most_acceleration[i];
+        limits[i].band = (BATCH_REAL)sample->drive_band[i];
+        given[i] = self->x[BATCH_COORDINATES + i];
+        nu[i] = (BATCH_REAL)given[i];
+    }
+    if (status >= 0) {
+        status = BATCH_RUNTIME(noslip_velocity_init)(&self->velocity, limits, BATCH_DOF, (BATCH_REAL)sample->period);
+    }
+    if (status >= 0 && sample->vehicle_along > 0) {
+        BATCH_RUNTIME(noslip_velocity_vehicle) vehicle;
+        for (i = 0; i < 2; i++) {
+            vehicle.forward[i] = (BATCH_REAL)sample->forward[i];
+            vehicle.turn[i] = (BATCH_REAL)sample->turn[i];
+        }
+        vehicle.along = (BATCH_REAL)sample->vehicle_along;
+        vehicle.lateral = (BATCH_REAL)sample->vehicle_lateral;
+        status = BATCH_RUNTIME(noslip_velocity_set_vehicle)(&self->velocity, &vehicle);
+    }
+    if (status >= 0) {
+        status = BATCH_RUNTIME(noslip_velocity_reset)(&self->velocity, nu);
+    }
+#else
+    (void)self;
+#endif
+    return status;
+}
+
+/* Calls the controller at time t: stores its status and what the drives are given. */
+static int command(loop *self, double t, double given[BATCH_GIVEN])
+{
+    BATCH_REAL answer[BATCH_ANSWER];
     seen_state state;
     reference_values reference;
     int i, status;
@@ -664,9 +757,13 @@ static int command(loop *self, double t, double tau[BATCH_INPUTS])
 #if BATCH_NOTICES
     status = running(status) && self->sensors.slipping ? NOSLIP_SLIPPING : status;
 #endif
+#if BATCH_DRIVE
+    status = drive(self, &state, status, answer, given);
+#else
     for (i = 0; i < BATCH_INPUTS; i++) {
-        tau[i] = running(status) ? (double)answer[i] : 0;
+        given[i] = running(status) ? (double)answer[i] : 0;
     }
+#endif
     return self->status = status;
 }
 
@@ -912,12 +1009,64 @@ static int sense(loop *self, double t)
 
 /* -- the robot --------------------------------------------------------------------------------------------------------- */
 
+#if BATCH_DRIVE
+/* The rates of the state with drives whose loop follows the commands. */
+static int rate(const loop *self, const double *x, const double *given, double *xdot)
+{
+    static const double none[BATCH_INPUTS] = {0};
+    const batch_sample *sample = self->sample;
+    double *nudot = xdot + BATCH_COORDINATES;
+    true_state state;
+    int i, status;
+    copy(state.at, x, BATCH_STATE);
+    status = BATCH_PLANT(_acceleration)(&self->robot, &state.named, BATCH_FEEDS ? given + BATCH_DOF : none, xdot, nudot);
+    for (i = 0; i < BATCH_DOF; i++) {
+        const double made = (BATCH_FEEDS ? nudot[i] : 0) + sample->omega * (given[i] - x[BATCH_COORDINATES + i]);
+        nudot[i] = noslip_clip(made, sample->most_acceleration[i]);
+    }
+    return status;
+}
+
+/* The torques with which the drives cause these rates: S'E tau = S'MS nudot + bias (12). */
+static void torques(const loop *self, const double *x, const double *given, double tau[BATCH_INPUTS])
+{
+    BATCH_PLANT(_evaluation) all;
+    double force[BATCH_DOF], xdot[BATCH_STATE];
+    const double *nudot = xdot + BATCH_COORDINATES;
+    true_state state;
+    int i, j, good, order[BATCH_DOF];
+    copy(state.at, x, BATCH_STATE);
+    good = rate(self, x, given, xdot) == NOSLIP_OK &&
+           BATCH_PLANT(_evaluate)(&self->robot, &state.named, &all) == NOSLIP_OK &&
+           noslip_invert(all.input_map[0], order, BATCH_DOF) > 0;
+    for (i = 0; good && i < BATCH_DOF; i++) {
+        force[i] = all.bias[i];
+        for (j = 0; j < BATCH_DOF; j++) {
+            force[i] += all.Mbar[i][j] * nudot[j];
+        }
+    }
+    for (i = 0; i < BATCH_INPUTS; i++) {
+        tau[i] = good ? 0 : not_a_number();
+        for (j = 0; good && j < BATCH_DOF; j++) {
+            tau[i] += all.input_map[i][j] * force[j];
+        }
+    }
+}
+#else
 static int rate(const loop *self, const double *x, const double *tau, double *xdot)
 {
     true_state state;
     copy(state.at, x, BATCH_STATE);
     return BATCH_PLANT(_acceleration)(&self->robot, &state.named, tau, xdot, xdot + BATCH_COORDINATES);
 }
+
+static void torques(const loop *self, const double *x, const double *given, double tau[BATCH_INPUTS])
+{
+    (void)self;
+    (void)x;
+    copy(tau, given, BATCH_INPUTS);
+}
+#endif
 
 /* The state h seconds later, by one step of the method of order 6 with 7 stages (Butcher, On Runge-Kutta processes of high order,
  * 1964). */
@@ -1047,14 +1196,20 @@ static void note_use(loop *self, const true_state *state, const double *tau)
 }
 
 /* Evaluates the errors of the true outputs at an output time. */
-static void note(loop *self, double t, const double *tau)
+static void note(loop *self, double t, const double *given)
 {
     const batch_settings *settings = self->settings;
     batch_outcome *outcome = self->outcome;
-    double y[BATCH_ROWS], error[BATCH_ROWS];
+    double y[BATCH_ROWS], error[BATCH_ROWS], tau[BATCH_INPUTS] = {0};
     true_state state;
     int i, good;
     look(self, t);
+    if (given != NULL) {
+        torques(self, self->x, given, tau);
+    }
+    for (i = 0; BATCH_DRIVE && i < BATCH_INPUTS; i++) { /* other drives hold theirs between output times */
+        outcome->effort[i] = noslip_abs(tau[i]) > outcome->effort[i] ? noslip_abs(tau[i]) : outcome->effort[i];
+    }
     copy(state.at, self->x, BATCH_STATE);
     note_use(self, &state, tau);
     good = BATCH_JUDGE(_output)(&self->truth, &state.named, y) == NOSLIP_OK;
@@ -1091,9 +1246,8 @@ static void note(loop *self, double t, const double *tau)
 /* Ends a run early. */
 static void stop(loop *self, double t, int status)
 {
-    static const double none[BATCH_INPUTS] = {0};
     self->status = status;
-    note(self, t, none);
+    note(self, t, NULL);
     self->outcome->t_end = t;
 }
 
@@ -1124,8 +1278,14 @@ static void march(loop *self)
     const batch_sample *sample = self->sample;
     const double output_step = self->settings->output_step, slack = 1e-9 * least(sample->period, output_step);
     const double rows = -floor_of(-(sample->duration / output_step - 1e-9)); /* except the last */
-    double held[BATCH_INPUTS] = {0}, tau[BATCH_INPUTS], t = 0, row = 0, row_number = 0, checked = 0, k;
-    int i, part, status;
+    const double late = sample->delay + sample->drive_delay, periods_late = -floor_of(-(late / sample->period - 1e-9)) - 1;
+    const double whole = periods_late > 0 ? periods_late : 0, rest = late - whole * sample->period;
+    double given[WAITING][BATCH_GIVEN], first[BATCH_GIVEN], t = 0, row = 0, row_number = 0, checked = 0, k;
+    int i, part, status = init_drives(self, first);
+    if (status < 0 || whole > WAITING - 2) {
+        stop(self, 0, status < 0 ? status : NOSLIP_BAD_PARAMETER);
+        return;
+    }
     if (rows <= 0) {
         row = sample->duration;
     }
@@ -1143,7 +1303,7 @@ static void march(loop *self)
             status = lead(self, t);
         }
         if (status >= 0) {
-            status = command(self, t, tau);
+            status = command(self, t, given[(uint64_t)k % WAITING]);
         }
         if (!running(status)) {
             stop(self, t, status);
@@ -1155,13 +1315,14 @@ static void march(loop *self)
             checked = k + weight;
         }
         for (part = 0; part < 2; part++) {
-            const double *acting = part ? tau : held;
-            const double last = part ? end : least(t + sample->delay, end);
+            const double call = k - whole - (part ? 0 : 1); /* whose command acts */
+            const double *acting = call < 0 ? first : given[(uint64_t)call % WAITING];
+            const double last = part ? end : least(t + rest, end);
             while (t < last) {
                 const int due = row < last - slack;
                 const double until = due ? row : last;
                 double gone;
-                for (i = 0; i < BATCH_INPUTS; i++) {
+                for (i = 0; !BATCH_DRIVE && i < BATCH_INPUTS; i++) {
                     const double size = noslip_abs(acting[i]);
                     self->outcome->effort[i] = size > self->outcome->effort[i] ? size : self->outcome->effort[i];
                 }
@@ -1186,7 +1347,6 @@ static void march(loop *self)
         if (repeats(self)) {
             return;
         }
-        copy(held, tau, BATCH_INPUTS);
     }
 }
 

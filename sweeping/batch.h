@@ -3,7 +3,7 @@
  *
  * A run is the same as in `noslip simulate` with a sampled controller: at each call the generated law receives the state (true, or
  * dead-reckoned from noisy sensors), its inputs act `delay` s later and are held, and the generated dynamics are integrated with
- * steps of constant length (Runge-Kutta, order 6). batch_law.h, generated for the law, defines the sizes of all arrays.
+ * steps of constant length (Runge-Kutta, order 6). Velocity-controlled drives are given commands instead, as in drive.py. batch_law.h, generated for the law, defines the sizes of all arrays.
  */
 #ifndef BATCH_H
 #define BATCH_H
@@ -46,6 +46,9 @@ typedef struct batch_sample {
     double forward[2], turn[2], ahead; /* of the vehicle, as assumed by the controller; see noslip_odometry_options */
     double speed, deceleration, creep, L[2], W; /* of a composite path, see noslip_path_options */
     double lateral, along, angular; /* of its speed profile, see noslip_profile_limits; deceleration is that above */
+    double omega, drive_delay;      /* 1/s, s: of velocity-controlled drives, see drive.py */
+    double most_speed[BATCH_DOF], most_acceleration[BATCH_DOF], drive_band[BATCH_DOF]; /* see noslip_velocity_limits */
+    double vehicle_along, vehicle_lateral; /* m/s^2, see noslip_velocity_vehicle; 0: no limits */
     double mean[BATCH_DOF], sd[BATCH_DOF]; /* rad/s: noise of the quasi-velocities */
     double seed;
     double sensor_period, counts, correction_rate, release;

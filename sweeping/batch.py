@@ -11,10 +11,11 @@ from ..controllers.approach import PERIODS, SETTLING
 from ..controllers.controller import ON_LIMIT
 from ..controllers.odometry import MODES, wheels_function
 from ..controllers.tracking import REVERSING, STOP
+from ..model.contacts import GRAVITY
 from ..planning.profile import top_speed
 from ..readers.errors import BadInput
 from ..simulation.guidance import accelerations
-from ..simulation.loop import make_loop
+from ..simulation.loop import ALONG, LATERAL, make_loop
 from ..simulation.sensing import gyro_bias, wheel_noise
 from ..simulation.specification.spec import MOST_ROWS, Spec
 from ..simulation.starts import extension_starts, starts
@@ -68,13 +69,16 @@ class Batch:
             raise BadInput(f"[simulation] backend = {spec.simulation.backend!r}: a sweep runs the C, {' or '.join(SCALAR)}")
         if spec.reference.circle:
             raise BadInput("[reference] circle: a sweep does not have it yet; use noslip simulate, or leave it out")
-        if spec.drive and spec.drive.takes_velocity:
-            raise BadInput(f'[drive] kind = "{spec.drive.kind}": a sweep does not have it yet; use noslip simulate, or "torque"')
         if spec.estimator:
             raise BadInput("[estimator]: a sweep does not have it yet; use noslip simulate, or [correction]")
         self.loop = make_loop(spec)
         self._notices = spec.limits is not None and spec.limits.notice_slip is not None
         self.law = law = self.loop.law
+        drive = spec.drive.kind if spec.drive else "torque"
+        if drive != "torque" and law.system.redundant:
+            raise BadInput(
+                f'[drive] kind = "{drive}": a sweep has it for as many inputs as quasi-velocities; use noslip simulate'
+            )
         self._route = self.loop.route
         self._wheels: ca.Function | None
         try:
@@ -95,6 +99,7 @@ class Batch:
             integrals=self.loop.integral.rows,
             notices=self._notices,
             accelerates=spec.sensors is not None and spec.sensors.accelerometer is not None,
+            drive=drive,
         )
         self._program = program(law, scalar, parts)
         self._sample, self._row = (self._program.type(name) for name in ("batch_sample", "batch_row"))
@@ -141,7 +146,7 @@ class Batch:
         settings.instants, settings.instant = len(instants), self._instants
         if spec.correction:
             settings.corrected, settings.correction_mode = 1, MODES[spec.correction.mode]
-        if spec.limits:
+        if spec.limits and not spec.kinematic:
             settings.on_limit = ON_LIMIT.index(spec.limits.mode)
         if self._route:
             segments, options = spec.output.segments, self._route.options
@@ -201,6 +206,8 @@ class Batch:
             made["correction_rate"] = given["correction.rate"]
             with np.errstate(divide="ignore", invalid="ignore"):
                 made["release"] = given.get("correction.release", 1 / given["correction.rate"])
+        if self.spec.drive and self.spec.drive.takes_velocity:
+            self._set_drives(made, given)
         if self._wheels:
             W, ahead = (value.full() for value in self._wheels(made["believed"].T))
             made["forward"], made["turn"], made["ahead"] = W[0].reshape(-1, 2), W[1].reshape(-1, 2), ahead[0]
@@ -219,6 +226,19 @@ class Batch:
         made["extension"][:, : len(law.extension)] = self._extensions(made, given)
         made["refused"] = np.where(made["refused"] == 0, self._refused(made, table), made["refused"])
         return made
+
+    def _set_drives(self, made: np.ndarray, given: dict[str, np.ndarray]) -> None:
+        """Set the drives, and for a kinematic law the limits of the vehicle's motion."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            made["omega"], made["drive_delay"] = 2 * np.pi * given["drive.bandwidth"], given["drive.delay"]
+            for k in range(self.law.system.dof):
+                for name in ("most_speed", "most_acceleration"):
+                    made[name][:, k] = given.get(f"drive.{name}[{k}]", given[f"drive.{name}[0]"])
+            lag = made["drive_delay"] + 1 / made["omega"] + made["period"]
+            made["drive_band"] = 2 * made["most_acceleration"] * lag[:, None]
+        if self.spec.kinematic and self.spec.limits:
+            most = made["mu"] * (1 - made["margin"]) * made["share"] * GRAVITY
+            made["vehicle_along"], made["vehicle_lateral"] = ALONG * most, LATERAL * most
 
     def _notice(self, made: np.ndarray, given: dict[str, np.ndarray]) -> None:
         """Set the sensors that notice slip, and what is known of them, as `slip_options`."""
@@ -267,7 +287,8 @@ class Batch:
             else:
                 position, velocity = given[f"reference.position[{k}]"], given[f"reference.velocity[{k}]"]
             for name, values in (("offset", (position, velocity)), ("slope", (velocity, zeros))):
-                made[name][:, entry], made[name][:, entry + 1] = values
+                for order in range(min(degree, 1) + 1):
+                    made[name][:, entry + order] = values[order]
             entry += degree + 1
         return L
 
@@ -294,6 +315,8 @@ class Batch:
             good &= np.isfinite(made["extension"]).all(axis=1)
             good &= (period > 0) & (delay >= 0) & (delay <= period) & (duration > 0)
             good &= (duration / period <= MOST_ROWS) & (duration / self.spec.simulation.output_step <= MOST_ROWS)
+            if self.spec.drive and self.spec.drive.takes_velocity:
+                good &= (made["omega"] > 0) & (made["drive_delay"] >= 0)
             good &= (made["sd"] >= 0).all(axis=1) & (made["sensor_period"] >= 0) & (made["counts"] >= 0)
             good &= (made["seed"] >= 0) & (made["seed"] < SEEDS) & (made["limit"] >= 0).all(axis=1)
             good &= (made["share"] <= 1) & (made["height"] >= 0) & (made["margin"] >= 0) & (made["margin"] < 1)

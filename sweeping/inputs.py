@@ -97,6 +97,8 @@ def inputs_of(spec: Spec, loop: Loop) -> SampleInputs:
         limits = _numbers(full.limits, "limits")
         nominal |= limits if full.limits.mode == "grip" else {name: limits[name] for name in limits if name != "limits.margin"}
         nominal |= _numbers(full.limits.notice_slip, "limits.notice_slip") if full.limits.notice_slip else {}
+    if full.drive and full.drive.takes_velocity:
+        nominal |= _numbers(full.drive, "drive")
     if full.contact:
         nominal |= _numbers(full.contact, "contact")
     if full.sensors:
@@ -145,9 +147,8 @@ def _in_full(spec: Spec, loop: Loop) -> Spec:
             changed["initial"] = replace(initial, heading=initial.heading or 0.0, speed=initial.speed or 0.0)
     if spec.limits:
         count, integrals = len(mechanism.inputs), len(ki)
-        changed["limits"] = replace(
-            spec.limits, torque=_spread(spec.limits.torque or (0.0,), count), integral=_spread(spec.limits.integral, integrals)
-        )
+        torque = None if spec.kinematic else _spread(spec.limits.torque or (0.0,), count)
+        changed["limits"] = replace(spec.limits, torque=torque, integral=_spread(spec.limits.integral, integrals))
     if spec.sensors:
         noise = NoiseSection(**{name: _spread(getattr(spec.sensors.noise, name), law.system.dof) for name in ("mean", "sd")})
         changed["sensors"] = replace(spec.sensors, noise=noise)

@@ -26,7 +26,7 @@ SOURCES = ("batch.c", "batch.h")
 class LoopParts:
     """What a loop has: sensors, and whether the pose seen is reckoned by them; a composite path, and the number of its segments
     if its speed has a profile; an approach; outputs with integral action, by name; a gyro that notices slip, and an
-    accelerometer.
+    accelerometer; and its drives, one of DRIVES.
     """
 
     sensed: bool = False
@@ -37,6 +37,7 @@ class LoopParts:
     integrals: tuple[str, ...] = ()
     notices: bool = False
     accelerates: bool = False
+    drive: str = "torque"
 
 
 class Simulator:
@@ -49,7 +50,8 @@ class Simulator:
         self.ffi = cffi.FFI()
         self.ffi.cdef(declarations(PATH))
         self.ffi.cdef(_declared(texts["batch.h"], law_h))
-        plant = dynamics_text(compile_dynamics(law.system), DOUBLE).files()
+        dynamics = compile_dynamics(law.system)
+        plant = {**dynamics_text(dynamics, DOUBLE).files(), **dynamics_text(dynamics, SCALARS[scalar]).files()}
         made = [{**shared_files(law.system, s), **law_text(law_program(law), s).files()} for s in (DOUBLE, SCALARS[scalar])]
         self.lib = load(self.ffi, {**texts, "batch_law.h": law_h, **plant, **made[0], **made[1]}, optimized=True)
 
@@ -94,6 +96,10 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
         "CONFIG": len(law.config),
         "GAINS": len(law.gains),
         "INPUTS": len(mechanism.inputs),
+        "ANSWER": len(law.inputs),
+        "GIVEN": len(mechanism.inputs) + (law.system.dof if parts.drive != "torque" else 0),
+        "DRIVE": 0 if parts.drive == "torque" else 2 if law.kinematic else 1,
+        "FEEDS": int(parts.drive == "velocity+torque"),
         "ROWS": len(rows),
         "REFERENCE": len(law.reference),
         "REFERENCE_OF_ROW": _list(entries),
@@ -122,6 +128,7 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
     if parts.route:
         known["OFFSET(where, offset)"] = "((where).W = (offset))" if "W" in [c.name for c in law.config] else "((void)(offset))"
     includes = [own.name(f"{mechanism.name}_{law.name}"), f"{mechanism.name}_{law.name}", f"{mechanism.name}_dynamics"]
+    includes += [own.name(f"{mechanism.name}_dynamics")] if parts.drive != "torque" else []
     lines = [f'#include "{name}.h"' for name in dict.fromkeys(includes)]
     return "\n".join(
         ["#ifndef BATCH_LAW_H", "#define BATCH_LAW_H", *lines, *(f"#define BATCH_{k} {v}" for k, v in known.items()), "#endif\n"]
@@ -129,8 +136,10 @@ def _header(law: ControlLaw, scalar: str, parts: LoopParts) -> str:
 
 
 def knows_ground(law: ControlLaw) -> bool:
-    """Return whether the C of the law computes the forces on the ground; that of one with a dynamic extension does not."""
-    return can_grip(law.system) and not law.extension
+    """Return whether the C of the law computes the forces on the ground; that of a kinematic law, or of one with a dynamic
+    extension, does not.
+    """
+    return can_grip(law.system) and not law.extension and not law.kinematic
 
 
 def _list(numbers: list[int]) -> str:

@@ -106,7 +106,13 @@ SOURCES: Mapping[str, Source] = {
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")
     ),
     "runtime_c/noslip_motor.inc": Source(_chosen("test_motor", "desired continuous leave supply torque misuse finite")),
-    "runtime_c/noslip_velocity.inc": Source(_chosen("test_drives", "c_is any_bits stop_together blocked keep_the misuse")),
+    "runtime_c/noslip_velocity.inc": Source(
+        _chosen(
+            "test_drives test_kinematic",
+            "c_is any_bits_in_l any_bits_of stop_together blocked keep_the misuse follow_is accelerations_of too_fast "
+            "-car -manip -wheel -slope",
+        )
+    ),
     "runtime_c/noslip_reversing.inc": Source(_chosen("test_odometry", "reversing")),
     "runtime_c/noslip_angle.inc": Source(_chosen("test_outer_loop", "nearest_angle")),
     "runtime_c/noslip_solve.inc": Source(_chosen("test_large", "runtimes no_inverse")),

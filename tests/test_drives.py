@@ -213,7 +213,7 @@ def test_the_acceleration_is_the_one_that_the_law_wants():
     random = np.random.default_rng(2)
     for backend, tolerance in (("casadi", 1e-12), ("c", 1e-12), ("cf", 1e-4)):
         controller = make_controller(backend, law, parameters, config, gains)
-        caused = make_acceleration(backend, law.system, parameters)
+        caused = make_acceleration(backend, law, parameters)
         for _ in range(20):
             x, reference = random.uniform(-1, 1, len(law.state)), random.uniform(-1, 1, len(law.reference))
             found = controller.evaluate(x, reference)
@@ -325,7 +325,6 @@ def test_wrong_masses_matter_to_torques_only():
         (("delay = 0.02", "delay = -0.02"), "delay"),
         (("delay = 0.02", "latency = 0.02"), "latency"),
         (("period = 0.01", "period = 0.0"), "requires .simulation. period > 0"),
-        (('backend = "casadi"', 'backend = "m4f"'), "m4f"),
     ],
 )
 def test_refused_specs(change, said):
@@ -333,12 +332,50 @@ def test_refused_specs(change, said):
         simulate(spec_of((LINE + VELOCITY).replace(*change), "test"))
 
 
-def test_not_there_yet_is_said():
-    spec = spec_of((LINE + VELOCITY).replace("casadi", "c"), "test")
-    with pytest.raises(BadInput, match="a sweep does not have it yet"):
-        Batch(spec)
-    with pytest.raises(BadInput, match="engine mujoco"):
-        simulate(spec, engine="mujoco")
+SWEPT = {
+    "velocity": ("", VELOCITY),
+    "velocity+torque, late": ("delay = 0.004\n", VELOCITY.replace('"velocity"', '"velocity+torque"').replace("0.02", "0.0237")),
+    "kinematic": ("", VELOCITY.replace('"velocity"', '"kinematic"')),
+    "kinematic, grip": ("", VELOCITY.replace('"velocity"', '"kinematic"') + '[limits]\nmode = "grip"\n[contact]\nmu = 0.1\n'),
+}
+
+
+@pytest.mark.parametrize("name", SWEPT)
+def test_a_sweep_runs_what_simulate_runs(name):
+    """A sample with other bandwidth and limits is the run of its SPEC: states, torques of the drives, and status."""
+    more, drive = SWEPT[name]
+    text = LINE.replace("casadi", "c").replace("duration = 3.0", "duration = 1.0") + more + drive
+    batch = Batch(spec_of(text, "test"))
+    changed = {"drive.bandwidth": 7.0, "drive.most_acceleration[0]": 4000.0}
+    (row,) = batch.table(changed, 1)
+    run, trace = simulate(batch.spec_of(row)), batch.trace(row)
+    (outcome,) = batch.run(row[None])
+    found = dict(zip(batch.outcomes, outcome, strict=True))
+    assert batch.status(found["status"]) == run.status[-1] and found["integration_error"] < 1e-6
+    assert np.abs(trace["x"] - run.x).max() < 1e-8 and np.abs(trace["tau"] - run.tau).max() < 1e-6
+    assert found["effort.tau_r"] == pytest.approx(np.abs(run.tau[:, 0]).max(), rel=1e-6)
+    assert np.abs(simulate(spec_of(text, "test")).x - run.x).max() > 1e-4, "bandwidth and limit are used"
+
+
+def test_what_a_sweep_does_not_have_is_said():
+    text = (ROOT / "specs/robots/four_wheel.toml").read_text().replace("[simulation]", "[simulation]\nperiod = 0.01", 1)
+    with pytest.raises(BadInput, match="as many inputs as quasi-velocities"):
+        Batch(spec_of(text + VELOCITY, "test"))
+
+
+@pytest.mark.parametrize("kind", ["velocity", "velocity+torque", "kinematic"])
+def test_drives_on_a_floor(kind):
+    """In MuJoCo, with grip, the run is that of the robot that rolls, within the engine's step; the torques of the drives there
+    are those that follow the commands. On ice the wheels follow their commands, and the robot does not.
+    """
+    pytest.importorskip("mujoco")
+    text = (LINE + VELOCITY).replace('"velocity"', f'"{kind}"').replace("casadi", "c").replace("duration = 3.0", "duration = 2.0")
+    text = text.replace("most_acceleration = 60.0", "most_acceleration = 10.0") + "[contact]\nmu = 3.0\n"
+    rolls, floor = simulate(spec_of(text, "test")), simulate(spec_of(text, "test"), engine="mujoco")
+    assert floor.stopped is None and np.abs(floor.y - rolls.y).max() < 0.01 and np.abs(floor.command - rolls.command).max() < 0.3
+    ice = simulate(spec_of(text + "[floor]\nmu = 0.02\n", "test"), engine="mujoco")
+    assert ice.stopped is None and ice.floor.slip.max() > 0.1 > floor.floor.slip.max()
+    assert np.abs(ice.nu[-1] - ice.command[-1]).max() < 0.15 * np.abs(ice.command[-1]).max()
 
 
 # -- outer loop ----------------------------------------------------------------------------------------------------------

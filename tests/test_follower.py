@@ -55,16 +55,17 @@ def test_another_law_shows_in_the_bits(tmp_path):
 
 @pytest.mark.nightly
 def test_a_day_of_laps(tmp_path):
-    """24 h at 100 Hz in float, 43 km: nothing is refused, and rounding moves the pose by 10 mm at most."""
-    for refused, different, _, error in laps(tmp_path, "float", 8_640_000, 0.5):
-        assert (refused, different) == (0, 0) and error < 0.010
+    """24 h at 100 Hz in float, 43 and 86 km: nothing is refused, and rounding moves the pose by 10 mm at most."""
+    for speed in (0.5, 1.0):
+        for refused, different, _, error in laps(tmp_path, "float", 8_640_000, speed):
+            assert (refused, different) == (0, 0) and error < 0.010
 
 
 def test_page(tmp_path):
     """The program of docs/firmware.md compiles without a warning."""
     (block,) = re.findall(r"tests/test_follower.py -->\n```c\n(.*?)^```", (ROOT / "docs/firmware.md").read_text(), re.S | re.M)
-    body = block.split("{\n", 1)[1].rsplit("\n}", 1)[0].splitlines()
-    assert len(body) <= 20
+    body = block.split("int main(void)\n{\n", 1)[1].rsplit("\n}", 1)[0].splitlines()
+    assert len(body) <= 12
     (tmp_path / "main.c").write_text(block)
     (tmp_path / "board.h").write_text(
         '#include <stdint.h>\n#include "noslip_path.h"\nuint32_t board_wait(void);\nvoid board_read(uint32_t *counts);\n'
@@ -102,6 +103,61 @@ def test_command_line(tmp_path, bad_input):
     assert main(["export", "labmate", "--output", "follower", "--scalar", "float", "-o", str(tmp_path / "c")]) == 0
     assert {"labmate_follower_f.c", "labmate_dynamics_f.c", "noslip_watchdog.c"} <= {p.name for p in (tmp_path / "c").iterdir()}
     assert "two driven wheels" in bad_input(["generate", "car", "--output", "follower", "-o", str(tmp_path / "d")])
+
+
+HARNESS = """
+#include <stdio.h>
+#include <stdlib.h>
+#include "labmate_follower_f.h"
+int control_loop(void);
+uint32_t wait_for_tick(void);
+void read_counters(uint32_t counts[2]);
+void set_commands(const float command[2]);
+static double rate[2], angle[2], most;
+static int ticks;
+uint32_t wait_for_tick(void) { return 0; }
+void read_counters(uint32_t counts[2])
+{
+    int i;
+    for (i = 0; i < 2; i++) {
+        angle[i] += 0.01 * rate[i];
+        counts[i] = (uint32_t)(int64_t)(angle[i] / 6.283185307179586 * 40000) & 0xffff;
+    }
+}
+void set_commands(const float command[2])
+{
+    int i;
+    for (i = 0; i < 2; i++) {
+        rate[i] += 0.01 * (double)command[i] / 0.4;
+        most = (double)command[i] > most ? (double)command[i] : most;
+    }
+    if (++ticks == 1500) {
+        printf("%.3f %.3f %.3f\\n", 0.075 * (angle[0] + angle[1]), 0.075 * (rate[0] + rate[1]), most);
+        exit(0);
+    }
+}
+int main(void) { return control_loop(); }
+"""
+
+
+def test_exported_project_drives(tmp_path):
+    """Its own commands build it without a warning and pass its test. Its loop, with a timer, counters and wheels, stands at the
+    end of the path, 5 m ahead of where the vehicle's point was, P_l being 0.25 m ahead of that.
+    """
+    from noslip.cli.main import main
+
+    folder = tmp_path / "project"
+    assert main(["export", "labmate", "--output", "follower", "--firmware", "generic", "-o", str(folder)]) == 0
+    commands = re.findall(r"^make(?: \w+)?(?= +#)", (folder / "README.md").read_text(), re.M)
+    assert commands[:2] == ["make", "make test"]
+    for command in commands[:2]:
+        done = subprocess.run(command.split(), cwd=folder, capture_output=True, text=True, check=True)
+        assert "warning" not in done.stderr + done.stdout
+    (tmp_path / "main.c").write_text(HARNESS)
+    program = [tmp_path / "main.c", folder / "loop.o", folder / "liblabmate.a", "-o", tmp_path / "run"]
+    subprocess.run(["gcc", "-std=c99", f"-I{folder / 'noslip'}", *program], check=True)
+    way, speed, most = map(float, subprocess.run([tmp_path / "run"], capture_output=True, check=True).stdout.split())
+    assert way == pytest.approx(4.75, abs=0.1) and abs(speed) < 0.02 and most == 1.0
 
 
 # -- config ------------------------------------------------------------------------------------------------------------
@@ -152,6 +208,23 @@ def test_velocity_drives_stop_together(c):
     assert c.lib.labmate_follower_twist_f(FirmwareLoop(c).vehicle, twist) == c.lib.NOSLIP_NOT_READY and list(twist) == [0, 0]
 
 
+def test_velocity_drives_keep_grip(c):
+    """With `along` and `lateral` the commanded motion stays within them, on arcs too; one without the other is refused."""
+    loop = velocity_loop(c, along=0.3, lateral=0.35)
+    turned, command, twist, before = c.ffi.new("float[2]"), loop.command, c.ffi.new("float[2]"), 0.0
+    statuses = set()
+    for _ in range(1500):
+        turned[0], turned[1] = command[0] * PERIOD, command[1] * PERIOD
+        statuses.add(c.lib.labmate_follower_tick_angles_f(loop.vehicle, turned, PERIOD, command))
+        assert c.lib.labmate_follower_twist_f(loop.vehicle, twist) == 0
+        assert abs(twist[0] - before) <= 0.3 * PERIOD * (1 + 1e-4) + 1e-6 and abs(twist[0] * twist[1]) <= 0.35 * (1 + 1e-4)
+        before = twist[0]
+    assert c.lib.NOSLIP_GRIP_LIMITED in statuses and min(statuses) >= 0
+    for bad in ((0.3, 0.0), (0.0, 0.3), (-1.0, 0.3), (math.nan, 0.3), (0.3, math.inf)):
+        with pytest.raises(SettingsRefused, match="bad_parameter"):
+            velocity_loop(c, along=bad[0], lateral=bad[1])
+
+
 def test_angles_are_counts(c):
     """Ticks by angles give the commands of ticks by the counts, within rounding, over missed ticks too."""
     by_counts, other = FirmwareLoop(c), c.vehicle(c.settings())
@@ -197,6 +270,37 @@ def test_an_approach_is_bounded(c):
     truth = c.new("noslip_pose_f", {"x": pose.x, "y": pose.y + 0.2, "heading": pose.heading})
     assert c.lib.labmate_follower_correct_f(loop.vehicle, truth, c.lib.NOSLIP_RESET) == 0
     assert loop.tick() >= 0 and loop.vehicle.reference.distance == pytest.approx(loop.vehicle.path.guide.foot.distance, abs=1e-6)
+
+
+def test_parameters_left_out_are_those_of_the_model(c):
+    """Zeros: the defaults; one that is missing among others is still an error."""
+    settings = c.settings()
+    parameters = {name: getattr(settings.params, name) for name, _ in c.ffi.typeof("labmate_params_f").fields}
+    settings.params = {}
+    vehicle = c.vehicle(settings)
+    assert {name: getattr(vehicle.params, name) for name in parameters} == parameters
+    settings.params = parameters | {"m_c": 0.0}
+    with pytest.raises(SettingsRefused, match="bad_parameter"):
+        c.vehicle(settings)
+
+
+def test_integral_action_removes_a_steady_error(c):
+    """A friction that the config does not know, of one wheel more than of the other: distance and speed stay off without ki."""
+    unknown = {"motors__0__friction": 0.0, "segments": None, "count": 1}
+    line = c.ffi.new("noslip_segment_f[1]", [{"length": 60.0}])
+    unknown["segments"] = line
+    errors = {}
+    for name, ki in (("without", (0.0, 0.0)), ("with", (1.0, 1.0))):
+        loop = FirmwareLoop(c, **unknown, ki__0=ki[0], ki__1=ki[1], ki_limit__0=3.0, ki_limit__1=3.0)
+        for _ in range(3000):
+            assert loop.tick() >= 0
+        guide = loop.vehicle.path.guide
+        errors[name] = abs(guide.foot.distance), abs(guide.speed - loop.vehicle.speed)
+    assert errors["without"][0] > 0.005 and errors["without"][1] > 0.01
+    assert errors["with"][0] < 0.2 * errors["without"][0] and errors["with"][1] < 0.2 * errors["without"][1]
+    for bad in ((2.6, 0.0), (-1.0, 0.0), (0.0, -1.0), (math.nan, 0.0), (0.0, math.inf)):  # kp kd = 2.5
+        with pytest.raises(SettingsRefused, match="bad_parameter"):
+            FirmwareLoop(c, ki__0=bad[0], ki__1=bad[1])
 
 
 # -- between ticks -----------------------------------------------------------------------------------------------------

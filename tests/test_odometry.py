@@ -2,6 +2,7 @@
 
 import cmath
 import math
+from fractions import Fraction
 from itertools import product
 
 import mpmath
@@ -554,11 +555,30 @@ def test_a_counter_that_wraps(scalar, bits, counts):
     random, most = np.random.default_rng(bits), 2 ** (bits - 1) - 1
     encoder, total = Encoder(scalar, counts, bits), int(random.integers(2**bits))
     assert encoder.read(total) == 0
+    eps, last = 3e-7 if scalar == "float" else 1e-15, 0.0  # what rounding left out of the last angle is in the next
     for step in [*random.integers(-most, most + 1, 200).tolist(), most, -most, 0, -most - 1]:
         total += step
         noise = int(random.integers(2 ** (32 - bits))) << bits if bits < 32 else 0
         wanted = step * 2 * math.pi / counts
-        assert encoder.read(total % 2**bits | noise) == pytest.approx(wanted, rel=3e-7 if scalar == "float" else 1e-15, abs=0)
+        assert encoder.read(total % 2**bits | noise) == pytest.approx(wanted, rel=eps, abs=eps * last)
+        last = abs(wanted)
+
+
+@each_scalar
+@pytest.mark.parametrize("counts", [40000.0, -4096.3, 997.0])
+def test_rounding_of_angles_does_not_add_up(scalar, counts):
+    """The sum of a million counts' angles is that of the exact angle per count within one rounding of the last angle, at steps
+    that always round to the same side too.
+    """
+    random, encoder, total, turned = np.random.default_rng(7), Encoder(scalar, counts, 16), 0, Fraction(0)
+    encoder.read(0)
+    exact = Fraction(encoder.self.angle)
+    for step in [*[43] * 3000, *[-42, 43] * 1000, *random.integers(-2000, 2000, 3000).tolist()]:
+        total += step
+        angle = encoder.read(total % 2**16)
+        turned += Fraction(angle)
+        assert abs(turned - total * exact) <= abs(Fraction(angle)) * Fraction(1, 2**23 if scalar == "float" else 2**51) + 1e-12
+    assert abs(encoder.self.carry) < 1e-6
 
 
 @each_scalar

@@ -24,7 +24,7 @@ from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.replay import first_difference, read_record, record_text
-from noslip.simulation.specification.spec import spec_of
+from noslip.simulation.specification.spec import ContactSection, DriveSection, LimitsSection, read_spec, spec_of
 from noslip.tests import firmware
 from noslip.tests.test_profile import SPEC as FASTEST
 from noslip.tests.test_slip import SENSED
@@ -377,3 +377,16 @@ def test_what_is_missing_is_skipped_or_wrong(monkeypatch, capsys):
         report.take("programs", lambda: pytest.fail("not to be run"), ["qemu-system-arm"])
         assert (report.right, report.wrong, report.skipped) == (0, wrong, 1)
     assert "skipped: qemu-system-arm not installed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kind", ["velocity", "kinematic"])
+def test_velocity_drives_on_the_processor(kind, backend):
+    """Commands of the target are those of the host's float, to the bit: the law, the dynamics, and the limits of the vehicle."""
+    spec = read_spec(ROOT / "specs/circle.toml")
+    drive = DriveSection(kind=kind, bandwidth=5.0, delay=0.013, most_speed=(9.0,), most_acceleration=(20.0,))
+    limits = LimitsSection(mode="grip") if kind == "kinematic" else None
+    simulation = replace(spec.simulation, period=0.01, duration=0.3, output_step=0.01)
+    spec = replace(spec, drive=drive, limits=limits, contact=ContactSection(mu=0.3), gains={}, simulation=simulation)
+    here, there = simulate(spec, "cf"), simulate(spec, backend)
+    assert (there.command == here.command).all() and (there.x == here.x).all() and (there.status == here.status).all()
+    assert np.abs(here.command).max() > 1.0

@@ -50,7 +50,8 @@ def project_files(
     files |= {f"selftest/{path.name}": path.read_text() for path in sorted((BOARDS.parent / "selftest").glob("*.h"))}
     golden = [_golden(law, scalar) for law in laws]
     files["selftest/selftest.c"] = selftest(golden, SCALARS[scalar], _digests(golden, sources, scalar))
-    files["loop.c"] = project.loop(laws[0], SCALARS[scalar])
+    follows = f"{SCALARS[scalar].name(f'{robot}_follower')}.h" in sources
+    files["loop.c"] = (project.follower_loop if follows else project.loop)(laws[0], SCALARS[scalar])
     files = _needed(files)
     files["Makefile"] = project.makefile(robot, board)
     files["CMakeLists.txt"] = project.cmake(robot, board)

@@ -213,6 +213,7 @@ class _LawInC(_InC):
     def __init__(self, law: ControlLaw, scalar: str):
         super().__init__(law.system.mechanism.name, law.name, scalar)
         self.law = law
+        self.answer = "command" if law.kinematic else "tau"
 
     @cached_property
     def groups(self) -> dict[str, ca.SX]:
@@ -224,8 +225,9 @@ class _LawInC(_InC):
     def expressions(self) -> dict[str, ca.SX]:
         """The model's quantities, and the measure of singularity of Phi."""
         law, measure = self.law, ca.vertcat(*self.law.linearization.measure)
-        quantities = law.quantities | {"tau_of_v": law.tau_of_v, "slope": law.slope, "measure": measure}
-        return quantities | {str(name): expression for name, expression in plain_ground(law.system).items()}
+        quantities = law.quantities | {f"{self.answer}_of_v": law.tau_of_v, "slope": law.slope, "measure": measure}
+        ground = {} if law.kinematic else plain_ground(law.system)
+        return quantities | {str(name): expression for name, expression in ground.items()}
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield every entry point at random regular states, and the step at singular ones."""
@@ -255,7 +257,8 @@ class _LawInC(_InC):
             if name in right:
                 shaped = None if value is None else np.reshape(value, right[name].shape)
                 yield Sample(f"{name} by evaluate", evaluation.status, shaped, right[name], name, inputs)
-        yield Sample("tau by step", status, tau[:, None] if status == "ok" else None, right["tau"], "tau", inputs)
+        value, name = tau[:, None] if status == "ok" else None, self.answer
+        yield Sample(f"{name} by step", status, value, right[name], name, inputs)
         for entry, body in library.text.program.entries.items():
             if entry.public and not entry.at_foot and entry not in (EVALUATE, STEP):
                 (name,) = body.quantities
@@ -267,7 +270,7 @@ class _LawInC(_InC):
         self, library: Library, inputs: Mapping, right: Mapping, entry: str, foot: Sequence[float] = ()
     ) -> Iterator[Sample]:
         """Yield the step with reduced acceleration: the input that is most sensitive is limited to nine tenths."""
-        tau, slope = right["tau"].ravel(), right["slope"].ravel()
+        tau, slope = right[self.answer].ravel(), right["slope"].ravel()
         if not len(slope) or not np.abs(slope).max() or self.law.speed_row is None:
             return
         most = int(np.argmax(np.abs(slope)))
@@ -281,7 +284,8 @@ class _LawInC(_InC):
         which = next(e for e in library.text.program.entries if e.name == entry)
         outcome = controller.entry(which, inputs["state"], foot, inputs["reference"])
         value = next(iter(outcome.values.values()), None)
-        yield Sample(f"tau by {entry}, slowed", outcome.status, value, slowed(tau, slope, limits)[:, None], "tau", inputs)
+        expected = slowed(tau, slope, limits)[:, None]
+        yield Sample(f"{self.answer} by {entry}, slowed", outcome.status, value, expected, self.answer, inputs)
 
     def _at_foot(
         self, controller: CompiledController, library: Library, inputs: Mapping, random: np.random.Generator
@@ -305,7 +309,7 @@ class _LawInC(_InC):
             return
         outcome = controller.entry(follow, moved["state"], foot, inputs["reference"])
         value = next(iter(outcome.values.values()), None)
-        yield Sample("tau by follow", outcome.status, value, right["tau"], "tau", moved)
+        yield Sample(f"{self.answer} by follow", outcome.status, value, right[self.answer], self.answer, moved)
         moved["made of"] = [inputs[group] for group in ("params", "config", "gains")]
         yield from self._slowed(library, moved, right, "follow", foot)
 

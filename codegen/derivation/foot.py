@@ -14,8 +14,12 @@ from ...model.law import ControlLaw
 from ...model.outputs import FOOT, body_offsets
 from .stages import Result, Stages, inner_velocities, staged
 
-AT_FOOT = (Result.INPUTS, Result.SLOPE, Result.SINGULAR, Result.REGULAR)  # the quantities that are derived as functions of FOOT
 DISTANCE, COSINE, SINE, CURVATURE = (q.symbol for q in FOOT)
+
+
+def at_foot_of(law: ControlLaw) -> tuple[Result, ...]:
+    """Return the quantities that are derived as functions of FOOT."""
+    return (Result.COMMAND if law.kinematic else Result.INPUTS, Result.SLOPE, Result.SINGULAR, Result.REGULAR)
 
 
 def has_foot_form(law: ControlLaw) -> bool:
@@ -34,8 +38,8 @@ def has_foot_form(law: ControlLaw) -> bool:
     cosine, sine = ca.cos(vehicle.heading), ca.sin(vehicle.heading)
     motion = [cosine * x_rate + sine * y_rate, cosine * y_rate - sine * x_rate, turning]
     others = [row.expression for row in law.output.rows if row.through is None]
-    dynamics = ca.vertcat(ca.vec(inner.Mbar), inner.bias, ca.vec(inner.input_map), inner.preferred, *others, *motion)
-    return not ca.depends_on(canonical(dynamics), place)
+    dynamics = [] if law.kinematic else [ca.vec(inner.Mbar), inner.bias, ca.vec(inner.input_map), inner.preferred]
+    return not ca.depends_on(canonical(ca.vertcat(*dynamics, *others, *motion)), place)
 
 
 def place_names(law: ControlLaw) -> frozenset[str]:
@@ -45,11 +49,11 @@ def place_names(law: ControlLaw) -> frozenset[str]:
 
 
 def staged_at_foot(law: ControlLaw) -> Stages:
-    """Return the steps of the quantities AT_FOOT as functions of FOOT; see `staged`."""
+    """Return the steps of the quantities `at_foot_of` the law as functions of FOOT; see `staged`."""
     stages = staged(law, law.output.at_foot)
     heading = law.system.mechanism.required_vehicle.heading
     stages.steps = [replace(step, expression=_with_foot(step.expression, heading)) for step in stages.steps]
-    stages.quantities = {name: _with_foot(stages.quantities[name], heading) for name in AT_FOOT}
+    stages.quantities = {name: _with_foot(stages.quantities[name], heading) for name in at_foot_of(law)}
     return stages
 
 

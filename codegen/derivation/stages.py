@@ -40,8 +40,10 @@ class Result(StrEnum):
     DECOUPLING_RATE = "Phidot"
     ACCELERATION = "u"
     INPUTS = "tau"
+    COMMAND = "command"
     EXTENSION_RATE = "extension_rate"
     INPUTS_OF_V = "tau_of_v"
+    COMMAND_OF_V = "command_of_v"
     SLOPE = "slope"
     GROUND = "ground"
     GROUND_BY_INPUTS = "ground_by_inputs"
@@ -65,7 +67,7 @@ class Result(StrEnum):
     @property
     def in_c(self) -> str:
         """The name of the argument or field that returns it."""
-        return "tau" if self is Result.INPUTS_OF_V else self.value
+        return self.value.removesuffix("_of_v")
 
 
 @dataclass(frozen=True)
@@ -234,9 +236,12 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
         rows = [
             _point_row(stages, inner, row.name, row.through)
             if row.through and not law.system.mechanism.carried
-            else _plain_row(stages, inner, row, k)
+            else _plain_row(stages, inner, row, k + law.kinematic)
             for row, k in zip(output.rows, degree, strict=True)
         ]
+    if law.kinematic:
+        stages.quantities = _kinematic(stages, law, rows, from_inner, to_inner, W)
+        return stages
     second = [row for row, k in zip(rows, degree, strict=True) if k > 1]
     h, rate = ca.vertcat(*[row.h for row in rows]), ca.vertcat(*[row.rate for row in second])
     damped = {} if integrators or law.system.mechanism.carried else _damped_alone(rows, degree)
@@ -262,6 +267,40 @@ def staged(law: ControlLaw, outputs: OutputMap | None = None) -> Stages:
     }
     stages.quantities = {name: ca.densify(quantity) for name, quantity in quantities.items()}
     return stages
+
+
+def _kinematic(
+    stages: Stages, law: ControlLaw, rows: list["_Row"], from_inner: ca.SX, to_inner: ca.SX, W: ca.SX
+) -> dict[Result, ca.SX]:
+    """Return the quantities of a kinematic law: w = Phi^-1 (v - drift), nu_c = W^-1 w.
+
+    Rows of Phi may be multiplied by a factor each, as are their v: see _Scaled.
+    """
+    degree, dof = law.linearization.relative_degree, len(rows)
+    scaled = [row.scaled if dof <= 2 else None for row in rows]
+    Phi = ca.vertcat(*[part.Phi if part else row.Phi for part, row in zip(scaled, rows, strict=True)])
+    scale = ca.vertcat(*[part.factor if part else 1 for part in scaled])
+    h, names = ca.vertcat(*[row.h for row in rows]), [f"w_{q.name}" for q in inner_velocities(law.system)[0].quasi_velocities]
+    inverse, drift = stages.inverse(Phi, SINGULAR), stages.exact(law.linearization.drift)
+
+    def command(v: ca.SX) -> ca.SX:
+        right = [stages.step(f"{q.name}_less_drift", v[k] - drift[k]) for k, q in enumerate(law.virtual_input)]
+        w = inverse @ (scale * ca.vertcat(*right))
+        return from_inner @ ca.vertcat(*[stages.step(name, w[k]) for k, name in enumerate(names)])
+
+    gains, reference = ([q.symbol for q in law.groups[group]] for group in ("gains", "reference"))
+    loop = outer_loop(degree, gains, reference, h, ca.SX(0, 1))
+    loop = ca.vertcat(*[stages.step(q.name, loop[k]) for k, q in enumerate(law.virtual_input)])
+    quantities = {
+        Result.OUTPUTS: h,
+        Result.DECOUPLING: ca.vertcat(*[row.Phi for row in rows]) @ to_inner,
+        Result.COMMAND: command(loop),
+        Result.COMMAND_OF_V: command(ca.vertcat(*[q.symbol for q in law.virtual_input])),
+        **_singular(stages, Phi, W, inverse),
+        Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
+        Result.SLOPE: ca.SX(0, 1) if law.speed_row is None else from_inner @ (inverse[:, law.speed_row] * scale[law.speed_row]),
+    }
+    return {name: ca.densify(quantity) for name, quantity in quantities.items()}
 
 
 @lru_cache(maxsize=16)

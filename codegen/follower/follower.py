@@ -58,6 +58,7 @@ def follower_files(law: ControlLaw, scalar: Scalar, banner: Sequence[str]) -> di
         "inputs": system.mechanism.inputs,
         "wheels": measured_names(system),
         "state": [q.in_c for q in system.state],
+        "params": [q.in_c for q in system.mechanism.parameters],
         "coordinates": len(system.mechanism.coordinates),
         "place": placed_names(system),
         "gains": [q.in_c for q in law.gains],

@@ -45,7 +45,7 @@ def package(manager: str, project: Mapping[str, str], laws: Sequence[ControlLaw]
         "law": f"{robot.name}_{law.name}",
         "own": scalar.name,
         "real": scalar.real,
-        "inputs": robot.inputs,
+        "inputs": law.inputs,
         "extension": law.extension,
         "period": scalar.literal(0.01),
         "config": [(q.in_c, scalar.literal(starting_value(q)), q.unit) for q in law.config],

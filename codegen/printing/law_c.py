@@ -30,12 +30,21 @@ def runtime_types(scalar: Scalar) -> str:
     return "\n".join(["typedef int noslip_on_error;", "typedef int noslip_on_limit;", foot, *floor])
 
 
+COMMANDS = {Result.COMMAND, Result.COMMAND_OF_V}
+KINEMATIC_ABOUT = {
+    "step": "The controller: outer loop and nu_c = Phi^-1 (v - drift), limits, safe outputs. It does not use nu.",
+    "follow": "The step for a path given by the position relative to the foot of P_l.",
+    "feedback": "Kinematic feedback nu_c = Phi^-1 (v - drift): from the virtual input v to the commanded quasi-velocities.",
+}
+
+
 class LawC(ProgramC[Program]):
     """The C of a law in one scalar."""
 
     def __init__(self, program: Program, scalar: Scalar, banner: Sequence[str]):
         self.law = program.law
         super().__init__(program, self.law.system, self.law.name, scalar, banner)
+        self.inputs = len(self.law.inputs)
         self.title = f"{self.law.output.about}, {self.robot}"
 
     def returned(self, entry: Entry) -> list[Result]:
@@ -48,6 +57,7 @@ class LawC(ProgramC[Program]):
         """Return types and prototypes, without preprocessor directives."""
         real, name, law = self.scalar.real, self.scalar.name, self.law
         rows = ", ".join(f"{row.name} ({row.unit})" for row in law.output.rows)
+        what = "commands" if law.kinematic else "inputs"
         types = [
             struct(
                 name(f"{self.prefix}_config"),
@@ -67,8 +77,8 @@ class LawC(ProgramC[Program]):
                 self.type,
                 "The law: initialized by init, owned by the caller, who does not write to it.",
                 [
-                    (f"{real} limit[{self.inputs}];", "largest absolute values of the inputs"),
-                    (f"{real} held[{self.inputs}];", "last inputs returned"),
+                    (f"{real} limit[{self.inputs}];", f"largest absolute values of the {what}"),
+                    (f"{real} held[{self.inputs}];", f"last {what} returned"),
                     *([(f"{real} clear[{self.inputs}];", "inputs up to which nothing is left to check")] if self.grips else []),
                     ("noslip_on_error on_error;", "what to return on an error"),
                     *([("noslip_on_limit on_limit;", _listed(self.on_limit))] if len(self.on_limit) > 1 else []),
@@ -138,8 +148,8 @@ class LawC(ProgramC[Program]):
     def _meaning(self, quantity: Result) -> str:
         law = self.law
         rows = law.output.rows
-        first = [q.name for q, degree in zip(law.virtual_input, law.linearization.relative_degree, strict=True) if degree == 1]
-        inputs = law.system.mechanism.inputs
+        speed = "" if law.speed_row is None else law.virtual_input[law.speed_row].name
+        inputs = law.inputs
         motions = law.system.quasi_velocities
         return {
             Result.OUTPUTS: ", ".join(f"{row.name} ({row.unit})" for row in rows),
@@ -153,13 +163,15 @@ class LawC(ProgramC[Program]):
             Result.INPUTS: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
             Result.EXTENSION_RATE: "rates of " + ", ".join(f"{q.name} ({per_second(q.unit)})" for q in law.extension),
             Result.INPUTS_OF_V: ", ".join(f"{q.name} ({q.unit})" for q in inputs),
+            Result.COMMAND: ", ".join(f"{q.name} ({q.unit})" for q in motions),
+            Result.COMMAND_OF_V: ", ".join(f"{q.name} ({q.unit})" for q in motions),
             Result.GROUND: "along (N), across (N), shift (N/m), mass (kg) of " + self._contact_names(),
             Result.GROUND_BY_INPUTS: "along, across, shift of "
             + self._contact_names()
             + " by "
             + ", ".join(q.name for q in inputs),
             Result.NULL_INPUTS: "rows of " + ", ".join(f"{q.name} ({q.unit})" for q in inputs),
-            Result.SLOPE: ", ".join(f"{q.name} ({q.unit})" for q in inputs) + f", by {', '.join(first)}",
+            Result.SLOPE: ", ".join(f"{q.name} ({q.unit})" for q in inputs) + f", by {speed}",
         }[quantity]
 
     def _contact_names(self) -> str:
@@ -176,6 +188,8 @@ class LawC(ProgramC[Program]):
         return comment([*self._purpose(entry), *virtual, *answers, *self._read(entry), self.cost(entry)])
 
     def _purpose(self, entry: Entry) -> list[str]:
+        if self.law.kinematic and not COMMANDS.isdisjoint(self.returned(entry)) and not entry.whole:
+            return [KINEMATIC_ABOUT[entry.name]]
         if not self.extends:
             return [entry.about + "."]
         if Result.RATES in entry.answers and not entry.whole:
@@ -202,8 +216,10 @@ class LawC(ProgramC[Program]):
 
     def _init_prototype(self) -> str:
         large = self.law.system.dof > 2
+        of_commands = "`options->limit` is of the commands, in the order of the quasi-velocities; friction is not used."
         lines = [
             "Initializes the law from parameters. `options` may be NULL: no limits, zeros on an error.",
+            *([of_commands] if self.law.kinematic else []),
             "NOSLIP_BAD_PARAMETER: a value is not finite or has the wrong sign. NOSLIP_SINGULAR: Phi has no inverse anywhere.",
             *(["At a state: 1 / (|Phi| |Phi^-1|), in the 1-norm and these units, is not above 1e-5."] if large else []),
             self._on_limit(),
@@ -214,11 +230,13 @@ class LawC(ProgramC[Program]):
     def _on_limit(self) -> str:
         row = self.law.speed_row
         if row is None:
-            return "on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it requires exactly one output of relative degree 1, a speed."
+            of_speed = "that depends on the quasi-velocities" if self.law.kinematic else "of relative degree 1"
+            return f"on_limit = NOSLIP_SLOW is NOSLIP_BAD_PARAMETER: it requires exactly one output {of_speed}, a speed."
         outputs = [q.name for q in self.law.virtual_input]
         given_up = outputs.pop(row)
         kept = f" and keeps {', '.join(outputs)}" if outputs else ""
-        return f"on_limit = NOSLIP_SLOW changes {given_up}{kept} if the inputs would exceed their limits."
+        what = "commands" if self.law.kinematic else "inputs"
+        return f"on_limit = NOSLIP_SLOW changes {given_up}{kept} if the {what} would exceed their limits."
 
     def _on_grip(self) -> str:
         wide = "" if is_wide(self.system) else " friction.height must be 0: an axle has no width to carry the moment."
@@ -487,10 +505,11 @@ class LawC(ProgramC[Program]):
         """Return the controller: first the common case, with fewer checks that are sufficient there; else all checks."""
         name = self.scalar.name
         names = self._arguments(entry)
+        answer, applied = names[-1], ("self->on_error", "self->limit", "self->held")
         before, after = self.ordinary(entry)
         seen = after[self.inputs :]
         begin, end = [*(f"{argument} != NULL" for argument in names), *before], ["status == NOSLIP_OK", *after]
-        written = [f"    {place}[{k}] = made[{k}];" for k in range(self.inputs) for place in ("tau", "self->held")]
+        written = [f"    {place}[{k}] = made[{k}];" for k in range(self.inputs) for place in (answer, "self->held")]
         written.append("    return NOSLIP_OK;")
         # by value, so that the results stay in registers
         asked = [f"made_{k}" for k in range(self.inputs)]
@@ -511,9 +530,9 @@ class LawC(ProgramC[Program]):
         lines.append(f"return {grip if self.grips else care}({', '.join([*names, *passed])});")
         with_care = [
             f"{made} = {{{', '.join(asked)}}};",
-            self.leave("tau == NULL", "NOSLIP_NULL"),
+            self.leave(f"{answer} == NULL", "NOSLIP_NULL"),
             "if (self == NULL || self->ready != NOSLIP_READY) {",
-            f"    {name('noslip_write_zeros')}(tau, {self.inputs});",
+            f"    {name('noslip_write_zeros')}({answer}, {self.inputs});",
             "    return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;",
             "}",
             f"if ({' && '.join(f'{given} != NULL' for given in names[1:-1])}) {{",
@@ -522,7 +541,7 @@ class LawC(ProgramC[Program]):
             "}",
             *(self._slow(slope) if self.slows else []),
             *(self._grip(slope) if self.grips else []),
-            f"return {name('noslip_apply_limits')}(status, self->on_error, self->limit, self->held, made, tau, {self.inputs});",
+            f"return {name('noslip_apply_limits')}({', '.join(['status', *applied, 'made', answer, str(self.inputs)])});",
         ]
         texts = ["/* The step when something is wrong, or cut: finds out what. */"]
         texts += [*fill(f"static NOSLIP_COLD int {care}({', '.join(parameters)})", ""), "{", body(with_care), "}", ""]

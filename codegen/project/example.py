@@ -13,7 +13,7 @@ from .project import initializers
 def example(generated: Mapping[str, str], law: ControlLaw) -> dict[str, str]:
     """Return Makefile, README.md and example.c for the files of a robot; the example calls the step of `law`."""
     manifest = json.loads(generated["manifest.json"])
-    robot, inputs = manifest["robot"], law.system.mechanism.inputs
+    robot, inputs = manifest["robot"], law.inputs
     suffix = "_f" if f"{robot}.h" not in generated else ""
     scalar = next(s for s in SCALARS.values() if s.suffix == suffix)
     values = {

@@ -52,13 +52,16 @@ def cmake(robot: str, board: Board) -> str:
 
 def loop(law: ControlLaw, scalar: Scalar) -> str:
     """Return loop.c: a law called at a fixed rate; the user provides sensors, reference and motors."""
-    own, inputs, robot = scalar.name, law.system.mechanism.inputs, law.system.mechanism.name
-    name = f"{robot}_{law.name}"
+    own, inputs, robot = scalar.name, law.inputs, law.system.mechanism.name
+    name, answer = f"{robot}_{law.name}", "command" if law.kinematic else "tau"
     yours = [
         ("extern void wait_for_tick(void);", "a timer"),
         (f"extern void read_state({own(robot + '_state')} *state);", "sensors, SI"),
         (f"extern void read_reference({own(name + '_reference')} *reference);", "what the outputs shall do"),
-        (f"extern void set_inputs(const {scalar.real} tau[{len(inputs)}]);", ", ".join(f"{q.name} in {q.unit}" for q in inputs)),
+        (
+            f"extern void set_inputs(const {scalar.real} {answer}[{len(inputs)}]);",
+            ", ".join(f"{q.name} in {q.unit}" for q in inputs),
+        ),
     ]
     return render(
         __file__,
@@ -70,11 +73,20 @@ def loop(law: ControlLaw, scalar: Scalar) -> str:
         own=own,
         real=scalar.real,
         inputs=len(inputs),
+        answer=answer,
         extension=law.extension,
         period=scalar.literal(0.01),
         zeros=", ".join([scalar.literal(0.0)] * len(inputs)),
         **initializers(law, scalar),
     )
+
+
+def follower_loop(law: ControlLaw, scalar: Scalar) -> str:
+    """Return loop.c of a follower: counters to commands at a fixed rate; the user provides a timer, counters and drives."""
+    system = law.system
+    wheels, robot = [q.name for q in system.quasi_velocities], system.mechanism.name
+    common = {"robot": robot, "own": scalar.name, "real": scalar.real, "literal": scalar.literal, "wheels": wheels}
+    return render(__file__, "follower.c", **common, gains=initializers(law, scalar)["gains"])
 
 
 def initializers(law: ControlLaw, scalar: Scalar) -> dict[str, str]:

@@ -104,7 +104,7 @@ def _law(golden: Golden, scalar: Scalar) -> dict[str, object]:
         "state": len(law.system.state),
         "extension": len(law.extension),
         "reference": len(law.reference),
-        "inputs": len(law.system.mechanism.inputs),
+        "inputs": len(law.inputs),
         "params": _numbers(golden.params, scalar) or "0",
         "config": _numbers(golden.config, scalar) or "0",
         "gains": _numbers(golden.gains, scalar) or "0",

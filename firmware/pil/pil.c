@@ -11,7 +11,7 @@ static int hello(pil *self)
                              sizeof in->path.options,  sizeof out->guide,           sizeof in->odometry.options,
                              PIL_LAWS,                 PIL_PATHS,                   PIL_ODOMETRIES,
                              PIL_INTEGRALS,            PIL_APPROACHES,              PIL_SLIPS,
-                             PIL_SEGMENTS};
+                             PIL_SEGMENTS,             PIL_VELOCITIES,              PIL_DYNAMICS_COUNT};
     self->output.hello = hello_answer;
     return NOSLIP_OK;
 }
@@ -217,6 +217,60 @@ static int slip_trust(pil *self)
     return noslip_slip_trust_f(&self->slips[self->request.object]);
 }
 
+/* -- velocity drives --------------------------------------------------------------------------------------------------- */
+
+static int velocity_init(pil *self)
+{
+    return noslip_velocity_init_f(&self->velocities[self->request.object], self->input.velocity.limits,
+                                  self->input.velocity.count, self->input.velocity.period);
+}
+
+static int velocity_set_vehicle(pil *self)
+{
+    return noslip_velocity_set_vehicle_f(&self->velocities[self->request.object], &self->input.vehicle);
+}
+
+static int velocity_reset(pil *self)
+{
+    return noslip_velocity_reset_f(&self->velocities[self->request.object], self->input.nu);
+}
+
+static void no_command(pil *self)
+{
+    int i;
+    for (i = 0; i < NOSLIP_VELOCITIES; i++) { /* those beyond the robot's are not written */
+        self->output.command[i] = 0;
+    }
+}
+
+static int velocity_step(pil *self)
+{
+    no_command(self);
+    return noslip_velocity_step_f(&self->velocities[self->request.object], self->input.drive.from, self->input.drive.nu,
+                                  self->input.drive.status, self->input.drive.dt, self->output.command);
+}
+
+static int velocity_follow(pil *self)
+{
+    no_command(self);
+    return noslip_velocity_follow_f(&self->velocities[self->request.object], self->input.drive.from, self->input.drive.nu,
+                                    self->input.drive.status, self->input.drive.dt, self->output.command);
+}
+
+#ifdef PIL_DYNAMICS
+static int dynamics_init(pil *self)
+{
+    return PIL_DYNAMICS(_init)(&self->dynamics[self->request.object], &self->input.params);
+}
+
+static int dynamics_acceleration(pil *self)
+{
+    return PIL_DYNAMICS(_acceleration)(&self->dynamics[self->request.object], &self->input.moved.state,
+                                       self->input.moved.tau, self->output.acceleration.qdot,
+                                       self->output.acceleration.nudot);
+}
+#endif
+
 /* -- calls ------------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
@@ -253,6 +307,15 @@ static const operation operations[PIL_OPERATIONS] = {
     [PIL_OP_SLIP_STEP] = {slip_step, TAKES(slip_step), GIVES(noticed), PIL_SLIPS},
     [PIL_OP_SLIP_TRUST] = {slip_trust, 0, 0, PIL_SLIPS},
     [PIL_OP_LAW_FRICTION] = {law_friction, TAKES(friction), 0, PIL_LAWS},
+    [PIL_OP_VELOCITY_INIT] = {velocity_init, TAKES(velocity), 0, PIL_VELOCITIES},
+    [PIL_OP_VELOCITY_SET_VEHICLE] = {velocity_set_vehicle, TAKES(vehicle), 0, PIL_VELOCITIES},
+    [PIL_OP_VELOCITY_RESET] = {velocity_reset, TAKES(nu), 0, PIL_VELOCITIES},
+    [PIL_OP_VELOCITY_STEP] = {velocity_step, TAKES(drive), GIVES(command), PIL_VELOCITIES},
+    [PIL_OP_VELOCITY_FOLLOW] = {velocity_follow, TAKES(drive), GIVES(command), PIL_VELOCITIES},
+#ifdef PIL_DYNAMICS
+    [PIL_OP_DYNAMICS_INIT] = {dynamics_init, TAKES(params), 0, PIL_DYNAMICS_COUNT},
+    [PIL_OP_DYNAMICS_ACCELERATION] = {dynamics_acceleration, TAKES(moved), GIVES(acceleration), PIL_DYNAMICS_COUNT},
+#endif
 };
 
 static uint32_t fault_of(const pil_request *request)

@@ -1,13 +1,14 @@
 /*
- * pil.h - processor in the loop: a law, paths and their speed profiles, approaches, odometry, integral action and noticing slip on
- * a target, called by a computer that simulates the vehicle.
+ * pil.h - processor in the loop: a law, paths and their speed profiles, approaches, odometry, integral action, noticing slip and
+ * commands of velocity drives on a target, called by a computer that simulates the vehicle.
  *
  * A call is a request and an answer, both of 32-bit words in the byte order of the target, with structs as they are in memory. The
  * objects (laws, paths and so on) stay on the target; a request selects one by its number.
  *
  * The law is the one included by pil_law.h, which defines PIL_ROBOT(name) and PIL_LAW(name), the C names of the robot and the law in
  * float, PIL_GRIP to 1 if the law has the member grip, else 0, and PIL_EXTENSION, the number of states of its dynamic extension.
- * These states are sent with each call and replace those of the law.
+ * These states are sent with each call and replace those of the law. Unless the law is kinematic, it also defines
+ * PIL_DYNAMICS(name), PIL_COORDINATES and PIL_DOF, those of the robot's dynamics.
  */
 #ifndef PIL_H
 #define PIL_H
@@ -18,6 +19,7 @@
 #include "noslip_path.h"
 #include "noslip_profile.h"
 #include "noslip_slip.h"
+#include "noslip_velocity.h"
 #include "pil_law.h"
 
 #define PIL_MAGIC 0x4c49504eu /* "NPIL" in little-endian order */
@@ -30,6 +32,8 @@
 #define PIL_INTEGRALS 64
 #define PIL_APPROACHES 16
 #define PIL_SLIPS 16
+#define PIL_VELOCITIES 16
+#define PIL_DYNAMICS_COUNT 16
 #define PIL_SEGMENTS 512
 
 /* Operations: input -> output, in addition to the status returned. */
@@ -59,6 +63,13 @@ enum {
     PIL_OP_SLIP_STEP,        /* reading, dt -> noticed */
     PIL_OP_SLIP_TRUST,       /* -> */
     PIL_OP_LAW_FRICTION,     /* friction -> */
+    PIL_OP_VELOCITY_INIT,    /* limits[NOSLIP_VELOCITIES], count, period -> */
+    PIL_OP_VELOCITY_SET_VEHICLE, /* vehicle -> */
+    PIL_OP_VELOCITY_RESET,   /* nu -> */
+    PIL_OP_VELOCITY_STEP,    /* u, nu, status, dt -> command */
+    PIL_OP_VELOCITY_FOLLOW,  /* desired, nu, status, dt -> command */
+    PIL_OP_DYNAMICS_INIT,    /* params -> */
+    PIL_OP_DYNAMICS_ACCELERATION, /* state, tau -> qdot, nudot */
     PIL_OPERATIONS
 };
 
@@ -89,7 +100,7 @@ typedef struct {
 typedef struct {
     uint32_t params, config, gains, options, state, reference, evaluation, inputs;
     uint32_t segment, path_options, guide, odometry_options;
-    uint32_t laws, paths, odometries, integrals, approaches, slips, segments;
+    uint32_t laws, paths, odometries, integrals, approaches, slips, segments, velocities, dynamics;
 } pil_hello;
 
 typedef union {
@@ -172,12 +183,31 @@ typedef union {
         float dt;
     } slip_step;
     noslip_friction_f friction;
+    struct {
+        noslip_velocity_limits_f limits[NOSLIP_VELOCITIES];
+        int32_t count;
+        float period;
+    } velocity;
+    noslip_velocity_vehicle_f vehicle;
+    float nu[NOSLIP_VELOCITIES];
+    struct {
+        float from[NOSLIP_VELOCITIES], nu[NOSLIP_VELOCITIES];
+        int32_t status;
+        float dt;
+    } drive;
+#ifdef PIL_DYNAMICS
+    PIL_ROBOT(_params) params;
+    struct {
+        PIL_ROBOT(_state) state;
+        float tau[sizeof((PIL_ROBOT(_options) *)0)->limit / sizeof(float)];
+    } moved;
+#endif
 } pil_input;
 
 typedef union {
     pil_hello hello;
     struct {
-        float tau[sizeof((PIL_ROBOT(_options) *)0)->limit / sizeof(float)];
+        float tau[sizeof((PIL_LAW() *)0)->limit / sizeof(float)];
 #if PIL_EXTENSION
         float extension_rate[PIL_EXTENSION];
 #endif
@@ -194,6 +224,12 @@ typedef union {
     struct {
         float add, z;
     } integral;
+    float command[NOSLIP_VELOCITIES];
+#ifdef PIL_DYNAMICS
+    struct {
+        float qdot[PIL_COORDINATES], nudot[PIL_DOF];
+    } acceleration;
+#endif
 } pil_output;
 
 /* Complete state. Read `request`; if pil_check accepts it, read its bytes into `input` and call pil_call; then write `answer` and
@@ -212,6 +248,10 @@ typedef struct {
     noslip_profile_f profiles[PIL_PATHS];
     float squares[PIL_PATHS][PIL_SEGMENTS];
     noslip_slip_f slips[PIL_SLIPS];
+    noslip_velocity_f velocities[PIL_VELOCITIES];
+#ifdef PIL_DYNAMICS
+    PIL_DYNAMICS() dynamics[PIL_DYNAMICS_COUNT];
+#endif
 } pil;
 
 /* Checks a request before its input is read and prepares the answer. Returns the fault, or PIL_FAULT_NONE. */

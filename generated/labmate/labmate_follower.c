@@ -56,7 +56,9 @@ static NOSLIP_COLD int init_law(labmate_follower *self, labmate_type_iv_segment 
     const int bounded = self->config->drive != NOSLIP_DRIVE_TORQUE || ((limits->limit[0] > 0 ||
         self->motors[0].mode != NOSLIP_MOTOR_TORQUE) &&
         (limits->limit[1] > 0 || self->motors[1].mode != NOSLIP_MOTOR_TORQUE));
-    if (!bounded || !(gains->kp_distance > 0) || !(gains->kd_distance > 0) || !(gains->kv_speed > 0)) {
+    const double most = gains->kp_distance * gains->kd_distance; /* Routh */
+    if (!bounded || !(gains->kp_distance > 0) || !(gains->kd_distance > 0) || !(gains->kv_speed > 0) ||
+        !(self->config->ki[0] < most)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->place.L = L;
@@ -100,12 +102,32 @@ static NOSLIP_COLD int init_drives(labmate_follower *self, const labmate_followe
 {
     int i, status = NOSLIP_OK;
     if (config->drive == NOSLIP_DRIVE_VELOCITY) {
-        return noslip_velocity_init(&self->velocity, config->velocity, 2, config->period);
+        const double most[2] = {config->along, config->lateral};
+        noslip_velocity_vehicle vehicle;
+        status = noslip_velocity_init(&self->velocity, config->velocity, 2, config->period);
+        if (status < 0 || (noslip_abs(most[0]) <= 0 && noslip_abs(most[1]) <= 0)) {
+            return status;
+        }
+        noslip_write(self->odometry.options.forward, vehicle.forward, 2);
+        noslip_write(self->odometry.options.turn, vehicle.turn, 2);
+        vehicle.along = most[0];
+        vehicle.lateral = most[1];
+        return noslip_velocity_set_vehicle(&self->velocity, &vehicle);
     }
     for (i = 0; i < 2 && status >= 0; i++) {
         status = noslip_motor_init(&self->motors[i], &config->motors[i]);
     }
     return config->drive == NOSLIP_DRIVE_TORQUE ? status : NOSLIP_BAD_PARAMETER;
+}
+
+/* Initializes integral action, of distance and speed. */
+static NOSLIP_COLD int init_integrals(labmate_follower *self, const labmate_follower_config *config)
+{
+    int i, status = NOSLIP_OK;
+    for (i = 0; i < 2 && status >= 0; i++) {
+        status = noslip_integral_init(&self->integrals[i], config->ki[i], config->ki_limit[i]);
+    }
+    return status;
 }
 
 static NOSLIP_COLD int init_approach(labmate_follower *self, const labmate_follower_config *config)
@@ -119,6 +141,25 @@ static NOSLIP_COLD int init_approach(labmate_follower *self, const labmate_follo
         return NOSLIP_BAD_PARAMETER;
     }
     return noslip_approach_init(&self->approach, config->approach, config->settling, 0);
+}
+
+/* Copies and checks parameters; the default ones if all are zero. */
+static NOSLIP_COLD int set_params(labmate_params *params, const labmate_params *from)
+{
+    if (noslip_abs(from->b) <= 0 && noslip_abs(from->d) <= 0 && noslip_abs(from->r) <= 0 &&
+        noslip_abs(from->m_c) <= 0 && noslip_abs(from->m_w) <= 0 && noslip_abs(from->I_c) <= 0 &&
+        noslip_abs(from->I_w) <= 0 && noslip_abs(from->I_m) <= 0) {
+        return labmate_default_params(params);
+    }
+    noslip_copy(params, from, sizeof *params);
+    return labmate_check_params(params);
+}
+
+/* Begins integral action again. */
+static NOSLIP_COLD void clear_integrals(labmate_follower *self)
+{
+    (void)noslip_integral_reset(&self->integrals[0], 0);
+    (void)noslip_integral_reset(&self->integrals[1], 0);
 }
 
 /* Sets the state of a vehicle at rest. */
@@ -140,6 +181,7 @@ static void set_at_rest(labmate_follower *self)
     self->rate[1] = 0;
     self->speed = 0;
     self->waited = 0;
+    self->last = NOSLIP_OK;
 }
 
 int labmate_follower_init(labmate_follower *self, const labmate_follower_config *config)
@@ -158,7 +200,7 @@ int labmate_follower_init(labmate_follower *self, const labmate_follower_config 
         !noslip_limits_ok(&config->stuck_torque, 1) || !noslip_is_positive(config->astray)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    status = labmate_check_params(&config->params);
+    status = set_params(&self->params, &config->params);
     if (status < 0) {
         return status;
     }
@@ -173,21 +215,21 @@ int labmate_follower_init(labmate_follower *self, const labmate_follower_config 
         !noslip_is_positive(self->nominal.filter_gain)) {
         return NOSLIP_BAD_PARAMETER; /* overflow or underflow */
     }
-    set_wheels(&config->params, &wheels);
+    set_wheels(&self->params, &wheels);
     status = noslip_watchdog_init(&self->watchdog, &config->watchdog);
     status = status < 0 ? status : init_encoders(self, config);
     status = status < 0 ? status : noslip_odometry_init(&self->odometry, &wheels, &config->start);
     status = status < 0 ? status : init_path(self, config);
     status = status < 0 ? status : init_drives(self, config);
     status = status < 0 ? status : init_approach(self, config);
+    status = status < 0 ? status : init_integrals(self, config);
     if (status >= 0) {
         self->place.L = config->path.L[config->segments[0].backward != 0];
-        status = init_laws(self, &config->params, &config->gains, &config->limits);
+        status = init_laws(self, &self->params, &config->gains, &config->limits);
     }
-    status = status < 0 ? status : labmate_dynamics_init(&self->dynamics, &config->params);
+    status = status < 0 ? status : labmate_dynamics_init(&self->dynamics, &self->params);
     if (status >= 0) {
         noslip_copy(&self->law, &self->next, sizeof self->law);
-        noslip_copy(&self->params, &config->params, sizeof self->params);
         noslip_copy(&self->gains, &config->gains, sizeof self->gains);
         noslip_copy(&self->limits, &config->limits, sizeof self->limits);
         set_at_rest(self);
@@ -225,6 +267,10 @@ int labmate_follower_update(labmate_follower *self, const labmate_params *params
     }
     noslip_write(wheels.forward, self->odometry.options.forward, 2);
     noslip_write(wheels.turn, self->odometry.options.turn, 2);
+    if (self->config->drive == NOSLIP_DRIVE_VELOCITY && self->velocity.vehicle.along > 0) {
+        noslip_write(wheels.forward, self->velocity.vehicle.forward, 2);
+        noslip_write(wheels.turn, self->velocity.vehicle.turn, 2);
+    }
     noslip_copy(&self->dynamics, &dynamics, sizeof dynamics);
     noslip_copy(&self->params, params, sizeof self->params);
     noslip_copy(&self->gains, gains, sizeof self->gains);
@@ -242,7 +288,10 @@ int labmate_follower_correct(labmate_follower *self, const noslip_pose *truth, n
         return NOSLIP_NOT_READY;
     }
     status = noslip_odometry_correct(&self->odometry, truth, mode);
-    self->approaching = status < 0 ? self->approaching : 0;
+    if (status >= 0) {
+        self->approaching = 0;
+        clear_integrals(self);
+    }
     return status;
 }
 
@@ -255,6 +304,7 @@ int labmate_follower_reset(labmate_follower *self)
         return NOSLIP_NOT_READY;
     }
     self->approaching = 0;
+    clear_integrals(self);
     if (self->config->drive == NOSLIP_DRIVE_VELOCITY) {
         (void)noslip_velocity_reset(&self->velocity, self->rate);
     }
@@ -340,7 +390,7 @@ static int is_possible(const double turned[2], const labmate_follower_interval *
 }
 
 /* Updates wheel rates and pose from the counters. */
-static int measure(labmate_follower *self, const uint32_t counts[2], uint32_t missed, int *standing)
+static NOSLIP_BESIDE int measure(labmate_follower *self, const uint32_t counts[2], uint32_t missed, int *standing)
 {
     const uint32_t first = self->encoders[0].last, second = self->encoders[1].last;
     const labmate_follower_interval *time = &self->nominal;
@@ -379,6 +429,22 @@ static NOSLIP_BESIDE int lead(labmate_follower *self, double dt)
     return status;
 }
 
+/* Adds integral action to the desired accelerations of distance and speed. */
+static NOSLIP_BESIDE int integrate(labmate_follower *self, double dt)
+{
+    const noslip_guide *guide = &self->path.guide;
+    double added;
+    int status = noslip_integral_step(&self->integrals[0], self->reference.distance - guide->foot.distance, dt,
+        self->last, &added);
+    if (status >= 0) {
+        self->reference.distance_acceleration =
+            (self->approach.ready == NOSLIP_READY ? self->approach.desired.distance_acceleration : 0) + added;
+        status = noslip_integral_step(&self->integrals[1], guide->speed - self->speed, dt, self->last, &added);
+        self->reference.speed_rate = guide->speed_rate + added;
+    }
+    return status;
+}
+
 /* Gives the law the torques that the motors have at the present rates as limits. */
 static int limit(labmate_follower *self)
 {
@@ -404,6 +470,7 @@ static int follow(labmate_follower *self, double dt, double torque[2])
     if (status >= 0 && noslip_abs(guide->L - self->place.L) > 0) { /* P_l has changed sides at a cusp */
         status = init_law(self, &self->law, guide->L, &self->params, &self->gains, &self->limits);
         self->approaching = 0;
+        clear_integrals(self);
     }
     if (status >= 0 && !(noslip_abs(guide->foot.distance) <= self->config->astray)) {
         status = NOSLIP_ASTRAY;
@@ -417,7 +484,13 @@ static int follow(labmate_follower *self, double dt, double torque[2])
     if (status >= 0) {
         self->reference.speed = guide->speed;
         self->reference.speed_rate = guide->speed_rate;
+        if (self->config->ki[0] > 0 || self->config->ki[1] > 0) {
+            status = integrate(self, dt);
+        }
+    }
+    if (status >= 0) {
         status = labmate_type_iv_segment_follow(&self->law, &guide->foot, &self->state, &self->reference, torque);
+        self->last = status;
     }
     return status >= 0 && path_status == NOSLIP_ARRIVED ? path_status : status;
 }

@@ -39,6 +39,7 @@
 #include "labmate_type_iv_segment.h"
 #include "labmate_dynamics.h"
 #include "noslip_approach.h"
+#include "noslip_integral.h"
 #include "noslip_motor.h"
 #include "noslip_odometry.h"
 #include "noslip_path.h"
@@ -51,7 +52,7 @@ extern "C" {
 
 /* What config describes. Every field that is not said to be optional is required: init rejects zero. */
 typedef struct labmate_follower_config {
-    labmate_params params;               /* see labmate_default_params */
+    labmate_params params;               /* zeros: those of labmate_default_params */
     double period;                       /* s: time between ticks */
     /* of a wheel, with gear and quadrature; negative if the counter decreases driving forward */
     double counts_per_turn[2];
@@ -69,11 +70,17 @@ typedef struct labmate_follower_config {
     double approach;
     double settling;                     /* s: time constant of the end of the approach; required with it */
     labmate_type_iv_segment_gains gains; /* all positive */
+    /* integral gains of distance (1/s^3), below kp kd, and speed (1/s^2), see noslip_integral.h; optional */
+    double ki[2];
+    double ki_limit[2];                  /* m/s^2: largest acceleration that integral action adds to each; 0: none */
     /* required with NOSLIP_MOTOR_TORQUE; else 0 is what the drives can do. on_error has no effect */
     labmate_options limits;
     noslip_drive drive;
     noslip_motor_settings motors[2];     /* of torque drives */
     noslip_velocity_limits velocity[2];  /* of velocity drives */
+    /* m/s^2: largest forward acceleration of velocity drives, see noslip_velocity_vehicle; with lateral, or none */
+    double along;
+    double lateral;                      /* m/s^2: largest product of forward speed and yaw rate; with along, or none */
     /* N m: a wheel that does not move at a larger torque, or at half of its limit, is stuck; above that needed at a
        stop */
     double stuck_torque;
@@ -106,6 +113,8 @@ typedef struct labmate_follower {
     noslip_path path;                            /* path.guide is the position on it */
     noslip_approach approach;
     int approaching;                             /* NOSLIP_READY: it has begun */
+    noslip_integral integrals[2];                /* of distance and speed */
+    int last;                                    /* status of the last tick: whether integrals may grow */
     noslip_odometry odometry;
     noslip_encoder encoders[2];
     uint32_t waited;                             /* ticks since the last valid one */
@@ -150,7 +159,7 @@ int labmate_follower_update(labmate_follower *self, const labmate_params *params
     const labmate_type_iv_segment_gains *gains,
     const labmate_options *limits);
 
-/* Corrects the pose, see noslip_odometry_correct; the approach begins again. */
+/* Corrects the pose, see noslip_odometry_correct; the approach and the integral of the distance begin again. */
 int labmate_follower_correct(labmate_follower *self, const noslip_pose *truth, noslip_correction mode);
 
 /*

@@ -39,6 +39,7 @@
 #include "labmate_type_iv_segment_f.h"
 #include "labmate_dynamics_f.h"
 #include "noslip_approach.h"
+#include "noslip_integral.h"
 #include "noslip_motor.h"
 #include "noslip_odometry.h"
 #include "noslip_path.h"
@@ -51,7 +52,7 @@ extern "C" {
 
 /* What config describes. Every field that is not said to be optional is required: init rejects zero. */
 typedef struct labmate_follower_config_f {
-    labmate_params_f params;               /* see labmate_default_params_f */
+    labmate_params_f params;               /* zeros: those of labmate_default_params_f */
     float period;                          /* s: time between ticks */
     /* of a wheel, with gear and quadrature; negative if the counter decreases driving forward */
     float counts_per_turn[2];
@@ -69,11 +70,18 @@ typedef struct labmate_follower_config_f {
     float approach;
     float settling;                        /* s: time constant of the end of the approach; required with it */
     labmate_type_iv_segment_gains_f gains; /* all positive */
+    /* integral gains of distance (1/s^3), below kp kd, and speed (1/s^2), see noslip_integral.h; optional */
+    float ki[2];
+    float ki_limit[2];                     /* m/s^2: largest acceleration that integral action adds to each; 0: none */
     /* required with NOSLIP_MOTOR_TORQUE; else 0 is what the drives can do. on_error has no effect */
     labmate_options_f limits;
     noslip_drive drive;
     noslip_motor_settings_f motors[2];     /* of torque drives */
     noslip_velocity_limits_f velocity[2];  /* of velocity drives */
+    /* m/s^2: largest forward acceleration of velocity drives, see noslip_velocity_vehicle; with lateral, or none */
+    float along;
+    /* m/s^2: largest product of forward speed and yaw rate; with along, or none */
+    float lateral;
     /* N m: a wheel that does not move at a larger torque, or at half of its limit, is stuck; above that needed at a
        stop */
     float stuck_torque;
@@ -106,6 +114,8 @@ typedef struct labmate_follower_f {
     noslip_path_f path;                            /* path.guide is the position on it */
     noslip_approach_f approach;
     int approaching;                               /* NOSLIP_READY: it has begun */
+    noslip_integral_f integrals[2];                /* of distance and speed */
+    int last;                                      /* status of the last tick: whether integrals may grow */
     noslip_odometry_f odometry;
     noslip_encoder_f encoders[2];
     uint32_t waited;                               /* ticks since the last valid one */
@@ -150,7 +160,7 @@ int labmate_follower_update_f(labmate_follower_f *self, const labmate_params_f *
     const labmate_type_iv_segment_gains_f *gains,
     const labmate_options_f *limits);
 
-/* Corrects the pose, see noslip_odometry_correct; the approach begins again. */
+/* Corrects the pose, see noslip_odometry_correct; the approach and the integral of the distance begin again. */
 int labmate_follower_correct_f(labmate_follower_f *self, const noslip_pose_f *truth, noslip_correction mode);
 
 /*

@@ -20,6 +20,7 @@ static const noslip_field config_fields[] = {
     {offsetof(labmate_follower_config, path.reversing), 3, sizeof(int)},
     {offsetof(labmate_follower_config, astray), 3, sizeof(double)},
     {offsetof(labmate_follower_config, gains.kp_distance), 3, sizeof(double)},
+    {offsetof(labmate_follower_config, ki), 4, sizeof(double)},
     {offsetof(labmate_follower_config, limits.limit), 2, sizeof(double)},
     {offsetof(labmate_follower_config, limits.on_error), 2, sizeof(int)},
     {offsetof(labmate_follower_config, limits.friction.mu), 4, sizeof(double)},
@@ -30,7 +31,7 @@ static const noslip_field config_fields[] = {
     {offsetof(labmate_follower_config, motors[1].gear), 10, sizeof(double)},
     {offsetof(labmate_follower_config, velocity[0].speed), 3, sizeof(double)},
     {offsetof(labmate_follower_config, velocity[1].speed), 3, sizeof(double)},
-    {offsetof(labmate_follower_config, stuck_torque), 1, sizeof(double)},
+    {offsetof(labmate_follower_config, along), 3, sizeof(double)},
     {offsetof(labmate_follower_config, watchdog.tolerated), 3, sizeof(int)},
 };
 
@@ -66,7 +67,7 @@ static void set_layout(noslip_layout *layout, const noslip_field *fields, int co
 
 static void set_config_layout(noslip_layout *layout)
 {
-    set_layout(layout, config_fields, COUNT(config_fields), 0xebfa01a2u);
+    set_layout(layout, config_fields, COUNT(config_fields), 0x5cdb6679u);
     layout->row = segment_fields;
     layout->row_count = COUNT(segment_fields);
     layout->row_size = sizeof(noslip_segment);

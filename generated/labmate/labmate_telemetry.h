@@ -17,7 +17,7 @@ extern "C" {
 #endif
 
 /* Bytes of the image of a config with `count` segments. */
-#define LABMATE_FOLLOWER_IMAGE(count) (588u + 44u * (uint32_t)(count))
+#define LABMATE_FOLLOWER_IMAGE(count) (636u + 44u * (uint32_t)(count))
 
 /* What update changes, as one struct. */
 typedef struct labmate_follower_tuning {

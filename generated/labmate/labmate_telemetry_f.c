@@ -20,6 +20,7 @@ static const noslip_field config_fields[] = {
     {offsetof(labmate_follower_config_f, path.reversing), 3, sizeof(int)},
     {offsetof(labmate_follower_config_f, astray), 3, sizeof(float)},
     {offsetof(labmate_follower_config_f, gains.kp_distance), 3, sizeof(float)},
+    {offsetof(labmate_follower_config_f, ki), 4, sizeof(float)},
     {offsetof(labmate_follower_config_f, limits.limit), 2, sizeof(float)},
     {offsetof(labmate_follower_config_f, limits.on_error), 2, sizeof(int)},
     {offsetof(labmate_follower_config_f, limits.friction.mu), 4, sizeof(float)},
@@ -30,7 +31,7 @@ static const noslip_field config_fields[] = {
     {offsetof(labmate_follower_config_f, motors[1].gear), 10, sizeof(float)},
     {offsetof(labmate_follower_config_f, velocity[0].speed), 3, sizeof(float)},
     {offsetof(labmate_follower_config_f, velocity[1].speed), 3, sizeof(float)},
-    {offsetof(labmate_follower_config_f, stuck_torque), 1, sizeof(float)},
+    {offsetof(labmate_follower_config_f, along), 3, sizeof(float)},
     {offsetof(labmate_follower_config_f, watchdog.tolerated), 3, sizeof(int)},
 };
 
@@ -66,7 +67,7 @@ static void set_layout(noslip_layout *layout, const noslip_field *fields, int co
 
 static void set_config_layout(noslip_layout *layout)
 {
-    set_layout(layout, config_fields, COUNT(config_fields), 0xebfa01a2u);
+    set_layout(layout, config_fields, COUNT(config_fields), 0x5cdb6679u);
     layout->row = segment_fields;
     layout->row_count = COUNT(segment_fields);
     layout->row_size = sizeof(noslip_segment_f);

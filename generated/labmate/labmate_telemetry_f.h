@@ -17,7 +17,7 @@ extern "C" {
 #endif
 
 /* Bytes of the image of a config with `count` segments. */
-#define LABMATE_FOLLOWER_IMAGE_F(count) (332u + 24u * (uint32_t)(count))
+#define LABMATE_FOLLOWER_IMAGE_F(count) (356u + 24u * (uint32_t)(count))
 
 /* What update changes, as one struct. */
 typedef struct labmate_follower_tuning_f {

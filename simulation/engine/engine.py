@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -20,6 +20,9 @@ from ..specification.spec import ContactSection
 from .frames import planar
 from .friction import CREEP, LEAST, coulomb
 from .mjcf import mjcf, stands
+
+if TYPE_CHECKING:
+    from ..drive import Drive
 
 STEP = 1e-3  # s, the longest; half of it changes a path by less than 1 mm where no wheel chatters
 SETTLED, LONGEST = 1e-9, 4000  # m/s, rad/s: the robot stands still; steps until it must
@@ -76,8 +79,9 @@ class FloorEngine:
         q, qdot = self.coordinates()
         return np.concatenate([q, self._functions["nu"](q, qdot, self._parameters)[0]])
 
-    def hold(self, t: float, x: np.ndarray, tau: np.ndarray, duration: float) -> np.ndarray:
-        """Return the state after `duration` seconds of constant inputs (N, N m) from x at time t, the state now.
+    def hold(self, t: float, x: np.ndarray, given: np.ndarray, duration: float, drive: Drive | None = None) -> np.ndarray:
+        """Return the state after `duration` seconds from x at time t, the state now, with the inputs (N, N m) `given`, or those
+        that drives supply for what is given to them, at each step of the engine.
 
         Raises Refused ("range") where a velocity grows beyond FASTEST, as with wheels that spin without bound.
         """
@@ -88,6 +92,7 @@ class FloorEngine:
         self.model.opt.timestep = duration / steps
         for _ in range(steps):
             self._mujoco.mj_step1(self.model, self.data)
+            tau = drive.torque(self.state(), given) if drive and drive.commands else given
             force = self._functions["force"](*self.coordinates(), tau, self._parameters)[0]
             self.data.qfrc_applied[:] = 0.0
             self.data.qfrc_applied[self.moving] = self._rates.T @ force

@@ -24,15 +24,17 @@ class OnFloor:
         """Raises BadInput for a loop without a period, and as Engine."""
         if not spec.simulation.period:
             raise BadInput("--engine mujoco requires [simulation] period > 0: the controller is called as in firmware")
-        if spec.drive and spec.drive.takes_velocity:
-            raise BadInput(f'[drive] kind = "{spec.drive.kind}" is not there with --engine mujoco yet; use kind = "torque"')
         self.engine = FloorEngine(loop.plant, spec.contact or ContactSection(), spec.floor or Floor(), loop.start)
         self.loop, self._simulation = replace(loop, sensing=loop.sensing or _reckoning(loop, spec)), spec.simulation
         self._looks: list[tuple[np.ndarray, ...]] = []
 
     def rows(self) -> Iterator[Row]:
         """Yield the rows of the run, and keep what is measured at each."""
-        for row in sampled(self.loop, self._simulation, self.engine.hold):
+
+        def hold(t: float, x: np.ndarray, given: np.ndarray, duration: float) -> np.ndarray:
+            return self.engine.hold(t, x, given, duration, self.loop.drive)
+
+        for row in sampled(self.loop, self._simulation, hold):
             sensing = self.loop.sensing
             self._looks.append((*self.engine.look(), sensing.reckoned if sensing else np.zeros(0)))
             yield row

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...controllers import DRIVES
-from ...model.names import EXTENDED, TYPES, LawName
+from ...model.names import EXTENDED, KINEMATIC, TYPES, LawName
 from ...model.paths import PATHS
 from ...model.segments import Segment
 from ...readers.errors import BadInput
@@ -462,7 +462,8 @@ NO_LIMIT = 1e6  # rad/s and rad/s^2: far beyond any drive, and finite, as limits
 @dataclass(frozen=True, kw_only=True)
 class DriveSection:
     """What the drives take: the controller's torque; or commands for the quasi-velocities, which their own loop follows, of first
-    order with a `bandwidth` (Hz), `delay` s later; or both, the torque as a feed-forward.
+    order with a `bandwidth` (Hz), `delay` s later; or both, the torque as a feed-forward. The commands of kind "kinematic" are
+    those of a kinematic law, which needs no masses; the others are integrals of the accelerations of a law.
 
     `most_speed` and `most_acceleration` limit commands and drives, in the unit of the quasi-velocities (rad/s for wheels) and
     per second: one for all or one for each. Without them there is practically no limit.
@@ -491,6 +492,11 @@ class DriveSection:
     def feeds(self) -> bool:
         """Whether the torque is a feed-forward."""
         return self.kind == "velocity+torque"
+
+    @property
+    def kinematic(self) -> bool:
+        """Whether the commands are those of a kinematic law."""
+        return self.kind == "kinematic"
 
     @property
     def omega(self) -> float:
@@ -588,6 +594,8 @@ class Spec:
             raise BadInput("[sensors] requires [simulation] period > 0: sensors are read at the calls of the controller")
         if self.drive and self.drive.takes_velocity and not self.simulation.period:
             raise BadInput(f'[drive] kind = "{self.drive.kind}" requires [simulation] period > 0: commands are given at calls')
+        if self.kinematic:
+            self._check_kinematic()
         if self.limits and self.limits.mode == "grip" and self.contact is None:
             raise BadInput('[limits] mode = "grip" requires [contact] mu, the friction that the controller may use')
         if self.limits and self.limits.notice_slip and not (self.sensors and self.sensors.gyro):
@@ -626,6 +634,28 @@ class Spec:
                 raise BadInput(f"[reference] {name} does not apply to type {self.output.type}, which takes {takes}")
             if not given and name == required:
                 raise BadInput(f"[reference] {name} is missing; type {self.output.type} requires it")
+
+    @property
+    def kinematic(self) -> bool:
+        """Whether the law is kinematic: the drives then take its commands."""
+        return self.drive is not None and self.drive.kinematic
+
+    @property
+    def law(self) -> str:
+        """Name of the control law."""
+        return self.output.law + KINEMATIC * self.kinematic
+
+    def _check_kinematic(self) -> None:
+        """Raise BadInput for what there is not with a kinematic law."""
+        without = '[drive] kind = "kinematic" does not go with'
+        if self.limits and self.limits.mode != "grip":
+            raise BadInput(f'{without} [limits] mode = "{self.limits.mode}": most_speed and most_acceleration limit its commands')
+        if self.limits and self.limits.torque is not None:
+            raise BadInput(f"{without} [limits] torque: its law gives velocities")
+        if self.limits and self.limits.notice_slip:
+            raise BadInput(f"{without} [limits] notice_slip, which lowers the friction of a law that gives torques")
+        if self.reference.approach:
+            raise BadInput(f"{without} [reference] approach; most_acceleration bounds how the vehicle starts")
 
     def _check_extension(self) -> None:
         """Raise BadInput for what a dynamic extension is not there for yet."""

@@ -54,7 +54,8 @@ static NOSLIP_COLD int init_law(@{ self } *self, @{ own(law) } *law, @{ real } L
 {
     const int bounded = self->config->drive != NOSLIP_DRIVE_TORQUE || ((limits->limit[0] > 0 || self->motors[0].mode != NOSLIP_MOTOR_TORQUE) &&
         (limits->limit[1] > 0 || self->motors[1].mode != NOSLIP_MOTOR_TORQUE));
-    if (!bounded{% for gain in gains %} || !(gains->@{ gain } > 0){% endfor %}) {
+    const @{ real } most = gains->kp_distance * gains->kd_distance; /* Routh */
+    if (!bounded{% for gain in gains %} || !(gains->@{ gain } > 0){% endfor %} || !(self->config->ki[0] < most)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->place.L = L;
@@ -95,12 +96,32 @@ static NOSLIP_COLD int init_drives(@{ self } *self, const @{ f("config") } *conf
 {
     int i, status = NOSLIP_OK;
     if (config->drive == NOSLIP_DRIVE_VELOCITY) {
-        return @{ n("velocity_init") }(&self->velocity, config->velocity, 2, config->period);
+        const @{ real } most[2] = {config->along, config->lateral};
+        @{ n("velocity_vehicle") } vehicle;
+        status = @{ n("velocity_init") }(&self->velocity, config->velocity, 2, config->period);
+        if (status < 0 || (@{ n("abs") }(most[0]) <= 0 && @{ n("abs") }(most[1]) <= 0)) {
+            return status;
+        }
+        @{ n("write") }(self->odometry.options.forward, vehicle.forward, 2);
+        @{ n("write") }(self->odometry.options.turn, vehicle.turn, 2);
+        vehicle.along = most[0];
+        vehicle.lateral = most[1];
+        return @{ n("velocity_set_vehicle") }(&self->velocity, &vehicle);
     }
     for (i = 0; i < 2 && status >= 0; i++) {
         status = @{ n("motor_init") }(&self->motors[i], &config->motors[i]);
     }
     return config->drive == NOSLIP_DRIVE_TORQUE ? status : NOSLIP_BAD_PARAMETER;
+}
+
+/* Initializes integral action, of distance and speed. */
+static NOSLIP_COLD int init_integrals(@{ self } *self, const @{ f("config") } *config)
+{
+    int i, status = NOSLIP_OK;
+    for (i = 0; i < 2 && status >= 0; i++) {
+        status = @{ n("integral_init") }(&self->integrals[i], config->ki[i], config->ki_limit[i]);
+    }
+    return status;
 }
 
 static NOSLIP_COLD int init_approach(@{ self } *self, const @{ f("config") } *config)
@@ -114,6 +135,23 @@ static NOSLIP_COLD int init_approach(@{ self } *self, const @{ f("config") } *co
         return NOSLIP_BAD_PARAMETER;
     }
     return @{ n("approach_init") }(&self->approach, config->approach, config->settling, 0);
+}
+
+/* Copies and checks parameters; the default ones if all are zero. */
+static NOSLIP_COLD int set_params(@{ r("params") } *params, const @{ r("params") } *from)
+{
+    if ({% for name in params %}{% if not loop.first %} && {% endif %}@{ n("abs") }(from->@{ name }) <= 0{% endfor %}) {
+        return @{ r("default_params") }(params);
+    }
+    noslip_copy(params, from, sizeof *params);
+    return @{ r("check_params") }(params);
+}
+
+/* Begins integral action again. */
+static NOSLIP_COLD void clear_integrals(@{ self } *self)
+{
+    (void)@{ n("integral_reset") }(&self->integrals[0], 0);
+    (void)@{ n("integral_reset") }(&self->integrals[1], 0);
 }
 
 /* Sets the state of a vehicle at rest. */
@@ -131,6 +169,7 @@ static void set_at_rest(@{ self } *self)
     self->rate[1] = 0;
     self->speed = 0;
     self->waited = 0;
+    self->last = NOSLIP_OK;
 }
 
 int @{ f("init") }(@{ self } *self, const @{ f("config") } *config)
@@ -148,7 +187,7 @@ int @{ f("init") }(@{ self } *self, const @{ f("config") } *config)
         !@{ n("limits_ok") }(&config->stuck_torque, 1) || !@{ n("is_positive") }(config->astray)) {
         return NOSLIP_BAD_PARAMETER;
     }
-    status = @{ r("check_params") }(&config->params);
+    status = set_params(&self->params, &config->params);
     if (status < 0) {
         return status;
     }
@@ -163,21 +202,21 @@ int @{ f("init") }(@{ self } *self, const @{ f("config") } *config)
         !@{ n("is_positive") }(self->nominal.filter_gain)) {
         return NOSLIP_BAD_PARAMETER; /* overflow or underflow */
     }
-    set_wheels(&config->params, &wheels);
+    set_wheels(&self->params, &wheels);
     status = noslip_watchdog_init(&self->watchdog, &config->watchdog);
     status = status < 0 ? status : init_encoders(self, config);
     status = status < 0 ? status : @{ n("odometry_init") }(&self->odometry, &wheels, &config->start);
     status = status < 0 ? status : init_path(self, config);
     status = status < 0 ? status : init_drives(self, config);
     status = status < 0 ? status : init_approach(self, config);
+    status = status < 0 ? status : init_integrals(self, config);
     if (status >= 0) {
         self->place.L = config->path.L[config->segments[0].backward != 0];
-        status = init_laws(self, &config->params, &config->gains, &config->limits);
+        status = init_laws(self, &self->params, &config->gains, &config->limits);
     }
-    status = status < 0 ? status : @{ r("dynamics_init") }(&self->dynamics, &config->params);
+    status = status < 0 ? status : @{ r("dynamics_init") }(&self->dynamics, &self->params);
     if (status >= 0) {
         noslip_copy(&self->law, &self->next, sizeof self->law);
-        noslip_copy(&self->params, &config->params, sizeof self->params);
         noslip_copy(&self->gains, &config->gains, sizeof self->gains);
         noslip_copy(&self->limits, &config->limits, sizeof self->limits);
         set_at_rest(self);
@@ -214,6 +253,10 @@ int @{ f("update") }(@{ self } *self, const @{ r("params") } *params, const @{ l
     }
     @{ n("write") }(wheels.forward, self->odometry.options.forward, 2);
     @{ n("write") }(wheels.turn, self->odometry.options.turn, 2);
+    if (self->config->drive == NOSLIP_DRIVE_VELOCITY && self->velocity.vehicle.along > 0) {
+        @{ n("write") }(wheels.forward, self->velocity.vehicle.forward, 2);
+        @{ n("write") }(wheels.turn, self->velocity.vehicle.turn, 2);
+    }
     noslip_copy(&self->dynamics, &dynamics, sizeof dynamics);
     noslip_copy(&self->params, params, sizeof self->params);
     noslip_copy(&self->gains, gains, sizeof self->gains);
@@ -231,7 +274,10 @@ int @{ f("correct") }(@{ self } *self, const @{ n("pose") } *truth, noslip_corre
         return NOSLIP_NOT_READY;
     }
     status = @{ n("odometry_correct") }(&self->odometry, truth, mode);
-    self->approaching = status < 0 ? self->approaching : 0;
+    if (status >= 0) {
+        self->approaching = 0;
+        clear_integrals(self);
+    }
     return status;
 }
 
@@ -244,6 +290,7 @@ int @{ f("reset") }(@{ self } *self)
         return NOSLIP_NOT_READY;
     }
     self->approaching = 0;
+    clear_integrals(self);
     if (self->config->drive == NOSLIP_DRIVE_VELOCITY) {
         (void)@{ n("velocity_reset") }(&self->velocity, self->rate);
     }
@@ -328,7 +375,7 @@ static int is_possible(const @{ real } turned[2], const @{ f("interval") } *time
 }
 
 /* Updates wheel rates and pose from the counters. */
-static int measure(@{ self } *self, const uint32_t counts[2], uint32_t missed, int *standing)
+static NOSLIP_BESIDE int measure(@{ self } *self, const uint32_t counts[2], uint32_t missed, int *standing)
 {
     const uint32_t first = self->encoders[0].last, second = self->encoders[1].last;
     const @{ f("interval") } *time = &self->nominal;
@@ -367,6 +414,20 @@ static NOSLIP_BESIDE int lead(@{ self } *self, @{ real } dt)
     return status;
 }
 
+/* Adds integral action to the desired accelerations of distance and speed. */
+static NOSLIP_BESIDE int integrate(@{ self } *self, @{ real } dt)
+{
+    const @{ n("guide") } *guide = &self->path.guide;
+    @{ real } added;
+    int status = @{ n("integral_step") }(&self->integrals[0], self->reference.distance - guide->foot.distance, dt, self->last, &added);
+    if (status >= 0) {
+        self->reference.distance_acceleration = (self->approach.ready == NOSLIP_READY ? self->approach.desired.distance_acceleration : 0) + added;
+        status = @{ n("integral_step") }(&self->integrals[1], guide->speed - self->speed, dt, self->last, &added);
+        self->reference.speed_rate = guide->speed_rate + added;
+    }
+    return status;
+}
+
 /* Gives the law the torques that the motors have at the present rates as limits. */
 static int limit(@{ self } *self)
 {
@@ -392,6 +453,7 @@ static int follow(@{ self } *self, @{ real } dt, @{ real } torque[2])
     if (status >= 0 && @{ n("abs") }(guide->L - self->place.L) > 0) { /* P_l has changed sides at a cusp */
         status = init_law(self, &self->law, guide->L, &self->params, &self->gains, &self->limits);
         self->approaching = 0;
+        clear_integrals(self);
     }
     if (status >= 0 && !(@{ n("abs") }(guide->foot.distance) <= self->config->astray)) {
         status = NOSLIP_ASTRAY;
@@ -405,7 +467,13 @@ static int follow(@{ self } *self, @{ real } dt, @{ real } torque[2])
     if (status >= 0) {
         self->reference.speed = guide->speed;
         self->reference.speed_rate = guide->speed_rate;
+        if (self->config->ki[0] > 0 || self->config->ki[1] > 0) {
+            status = integrate(self, dt);
+        }
+    }
+    if (status >= 0) {
         status = @{ l("follow") }(&self->law, &guide->foot, &self->state, &self->reference, torque);
+        self->last = status;
     }
     return status >= 0 && path_status == NOSLIP_ARRIVED ? path_status : status;
 }

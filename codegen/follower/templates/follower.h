@@ -45,6 +45,7 @@
 #include "@{ own(law) }.h"
 #include "@{ own(robot ~ "_dynamics") }.h"
 #include "noslip_approach.h"
+#include "noslip_integral.h"
 #include "noslip_motor.h"
 #include "noslip_odometry.h"
 #include "noslip_path.h"
@@ -57,7 +58,7 @@ extern "C" {
 
 /* What config describes. Every field that is not said to be optional is required: init rejects zero. */
 typedef struct @{ f("config") } {
-    @{ r("params") } params; /* see @{ r("default_params") } */
+    @{ r("params") } params; /* zeros: those of @{ r("default_params") } */
     @{ real } period; /* s: time between ticks */
     @{ real } counts_per_turn[2]; /* of a wheel, with gear and quadrature; negative if the counter decreases driving forward */
     int counter_bits; /* 2 to 32 */
@@ -71,10 +72,14 @@ typedef struct @{ f("config") } {
     @{ real } approach; /* m/s^2: largest acceleration towards the path; 0: the law's own, not bounded */
     @{ real } settling; /* s: time constant of the end of the approach; required with it */
     @{ l("gains") } gains; /* all positive */
+    @{ real } ki[2]; /* integral gains of distance (1/s^3), below kp kd, and speed (1/s^2), see noslip_integral.h; optional */
+    @{ real } ki_limit[2]; /* m/s^2: largest acceleration that integral action adds to each; 0: none */
     @{ r("options") } limits; /* required with NOSLIP_MOTOR_TORQUE; else 0 is what the drives can do. on_error has no effect */
     noslip_drive drive;
     @{ n("motor_settings") } motors[2]; /* of torque drives */
     @{ n("velocity_limits") } velocity[2]; /* of velocity drives */
+    @{ real } along; /* m/s^2: largest forward acceleration of velocity drives, see noslip_velocity_vehicle; with lateral, or none */
+    @{ real } lateral; /* m/s^2: largest product of forward speed and yaw rate; with along, or none */
     @{ real } stuck_torque; /* N m: a wheel that does not move at a larger torque, or at half of its limit, is stuck; above that needed at a stop */
     noslip_watchdog_settings watchdog; /* zeros: stops at the first error, does not notice stuck wheels */
 } @{ f("config") };
@@ -104,6 +109,8 @@ typedef struct @{ self } {
     @{ n("path") } path; /* path.guide is the position on it */
     @{ n("approach") } approach;
     int approaching; /* NOSLIP_READY: it has begun */
+    @{ n("integral") } integrals[2]; /* of distance and speed */
+    int last; /* status of the last tick: whether integrals may grow */
     @{ n("odometry") } odometry;
     @{ n("encoder") } encoders[2];
     uint32_t waited; /* ticks since the last valid one */
@@ -147,7 +154,7 @@ int @{ f("tick_angles") }(@{ self } *self, const @{ real } turned[2], @{ real } 
 int @{ f("update") }(@{ self } *self, const @{ r("params") } *params, const @{ l("gains") } *gains,
     const @{ r("options") } *limits);
 
-/* Corrects the pose, see noslip_odometry_correct; the approach begins again. */
+/* Corrects the pose, see noslip_odometry_correct; the approach and the integral of the distance begin again. */
 int @{ f("correct") }(@{ self } *self, const @{ n("pose") } *truth, noslip_correction mode);
 
 /*

@@ -19,7 +19,7 @@ int control_loop(void)
     @{ own(robot ~ "_params") } params;
     @{ own(robot ~ "_state") } state;
     @{ own(law) } law;
-    @{ real } tau[@{ inputs }];
+    @{ real } @{ answer }[@{ inputs }];
 {% if extension %}
     const @{ real } period = @{ period }; /* s, between two ticks: put in yours */
     @{ real } dt = 0; /* s, since the step before */
@@ -33,11 +33,11 @@ int control_loop(void)
         wait_for_tick();
         read_state(&state);
         read_reference(&reference);
-        status = @{ own(law ~ "_step") }(&law, &state, &reference@{ ", dt" if extension else "" }, tau); /* on an error tau is zero: defined, never NaN */
+        status = @{ own(law ~ "_step") }(&law, &state, &reference@{ ", dt" if extension else "" }, @{ answer }); /* on an error @{ answer } is zero: defined, never NaN */
 {% if extension %}
         dt = period;
 {% endif %}
-        set_inputs(tau);
+        set_inputs(@{ answer });
     }
     set_inputs(none);
     return status; /* noslip_status_name(status) says what it was */

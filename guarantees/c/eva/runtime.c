@@ -121,12 +121,14 @@ void check_encoder(void)
         REACHED(encoder_init_refused);
     }
     if (status == NOSLIP_OK) {
-        /*@ assert -7 <= self.scale <= 7 && self.started == 0 && self.ready == NOSLIP_READY; */
+        /*@ assert \is_finite(self.scale) && \is_finite(self.rest) && self.carry == 0 && self.started == 0 && self.ready == NOSLIP_READY; */
     } else {
         /*@ assert self.ready == 0; */
     }
     ANY(self);
     self.scale = BETWEEN(-7, 7);
+    self.rest = BETWEEN(-7, 7);
+    self.carry = BETWEEN(-7, 7);
     status = OF(noslip_encoder_read)(&self, (uint32_t)any_int, &angle);
     if (status >= 0) {
         REACHED(read_good);
