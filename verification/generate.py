@@ -30,6 +30,6 @@ def generate(
     model.
     """
     files = robot_files(system, laws, scalars, dynamics, lanes, scaled)
-    if wrong := differences(system, laws, files, progress):
+    if wrong := differences(system, laws, files, progress, scaled):
         raise Mismatch("\n".join(wrong))
     return files

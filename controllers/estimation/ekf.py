@@ -12,7 +12,6 @@ from typing import Any
 import cffi
 import numpy as np
 
-from ...codegen.ekf.ekf import FilterText
 from ...codegen.files import filter_text, shared_files
 from ...codegen.printing.scalar import SCALARS, Scalar
 from ...model.errors import ModelError
@@ -47,9 +46,9 @@ class FilterOptions:
 class FilterLibrary(InC):
     """The compiled filter of a robot in one scalar."""
 
-    def __init__(self, system: ReducedSystem, scalar: Scalar, text: FilterText):
+    def __init__(self, system: ReducedSystem, scalar: Scalar, files: Mapping[str, str]):
+        """`files`: the headers and sources of robot and filter, name -> text."""
         self.scalar, self.robot = scalar, system.mechanism.name
-        files = {**shared_files(system, scalar), **text.files}
         self.ffi = cffi.FFI()
         with TemporaryDirectory() as folder:
             for name, content in files.items():
@@ -74,7 +73,8 @@ class FilterLibrary(InC):
 def filter_library(system: ReducedSystem, scalar: str, scaled: tuple[str, ...] = ()) -> FilterLibrary:
     """Return the compiled filter, loaded once per process. Raises BadInput if the robot has none."""
     try:
-        return FilterLibrary(system, SCALARS[scalar], filter_text(system, SCALARS[scalar], scaled))
+        in_c = SCALARS[scalar]
+        return FilterLibrary(system, in_c, {**shared_files(system, in_c), **filter_text(system, in_c, scaled).files})
     except ModelError as error:
         raise BadInput(str(error)) from error
 
@@ -82,9 +82,16 @@ def filter_library(system: ReducedSystem, scalar: str, scaled: tuple[str, ...] =
 class Filter:
     """One filter, initialized. Raises BadInput if init returns an error. Poses: x, y (m), heading (rad, not wrapped)."""
 
-    def __init__(self, system: ReducedSystem, parameters: Numbers, options: FilterOptions, scalar: str = "double"):
-        """`parameters` in the order of mechanism.parameters."""
-        c = self.c = filter_library(system, scalar, tuple(options.scale_sd))
+    def __init__(
+        self,
+        system: ReducedSystem,
+        parameters: Numbers,
+        options: FilterOptions,
+        scalar: str = "double",
+        made_by: FilterLibrary | None = None,
+    ):
+        """`parameters` in the order of mechanism.parameters; `made_by`: the library, if it is not that of this host."""
+        c = self.c = made_by or filter_library(system, scalar, tuple(options.scale_sd))
         self.self = c.new(f"{c.robot}_ekf")
         config = c.new(f"{c.robot}_ekf_config")
         for q, value in zip(system.mechanism.parameters, parameters, strict=True):
@@ -137,6 +144,14 @@ class Filter:
     def nis(self) -> float:
         """Normalized innovation squared of the last measurement."""
         return self.self.filter.nis
+
+    def place(self, state: Numbers, factors: Numbers) -> None:
+        """Set estimate and factors (packed, as in the C), which only a comparison does."""
+        for member, values in ((self.self.filter.state, state), (self.self.filter.factors, factors)):
+            for k, value in enumerate(values):
+                member[k] = float(value)
+        for k in range(3):
+            self.self.filter.rounded[k] = 0
 
     def tick(self, turned: Numbers, dt: float, gyro: float | None = None, measured: Numbers = ()) -> str:
         """Move by one tick; return the name of the status."""
