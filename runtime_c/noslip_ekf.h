@@ -386,7 +386,9 @@ static inline int noslip_ekf_check_fix(const noslip_fix *fix)
 /* Counts a rejected measurement. */
 static inline int noslip_ekf_reject(noslip_ekf *self)
 {
-    self->rejected += self->rejected < 2147483647;
+    if (self->rejected < 2147483647) {
+        self->rejected++;
+    }
     if (self->tolerated > 0 && self->rejected > self->tolerated) {
         self->status = NOSLIP_DIVERGED;
     }
@@ -460,7 +462,7 @@ static inline int noslip_ekf_correct(noslip_ekf *self, const noslip_fix *fix)
         change[i] += self->state[i];
         sum += change[i];
     }
-    if (!noslip_is_finite(nis) || !noslip_is_finite(sum)) {
+    if (!noslip_sum_finite(change[0], change[1], sum + nis)) {
         return NOSLIP_NONFINITE;
     }
     if (nis > self->gate * (rows.count == 1 ? (double)10.827566 : rows.count == 2 ? (double)13.815511 : (double)16.266236)) {
@@ -519,6 +521,9 @@ static inline int noslip_ekf_unwind(noslip_ekf *self)
     heading.at[2] = self->state[2];
     heading.rounded[2] = self->rounded[2];
     noslip_add_turns(&heading, -noslip_whole_turns(self->state[2]));
+    if (!noslip_angle_ok(heading.at[2])) {
+        return NOSLIP_RANGE;
+    }
     self->state[2] = heading.at[2];
     self->rounded[2] = heading.rounded[2];
     return NOSLIP_OK;
@@ -900,7 +905,9 @@ static inline int noslip_ekf_check_fix_f(const noslip_fix_f *fix)
 /* Counts a rejected measurement. */
 static inline int noslip_ekf_reject_f(noslip_ekf_f *self)
 {
-    self->rejected += self->rejected < 2147483647;
+    if (self->rejected < 2147483647) {
+        self->rejected++;
+    }
     if (self->tolerated > 0 && self->rejected > self->tolerated) {
         self->status = NOSLIP_DIVERGED;
     }
@@ -974,7 +981,7 @@ static inline int noslip_ekf_correct_f(noslip_ekf_f *self, const noslip_fix_f *f
         change[i] += self->state[i];
         sum += change[i];
     }
-    if (!noslip_is_finite_f(nis) || !noslip_is_finite_f(sum)) {
+    if (!noslip_sum_finite_f(change[0], change[1], sum + nis)) {
         return NOSLIP_NONFINITE;
     }
     if (nis > self->gate * (rows.count == 1 ? (float)10.827566 : rows.count == 2 ? (float)13.815511 : (float)16.266236)) {
@@ -1033,6 +1040,9 @@ static inline int noslip_ekf_unwind_f(noslip_ekf_f *self)
     heading.at[2] = self->state[2];
     heading.rounded[2] = self->rounded[2];
     noslip_add_turns_f(&heading, -noslip_whole_turns_f(self->state[2]));
+    if (!noslip_angle_ok_f(heading.at[2])) {
+        return NOSLIP_RANGE;
+    }
     self->state[2] = heading.at[2];
     self->rounded[2] = heading.rounded[2];
     return NOSLIP_OK;

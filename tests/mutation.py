@@ -105,6 +105,9 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_slip.inc": Source(
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")
     ),
+    "runtime_c/noslip_ekf.inc": Source(
+        _chosen("test_ekf", "50_digits late too_old wrong_pose whole_turns init_refuses refused_changes any_bits range")
+    ),
     "runtime_c/noslip_motor.inc": Source(_chosen("test_motor", "desired continuous leave supply torque misuse finite")),
     "runtime_c/noslip_velocity.inc": Source(_chosen("test_drives", "c_is any_bits stop_together blocked keep_the misuse")),
     "runtime_c/noslip_reversing.inc": Source(_chosen("test_odometry", "reversing")),
