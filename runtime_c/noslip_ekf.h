@@ -26,6 +26,7 @@
 #ifndef NOSLIP_EKF_H
 #define NOSLIP_EKF_H
 
+#include "noslip_factors.h"
 #include "noslip_odometry.h"
 
 #define NOSLIP_EKF_STATES 8   /* largest number of states: the pose and five more */
@@ -315,36 +316,6 @@ static inline int noslip_ekf_measure(const noslip_fix *fix, const double at[3],
     return NOSLIP_OK;
 }
 
-/*
- * Updates the factors by one number, z = h'x with variance r (Bierman 1977): h has entries for the pose only. Writes the gain times
- * the innovation's variance, which it returns.
- */
-static inline double noslip_ekf_update(double *factors, int states, const double h[3], double r,
-                        double *gain)
-{
-    double alpha = r;
-    int i, j;
-    for (j = 0; j < states; j++) {
-        double *column = &factors[j * (j + 1) / 2];
-        double f = j < 3 ? h[j] : 0, v, next, back;
-        for (i = 0; i < j && i < 3; i++) {
-            f += column[i] * h[i];
-        }
-        v = column[j] * f;
-        next = alpha + f * v;
-        back = f / alpha;
-        column[j] *= alpha / next;
-        for (i = 0; i < j; i++) {
-            const double u = column[i];
-            column[i] = u - back * gain[i];
-            gain[i] += u * v;
-        }
-        gain[j] = v;
-        alpha = next;
-    }
-    return alpha;
-}
-
 /* Adds the variance c >= 0 to a state (Agee and Turner 1972). */
 static inline void noslip_ekf_spread(double *factors, int state, double c)
 {
@@ -442,7 +413,7 @@ static inline int noslip_ekf_correct(noslip_ekf *self, const noslip_fix *fix)
         double innovation, alpha, step;
         h[2] += h[0] * moved[1] - h[1] * moved[0]; /* the place then turns about the place now */
         innovation = rows.residual[k] - (h[0] * change[0] + h[1] * change[1] + h[2] * change[2]);
-        alpha = noslip_ekf_update(factors, self->states, h, rows.variance[k], gain);
+        alpha = noslip_factors_update(factors, self->states, h, 3, rows.variance[k], gain);
         step = innovation / alpha;
         for (i = 0; i < self->states; i++) {
             change[i] += gain[i] * step;
@@ -834,36 +805,6 @@ static inline int noslip_ekf_measure_f(const noslip_fix_f *fix, const float at[3
     return NOSLIP_OK;
 }
 
-/*
- * Updates the factors by one number, z = h'x with variance r (Bierman 1977): h has entries for the pose only. Writes the gain times
- * the innovation's variance, which it returns.
- */
-static inline float noslip_ekf_update_f(float *factors, int states, const float h[3], float r,
-                      float *gain)
-{
-    float alpha = r;
-    int i, j;
-    for (j = 0; j < states; j++) {
-        float *column = &factors[j * (j + 1) / 2];
-        float f = j < 3 ? h[j] : 0, v, next, back;
-        for (i = 0; i < j && i < 3; i++) {
-            f += column[i] * h[i];
-        }
-        v = column[j] * f;
-        next = alpha + f * v;
-        back = f / alpha;
-        column[j] *= alpha / next;
-        for (i = 0; i < j; i++) {
-            const float u = column[i];
-            column[i] = u - back * gain[i];
-            gain[i] += u * v;
-        }
-        gain[j] = v;
-        alpha = next;
-    }
-    return alpha;
-}
-
 /* Adds the variance c >= 0 to a state (Agee and Turner 1972). */
 static inline void noslip_ekf_spread_f(float *factors, int state, float c)
 {
@@ -961,7 +902,7 @@ static inline int noslip_ekf_correct_f(noslip_ekf_f *self, const noslip_fix_f *f
         float innovation, alpha, step;
         h[2] += h[0] * moved[1] - h[1] * moved[0]; /* the place then turns about the place now */
         innovation = rows.residual[k] - (h[0] * change[0] + h[1] * change[1] + h[2] * change[2]);
-        alpha = noslip_ekf_update_f(factors, self->states, h, rows.variance[k], gain);
+        alpha = noslip_factors_update_f(factors, self->states, h, 3, rows.variance[k], gain);
         step = innovation / alpha;
         for (i = 0; i < self->states; i++) {
             change[i] += gain[i] * step;

@@ -70,6 +70,8 @@ class Batch:
             raise BadInput("[reference] circle: a sweep does not have it yet; use noslip simulate, or leave it out")
         if spec.drive and spec.drive.takes_velocity:
             raise BadInput(f'[drive] kind = "{spec.drive.kind}": a sweep does not have it yet; use noslip simulate, or "torque"')
+        if spec.adaptation:
+            raise BadInput("[adaptation]: a sweep does not have it yet; use noslip simulate, or leave it out")
         if spec.estimator:
             raise BadInput("[estimator]: a sweep does not have it yet; use noslip simulate, or [correction]")
         self.loop = make_loop(spec)

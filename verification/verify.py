@@ -28,7 +28,7 @@ from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, identity
 from ..controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary, Library
 from ..controllers.controller import Limits
 from ..controllers.direct import Direct
-from ..controllers.estimation.ekf import Filter, FilterLibrary, FilterOptions
+from ..controllers.estimation.ekf import Filter, FilterOptions, RobotPart
 from ..controllers.runtime import load
 from ..controllers.symbolic import slowed
 from ..model.law import ControlLaw, symbols
@@ -481,7 +481,7 @@ class _FilterInC(_InC):
 
     def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
         """Yield both ticks at random estimates."""
-        library, random = FilterLibrary(self.system, SCALARS[self.scalar], files), np.random.default_rng(SEED)
+        library, random = RobotPart(self.system, SCALARS[self.scalar], FILTER_NAME, files), np.random.default_rng(SEED)
         n, dof, coordinates = len(self.states), self.system.dof, len(self.system.mechanism.coordinates)
         for motion in _motions(self.system):
             dt, q, nu = 10 ** random.uniform(-3, -1), motion.state[:coordinates], np.array(motion.state[coordinates:])
@@ -503,7 +503,7 @@ class _FilterInC(_InC):
                     shaped = np.reshape(value, right[name].shape) if status == "ok" else None
                     yield Sample(name, status, shaped, right[name], name, inputs)
 
-    def _tick(self, library: FilterLibrary, tick: str, inputs: Mapping) -> tuple[str, dict[str, np.ndarray]]:
+    def _tick(self, library: RobotPart, tick: str, inputs: Mapping) -> tuple[str, dict[str, np.ndarray]]:
         """Return status and quantities after a tick of the C."""
         *noise, gyro_noise, walk = inputs["noise"]
         scale_sd = dict.fromkeys(self.scaled, 1.0)

@@ -12,6 +12,7 @@ from typing import Any
 import cffi
 import numpy as np
 
+from ...codegen.ekf.ekf import NAME as FILTER_NAME
 from ...codegen.files import filter_text, shared_files
 from ...codegen.printing.scalar import SCALARS, Scalar
 from ...model.errors import ModelError
@@ -43,18 +44,18 @@ class FilterOptions:
     memory: int = 0  # ticks in the past that late measurements may refer to
 
 
-class FilterLibrary(InC):
-    """The compiled filter of a robot in one scalar."""
+class RobotPart(InC):
+    """A compiled part of a robot's C besides laws and dynamics, in one scalar: its filter, or what learns its parameters."""
 
-    def __init__(self, system: ReducedSystem, scalar: Scalar, files: Mapping[str, str]):
-        """`files`: the headers and sources of robot and filter, name -> text."""
+    def __init__(self, system: ReducedSystem, scalar: Scalar, part: str, files: Mapping[str, str]):
+        """`part`: ekf or adaptation; `files`: headers and sources of the robot that it needs, name -> text."""
         self.scalar, self.robot = scalar, system.mechanism.name
         self.ffi = cffi.FFI()
         with TemporaryDirectory() as folder:
             for name, content in files.items():
                 Path(folder, name).write_text(content)
-            self.ffi.cdef(declarations(f"{scalar.name(self.robot + '_ekf')}.h", Path(folder)))
-        self.lib = load(self.ffi, {**files, "library.c": SOURCE.format(header="noslip_ekf.h")})
+            self.ffi.cdef(declarations(f"{scalar.name(f'{self.robot}_{part}')}.h", Path(folder)))
+        self.lib = load(self.ffi, {**files, "library.c": SOURCE.format(header=f"noslip_{part}.h")})
 
     def new(self, kind: str, *initial) -> Any:
         """Return a new struct of the kind named as in the headers."""
@@ -70,11 +71,11 @@ class FilterLibrary(InC):
 
 
 @lru_cache(maxsize=16)
-def filter_library(system: ReducedSystem, scalar: str, scaled: tuple[str, ...] = ()) -> FilterLibrary:
+def filter_library(system: ReducedSystem, scalar: str, scaled: tuple[str, ...] = ()) -> RobotPart:
     """Return the compiled filter, loaded once per process. Raises BadInput if the robot has none."""
     try:
         in_c = SCALARS[scalar]
-        return FilterLibrary(system, in_c, {**shared_files(system, in_c), **filter_text(system, in_c, scaled).files})
+        return RobotPart(system, in_c, FILTER_NAME, {**shared_files(system, in_c), **filter_text(system, in_c, scaled).files})
     except ModelError as error:
         raise BadInput(str(error)) from error
 
@@ -88,7 +89,7 @@ class Filter:
         parameters: Numbers,
         options: FilterOptions,
         scalar: str = "double",
-        made_by: FilterLibrary | None = None,
+        made_by: RobotPart | None = None,
     ):
         """`parameters` in the order of mechanism.parameters; `made_by`: the library, if it is not that of this host."""
         c = self.c = made_by or filter_library(system, scalar, tuple(options.scale_sd))
