@@ -73,7 +73,7 @@ NOSLIP_NODISCARD static inline int noslip_adaptation_init(noslip_adaptation *sel
         return NOSLIP_BAD_PARAMETER;
     }
     for (i = 0; i < count; i++) {
-        if (!(start[i] >= 0 && start[i] <= 1)) {
+        if (!(noslip_is_finite(start[i]) && start[i] >= 0 && start[i] <= 1)) {
             return NOSLIP_BAD_PARAMETER;
         }
     }
@@ -199,10 +199,7 @@ static inline int noslip_adaptation_step(noslip_adaptation *self, const double *
     for (i = 0; i < size; i++) {
         sum += factors[i];
     }
-    for (i = 0; i < self->count; i++) {
-        sum += estimate[i];
-    }
-    if (!noslip_is_finite(sum)) {
+    if (!(noslip_all_finite(estimate, self->count) && noslip_is_finite(sum))) {
         return NOSLIP_NONFINITE;
     }
     most = self->options.rate * dt;
@@ -278,7 +275,7 @@ NOSLIP_NODISCARD static inline int noslip_adaptation_init_f(noslip_adaptation_f 
         return NOSLIP_BAD_PARAMETER;
     }
     for (i = 0; i < count; i++) {
-        if (!(start[i] >= 0 && start[i] <= 1)) {
+        if (!(noslip_is_finite_f(start[i]) && start[i] >= 0 && start[i] <= 1)) {
             return NOSLIP_BAD_PARAMETER;
         }
     }
@@ -404,10 +401,7 @@ static inline int noslip_adaptation_step_f(noslip_adaptation_f *self, const floa
     for (i = 0; i < size; i++) {
         sum += factors[i];
     }
-    for (i = 0; i < self->count; i++) {
-        sum += estimate[i];
-    }
-    if (!noslip_is_finite_f(sum)) {
+    if (!(noslip_all_finite_f(estimate, self->count) && noslip_is_finite_f(sum))) {
         return NOSLIP_NONFINITE;
     }
     most = self->options.rate * dt;

@@ -1,13 +1,14 @@
 /*
- * ekf.c - the LABMATE's extended Kalman filter for EVA, in the scalar REAL with SUFFIX: arbitrary bits in all arguments, constants
- * and factors.
+ * ekf.c - the LABMATE's extended Kalman filter, and the learning of parameters, for EVA, in the scalar REAL with SUFFIX: arbitrary
+ * bits in all arguments, constants and factors.
  *
  * Proved is that nothing undefined happens, that each call keeps a pose that is finite, with a heading in range, and places in
- * `past` within its capacity, so that the results hold for any sequence of calls. That the covariance is finite and positive needs
+ * `past` within its capacity, and parameters within their bounds, so that the results hold for any sequence of calls. That the covariance is finite and positive needs
  * relations that intervals do not represent; the fuzzers check it.
  */
 #include "eva.h"
 #include HEADER
+#include "noslip_adaptation.h"
 
 #define TICKS 3
 #define STATES 4
@@ -131,8 +132,57 @@ void check_rest(void)
     /*@ assert is_pose(pose); */
 }
 
+/* Asserts the properties of an adaptation that is ready. */
+void check_is_within(const OF(noslip_adaptation) *self)
+{
+    int i;
+    for (i = 0; i < self->count; i++) {
+        /*@ assert 0 <= self->estimate[i] <= 1; */
+        /*@ assert \is_finite(self->used[i]); */
+    }
+}
+
+void check_adaptation(int count, int rows)
+{
+    OF(noslip_adaptation) self;
+    OF(noslip_adaptation_options) options;
+    REAL start[NOSLIP_ADAPTED], regressor[NOSLIP_ADAPTED_ROWS * NOSLIP_ADAPTED], target[NOSLIP_ADAPTED_ROWS];
+    int i, status;
+    ANY(self);
+    ANY(options);
+    ANY(start);
+    status = OF(noslip_adaptation_init)(&self, &options, start, count, rows);
+    if (status == NOSLIP_OK) {
+        REACHED(adaptation_init_good);
+        /*@ assert self.ready == NOSLIP_READY && self.count == count && self.rows == rows; */
+        check_is_within(&self);
+    } else {
+        REACHED(adaptation_init_refused);
+        /*@ assert self.ready == 0; */
+    }
+    ANY(self);
+    ANY(regressor);
+    ANY(target);
+    self.count = count;
+    self.rows = rows;
+    self.options.rate = BETWEEN(SMALLEST, LARGEST);
+    for (i = 0; i < NOSLIP_ADAPTED; i++) {
+        self.estimate[i] = BETWEEN(0, 1);
+        self.used[i] = BETWEEN(0, 1);
+    }
+    status = OF(noslip_adaptation_step)(&self, regressor, target, any_real());
+    if (status >= 0) {
+        REACHED(adaptation_good);
+    } else {
+        REACHED(adaptation_refused);
+    }
+    check_is_within(&self);
+}
+
 int main(void)
 {
+    check_adaptation(1, 2);
+    check_adaptation(NOSLIP_ADAPTED, NOSLIP_ADAPTED_ROWS);
     check_init(TICKS);
     check_tick(0);
     check_tick(TICKS);
