@@ -20,12 +20,13 @@ if TYPE_CHECKING:
 DYNAMICS = "dynamics"  # written in addition to the laws
 FOLLOWER = "follower"  # with its law and the dynamics
 EKF = "ekf"  # the extended Kalman filter
-PARTS = (DYNAMICS, EKF)  # are not laws
+ADAPTATION = "adaptation"  # with the dynamics
+PARTS = (DYNAMICS, EKF, ADAPTATION)  # are not laws
 
 OUTPUT_HELP = (
-    f"a law, such as type_i, {DYNAMICS}, the plant model, {EKF}, the filter for the pose, or {FOLLOWER}, a law of lines and arcs "
-    "with all that is around it; "
-    "may be repeated (default: all)"
+    f"a law, such as type_i, {DYNAMICS}, the plant model, {EKF}, the filter for the pose, {ADAPTATION}, which learns the "
+    f"parameters of --adapt, or {FOLLOWER}, a law of lines and arcs with all that is around it; "
+    "may be repeated (default: all but what learns)"
 )
 EXAMPLE = """examples:
   noslip generate labmate                      write generated/labmate/
@@ -67,6 +68,13 @@ def add_selection(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME",
         help="the filter also estimates by how much this parameter or quasi-velocity must be multiplied; may be repeated",
+    )
+    parser.add_argument(
+        "--adapt",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help=f"a parameter that --output {ADAPTATION} learns while the robot drives; may be repeated",
     )
     parser.add_argument("--scalar", choices=("double", "float", "both"), default="both", help="default: both")
 
@@ -111,7 +119,7 @@ def select_follower(args: argparse.Namespace) -> None:
 
 
 def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = True, lanes: bool = False) -> dict[str, str]:
-    """Return the selected C files by name, with or without the dynamics and the batch laws. Print to stderr where the constraints
+    """Return the selected C files by name, with the dynamics and the batch laws or without; what learns requires the former. Print to stderr where the constraints
     lose rank.
 
     Raises Mismatch if the C is to be compared with the model and differs from it.
@@ -125,7 +133,9 @@ def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = Tru
     robot = find_robot(args.robot)
     system, laws = system_of(robot), _laws_of_files(args)
     with placed(robot), Progress() as progress:
-        wanted = system, laws, scalars, dynamics, lanes, _scaled(args, lanes and not args.output)
+        adapted = _adapted(args)
+        dynamics = dynamics or bool(adapted)
+        wanted = system, laws, scalars, dynamics, lanes, _scaled(args, lanes and not args.output), adapted
         files = generate(*wanted, progress) if compare else robot_files(*wanted)
     for line in warnings(system):
         print(f"warning: {line}", file=sys.stderr)
@@ -155,6 +165,25 @@ def _scaled(args: argparse.Namespace, everything: bool) -> list[str] | None:
     except ModelError as error:
         raise BadInput(f"--output {EKF}: {error}") from error
     return args.scale
+
+
+def _adapted(args: argparse.Namespace) -> list[str]:
+    """Return the parameters that are learned. Raises BadInput if they cannot be."""
+    from ..codegen.adaptation.adaptation import adapted_parameters
+    from ..model.errors import ModelError
+    from ..readers.robots import find_robot, system_of
+
+    if args.adapt and ADAPTATION not in args.output:
+        raise BadInput(f"--adapt names what --output {ADAPTATION} learns: add it")
+    if ADAPTATION not in args.output:
+        return []
+    if not args.adapt:
+        raise BadInput(f"--output {ADAPTATION} requires --adapt NAME: a parameter that changes, such as the mass")
+    try:
+        adapted_parameters(system_of(find_robot(args.robot)), args.adapt)
+    except ModelError as error:
+        raise BadInput(f"--output {ADAPTATION}: {error}") from error
+    return args.adapt
 
 
 def selected_laws(args: argparse.Namespace) -> list["ControlLaw"]:

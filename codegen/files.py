@@ -15,6 +15,7 @@ from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.kept import remembered
 from .dynamics import DynamicsProgram, compile_dynamics
+from .adaptation.adaptation import adaptation_files
 from .ekf.ekf import FilterC, FilterText
 from .ekf.filter import FilterProgram, compile_filter
 from .follower.follower import follower_files, has_follower
@@ -63,11 +64,13 @@ def robot_files(
     dynamics: bool = True,
     lanes: bool = False,
     scaled: Sequence[str] | None = None,
+    adapted: Sequence[str] = (),
 ) -> dict[str, str]:
     """File name -> text of the robot's headers and sources and a manifest that lists them with their costs.
 
     `dynamics` says whether the plant is among them; with it, the follower is where one of the laws has one. `lanes` says whether
-    the batch laws are, in a folder of their own; `scaled`, of what the filter estimates the scale (None: no filter).
+    the batch laws are, in a folder of their own; `scaled`, of what the filter estimates the scale (None: no filter);
+    `adapted`, the parameters that are learned, which requires the dynamics (empty: none).
     """
     files: dict[str, str] = {}
     manifest: dict[str, Any] = {"robot": system.mechanism.name, "tools": TOOLS, "model_sha256": fingerprint(system), "laws": {}}
@@ -91,6 +94,8 @@ def robot_files(
                 model = fingerprint(system, program.law)
                 files.update(follower_files(program.law, scalar, banner(model)))
                 files.update(telemetry_files(program.law, scalar, banner(model), model, files))
+            if adapted:
+                files.update(adaptation_files(system, adapted, scalar, banner(fingerprint(system))))
             manifest["dynamics"] = {"operations": {entry.name: of_plant.operations(entry) for entry in plant.entries}}
         if scaled is not None:
             of_filter = filter_text(system, scalar, tuple(scaled))

@@ -18,7 +18,8 @@ from ..codegen.printing.scalar import SCALARS
 from ..codegen.program import Entry
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
-from .controller import ON_LIMIT, RUNNING, Evaluation, Friction, Limits, check_point
+from ..readers.errors import BadInput
+from .controller import ON_LIMIT, QUANTITIES, RUNNING, Evaluation, Friction, Limits, check_point
 from .runtime import InC, load, runtime
 
 Text = TypeVar("Text", LawC, DynamicsC)
@@ -145,6 +146,7 @@ class CompiledController:
             options.on_limit = ON_LIMIT.index(limits.mode)
             if limits.mode == "grip" and limits.friction:
                 options.friction = dataclasses.asdict(limits.friction)
+        self._given = [*structs, options]
         self._friction = limits.friction if limits and limits.mode == "grip" else None
         status = self._library.function("init")(self._self, *structs, options)
         self.refused = None if status == 0 else self._library.status(status)
@@ -183,6 +185,15 @@ class CompiledController:
         believed = dataclasses.replace(self._friction, mu=min(mu, self._friction.mu))
         with self._lock:
             self._library.set_friction(self._self, believed)
+
+    def adapt(self, params: Iterable[float]) -> None:
+        """See Controller: by the init and update of the law."""
+        following, structs = self._library.instance(), [self._library.struct(self._library.robot_name("params"), params)]
+        status = self._library.function("init")(following, *structs, *self._given[1:])
+        with self._lock:
+            status = status or self._library.function("update")(self._self, following)
+        if status:
+            raise BadInput(f"{self.law.name}: update to other parameters returns {self._library.status(status)!r}")
 
     @property
     def extension_rate(self) -> np.ndarray:

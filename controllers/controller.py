@@ -126,6 +126,9 @@ class Controller(Protocol):
     def believe(self, mu: float) -> None:
         """Keep the contacts within a friction `mu`, at most that of the limits, from the next step on; in mode "grip"."""
 
+    def adapt(self, params: Numbers) -> None:
+        """Use other parameters of the robot from the next step on. Raises BadInput where that is not possible."""
+
 
 def check_point(law: ControlLaw, state: np.ndarray, reference: np.ndarray) -> None:
     """Raise BadInput unless state and reference are one-dimensional and as long as those of the law."""

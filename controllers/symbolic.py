@@ -36,6 +36,7 @@ class CasadiController:
         self._slows = limits is not None and limits.mode == "slow"
         self._limits = np.array([limit or np.inf for limit in limits.torque] if limits else np.inf)
         friction = limits.friction if limits and limits.mode == "grip" else None
+        self._friction = friction
         self._grip = GripReference(law, self._fixed[0], friction, self._limits) if friction else None
 
     @cached_property
@@ -73,6 +74,12 @@ class CasadiController:
         """See Controller."""
         assert self._grip is not None, "there is friction in mode grip only"
         self._grip.believe(mu)
+
+    def adapt(self, params: Numbers) -> None:
+        """See Controller."""
+        self._fixed = (np.array(params, dtype=float), *self._fixed[1:])
+        if self._friction:
+            self._grip = GripReference(self.law, self._fixed[0], self._friction, self._limits)
 
     def _slope(self, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
         return np.asarray(slope_function(self.law)(*self._fixed, state, reference)).ravel()

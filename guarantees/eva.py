@@ -17,6 +17,7 @@ OPTIONS = (
 PROGRAMS = HERE / "c" / "eva"
 SCALARS = {"float": ("_f", "0x1p-149f", "FLT_MAX", "_F"), "double": ("", "0x1p-1074", "DBL_MAX", "")}
 RECKONED = {f"self.{member}" for member in ("now", "pose", "direction", "pending", "left", "steady")}
+ESTIMATED = {f"self.filter.{member}" for member in ("state", "rounded", "factors")}
 MAY_WRITE = {  # function -> objects and members, named as in the programs, that it may write to
     "init": {"law"},
     "reset": {"law.held"},
@@ -33,6 +34,8 @@ MAY_WRITE = {  # function -> objects and members, named as in the programs, that
     "noslip_odometry_correct": RECKONED,
     "noslip_odometry_unwind": RECKONED,
     "noslip_encoder_read": {"self.last", "self.started", "self.carry", "angle"},
+    "labmate_ekf_tick": {"pose", "past", "self.filter.recorded", "self.filter.newest", *ESTIMATED},
+    "noslip_ekf_correct": {f"self.filter.{member}" for member in ("nis", "rejected", "status")} | ESTIMATED,
     "noslip_integral_step": {"self.z", "self.rounded", "self.error", "self.added", "added"},
     "noslip_motor_step": {"command"},
     "noslip_motor_limit": {"torque"},
@@ -74,6 +77,7 @@ class AnalysedProgram:
         suffix = SCALARS[self.scalar][0]
         more = [task.generated / f"labmate{suffix}.c", task.generated / f"{self.law}{suffix}.c"] if self.law else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
+        more += [task.generated / f"{name}{suffix}.c" for name in ("labmate", "labmate_ekf")] if self.source == "ekf" else []
         more += [task.runtime / "noslip_watchdog.c"] if self.source == "drives" else []
         return [PROGRAMS / f"{self.source}.c", *more]
 
@@ -90,7 +94,7 @@ class AnalysedProgram:
         macros = {"SUFFIX": suffix, "REAL": self.scalar, "SMALLEST": smallest, "LARGEST": largest}
         macros |= {"ANGLE_MAX": f"NOSLIP_ANGLE_MAX{upper}"}
         if not self.law:
-            return macros
+            return macros | {"HEADER": f'"labmate_ekf{suffix}.h"'}
         law = {"ROBOT": "labmate", "LAW": self.law, "HEADER": f'"{self.law}{suffix}.h"'}
         return macros | law | {"FOLLOWS": str(int(task.follows(self.law)))}
 
@@ -99,8 +103,8 @@ def programs(task: Task) -> list[AnalysedProgram]:
     """Return the programs to analyse; the short version has the last law, with `follow`, and all but the path, in float."""
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
-    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", "")]
-    named = [("law", law) for law in laws] + parts[: 2 if task.short else 4]
+    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", "")]
+    named = [("law", law) for law in laws] + parts[: 2 if task.short else None]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
 
 
@@ -146,11 +150,17 @@ def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
     for function, written in re.findall(r"Out \(external\) for function (\w+):\n((?: +.*\n)+)", text):
         allowed = MAY_WRITE.get(function.removeprefix(f"{program.law}_").removesuffix(SCALARS[program.scalar][0]))
         written = re.sub(r"\[[^]]*\]", "", written)
-        written = re.sub(r"(\w+){([^}]*)}", lambda each: each[2].replace(".", f"{each[1]}."), written)  # a{.b; .c} is a.b; a.c
+        while (plain := re.sub(r"([\w.]+){([^{}]*)}", _members, written)) != written:
+            written = plain
         places = set(re.findall(r"[A-Za-z_][\w.]*", written)) - {"__fc_errno"}  # errno of sqrt, which is an instruction here
         if allowed is not None and not places <= allowed:
             wrong.append(f"{program}: {function} writes to {' '.join(written.split())}")
     return int(shown[1]), wrong
+
+
+def _members(braced: re.Match[str]) -> str:
+    """Return a{.b; .c} as a.b; a.c."""
+    return "; ".join(braced[1] + member.strip() for member in braced[2].split(";"))
 
 
 def command(task: Task, program: AnalysedProgram) -> list[str]:

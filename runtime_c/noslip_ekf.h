@@ -26,6 +26,7 @@
 #ifndef NOSLIP_EKF_H
 #define NOSLIP_EKF_H
 
+#include "noslip_factors.h"
 #include "noslip_odometry.h"
 
 #define NOSLIP_EKF_STATES 8   /* largest number of states: the pose and five more */
@@ -315,36 +316,6 @@ static inline int noslip_ekf_measure(const noslip_fix *fix, const double at[3],
     return NOSLIP_OK;
 }
 
-/*
- * Updates the factors by one number, z = h'x with variance r (Bierman 1977): h has entries for the pose only. Writes the gain times
- * the innovation's variance, which it returns.
- */
-static inline double noslip_ekf_update(double *factors, int states, const double h[3], double r,
-                        double *gain)
-{
-    double alpha = r;
-    int i, j;
-    for (j = 0; j < states; j++) {
-        double *column = &factors[j * (j + 1) / 2];
-        double f = j < 3 ? h[j] : 0, v, next, back;
-        for (i = 0; i < j && i < 3; i++) {
-            f += column[i] * h[i];
-        }
-        v = column[j] * f;
-        next = alpha + f * v;
-        back = f / alpha;
-        column[j] *= alpha / next;
-        for (i = 0; i < j; i++) {
-            const double u = column[i];
-            column[i] = u - back * gain[i];
-            gain[i] += u * v;
-        }
-        gain[j] = v;
-        alpha = next;
-    }
-    return alpha;
-}
-
 /* Adds the variance c >= 0 to a state (Agee and Turner 1972). */
 static inline void noslip_ekf_spread(double *factors, int state, double c)
 {
@@ -386,7 +357,9 @@ static inline int noslip_ekf_check_fix(const noslip_fix *fix)
 /* Counts a rejected measurement. */
 static inline int noslip_ekf_reject(noslip_ekf *self)
 {
-    self->rejected += self->rejected < 2147483647;
+    if (self->rejected < 2147483647) {
+        self->rejected++;
+    }
     if (self->tolerated > 0 && self->rejected > self->tolerated) {
         self->status = NOSLIP_DIVERGED;
     }
@@ -440,7 +413,7 @@ static inline int noslip_ekf_correct(noslip_ekf *self, const noslip_fix *fix)
         double innovation, alpha, step;
         h[2] += h[0] * moved[1] - h[1] * moved[0]; /* the place then turns about the place now */
         innovation = rows.residual[k] - (h[0] * change[0] + h[1] * change[1] + h[2] * change[2]);
-        alpha = noslip_ekf_update(factors, self->states, h, rows.variance[k], gain);
+        alpha = noslip_factors_update(factors, self->states, h, 3, rows.variance[k], gain);
         step = innovation / alpha;
         for (i = 0; i < self->states; i++) {
             change[i] += gain[i] * step;
@@ -460,7 +433,7 @@ static inline int noslip_ekf_correct(noslip_ekf *self, const noslip_fix *fix)
         change[i] += self->state[i];
         sum += change[i];
     }
-    if (!noslip_is_finite(nis) || !noslip_is_finite(sum)) {
+    if (!noslip_sum_finite(change[0], change[1], sum + nis)) {
         return NOSLIP_NONFINITE;
     }
     if (nis > self->gate * (rows.count == 1 ? (double)10.827566 : rows.count == 2 ? (double)13.815511 : (double)16.266236)) {
@@ -519,6 +492,9 @@ static inline int noslip_ekf_unwind(noslip_ekf *self)
     heading.at[2] = self->state[2];
     heading.rounded[2] = self->rounded[2];
     noslip_add_turns(&heading, -noslip_whole_turns(self->state[2]));
+    if (!noslip_angle_ok(heading.at[2])) {
+        return NOSLIP_RANGE;
+    }
     self->state[2] = heading.at[2];
     self->rounded[2] = heading.rounded[2];
     return NOSLIP_OK;
@@ -829,36 +805,6 @@ static inline int noslip_ekf_measure_f(const noslip_fix_f *fix, const float at[3
     return NOSLIP_OK;
 }
 
-/*
- * Updates the factors by one number, z = h'x with variance r (Bierman 1977): h has entries for the pose only. Writes the gain times
- * the innovation's variance, which it returns.
- */
-static inline float noslip_ekf_update_f(float *factors, int states, const float h[3], float r,
-                      float *gain)
-{
-    float alpha = r;
-    int i, j;
-    for (j = 0; j < states; j++) {
-        float *column = &factors[j * (j + 1) / 2];
-        float f = j < 3 ? h[j] : 0, v, next, back;
-        for (i = 0; i < j && i < 3; i++) {
-            f += column[i] * h[i];
-        }
-        v = column[j] * f;
-        next = alpha + f * v;
-        back = f / alpha;
-        column[j] *= alpha / next;
-        for (i = 0; i < j; i++) {
-            const float u = column[i];
-            column[i] = u - back * gain[i];
-            gain[i] += u * v;
-        }
-        gain[j] = v;
-        alpha = next;
-    }
-    return alpha;
-}
-
 /* Adds the variance c >= 0 to a state (Agee and Turner 1972). */
 static inline void noslip_ekf_spread_f(float *factors, int state, float c)
 {
@@ -900,7 +846,9 @@ static inline int noslip_ekf_check_fix_f(const noslip_fix_f *fix)
 /* Counts a rejected measurement. */
 static inline int noslip_ekf_reject_f(noslip_ekf_f *self)
 {
-    self->rejected += self->rejected < 2147483647;
+    if (self->rejected < 2147483647) {
+        self->rejected++;
+    }
     if (self->tolerated > 0 && self->rejected > self->tolerated) {
         self->status = NOSLIP_DIVERGED;
     }
@@ -954,7 +902,7 @@ static inline int noslip_ekf_correct_f(noslip_ekf_f *self, const noslip_fix_f *f
         float innovation, alpha, step;
         h[2] += h[0] * moved[1] - h[1] * moved[0]; /* the place then turns about the place now */
         innovation = rows.residual[k] - (h[0] * change[0] + h[1] * change[1] + h[2] * change[2]);
-        alpha = noslip_ekf_update_f(factors, self->states, h, rows.variance[k], gain);
+        alpha = noslip_factors_update_f(factors, self->states, h, 3, rows.variance[k], gain);
         step = innovation / alpha;
         for (i = 0; i < self->states; i++) {
             change[i] += gain[i] * step;
@@ -974,7 +922,7 @@ static inline int noslip_ekf_correct_f(noslip_ekf_f *self, const noslip_fix_f *f
         change[i] += self->state[i];
         sum += change[i];
     }
-    if (!noslip_is_finite_f(nis) || !noslip_is_finite_f(sum)) {
+    if (!noslip_sum_finite_f(change[0], change[1], sum + nis)) {
         return NOSLIP_NONFINITE;
     }
     if (nis > self->gate * (rows.count == 1 ? (float)10.827566 : rows.count == 2 ? (float)13.815511 : (float)16.266236)) {
@@ -1033,6 +981,9 @@ static inline int noslip_ekf_unwind_f(noslip_ekf_f *self)
     heading.at[2] = self->state[2];
     heading.rounded[2] = self->rounded[2];
     noslip_add_turns_f(&heading, -noslip_whole_turns_f(self->state[2]));
+    if (!noslip_angle_ok_f(heading.at[2])) {
+        return NOSLIP_RANGE;
+    }
     self->state[2] = heading.at[2];
     self->rounded[2] = heading.rounded[2];
     return NOSLIP_OK;

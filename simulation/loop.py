@@ -7,8 +7,9 @@ import casadi as ca
 import numpy as np
 
 from ..controllers.approach import Approach, make_approach
-from ..controllers.backends import make_controller
-from ..controllers.controller import RUNNING, Friction, Limits
+from ..controllers.backends import SCALAR, make_controller
+from ..controllers.controller import RUNNING, Controller, Friction, Limits
+from ..controllers.estimation.adaptation import Adaptation, AdaptationOptions
 from ..controllers.ground.slip import Noticed
 from ..controllers.integral import IntegralAction
 from ..controllers.odometry import vehicle_wheels
@@ -31,7 +32,7 @@ from .drive import Drive, make_drive
 from .guidance import Approaching, Guidance, Leg, OnePath, Route, ShortWay, Side, accelerations, led_units
 from .plant import Plant
 from .sensing import Estimating, Sensing, SlipSensing
-from .specification.spec import ApproachSection, Initial, PathSection, Spec
+from .specification.spec import AdaptationSection, ApproachSection, Initial, PathSection, Simulation, Spec
 from .specification.units import check_units
 from .starts import extension_starts, starts
 
@@ -40,6 +41,28 @@ PROFILE_PART = (
 )
 ALONG, LATERAL = 0.6, 0.8  # parts of friction that a kinematic law uses along its way and across it: together all of it
 ON_AXLE = 1e-9  # m: a point this near to the axle is on it
+
+
+class Learning:
+    """Parameters of the controller that are learned at its calls; `believed` are those in use, which it changes in place."""
+
+    def __init__(self, law: ControlLaw, believed: np.ndarray, section: AdaptationSection, simulation: Simulation):
+        """Raises BadInput for parameters that cannot be learned, and for a backend other than c, cf and casadi."""
+        if simulation.backend not in ("casadi", *SCALAR):
+            raise BadInput(f"[adaptation] does not run on backend {simulation.backend}: use {', '.join(SCALAR)}")
+        options = AdaptationOptions(**{field.name: getattr(section, field.name) for field in fields(section)})
+        self.adaptation = Adaptation(law.system, believed, options, SCALAR.get(simulation.backend, "double"))
+        self.believed, self.applied, self._t = believed, None, 0.0
+        self.history: list[np.ndarray] = []
+
+    def step(self, t: float, seen: np.ndarray, controller: Controller) -> None:
+        """Learn from the motion since the last call, by the inputs `applied` in between, and change the controller."""
+        status, params = self.adaptation.step(seen, self.applied, t - self._t)
+        if status != "ok":
+            raise BadInput(f"[adaptation] at t = {t:g} s returns {status!r}")
+        self._t, self.believed[:] = t, params
+        controller.adapt(params)
+        self.history.append(params)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +84,7 @@ class Loop:
     sensing: Sensing | None
     drive: Drive
     extension: np.ndarray
+    learning: Learning | None = None
     warnings: tuple[str, ...] = ()
 
     @property
@@ -79,9 +103,11 @@ class Loop:
         return self.sensing.state if self.sensing else x
 
     def sense(self, t: float, x: np.ndarray) -> None:
-        """Update the sensors."""
+        """Update the sensors, and the parameters that are learned."""
         if self.sensing:
             self.sensing.sense(t, x)
+        if self.learning:
+            self.learning.step(t, self.seen(x), self.guidance.leg.controller)
 
     def error(self, t: float, x: np.ndarray) -> np.ndarray:
         """Return y_d - y of the outputs with integral action, as the controller sees it."""
@@ -100,6 +126,8 @@ class Loop:
         if noticed:
             leg.controller.believe(noticed.mu)
         status, tau = leg.controller.step(known, self.integral.added(self.reference(t, seen), add))
+        if self.learning:
+            self.learning.applied = tau if status in RUNNING else None
         if status in RUNNING and leg.side(known) <= 0:
             return "singular", np.zeros_like(tau)
         return noticed.status if noticed and noticed.status != "ok" and status in RUNNING else status, tau
@@ -143,11 +171,12 @@ def make_loop(spec: Spec) -> Loop:
     check_units(spec, law)
     believed = np.array(mechanism.parameter_values(spec.parameters))
     plant = Plant(law.system, mechanism.parameter_values({**spec.parameters, **spec.plant}, "plant"))
+    used = believed.copy()
     gains = values_of(list(law.gains), gain_entries(law, spec.gains, "gains"), "gains")
     limits, integral = _limits(spec, len(mechanism.inputs)), _integral(spec, law, gains)
 
     def make_leg(config: np.ndarray, x: np.ndarray) -> Leg:
-        controller = make_controller(spec.simulation.backend, law, believed, config, gains, limits)
+        controller = make_controller(spec.simulation.backend, law, used, config, gains, limits)
         return Leg(config, controller, Side(law, believed, config, np.append(x, np.zeros(len(law.extension)))))
 
     warnings: tuple[str, ...] = ()
@@ -185,8 +214,10 @@ def make_loop(spec: Spec) -> Loop:
     vehicle = _vehicle_limits(spec, law, believed) if spec.kinematic and spec.limits else None
     drive = make_drive(spec.drive, spec.simulation, plant, law, believed, vehicle)
     extension = _extension(law, spec, believed, guidance, start)
-    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, drive, extension, warnings)
+    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, drive, extension, None, warnings)
     _check_start(loop)
+    if spec.adaptation:
+        loop = replace(loop, learning=Learning(law, used, spec.adaptation, spec.simulation))
     return loop
 
 

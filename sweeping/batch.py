@@ -69,6 +69,8 @@ class Batch:
             raise BadInput(f"[simulation] backend = {spec.simulation.backend!r}: a sweep runs the C, {' or '.join(SCALAR)}")
         if spec.reference.circle:
             raise BadInput("[reference] circle: a sweep does not have it yet; use noslip simulate, or leave it out")
+        if spec.adaptation:
+            raise BadInput("[adaptation]: a sweep does not have it yet; use noslip simulate, or leave it out")
         if spec.estimator:
             raise BadInput("[estimator]: a sweep does not have it yet; use noslip simulate, or [correction]")
         self.loop = make_loop(spec)

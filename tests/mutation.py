@@ -105,6 +105,13 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_slip.inc": Source(
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")
     ),
+    "runtime_c/noslip_ekf.inc": Source(
+        _chosen("test_ekf", "50_digits late too_old wrong_pose whole_turns init_refuses refused_changes any_bits range")
+    ),
+    "runtime_c/noslip_factors.inc": Source(_chosen("test_ekf test_adaptation", "50_digits least_squares")),
+    "runtime_c/noslip_adaptation.inc": Source(
+        _chosen("test_adaptation", "least_squares forgotten beyond_the_bounds any_bits init_refuses")
+    ),
     "runtime_c/noslip_motor.inc": Source(_chosen("test_motor", "desired continuous leave supply torque misuse finite")),
     "runtime_c/noslip_velocity.inc": Source(
         _chosen(

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from noslip.cli.main import main
-from noslip.identification.geometry import calibrate
+from noslip.identification.geometry import _Geometry, _windows, calibrate, pose_names
 from noslip.identification.log import PoseLog
+from noslip.identification.output_error import OutputError
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.spec import read_spec
@@ -47,9 +48,11 @@ def winding(rows: int = 400) -> tuple[np.ndarray, np.ndarray]:
 
 
 def log_of(
-    right, left, noise=0.0, seed=0, every=1, scale_left=1.0, late=0.0, offset=(0.0, 0.0, 0.0), start=(1.0, -2.0, 0.4)
+    right, left, noise=0.0, seed=0, every=1, scale_left=1.0, late=0.0, offset=(0.0, 0.0, 0.0), start=(1.0, -2.0, 0.4), counts=0
 ) -> PoseLog:
-    """A log with a pose in every so many rows; the left wheel's radius is r / scale_left times what it should be."""
+    """A log with a pose in every so many rows; the left wheel's radius is r / scale_left times what it should be. `counts` of
+    each encoder per turn, which begin anywhere; 0: exact angles.
+    """
     random = np.random.default_rng(seed)
     axle = reckoned(right, left, start)
     pose = of_center(axle)
@@ -63,6 +66,9 @@ def log_of(
     pose[np.arange(len(pose)) % every != 0] = math.nan
     turned_by = [np.concatenate([[0.0], np.cumsum(each)]) / TRUE["r"] for each in (right, left)]
     angles = np.column_stack([turned_by[0], turned_by[1] / scale_left])
+    if counts:
+        count = 2 * math.pi / counts
+        angles = count * np.floor(angles / count + random.uniform(size=2))
     return PoseLog(np.arange(len(pose)) * PERIOD, ("theta_r", "theta_l"), angles, pose, (range(len(pose)),), ())
 
 
@@ -132,22 +138,45 @@ def test_poses_that_are_wrong_have_little_weight():
         assert abs(each.value - TRUE[name]) < 5 * each.sd < 0.03 * TRUE[name]
 
 
-def deviations(count: int) -> np.ndarray:
-    """Errors of r and b by their standard deviations, of logs with a noisy pose in every second row."""
-    results = [calibrate([log_of(*winding(), 1.0, seed, 2)], SYSTEM, ["r", "b"], DEFAULT).estimates for seed in range(count)]
-    return np.array([[(e[name].value - TRUE[name]) / e[name].sd for name in ("r", "b")] for e in results])
+SENSED = {"scale_left": 1.006, "late": 0.04, "counts": 4096}
+FITTED = {"r": TRUE["r"], "b": TRUE["b"], "scale_theta_l": 1.006, "delay": 0.04}
+
+
+def deviations(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the fitted numbers, and their standard deviations, of logs with encoder counts and late, noisy poses in every
+    second row.
+    """
+    logs = (log_of(*winding(), 1.0, seed, 2, **SENSED) for seed in range(count))
+    results = [calibrate([log], SYSTEM, list(FITTED), DEFAULT).estimates for log in logs]
+    errors = np.array([[e[name].value - value for name, value in FITTED.items()] for e in results])
+    return errors, np.array([[e[name].sd for name in FITTED] for e in results])
 
 
 def test_values_lie_within_their_deviations():
-    off = deviations(4)
-    assert np.abs(off).max() < 4.0 and 0.2 < off.std() < 1.9
+    errors, sd = deviations(4)
+    assert np.abs(errors / sd).max() < 4.0 and 0.2 < (errors / sd).std() < 1.9
+
+
+def bound() -> np.ndarray:
+    """Standard deviations of Cramer and Rao, if the poses are all that is not exact."""
+    geometry = _Geometry.of(SYSTEM, ("theta_r", "theta_l"))
+    quantities = (*SYSTEM.mechanism.parameters, *geometry.sensors)
+    values = np.array([(DEFAULT | FITTED).get(q.name, q.default) for q in quantities])
+    log = log_of(*winding(), 0.0, 0, 2, scale_left=SENSED["scale_left"], late=SENSED["late"])
+    fit = OutputError(
+        geometry.prediction(quantities, list(FITTED)), _windows([log], SYSTEM, pose_names(SYSTEM)), quantities, values
+    )
+    expected = fit.expected_deviations(NOISE)
+    return np.array([expected[name] for name in FITTED])
 
 
 @pytest.mark.nightly
 def test_values_lie_in_their_intervals_in_most_logs():
-    off = deviations(300)
-    inside = np.mean(np.abs(off) < 1.96, axis=0)
-    assert (inside > 0.93).all() and np.abs(off.mean(axis=0)).max() < 4.0 / np.sqrt(len(off))
+    """In 93 to 97 % of 1000 logs, with errors within 1.2 times the bound."""
+    errors, sd = deviations(1000)
+    inside, size = np.mean(np.abs(errors) < 1.96 * sd, axis=0), np.sqrt(np.mean(errors**2, axis=0))
+    print(dict(zip(FITTED, zip(inside, size / bound(), strict=True), strict=True)))
+    assert (inside > 0.93).all() and (inside < 0.97).all() and (size < 1.2 * bound()).all()
 
 
 def test_what_no_log_and_what_this_log_does_not_tell():

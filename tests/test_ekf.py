@@ -9,6 +9,8 @@ import noslip
 import numpy as np
 import pytest
 from noslip.cli.main import main
+from noslip.codegen.ekf.filter import _FilterBuilder
+from noslip.codegen.files import filter_program, filter_text
 from noslip.controllers.estimation.ekf import Filter, FilterOptions
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
@@ -432,3 +434,46 @@ def test_generate_refuses(tmp_path, capsys, name):
     arguments, message = ASKED[name]
     assert main(["generate", *arguments, "-o", str(tmp_path)]) == 2
     assert message in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+# -- compared with the model before it is written -------------------------------------------------------------------------
+
+
+def _wrong_coupling(self, U, moved, by_others, original=_FilterBuilder._propagate):
+    """Position turns with the heading, but by too much."""
+    original(self, U, 1.001 * moved, by_others)
+
+
+def _no_walk(self, name, U, D, vector, c, original=_FilterBuilder._add):
+    original(self, name, U, D, vector, 0 * c if name == "walk" else c)
+
+
+def _wrong_share(self, name, U, D, h, r, inverse, original=_FilterBuilder._measure):
+    alpha, inverse, gain = original(self, name, U, D, h, r, inverse)
+    return alpha, inverse, [1.001 * each for each in gain] if name == "wheels" else gain
+
+
+DEFECTS = {
+    "coupling": (_wrong_coupling, "_propagate", "variance of x by gyro"),
+    "walk": (_no_walk, "_add", "variance of bias by gyro"),
+    "share": (_wrong_share, "_measure", "x by gyro"),
+}
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_filter_that_is_not_the_model_is_not_written(name, tmp_path, monkeypatch, capsys):
+    wrong, place, quantity = DEFECTS[name]
+    monkeypatch.setenv("NOSLIP_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(_FilterBuilder, place, wrong)
+    for cached in (filter_text, filter_program):
+        cached.cache_clear()
+    folder = tmp_path / "made"
+    try:
+        code = main(["generate", "labmate", "--output", "ekf", "--scale", "b", "--scalar", "double", "-o", str(folder)])
+    finally:
+        for cached in (filter_text, filter_program):
+            cached.cache_clear()
+    err = capsys.readouterr().err
+    assert code == 1 and not folder.exists() and "nothing is written" in err
+    assert err.startswith(f"noslip: labmate, ekf, double: {quantity} differs: the C gives ") and "the model gives " in err
+    assert "sensed thetadot_r = " in err

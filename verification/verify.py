@@ -18,6 +18,9 @@ import numpy as np
 
 from ..codegen.derivation.grip import plain_ground
 from ..codegen.dynamics import ENTRIES as DYNAMICS_ENTRIES
+from ..codegen.ekf.ekf import NAME as FILTER_NAME
+from ..codegen.ekf.filter import WITH_GYRO, WITHOUT_GYRO
+from ..codegen.files import filter_program
 from ..codegen.printing.dynamics_c import NAME as DYNAMICS_NAME
 from ..codegen.printing.scalar import SCALARS
 from ..codegen.program import EVALUATE, FOLLOW, STEP
@@ -25,6 +28,7 @@ from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, identity
 from ..controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary, Library
 from ..controllers.controller import Limits
 from ..controllers.direct import Direct
+from ..controllers.estimation.ekf import Filter, FilterOptions, RobotPart
 from ..controllers.runtime import load
 from ..controllers.symbolic import slowed
 from ..model.law import ControlLaw, symbols
@@ -46,6 +50,7 @@ RESPONSE = 30.0  # a difference up to this times the change of the model with ro
 SINGULAR_STATES = 8  # of each law, at most
 HALVINGS = 60  # bisections to find one
 SAYS_SINGULAR = "singular"  # a status
+TICKS = (WITH_GYRO.name, WITHOUT_GYRO.name)  # of a filter
 SURELY = 0.1  # of the threshold: below it Phi is singular in float as well
 
 
@@ -62,15 +67,20 @@ class Sample:
 
 
 def differences(
-    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], progress: Reported = silent
+    system: ReducedSystem,
+    laws: Sequence[ControlLaw],
+    files: Mapping[str, str],
+    progress: Reported = silent,
+    scaled: Sequence[str] | None = None,
 ) -> list[str]:
     """Return lines that describe where the C of `files` (name -> text) differs from the model; empty if it does not.
 
+    `scaled`: of what the filter estimates the scale; None: there is no filter.
     Successful comparisons are cached. Without a C compiler for this machine, nothing is compared and a warning on standard error
     says so. Raises BadInput if the robot is regular at hardly any random state.
     """
     try:
-        parts = list(_not_compared_before(system, laws, files))
+        parts = list(_not_compared_before(system, laws, files, scaled))
         if parts:
             load(cffi.FFI(), {})  # the runtime's status: checks that the compiler builds for this machine
     except (BadInput, OSError) as reason:
@@ -84,12 +94,13 @@ def differences(
 
 
 def _not_compared_before(
-    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str]
+    system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None
 ) -> Iterator[tuple["_InC", dict[str, str], tuple]]:
-    """Yield each law and the dynamics in each scalar of `files`, their files, and the key of the comparison in the cache."""
+    """Yield each law, the dynamics and the filter in each scalar of `files`, their files, and the key of the comparison in the cache."""
     settings = (STATES, SEED, sorted(LIMIT.items()))
     for scalar in SCALARS:
-        for part in (*(_LawInC(law, scalar) for law in laws), _DynamicsInC(system, scalar)):
+        filters = [] if scaled is None else [_FilterInC(system, scaled, scalar)]
+        for part in (*(_LawInC(law, scalar) for law in laws), _DynamicsInC(system, scalar), *filters):
             if part.names <= files.keys():
                 own = {name: files[name] for name in sorted(part.names)}
                 key = (*identity([*compiler(), *FLAGS, *QUICK]), settings, sorted({**runtime_files(), **own}.items()))
@@ -407,6 +418,125 @@ class _DynamicsInC(_InC):
                     value = outcome.values.get(name)
                     shaped = None if value is None else value.reshape(right[name].shape)
                     yield Sample(f"{name} by {entry.name}", outcome.status, shaped, right[name], name, inputs)
+
+
+class _FilterInC(_InC):
+    """A robot's extended Kalman filter: a tick from a random estimate and covariance.
+
+    The model estimates the errors of `turned` together with the states, with the full covariance and derivatives by CasADi.
+    """
+
+    def __init__(self, system: ReducedSystem, scaled: Sequence[str], scalar: str):
+        super().__init__(system.mechanism.name, FILTER_NAME, scalar)
+        self.system, self.scaled = system, tuple(scaled)
+        self.states = ("x", "y", "heading", "bias", *(f"scale_{name}" for name in scaled))
+
+    @cached_property
+    def groups(self) -> dict[str, ca.SX]:
+        """All groups on which a tick depends; of `q` the coordinates that are measured."""
+        n, rates = len(self.states), [q.name for q in self.system.quasi_velocities]
+        return {
+            "params": self.system.mechanism.p,
+            "noise": _symbols("noise", [*rates, "gyro", "bias_walk"]),
+            "state": _symbols("state", self.states),
+            "factors": _symbols("factors", [f"{i + 1}{j + 1}" for j in range(n) for i in range(j + 1)]),
+            "q": self.system.mechanism.q,
+            "sensed": _symbols("sensed", [*rates, "gyro", "dt"]),
+        }
+
+    @cached_property
+    def expressions(self) -> dict[str, ca.SX]:
+        """Estimate and variance of each state, and the correlations, after either tick."""
+        return {f"{name} by {tick}": value for tick in TICKS for name, value in self._after(tick == WITH_GYRO.name).items()}
+
+    def _after(self, by_gyro: bool) -> dict[str, ca.SX]:
+        """Return the quantities after a tick."""
+        groups, n, dof = self.groups, len(self.states), self.system.dof
+        turned, gyro, dt = ca.vertsplit(groups["sensed"], [0, dof, dof + 1, dof + 2])
+        noise, gyro_noise, walk = ca.vertsplit(groups["noise"], [0, dof, dof + 1, dof + 2])
+        joint = ca.SX.sym("joint", n + dof)  # the states and the errors of `turned`
+        moved = self._moved(joint, turned + joint[n:])
+        P = ca.diagcat(_covariance(groups["factors"], n), ca.diag(noise**2 * ca.fabs(turned)))
+        mean = ca.vertcat(groups["state"], ca.SX.zeros(dof))
+        if by_gyro:
+            seen = joint[3] * dt + moved[2]
+            h = ca.substitute(ca.jacobian(seen, joint), joint, mean)
+            K = P @ h.T / (h @ P @ h.T + gyro_noise**2 * dt)
+            mean, P = mean + K * (gyro * dt - ca.substitute(seen, joint, mean)), P - K @ h @ P
+        after = joint[:n] + ca.vertcat(moved, ca.SX.zeros(n - 3))
+        F = ca.substitute(ca.jacobian(after, joint), joint, mean)
+        P = F @ P @ F.T + ca.diag(ca.vertcat(0, 0, 0, walk**2 * dt, ca.SX.zeros(n - 4)))
+        estimate, sd = ca.substitute(after, joint, mean), ca.sqrt(ca.diag(P))
+        quantities = {name: estimate[k] for k, name in enumerate(self.states)}
+        quantities |= {f"variance of {name}": P[k, k] for k, name in enumerate(self.states)}
+        return quantities | {"correlations": P / (sd @ sd.T)}
+
+    def _moved(self, joint: ca.SX, turned: ca.SX) -> ca.SX:
+        """Return the change of the pose: its rate (6) at the heading in the middle of the tick."""
+        mechanism, scales = self.system.mechanism, dict(zip(self.scaled, ca.vertsplit(joint[4 : len(self.states)]), strict=False))
+        factors = [scales.get(q.name, ca.SX(1)) for q in self.system.quasi_velocities]
+        nominal = [p.symbol for p in mechanism.parameters]
+        real = [scales.get(p.name, ca.SX(1)) * p.symbol for p in mechanism.parameters]
+        vehicle = mechanism.required_vehicle
+        rate = ca.jacobian(ca.vertcat(vehicle.x, vehicle.y, vehicle.heading), mechanism.q) @ self.system.S
+        moved = ca.substitute([rate], nominal, real)[0] @ (ca.vertcat(*factors) * turned)
+        turn = ca.substitute(moved[2], vehicle.heading, joint[2])
+        return ca.substitute(moved, vehicle.heading, joint[2] + turn / 2)
+
+    def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
+        """Yield both ticks at random estimates."""
+        library, random = RobotPart(self.system, SCALARS[self.scalar], FILTER_NAME, files), np.random.default_rng(SEED)
+        n, dof, coordinates = len(self.states), self.system.dof, len(self.system.mechanism.coordinates)
+        for motion in _motions(self.system):
+            dt, q, nu = 10 ** random.uniform(-3, -1), motion.state[:coordinates], np.array(motion.state[coordinates:])
+            state = [*random.uniform(-5, 5, 2), *random.uniform(-3, 3, 1), *random.uniform(-0.1, 0.1, 1)]
+            factors = [random.uniform(-1, 1) if i < j else 10 ** random.uniform(-4, 0) for j in range(n) for i in range(j + 1)]
+            numbers = (
+                motion.params,
+                10 ** random.uniform(-3, -1, dof + 2),
+                [*state, *random.uniform(0.9, 1.1, n - 4)],
+                factors,
+                q,
+                [*(nu * dt), random.uniform(-1, 1), dt],
+            )
+            inputs = dict(zip(self.groups, map(self.held, numbers), strict=True))
+            right = self.right(inputs)
+            for tick in TICKS:
+                status, values = self._tick(library, tick, inputs)
+                for name, value in values.items():
+                    shaped = np.reshape(value, right[name].shape) if status == "ok" else None
+                    yield Sample(name, status, shaped, right[name], name, inputs)
+
+    def _tick(self, library: RobotPart, tick: str, inputs: Mapping) -> tuple[str, dict[str, np.ndarray]]:
+        """Return status and quantities after a tick of the C."""
+        *noise, gyro_noise, walk = inputs["noise"]
+        scale_sd = dict.fromkeys(self.scaled, 1.0)
+        options = FilterOptions(noise=noise, gyro_noise=gyro_noise, bias_sd=1.0, bias_walk=walk, scale_sd=scale_sd)
+        ours = Filter(self.system, inputs["params"], options, self.scalar, library)
+        ours.place(inputs["state"], inputs["factors"])
+        *turned, gyro, dt = inputs["sensed"]
+        places = {q.name: k for k, q in enumerate(self.system.mechanism.coordinates)}
+        measured = [inputs["q"][places[q.name]] for q in filter_program(self.system, self.scaled).motion.measured]
+        status = ours.tick(turned, dt, gyro if tick == WITH_GYRO.name else None, measured)
+        P = ours.covariance
+        values = {name: ours.state[k] for k, name in enumerate(self.states)}
+        values |= {f"variance of {name}": P[k, k] for k, name in enumerate(self.states)}
+        values["correlations"] = P / np.sqrt(np.outer(np.diag(P), np.diag(P)))
+        return status, {f"{name} by {tick}": value for name, value in values.items()}
+
+
+def _symbols(group: str, names: Iterable[str]) -> ca.SX:
+    return ca.vertcat(*[ca.SX.sym(f"{group}.{name}") for name in names])
+
+
+def _covariance(factors: ca.SX, n: int) -> ca.SX:
+    """Return P = U D U' of the packed factors."""
+    U, D, packed = ca.SX.eye(n), ca.SX.zeros(n), iter(ca.vertsplit(factors))
+    for j in range(n):
+        for i in range(j):
+            U[i, j] = next(packed)
+        D[j] = next(packed)
+    return U @ ca.diag(D) @ U.T
 
 
 @cache

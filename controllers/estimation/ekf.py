@@ -12,7 +12,7 @@ from typing import Any
 import cffi
 import numpy as np
 
-from ...codegen.ekf.ekf import FilterText
+from ...codegen.ekf.ekf import NAME as FILTER_NAME
 from ...codegen.files import filter_text, shared_files
 from ...codegen.printing.scalar import SCALARS, Scalar
 from ...model.errors import ModelError
@@ -44,18 +44,18 @@ class FilterOptions:
     memory: int = 0  # ticks in the past that late measurements may refer to
 
 
-class FilterLibrary(InC):
-    """The compiled filter of a robot in one scalar."""
+class RobotPart(InC):
+    """A compiled part of a robot's C besides laws and dynamics, in one scalar: its filter, or what learns its parameters."""
 
-    def __init__(self, system: ReducedSystem, scalar: Scalar, text: FilterText):
+    def __init__(self, system: ReducedSystem, scalar: Scalar, part: str, files: Mapping[str, str]):
+        """`part`: ekf or adaptation; `files`: headers and sources of the robot that it needs, name -> text."""
         self.scalar, self.robot = scalar, system.mechanism.name
-        files = {**shared_files(system, scalar), **text.files}
         self.ffi = cffi.FFI()
         with TemporaryDirectory() as folder:
             for name, content in files.items():
                 Path(folder, name).write_text(content)
-            self.ffi.cdef(declarations(f"{scalar.name(self.robot + '_ekf')}.h", Path(folder)))
-        self.lib = load(self.ffi, {**files, "library.c": SOURCE.format(header="noslip_ekf.h")})
+            self.ffi.cdef(declarations(f"{scalar.name(f'{self.robot}_{part}')}.h", Path(folder)))
+        self.lib = load(self.ffi, {**files, "library.c": SOURCE.format(header=f"noslip_{part}.h")})
 
     def new(self, kind: str, *initial) -> Any:
         """Return a new struct of the kind named as in the headers."""
@@ -71,10 +71,11 @@ class FilterLibrary(InC):
 
 
 @lru_cache(maxsize=16)
-def filter_library(system: ReducedSystem, scalar: str, scaled: tuple[str, ...] = ()) -> FilterLibrary:
+def filter_library(system: ReducedSystem, scalar: str, scaled: tuple[str, ...] = ()) -> RobotPart:
     """Return the compiled filter, loaded once per process. Raises BadInput if the robot has none."""
     try:
-        return FilterLibrary(system, SCALARS[scalar], filter_text(system, SCALARS[scalar], scaled))
+        in_c = SCALARS[scalar]
+        return RobotPart(system, in_c, FILTER_NAME, {**shared_files(system, in_c), **filter_text(system, in_c, scaled).files})
     except ModelError as error:
         raise BadInput(str(error)) from error
 
@@ -82,9 +83,16 @@ def filter_library(system: ReducedSystem, scalar: str, scaled: tuple[str, ...] =
 class Filter:
     """One filter, initialized. Raises BadInput if init returns an error. Poses: x, y (m), heading (rad, not wrapped)."""
 
-    def __init__(self, system: ReducedSystem, parameters: Numbers, options: FilterOptions, scalar: str = "double"):
-        """`parameters` in the order of mechanism.parameters."""
-        c = self.c = filter_library(system, scalar, tuple(options.scale_sd))
+    def __init__(
+        self,
+        system: ReducedSystem,
+        parameters: Numbers,
+        options: FilterOptions,
+        scalar: str = "double",
+        made_by: RobotPart | None = None,
+    ):
+        """`parameters` in the order of mechanism.parameters; `made_by`: the library, if it is not that of this host."""
+        c = self.c = made_by or filter_library(system, scalar, tuple(options.scale_sd))
         self.self = c.new(f"{c.robot}_ekf")
         config = c.new(f"{c.robot}_ekf_config")
         for q, value in zip(system.mechanism.parameters, parameters, strict=True):
@@ -137,6 +145,14 @@ class Filter:
     def nis(self) -> float:
         """Normalized innovation squared of the last measurement."""
         return self.self.filter.nis
+
+    def place(self, state: Numbers, factors: Numbers) -> None:
+        """Set estimate and factors (packed, as in the C), which only a comparison does."""
+        for member, values in ((self.self.filter.state, state), (self.self.filter.factors, factors)):
+            for k, value in enumerate(values):
+                member[k] = float(value)
+        for k in range(3):
+            self.self.filter.rounded[k] = 0
 
     def tick(self, turned: Numbers, dt: float, gyro: float | None = None, measured: Numbers = ()) -> str:
         """Move by one tick; return the name of the status."""

@@ -419,6 +419,44 @@ class EstimatorSection:
             raise BadInput(f"[estimator] start_sd has {len(self.start_sd)} numbers, it must have 3: x, y and heading")
 
 
+@reads(
+    {
+        "type": "object",
+        "additionalProperties": {"type": "array", "items": number().schema(), "minItems": 2, "maxItems": 2},
+        "minProperties": 1,
+        "description": "in SI units",
+    }
+)
+def _bounds(value: Any, where: str) -> dict[str, tuple[float, float]]:
+    """Read a table of least and most by name."""
+    bounds = {}
+    for name, pair in table(value, where).items():
+        least_most = numbers(pair, f"{where} {name}")
+        if len(least_most) != 2 or not least_most[0] < least_most[1]:
+            raise BadInput(f"{where} {name}: give [least, most], the least below the most")
+        bounds[name] = (least_most[0], least_most[1])
+    if not bounds:
+        raise BadInput(f"{where} is empty: name a parameter with its least and most")
+    return bounds
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptationSection:
+    """Parameters of the controller that are learned while the robot drives, by recursive least squares, within `bounds`.
+
+    `sd` is relative to the distance of the bounds. `noise` is the standard deviation of an equation (10), N or N m, after it was
+    smoothed over `window`; errors within `dead_zone` teach nothing.
+    """
+
+    bounds: Mapping[str, tuple[float, float]] = entry(_bounds, about="least and most of each parameter that is learned, by name")
+    noise: float = entry(number("positive"), about="standard deviation of an equation of motion, N or N m")
+    sd: float = entry(number("positive", "1"), 0.3, "standard deviation of each at first, relative to its bounds, at most 1")
+    dead_zone: float = entry(number("nonnegative"), 0.0, "largest error of the equations, N or N m, that teaches nothing")
+    forgetting: float = entry(number("nonnegative", "s"), 0.0, "what is so old counts for 1/e; 0: nothing is forgotten")
+    window: float = entry(number("nonnegative", "s"), 0.1, "time over which the equations are smoothed")
+    rate: float = entry(number("positive", "1/s"), 0.1, "fastest change of a parameter in use, relative to its bounds")
+
+
 @dataclass(frozen=True, kw_only=True)
 class LimitsSection:
     """Largest input of each motor (N m; 0: none), one or one each; above it each is limited ("cut"), or the vehicle slows down
@@ -583,6 +621,7 @@ class Spec:
     sensors: Sensors | None = entry(section(Sensors), None)
     correction: Correction | None = entry(section(Correction), None)
     estimator: EstimatorSection | None = entry(section(EstimatorSection), None)
+    adaptation: AdaptationSection | None = entry(section(AdaptationSection), None)
     drive: DriveSection | None = entry(section(DriveSection), None)
     contact: ContactSection | None = entry(section(ContactSection), None)
     floor: Floor | None = entry(section(Floor), None)
@@ -611,6 +650,8 @@ class Spec:
             raise BadInput("[estimator] requires [sensors]: without them the pose is the true one")
         if self.estimator and self.correction:
             raise BadInput("[estimator] does not go with [correction]: give it poses by [estimator] pose")
+        if self.adaptation and (not self.simulation.period or self.simulation.delay or self.drive):
+            raise BadInput("[adaptation] requires [simulation] period > 0, and goes neither with a delay nor with [drive]")
         composite = self.output.segments
         if self.initial is None and not composite:
             raise BadInput("[initial] is missing: point, heading and speed, or q and nu")

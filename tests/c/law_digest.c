@@ -1,10 +1,12 @@
 /*
- * law_digest.c - digests of the bits of all results of the LABMATE's laws, dead reckoning and paths, to compare between
- * targets.
+ * law_digest.c - digests of the bits of all results of the LABMATE's laws, dead reckoning, filter and paths, to compare
+ * between targets.
  *
  * It needs only memcpy and memset, which compilers call themselves. With a C library it has its own main: law_digest STATES
  * DOUBLES.
  */
+#include "labmate_ekf.h"
+#include "labmate_ekf_f.h"
 #include "labmate_type_i.h"
 #include "labmate_type_i_f.h"
 #include "labmate_type_ii.h"
@@ -83,15 +85,17 @@ static double any_value(uint64_t *random)
 #undef LAW
 #include "route_bits.inc"
 
-typedef void law_runner(uint32_t n, law_bits *bits); /* the last is not a law but a vehicle on a path */
+typedef void law_runner(uint32_t n, law_bits *bits); /* the last are not laws but a vehicle on a path and its filter */
 static law_runner *const in_float[] = {bits_labmate_type_i_f,          bits_labmate_type_ii_f,
                                        bits_labmate_type_iii_f,        bits_labmate_type_iv_circle_f,
                                        bits_labmate_type_iv_ellipse_f, bits_labmate_type_iv_line_f,
-                                       bits_labmate_type_iv_segment_f, bits_route_f};
+                                       bits_labmate_type_iv_segment_f, bits_route_f,
+                                       bits_ekf_f};
 static law_runner *const in_double[] = {bits_labmate_type_i,          bits_labmate_type_ii,
                                         bits_labmate_type_iii,        bits_labmate_type_iv_circle,
                                         bits_labmate_type_iv_ellipse, bits_labmate_type_iv_line,
-                                        bits_labmate_type_iv_segment, bits_route};
+                                        bits_labmate_type_iv_segment, bits_route,
+                                        bits_ekf};
 #define LAWS ((int)(sizeof in_float / sizeof in_float[0]))
 typedef char as_many_in_double[sizeof in_float == sizeof in_double ? 1 : -1];
 

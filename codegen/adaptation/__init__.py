@@ -1,0 +1,1 @@
+"""C that learns parameters which change, such as a payload."""

@@ -1,0 +1,235 @@
+"""Learning parameters that change: beside recursive least squares in numpy, in runs with another mass, and what may not happen."""
+
+import math
+import re
+from itertools import product
+from pathlib import Path
+
+import noslip
+import numpy as np
+import pytest
+from noslip.cli.main import main
+from noslip.controllers.estimation.adaptation import Adaptation, AdaptationOptions
+from noslip.controllers.runtime import runtime
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot, system_of
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.integrate import sampled
+from noslip.simulation.loop import make_loop
+from noslip.simulation.specification.spec import spec_of_table, toml_table
+
+HEADER, DOCUMENT = "noslip_adaptation.h", Path(noslip.__file__).parent / "docs/identify.md"
+OPTIONS = {"sd": 0.3, "noise": 0.4, "dead_zone": 0.02, "forgetting": 2.0, "window": 0.05, "rate": 0.5}
+SPEC = {
+    "robot": "labmate",
+    "plant": {"m_c": 80.0, "I_c": 13.0},
+    "gains": {"kp": 1.0, "kd": 2.5, "kv": 2.0},
+    "output": {"type": "IV", "L": 0.1, "path": {"kind": "circle", "x_f": 0.0, "y_f": 0.0, "R": 3.0}},
+    "reference": {"speed": 1.0},
+    "initial": {"point": [3.4, 0.0], "heading": 1.3, "speed": 0.2},
+    "simulation": {"duration": 10.0, "period": 0.01, "backend": "c"},
+}
+BOTH = {"m_c": [30.0, 100.0], "I_c": [5.0, 20.0]}
+
+
+class Core:
+    """The C without a robot."""
+
+    def __init__(self, start, rows: int, scalar: str = "double", **changed):
+        self.c, self.scalar = runtime(HEADER), scalar
+        self.self = self.c.new("noslip_adaptation", scalar)
+        options = self.c.new("noslip_adaptation_options", scalar, {**OPTIONS, **changed})
+        self.status = self._call("init", options, self.c.array(scalar, start), len(start), rows)
+
+    def _call(self, name: str, *arguments) -> str:
+        return self.c.status(self.c.function(f"noslip_adaptation_{name}", self.scalar)(self.self, *arguments))
+
+    def step(self, regressor, target, dt: float) -> str:
+        return self._call("step", self.c.array(self.scalar, np.ravel(regressor)), self.c.array(self.scalar, target), dt)
+
+    @property
+    def variance(self) -> np.ndarray:
+        factors = self.c.function("noslip_factors_variance", self.scalar)
+        return np.array([factors(self.self.factors, self.self.count, k) for k in range(self.self.count)])
+
+
+class Reference:
+    """The same with the full covariance."""
+
+    def __init__(self, start, rows: int):
+        self.estimate = np.array(start, float)
+        self.used = self.estimate.copy()
+        self.P = OPTIONS["sd"] ** 2 * np.eye(len(start))
+        self.Y, self.y = np.zeros((rows, len(start))), np.zeros(rows)
+
+    def step(self, regressor, target, dt: float) -> None:
+        keeps = OPTIONS["window"] / (OPTIONS["window"] + dt)
+        self.Y, self.y = keeps * self.Y + (1 - keeps) * regressor, keeps * self.y + (1 - keeps) * target
+        if np.abs(self.y - self.Y @ self.estimate).max() > OPTIONS["dead_zone"]:
+            older = self.P * (OPTIONS["forgetting"] + dt) / OPTIONS["forgetting"]
+            self.P = older if np.diag(older).max() <= OPTIONS["sd"] ** 2 else self.P
+            S = self.Y @ self.P @ self.Y.T + OPTIONS["noise"] ** 2 * np.eye(len(self.y))
+            K = self.P @ self.Y.T @ np.linalg.inv(S)
+            self.estimate = self.estimate + K @ (self.y - self.Y @ self.estimate)
+            self.P = self.P - K @ S @ K.T
+        self.estimate = np.clip(self.estimate, 0, 1)
+        self.used = self.used + np.clip(self.estimate - self.used, -OPTIONS["rate"] * dt, OPTIONS["rate"] * dt)
+
+
+@pytest.mark.parametrize("scalar, tolerance", [("double", 1e-11), ("float", 1e-4)])
+def test_each_step_is_least_squares(scalar, tolerance):
+    """1 to 4 parameters and equations; the truth drifts, and leaves its bounds now and then."""
+    random = np.random.default_rng(20)
+    for count, rows in ((1, 1), (2, 2), (3, 2), (4, 4)):
+        start = random.uniform(0.2, 0.8, count)
+        ours, reference = Core(start, rows, scalar), Reference(start, rows)
+        quiet = 0
+        for k in range(60):
+            truth = 0.5 + 0.7 * np.sin(0.1 * k + np.arange(count))
+            regressor = np.float32(random.normal(size=(rows, count)) * (k % 20 > 3)).astype(float)
+            target = np.float32(regressor @ truth + 0.1 * random.normal(size=rows) * (k % 20 > 3)).astype(float)
+            before = reference.P
+            reference.step(regressor, target, 0.0625)
+            quiet += reference.P is before
+            assert ours.step(regressor, target, 0.0625) == "ok"
+            assert np.array(list(ours.self.estimate)[:count]) == pytest.approx(reference.estimate, abs=tolerance)
+            assert np.array(list(ours.self.used)[:count]) == pytest.approx(reference.used, abs=tolerance)
+            assert ours.variance == pytest.approx(np.diag(reference.P), rel=10 * tolerance)
+        assert set(np.round(reference.estimate, 12)) - {0.0, 1.0}
+
+
+def test_nothing_is_forgotten_while_nothing_is_learned():
+    """Neither in the dead zone, nor what the motion does not show: no variance grows beyond that at first."""
+    ours = Core([0.5, 0.5], 2)
+    for _ in range(100):
+        ours.step(np.eye(2), [0.6, 0.4], 0.01)
+    before = ours.variance
+    for _ in range(1000):
+        ours.step(np.zeros((2, 2)), [0.0, 0.0], 0.01)
+    assert np.array_equal(ours.variance, before)
+    for k in range(5000):  # only the sum of both is shown
+        ours.step(np.ones((2, 2)), [1.0 + 0.2 * math.sin(k)] * 2, 0.01)
+    assert ours.variance.max() <= OPTIONS["sd"] ** 2 * (1 + 1e-12) and ours.variance.min() > 0
+
+
+def run(**changed):
+    """A run and the parameters in use at each call."""
+    spec = spec_of_table({**SPEC, **changed}, Path("none.toml"))
+    loop = make_loop(spec)
+    rows = list(sampled(loop, spec.simulation))
+    return rows, np.array(loop.learning.history)
+
+
+def places() -> list[int]:
+    return [[p.name for p in system_of(find_robot("labmate")).mechanism.parameters].index(name) for name in BOTH]
+
+
+def test_a_mass_that_is_twice_as_large_is_learned():
+    (document,) = re.findall(r"tests/test_adaptation.py -->\n```toml\n(.*?)^```", DOCUMENT.read_text(), re.S | re.M)
+    rows, used = run(adaptation=toml_table(document)["adaptation"])
+    assert used[-1, places()] == pytest.approx([80.0, 13.0], rel=0.02)
+    assert (np.abs(np.diff(used[:, places()], axis=0)) <= np.array([70.0, 15.0]) * 0.1 * 0.01 * (1 + 1e-9)).all()
+    off = [math.hypot(x + 0.1 * math.cos(phi), y + 0.1 * math.sin(phi)) - 3.0 for x, y, phi in (row.x[:3] for row in rows)]
+    without = simulate(spec_of_table(SPEC, Path("none.toml")))
+    assert abs(without.error[-1, 0]) > 0.05 and abs(off[-1]) < abs(without.error[-1, 0]) / 10
+
+
+def test_in_use_is_never_beyond_the_bounds():
+    _, used = run(adaptation={"bounds": {"m_c": [30.0, 60.0]}, "noise": 0.2, "rate": 10.0})
+    assert used[:, places()[0]].max() == 60.0 and used[:, places()[0]].min() >= 30.0
+
+
+@pytest.mark.nightly
+def test_a_run_stays_stable_with_any_of_these_options():
+    """Masses from a half to twice, adapted slowly and fast, smoothed and not, with noisy rates: the path is followed at least
+    about as well as without."""
+    worst = 0.0
+    for mass, rate, forgetting, window in product((25.0, 50.0, 100.0), (0.02, 0.2, 5.0), (0.0, 2.0, 20.0), (0.0, 0.1, 1.0)):
+        noisy = {"sensors": {"noise": {"sd": 0.02}, "pose": "true", "seed": 3}, "plant": {"m_c": mass, "I_c": 13.0}}
+        options = {"bounds": {"m_c": [20.0, 120.0]}, "noise": 2.0, "rate": rate, "forgetting": forgetting, "window": window}
+        error = [
+            np.abs(simulate(spec_of_table({**SPEC, **noisy, **more}, Path("none.toml"))).error[-300:, 0]).max()
+            for more in ({}, {"adaptation": options})
+        ]
+        worst = max(worst, error[1] - error[0])
+    print(worst)
+    assert worst < 0.01
+
+
+@pytest.mark.parametrize("scalar", ["double", "float"])
+def test_any_bits_in_finite_numbers_within_the_bounds_out(scalar):
+    random, system = np.random.default_rng(21), system_of(find_robot("labmate"))
+    parameters = [p.default for p in system.mechanism.parameters]
+    options = AdaptationOptions(bounds={"m_c": (30.0, 100.0), "I_c": (1.0, 20.0)}, noise=0.2, rate=100.0, forgetting=1.0)
+    ours = Adaptation(system, parameters, options, scalar)
+    kind = np.uint64 if scalar == "double" else np.uint32
+    good = 0
+    for k in range(2000):
+        numbers = random.normal(size=10)
+        if k % 2:
+            place = random.integers(10)
+            wild = random.integers(0, np.iinfo(kind).max, dtype=kind)
+            with np.errstate(invalid="ignore"):
+                numbers[place] = wild.view(f"f{wild.itemsize}") if k % 4 == 1 else (math.inf, math.nan, 1e30, 1e308, -1e-300)[k % 5]
+        before = bytes(ours.c.ffi.buffer(ours.self))
+        with np.errstate(over="ignore"):
+            status, used = ours.step(numbers[:7], None if k % 16 == 7 else numbers[7:9], abs(numbers[9]) / 10)
+        good += status == "ok"
+        assert status == "ok" or bytes(ours.c.ffi.buffer(ours.self)) == before
+        assert status in ("ok", "nonfinite", "bad_parameter", "range")
+        assert np.isfinite(used).all() and 30 <= used[places()[0]] <= 100 and 1 <= used[places()[1]] <= 20
+        assert np.isfinite(ours.covariance).all() and np.diag(ours.covariance).min() >= 0
+    assert 900 < good < 1900
+
+
+def test_init_refuses():
+    for changed in ({"sd": 0.0}, {"sd": 2.0}, {"noise": 0.0}, {"noise": math.nan}, {"dead_zone": -1.0}, {"forgetting": -1.0},
+                    {"window": math.inf}, {"rate": 0.0}):  # fmt: skip
+        assert Core([0.5], 1, **changed).status == "bad_parameter", changed
+    assert {Core(start, rows).status for start, rows in (([1.5], 1), ([math.nan], 1), ([], 1), ([0.5], 0), ([0.5], 5))} == {
+        "bad_parameter"
+    }
+    ours = Core([0.5], 1)
+    assert [ours.step([[1.0]], [1.0], dt) for dt in (0.0, math.nan)] == ["bad_parameter", "nonfinite"]
+    c = runtime(HEADER)
+    assert c.status(c.function("noslip_adaptation_step", "double")(c.new("noslip_adaptation", "double"), c.array("double", [1]),
+                                                                   c.array("double", [1]), 0.1)) == "not_ready"  # fmt: skip
+
+
+BAD = {
+    "nothing": ({"noise": 0.2}, "bounds"),
+    "least above most": ({"bounds": {"m_c": [3.0, 2.0]}, "noise": 0.2}, "the least below the most"),
+    "one bound": ({"bounds": {"m_c": [3.0]}, "noise": 0.2}, "[least, most]"),
+    "empty": ({"bounds": {}, "noise": 0.2}, "is empty"),
+    "not a parameter": ({"bounds": {"m": [1.0, 2.0]}, "noise": 0.2}, "'m' is not a parameter"),
+    "not affine": ({"bounds": {"d": [0.1, 0.2]}, "noise": 0.2}, "not affine in d"),
+    "not told apart": ({"bounds": {"I_c": [1.0, 20.0], "I_m": [0.0, 1.0]}, "noise": 0.2}, "no motion tells I_c, I_m"),
+    "not within": ({"bounds": {"m_c": [50.0, 60.0]}, "noise": 0.2}, "must lie within its bounds"),
+    "no noise": ({"bounds": {"m_c": [20.0, 90.0]}, "noise": 0.0}, "noise"),
+}
+
+
+def test_a_bad_section_is_refused():
+    for name, (section, message) in BAD.items():
+        with pytest.raises(BadInput, match=re.escape(message)) as error:
+            simulate(spec_of_table({**SPEC, "adaptation": section}, Path("none.toml")))
+            pytest.fail(name)
+        assert "\n" not in str(error.value)
+    section = {"bounds": {"m_c": [20.0, 90.0]}, "noise": 0.1}
+    with pytest.raises(BadInput, match="goes neither with a delay"):
+        spec_of_table({**SPEC, "simulation": {"duration": 1.0}, "adaptation": section}, Path("none.toml"))
+
+
+ASKED = {
+    "--adapt": (["--output", "type_i", "--adapt", "m_c"], "--output adaptation learns: add it"),
+    "nothing": (["--output", "adaptation"], "requires --adapt NAME"),
+    "geometry": (["--output", "adaptation", "--adapt", "r"], "not affine in r"),
+    "twice": (["--output", "adaptation", "--adapt", "m_c", "--adapt", "m_c"], "different parameters"),
+}
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_generate_refuses(tmp_path, capsys, name):
+    arguments, message = ASKED[name]
+    assert main(["generate", "labmate", *arguments, "-o", str(tmp_path)]) == 2
+    assert message in capsys.readouterr().err and not list(tmp_path.iterdir())
