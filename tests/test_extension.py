@@ -33,6 +33,8 @@ from noslip.simulation.loop import make_loop
 from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import Initial, spec_of
 from noslip.sweeping.batch import Batch
+from noslip.verification.cases import read_cases
+from noslip.verification.evaluate import evaluate_cases
 from scipy.linalg import expm
 
 AXLE = """
@@ -164,6 +166,57 @@ def test_the_law_of_a_unicycle_is_that_of_a_pencil():
         np.testing.assert_allclose(Phi, [[c, -v * s], [s, v * c]], atol=1e-13)
         expected = [-2 * a * w * s - v * w**2 * c, 2 * a * w * c - v * w**2 * s]
         np.testing.assert_allclose(drift.ravel(), expected, atol=1e-13)
+
+
+CASE = {
+    "params": {q.name: q.default for q in find_robot("labmate").parameters},
+    "output": {"type": "type_i_extended"},
+    "q": [0.2, 0.1, 0.1, 0.0, 0.0],
+    "nu": [3.0, 4.0],
+    "reference": {"y": [0.1, 0.0], "yd": [0.5, 0.1], "ydd": [0.2, 0.3], "yddd": [0.4, 0.5]},
+    "gains": {"kp": 2.0, "kd": 6.0, "ka": 4.5},
+    "extension": [0.3],
+}
+
+
+def evaluated(case: dict, tmp_path) -> str:
+    (tmp_path / "cases.json").write_text(json.dumps({"cases": [case]}))
+    return str(tmp_path / "cases.json")
+
+
+@pytest.mark.parametrize(("backend", "tolerance"), [("casadi", 1e-12), ("c", 1e-12), ("cf", 1e-4)])
+def test_evaluate_gives_what_a_pencil_does(backend, tolerance, tmp_path):
+    """v = r (nu_1 + nu_2) / 2, a = 0.3: u = W^-1 (a, w'), the rate of a and w' from the virtual input."""
+    (found,) = evaluate_cases(read_cases(evaluated(CASE, tmp_path)), backend)
+    p, c, s, a = CASE["params"], np.cos(0.1), np.sin(0.1), 0.3
+    v, w = p["r"] * 7.0 / 2, p["r"] * -1.0 / (2 * p["b"])
+    y = np.array([[0.2 - p["d"] * c, 0.1 - p["d"] * s], [v * c, v * s], [a * c - v * w * s, a * s + v * w * c]])
+    desired = np.array([CASE["reference"][name] for name in ("y", "yd", "ydd")])
+    virtual = CASE["reference"]["yddd"] + np.array([2.0, 6.0, 4.5]) @ (desired - y)
+    drift = [-2 * a * w * s - v * w**2 * c, 2 * a * w * c - v * w**2 * s]
+    rate, turning = np.linalg.solve([[c, -v * s], [s, v * c]], virtual - drift)
+    assert found.status == "ok"
+    close = dict(rtol=tolerance, atol=tolerance)
+    np.testing.assert_allclose(found.values["extension_rate"], [rate], **close)
+    np.testing.assert_allclose(found.values["u"], [(a + p["b"] * turning) / p["r"], (a - p["b"] * turning) / p["r"]], **close)
+    np.testing.assert_allclose(found.values["h"], y[0], **close)
+    np.testing.assert_allclose(found.values["ydot"], [y[1, 0], y[2, 0], y[1, 1], y[2, 1]], **close)
+
+
+def test_cases_of_extended_laws_that_are_wrong(tmp_path):
+    without = {name: value for name, value in CASE.items() if name != "extension"}
+    short = {name: value for name, value in CASE["reference"].items() if name != "yddd"}
+    wrong = {
+        "extension missing: type_i_extended has the states forward_speed_rate": without,
+        "extension: must be a list of 1 numbers": CASE | {"extension": [0.1, 0.2]},
+        "reference: yddd missing": CASE | {"reference": short},
+        "unknown key 'ydddd'": CASE | {"reference": CASE["reference"] | {"ydddd": [0.0, 0.0]}},
+    }
+    for message, case in wrong.items():
+        with pytest.raises(BadInput, match=message):
+            read_cases(evaluated(case, tmp_path))
+    (found,) = evaluate_cases(read_cases(evaluated(CASE | {"extension": ["nan"]}, tmp_path)), "c")
+    assert found.status == "nonfinite" and not found.values
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 5, 6])
