@@ -61,6 +61,7 @@ NIGHTLY = {
     ),
     "test_evaluate": (r"many_random_states\[(type_iii?|type_iv_(line|circle|ellipse))\]",),
     "test_extension": (
+        r"analysis_of_an_extended_law\[(car|find_robot-type_iv)",
         r"that_were_placed\[(train|arm|car-casadi|path-casadi)",
         r"the_c_is_the_model\[type_i_offset",
         r"runs_the_same_loop\[(?!line)",

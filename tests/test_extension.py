@@ -9,7 +9,10 @@ import casadi as ca
 import control
 import numpy as np
 import pytest
+import sympy as sp
 from casadi import cos, sin
+from noslip.analysis.outputs import normal_form
+from noslip.analysis.outputs.decoupling import decouple
 from noslip.cli.main import main
 from noslip.codegen.derivation import stages
 from noslip.codegen.files import law_program
@@ -504,16 +507,62 @@ def test_what_is_not_there_is_refused_with_the_reason(name):
         simulate(spec_of(text, "spec.toml"))
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["analyse", "labmate", "--output", "type_i_extended"],
-        ["export", "labmate", "--output", "type_i_extended", "--fmu", "controller", "-o", "x.fmu"],
-    ],
-    ids=lambda command: command[0],
-)
-def test_commands_that_do_not_know_extensions_say_so(command, bad_input):
-    assert "'type_i_extended' has a dynamic extension" in bad_input(command)
+def test_starts_of_extended_laws_are_not_certified(tmp_path, bad_input):
+    (tmp_path / "axle.toml").write_text(AXLE)
+    assert "'type_i_extended' has a dynamic extension" in bad_input(["analyse", "labmate", "--start", str(tmp_path / "axle.toml")])
+    message = bad_input(["export", "labmate", "--output", "type_i_extended", "--fmu", "controller", "-o", "x.fmu"])
+    assert "'type_i_extended' has a dynamic extension" in message
+
+
+STOOD, NORMAL = "the forward speed is zero", "the heading is normal to the path"
+VERDICTS = {  # robot and law: what is said of the singular set, what is left, what its zero dynamics are
+    (find_robot, "type_i_extended"): ([STOOD], ["theta_r", "theta_l"], "nothing is left that could diverge"),
+    (find_robot, "type_iv_line_extended"): (
+        [STOOD, NORMAL],
+        ["theta_r", "theta_l", "along_path"],
+        "nothing is left that could diverge",
+    ),
+    (car_by_its_rear_axle, "rear_extended"): ([STOOD], ["theta"], "nothing is left that could diverge"),
+    (lambda: tractor_trailer(1), "type_i_extended"): (
+        [STOOD],
+        ["theta_r", "theta_l", "phi_1"],
+        "stable while driving straight if and only if V > 0",
+    ),
+}
+
+
+@pytest.mark.parametrize(("make", "name"), [*VERDICTS, pytest.param(train_by_its_last_axle, "end_extended", marks=pytest.mark.nightly)])
+def test_analysis_of_an_extended_law(make, name):
+    """The determinant is that of the law's Phi at random states; a trailer behind the axle that is steered may fold."""
+    robot = make("labmate") if make is find_robot else make()
+    form = normal_form.normal_form(decouple(law_of(robot, name).linearization))
+    linear = form.decoupling.linearization
+    groups = [*linear.system.state, *linear.extension, *robot.parameters, *linear.output.parameters]
+    numeric = ca.Function("det", [ca.vertcat(*[q.symbol for q in groups])], [linear.determinant])
+    formula = sp.lambdify([sp.Symbol(q.name) for q in groups], form.decoupling.det_in_full, "math")
+    random = np.random.default_rng(7)
+    for _ in range(20):
+        values = random.uniform(0.3, 1.2, len(groups))
+        assert formula(*values) == pytest.approx(float(numeric(values)), rel=1e-10)
+    if (make, name) in VERDICTS:
+        singular, left, stability = VERDICTS[make, name]
+        assert [c.words for c in form.decoupling.conditions] == singular
+        assert all(c.confirmed for c in form.decoupling.conditions)
+        assert (list(form.T[2]), form.stability) == (left, stability)
+
+
+def test_the_answer_about_an_extended_law(capsys, tmp_path):
+    assert main(["analyse", "labmate", "--output", "type_i_extended", "--report", str(tmp_path / "page.html"), "--json"]) == 0
+    (output,) = json.loads(capsys.readouterr().out)["outputs"].values()
+    assert output["relative_degree"] == [3, 3] and STOOD in output["singular_when"]
+    assert output["normal_form"]["z2"] == ["x_l_dot", "x_l_ddot", "y_l_dot", "y_l_ddot"]
+    assert "zero dynamics none" in output["zero_dynamics"] and "zero dynamics none" in (tmp_path / "page.html").read_text()
+
+
+def test_what_an_extension_leaves_undecided_is_said(monkeypatch):
+    monkeypatch.setattr(normal_form, "shape_names", lambda system: ())
+    with pytest.raises(ModelError, match="type_i_extended: the dynamic extension leaves 3 states .* not decided"):
+        normal_form.normal_form(decouple(law_of(tractor_trailer(1), "type_i_extended").linearization))
 
 
 def test_a_sampled_run_integrates_between_its_calls(tmp_path):
