@@ -127,11 +127,9 @@ def _export_fmu(args: argparse.Namespace) -> int:
         args.output = [DYNAMICS]
     elif len(laws) != 1:
         raise BadInput(f"--fmu {args.fmu} has one law: give one --output LAW")
-    from ..readers.robots import find_robot, refuse_extension, system_of
+    from ..readers.robots import find_robot, system_of
     from ..verification.fmu import make_fmu
 
-    for name in laws:
-        refuse_extension(name, "--fmu")
     generated = selected_files(args, dynamics=args.fmu != "controller")
     system, law = system_of(find_robot(args.robot)), None if args.fmu == "plant" else selected_laws(args)[0]
     model, content = make_fmu(args.fmu, system, law, generated)

@@ -78,6 +78,7 @@ NIGHTLY = {
     "test_extension": (
         r"that_were_placed\[(car|path)-c\]",
         r"the_c_is_the_model\[type_i_extended\]",
+        r"analysis_of_an_extended_law\[(car|find_robot-type_iv)",
         r"that_were_placed\[(train|arm|car-casadi|path-casadi)",
         r"the_c_is_the_model\[type_i_offset",
         r"runs_the_same_loop\[(?!line)",

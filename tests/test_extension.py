@@ -9,7 +9,10 @@ import casadi as ca
 import control
 import numpy as np
 import pytest
+import sympy as sp
 from casadi import cos, sin
+from noslip.analysis.outputs import normal_form
+from noslip.analysis.outputs.decoupling import decouple
 from noslip.cli.main import main
 from noslip.codegen.derivation import stages
 from noslip.codegen.files import law_program
@@ -33,6 +36,8 @@ from noslip.simulation.loop import make_loop
 from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import Initial, spec_of
 from noslip.sweeping.batch import Batch
+from noslip.verification.cases import read_cases
+from noslip.verification.evaluate import evaluate_cases
 from scipy.linalg import expm
 
 AXLE = """
@@ -164,6 +169,57 @@ def test_the_law_of_a_unicycle_is_that_of_a_pencil():
         np.testing.assert_allclose(Phi, [[c, -v * s], [s, v * c]], atol=1e-13)
         expected = [-2 * a * w * s - v * w**2 * c, 2 * a * w * c - v * w**2 * s]
         np.testing.assert_allclose(drift.ravel(), expected, atol=1e-13)
+
+
+CASE = {
+    "params": {q.name: q.default for q in find_robot("labmate").parameters},
+    "output": {"type": "type_i_extended"},
+    "q": [0.2, 0.1, 0.1, 0.0, 0.0],
+    "nu": [3.0, 4.0],
+    "reference": {"y": [0.1, 0.0], "yd": [0.5, 0.1], "ydd": [0.2, 0.3], "yddd": [0.4, 0.5]},
+    "gains": {"kp": 2.0, "kd": 6.0, "ka": 4.5},
+    "extension": [0.3],
+}
+
+
+def evaluated(case: dict, tmp_path) -> str:
+    (tmp_path / "cases.json").write_text(json.dumps({"cases": [case]}))
+    return str(tmp_path / "cases.json")
+
+
+@pytest.mark.parametrize(("backend", "tolerance"), [("casadi", 1e-12), ("c", 1e-12), ("cf", 1e-4)])
+def test_evaluate_gives_what_a_pencil_does(backend, tolerance, tmp_path):
+    """v = r (nu_1 + nu_2) / 2, a = 0.3: u = W^-1 (a, w'), the rate of a and w' from the virtual input."""
+    (found,) = evaluate_cases(read_cases(evaluated(CASE, tmp_path)), backend)
+    p, c, s, a = CASE["params"], np.cos(0.1), np.sin(0.1), 0.3
+    v, w = p["r"] * 7.0 / 2, p["r"] * -1.0 / (2 * p["b"])
+    y = np.array([[0.2 - p["d"] * c, 0.1 - p["d"] * s], [v * c, v * s], [a * c - v * w * s, a * s + v * w * c]])
+    desired = np.array([CASE["reference"][name] for name in ("y", "yd", "ydd")])
+    virtual = CASE["reference"]["yddd"] + np.array([2.0, 6.0, 4.5]) @ (desired - y)
+    drift = [-2 * a * w * s - v * w**2 * c, 2 * a * w * c - v * w**2 * s]
+    rate, turning = np.linalg.solve([[c, -v * s], [s, v * c]], virtual - drift)
+    assert found.status == "ok"
+    close = dict(rtol=tolerance, atol=tolerance)
+    np.testing.assert_allclose(found.values["extension_rate"], [rate], **close)
+    np.testing.assert_allclose(found.values["u"], [(a + p["b"] * turning) / p["r"], (a - p["b"] * turning) / p["r"]], **close)
+    np.testing.assert_allclose(found.values["h"], y[0], **close)
+    np.testing.assert_allclose(found.values["ydot"], [y[1, 0], y[2, 0], y[1, 1], y[2, 1]], **close)
+
+
+def test_cases_of_extended_laws_that_are_wrong(tmp_path):
+    without = {name: value for name, value in CASE.items() if name != "extension"}
+    short = {name: value for name, value in CASE["reference"].items() if name != "yddd"}
+    wrong = {
+        "extension missing: type_i_extended has the states forward_speed_rate": without,
+        "extension: must be a list of 1 numbers": CASE | {"extension": [0.1, 0.2]},
+        "reference: yddd missing": CASE | {"reference": short},
+        "unknown key 'ydddd'": CASE | {"reference": CASE["reference"] | {"ydddd": [0.0, 0.0]}},
+    }
+    for message, case in wrong.items():
+        with pytest.raises(BadInput, match=message):
+            read_cases(evaluated(case, tmp_path))
+    (found,) = evaluate_cases(read_cases(evaluated(CASE | {"extension": ["nan"]}, tmp_path)), "c")
+    assert found.status == "nonfinite" and not found.values
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 5, 6])
@@ -451,16 +507,64 @@ def test_what_is_not_there_is_refused_with_the_reason(name):
         simulate(spec_of(text, "spec.toml"))
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ["analyse", "labmate", "--output", "type_i_extended"],
-        ["export", "labmate", "--output", "type_i_extended", "--fmu", "controller", "-o", "x.fmu"],
-    ],
-    ids=lambda command: command[0],
-)
-def test_commands_that_do_not_know_extensions_say_so(command, bad_input):
-    assert "'type_i_extended' has a dynamic extension" in bad_input(command)
+def test_starts_of_extended_laws_are_not_certified(tmp_path, bad_input):
+    (tmp_path / "axle.toml").write_text(AXLE)
+    message = bad_input(["analyse", "labmate", "--start", str(tmp_path / "axle.toml")])
+    assert "'type_i_extended' has a dynamic extension" in message
+
+
+STOOD, NORMAL = "the forward speed is zero", "the heading is normal to the path"
+VERDICTS = {  # robot and law: what is said of the singular set, what is left, what its zero dynamics are
+    (find_robot, "type_i_extended"): ([STOOD], ["theta_r", "theta_l"], "nothing is left that could diverge"),
+    (find_robot, "type_iv_line_extended"): (
+        [STOOD, NORMAL],
+        ["theta_r", "theta_l", "along_path"],
+        "nothing is left that could diverge",
+    ),
+    (car_by_its_rear_axle, "rear_extended"): ([STOOD], ["theta"], "nothing is left that could diverge"),
+    (lambda: tractor_trailer(1), "type_i_extended"): (
+        [STOOD],
+        ["theta_r", "theta_l", "phi_1"],
+        "stable while driving straight if and only if V > 0",
+    ),
+}
+
+
+LONG = pytest.param(train_by_its_last_axle, "end_extended", marks=pytest.mark.nightly)
+
+
+@pytest.mark.parametrize(("make", "name"), [*VERDICTS, LONG])
+def test_analysis_of_an_extended_law(make, name):
+    """The determinant is that of the law's Phi at random states; a trailer behind the axle that is steered may fold."""
+    robot = make("labmate") if make is find_robot else make()
+    form = normal_form.normal_form(decouple(law_of(robot, name).linearization))
+    linear = form.decoupling.linearization
+    groups = [*linear.system.state, *linear.extension, *robot.parameters, *linear.output.parameters]
+    numeric = ca.Function("det", [ca.vertcat(*[q.symbol for q in groups])], [linear.determinant])
+    formula = sp.lambdify([sp.Symbol(q.name) for q in groups], form.decoupling.det_in_full, "math")
+    random = np.random.default_rng(7)
+    for _ in range(20):
+        values = random.uniform(0.3, 1.2, len(groups))
+        assert formula(*values) == pytest.approx(float(numeric(values)), rel=1e-10)
+    if (make, name) in VERDICTS:
+        singular, left, stability = VERDICTS[make, name]
+        assert [c.words for c in form.decoupling.conditions] == singular
+        assert all(c.confirmed for c in form.decoupling.conditions)
+        assert (list(form.T[2]), form.stability) == (left, stability)
+
+
+def test_the_answer_about_an_extended_law(capsys, tmp_path):
+    assert main(["analyse", "labmate", "--output", "type_i_extended", "--report", str(tmp_path / "page.html"), "--json"]) == 0
+    (output,) = json.loads(capsys.readouterr().out)["outputs"].values()
+    assert output["relative_degree"] == [3, 3] and STOOD in output["singular_when"]
+    assert output["normal_form"]["z2"] == ["x_l_dot", "x_l_ddot", "y_l_dot", "y_l_ddot"]
+    assert "zero dynamics none" in output["zero_dynamics"] and "zero dynamics none" in (tmp_path / "page.html").read_text()
+
+
+def test_what_an_extension_leaves_undecided_is_said(monkeypatch):
+    monkeypatch.setattr(normal_form, "shape_names", lambda system: ())
+    with pytest.raises(ModelError, match="type_i_extended: the dynamic extension leaves 3 states .* not decided"):
+        normal_form.normal_form(decouple(law_of(tractor_trailer(1), "type_i_extended").linearization))
 
 
 def test_a_sampled_run_integrates_between_its_calls(tmp_path):

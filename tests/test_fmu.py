@@ -19,7 +19,7 @@ from noslip.controllers.controller import ON_LIMIT, Friction, Limits
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.loop import make_loop
-from noslip.simulation.specification.spec import read_spec
+from noslip.simulation.specification.spec import read_spec, spec_of
 from noslip.verification.fmu import Instance
 from noslip.verification.sampling import random_plants
 
@@ -62,12 +62,17 @@ def named(group, quantities, numbers):
 def run():
     """A run of the shipped circle, called at a period, and the values that an FMU of it starts with."""
     spec = read_spec("circle")
-    spec = replace(spec, simulation=replace(spec.simulation, period=PERIOD, duration=DURATION, tolerance=1e-13))
+    return started(replace(spec, simulation=replace(spec.simulation, period=PERIOD, duration=DURATION, tolerance=1e-13)))
+
+
+def started(spec):
+    """The run of a SPEC, and the values that an FMU of it starts with."""
     truth, loop = simulate(spec, "c"), make_loop(spec)
     assert truth.stopped is None and not spec.plant
     law, config = truth.law, loop.guidance.leg.config
     start = named("params", law.parameters, loop.believed) | named("config", law.config, config)
-    start |= named("gains", law.gains, loop.gains) | named("state", law.state, loop.start)
+    start |= named("gains", law.gains, loop.gains) | named("state", law.system.state, loop.start)
+    start |= named("extension", law.extension, loop.extension)
     start |= named("reference", law.reference, loop.guidance.reference(0.0, loop.start))
     return truth, start
 
@@ -182,6 +187,38 @@ def test_controller_is_the_compiled_law(opened, robot, law):
             assert own._library.status(controller.status) == status
             statuses.add(status)
     assert {"ok", "saturated", "nonfinite", *["grip"] * (robot == "labmate")} <= statuses
+
+
+EXTENDED = """
+robot = "labmate"
+output = { type = "IV", L = -0.3, extension = true, path = { kind = "circle", x_f = 0.0, y_f = 0.0, R = 2.0 } }
+reference = { speed = 0.5 }
+initial = { point = [2.1, 0.0], heading = 1.7, speed = 0.45, extension = [0.2] }
+simulation = { duration = 2.0, period = 0.01, tolerance = 1e-13 }
+"""
+
+
+def test_extended_laws_are_the_simulation(opened, tmp_path):
+    """The loop, and controller and plant in turn: the states of the extension advance between the calls, from those given."""
+    truth, start = started(spec_of(EXTENDED, tmp_path / "spec.toml"))
+    law = truth.law
+    assert truth.extension[0] == [0.2] and np.abs(np.diff(truth.extension, axis=0)).max() > 1e-4
+    loop, controller, plant = (opened(kind, "labmate", law.name) for kind in ("loop", "controller", "plant"))
+    names = [f"state.{q.name}" for q in law.system.state], [f"tau.{q.name}" for q in law.system.mechanism.inputs]
+    for one in (loop, controller, plant):
+        assert one.start(only(one, start | {"period": PERIOD}))
+    times, states, in_turn = [], [], []
+    for k in range(round(DURATION / PERIOD)):
+        assert loop.step(k * PERIOD, PERIOD) and loop.status >= 0
+        controller.set(dict(zip(names[0], plant.get(names[0]), strict=True)))
+        assert controller.step(k * PERIOD, PERIOD) and controller.status >= 0
+        plant.set(dict(zip(names[1], controller.get(names[1]), strict=True)))
+        assert plant.step(k * PERIOD, PERIOD)
+        times.append((k + 1) * PERIOD)
+        states.append(loop.get(names[0]))
+        in_turn.append(plant.get(names[0]))
+    compare(truth, times, states)
+    compare(truth, times, in_turn)
 
 
 def test_outputs_before_the_first_step(opened, run):

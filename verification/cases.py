@@ -9,21 +9,24 @@ import numpy as np
 
 from ..controllers.controller import MODEL_QUANTITIES, QUANTITIES, Evaluation
 from ..model.errors import ModelError
-from ..model.law import SHORT_GAINS, ControlLaw
+from ..model.law import GAINS, SHORT_GAINS, ControlLaw
 from ..model.mechanism import Mechanism, Quantity
 from ..model.names import TYPES, LawName
 from ..model.paths import PATHS
 from ..readers.errors import BadInput
 from ..readers.files import file_or_shipped, read_input, write_whole
 from ..readers.reading import DRAFT, Schema, ref
-from ..readers.robots import beside, find_robot, law_of, refuse_extension, suggestion
+from ..readers.robots import beside, find_robot, law_of, suggestion
 
 DEFAULT_ROBOT = "labmate"
 MOST = 256  # MB, limit of a file of cases
 FILE_KEYS = ("cases", "robot", "about", "seed", "$schema")
-CASE_KEYS = ("params", "output", "q", "nu", "reference", "gains", "expect", "about")
-EXPECTED = (*QUANTITIES, *MODEL_QUANTITIES, "Sdot", "v")  # the last two are intermediate results that no backend returns
-REFERENCE = ("y", "yd", "ydd")
+CASE_KEYS = ("params", "output", "q", "nu", "reference", "gains", "extension", "expect", "about")
+NEEDED = CASE_KEYS[:6]
+INTERMEDIATE = ("Sdot", "v")  # results that no backend returns
+EXPECTED = (*QUANTITIES, "extension_rate", *MODEL_QUANTITIES, *INTERMEDIATE)
+DERIVATIVES = tuple("y" + "d" * order for order in range(len(GAINS) + 1))  # y, yd, ydd, ...
+REFERENCE = DERIVATIVES[:3]
 MEANING = {  # of the keys, for the schema
     "cases": "evaluations, each for itself",
     "robot": "name of a shipped robot, or path/to/file.py:name",
@@ -41,6 +44,8 @@ MEANING = {  # of the keys, for the schema
     "y": "desired outputs, in m, rad or m/s",
     "yd": "their first derivatives, in m/s, rad/s or m/s^2",
     "ydd": "their second derivatives, in m/s^2 or rad/s^2",
+    **{name: f"their derivatives of order {order}, in SI units" for order, name in enumerate(DERIVATIVES) if order > 2},
+    "extension": "every state of the law's dynamic extension, in SI units",
     "gains": "by name, or kp, kd, kv for all of a kind, in SI units",
     "expect": "results to compare with",
     "h": "outputs (14), in m, rad or m/s",
@@ -56,6 +61,7 @@ MEANING = {  # of the keys, for the schema
     "Mbar": "mass matrix S' M S of (10), in SI units",
     "bias": "the other terms of (10), in SI units",
     "lam": "constraint forces, in N",
+    "extension_rate": "rates of the states of the dynamic extension, in SI units",
     "Sdot": "rate of S, in SI units",
     "v": "virtual input (20), in SI units",
 }
@@ -104,11 +110,12 @@ def schema() -> Schema:
         "output": output,
         "q": numbers,
         "nu": numbers,
-        "reference": _object(dict.fromkeys(REFERENCE, numbers), REFERENCE),
+        "reference": _object(dict.fromkeys(DERIVATIVES, numbers), REFERENCE),
         "gains": named,
+        "extension": numbers,
         "expect": _object(dict.fromkeys(EXPECTED, expected)),
     }
-    case = _object({key: kinds.get(key, {}) for key in CASE_KEYS}, CASE_KEYS[:6])
+    case = _object({key: kinds.get(key, {}) for key in CASE_KEYS}, NEEDED)
     kinds_of_file: dict[str, Schema] = {
         "cases": {"type": "array", "minItems": 1, "items": case},
         "robot": {"type": "string", "default": DEFAULT_ROBOT},
@@ -196,10 +203,9 @@ def _read_json(path: str) -> Any:
 
 
 def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
-    _check_keys(case, CASE_KEYS, CASE_KEYS[:6], where)
+    _check_keys(case, CASE_KEYS, NEEDED, where)
     output = _table(case["output"], f"{where}: output")
     name, config = read_output(output, f"{where}: output")
-    refuse_extension(name, f"{where}: output")
     try:
         law = law_of(robot, name)
     except (BadInput, ModelError) as error:
@@ -212,29 +218,33 @@ def _case(robot: Mechanism, case: Any, where: str) -> EvaluationCase:
             raise BadInput(f"{where}: gains: unknown gain {name!r}: {why}")
     q = _numbers(case["q"], len(law.system.mechanism.coordinates), f"{where}: q")
     nu = _numbers(case["nu"], law.system.dof, f"{where}: nu")
+    states = ", ".join(q.name for q in law.extension)
+    if law.extension and "extension" not in case:
+        raise BadInput(f"{where}: extension missing: {law.name} has the states {states}")
+    xi = _numbers(case.get("extension", []), len(law.extension), f"{where}: extension")
     return EvaluationCase(
         where,
         law,
         _values(law.parameters, params, f"{where}: params"),
         _values(law.config, config, f"{where}: output"),
         _values(law.gains, gains, f"{where}: gains"),
-        np.array(q + nu),
+        np.array(q + nu + xi),
         _reference(law, case["reference"], f"{where}: reference"),
         _expect(case.get("expect", {}), f"{where}: expect"),
     )
 
 
 def _reference(law: ControlLaw, table: Any, where: str) -> np.ndarray:
-    """Return y, yd, ydd by row of the output: all three for relative degree 2; y and ydd, the desired rate, for 1."""
-    rows = len(law.output.rows)
-    _check_keys(table, REFERENCE, REFERENCE, where)
-    y, yd, ydd = (_numbers(table[key], rows, f"{where}.{key}") for key in REFERENCE)
-    values: list[float] = []
-    for row, degree in enumerate(law.linearization.relative_degree):
-        values += [y[row], yd[row], ydd[row]] if degree == 2 else [y[row], ydd[row]]
-    if not np.all(np.isfinite([y, yd, ydd])):  # also entries that the law does not use
-        return np.full(len(values), np.nan)
-    return np.array(values)
+    """Return y, yd, ... by row of the output, up to the derivative of its relative degree; for degree 1 y and ydd, the desired
+    rate.
+    """
+    rows, degrees = len(law.output.rows), law.linearization.relative_degree
+    names = DERIVATIVES[: max(2, *degrees) + 1]
+    _check_keys(table, names, names, where)
+    given = np.array([_numbers(table[name], rows, f"{where}.{name}") for name in names])
+    values = [given[[0, 2] if degree == 1 else range(degree + 1), row] for row, degree in enumerate(degrees)]
+    finite = np.all(np.isfinite(given))  # also entries that the law does not use
+    return np.concatenate(values) if finite else np.full(sum(map(len, values)), np.nan)
 
 
 def _expect(table: Any, where: str) -> dict[str, np.ndarray]:

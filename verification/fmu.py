@@ -167,8 +167,10 @@ def _cases(system: ReducedSystem, law: ControlLaw | None) -> Iterator[tuple[dict
             status, tau = controller.step(point.state, point.reference)
             if status != "ok":
                 continue
-            values = named("state", law.state, point.state) | named("reference", law.reference, point.reference)
-            yield {**fixed[0], **fixed[1], **fixed[2], **values}, point.state, tau
+            x, xi = np.split(point.state, [len(system.state)])
+            values = named("state", system.state, x) | named("extension", law.extension, xi)
+            values |= named("reference", law.reference, point.reference)
+            yield {**fixed[0], **fixed[1], **fixed[2], **values}, x, tau
 
 
 def _runge_kutta(dynamics: CompiledDynamics, x: np.ndarray, tau: np.ndarray) -> np.ndarray:

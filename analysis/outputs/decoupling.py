@@ -252,20 +252,28 @@ class Decoupling:
 
 
 def decouple(linearization: Linearization) -> Decoupling:
-    """Return the exact form of a linearization. Raises ModelError if it cannot be treated exactly."""
+    """Return the exact form of a linearization. Raises ModelError if it cannot be treated exactly.
+
+    With a dynamic extension the states xi are among the coordinates of `functions`, and `gradients` are zero.
+    """
     system, output = linearization.system, linearization.output
+    state = (*system.state, *linearization.extension)
     where = f"{system.mechanism.name}, output {output.name}"
     followed = next((row for row in output.rows if output.path is not None and _is_followed(row)), None)
     own = _distinct(
-        [*system.state, *system.mechanism.parameters], output.parameters, output.path.kind if output.path else "output"
+        [*state, *system.mechanism.parameters], output.parameters, output.path.kind if output.path else "output"
     )
-    used = {q.name for q in (*system.state, *system.mechanism.parameters, *own)}
+    used = {q.name for q in (*state, *system.mechanism.parameters, *own)}
     normals = [_fresh(name, used) for name in ("n_x", "n_y")] if followed else []
-    quantities = [*system.state, *normals, *system.mechanism.parameters, *own]
+    quantities = [*state, *normals, *system.mechanism.parameters, *own]
     gradients = [_gradient(linearization, k, normals if row is followed else []) for k, row in enumerate(output.rows)]
     rows = [
-        linearization.Phi[k, :] if degree == 1 else gradient @ system.S
-        for k, (degree, gradient) in enumerate(zip(linearization.relative_degree, gradients, strict=True))
+        _extended_row(linearization, k, normals if row is followed else [])
+        if linearization.integrators
+        else linearization.Phi[k, :]
+        if linearization.relative_degree[k] == 1
+        else gradients[k] @ system.S
+        for k, row in enumerate(output.rows)
     ]
     first_degree = [k for k, degree in enumerate(linearization.relative_degree) if degree == 1]
     parts = {
@@ -280,7 +288,7 @@ def decouple(linearization: Linearization) -> Decoupling:
     fixed = (*system.mechanism.parameters, *own)
     functions = Functions(
         where,
-        [symbol(q) for q in (*system.state, *normals)],
+        [symbol(q) for q in (*state, *normals)],
         [symbol(q) for q in fixed],
         [entry for part in entries.values() for entry in part],
     )
@@ -328,11 +336,26 @@ def _constant_slope(row: OutputRow) -> Slope | None:
 def _gradient(linearization: Linearization, k: int, normals: Sequence[Quantity]) -> ca.SX:
     """Return the gradient of row k with respect to q, 1 x n; zero if the relative degree is 1."""
     mechanism, row = linearization.system.mechanism, linearization.output.rows[k]
-    if linearization.relative_degree[k] == 1:
+    if linearization.relative_degree[k] == 1 or linearization.integrators:
         return ca.SX(1, len(mechanism.coordinates))
     if row.through is None or not normals:
         return ca.jacobian(linearization.h[k], mechanism.q)
     return ca.horzcat(*[n.symbol for n in normals]) @ ca.jacobian(row.through.inner, mechanism.q)
+
+
+def _extended_row(linearization: Linearization, k: int, normals: Sequence[Quantity]) -> ca.SX:
+    """Return row k of Phi after a dynamic extension, 1 x (n-m), with the gradient `normals` of a path if there is one: the
+    highest derivative of a function of a point contains that of the point times the gradient.
+    """
+    integrators, through = linearization.integrators, linearization.output.rows[k].through
+    if integrators is None or through is None or not normals:
+        return linearization.Phi[k, :]
+    rows, last = ca.SX(2, linearization.system.dof), through.inner
+    for _ in range(linearization.relative_degree[k]):
+        if not rows.is_zero():
+            return linearization.Phi[k, :]  # the point has a lower relative degree than the function
+        rows, last = integrators.derivative(last)
+    return ca.horzcat(*[n.symbol for n in normals]) @ rows
 
 
 def _normal(

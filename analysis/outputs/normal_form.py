@@ -2,6 +2,8 @@
 
 Under the feedback (20) the outputs obey z1' = z2, z2' = v (relative degree 2) or z1' = v (relative degree 1). The remaining
 z3 = h~(q) obeys z3' = J_h~ S Phi^-1 w, where w are the rates z2 and the outputs of relative degree 1: it is driven by w only.
+
+With a dynamic extension z2 has all derivatives below the relative degrees, and T is a function of q, nu and the extension's xi.
 """
 
 import re
@@ -10,14 +12,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, islice
 
+import casadi as ca
 import sympy as sp
 
+from ...model.errors import ModelError
 from ..exact.points import random_point
 from ..exact.readable import readable
 from ..exact.symbolic import written
 from .decoupling import Decoupling, Slope
 from .planar import Arm, Planar
-from .shape import Shape, shape_of
+from .shape import Shape, shape_names, shape_of
 
 CHOICES = 200  # largest number of h~ tried
 
@@ -91,7 +95,8 @@ class NormalForm:
         """Names of z1, z2, z3."""
         linearization = self.decoupling.linearization
         names = [row.name for row in linearization.output.rows]
-        rates = tuple(f"{name}_dot" for name, degree in zip(names, linearization.relative_degree, strict=True) if degree == 2)
+        degrees = zip(names, linearization.relative_degree, strict=True)
+        rates = tuple(f"{name}_{order * 'd'}ot" for name, degree in degrees for order in range(1, degree))
         return tuple(names), rates, tuple(map(str, self.charts[0].kept))
 
     @cached_property
@@ -148,14 +153,93 @@ class NormalForm:
         return {name: [decoupling.over_determinant(entry) for entry in rows.row(k)] for name, k in kept.items()}
 
 
+ALONG = sp.Symbol("along_path")  # h~ of a path: the length of it behind P_l
+
+
+@dataclass(frozen=True, eq=False)
+class ExtendedForm(NormalForm):
+    """The normal form after a dynamic extension. Wherever Phi is regular the derivatives in z1 and z2 are independent; h~ is
+
+    - `cyclic`: coordinates on which neither the motion nor the outputs depend. Their rates are functions of z1 and z2;
+    - for a path the position along it: with the distance at rest P_l moves along the path at the speed of the reference;
+    - `others`: coordinates of joints. They are the zero dynamics.
+    """
+
+    cyclic: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+
+    @property
+    def equations(self) -> dict[str, sp.Expr]:  # type: ignore[override]
+        """Empty: no closed form is derived."""
+        return {}
+
+    @property
+    def zero_dynamics(self) -> str:  # type: ignore[override]
+        """What moves while the outputs follow a reference that moves."""
+        follow = [f"the rates of {', '.join(self.cyclic)} follow from the outputs"] if self.cyclic else []
+        along = [f"{ALONG}' is the speed of P_l"] if ALONG in self.charts[0].kept else []
+        return "; ".join([*(str(self.shape).split(", ") if self.others else ["none"]), *follow, *along])
+
+    @property
+    def stability(self) -> str:
+        """Stability of `others`."""
+        if not self.others:
+            return "nothing is left that could diverge"
+        return f"stable while driving straight if and only if {stable}" if (stable := self._stable_when) else "not decided"
+
+    @cached_property
+    def moving(self) -> tuple[StraightMotion, ...]:  # type: ignore[override]
+        """Straight driving, if others are left."""
+        if not self.others or not self.shape.decided:
+            return ()
+        settles, equation = f"{', '.join(self.others)} -> 0", "the heading is along the motion"
+        return (StraightMotion("V straight ahead", equation, settles, self._stable_when, shape=self.shape),)
+
+    @property
+    def _stable_when(self) -> str:
+        ways = {each.way for each in self.shape.followers}
+        return "" if len(ways) != 1 else "V > 0" if ways == {1} else "V < 0"
+
+
 def normal_form(decoupling: Decoupling) -> NormalForm:
     """Choose h~ among the coordinates."""
+    if decoupling.linearization.integrators:
+        return _extended_form(decoupling)
     degree = decoupling.linearization.relative_degree
     gradients = decoupling.gradients.extract([k for k in range(len(degree)) if degree[k] == 2], list(range(len(decoupling.q))))
     nu = sp.Matrix(decoupling.nu)
     offset = {k: decoupling.lowest(rate - (decoupling.Phi.row(k) * nu)[0]) for k, rate in decoupling.rates.items()}
     moves = {s for expression in (*decoupling.Phi, *offset.values()) for s in expression.free_symbols} & set(decoupling.nu)
     return NormalForm(decoupling, _charts(decoupling, gradients), None if moves else offset)
+
+
+def _extended_form(decoupling: Decoupling) -> ExtendedForm:
+    """Choose h~ of an extended system: cyclic coordinates, the position along a path, joints.
+
+    Raises ModelError if these are not all that is left.
+    """
+    linearization = decoupling.linearization
+    system, integrators = linearization.system, linearization.integrators
+    assert integrators is not None
+    z = ca.vertcat(linearization.h, linearization.rate)
+    motion = ca.vertcat(z, ca.vec(linearization.Phi), linearization.drift, ca.vec(system.S))
+    state = ca.vertcat(system.mechanism.q, system.nu, integrators.xi)
+    cyclic = [c for c in system.mechanism.coordinates if not ca.depends_on(motion, c.symbol)]
+    along = [ALONG] if linearization.output.path else []
+    joints = [c for c in system.mechanism.coordinates if c.name in shape_names(system) and c not in cyclic]
+    for others in ([], joints):
+        kept = [*cyclic, *others]
+        T = ca.vertcat(z, *[c.symbol for c in kept])
+        regular = integrators.sampled(ca.jacobian(T, state), linearization.output).rank() == T.numel()
+        if regular and T.numel() + len(along) == state.numel():
+            names = [sp.Symbol(c.name) for c in kept]
+            chart = Chart((*names, *along), sp.Integer(1), True)
+            return ExtendedForm(decoupling, (chart,), None, tuple(c.name for c in cyclic), tuple(c.name for c in others))
+    left = state.numel() - z.numel()
+    raise ModelError(
+        f"{decoupling.functions.name}: the dynamic extension leaves {left} states besides the outputs' derivatives, whose "
+        f"zero dynamics are not decided: they are not {', '.join(c.name for c in (*cyclic, *joints)) or 'cyclic'} alone"
+    )
 
 
 def _charts(decoupling: Decoupling, gradients: sp.Matrix) -> tuple[Chart, ...]:
@@ -194,6 +278,8 @@ def _along_a_path(decoupling: Decoupling, vehicle: Planar, shape: Shape) -> tupl
     if not followed or speed is None or decoupling.slopes[followed[0].row] is not None:
         return ()
     arm, V = followed[0].arm, sp.Symbol("V")
+    if not arm.ahead:
+        return ()  # beside the axle: Phi is singular where the heading is along the path
     lookahead, rate, chi = _factor(arm.ahead), -V / arm.ahead, decoupling.normal.chi
     stable_when = _stable_when(shape, V, arm.ahead)
     if arm.left:

@@ -107,6 +107,7 @@ def fmu(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: Mappi
         "choices": choices,
         "coordinates": len(mechanism.coordinates),
         "states": len(system.state),
+        "extension": len(law.extension) if law else 0,
         "grips": law is not None and can_grip(system),
         "limits": [f"self->real.of.limit[{k}]" for k in range(len(mechanism.inputs))],
         **_arguments(system, law),
@@ -138,6 +139,7 @@ def _groups(kind: str, system: ReducedSystem, law: ControlLaw | None, sources: M
         groups.append(_struct(f"{own}_config config", "config", parameter, law.config))
         groups.append(_struct(f"{own}_gains gains", "gains", parameter, law.gains))
         most = "largest absolute value; 0: no limit"
+        groups.append(_struct(f"double extension[{len(law.extension)}]", "extension", parameter, law.extension))
         limits = [Variable(f"limit.{q.name}", *parameter, 0.0, q.unit, f"{q.about}: {most}") for q in inputs]
         groups.append(VariableGroup(f"double limit[{len(inputs)}]", tuple(limits)))
         if can_grip(system):

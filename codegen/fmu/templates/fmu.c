@@ -61,6 +61,9 @@ typedef struct {
     double begin; /* s: time of the first call of the law */
     double calls; /* of the law */
 {% endif %}
+{% if extension %}
+    double called; /* s: time of the last call of the law */
+{% endif %}
 {% if law %}
     @{ law } law;
 {% endif %}
@@ -84,10 +87,10 @@ static fmi3Status report(const model *self, fmi3Status status, const char *what,
 }
 
 {% if law %}
-/* Calls the law; the status is an output, tau zero or held on an error. */
-static fmi3Status call(model *self, @{ law } *law)
+/* Calls the law@{ ", dt (s) after the last call" if extension }; the status is an output, tau zero or held on an error. */
+static fmi3Status call(model *self, @{ law } *law@{ ", double dt" if extension })
 {
-    const int status = @{ law }_step(law, &self->real.of.state, &self->real.of.reference, self->real.of.tau);
+    const int status = @{ law }_step(law, &self->real.of.state, &self->real.of.reference, @{ "dt, " if extension }self->real.of.tau);
     self->choice[STATUS] = status;
     return status < 0 ? report(self, fmi3Warning, "@{ law }_step", noslip_status_name(status)) : fmi3OK;
 }
@@ -164,9 +167,12 @@ static fmi3Status initialize(model *self)
     if (status != NOSLIP_OK) {
         return report(self, fmi3Error, "the parameters are refused", noslip_status_name(status));
     }
+{% if extension %}
+    memcpy(self->law.extension, self->real.of.extension, sizeof self->law.extension);
+{% endif %}
 {% if law %}
     copy = self->law;
-    (void)call(self, &copy);
+    (void)call(self, &copy@{ ", 0.0" if extension });
 {% endif %}
     return fmi3OK;
 }
@@ -286,6 +292,9 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
     self->begin = startTime;
     self->calls = 0.0;
 {% endif %}
+{% if extension %}
+    self->called = startTime;
+{% endif %}
     self->mode = INITIALIZING;
     return fmi3OK;
 }
@@ -400,7 +409,10 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 durat
 {% endfor %}
 {% endif %}
 {% if kind == "controller" %}
-    status = call(self, &self->law);
+    status = call(self, &self->law@{ ", time - self->called" if extension });
+{% if extension %}
+    self->called = time;
+{% endif %}
 {% elif kind == "plant" %}
     status = advance(self, duration);
 {% else %}
@@ -412,7 +424,10 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 time, fmi3Float64 durat
         if (now >= next - slack) {
             self->calls += 1.0;
             next = self->begin + self->calls * period;
-            status = call(self, &self->law);
+            status = call(self, &self->law@{ ", now - self->called" if extension });
+{% if extension %}
+            self->called = now;
+{% endif %}
         }
         next = next < end ? next : end;
         moved = advance(self, next - now);
