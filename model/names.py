@@ -77,7 +77,7 @@ OF_LAW = (
     ),
     *("follow_slope", "follow_slope_law", "ground", "ground_law", "ground_by_inputs", "ground_by_inputs_law"),
     *("null_inputs", "null_inputs_law"),
-    *("step_with_care", "step_with_grip", "follow_with_care", "follow_with_grip"),
+    *("step_refused", "step_limited", "step_with_grip", "follow_refused", "follow_limited", "follow_with_grip"),
     *("acceleration", "acceleration_law", "reduced", "reduced_law"),  # of the dynamics, which are named like a law
 )
 

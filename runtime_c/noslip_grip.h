@@ -60,7 +60,7 @@ static inline noslip_grip noslip_grip_of(const noslip_friction *friction)
 NOSLIP_HOT int noslip_holds(const double *ground, const noslip_grip *grip)
 {
     const double most = grip->weight * ground[3] + grip->height * ground[2];
-    return most >= 0 && ground[0] * ground[0] + ground[1] * ground[1] <= most * most;
+    return most * noslip_abs(most) - ground[0] * ground[0] - ground[1] * ground[1] >= 0;              /* NaN if they overflow */
 }
 
 /* Numbers s from low to high; none if low > high. `any` is 0 if some condition holds for no s: then low and high are the s
@@ -164,14 +164,20 @@ NOSLIP_APART noslip_steps noslip_steps_within(const double *inputs, const double
     return steps;
 }
 
-/* Adds s `way` to the inputs, and to `ground` what follows from it. */
-NOSLIP_APART void noslip_move(double *inputs, double *ground, const double *by_inputs,
-                const double *way, double s, int contacts, int count)
+/* Adds s `way` to the inputs. */
+static inline void noslip_move(double *inputs, const double *way, double s, int count)
 {
-    int i, k;
+    int i;
     for (i = 0; i < count; i++) {
         inputs[i] += s * way[i];
     }
+}
+
+/* Adds to `ground` what follows from s `way`. */
+NOSLIP_APART void noslip_move_ground(double *ground, const double *by_inputs, const double *way,
+                      double s, int contacts, int count)
+{
+    int i, k;
     for (k = 0; k < contacts; k++) {
         for (i = 0; i < 3; i++) {
             ground[4 * k + i] += s * noslip_effect(by_inputs + (3 * k + i) * count, way, count);
@@ -218,8 +224,8 @@ NOSLIP_APART void noslip_way_to_coasting(const double *ground, const double *by_
     }
 }
 
-/* Goes along `way` as little as needed; if nothing there is within friction and limits, as near to it as it gets. Returns 1 if
- * something is. */
+/* Goes along `way` as little as needed, and returns 1; if nothing there is within friction and limits, goes as near to it as it
+ * gets, changes `ground` accordingly, and returns 0. */
 NOSLIP_APART int noslip_go_along(double *inputs, const double *way, double *ground,
                   const double *by_inputs, const noslip_grip *grip,
                   const double *limits, int contacts, int count)
@@ -233,12 +239,15 @@ NOSLIP_APART int noslip_go_along(double *inputs, const double *way, double *grou
     } else {
         s = steps.low > 0 ? steps.low : steps.high < 0 ? steps.high : 0;
     }
-    noslip_move(inputs, ground, by_inputs, way, s, contacts, count);
+    noslip_move(inputs, way, s, count);
+    if (!steps.any) {
+        noslip_move_ground(ground, by_inputs, way, s, contacts, count);
+    }
     return steps.any;
 }
 
-/* Goes towards the end of `way` as little as needed; if nothing on it is within friction and limits, to the end. Returns 1 if
- * something is. */
+/* Goes towards the end of `way` as little as needed, and returns 1; if nothing on it is within friction and limits, goes to the
+ * end and returns 0. `ground` is that of the end. */
 NOSLIP_APART int noslip_go_towards(double *inputs, const double *way, double *ground,
                     const double *by_inputs, const noslip_grip *grip,
                     const double *limits, int contacts, int count)
@@ -246,12 +255,13 @@ NOSLIP_APART int noslip_go_towards(double *inputs, const double *way, double *gr
     noslip_steps steps;
     double s;
     int any;
-    noslip_move(inputs, ground, by_inputs, way, 1, contacts, count);
+    noslip_move(inputs, way, 1, count);
+    noslip_move_ground(ground, by_inputs, way, 1, contacts, count);
     steps = noslip_steps_within(inputs, way, ground, by_inputs, grip, limits, contacts, count);
     s = steps.low > -1 ? steps.low : -1;
     any = steps.any && s <= steps.high && s <= 0;
     if (any) {
-        noslip_move(inputs, ground, by_inputs, way, s, contacts, count);
+        noslip_move(inputs, way, s, count);
     }
     return any;
 }
@@ -280,7 +290,7 @@ static inline void noslip_cut(double *inputs, const double *limits, int count)
  * Changes two inputs so that each contact stays within friction and each input within its limit (from noslip_limit). First along
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
  * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
- * limits. `ground` and `by_inputs` as in noslip_steps_within; `ground` follows the inputs. What comes of it is to be checked by
+ * limits. `ground` and `by_inputs` as in noslip_steps_within; `ground` is overwritten. What comes of it is to be checked by
  * noslip_holds at the new inputs.
  */
 NOSLIP_APART void noslip_keep_grip(double *inputs, const double *slope, double *ground,
@@ -337,7 +347,7 @@ static inline noslip_grip_f noslip_grip_of_f(const noslip_friction_f *friction)
 NOSLIP_HOT int noslip_holds_f(const float *ground, const noslip_grip_f *grip)
 {
     const float most = grip->weight * ground[3] + grip->height * ground[2];
-    return most >= 0 && ground[0] * ground[0] + ground[1] * ground[1] <= most * most;
+    return most * noslip_abs_f(most) - ground[0] * ground[0] - ground[1] * ground[1] >= 0;            /* NaN if they overflow */
 }
 
 /* Numbers s from low to high; none if low > high. `any` is 0 if some condition holds for no s: then low and high are the s
@@ -441,14 +451,20 @@ NOSLIP_APART noslip_steps_f noslip_steps_within_f(const float *inputs, const flo
     return steps;
 }
 
-/* Adds s `way` to the inputs, and to `ground` what follows from it. */
-NOSLIP_APART void noslip_move_f(float *inputs, float *ground, const float *by_inputs,
-               const float *way, float s, int contacts, int count)
+/* Adds s `way` to the inputs. */
+static inline void noslip_move_f(float *inputs, const float *way, float s, int count)
 {
-    int i, k;
+    int i;
     for (i = 0; i < count; i++) {
         inputs[i] += s * way[i];
     }
+}
+
+/* Adds to `ground` what follows from s `way`. */
+NOSLIP_APART void noslip_move_ground_f(float *ground, const float *by_inputs, const float *way,
+                     float s, int contacts, int count)
+{
+    int i, k;
     for (k = 0; k < contacts; k++) {
         for (i = 0; i < 3; i++) {
             ground[4 * k + i] += s * noslip_effect_f(by_inputs + (3 * k + i) * count, way, count);
@@ -495,8 +511,8 @@ NOSLIP_APART void noslip_way_to_coasting_f(const float *ground, const float *by_
     }
 }
 
-/* Goes along `way` as little as needed; if nothing there is within friction and limits, as near to it as it gets. Returns 1 if
- * something is. */
+/* Goes along `way` as little as needed, and returns 1; if nothing there is within friction and limits, goes as near to it as it
+ * gets, changes `ground` accordingly, and returns 0. */
 NOSLIP_APART int noslip_go_along_f(float *inputs, const float *way, float *ground,
                  const float *by_inputs, const noslip_grip_f *grip,
                  const float *limits, int contacts, int count)
@@ -510,12 +526,15 @@ NOSLIP_APART int noslip_go_along_f(float *inputs, const float *way, float *groun
     } else {
         s = steps.low > 0 ? steps.low : steps.high < 0 ? steps.high : 0;
     }
-    noslip_move_f(inputs, ground, by_inputs, way, s, contacts, count);
+    noslip_move_f(inputs, way, s, count);
+    if (!steps.any) {
+        noslip_move_ground_f(ground, by_inputs, way, s, contacts, count);
+    }
     return steps.any;
 }
 
-/* Goes towards the end of `way` as little as needed; if nothing on it is within friction and limits, to the end. Returns 1 if
- * something is. */
+/* Goes towards the end of `way` as little as needed, and returns 1; if nothing on it is within friction and limits, goes to the
+ * end and returns 0. `ground` is that of the end. */
 NOSLIP_APART int noslip_go_towards_f(float *inputs, const float *way, float *ground,
                    const float *by_inputs, const noslip_grip_f *grip,
                    const float *limits, int contacts, int count)
@@ -523,12 +542,13 @@ NOSLIP_APART int noslip_go_towards_f(float *inputs, const float *way, float *gro
     noslip_steps_f steps;
     float s;
     int any;
-    noslip_move_f(inputs, ground, by_inputs, way, 1, contacts, count);
+    noslip_move_f(inputs, way, 1, count);
+    noslip_move_ground_f(ground, by_inputs, way, 1, contacts, count);
     steps = noslip_steps_within_f(inputs, way, ground, by_inputs, grip, limits, contacts, count);
     s = steps.low > -1 ? steps.low : -1;
     any = steps.any && s <= steps.high && s <= 0;
     if (any) {
-        noslip_move_f(inputs, ground, by_inputs, way, s, contacts, count);
+        noslip_move_f(inputs, way, s, count);
     }
     return any;
 }
@@ -557,7 +577,7 @@ static inline void noslip_cut_f(float *inputs, const float *limits, int count)
  * Changes two inputs so that each contact stays within friction and each input within its limit (from noslip_limit). First along
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
  * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
- * limits. `ground` and `by_inputs` as in noslip_steps_within; `ground` follows the inputs. What comes of it is to be checked by
+ * limits. `ground` and `by_inputs` as in noslip_steps_within; `ground` is overwritten. What comes of it is to be checked by
  * noslip_holds at the new inputs.
  */
 NOSLIP_APART void noslip_keep_grip_f(float *inputs, const float *slope, float *ground,

@@ -1,5 +1,6 @@
 """C of a control law: header and source."""
 
+import re
 from collections.abc import Sequence
 
 from ...model.mechanism import Quantity, per_second
@@ -502,66 +503,93 @@ class LawC(ProgramC[Program]):
         return [f"{kind} made{name[name.index('[') :]};"]
 
     def _step(self, entry: Entry, slope: Entry) -> str:
-        """Return the controller: first the common case, with fewer checks that are sufficient there; else all checks."""
-        name = self.scalar.name
-        names = self._arguments(entry)
-        answer, applied = names[-1], ("self->on_error", "self->limit", "self->held")
+        """Return the controller: first the common case, with fewer checks that are sufficient there; else a function for inputs
+        that are beyond a limit and one for errors."""
+        names, function, count = self._arguments(entry), self.function(entry.name), self.inputs
         before, after = self.ordinary(entry)
-        seen = after[self.inputs :]
-        begin, end = [*(f"{argument} != NULL" for argument in names), *before], ["status == NOSLIP_OK", *after]
-        written = [f"    {place}[{k}] = made[{k}];" for k in range(self.inputs) for place in (answer, "self->held")]
+        given = [name for name in names if name != "reference" or any("reference->" in place for place in after)]
+        asked = [f"made_{k}" for k in range(count)]  # by value, so that the results stay in registers
+        declared = self.parameters(entry, public=True)
+        results = [*(declared[name] for name in given), *(f"{self.scalar.real} {one}" for one in asked)]
+        written = [f"    {place}[{k}] = made[{k}];" for k in range(count) for place in (names[-1], "self->held")]
         written.append("    return NOSLIP_OK;")
-        # by value, so that the results stay in registers
-        asked = [f"made_{k}" for k in range(self.inputs)]
-        passed = ["status", *(f"status == NOSLIP_OK ? made[{k}] : 0" for k in range(self.inputs))]
-        care, grip = self.function(entry.name) + "_with_care", self.function(entry.name) + "_with_grip"
-        results = [f"{self.scalar.real} {one}" for one in asked]
-        parameters = [*self.parameters(entry, public=True).values(), "int status", *results]
-        made = f"{self.scalar.real} made[{self.inputs}]"
+        limited, beyond = f"{function}_limited", f"{function}_with_grip" if self.grips else f"{function}_limited"
         fast = [
-            f"status = {self.function(entry.name)}_law({', '.join([*names[:-1], 'made'])});",
+            f"status = {function}_law({', '.join([*names[:-1], 'made'])});",
             "/* Any other input that is not finite shows in the result. */",
-            f"if ({' && '.join(end)}) {{",
+            f"if ({' && '.join(['status == NOSLIP_OK', *after])}) {{",
             *written,
             "}",
+            "if (status == NOSLIP_OK) {",
+            f"    return {beyond}({', '.join([*given, *(f'made[{k}]' for k in range(count))])});",
+            "}",
         ]
-        lines = [f"{made};", "int status = NOSLIP_NULL;"]
-        lines += [f"if ({' && '.join(begin)}) {{", *(f"    {line}" for line in fast), "}"]
-        lines.append(f"return {grip if self.grips else care}({', '.join([*names, *passed])});")
-        with_care = [
-            f"{made} = {{{', '.join(asked)}}};",
-            self.leave(f"{answer} == NULL", "NOSLIP_NULL"),
+        lines = [f"{self.scalar.real} made[{count}];", "int status = NOSLIP_NULL;"]
+        lines.append(f"if ({' && '.join([*(f'{argument} != NULL' for argument in names), *before])}) {{")
+        lines += [*(f"    {line}" for line in fast), "}", f"return {function}_refused({', '.join([*names, 'status'])});"]
+        texts = [*self._refused(entry), *self._limited(entry, slope, given, asked)]
+        if self.grips:
+            rolls = [*self._within("limit"), *after[count:], self._rolls()]
+            with_grip = [
+                f"const {self.scalar.real} made[{count}] = {{{', '.join(asked)}}};",
+                f"{self.scalar.real} ground[{4 * self.contacts}];",
+                f"if ({' && '.join(rolls)}) {{",
+                *written,
+                "}",
+                f"return {limited}({', '.join([*given, *asked])});",
+            ]
+            texts.append("/* The step with NOSLIP_GRIP: is each contact within friction? */")
+            texts += [*fill(f"static NOSLIP_BESIDE int {beyond}({', '.join(results)})", ""), "{", body(with_grip), "}", ""]
+        return "\n".join([*texts, *fill(self.signature(entry), ""), "{", body(lines), "}"])
+
+    def _refused(self, entry: Entry) -> list[str]:
+        """Return the function for a step that cannot be computed; it finds out why."""
+        names = self._arguments(entry)
+        zeros = f"{self.scalar.name('noslip_write_zeros')}({names[-1]}, {self.inputs})"
+        lines = [
+            self.leave(f"{names[-1]} == NULL", "NOSLIP_NULL"),
             "if (self == NULL || self->ready != NOSLIP_READY) {",
-            f"    {name('noslip_write_zeros')}({answer}, {self.inputs});",
+            f"    {zeros};",
             "    return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;",
             "}",
             f"if ({' && '.join(f'{given} != NULL' for given in names[1:-1])}) {{",
             f"    const int admitted = {self._admission(entry)};",
             "    status = admitted == NOSLIP_OK ? status : admitted;",
             "}",
+            f"return {self._applied('self->held', names[-1])};",
+        ]
+        declared = [*self.parameters(entry, public=True).values(), "int status"]
+        head = f"static NOSLIP_BESIDE int {self.function(entry.name)}_refused({', '.join(declared)})"
+        return ["/* The step when something is wrong: finds out what. */", *fill(head, ""), "{", body(lines), "}", ""]
+
+    def _limited(self, entry: Entry, slope: Entry, given: Sequence[str], asked: Sequence[str]) -> list[str]:
+        """Return the function for a step whose inputs are not finite, or are to be limited."""
+        real, name = self.scalar.real, self.scalar.name
+        finite = [f"{name('noslip_all_finite')}(made, {self.inputs})"]
+        finite += [f"{name('noslip_is_finite')}({place})" for place in self._hidden_besides_headings(entry)]
+        lines = [
+            f"int status = {' && '.join(finite)} ? NOSLIP_OK : NOSLIP_NONFINITE;",
             *(self._slow(slope) if self.slows else []),
             *(self._grip(slope) if self.grips else []),
-            f"return {name('noslip_apply_limits')}({', '.join(['status', *applied, 'made', answer, str(self.inputs)])});",
+            f"return {self._applied('made', given[-1])};",
         ]
-        texts = ["/* The step when something is wrong, or cut: finds out what. */"]
-        texts += [*fill(f"static NOSLIP_COLD int {care}({', '.join(parameters)})", ""), "{", body(with_care), "}", ""]
-        if self.grips:
-            rolls = ["status == NOSLIP_OK", "self != NULL", "state != NULL", "self->on_limit == NOSLIP_GRIP"]
-            rolls += [*self._within("limit"), *seen, self._rolls()]
-            with_grip = [f"const {made} = {{{', '.join(asked)}}};", f"{self.scalar.real} ground[{4 * self.contacts}];"]
-            with_grip += [f"if ({' && '.join(rolls)}) {{", *written, "}"]
-            with_grip.append(f"return {care}({', '.join([*names, 'status', *asked])});")
-            texts.append("/* The step with NOSLIP_GRIP: is each contact within friction? Then all that is not ordinary. */")
-            head = f"static NOSLIP_BESIDE int {grip}({', '.join(parameters)})"
-            texts += [*fill(head, ""), "{", body(with_grip), "}", ""]
-        return "\n".join([*texts, *fill(self.signature(entry), ""), "{", body(lines), "}"])
+        unused = [f"(void){one};" for one in given if not re.search(rf"\b{one}\b", " ".join(lines))]
+        declared = self.parameters(entry, public=True)
+        parameters = [*(declared[one] for one in given), *(f"{real} {one}" for one in asked)]
+        head = f"static NOSLIP_COLD int {self.function(entry.name)}_limited({', '.join(parameters)})"
+        lines = [f"{real} made[{self.inputs}] = {{{', '.join(asked)}}};", *unused, *lines]
+        return ["/* The step with inputs that are not finite, or beyond a limit. */", *fill(head, ""), "{", body(lines), "}", ""]
+
+    def _applied(self, inputs: str, answer: str) -> str:
+        """Return the call that ends a step with these inputs, written to `answer`."""
+        given = f"status, self->on_error, self->limit, self->held, {inputs}, {answer}, {self.inputs}"
+        return f"{self.scalar.name('noslip_apply_limits')}({given})"
 
     def ordinary(self, entry: Entry) -> tuple[list[str], list[str]]:
         """Return the C conditions before and after the law under which a step needs no further checks: of the result, last of
         inputs that it need not show."""
-        headings = self._state_angles(entry)
-        hidden = [place for place in self._hidden(entry) if place not in headings]
-        before = ["self->ready == NOSLIP_READY", *(self.in_range(angle) for angle in headings)]
+        hidden = self._hidden_besides_headings(entry)
+        before = ["self->ready == NOSLIP_READY", *(self.in_range(angle) for angle in self._state_angles(entry))]
         seen = [f"{self.scalar.name('noslip_is_finite')}({' + '.join(hidden)})"] if hidden else []
         return before, [*self._within("clear" if self.grips else "limit"), *seen]
 
@@ -608,7 +636,7 @@ class LawC(ProgramC[Program]):
         return "\n".join([*fill(self.signature(entry), ""), "{", body(lines), "}"])
 
     def _slow(self, slope: Entry) -> list[str]:
-        """Return the function that brings tau within the limits by reducing the speed."""
+        """Return the statements that bring tau within the limits by reducing the speed."""
         given = self._arguments(slope)
         return [
             "if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {",
@@ -679,6 +707,11 @@ class LawC(ProgramC[Program]):
         shown = {(leaf.group, leaf.name) for leaf in _leaves(body.roots)}
         shown -= {(leaf.group, leaf.name) for leaf in hidden_inputs(body)}
         return [self.argument(group, name) for group, name in self._inputs(entry) if (group, name) not in shown]
+
+    def _hidden_besides_headings(self, entry: Entry) -> list[str]:
+        """Return those of `_hidden` whose range is not checked before."""
+        headings = self._state_angles(entry)
+        return [place for place in self._hidden(entry) if place not in headings]
 
     def _inputs(self, entry: Entry) -> list[tuple[Group, str]]:
         """Return the arguments of an entry point besides `self`, by group and name; at the foot only those that it reads."""

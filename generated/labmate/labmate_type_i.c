@@ -709,11 +709,10 @@ static int labmate_type_i_step_law(const labmate_type_i *self, const labmate_sta
     return NOSLIP_OK;
 }
 
-/* The step when something is wrong, or cut: finds out what. */
-static NOSLIP_COLD int labmate_type_i_step_with_care(labmate_type_i *self, const labmate_state *state,
-    const labmate_type_i_reference *reference, double tau[2], int status, double made_0, double made_1)
+/* The step when something is wrong: finds out what. */
+static NOSLIP_BESIDE int labmate_type_i_step_refused(labmate_type_i *self, const labmate_state *state,
+    const labmate_type_i_reference *reference, double tau[2], int status)
 {
-    double made[2] = {made_0, made_1};
     if (tau == NULL) {
         return NOSLIP_NULL;
     }
@@ -725,6 +724,16 @@ static NOSLIP_COLD int labmate_type_i_step_with_care(labmate_type_i *self, const
         const int admitted = labmate_type_i_admit_both(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    return noslip_apply_limits(status, self->on_error, self->limit, self->held, self->held, tau, 2);
+}
+
+/* The step with inputs that are not finite, or beyond a limit. */
+static NOSLIP_COLD int labmate_type_i_step_limited(labmate_type_i *self, const labmate_state *state, double tau[2],
+    double made_0, double made_1)
+{
+    double made[2] = {made_0, made_1};
+    int status = noslip_all_finite(made, 2) && noslip_is_finite(state->theta_r) &&
+        noslip_is_finite(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
         double ground[8];
         double by_inputs[6][2];
@@ -739,23 +748,22 @@ static NOSLIP_COLD int labmate_type_i_step_with_care(labmate_type_i *self, const
     return noslip_apply_limits(status, self->on_error, self->limit, self->held, made, tau, 2);
 }
 
-/* The step with NOSLIP_GRIP: is each contact within friction? Then all that is not ordinary. */
-static NOSLIP_BESIDE int labmate_type_i_step_with_grip(labmate_type_i *self, const labmate_state *state,
-    const labmate_type_i_reference *reference, double tau[2], int status, double made_0, double made_1)
+/* The step with NOSLIP_GRIP: is each contact within friction? */
+static NOSLIP_BESIDE int labmate_type_i_step_with_grip(labmate_type_i *self, const labmate_state *state, double tau[2],
+    double made_0, double made_1)
 {
     const double made[2] = {made_0, made_1};
     double ground[8];
-    if (status == NOSLIP_OK && self != NULL && state != NULL && self->on_limit == NOSLIP_GRIP && noslip_within(made[0],
-        self->limit[0]) && noslip_within(made[1], self->limit[1]) && noslip_is_finite(state->theta_r +
-        state->theta_l) && labmate_type_i_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
-        &self->grip) && noslip_holds(&ground[4], &self->grip)) {
+    if (noslip_within(made[0], self->limit[0]) && noslip_within(made[1], self->limit[1]) &&
+        noslip_is_finite(state->theta_r + state->theta_l) && labmate_type_i_ground_law(self, state, made,
+        ground) == NOSLIP_OK && noslip_holds(ground, &self->grip) && noslip_holds(&ground[4], &self->grip)) {
         tau[0] = made[0];
         self->held[0] = made[0];
         tau[1] = made[1];
         self->held[1] = made[1];
         return NOSLIP_OK;
     }
-    return labmate_type_i_step_with_care(self, state, reference, tau, status, made_0, made_1);
+    return labmate_type_i_step_limited(self, state, tau, made_0, made_1);
 }
 
 int labmate_type_i_step(labmate_type_i *self, const labmate_state *state, const labmate_type_i_reference *reference,
@@ -775,7 +783,9 @@ int labmate_type_i_step(labmate_type_i *self, const labmate_state *state, const 
             self->held[1] = made[1];
             return NOSLIP_OK;
         }
+        if (status == NOSLIP_OK) {
+            return labmate_type_i_step_with_grip(self, state, tau, made[0], made[1]);
+        }
     }
-    return labmate_type_i_step_with_grip(self, state, reference, tau, status, status == NOSLIP_OK ? made[0] : 0,
-        status == NOSLIP_OK ? made[1] : 0);
+    return labmate_type_i_step_refused(self, state, reference, tau, status);
 }

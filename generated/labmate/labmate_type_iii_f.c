@@ -698,11 +698,10 @@ static int labmate_type_iii_step_f_law(const labmate_type_iii_f *self, const lab
     return NOSLIP_OK;
 }
 
-/* The step when something is wrong, or cut: finds out what. */
-static NOSLIP_COLD int labmate_type_iii_step_f_with_care(labmate_type_iii_f *self, const labmate_state_f *state,
-    const labmate_type_iii_reference_f *reference, float tau[2], int status, float made_0, float made_1)
+/* The step when something is wrong: finds out what. */
+static NOSLIP_BESIDE int labmate_type_iii_step_f_refused(labmate_type_iii_f *self, const labmate_state_f *state,
+    const labmate_type_iii_reference_f *reference, float tau[2], int status)
 {
-    float made[2] = {made_0, made_1};
     if (tau == NULL) {
         return NOSLIP_NULL;
     }
@@ -714,6 +713,16 @@ static NOSLIP_COLD int labmate_type_iii_step_f_with_care(labmate_type_iii_f *sel
         const int admitted = labmate_type_iii_admit_both_f(self, state, reference);
         status = admitted == NOSLIP_OK ? status : admitted;
     }
+    return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, self->held, tau, 2);
+}
+
+/* The step with inputs that are not finite, or beyond a limit. */
+static NOSLIP_COLD int labmate_type_iii_step_f_limited(labmate_type_iii_f *self, const labmate_state_f *state,
+    float tau[2], float made_0, float made_1)
+{
+    float made[2] = {made_0, made_1};
+    int status = noslip_all_finite_f(made, 2) && noslip_is_finite_f(state->x_c) && noslip_is_finite_f(state->theta_r) &&
+        noslip_is_finite_f(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
         float ground[8];
         float by_inputs[6][2];
@@ -728,14 +737,13 @@ static NOSLIP_COLD int labmate_type_iii_step_f_with_care(labmate_type_iii_f *sel
     return noslip_apply_limits_f(status, self->on_error, self->limit, self->held, made, tau, 2);
 }
 
-/* The step with NOSLIP_GRIP: is each contact within friction? Then all that is not ordinary. */
+/* The step with NOSLIP_GRIP: is each contact within friction? */
 static NOSLIP_BESIDE int labmate_type_iii_step_f_with_grip(labmate_type_iii_f *self, const labmate_state_f *state,
-    const labmate_type_iii_reference_f *reference, float tau[2], int status, float made_0, float made_1)
+    float tau[2], float made_0, float made_1)
 {
     const float made[2] = {made_0, made_1};
     float ground[8];
-    if (status == NOSLIP_OK && self != NULL && state != NULL && self->on_limit == NOSLIP_GRIP &&
-        noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
+    if (noslip_within_f(made[0], self->limit[0]) && noslip_within_f(made[1], self->limit[1]) &&
         noslip_is_finite_f(state->x_c + state->theta_r + state->theta_l) && labmate_type_iii_ground_f_law(self, state,
         made, ground) == NOSLIP_OK && noslip_holds_f(ground, &self->grip) && noslip_holds_f(&ground[4], &self->grip)) {
         tau[0] = made[0];
@@ -744,7 +752,7 @@ static NOSLIP_BESIDE int labmate_type_iii_step_f_with_grip(labmate_type_iii_f *s
         self->held[1] = made[1];
         return NOSLIP_OK;
     }
-    return labmate_type_iii_step_f_with_care(self, state, reference, tau, status, made_0, made_1);
+    return labmate_type_iii_step_f_limited(self, state, tau, made_0, made_1);
 }
 
 int labmate_type_iii_step_f(labmate_type_iii_f *self, const labmate_state_f *state,
@@ -764,7 +772,9 @@ int labmate_type_iii_step_f(labmate_type_iii_f *self, const labmate_state_f *sta
             self->held[1] = made[1];
             return NOSLIP_OK;
         }
+        if (status == NOSLIP_OK) {
+            return labmate_type_iii_step_f_with_grip(self, state, tau, made[0], made[1]);
+        }
     }
-    return labmate_type_iii_step_f_with_grip(self, state, reference, tau, status, status == NOSLIP_OK ? made[0] : 0,
-        status == NOSLIP_OK ? made[1] : 0);
+    return labmate_type_iii_step_f_refused(self, state, reference, tau, status);
 }
