@@ -41,9 +41,7 @@ def coulomb(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray
     return force if len(load) == 1 else _in_turn(give, free, load, mu, creep, force)
 
 
-def _in_turn(
-    give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray, creep: float, force: np.ndarray
-) -> np.ndarray:
+def _in_turn(give: np.ndarray, free: np.ndarray, load: np.ndarray, mu: np.ndarray, creep: float, force: np.ndarray) -> np.ndarray:
     """Return the same, contact by contact with the others held (Gauss and Seidel): slower, and sure.
 
     The forces are within their limits also where the last sweep is not exact; the next step starts from the slip that is left.
