@@ -152,7 +152,7 @@ def fingerprint(system: ReducedSystem, law: ControlLaw | None = None) -> str:
     expressions += [
         part for contact in mechanism.contacts for part in (contact.along, contact.across, contact.mass, contact.left)
     ]
-    expressions += [contact.ahead for contact in mechanism.standing if mechanism.supports]
+    expressions += [contact.ahead for contact in mechanism.standing if mechanism.places_named]
     expressions += [part for support in mechanism.supports for part in (support.mass, support.left)]
     lines = [mechanism.name, mechanism.about, *mechanism.constraint_names, *(contact.name for contact in mechanism.standing)]
     lines += [f"{q.name} {q.unit} {q.about} {q.default!r} {q.sign}" for q in groups]

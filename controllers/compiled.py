@@ -19,7 +19,7 @@ from ..codegen.program import Entry
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
-from .controller import ON_LIMIT, QUANTITIES, RUNNING, Evaluation, Friction, Limits, check_point
+from .controller import ON_LIMIT, RUNNING, Evaluation, Friction, Limits, check_point
 from .runtime import InC, load, runtime
 
 Text = TypeVar("Text", LawC, DynamicsC)

@@ -96,14 +96,14 @@ def distribution(mechanism: Mechanism) -> ca.SX:
 def shift_by_forces(mechanism: Mechanism) -> ca.SX:
     """Return K, c x 2 c (1/m): K times the forces is the `shift` of Ground.
 
-    If the robot names what else it stands on (`Mechanism.support`), the moments of all forces about the height of the centre of
-    mass are balanced by changes of all loads: exact for three supports, for more the changes of smallest sum of squares over
-    mass. Otherwise an axle carries the moment of its side force about its own contacts, by the same rule; zero for an axle
-    without width. The moment that the spin of wheels takes is neglected.
+    If the robot names the places of all that it stands on (`Mechanism.places_named`), the moments of all forces about the height
+    of the centre of mass are balanced by changes of all loads: exact for three supports, for more the changes of smallest sum of
+    squares over mass. Otherwise an axle carries the moment of its side force about its own contacts, by the same rule; zero for
+    an axle without width. The moment that the spin of wheels takes is neglected.
     """
     count = len(mechanism.standing)
     K = ca.SX(count, 2 * count)
-    if mechanism.supports:
+    if mechanism.places_named:
         return _shift_of_all(mechanism)
     for axle in axles(mechanism):
         mass, left = (ca.vertcat(*[getattr(mechanism.contacts[k], name) for k in axle]) for name in ("mass", "left"))
@@ -150,7 +150,7 @@ def _translations(mechanism: Mechanism) -> ca.SX:
 def narrow(mechanism: Mechanism) -> list[str]:
     """Return the contacts that cannot carry the moment of side forces: their axle has no width, or supports are on one line."""
     K = shift_by_forces(mechanism)
-    if mechanism.supports:
+    if mechanism.places_named:
         return [contact.name for contact in mechanism.standing] if K.is_zero() else []
     return [mechanism.contacts[k].name for axle in axles(mechanism) for k in axle if K[k, :].is_zero()]
 

@@ -389,7 +389,7 @@ class Mechanism:
         `along` and `across` are the velocity (m/s) of the contact point over the ground, forward and to the left; the constraints
         keep them zero by a force (N) in that direction. None means no force in that direction. `mass` (kg) rests on the
         contact; `left` (m) is its position to the left of the vehicle's centre line, `ahead` (m) that ahead of any point of it,
-        which is required only with `support`. No equation of motion depends on this.
+        which is required with `support` and for contacts on several lines. No equation of motion depends on this.
         """
         if along is None and across is None:
             raise ModelError(
@@ -538,6 +538,11 @@ class Mechanism:
     def standing(self) -> "tuple[Contact, ...]":
         """All that the robot stands on: the contacts, then the supports."""
         return (*self.contacts, *self.supports)
+
+    @property
+    def places_named(self) -> bool:
+        """Whether loads follow from the places of all contacts: there are supports, or contacts on more than one line."""
+        return bool(self.supports) or any(not contact.ahead.is_zero() for contact in self.contacts)
 
     @property
     def constraints(self) -> tuple[ca.SX, ...]:

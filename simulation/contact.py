@@ -165,7 +165,7 @@ def contact_forces(plant: Plant, x: np.ndarray, tau: np.ndarray, options: Contac
     lam = plant.constraint_forces(x, tau)
     load = options.share * GRAVITY * mass
     force = _shared(combination, lam, load)
-    if options.height and mechanism.supports:
+    if options.height and mechanism.places_named:
         if narrow(mechanism):
             raise BadInput(f"[contact] height = {options.height:g}: all supports of {mechanism.name} are on one line; omit it")
         load = load + options.height * (plant.shift(x) @ force[:, :, None])[:, :, 0]

@@ -1,5 +1,6 @@
 """Robots on a floor in a physics engine, compared with the Mechanism, with the rolling simulation, and with Coulomb's law."""
 
+import importlib
 import subprocess
 import sys
 from functools import cache
@@ -147,6 +148,59 @@ def test_energy_is_that_of_the_inputs_less_friction():
     assert after - first == pytest.approx(work, abs=2e-3 * abs(before))
 
 
+def test_steps_are_as_long_as_the_floor_says():
+    made = engine("labmate", Floor(mu=0.7, step=3e-4))
+    made.hold(0.0, made.state(), np.zeros(2), 0.01)
+    assert made.model.opt.timestep == pytest.approx(0.01 / 34)
+
+
+def momentum(made: FloorEngine) -> np.ndarray:
+    """The linear momentum along x and y (kg m/s), and the angular momentum about the vertical through the origin, by MuJoCo."""
+    mujoco.mj_forward(made.model, made.data)
+    mujoco.mj_subtreeVel(made.model, made.data)
+    linear = made.model.body_subtreemass[1] * made.data.subtree_linvel[1]
+    return np.array([*linear[:2], made.data.subtree_angmom[1, 2] + np.cross(made.data.subtree_com[1], linear)[2]])
+
+
+def changes(name: str, floor: Floor, step: float, flies: bool = False) -> tuple[np.ndarray, np.ndarray, float]:
+    """Change of the momentum in 0.1 s with motors that turn, impulse of the ground's forces, and the largest momentum."""
+    random = np.random.default_rng(3)
+    system = system_of(find_robot(name))
+    n = len(system.mechanism.coordinates)
+    made = engine(name, floor, np.concatenate([np.zeros(n), random.uniform(2, 4, system.dof)]))
+    if flies:
+        made.model.opt.gravity[:] = 0.0
+        made.data.qpos[
+            [made.model.joint(k).qposadr[0] for k in range(made.model.njnt) if made.model.joint(k).name[:2] == "z_"]
+        ] += 1
+    tau, impulse, x = random.uniform(-30, 30, len(system.mechanism.inputs)), np.zeros(3), made.state()
+    first = momentum(made)
+    for _ in range(round(0.1 / step)):
+        places = made.data.geom_xpos[made._geoms].copy()
+        headings = made._headings @ made.coordinates()[0]
+        x = made.hold(0.0, x, tau, step)
+        along, across = made.look()[3].reshape(-1, 2).T
+        c, s = np.cos(headings), np.sin(headings)
+        fx, fy = c * along - s * across, s * along + c * across
+        impulse += step * np.array([fx.sum(), fy.sum(), (places[:, 0] * fy - places[:, 1] * fx).sum()])
+    assert np.abs(made.look()[1]).max() == 0 if flies else made.look()[1].min() > 0
+    return momentum(made) - first, impulse, float(np.abs(first).max())
+
+
+@pytest.mark.parametrize("name", ["labmate", "tractor_trailer"])
+def test_momentum_changes_by_what_the_ground_does(name):
+    """Without friction, and in flight, it stays; with friction, slipping, it changes by the impulse of the forces and of their
+    moments. The step explains the rest: half of it leaves half.
+    """
+    for flies in (False, True):
+        change, impulse, size = changes(name, Floor(mu=0.0), 1e-3, flies)
+        assert np.abs([change, impulse]).max() < 1e-6 * size
+    coarse, fine = (changes(name, RUBBER, step) for step in (1e-3, 5e-4))
+    rest = [np.abs(change - impulse).max() / size for change, impulse, size in (coarse, fine)]
+    assert rest[1] < 1e-3 and rest[1] == pytest.approx(rest[0] / 2, rel=0.1)
+    assert np.abs(fine[1]).max() > 0.05 * fine[2]
+
+
 def test_load_moves_to_the_outer_wheel():
     """In a turn, by the moment of the side force about the axis at the height of the ground: F h / (2 b) on each side."""
     rate, spread = 12.0, 2.0
@@ -262,6 +316,7 @@ def test_the_command_line(tmp_path, capsys):
     "changes, said",
     [
         (["simulation.period=0.0"], "period > 0"),
+        (["floor.step=0.01"], "[floor] step = 0.01 s must be between 1e-05 and 0.002"),
         (["floor={mu=-1}"], "floor"),
         (["floor={slope=1.5}"], "too steep"),
         (["floor={patch=[{x=[1,0],y=[0,1],mu=0.2}]}"], "must be below"),
@@ -356,26 +411,14 @@ def test_which_of_the_papers_starts_survive_on_a_floor(mu, survive):
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(
-    "name, changes, limit",
-    [
-        ("slowly, mu 5", {"reference.speed": 0.3, "contact": {"mu": 5.0}}, 2.5e-4),
-        ("paper's speed, castor 30 %", {"contact": {"mu": 0.7, "share": 0.7}}, 1e-3),
-        ("centre of mass 0.15 m high", {"contact": {"mu": 0.7, "share": 0.7, "height": 0.15}}, 1e-3),
-        ("torque cut at 4 N m", {"contact": {"mu": 0.7, "share": 0.7}, "limits": {"torque": [4.0], "mode": "cut"}}, 1e-3),
-    ],
-)
-def test_halving_the_step_changes_a_path_by_less_than_a_millimetre(name, changes, limit, monkeypatch):
-    """Each halving halves the change: the method is of first order."""
-    soft = {} if "limits" in changes else {"gains": GENTLE["gains"]}
-    spec = read_varied(LINE, FAST | {"simulation.period": 0.01} | soft | changes)
-    paths = []
-    for step in (1e-3, 5e-4, 2.5e-4):
-        monkeypatch.setattr(FloorEngine.__init__, "__defaults__", (step,))
-        paths.append(simulate(spec, engine="mujoco").q[:, :2])
-    moved = [np.abs(b - a).max() for a, b in zip(paths, paths[1:], strict=False)]
-    print(f"{name}: {moved[0] * 1e3:.3f} mm, {moved[1] * 1e3:.3f} mm")
-    assert moved[0] < limit and moved[1] < 0.7 * moved[0]
+def test_halving_the_step_changes_a_path_by_less_than_a_millimetre(monkeypatch):
+    """Each halving halves the change: the method is of first order. Slowly and with much friction it agrees with rolling."""
+    monkeypatch.syspath_prepend(LINE.parents[1] / "bench" / "physics")
+    bench = importlib.import_module("engine")
+    for name, (changes, limit) in bench.RUNS.items():
+        first, second = bench.moved(changes)
+        assert first < limit and second < 0.7 * first, name
+    assert bench.from_rolling(bench.RUNS[bench.ROLLING][0]) < 1e-3
 
 
 def test_loads_of_a_robot_with_a_castor_are_those_of_the_balance():

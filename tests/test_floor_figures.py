@@ -10,40 +10,51 @@ from noslip.evidence.framework import carry_out, claims_of_every_run
 from noslip.evidence.production import Made
 from noslip.evidence.report import as_json, report
 from noslip.readers.errors import BadInput
-from noslip.simulation.drawing import pictures
+from noslip.simulation.drawing import pictures, plotted
 from noslip.tests.figures_made import figure_of
 from noslip.tests.test_engine import ROBOTS
 
 pytest.importorskip("mujoco")
 NAMES = [figure.name for figure in floor.FIGURES]
 SPEEDS = line.FIGURES[2]  # figure 7
-FLOORS = {(0.7, floor.BARE): 0, (0.7, floor.LIMITED): 2}
+FLOORS = {(0.7, floor.BARE): 0, (0.7, floor.LIMITED): 2, (0.7, floor.LED): 1}
 
 
 @pytest.fixture(scope="module")
 def runs():
-    """Figure 7 on a floor, its first 4 s, and one that rolls."""
-    made = {floor.ROLLING: carry_out(floor.PAPER_CASES[floor.ROLLING].spec())}
-    for mu, limits in FLOORS:
+    """Figure 7 rolling, 10 s, and on a floor, its first 4 s."""
+    made = {}
+    for on in (floor.ROLLING, *FLOORS):
         for label, case in SPEEDS.cases.items():
-            case = floor._on_floor(case, (mu, limits), share=0.7)
-            case = dataclasses.replace(case, changes={**case.changes, "simulation.duration": 4.0})
-            made[floor._label(SPEEDS, label, (mu, limits))] = carry_out(case.spec(), engine=case.engine)
+            case = floor._on_floor(case, on, share=0.7)
+            shorter = {} if on == floor.ROLLING else {"simulation.duration": 4.0}
+            case = dataclasses.replace(case, changes={**case.changes, **shorter})
+            made[floor._label(SPEEDS, label, on)] = carry_out(case.spec(), engine=case.engine)
     return made
 
 
-def test_a_claim_is_lost_where_its_run_ended(runs, monkeypatch):
+def test_the_table_is_made_from_runs(runs, monkeypatch):
+    """A claim is one that holds where the wheels roll, is lost where its run ended, and else is judged as in its own figure."""
     monkeypatch.setattr(floor, "PAPERS", (SPEEDS,))
     monkeypatch.setattr(floor, "SURVIVE", FLOORS)
-    found = floor.survivors(runs)
-    assert len(found) == 4
-    bare, limited = ([by_floor[each] for by_floor in found.values()] for each in FLOORS)
+    monkeypatch.setattr(floor, "SHOWN", "IV")
+    table = floor.survivors(runs)
+    assert len(table) == 4
+    rolling, bare, limited, led = ([by_floor[each] for by_floor in table.values()] for each in (floor.ROLLING, *FLOORS))
+    assert all(holds for holds, _ in rolling)
     assert not any(holds for holds, _ in bare) and all(said.partition(": ")[2].startswith("range at 0.0") for _, said in bare)
     assert [holds for holds, _ in limited] == [True, False, False, True]  # at 4 s it is still 2 cm/s too slow
+    own = SPEEDS.claims({label: runs[floor._label(SPEEDS, label, (0.7, floor.LED))] for label in SPEEDS.cases})
+    assert led == [(claim.holds, claim.measured) for claim in own if claim.paper]
     *_, rolls = floor.claims_papers(runs)
-    assert [claim.holds for claim in floor.claims_papers(runs)] == [True] * 3
+    assert [claim.holds for claim in floor.claims_papers(runs)] == [True] * 4
     slides = {label: dataclasses.replace(run, floor=run.floor and slid(run)) for label, run in runs.items()}
     assert rolls.holds and not floor.claims_papers(slides)[-1].holds
+    standing = {label: runs[floor._label(SPEEDS, "IV", floor.ROLLING)] if not run.floor else run for label, run in runs.items()}
+    assert len(floor.survivors(standing)) < 4  # what does not hold where the wheels roll is not in the table
+    data = plotted(floor.draw_papers(runs))
+    for on, by_floor in zip((floor.ROLLING, *FLOORS), (rolling, bare, limited, led), strict=True):
+        assert data.count(f"; {floor._said(on)}: holds") == sum(holds for holds, _ in by_floor)
 
 
 def slid(run):
@@ -59,8 +70,10 @@ def test_runs_on_a_floor_in_the_report(runs):
     made = Made(figure, there, [], {"svg": b"<svg/>", "png": b""})
     assert report([made]).count('<td class="number">–</td>' * 4) == len(there)
     (said,) = as_json([made])
-    bare, limited = ([one["slipping"] for k, one in said["runs"].items() if k.endswith(f", {limits}")] for _, limits in FLOORS)
-    assert min(bare) > 100 and 0 < max(limited) < 0.01
+    bare, limited, led = (
+        [one["slipping"] for k, one in said["runs"].items() if k.endswith(f", {limits}")] for _, limits in FLOORS
+    )
+    assert min(bare) > 100 and 0 < max(*limited, *led) < 0.01
 
 
 def test_the_robots_are_those_that_the_engine_takes():
@@ -81,7 +94,7 @@ def test_reckoning_is_off_by_what_it_says(runs):
     assert floor.reckoning_error(run) < 1e-2
     moved = dataclasses.replace(run, floor=dataclasses.replace(run.floor, reckoned=run.floor.reckoned + [3.0, 4.0, 0.0]))
     assert floor.reckoning_error(moved) == pytest.approx(5.0, abs=1e-2)
-    assert floor.reckoning_error(runs[floor.ROLLING]) is None
+    assert floor.reckoning_error(runs[floor._label(SPEEDS, "I", floor.ROLLING)]) is None
 
 
 @pytest.mark.nightly

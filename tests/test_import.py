@@ -17,7 +17,10 @@ from noslip.readers.urdf.importing import SAME
 from noslip.readers.urdf.parts import Layout, Options
 from noslip.readers.urdf.recognition import recognize
 from noslip.readers.urdf.text import name_of, robot_file
-from noslip.tests.urdfs import QUARTER, ROBOTS, WHEEL, Urdf, four_wheels, steered, turtlebot3, two_wheels
+from noslip.simulation.contact import contact_forces
+from noslip.simulation.plant import Plant
+from noslip.simulation.specification.spec import ContactSection
+from noslip.tests.urdfs import QUARTER, ROBOTS, WHEEL, Urdf, four_wheels, mecanum, steered, turtlebot3, two_wheels
 
 pytestmark = pytest.mark.skipif(find_spec("yourdfpy") is None, reason="yourdfpy, of the extra `physics`, reads URDFs")
 STATES = 5
@@ -53,6 +56,10 @@ def rates(name: str, q: dict, qdot: dict) -> dict[str, ca.SX]:
     forward = ca.cos(q["phi"]) * qdot["x"] + ca.sin(q["phi"]) * qdot["y"]
     if name == "skid_steer":
         return {f"{end}_{side}_joint": qdot[f"theta_{side[0]}"] for end in ("front", "rear") for side in ("left", "right")}
+    if name == "mecanum":
+        found = {f"{end}_left_joint": -qdot[f"theta_{end[0]}l"] for end in ("front", "rear")}
+        found |= {f"{end}_right_joint": qdot[f"theta_{end[0]}r"] for end in ("front", "rear")}
+        return found | {f"{wheel[:-6]}_roller_{k}_joint": 0 for wheel in found for k in range(8)}
     if "delta" not in q:
         found = {"left_joint": qdot["theta_l"], "right_joint": -qdot["theta_r"], "lidar_joint": 0}
         count = sum(coordinate.startswith("phi_") for coordinate in q)
@@ -247,8 +254,14 @@ BAD = {
     "floating": (replaced('"lidar_joint" type="continuous"', '"lidar_joint" type="floating"'), "joint 'lidar_joint' is floating"),
     "mecanum": (
         replaced(CYLINDER, MESH.replace("left", "mecanum")),
-        "joint 'right_joint': 'package://cart/mecanum.stl' is a wheel",
+        "joint 'right_joint': 'package://cart/mecanum.stl' is a wheel with rollers (mecanum or omnidirectional)",
     ),
+    "unlike rollers": (replaced('sphere radius="0.02"', 'box size="1 1 1"', mecanum), "give the radius of the wheel by --radius"),
+    "three with rollers": (
+        lambda: three_with_rollers(),
+        "are wheels with rollers; a robot file describes four",
+    ),
+    "roller askew": (replaced('axis xyz="0.5000000000000001', 'axis xyz="0.3', mecanum), "its rollers are not alike"),
     "skid": (lambda: four_wheels().text, "--skid-steer-track METRES"),
     "unbalanced": (
         replaced('xyz="0.0 0.0 0.01" rpy="0.0 0.0 0.3"', 'xyz="0.05 0.0 0.01"'),
@@ -258,6 +271,10 @@ BAD = {
     "apart": (lambda: apart().text, "joint 'steering_left' mimics 'steering_right' by 1: the wheels turn apart"),
     "two pairs": (lambda: crab().text, "joints 'steering', 'steering_rear' steer wheels"),
 }
+
+
+def three_with_rollers() -> str:
+    return "\n".join(line for line in mecanum().text.splitlines() if '="rear_left' not in line)
 
 
 def lifted() -> Urdf:
@@ -310,6 +327,54 @@ def test_bad_input_is_one_line(case, tmp_path, bad_input):
 )
 def test_bad_options_are_one_line(more, said, tmp_path, bad_input):
     assert said in bad_input(["import", written(tmp_path, two_wheels()), *more, "-o", str(tmp_path / "robot.py")])
+
+
+ROLLERS = {"front_right": 45, "rear_left": 45, "front_left": -45, "rear_right": -45}
+
+
+def given(**degrees: float) -> list[str]:
+    return [word for name, angle in degrees.items() for word in ("--rollers", f"{name}_joint={angle} deg")]
+
+
+def test_rollers_that_have_no_joints_are_named(tmp_path, bad_input, capsys):
+    """Their directions, given, lead to the robot of the URDF whose rollers have joints; otherwise one line says what to give."""
+    for urdf, options in ((mecanum(), []), (mecanum(0), given(**ROLLERS))):
+        assert main(["import", written(tmp_path, urdf), *options, "-o", str(tmp_path / "robot.py"), "--json"]) == 0
+        wheels = json.loads(capsys.readouterr().out)["wheels"]
+        found = {joint.removesuffix("_joint"): (wheel["radius"], np.degrees(wheel["roller"])) for joint, wheel in wheels.items()}
+        assert found == {name: pytest.approx((0.1, angle)) for name, angle in ROLLERS.items()}
+    file = written(tmp_path, mecanum(0))
+    for options, said in (
+        (given(front_right=45), "joint 'front_left_joint' is a wheel without rollers beside others"),
+        (given(**ROLLERS | {"front_left": 45, "rear_right": 45}), "cannot turn the body and move it sideways"),
+        (given(**ROLLERS, box=45), "--rollers: joint 'box_joint' is no wheel on 'base'"),
+        ([*given(**ROLLERS), "--skid-steer-track", "1"], "--skid-steer-track: wheels with rollers do not slip"),
+        (given(door=45), "--rollers: there is no 'door_joint'"),
+        (given(front_right=90), "between -90 and 90 deg"),
+        (["--rollers", "front_right_joint"], "give JOINT=ANGLE"),
+    ):
+        assert said in bad_input(["import", file, *options, "-o", str(tmp_path / "robot.py")])
+
+
+@pytest.mark.nightly
+def test_loads_of_four_wheels_with_rollers(made):
+    """Newton and Euler for the whole robot as one body with its centre of mass at a height."""
+    system, _ = made("mecanum")
+    robot, random, height = system.mechanism, np.random.default_rng(9), 0.15
+    size = {parameter.name: parameter.default for parameter in robot.parameters}
+    a, b, d, e = (size[name] for name in "abde")
+    places = np.array([[a, -b], [a, b], [-a, -b], [-a, b]])
+    plant = Plant(system, list(size.values()))
+    for _ in range(20):
+        x, tau = random.uniform(-2, 2, 10), random.uniform(-3, 3, 4)
+        (vx, vy, turn), (ax, ay, spin) = x[7:], plant.rate(x, tau)[7:]
+        pull = size["m"] * np.array([ax - vy * turn - d * turn**2 - e * spin, ay + vx * turn + d * spin - e * turn**2])
+        load, still = (
+            np.array([contact.load[0] for contact in contact_forces(plant, x, tau, ContactSection(height=h))])
+            for h in (height, 0.0)
+        )
+        assert np.abs(np.vstack([np.ones(4), places.T]) @ (load - still) + [0.0, *(height * pull)]).max() < 1e-9
+        assert np.abs(still @ np.column_stack([np.ones(4), places]) - 9.81 * size["m"] * np.array([1, d, e])).max() < 1e-8
 
 
 def test_files_that_cannot_be_read_or_written(tmp_path, bad_input):

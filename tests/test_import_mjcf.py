@@ -47,24 +47,51 @@ TRIKE = f"""<mujoco model="trike">
 </mujoco>"""
 
 
+def mecanum() -> str:
+    """A base on four wheels of 0.1 m, with rollers as capsules about their x axes, of 45 deg on the left and the right."""
+    wheels = ""
+    for name, ahead, left in (("fr", 0.3, -0.25), ("fl", 0.3, 0.25), ("rr", -0.3, -0.25), ("rl", -0.3, 0.25)):
+        slant = 45 if ahead * left > 0 else -45  # of the roller at the top, where those at the bottom are seen mirrored
+        rollers = "".join(
+            f'<body euler="0 {60 * k} 0"><body name="{name}{k}" pos="0 0 0.075" euler="0 0 {slant}"><joint axis="1 0 0"/>'
+            '<geom type="capsule" size="0.025 0.01" euler="0 90 0" mass="0.02"/></body></body>'
+            for k in range(6)
+        )
+        wheels += (
+            f'<body name="{name}" pos="{ahead} {left} 0"><joint name="{name}_axle" axis="0 1 0"/>'
+            f'<geom type="cylinder" size="0.05 0.02" euler="90 0 0" mass="0.8" contype="0" conaffinity="0"/>{rollers}</body>'
+        )
+    return f"""<mujoco model="mecanum">
+  <worldbody>
+    <body name="base" pos="0 0 0.1">
+      <freejoint/>
+      <inertial pos="0.05 0.01 0.02" mass="12" diaginertia="0.3 0.4 0.5"/>
+      {wheels}
+    </body>
+  </worldbody>
+</mujoco>"""
+
+
 def imported(folder, text: str) -> str:
     """The robot of the file that is written for a scene."""
     scene, made = folder / "scene.xml", folder / "robot.py"
     scene.write_text(text)
     assert main(["import", str(scene), "-o", str(made)]) == 0
-    return f"{made}:{'crate_mover' if 'crate' in text else 'trike'}"
+    return f"{made}:{next(name for name in ('crate_mover', 'trike', 'mecanum') if name[:5] in text)}"
 
 
 def joint_rates(name: str, q: dict[str, float], qdot: dict[str, float]) -> dict[str, float]:
     """By hand, from the sizes of the scenes; the sign of the axis of each joint included."""
     if name == "crate_mover":
         return {"left_axle": qdot["theta_l"], "right_axle": -qdot["theta_r"]}
+    if name == "mecanum":
+        return {f"{corner}_axle": qdot[f"theta_{corner}"] for corner in ("fr", "fl", "rr", "rl")}
     forward = np.cos(q["phi"]) * qdot["x"] + np.sin(q["phi"]) * qdot["y"]
     sides = {f"{side}_axle": (forward - left * qdot["phi"]) / 0.1 for side, left in (("left", 0.3), ("right", -0.3))}
     return sides | {"steering": qdot["delta"], "front_axle": qdot["theta"]}
 
 
-@pytest.mark.parametrize("text", [CART, TRIKE], ids=["two wheels", "tricycle"])
+@pytest.mark.parametrize("text", [CART, TRIKE, mecanum()], ids=["two wheels", "tricycle", "mecanum"])
 def test_the_energy_is_mujocos(text, tmp_path, capsys):
     """At random states that roll, to 1e-10 (relative): the file has numbers with 12 digits."""
     system = system_of(find_robot(imported(tmp_path, text)))
@@ -72,7 +99,7 @@ def test_the_energy_is_mujocos(text, tmp_path, capsys):
     n = len(robot.coordinates)
     f = ca.Function("f", [robot.q, system.nu, robot.p], [system.qdot, ca.substitute(robot.energy(), robot.qdot, system.qdot)])
     model = mujoco.MjModel.from_xml_string(text)
-    data, full = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    data, full, slot = mujoco.MjData(model), np.zeros((model.nv, model.nv)), np.zeros((3, model.nv))
     for _ in range(20):
         values = random.uniform(-1, 1, n), random.uniform(-3, 3, system.dof)
         rates, energy = f(*values, robot.parameter_values({}))
@@ -87,6 +114,10 @@ def test_the_energy_is_mujocos(text, tmp_path, capsys):
             data.joint("steering").qpos[:] = q["delta"]
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, full)
+        for corner in ("fr", "fl", "rr", "rl") if robot.name == "mecanum" else ():
+            lowest = min((data.body(f"{corner}{k}") for k in range(6)), key=lambda body: body.xpos[2])
+            mujoco.mj_jac(model, data, slot, None, lowest.xpos - [0, 0, 0.025], lowest.id)  # where it touches the ground
+            assert abs(slot @ data.qvel @ lowest.xmat.reshape(3, 3)[:, 0]) < 1e-10
         assert float(energy) == pytest.approx(data.qvel @ full @ data.qvel / 2, rel=1e-10)
 
 

@@ -121,6 +121,31 @@ def four_wheels() -> Urdf:
     return made
 
 
+def mecanum(rollers: int = 8) -> Urdf:
+    """Four wheels of radius 0.1 m with rollers, which have joints; without any, their wheels are cylinders. The left ones turn
+    about an axis to the right.
+    """
+    made = body("mecanum_cart")
+    for ahead, place in ((0.3, "front"), (-0.2, "rear")):
+        for side, name in ((-1, "right"), (1, "left")):
+            wheel = f"{place}_{name}"
+            made.wheel(wheel, "base", (ahead, side * 0.25, 0.1), mass=0.6, backward=side > 0)
+            if rollers:
+                made.parts[-2] = made.parts[-2].partition("<collision>")[0] + "</link>"
+            slant = np.sign(ahead) * -side * QUARTER / 2  # 45 deg for the front right one
+            for k in range(rollers):
+                angle = 2 * np.pi * k / rollers
+                outward, tangent = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
+                axis = np.cos(slant) * tangent - np.sin(slant) * np.array([0, 0, 1])
+                roller, off = f"{wheel}_roller_{k}", -0.01 * axis  # its link's origin is off the middle
+                shape = f'<collision><origin xyz="{numbers(-off)}"/><geometry><sphere radius="0.02"/></geometry></collision>'
+                inertial = made.inertial(0.03, -off, (0, 0, 0), 1e-5 * np.eye(3))
+                made.parts.append(f'<link name="{roller}">{inertial}{shape}</link>')
+                place_of = 0.08 * outward + np.array([0, 0, BESIDE]) + off
+                made.joint(f"{roller}_joint", "continuous", wheel, roller, place_of, axis=axis)
+    return made
+
+
 def turtlebot3(model: str) -> Urdf:
     """The links of a TurtleBot3 that have mass, from ROBOTIS' turtlebot3_burger.urdf or turtlebot3_waffle_pi.urdf, without
     meshes.
@@ -160,6 +185,7 @@ ROBOTS = {
     "tricycle": lambda: steered(pair=False, front=True),
     "tricycle_driven_at_the_rear": lambda: steered(pair=False),
     "skid_steer": four_wheels,
+    "mecanum": mecanum,
     "trailer": lambda: trailers(1),
     "two_trailers": lambda: trailers(2),
 }

@@ -1,6 +1,7 @@
 """`noslip import`: writes a robot file from a URDF or an MJCF."""
 
 import argparse
+import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,7 +23,8 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser = subparsers.add_parser(
         "import",
         help="write a robot file from a URDF or an MJCF",
-        description="Write a robot file from a URDF or an MJCF: two driven wheels, a car or a tricycle, trailers behind it. "
+        description="Write a robot file from a URDF or an MJCF: two driven wheels, a car or a tricycle, trailers behind it, "
+        "four wheels with rollers. "
         "Joints that are not wheels, steering or hitches are held fixed. Before the file is put in place, its mass matrix is "
         "compared with that of the links. Requires pip install 'noslip[physics]'.",
         epilog=EXAMPLE,
@@ -35,6 +37,14 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "--castors", nargs="+", metavar="NAME", default=[], help="joints or links of castors, in addition to those found"
     )
     parser.add_argument("--radius", action="append", metavar="LINK=METRES", default=[], help="radius of the wheel of a link")
+    parser.add_argument(
+        "--rollers",
+        action="append",
+        metavar="JOINT=ANGLE",
+        default=[],
+        help="direction of the axis of the roller that touches the ground, from ahead to the left, of a wheel whose rollers have "
+        "no joints: 45 deg or -45 deg",
+    )
     parser.add_argument(
         "--skid-steer-track", type=quantity("m"), metavar="METRES", help="describe a skid steer by two wheels this far apart"
     )
@@ -52,7 +62,9 @@ def run(args: argparse.Namespace) -> int:
         if not args.output.endswith(".py"):
             raise BadInput(f"{args.output}: a robot file ends in .py")
         check_own(Path(args.output))
-    options = Options(args.wheels, args.castors, dict(map(_radius, args.radius)), args.skid_steer_track)
+    options = Options(
+        args.wheels, args.castors, dict(map(_radius, args.radius)), args.skid_steer_track, dict(map(_roller, args.rollers))
+    )
     text, described = import_urdf(args.urdf, options, Path(args.output).parent)
     write_whole(args.output, text)
     for note in described["notes"]:
@@ -70,6 +82,17 @@ def _radius(text: str) -> tuple[str, float]:
     if not link or not 0 < radius < float("inf"):
         raise BadInput(f"--radius {text}: give LINK=METRES with a positive radius")
     return link, radius
+
+
+def _roller(text: str) -> tuple[str, float]:
+    joint, _, size = text.rpartition("=")
+    try:
+        angle = quantity("rad")(size)
+    except (argparse.ArgumentTypeError, ValueError) as error:
+        raise BadInput(f"--rollers {text}: give JOINT=ANGLE, such as front_left='-45 deg'") from error
+    if not joint or not abs(angle) < math.pi / 2:
+        raise BadInput(f"--rollers {text}: give JOINT=ANGLE between -90 and 90 deg")
+    return joint, angle
 
 
 def _summary(file: str, described: Mapping[str, Any]) -> str:

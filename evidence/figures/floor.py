@@ -11,24 +11,36 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from ...readers.robots import find_robot
+from ...simulation.contact import GRAVITY
 from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels
 from ...simulation.engine.measured import SLIPS
 from ..framework import Case, Claim, Figure, FigureRun, Runs
-from . import circle, line, masses, robots
+from . import circle, composite, line, masses, robots, sensing
 
 PERIOD = 0.01  # s
-BARE, LIMITED = "no limiter", "limiter"
-LIMITS: Mapping[str, Mapping[str, Any]] = {BARE: {}, LIMITED: {"limits": {"mode": "grip"}}}
-COLOUR = {BARE: STOP, LIMITED: COLOURS[2]}
+BARE, LIMITED, LED = "no limiter", "limiter", "limiter, approach"
+LIMITS: Mapping[str, Mapping[str, Any]] = {BARE: {}, LIMITED: {"limits.mode": "grip"}, LED: {"limits.mode": "grip"}}
+COLOUR = {BARE: STOP, LIMITED: COLOURS[2], LED: COLOURS[0]}
 EDGE = "#444444"
 Floor = tuple[float, str]  # friction, one of LIMITS
+ROLLING: Floor = (math.inf, "rolling")
 
-PAPERS = (*line.FIGURES, circle.FIGURES[0], masses.FIGURES[1])  # figures 1, 6, 7, 8 (a), 9 (b)
+MOTIONS = ("1", "6", "7", "8a", "8b", "9a", "9b", "11", "12", "13", "14", "15", "16")  # 10 is about the path alone
+PAPERS = tuple(each for room in (line, circle, masses, composite, sensing) for each in room.FIGURES if each.name in MOTIONS)
 BY_KIND = ("1", "7")  # figures each of whose claims is on trajectory tracking (I) or path following (IV) alone
-SURVIVE: Mapping[Floor, int] = {(0.7, BARE): 1, (0.7, LIMITED): 7, (0.3, BARE): 0, (0.3, LIMITED): 5}  # of the paper's claims
-SHOWN, ROLLING = "IV C", "figure 1, IV C, rolling"
+BESIDE = (sensing.AGAIN, sensing.OTHER_SEED)  # runs that no claim of the paper is about
+SURVIVE: Mapping[Floor, int] = {  # of the paper's claims
+    (0.7, BARE): 4,
+    (0.7, LIMITED): 12,
+    (0.7, LED): 11,
+    (0.3, BARE): 1,
+    (0.3, LIMITED): 9,
+    (0.3, LED): 9,
+}
+SHOWN = "IV C"
+FAR, OF_FRICTION = 0.75, 0.2  # m: from there a path is approached at up to half the desired speed, but by this part of friction
 
-FLOORS_OF_ROBOTS: tuple[Floor, ...] = tuple((mu, limits) for mu in (0.3, 0.15) for limits in LIMITS)
+FLOORS_OF_ROBOTS: tuple[Floor, ...] = tuple((mu, limits) for mu in (0.3, 0.15) for limits in (BARE, LIMITED))
 UNLIMITED = ("mobile_manipulator", "tractor_trailer", "four_wheel")  # robots that the limiter does not apply to
 OTHERS = ("knife_edge", "ball_plate", "geared_arm", "turntable_ball")  # without wheels on a floor
 ROBOTS = tuple(name for name in ("labmate", *robots.TITLES) if name not in OTHERS)
@@ -37,14 +49,24 @@ RECKONED = 1e-3  # m
 
 
 def _on_floor(case: Case, floor: Floor, **contact: float) -> Case:
-    """The case with a sampled controller that knows the friction, on a floor."""
+    """The case with a sampled controller that knows the friction, on a floor; itself where it rolls."""
     mu, limits = floor
+    if floor == ROLLING:
+        return case
     changes = {"simulation.period": PERIOD, "contact": {"mu": mu, **contact}, "floor": {"mu": mu}, **LIMITS[limits]}
+    if limits == LED:
+        changes["reference.approach"] = {"acceleration": min(OF_FRICTION * mu * GRAVITY, _speed(case) ** 2 / (4 * FAR))}
     return Case(case.file, {**case.changes, **changes}, case.singular, "mujoco")
 
 
+def _speed(case: Case) -> float:
+    """The desired speed of a case, m/s."""
+    reference = case.spec().reference
+    return math.hypot(*(reference.velocity or ())) if reference.speed is None else reference.speed
+
+
 def _said(floor: Floor) -> str:
-    return f"μ {floor[0]:g}, {floor[1]}"
+    return floor[1] if floor == ROLLING else f"μ {floor[0]:g}, {floor[1]}"
 
 
 # -- the paper's claims --------------------------------------------------------------------------------------------------
@@ -55,101 +77,130 @@ def _label(figure: Figure, label: str, floor: Floor) -> str:
     return f"figure {first.name}, {label}, {_said(floor)}"
 
 
-PAPER_CASES = {ROLLING: line.LINE[SHOWN]} | {
+PAPER_CASES = {
     _label(figure, label, floor): _on_floor(case, floor, share=0.7)
-    for floor in SURVIVE
+    for floor in (ROLLING, *SURVIVE)
     for figure in PAPERS
     for label, case in figure.cases.items()
 }
+Survivors = Mapping[str, Mapping[Floor, tuple[bool, str]]]
 
 
-def survivors(runs: Runs) -> dict[str, dict[Floor, tuple[bool, str]]]:
-    """For each of the paper's claims on a motion and each floor: whether it holds there, and what was measured.
+def survivors(runs: Runs) -> Survivors:
+    """For each of the paper's claims on a motion that holds where the wheels roll, and each floor: whether it holds there, and
+    what was measured.
 
     It does not where a run that it is about ended early, as with wheels that spin without bound.
     """
     found: dict[str, dict[Floor, tuple[bool, str]]] = {}
     for figure in PAPERS:
-        for floor in sorted(SURVIVE, key=lambda floor: floor[1] == BARE):  # with the limiter first: there all can be measured
+        for floor in (ROLLING, *SURVIVE):
             here = {label: runs[_label(figure, label, floor)] for label in figure.cases}
-            ended = {label: run for label, run in here.items() if not run.refused and run.stopped}
-            try:
-                claims = figure.claims(here)
-            except (ValueError, IndexError):  # they compare runs that ended at different times
-                claims = []
-            for claim in claims:
-                if claim.paper and "singular" not in claim.text:
-                    kind = "IV" if claim.text.startswith("path following") else "I"
-                    about = [k for k in ended if figure.name not in BY_KIND or k.split()[0] == kind]
-                    said = f"{about[0]}: {ended[about[0]].stopped} at {ended[about[0]].t[-1]:.2f} s" if about else claim.measured
-                    found.setdefault(f"{figure.name}: {claim.text}", {})[floor] = (claim.holds and not about, said)
+            claims = _claims(figure, here)
+            if floor == ROLLING:
+                motions = [text for text, claim in claims.items() if claim.paper and claim.holds and "singular" not in text]
+            for text in motions:
+                ended = [_end(label, here[label]) for label in _about(figure, text, here) if here[label].stopped]
+                same = claims.get(text)
+                result = (False, ended[0]) if ended else (same.holds, same.measured) if same else (False, "cannot be compared")
+                found.setdefault(f"{figure.name}: {text}", {})[floor] = result
     return found
+
+
+def _claims(figure: Figure, runs: Runs) -> dict[str, Claim]:
+    """The figure's claims by their text; none where runs ended too early to be compared."""
+    try:
+        return {claim.text: claim for claim in figure.claims(runs)}
+    except (ValueError, IndexError):
+        return {}
+
+
+def _about(figure: Figure, text: str, runs: Runs) -> list[str]:
+    """The labels of the runs that a claim is about."""
+    kind = "IV" if text.startswith("path following") else "I"
+    started = [label for label, run in runs.items() if not run.refused and label not in BESIDE]
+    return [label for label in started if figure.name not in BY_KIND or label.split()[0] == kind]
+
+
+def _end(label: str, run: FigureRun) -> str:
+    return f"{label}: {run.stopped} at {run.t[-1]:.2f} s"
+
+
+def survive(table: Survivors, floor: Floor) -> int:
+    """How many claims hold on a floor."""
+    return sum(by_floor[floor][0] for by_floor in table.values())
 
 
 def draw_papers(runs: Runs) -> matplotlib.figure.Figure:
     """Which claims hold on which floor, and how the line is approached there."""
     figure, axes = panels(
-        "claims of the paper, each of which holds where the wheels roll", "Type IV, case C", height=5.6, widths=(2, 1)
+        "claims of the paper, by figure: ● holds, × lost", "Type IV, case C of figures 1 and 6", height=10.5, widths=(2, 1)
     )
     table = survivors(runs)
-    for row, by_floor in enumerate(table.values()):
-        for column, floor in enumerate(SURVIVE):
-            holds = by_floor.get(floor, (False, ""))[0]
-            colour = COLOUR[LIMITED if holds else BARE]
-            axes[0].add_patch(_cell(column, row, colour))
-            axes[0].text(column, row, "holds" if holds else "lost", color=colour, ha="center", va="center", fontsize=9)
-    axes[0].set_xticks(range(len(SURVIVE)), [f"μ {mu:g}\n{limits}" for mu, limits in SURVIVE])
-    axes[0].set_yticks(range(len(table)), [textwrap.fill(text, 58) for text in table], fontsize=8)
-    axes[0].set(xlim=(-0.5, len(SURVIVE) - 0.5), ylim=(len(table) - 0.5, -0.5))
+    floors = (ROLLING, *SURVIVE)
+    for row, (text, by_floor) in enumerate(table.items()):
+        for column, floor in enumerate(floors):
+            holds = by_floor[floor][0]
+            colour, mark, verdict = (COLOURS[2], "o", "holds") if holds else (STOP, "x", "lost")
+            axes[0].add_patch(Rectangle((column - 0.47, row - 0.46), 0.94, 0.92, facecolor=colour, alpha=0.12, linewidth=0))
+            axes[0].plot(column, row, mark, color=colour, label=f"{text}; {_said(floor)}: {verdict}")
+    counts = [f"{_said(floor).replace(', ', chr(10))}\n{survive(table, floor)} of {len(table)}" for floor in floors]
+    axes[0].set_xticks(range(len(floors)), counts, fontsize=8, linespacing=1.4)
+    axes[0].set_yticks(range(len(table)), [textwrap.fill(text, 62) for text in table], fontsize=8)
+    axes[0].set(xlim=(-0.5, len(floors) - 0.5), ylim=(len(table) - 0.5, -0.5))
     axes[0].xaxis.tick_top()
     axes[0].tick_params(length=0)
     axes[0].grid(False)
     axes[0].spines[:].set_visible(False)
-    rolling = runs[ROLLING]
-    axes[1].plot(rolling.t, line.distance(rolling.P_l), color=FAINT, linewidth=5, alpha=0.5, label="rolling")
-    for floor, style in zip(SURVIVE, ("-", "-", "--", "--"), strict=True):
+    for floor in floors:
         run = runs[_label(PAPERS[0], SHOWN, floor)]
-        label = f"{_said(floor)}: stopped" if run.stopped else f"{_said(floor)}: slip ≤ {1e3 * run.slipping:.1f} mm/s"
-        axes[1].plot(run.t, line.distance(run.P_l), style, marker="X" * bool(run.stopped), color=COLOUR[floor[1]], label=label)
+        how = "stopped" if run.stopped else f"slip ≤ {1e3 * run.slipping:.1f} mm/s"
+        drawn = {"color": FAINT, "linewidth": 5, "alpha": 0.5} if floor == ROLLING else {"color": COLOUR[floor[1]]}
+        label = _said(floor) if floor == ROLLING else f"{_said(floor)}: {how}"
+        style = "--" if floor[0] == 0.3 else "-"
+        axes[1].plot(run.t, line.distance(run.P_l), style, marker="X" * bool(run.stopped), label=label, **drawn)
     over_time(axes[1], "distance of $P_l$ from the line (m)")
     axes[1].set_xlim(-0.2, 8.0)
     legend_below(axes[1])
     return figure
 
 
-def _cell(column: float, row: float, colour: str) -> Rectangle:
-    return Rectangle((column - 0.47, row - 0.44), 0.94, 0.88, facecolor=colour, alpha=0.15, linewidth=0)
-
-
 def claims_papers(runs: Runs) -> list[Claim]:
     """How many of the paper's claims survive, and whether the wheels roll."""
     table, made = survivors(runs), []
     for floor, count in SURVIVE.items():
-        lost = [text for text, by_floor in table.items() if not by_floor.get(floor, (False, ""))[0]]
+        lost = [text for text, by_floor in table.items() if not by_floor[floor][0]]
         made.append(
             Claim(
                 f"at {_said(floor)}: {count} of the paper's {len(table)} claims survive",
-                f"{len(table) - len(lost)} survive",
-                len(table) - len(lost) == count,
-                note="lost: " + "; ".join(f"{text} ({table[text].get(floor, (False, 'runs ended early'))[1]})" for text in lost),
+                f"{survive(table, floor)} survive",
+                survive(table, floor) == count,
+                note="lost: " + "; ".join(f"{text} ({table[text][floor][1]})" for text in lost),
             )
         )
     right = {
-        label: run for label, run in _measured(runs, LIMITED).items() if masses.LIGHT not in label and masses.HEAVY not in label
+        label: run
+        for label, run in _measured(runs, LIMITED, LED).items()
+        if masses.LIGHT not in label and masses.HEAVY not in label
     }
-    worst = max(right, key=lambda label: right[label].slipping)
+    exact = {label: run for label, run in right.items() if not run.spec.sensors}
+    worst = max(exact, key=lambda label: exact[label].slipping)
+    noisy = max((run.slipping for run in right.values()), default=0.0)
     return [
         *made,
         Claim(
-            "with the limiter and the right masses no wheel slips faster than 1 cm/s, also where the loop becomes singular",
-            f"{1e3 * right[worst].slipping:.1f} mm/s in {len(right)} runs ({worst})",
-            right[worst].slipping < SLIPS,
+            "with the limiter, the right masses and exact sensors no wheel slips faster than 1 cm/s, singular or not",
+            f"{1e3 * exact[worst].slipping:.1f} mm/s in {len(exact)} runs ({worst})",
+            exact[worst].slipping < SLIPS,
+            note=f"with noise in the wheel rates they slip at up to {noisy:.2g} m/s: the limiter knows what is sensed",
         ),
     ]
 
 
-def _measured(runs: Runs, limits: str) -> dict[str, FigureRun]:
-    return {label: run for label, run in runs.items() if run.floor and label.endswith(f", {limits}")}
+def _measured(runs: Runs, *limits: str) -> dict[str, FigureRun]:
+    """The runs on a floor with one of these limits."""
+    ends = tuple(f"μ {mu:g}, {each}" for mu in {mu for mu, _ in (*SURVIVE, *FLOORS_OF_ROBOTS)} for each in limits)
+    return {label: run for label, run in runs.items() if run.floor and label.endswith(ends)}
 
 
 # -- the shipped robots --------------------------------------------------------------------------------------------------
@@ -217,7 +268,10 @@ def claims_robots(runs: Runs) -> list[Claim]:
     bare, limited = ({k: v for k, v in slips.items() if k.endswith(f", {limits}")} for limits in (BARE, LIMITED))
     worst = max(limited, key=lambda label: limited[label])
     spun = sorted(label.rpartition(",")[0] for label, slip in bare.items() if slip > SLIPS)
-    went = {limits: [reckoning_error(run) for run in _measured(runs, limits).values() if not run.stopped] for limits in LIMITS}
+    went = {
+        limits: [reckoning_error(run) for run in _measured(runs, limits).values() if not run.stopped]
+        for limits in (BARE, LIMITED)
+    }
     off = {limits: max((e for e in errors if e is not None), default=math.inf) for limits, errors in went.items()}
     return [
         Claim(
@@ -308,7 +362,8 @@ FIGURES = (
     Figure(
         "floor",
         "Beyond the paper: which of its claims survive a floor",
-        "The runs of figures 1, 6, 7, 8 (a) and 9 (b) at 100 Hz in a physics engine, where wheels slip; a castor carries 30 %.",
+        "The runs of figures 1 and 6 to 16 at 100 Hz in a physics engine, where wheels slip and a castor carries 30 %: without "
+        "and with the grip limiter, and with it and an approach. A claim is lost, too, where a run that it is about ends early.",
         "",
         PAPER_CASES,
         draw_papers,

@@ -28,6 +28,7 @@ class LinkMotion:
         for name, (_, wheel) in self.wheels.items():
             pose = self.document.pose(wheel.link)
             self.middles[name] = pose[:3, :3].T @ (wheel.centre - pose[:3, 3])
+        self.corners = {wheel.joint: corner for corner, wheel in layout.corners.items()}
         self.axes = {}  # of the joints that move, exactly to the left or upward, in their own frames
         for joint, axis in [
             *((name, wheel.sign * left) for name, (_, wheel) in self.wheels.items()),
@@ -70,8 +71,15 @@ class LinkMotion:
         """Return the largest velocity (m/s) of the lowest point of a wheel over the ground."""
         poses = self.poses(q)
         twists = self.twists(q, rates, poses)
-        rims = [(self._middle(poses, twists, w), twists[w.link][1], w.radius) for _, w in self.wheels.values()]
-        return max(float(np.linalg.norm(v + np.cross(turn, -radius * UP))) for v, turn, radius in rims)
+        worst = 0.0
+        for _, wheel in self.wheels.values():
+            v = self._middle(poses, twists, wheel) + np.cross(twists[wheel.link][1], -wheel.radius * UP)
+            if wheel.roller is None:
+                worst = max(worst, float(np.linalg.norm(v)))
+            else:  # on a roller only the velocity along its axis is slip
+                direction = q["phi"] + wheel.roller
+                worst = max(worst, abs(float(v @ [np.cos(direction), np.sin(direction), 0.0])))
+        return worst
 
     def mass_matrix(self, names: list[str], q: Mapping[str, float]) -> np.ndarray:
         """Return the mass matrix in coordinates of these names, its wheels averaged over a turn."""
@@ -118,7 +126,9 @@ class LinkMotion:
         """Return the rate of a wheel's joint: that of its coordinate, or, if it has none, that at which it rolls."""
         layout = self.layout
         left = layout.seen(wheel.centre, layout.base.origin)[1]
-        if part is layout.base and not layout.steered:
+        if layout.kind == "mecanum":
+            rolling = rates[f"theta_{self.corners[wheel.joint]}_dot"]
+        elif part is layout.base and not layout.steered:
             rolling = rates["theta_l_dot" if left > 0 else "theta_r_dot"]
         elif part is layout.base and not layout.front:
             rolling = rates["theta_dot"] - left / wheel.radius * rates["phi_dot"]

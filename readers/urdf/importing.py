@@ -44,7 +44,9 @@ def _described(name: str, layout: Layout, difference: float, robot: Any) -> dict
         "robot": name,
         "kind": layout.kind,
         "wheels": {
-            wheel.joint: {"link": wheel.link, "radius": wheel.radius, "load": layout.shares[wheel.joint]} for wheel in wheels
+            wheel.joint: {"link": wheel.link, "radius": wheel.radius, "load": layout.shares[wheel.joint]}
+            | ({} if wheel.roller is None else {"roller": wheel.roller})
+            for wheel in wheels
         },
         "castors": list(layout.castors),
         "steered": [part.joint for part in layout.steered],

@@ -8,16 +8,20 @@ import numpy as np
 from .document import Document
 
 UP = np.array([0.0, 0.0, 1.0])
+CORNERS = {(False, False): "fr", (False, True): "fl", (True, False): "rr", (True, True): "rl"}  # behind the middle, at its left
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the user names: joints of wheels, joints or links of castors, radii (m) by link, track (m) of a skid steer."""
+    """What the user names: joints of wheels, joints or links of castors, radii (m) by link, track (m) of a skid steer, directions
+    of rollers (rad, see `LinkWheel`) by the joint of their wheel.
+    """
 
     wheels: Sequence[str] = ()
     castors: Sequence[str] = ()
     radii: Mapping[str, float] = field(default_factory=dict)
     track: float | None = None
+    rollers: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +29,8 @@ class LinkWheel:
     """A wheel: its joint, the link there, its centre in the frame of the root, its radius (m), and whence this comes.
 
     `sign` is 1 if the joint turns about the direction to the left, so that a positive angle rolls forward, else -1. `mass`
-    (kg) and `inertia` (about the axle, kg m^2) are those of all its links.
+    (kg) and `inertia` (about the axle, kg m^2) are those of all its links. `roller` is the direction of the axis of the roller
+    that touches the ground, rad from the heading to the left; None of a wheel without rollers.
     """
 
     joint: str
@@ -36,6 +41,7 @@ class LinkWheel:
     sign: int = 1
     mass: float = 0.0
     inertia: float = 0.0
+    roller: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +68,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """A robot of a kind that a robot file describes: "two wheels", "skid steer", "car" or "tricycle".
+    """A robot of a kind that a robot file describes: "two wheels", "skid steer", "mecanum", "car" or "tricycle".
 
     `heading` is its direction in the frame of the root, `half` (m) half the distance of the base's wheels, or of the effective
     track. The motor drives the wheels of the base, or with `front` the steered wheels. `castors` are links with the places where
@@ -85,6 +91,13 @@ class Layout:
     def parts(self) -> tuple[Part, ...]:
         """All bodies."""
         return (self.base, *self.steered, *self.trailers)
+
+    @property
+    def corners(self) -> dict[str, LinkWheel]:
+        """The wheels of a robot with four on its base: front right "fr", then fl, rr, rl. Others have fewer entries."""
+        places = {wheel.joint: self.seen(wheel.centre, self.base.origin) for wheel in self.base.wheels}
+        named = {CORNERS[ahead < 0, left > 0]: wheel for wheel in self.base.wheels for ahead, left in [places[wheel.joint]]}
+        return {corner: named[corner] for corner in CORNERS.values() if corner in named}
 
     def seen(self, place: np.ndarray, origin: np.ndarray) -> tuple[float, float]:
         """Return how far a place is ahead of and to the left of an origin, m."""

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from .document import Document
 from .inertial import Inertial, merged
 from .parts import UP, Layout, LinkWheel, Options, Part, ahead_and_left
 from .rims import ALIGNED, NotRound, lowest, rim
+from .rollers import rollers_of, steerable, wheel_with_rollers
 from .statics import shares
 
 CASTOR = re.compile(r"cast[eo]r|swivel|ball_?wheel", re.IGNORECASE)
@@ -40,10 +42,14 @@ class _Recognition:
             ("--wheels", options.wheels, document.joints),
             ("--castors", options.castors, both),
             ("--radius", options.radii, document.links),
+            ("--rollers", options.rollers, document.joints),
         ):
             for name in names:
                 if name not in candidates:
                     raise self.wrong(f"{option}: there is no {name!r}{suggestion(name, candidates)}")
+        on_wheels = {name: rollers_of(document, joint) for name, joint in document.joints.items()}
+        self.rollers = {name: rollers for name, rollers in on_wheels.items() if rollers}
+        self.on_rims = {roller.name for rollers in self.rollers.values() for roller in rollers}
 
     def wrong(self, message: str) -> BadInput:
         return BadInput(f"{self.document.path}: {message}")
@@ -74,7 +80,7 @@ class _Recognition:
         for wheel in wheels:
             if joint := self.turning[wheel.joint]:
                 groups.setdefault(joint, []).append(wheel)
-        self.hold([wheel.joint for wheel in wheels], groups)
+        self.hold([*(wheel.joint for wheel in wheels), *self.on_rims], groups)
         steering = [joint for joint, own in groups.items() if self.steers(joint, own)]
         self.carrying = {document.joints[joint].child: joint for joint in groups}
         base = self.part("", fixed, origin)
@@ -83,6 +89,10 @@ class _Recognition:
         if steered and abs(base.wheels[0].radius - base.wheels[1].radius) > 1e-9:
             raise self.wrong(
                 f"joints {_joints(fixed)}: the radii of the wheels differ; beside steered wheels that is not described"
+            )
+        if kind == "mecanum" and groups:
+            raise self.wrong(
+                f"joints {', '.join(groups)}: steered wheels and trailers beside wheels with rollers are not described"
             )
         if steered:
             if kind != "two wheels":
@@ -108,17 +118,20 @@ class _Recognition:
     # -- wheels -------------------------------------------------------------------------------------------------
 
     def refuse_rollers(self) -> None:
-        """Raise BadInput for wheels with rollers, by name."""
+        """Raise BadInput for wheels that are named as if they had rollers, whose direction is not known."""
         for joint in self.document.joints.values():
             if joint.type in ("floating", "planar"):
                 raise self.wrong(f"joint {joint.name!r} is {joint.type}; a robot file has revolute and fixed joints")
             link = self.document.links[joint.child]
+            if joint.name in {*self.rollers, *self.on_rims, *self.options.rollers}:
+                continue
             meshes = [s.geometry.mesh.filename for s in (*link.visuals, *link.collisions) if s.geometry.mesh is not None]
             for name in (joint.name, link.name, *meshes):
                 if ROLLERS.search(name) and joint.type != "fixed":
                     raise self.wrong(
-                        f"joint {joint.name!r}: {name!r} is a wheel with rollers (mecanum or omnidirectional), which moves "
-                        "sideways, too; a wheel here rolls without side slip"
+                        f"joint {joint.name!r}: {name!r} is a wheel with rollers (mecanum or omnidirectional), but they have no "
+                        f"joints; give the direction of the axis of the roller on the ground, from ahead to the left, by "
+                        f"--rollers {joint.name}='45 deg', or -45 deg"
                     )
 
     def wheels(self) -> list[LinkWheel]:
@@ -127,7 +140,7 @@ class _Recognition:
         wheels: list[LinkWheel] = []
         self.reasons: dict[str, str] = {}  # why joints that turn are no wheels
         for joint in document.joints.values():
-            if joint.name in named or joint.type == "continuous":
+            if joint.name in named or (joint.type == "continuous" and joint.name not in self.on_rims):
                 try:
                     wheels.append(self.wheel(joint))
                 except NotRound as error:
@@ -138,7 +151,7 @@ class _Recognition:
             if abs(height) > GROUND * wheel.radius:
                 self.reasons[wheel.joint] = f"its rim is {height:.3g} m above the ground, where the other wheels stand"
                 wheels.remove(wheel)
-        for joint in set(named) & self.reasons.keys():
+        for joint in {*named, *self.rollers, *self.options.rollers} & self.reasons.keys():
             raise self.wrong(f"joint {joint!r} cannot be a wheel: {self.reasons[joint]}")
         if not wheels:
             raise self.wrong(f"no wheel found; {self.unused()}name the joints of the wheels by --wheels JOINT ...")
@@ -150,8 +163,11 @@ class _Recognition:
         """Raise BadInput for a wheel that carries joints, as one with rollers does, or that turns with another."""
         for link in self.document.subtree(wheel.link):
             for joint in self.document.below(link):
-                if joint.type != "fixed":
-                    raise self.wrong(f"joint {joint.name!r} turns on the wheel of joint {wheel.joint!r}; rollers slip aside")
+                if joint.type != "fixed" and joint.name not in self.on_rims:
+                    raise self.wrong(
+                        f"joint {joint.name!r} turns on the wheel of joint {wheel.joint!r}; a wheel has three or more rollers "
+                        "about other axes than its own, or nothing that turns on it"
+                    )
         if self.document.joints[wheel.joint].mimic is not None:
             raise self.wrong(f"joint {wheel.joint!r} is a wheel that mimics another joint; remove <mimic>")
 
@@ -166,6 +182,9 @@ class _Recognition:
                 f"its axis is {tilt:.3g} deg from horizontal; correct <axis>, which is in the frame of the joint, or rpy"
             )
         radius = self.options.radii.get(joint.child)
+        if joint.name in self.rollers:
+            heading = self.heading_of(joint)
+            return wheel_with_rollers(document, joint, self.rollers[joint.name], heading, radius)
         try:
             size, along, source = rim(document, joint)
         except NotRound:
@@ -174,7 +193,8 @@ class _Recognition:
             size, along = radius, 0.0
         if radius:
             size, source = radius, f"--radius {joint.child}"
-        return LinkWheel(joint.name, joint.child, self.pivot(joint.name) + along * document.axis(joint), size, source)
+        centre, angle = self.pivot(joint.name) + along * document.axis(joint), self.options.rollers.get(joint.name)
+        return LinkWheel(joint.name, joint.child, centre, size, source, roller=angle)
 
     def unused(self) -> str:
         """Return why horizontal joints that turn are no wheels, to be followed by advice."""
@@ -237,17 +257,16 @@ class _Recognition:
 
     # -- the base -----------------------------------------------------------------------------------------------
 
-    def heading_of(self, wheel: LinkWheel) -> np.ndarray:
-        """Return the direction in which a wheel rolls: of the two, the one nearer to x, or to y if it rolls along y."""
-        axis = self.document.axis(self.document.joints[wheel.joint])
-        heading = np.cross(axis, UP)
+    def heading_of(self, joint: Any) -> np.ndarray:
+        """Return the direction in which the wheel of a joint rolls: of the two, that nearer to x, or to y if it rolls along y."""
+        heading = np.cross(self.document.axis(joint), UP)
         heading /= np.linalg.norm(heading)
         forward = heading[0] if abs(heading[0]) > ALIGNED else heading[1]
         return heading if forward > 0 else -heading
 
     def common_heading(self, wheels: list[LinkWheel]) -> np.ndarray:
         """Return the direction in which all wheels roll. Raises BadInput if they have none."""
-        headings = [self.heading_of(wheel) for wheel in wheels]
+        headings = [self.heading_of(self.document.joints[wheel.joint]) for wheel in wheels]
         for wheel, heading in zip(wheels, headings, strict=True):
             angle = math.degrees(math.acos(min(1.0, float(heading @ headings[0]))))
             if angle > math.degrees(ALIGNED):
@@ -262,17 +281,26 @@ class _Recognition:
 
     def axle(self, fixed: list[LinkWheel]) -> tuple[str, float, np.ndarray]:
         """Return the kind of a robot with these wheels on its base, half their distance, and their middle."""
-        places = [ahead_and_left(wheel.centre, self.heading) for wheel in fixed]
+        document, places = self.document, [ahead_and_left(wheel.centre, self.heading) for wheel in fixed]
         ahead, aside = (np.array(values) for values in zip(*places, strict=True))
         actual, track = float(np.ptp(aside)), self.options.track
         several = np.ptp(ahead) > ON_LINE * fixed[0].radius
         middle = (aside.max() + aside.min()) / 2
         origin = ahead.mean() * self.heading + middle * np.cross(UP, self.heading) + self.ground * UP
+        lost = self.options.rollers.keys() - {wheel.joint for wheel in fixed if wheel.joint not in self.rollers}
+        if lost:
+            raise self.wrong(f"--rollers: joint {min(lost)!r} is no wheel on {document.root!r} whose rollers have no joints")
+        if any(wheel.roller is not None for wheel in fixed):
+            if track is not None:
+                raise self.wrong("--skid-steer-track: wheels with rollers do not slip when the robot turns; leave it out")
+            self.check_rollers(fixed, np.column_stack([ahead - ahead.mean(), aside - middle]))
+            return "mecanum", actual / 2, origin
         if several and track is None:
             raise self.wrong(
-                f"joints {_joints(fixed)} are wheels on several axles fixed to {self.document.root!r}: when it turns they "
+                f"joints {_joints(fixed)} are wheels on several axles fixed to {document.root!r}: when it turns they "
                 "slip aside (skid steer), so that it does not roll. --skid-steer-track METRES describes it by two wheels at "
-                f"their effective track, which is measured in turns and larger than {actual:.3g} m"
+                f"their effective track, which is measured in turns and larger than {actual:.3g} m; if they have rollers, "
+                "give --rollers"
             )
         if not several and track is not None:
             raise self.wrong(f"--skid-steer-track: joints {_joints(fixed)} are on one axle, whose wheels do not slip")
@@ -289,6 +317,33 @@ class _Recognition:
             f"skid steer: described by two wheels {track:g} m apart, its effective track; the wheels are {actual:g} m apart"
         )
         return "skid steer", track / 2, origin
+
+    def check_rollers(self, wheels: list[LinkWheel], places: np.ndarray) -> None:
+        """Raise BadInput unless these are four wheels with rollers at places (m ahead, left of their middle), two on each side,
+        which together move the body in every direction.
+        """
+        plain = [wheel.joint for wheel in wheels if wheel.roller is None]
+        if plain:
+            raise self.wrong(
+                f"joint {plain[0]!r} is a wheel without rollers beside others that have them; if it has some, give the direction "
+                f"of the axis of the one on the ground, from ahead to the left, by --rollers {plain[0]}='45 deg', or -45 deg"
+            )
+        for wheel in wheels:
+            if wheel.roller is None or abs(math.cos(wheel.roller)) < ALIGNED:
+                raise self.wrong(f"joint {wheel.joint!r}: rollers about the direction of the axle; the wheel would not drive")
+        if len({(ahead > 0, left > 0) for ahead, left in places}) < 4 or len(wheels) != 4:
+            raise self.wrong(
+                f"joints {_joints(wheels)} are wheels with rollers; a robot file describes four, two in front and two behind"
+            )
+        angles = np.array([wheel.roller for wheel in wheels])
+        if not steerable(places, angles):
+            said = ", ".join(f"{wheel.joint} {math.degrees(angle):.3g} deg" for wheel, angle in zip(wheels, angles, strict=True))
+            raise self.wrong(
+                f"wheels with rollers in the directions {said}, from ahead to the left, cannot turn the body and move it "
+                "sideways; those of the front right and the rear left one are 45 deg, of the others -45 deg"
+            )
+        if self.on_rims:
+            self.notes.append("the rollers count as parts of their wheels; that they also turn about their own axes is left out")
 
     def hold(self, used: list[str], groups: Mapping[str, list[LinkWheel]]) -> None:
         """Note which castors are left out and which joints are held fixed."""
@@ -363,7 +418,7 @@ class _Recognition:
         if uneven > UNEVEN:
             self.notes.append(f"link {wheel.link}: not a body of revolution (by {uneven:.1%}); its mean over a turn is taken")
         sign = 1 if document.axis(document.joints[wheel.joint]) @ axle > 0 else -1
-        return LinkWheel(wheel.joint, wheel.link, wheel.centre, wheel.radius, wheel.source, sign, body.mass, about), mean
+        return replace(wheel, sign=sign, mass=body.mass, inertia=about), mean
 
     # -- steered parts and trailers -----------------------------------------------------------------------------
 

@@ -18,9 +18,11 @@ from .rims import extent
 NONE = 1e-9  # m, or relative: a smaller offset is none, as is a smaller difference of two wheels
 WIDTH = 118
 SIDES = ("right", "left")
+WHERE = {"fr": "front right", "fl": "front left", "rr": "rear right", "rl": "rear left"}
 IMPORTED = ("cos", "sin", "Mechanism", "box", "placed", "wheels")
 ABOUT = {
     "two wheels": "two driven wheels on one axle",
+    "mecanum": "four wheels with rollers (mecanum)",
     "skid steer": "skid steer, described by two driven wheels at its effective track",
     "car": "car: a fixed axle and a pair of steered wheels, described by one in the middle",
     "tricycle": "tricycle: a fixed axle and a steered wheel",
@@ -75,7 +77,8 @@ class _Names:
     def collected(self) -> dict[str, object]:
         """Return what the template needs."""
         layout = self.layout
-        entries = {"base": self.base(), **(self.steering() if layout.steered else self.two_wheels())}
+        driven = self.mecanum if layout.kind == "mecanum" else self.steering if layout.steered else self.two_wheels
+        entries = {"corners": [], "steered": [], "base": self.base(), **driven()}
         entries["trailers"] = [self.trailer(k) for k in range(1, len(layout.trailers) + 1)]
         total = f"({' + '.join(self.masses)})" if len(self.masses) > 1 else self.masses[0]
         return {"coordinates": self.coordinates, "parameters": self.parameters, "total": total, **entries}
@@ -99,10 +102,18 @@ class _Names:
         """Add one parameter for equal values of the right and left side, else one each. Return the name for each value."""
         if max(values) - min(values) <= NONE * abs(values[0]):
             return [self.parameter(name, values[0], unit, about, source, sign)] * len(values)
+        sides = {side[0]: side for side in SIDES} if len(values) == 2 else WHERE
         return [
-            self.parameter(f"{name}_{side[0]}", value, unit, f"{about}, {side}", source, sign)
-            for side, value in zip(SIDES, values, strict=True)
+            self.parameter(f"{name}_{key}", value, unit, f"{about}, {side}", source, sign)
+            for (key, side), value in zip(sides.items(), values, strict=True)
         ]
+
+    def signed(self, name: str, values: Sequence[float], unit: str, about: str, source: str) -> list[str]:
+        """Add one parameter for values that are equal up to their signs, else one each. Return the term for each value."""
+        if max(map(abs, values)) - min(map(abs, values)) > NONE * abs(values[0]):
+            return self.pair(name, values, unit, about, source, "any")
+        self.parameter(name, abs(values[0]), unit, about, source)
+        return ["-" * (value < 0) + name for value in values]
 
     def offsets(self, name: str, values: Sequence[float], about: str, source: str) -> list[str]:
         """Add lengths as `pair` does, one for values that are opposite; nothing for zero, whose name is empty."""
@@ -118,21 +129,23 @@ class _Names:
     def base(self) -> SimpleNamespace:
         """The body with its fixed axle."""
         layout, part = self.layout, self.layout.base
-        skid = layout.kind == "skid steer"
+        skid, corners = layout.kind == "skid steer", layout.kind == "mecanum"
         for name in ("x", "y"):
-            self.coordinate(name, "m", "middle of the wheels" if skid else "middle of the axle")
+            self.coordinate(name, "m", "middle of the wheels" if skid or corners else "middle of the axle")
         self.coordinate("phi", "rad", "heading")
+        if corners:
+            return SimpleNamespace(e=self.body(part, "", "I_z", "the body", "the middle of its wheels"), box=self.box(part))
         about = "half the effective track" if skid else "half the distance between the wheels"
         self.parameter("b", layout.half, "m", about, "--skid-steer-track" if skid else _joints(part.wheels))
         return SimpleNamespace(e=self.body(part, "", "I_z", "the body"), box=self.box(part), **vars(self.axle(part, "")))
 
-    def body(self, part: Part, suffix: str, inertia: str, name: str) -> str:
+    def body(self, part: Part, suffix: str, inertia: str, name: str, origin: str = "its axle") -> str:
         """Add mass, inertia and centre of mass of a part on an axle. Return the name of its offset to the left, or nothing."""
         source = f"links {', '.join(part.links)}"
         self.masses.append(self.parameter(f"m{suffix}", part.mass, "kg", f"mass of {name} with its wheels", source))
         self.parameter(inertia, part.inertia, "kg m^2", f"{name} about the vertical through its centre of mass", source)
         ahead = part.ahead if abs(part.ahead) > NONE else 0.0
-        self.parameter(f"d{suffix}", ahead, "m", f"centre of mass of {name} ahead of its axle", source, "any")
+        self.parameter(f"d{suffix}", ahead, "m", f"centre of mass of {name} ahead of {origin}", source, "any")
         return self.offsets(f"e{suffix}", [part.left], f"centre of mass of {name} to the left of its middle", source)[0]
 
     def axle(self, part: Part, suffix: str) -> SimpleNamespace:
@@ -152,7 +165,30 @@ class _Names:
         for side, own in zip(SIDES, sides, strict=True):
             self.coordinate(f"theta_{side[0]}", "rad", f"{side} {wheel}, positive rolls forward", _angles(own))
         load = self.loads("load", sides, f"part of the weight on the {wheel} of a side")
-        return {"wheel": wheel, "steered": [], "load": load}
+        return {"wheel": wheel, "load": load}
+
+    def mecanum(self) -> dict[str, object]:
+        """Four wheels with rollers."""
+        layout, wheels = self.layout, list(self.layout.corners.values())
+        for corner, wheel in layout.corners.items():
+            about = f"{WHERE[corner]} wheel, positive rolls forward"
+            self.coordinate(f"theta_{corner}", "rad", about, _angles([wheel]))
+        ahead, left = zip(*(layout.seen(wheel.centre, layout.base.origin) for wheel in wheels), strict=True)
+        links = f"links {', '.join(wheel.link for wheel in wheels)}"
+        rims = "; ".join(dict.fromkeys(wheel.source for wheel in wheels))
+        rollers = [0.0 if wheel.roller is None else wheel.roller for wheel in wheels]
+        columns = (
+            [f"theta_{corner}" for corner in layout.corners],
+            self.signed("a", ahead, "m", "wheels ahead of and behind the middle", _joints(wheels)),
+            self.signed("b", left, "m", "wheels to the left and right of the middle", _joints(wheels)),
+            self.signed("gamma", rollers, "rad", "axis of the roller on the ground, from ahead to the left", rims),
+            self.pair("r", [wheel.radius for wheel in wheels], "m", "radius of the wheels", rims),
+            self.pair("I_w", [wheel.inertia for wheel in wheels], "kg m^2", "a wheel about its axle", links),
+            self.loads("load", [[wheel] for wheel in wheels], "part of the weight on a wheel"),
+        )
+        names = ("theta", "a", "b", "gamma", "r", "I_w", "load")
+        rows = zip(layout.corners, *columns, strict=True)
+        return {"corners": [SimpleNamespace(at=c, where=WHERE[c], **dict(zip(names, row, strict=True))) for c, *row in rows]}
 
     def steering(self) -> dict[str, object]:
         """A steered wheel, or a pair that turns by the angle of a wheel in their middle."""

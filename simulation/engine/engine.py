@@ -24,7 +24,6 @@ from .mjcf import mjcf, stands
 if TYPE_CHECKING:
     from ..drive import Drive
 
-STEP = 1e-3  # s, the longest; half of it changes a path by less than 1 mm where no wheel chatters
 SETTLED, LONGEST = 1e-9, 4000  # m/s, rad/s: the robot stands still; steps until it must
 ON_BUMPS = 1e-3  # m/s, as CREEP: tyres give way where the wheels of an axle that leans come nearer to each other
 FASTEST = 1e5  # m/s, rad/s
@@ -37,7 +36,7 @@ class FloorEngine:
     and load and lift a wheel that begins to slide, the more the lighter it is.
     """
 
-    def __init__(self, plant: Plant, contact: ContactSection, floor: Floor, start: np.ndarray, step: float = STEP):
+    def __init__(self, plant: Plant, contact: ContactSection, floor: Floor, start: np.ndarray):
         """Raises BadInput if MuJoCo is missing, or if the robot is not made of bodies and wheels in the plane."""
         self._mujoco = _mujoco()
         system = plant.system
@@ -46,7 +45,7 @@ class FloorEngine:
         self.model = self._mujoco.MjModel.from_xml_string(self.xml)
         self.data = self._mujoco.MjData(self.model)
         self._functions = {name: Direct(function) for name, function in _functions(system).items()}
-        self._parameters, self._n, self._longest = plant.parameters, len(system.mechanism.coordinates), step
+        self._parameters, self._n, self._longest = plant.parameters, len(system.mechanism.coordinates), floor.step
         self._floor, self.mu = floor, contact.mu if floor.mu is None else floor.mu
         wheels = self.planar.wheels
         self.moving = self._dofs(self._joint_names())

@@ -11,6 +11,7 @@ from ...readers.errors import BadInput
 from ...readers.reading import Reader, Schema, angle, entry, number, reads, row, section, whole
 
 STEEPEST = 1.0  # rad, of a floor
+SHORTEST, LONGEST = 1e-5, 2e-3  # s; contacts give way with a time constant of twice the longest
 MOST_BUMPS = 1000  # each is a body that the engine looks at in every step
 
 
@@ -123,10 +124,13 @@ class Floor:
     )
     bump: tuple[Bump, ...] = entry(_list_of(Bump, "{ x = 1, y = 0, height = 0.01, radius = 0.2 }"), (), "caps that rise from it")
     rough: Rough | None = entry(section(Rough), None)
+    step: float = entry(number("positive", "s"), 1e-3, f"longest step of the engine, {SHORTEST:g} to {LONGEST:g}")
 
     def __post_init__(self):
         if len(self.bump) > MOST_BUMPS:
             raise BadInput(f"[floor] bump: {len(self.bump)} are more than {MOST_BUMPS}")
+        if not SHORTEST <= self.step <= LONGEST:
+            raise BadInput(f"[floor] step = {self.step:g} s must be between {SHORTEST:g} and {LONGEST:g}")
 
     def height(self, x: float, y: float) -> float:
         """Return the height of the bumps at a place, m; 0 beside them. All lengths in m."""

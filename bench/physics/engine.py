@@ -1,0 +1,80 @@
+"""The physics engine: how far a path moves when its step is halved, how far it is from rolling, and how long a run takes.
+
+python bench/physics/engine.py
+"""
+
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.specification.vary import read_varied
+
+SPECS = Path(__file__).resolve().parents[2] / "specs"
+STEPS = (1e-3, 5e-4, 2.5e-4)  # s
+START: dict[str, Any] = {"initial": {"point": [0.0, 2.0], "heading": np.pi / 2, "speed": 0.0}, "simulation.period": 0.01}
+SOFT: dict[str, Any] = START | {"gains": {"kp": 0.1, "kd": 0.8, "kv": 0.5}}
+PAPER: dict[str, Any] = START | {"gains": {"kp": 1.0, "kd": 2.5, "kv": 2.0}}
+RUNS: Mapping[str, tuple[Mapping[str, Any], float]] = {  # changes of specs/line.toml, and what the first halving may change, m
+    "slowly (0.3 m/s), mu 5": (SOFT | {"reference.speed": 0.3, "contact": {"mu": 5.0}}, 2.5e-4),
+    "paper's speed, mu 0.7, a castor with 30 %": (SOFT | {"contact": {"mu": 0.7, "share": 0.7}}, 1e-3),
+    "the same, centre of mass 0.15 m high": (SOFT | {"contact": {"mu": 0.7, "share": 0.7, "height": 0.15}}, 1e-3),
+    "paper's gains, torque cut at 4 N m": (
+        PAPER | {"contact": {"mu": 0.7, "share": 0.7}, "limits": {"torque": [4.0], "mode": "cut"}},
+        1e-3,
+    ),
+}
+ROLLING = next(iter(RUNS))  # so slow and with so much friction that its path is that of the rolling model
+TIMED = ("labmate", "turtlebot3_burger", "car", "tractor_trailer", "mobile_manipulator")
+REPEATS = 3  # the shortest time counts
+
+
+def moved(changes: Mapping[str, Any]) -> list[float]:
+    """Return by how much each halving of the step changes the path of P_c at most, m."""
+    specs = [read_varied(SPECS / "line.toml", {**changes, "floor": {"step": step}}) for step in STEPS]
+    paths = [simulate(spec, engine="mujoco").q[:, :2] for spec in specs]
+    return [float(np.abs(b - a).max()) for a, b in zip(paths, paths[1:], strict=False)]
+
+
+def from_rolling(changes: Mapping[str, Any]) -> float:
+    """Return how far the path is from that of the rolling model at most, m."""
+    spec = read_varied(SPECS / "line.toml", changes)
+    return float(np.abs(simulate(spec, engine="mujoco").q[:, :2] - simulate(spec).q[:, :2]).max())
+
+
+def seconds(robot: str) -> float:
+    """Return the time of a processor (s) for a second of the robot's own run at 100 Hz, without what is made once."""
+    file = SPECS / ("line.toml" if robot == "labmate" else f"robots/{robot}.toml")
+    times = []
+    for duration in (0.1, *(0.1, 2.1) * REPEATS):  # the first makes what is kept
+        spec = read_varied(file, {"simulation.period": 0.01, "simulation.duration": duration})
+        begin = time.process_time()
+        simulate(spec, engine="mujoco")
+        times.append(time.process_time() - begin)
+    return (min(times[2::2]) - min(times[1::2])) / 2.0
+
+
+def measure() -> dict[str, Any]:
+    """Return `moved` and `from_rolling`, mm, and `seconds` of some robots."""
+    halved = {name: [round(1e3 * each, 3) for each in moved(changes)] for name, (changes, _) in RUNS.items()}
+    return {
+        "halving_mm": halved,
+        "from_rolling_mm": round(1e3 * from_rolling(RUNS[ROLLING][0]), 3),
+        "seconds_per_second": {robot: round(seconds(robot), 2) for robot in TIMED},
+    }
+
+
+def table(measured: Mapping[str, Any]) -> str:
+    """Return what was measured, as text."""
+    lines = ["physics engine: change of the path in mm when the step is halved, from 1 ms and from 0.5 ms"]
+    lines += [f"  {name}: {first:.3f}, {second:.3f}" for name, (first, second) in measured["halving_mm"].items()]
+    lines.append(f"  from the rolling model ({ROLLING}): {measured['from_rolling_mm']:.3f} mm")
+    lines.append("seconds of a processor for a second of a run")
+    lines += [f"  {robot}: {time_taken:.2f}" for robot, time_taken in measured["seconds_per_second"].items()]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    print(table(measure()))
