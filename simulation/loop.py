@@ -214,7 +214,8 @@ def make_loop(spec: Spec) -> Loop:
     vehicle = _vehicle_limits(spec, law, believed) if spec.kinematic and spec.limits else None
     drive = make_drive(spec.drive, spec.simulation, plant, law, believed, vehicle)
     extension = _extension(law, spec, believed, guidance, start)
-    loop = Loop(law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, drive, extension, None, warnings)
+    acting = limits, guidance, start, integral, sensing, drive, extension
+    loop = Loop(law, plant, believed, np.array(gains), *acting, None, warnings)
     _check_start(loop)
     if spec.adaptation:
         loop = replace(loop, learning=Learning(law, used, spec.adaptation, spec.simulation))

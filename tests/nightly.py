@@ -60,7 +60,6 @@ NIGHTLY = {
         r"judged_as_they_are_driven\[snakeboard",
         r"constant_and_independent\[labmate_2\]",
     ),
-    "test_drives": (r"refused_specs\[change11-m4f\]",),
     "test_dynamics": (
         r"the_c_is_the_textbook\[(coupled_6|tractor_trailer:3|turtlebot3_waffle_pi|pioneer_3dx|f1tenth|forklift)-",
         r"the_c_is_the_textbook\[(car|twins|slope_platform|four_wheel|off_axle|knife_edge)-",
