@@ -5,6 +5,7 @@
 #              random tests, the tests that tests/nightly.py names, and whether small changes of the sources are found
 # make types   the types of every room, by mypy
 # make figures every figure of the paper and further ones, with their claims checked: build/figures/report.html
+# make films   a page for each robot with a film of its run, and for some of the figures: build/films/car.html
 # make site    the pages to read, with search, for a browser and no network: build/site/index.html
 # make playground   a page with a robot to drag: the generated C as WebAssembly, with clang: build/playground/index.html
 # make bench   instruction counts, sizes and rates beside peers; make bits: the same bits on every target there is
@@ -30,7 +31,7 @@ RUNS := line circle
 
 include firmware/targets.mk # standard: the flags with which all targets compute the same bits
 
-.PHONY: all setup generate check-generated check simulate figures site playground lint types quick test suite nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
+.PHONY: all setup generate check-generated check simulate figures films site playground lint types quick test suite nightly bench bits firmware firmware-test guarantees trig-sweep dist clean
 .DELETE_ON_ERROR:
 
 all: check simulate
@@ -91,7 +92,16 @@ build/figures.stamp: build/generated.stamp $(ALL_PYTHON) $(RUNTIME) $(wildcard s
 	$(NOSLIP) figures -o build/figures
 	@touch $@
 
-# What `make figures` has drawn is in the gallery. A broken link is an error.
+# A page with a film for the SPEC of each robot, and for some of the figures.
+FILMS := $(wildcard specs/robots/*.toml) $(foreach name,waypoints fastest reversing cusp,specs/figures/$(name).toml)
+films: $(FILMS:%.toml=build/films/%.stamp)
+
+build/films/%.stamp: %.toml build/generated.stamp $(ALL_PYTHON) $(RUNTIME)
+	@mkdir -p $(@D)
+	$(NOSLIP) simulate $< -o build/films/$(*F).csv --animate build/films/$(*F).html
+	@touch $@
+
+# What `make figures` has drawn and `make films` has filmed is in the gallery. A broken link is an error.
 site: $(READY_SITE)
 	$(VENV)/bin/python docs/site/pages.py build/pages
 	$(VENV)/bin/sphinx-build -q -E -W --keep-going -j 2 -c docs/site -d build/doctrees build/pages build/site

@@ -57,6 +57,7 @@ def test_site(site):
         assert f'id="c.{name}"' in pages["reference/c_labmate.html"], name
     for name in noslip.__all__:
         assert f'id="noslip.{name}"' in pages["reference/python.html"], name
+    assert "Watch the run of waypoints.toml" in pages["gallery.html"]
     text = unescape(re.sub("<[^>]*>", "", pages["reference/spec.html"]))
     for name in ("output.path", "reference.approach", "contact", "segments", "bandwidth"):
         assert name in text, name

@@ -25,6 +25,7 @@ from noslip.readers.printing import toml
 ROOT = Path(noslip.__file__).parent
 NO_SOURCES = ("build", "dist", ".git", ".venv", "__pycache__", ".*_cache", "*.egg-info")
 QUICK = ("1", "6", "waypoints")  # figures that are drawn if `make figures` has not drawn all
+FILMED = "waypoints"  # the run of one of them, of which a film is made if `make films` has made none
 RESULTS = (  # what functions of the package return
     *("model.reduction.ReducedSystem", "model.outputs.OutputMap", "model.linearization.Linearization", "model.law.ControlLaw"),
     *("simulation.specification.spec.Spec", "simulation.run.Run", "analysis.answers.Answer"),
@@ -120,6 +121,8 @@ def gallery_page(folder: Path) -> str:
         if figure.cases:
             parts += [_fenced("sh", "\n".join(_command(label, case) for label, case in figure.cases.items()))]
         for file in dict.fromkeys(case.file for case in figure.cases.values()):
+            film = f"films/{Path(file).stem}.html"
+            parts += [f"[Watch the run of {file}]({film})"] if (folder.parent / film).exists() else []
             parts += [f"<details><summary>{file}</summary>", _fenced("toml", (SPECS / file).read_text()), "</details>"]
     return "\n\n".join(parts)
 
@@ -143,6 +146,15 @@ def figures() -> Path:
     return every if (every / "report.html").exists() else few
 
 
+def films() -> Path:
+    """The folder of `make films`; without it, that of one film, made now if it is not there."""
+    folder = ROOT / "build/films"
+    if not any(folder.glob("*.html")):
+        folder.mkdir(parents=True, exist_ok=True)
+        assert run(["simulate", FILMED, "-o", str(folder / f"{FILMED}.csv"), "--animate", str(folder / f"{FILMED}.html")]) == 0
+    return folder
+
+
 def main(folder: Path) -> None:
     """Make the folder."""
     shutil.rmtree(folder, ignore_errors=True)
@@ -150,6 +162,7 @@ def main(folder: Path) -> None:
     (folder / "reference").mkdir()
     (folder / "README.md").rename(folder / "index.md")
     shutil.copytree(figures(), folder / "figures")
+    shutil.copytree(films(), folder / "films", ignore=shutil.ignore_patterns("*.csv"))
     generated = [path for path in sorted((ROOT / "generated/labmate").glob("*.h")) if not path.stem.endswith("_f")]
     pages = {
         "reference/python": python_page(),
