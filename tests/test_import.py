@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from noslip.cli.main import main
 from noslip.model.reduction import ReducedSystem
+from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_laws, find_robot, system_of
 from noslip.readers.urdf.comparison import compare
 from noslip.readers.urdf.document import read
@@ -215,7 +216,15 @@ BAD = {
     "empty": (lambda: "", "not XML"),
     "no links": (lambda: '<robot name="a"/>', "no links"),
     "no name": (replaced(' name="cart"', ""), "<robot> has no name"),
-    "xacro": (replaced('value="8.0"', 'value="${mass}"'), "expand it with `xacro"),
+    "xacro": (replaced('value="8.0"', 'value="${mass}"'), "line 3: a xacro file; expand it with `xacro"),
+    "wheels that do not turn": (
+        lambda: two_wheels().text.replace('"right_joint" type="continuous"', '"right_wheel" type="fixed"'),
+        "joint 'right_wheel' is fixed; if it is a wheel, make it continuous",
+    ),
+    "rollers on a swivel": (
+        lambda: swivelled().text.replace('"base"/><child link="rear_left"/>', '"swivel"/><child link="rear_left"/>'),
+        "joint 'rear_left_joint' is a wheel with rollers on the vertical joint 'swivel_joint'; make that fixed",
+    ),
     "no wheel inertia": (without_inertial("left"), "link 'left' is a wheel without <inertial>"),
     "no inertia": (lambda: "<robot name='a'><link name='base'/></robot>", "no link has an <inertial>"),
     "no izz": (replaced(' izz="', ' i_zz="'), "link 'base', line 3: <inertia> has no izz"),
@@ -275,6 +284,13 @@ BAD = {
 
 def three_with_rollers() -> str:
     return "\n".join(line for line in mecanum().text.splitlines() if '="rear_left' not in line)
+
+
+def swivelled() -> Urdf:
+    made = mecanum()
+    made.link("swivel", 0.1)
+    made.joint("swivel_joint", "continuous", "base", "swivel")
+    return made
 
 
 def lifted() -> Urdf:
@@ -400,9 +416,15 @@ def test_a_wheel_from_a_scaled_and_turned_mesh(tmp_path):
     layout = recognize(read(str(file)), Options())
     assert [wheel.radius for wheel in layout.base.wheels] == pytest.approx([0.1, 0.1], rel=1e-6)
     assert "mesh" in layout.base.wheels[0].source
-    file.write_text(urdf.text.replace(CYLINDER, mesh.replace("0.002 0.002", "0.002 0.001"), 1))
-    with pytest.raises(Exception, match="not round about the axle"):
-        recognize(read(str(file)), Options(wheels=("left_joint", "right_joint")))
+    for scale, said in (
+        ("0.002 0.001 0.001", "not round about the axle"),
+        ("2 2 1", r"its radius, 100 m \(link right, collision mesh\), does not fit wheels that are 0.4 m apart"),
+        ("2e-6 2e-6 1e-6", "does not fit wheels that are 0.4 m apart"),
+        ("0 0 0", "left.stl has no size; correct its scale"),
+    ):
+        file.write_text(urdf.text.replace(CYLINDER, mesh.replace("0.002 0.002 0.001", scale)))
+        with pytest.raises(BadInput, match=said):
+            recognize(read(str(file)), Options(wheels=("left_joint", "right_joint")))
 
 
 def test_text_of_a_urdf_stays_text(tmp_path):

@@ -156,11 +156,16 @@ def _rubs(dynamics: Any) -> bool:
 
 def _refuse_unexpanded(file: str, root: Any) -> None:
     """Raise BadInput for a xacro file."""
-    elements = [e for e in root.iter() if isinstance(e.tag, str)]
-    values = (value for e in elements for value in e.attrib.values())
-    if file.endswith(".xacro") or any("xacro}" in e.tag for e in elements) or any("${" in v or "$(" in v for v in values):
+    lines = [
+        element.sourceline
+        for element in root.iter()
+        if isinstance(element.tag, str)
+        and ("xacro}" in element.tag or any(mark in value for value in element.attrib.values() for mark in ("${", "$(")))
+    ]
+    if file.endswith(".xacro") or lines:
         stem = re.sub(r"(\.urdf)?(\.xacro)?$", "", Path(file).name)
-        raise BadInput(f"{file}: a xacro file; expand it with `xacro {file} -o {stem}.expanded.urdf` and import that")
+        line = f", line {lines[0]}" if lines else ""
+        raise BadInput(f"{file}{line}: a xacro file; expand it with `xacro {file} -o {stem}.expanded.urdf` and import that")
 
 
 def _check_elements(file: str, root: Any) -> tuple[str, ...]:

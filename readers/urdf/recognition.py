@@ -18,11 +18,13 @@ from .statics import shares
 
 CASTOR = re.compile(r"cast[eo]r|swivel|ball_?wheel", re.IGNORECASE)
 STEERS = re.compile(r"steer", re.IGNORECASE)
+WHEEL = re.compile(r"wheel", re.IGNORECASE)
 ROLLERS = re.compile(r"mec+h?an+um|swedish|omni_?wheel", re.IGNORECASE)
 GROUND = 0.1  # of the radius: heights at which a wheel or castor touches the ground
 ON_LINE = 0.05  # of the radius: distances, ahead or aside, that are taken as none
 TRAIL = 0.2  # of the radius: a wheel so far behind a vertical joint is a castor's, unless the joint is driven or said to steer
 ACKERMANN = 0.5  # relative: difference of the angles of two steered wheels
+SLENDER = 50  # how many times larger or smaller than the distance of the wheels a radius may be: meshes are in mm, or m
 UNEVEN = 1e-3  # relative: how far from a body of revolution a wheel may be without a note
 UNBALANCED = 0.1  # of the radius: how far its centre of mass may be from the axle
 
@@ -62,7 +64,13 @@ class _Recognition:
         wheels = self.wheels()
         self.ground = min(wheel.centre[2] - wheel.radius for wheel in wheels)
         self.turning = {wheel.joint: self.turning_joint(wheel) for wheel in wheels}
-        self.castors = {w.link: w.centre for w in wheels if w.joint not in options.wheels and self.is_castor(w, wheels)}
+        named = {*options.wheels, *options.rollers, *self.rollers}
+        for wheel in wheels:
+            if wheel.joint in {*options.rollers, *self.rollers} and (turning := self.turning[wheel.joint]):
+                raise self.wrong(
+                    f"joint {wheel.joint!r} is a wheel with rollers on the vertical joint {turning!r}; make that fixed"
+                )
+        self.castors = {w.link: w.centre for w in wheels if w.joint not in named and self.is_castor(w, wheels)}
         wheels = [wheel for wheel in wheels if wheel.link not in self.castors]
         extra = [wheel for wheel in wheels if options.wheels and wheel.joint not in options.wheels]
         if extra:
@@ -200,7 +208,12 @@ class _Recognition:
         """Return why horizontal joints that turn are no wheels, to be followed by advice."""
         joints = self.document.joints
         level = [n for n in self.reasons if abs(self.document.axis(joints[n])[2]) < 0.5 and not CASTOR.search(n)]
-        return "".join(f"joint {name!r}: {self.reasons[name]}; " for name in level[:2])
+        reasons = [f"joint {name!r}: {self.reasons[name]}; " for name in level]
+        held = [
+            name for name, joint in joints.items() if joint.type == "fixed" and WHEEL.search(name) and not CASTOR.search(name)
+        ]
+        reasons += [f"joint {name!r} is fixed; if it is a wheel, make it continuous; " for name in held]
+        return "".join(reasons[:2])
 
     def ancestors(self, joint: str) -> list[Any]:
         """Return the joints that carry a joint, from it to the root."""
@@ -284,6 +297,13 @@ class _Recognition:
         document, places = self.document, [ahead_and_left(wheel.centre, self.heading) for wheel in fixed]
         ahead, aside = (np.array(values) for values in zip(*places, strict=True))
         actual, track = float(np.ptp(aside)), self.options.track
+        apart = max(float(np.ptp(ahead)), actual)
+        for wheel in fixed:
+            if not 1 / SLENDER < wheel.radius / apart < SLENDER:
+                raise self.wrong(
+                    f"link {wheel.link!r}: its radius, {wheel.radius:.3g} m ({wheel.source}), does not fit wheels that are "
+                    f"{apart:.3g} m apart; correct the scale of its mesh, or give --radius {wheel.link}=METRES"
+                )
         several = np.ptp(ahead) > ON_LINE * fixed[0].radius
         middle = (aside.max() + aside.min()) / 2
         origin = ahead.mean() * self.heading + middle * np.cross(UP, self.heading) + self.ground * UP

@@ -11,6 +11,7 @@ from .document import Document, placed
 
 ALIGNED = 0.01  # rad between an axle and the direction that it should have
 ROUND = 0.03  # of the radius: difference of a shape from a circle about its axle
+SMALL = 1e-9  # m
 MESHES = (".stl", ".obj", ".ply", ".off")  # formats that trimesh reads by itself
 
 
@@ -142,6 +143,8 @@ def _circle_of_mesh(document: Document, pose: np.ndarray, mesh: Any, axis: np.nd
     along = arms @ axis
     arms -= np.outer(along, axis)
     size = float(np.linalg.norm(arms, axis=1).max())
+    if not size > SMALL:
+        raise NotRound(f"its mesh {mesh.filename} has no size; correct its scale")
     side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     side /= np.linalg.norm(side)
     reach = [extreme for d in (side, np.cross(axis, side)) for extreme in (-(arms @ d).min(), (arms @ d).max())]
