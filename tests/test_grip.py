@@ -231,11 +231,12 @@ def test_the_way_to_least_forces_is_a_stationary_point(inputs, scalar, accuracy)
         free = None if k % 2 else np.outer(source.normal(size=inputs), source.normal(size=inputs))
         asked = None if k % 3 else along
         NULL, array = made.ffi.NULL, partial(made.array, scalar)
-        way, work = array(np.zeros(inputs)), array(np.zeros(inputs * (inputs + 2)))
+        way, work = array(np.zeros(inputs)), array(np.append(np.zeros(inputs * (inputs + 2)), [7.0] * 2))
         combined = NULL if free is None else array(free.ravel())
         toward = NULL if asked is None else array(asked)
         function = made.function("noslip_way_to_least", scalar)
         function(array(ground.ravel()), toward, combined, array(by.ravel()), contacts, inputs, work, way)
+        assert list(work)[-2:] == [7.0] * 2
         rows = np.eye(inputs) if free is None else free
         effect = (by[:, :2] / mass[:, None, None]).reshape(-1, inputs) @ rows.T
         force = (
@@ -334,13 +335,18 @@ def test_the_way_to_coasting_ends_at_least_forces(scalar, accuracy):
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_inputs_behind_the_two_are_not_touched(scalar):
-    made = runtime("noslip_grip.h")
+    made = runtime("noslip_shaping.h")
     grip = made.new("noslip_grip", scalar)
     grip.weight = 1.0
     inputs, limits = made.array(scalar, [5.0, -5.0, 7.0]), made.array(scalar, [1.0, 1.0, 1.0])
     ground, by_inputs = made.array(scalar, [0.0, 0.0, 0.0, 1.0]), made.array(scalar, np.zeros(6))
     made.function("noslip_keep_grip", scalar)(inputs, made.ffi.NULL, ground, by_inputs, grip, limits, 1)
     assert list(inputs) == [1.0, -1.0, 7.0]
+    inputs, limits, by_inputs = (made.array(scalar, each) for each in ([5.0, -5.0, 0.5, 7.0], [1.0] * 4, np.zeros(9)))
+    work = made.array(scalar, [0.0] * 18 + [7.0])
+    given = inputs, made.ffi.NULL, made.ffi.NULL, ground, by_inputs, grip, limits, 1, 3, work
+    made.function("noslip_keep_grip_of", scalar)(*given)
+    assert list(inputs) == [1.0, -1.0, 0.5, 7.0] and work[18] == 7.0
 
 
 SPEC = """
