@@ -100,7 +100,6 @@ NIGHTLY = {
     "test_guarantees": (
         r"test_guarantee\[(fuzz|misra|eva|eva-bits|symbols-m4f)\]",
         r"test_eva_finds\[(an angle|a write)",
-        r"test_eva_finds_in_grip\[(a force|friction)",
         r"fuzzing_finds\[(an angle beyond integers|a command that changes too fast)\]",
         r"seeded_numbers_find\[an answer beyond its limit\]",
     ),

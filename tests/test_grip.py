@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from noslip.codegen.derivation.grip import is_wide
+from noslip.codegen.program import ENTRIES
 from noslip.controllers.backends import make_controller
 from noslip.controllers.compiled import CompiledController
 from noslip.controllers.controller import Friction, Limits
@@ -99,6 +100,24 @@ def test_it_rolls_or_says_so(robot, name, backend):
         assert use <= 1 + slack, (status, use, friction)
         if status == "ok":
             assert np.abs(tau - free).max() <= (1e-11 if backend == "c" else 2e-4) * max(1, np.abs(free).max())
+
+
+def test_the_forces_of_a_virtual_input():
+    """`feedback` returns the inputs of v, `ground` their forces: those of lambda (8), and affine in v."""
+    entries, random = {entry.name: entry for entry in ENTRIES}, np.random.default_rng(18)
+    made = law("labmate", "type_iv_line")
+    for numbers, state, *_ in situations("labmate", "type_iv_line")[:STATES]:
+        controller, plant = CompiledController(made, *numbers), Plant(made.system, numbers[0])
+        one, other = random.uniform(-3, 3, (2, 2))
+        found = []
+        for v in (one, other, (one + other) / 2):
+            (tau,) = (answer.ravel() for answer in controller.entry(entries["feedback"], state, more=v).values.values())
+            (forces,) = controller.entry(entries["ground"], state, more=tau).values.values()
+            found.append(forces.reshape(-1, 4))
+            truth = contact_forces(plant, np.asarray(state), tau, ContactSection())
+            forces = np.array([[contact.longitudinal[0], contact.lateral[0]] for contact in truth])
+            assert np.abs(found[-1][:, :2] - forces).max() < 1e-9 * (1 + np.abs(forces).max())
+        assert np.abs(found[0] + found[1] - 2 * found[2]).max() < 1e-9 * (1 + np.abs(found[0]).max())
 
 
 @pytest.mark.parametrize("robot, name", [("labmate", "type_iv_line")])

@@ -201,6 +201,7 @@ EVA_FINDS_IN_GRIP = {
 }
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("wrong", EVA_FINDS_IN_GRIP)
 def test_eva_finds_in_grip(wrong, tmp_path):
     file, was, now = EVA_FINDS_IN_GRIP[wrong]
