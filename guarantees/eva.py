@@ -16,6 +16,7 @@ OPTIONS = (
 ).split()
 PROGRAMS = HERE / "c" / "eva"
 SCALARS = {"float": ("_f", "0x1p-149f", "FLT_MAX", "_F"), "double": ("", "0x1p-1074", "DBL_MAX", "")}
+FILES = {"HEADER": "h", "SOURCE": "c"}
 RECKONED = {f"self.{member}" for member in ("now", "pose", "direction", "pending", "left", "steady")}
 ESTIMATED = {f"self.filter.{member}" for member in ("state", "rounded", "factors")}
 MAY_WRITE = {  # function -> objects and members, named as in the programs, that it may write to
@@ -75,7 +76,8 @@ class AnalysedProgram:
     def sources(self, task: Task) -> list[Path]:
         """The C files to analyse."""
         suffix = SCALARS[self.scalar][0]
-        more = [task.generated / f"labmate{suffix}.c", task.generated / f"{self.law}{suffix}.c"] if self.law else []
+        more = [task.generated / f"labmate{suffix}.c"] if self.law else []
+        more += [task.generated / f"{self.law}{suffix}.c"] if self.source == "law" else []
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
         more += [task.generated / f"{name}{suffix}.c" for name in ("labmate", "labmate_ekf")] if self.source == "ekf" else []
         more += [task.runtime / "noslip_watchdog.c"] if self.source == "drives" else []
@@ -95,7 +97,7 @@ class AnalysedProgram:
         macros |= {"ANGLE_MAX": f"NOSLIP_ANGLE_MAX{upper}"}
         if not self.law:
             return macros | {"HEADER": f'"labmate_ekf{suffix}.h"'}
-        law = {"ROBOT": "labmate", "LAW": self.law, "HEADER": f'"{self.law}{suffix}.h"'}
+        law = {"ROBOT": "labmate", "LAW": self.law} | {name: f'"{self.law}{suffix}.{end}"' for name, end in FILES.items()}
         return macros | law | {"FOLLOWS": str(int(task.follows(self.law)))}
 
 
@@ -104,7 +106,8 @@ def programs(task: Task) -> list[AnalysedProgram]:
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
     parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", "")]
-    named = [("law", law) for law in laws] + parts[: 2 if task.short else None]
+    grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
+    named = [("law", law) for law in laws] + ([] if task.short else grips) + parts[: 2 if task.short else None]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]
 
 

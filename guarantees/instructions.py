@@ -21,13 +21,15 @@ KINDS = {
 }
 PAGE = HERE / "README.md"  # contains the table of the budgeted numbers
 ROUTE = ("odometry_good", "odometry_refused", "path_line", "path_arc", "path_next", "path_refused")
+SPEED = ("profile_line", "profile_arc", "slip_quiet", "slip_noticed", "slip_refused")
 EKF = ("ekf_gyro", "ekf_wheels", "ekf_fix", "ekf_refused")
 ENTRIES = {"odometry": "odometry_move", "path": "noslip_path_update_f", "ekf": "labmate_ekf_tick_f"}
+ENTRIES |= {"profile": "profile_speed", "slip": "slip_tick"}
 MACHINE = "qemu-system-arm -M mps2-an386 -display none -monitor none -serial none -semihosting-config enable=on,target=native"
 
 
 def instructions(task: Task) -> str:
-    """Count the instructions of step and follow of every law, of odometry and of the path; compare the maxima with the budget."""
+    """Count the instructions of step and follow of every law, of odometry, path, profile and slip; compare the maxima with the budget."""
     need("qemu-system-arm", "qemu-system-arm")
     folder = task.folder / "instructions"
     folder.mkdir(parents=True, exist_ok=True)
@@ -53,12 +55,14 @@ def with_table(page: str, numbers: str) -> str:
     rows = [" | ".join([law.replace("_follow", ", follow"), *(_range(row, kind) for kind in KINDS)]) for law, row in laws.items()]
     head = ["Cortex-M4F, float, -O2", *KINDS]
     table = "\n".join([f"| {' | '.join(head)} |", "|---" * len(head) + "|", *(f"| {row} |" for row in rows)])
-    path, odometry = modules["noslip_path_f"], modules["noslip_odometry_f"]
+    path, odometry, profile, slip = (modules[f"noslip_{name}_f"] for name in ("path", "odometry", "profile", "slip"))
     words = (
         f"Odometry {_range(odometry, 'good')}; of a path (update, which takes the heading) on a line {_range(path, 'line')}, "
-        f"on an arc {_range(path, 'arc')},\nat the end of a segment {_range(path, 'next')}."
+        f"on an arc {_range(path, 'arc')},\nat the end of a segment {_range(path, 'next')}. A profile of speed on a line "
+        f"{_range(profile, 'line')}, on an arc {_range(profile, 'arc')};\nslip while rolling {_range(slip, 'quiet')}, where it is "
+        f"noticed {_range(slip, 'noticed')}."
     )
-    return re.sub(r"\| Cortex-M4F, float.*?segment\s\d+ to \d+\.", f"{table}\n\n{words}", page, flags=re.S)
+    return re.sub(r"\| Cortex-M4F, float.*?noticed \d+(?: to \d+)?\.", f"{table}\n\n{words}", page, flags=re.S)
 
 
 def _range(row: Mapping[str, int], kind: str) -> str:
@@ -92,7 +96,7 @@ def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
     steps = [(law, f"{law}_f", f"{law}_step_f") for law in task.laws]
     steps += [(law, f"{law}_follow_f", f"{law}_follow_f") for law in task.laws if task.follows(law)]
     selected = {(module, kind): (entry, f"{kind}_{law}_f") for law, module, entry in steps for kind in KINDS}
-    for name in (*ROUTE, *EKF):
+    for name in (*ROUTE, *SPEED, *EKF):
         module, kind = name.split("_")
         selected[f"noslip_{module}_f", kind] = ("ekf_correct" if kind == "fix" else ENTRIES[module], name)
     plugin, log = folder / "count.so", folder / "count.log"

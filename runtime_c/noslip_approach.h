@@ -330,22 +330,20 @@ static inline int noslip_approach_within(noslip_approach *self, double speed,
                        double speed_rate, noslip_approached *desired)
 {
     static const noslip_approached zero = {0, 0, 0, 0, 0};
+    int status = NOSLIP_OK;
     if (desired == NULL) {
         return NOSLIP_NULL;
     }
-    noslip_approach_copy(&zero, desired);
     if (self == NULL || self->ready != NOSLIP_READY) {
-        return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
-    }
-    if (!(noslip_is_finite(speed) && noslip_is_finite(speed_rate))) {
-        return NOSLIP_NONFINITE;
-    }
-    if ((speed >= 0 && self->desired.speed > speed) || (speed <= 0 && self->desired.speed < speed)) {
+        status = self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
+    } else if (!(noslip_is_finite(speed) && noslip_is_finite(speed_rate))) {
+        status = NOSLIP_NONFINITE;
+    } else if ((speed >= 0 && self->desired.speed > speed) || (speed <= 0 && self->desired.speed < speed)) {
         self->desired.speed = speed;
         self->desired.speed_rate = speed_rate;
     }
-    noslip_approach_copy(&self->desired, desired);
-    return NOSLIP_OK;
+    noslip_approach_copy(status == NOSLIP_OK ? &self->desired : &zero, desired);
+    return status;
 }
 
 /* -- float: generated from noslip_approach.inc by guarantees/headers.py ------------------------------------------------ */
@@ -643,22 +641,20 @@ static inline int noslip_approach_within_f(noslip_approach_f *self, float speed,
                           float speed_rate, noslip_approached_f *desired)
 {
     static const noslip_approached_f zero = {0, 0, 0, 0, 0};
+    int status = NOSLIP_OK;
     if (desired == NULL) {
         return NOSLIP_NULL;
     }
-    noslip_approach_copy_f(&zero, desired);
     if (self == NULL || self->ready != NOSLIP_READY) {
-        return self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
-    }
-    if (!(noslip_is_finite_f(speed) && noslip_is_finite_f(speed_rate))) {
-        return NOSLIP_NONFINITE;
-    }
-    if ((speed >= 0 && self->desired.speed > speed) || (speed <= 0 && self->desired.speed < speed)) {
+        status = self == NULL ? NOSLIP_NULL : NOSLIP_NOT_READY;
+    } else if (!(noslip_is_finite_f(speed) && noslip_is_finite_f(speed_rate))) {
+        status = NOSLIP_NONFINITE;
+    } else if ((speed >= 0 && self->desired.speed > speed) || (speed <= 0 && self->desired.speed < speed)) {
         self->desired.speed = speed;
         self->desired.speed_rate = speed_rate;
     }
-    noslip_approach_copy_f(&self->desired, desired);
-    return NOSLIP_OK;
+    noslip_approach_copy_f(status == NOSLIP_OK ? &self->desired : &zero, desired);
+    return status;
 }
 
 /* -- end of the generated part ----------------------------------------------------------------------------------------- */

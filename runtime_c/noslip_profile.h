@@ -231,37 +231,23 @@ static inline int noslip_profile_init(noslip_profile *self,
     return NOSLIP_OK;
 }
 
-/*
- * Computes the desired forward speed (m/s, negative in reverse) at the place on the path that `guide` says, at most that of the
- * guide, and its rate along the motion with `forward_speed` (m/s^2). Beyond the end of a run, and at a stop, both are the guide's.
- * Returns NOSLIP_NONFINITE if progress or forward_speed is not finite; then both are zero.
- */
-static inline int noslip_profile_speed(const noslip_profile *self,
-                          const noslip_guide *guide, double forward_speed,
-                          double *speed, double *speed_rate)
+/* A desired speed (m/s) and its rate (m/s^2). */
+typedef struct noslip_profiled {
+    double speed, rate;
+} noslip_profiled;
+
+/* Returns what noslip_profile_speed computes, where the arguments are in order. */
+static inline noslip_profiled noslip_profile_at(const noslip_profile *self,
+                                   const noslip_guide *guide,
+                                   double forward_speed)
 {
-    const noslip_segment *given;
+    const noslip_segment *given = &self->segments[guide->segment];
+    noslip_profiled desired = {guide->speed, guide->speed_rate};
     noslip_bend bend;
-    double start, on, square, after, rate = 0, part, direction, fastest, share;
-    if (speed == NULL || speed_rate == NULL) {
-        return NOSLIP_NULL;
-    }
-    *speed = *speed_rate = 0;
-    if (self == NULL || guide == NULL) {
-        return NOSLIP_NULL;
-    }
-    if (self->ready != NOSLIP_READY || guide->segment < 0 || guide->segment >= self->count) {
-        return NOSLIP_NOT_READY;
-    }
-    if (!(noslip_is_finite(guide->progress) && noslip_is_finite(forward_speed))) {
-        return NOSLIP_NONFINITE;
-    }
-    *speed = guide->speed;
-    *speed_rate = guide->speed_rate;
-    given = &self->segments[guide->segment];
+    double start, on, square, after, rate, part, direction, fastest, share;
     if (noslip_abs(guide->x - given->x) > 0 || noslip_abs(guide->y - given->y) > 0 ||
         noslip_abs(guide->curvature - given->curvature) > 0) {
-        return NOSLIP_OK; /* on the straight extension of a run */
+        return desired; /* on the straight extension of a run */
     }
     bend = noslip_bend_of(self, guide->segment);
     start = self->squares[guide->segment];
@@ -287,10 +273,40 @@ static inline int noslip_profile_speed(const noslip_profile *self,
         direction = guide->speed < 0 ? -1 : 1;
         share = direction * forward_speed / fastest; /* the place moves with the vehicle */
         share = share > 2 ? 2 : share > 0 ? share : 0;
-        *speed = direction * fastest;
-        *speed_rate = direction * rate * share;
+        desired.speed = direction * fastest;
+        desired.rate = direction * rate * share;
     }
-    return NOSLIP_OK;
+    return desired;
+}
+
+/*
+ * Computes the desired forward speed (m/s, negative in reverse) at the place on the path that `guide` says, at most that of the
+ * guide, and its rate along the motion with `forward_speed` (m/s^2). Beyond the end of a run, and at a stop, both are the guide's.
+ * Returns NOSLIP_NONFINITE if progress, forward_speed or a result is not finite; then both are zero.
+ */
+static inline int noslip_profile_speed(const noslip_profile *self,
+                          const noslip_guide *guide, double forward_speed,
+                          double *speed, double *speed_rate)
+{
+    noslip_profiled desired = {0, 0};
+    int status = NOSLIP_OK;
+    if (speed == NULL || speed_rate == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self == NULL || guide == NULL) {
+        status = NOSLIP_NULL;
+    } else if (self->ready != NOSLIP_READY || guide->segment < 0 || guide->segment >= self->count) {
+        status = NOSLIP_NOT_READY;
+    } else if (!(noslip_is_finite(guide->progress) && noslip_is_finite(forward_speed))) {
+        status = NOSLIP_NONFINITE;
+    } else {
+        desired = noslip_profile_at(self, guide, forward_speed);
+        status = noslip_is_finite(desired.speed) && noslip_is_finite(desired.rate) ? NOSLIP_OK
+                                                                                                          : NOSLIP_NONFINITE;
+    }
+    *speed = status == NOSLIP_OK ? desired.speed : 0;
+    *speed_rate = status == NOSLIP_OK ? desired.rate : 0;
+    return status;
 }
 
 /* -- float: generated from noslip_profile.inc by guarantees/headers.py ------------------------------------------------- */
@@ -494,37 +510,23 @@ static inline int noslip_profile_init_f(noslip_profile_f *self,
     return NOSLIP_OK;
 }
 
-/*
- * Computes the desired forward speed (m/s, negative in reverse) at the place on the path that `guide` says, at most that of the
- * guide, and its rate along the motion with `forward_speed` (m/s^2). Beyond the end of a run, and at a stop, both are the guide's.
- * Returns NOSLIP_NONFINITE if progress or forward_speed is not finite; then both are zero.
- */
-static inline int noslip_profile_speed_f(const noslip_profile_f *self,
-                              const noslip_guide_f *guide, float forward_speed,
-                              float *speed, float *speed_rate)
+/* A desired speed (m/s) and its rate (m/s^2). */
+typedef struct noslip_profiled_f {
+    float speed, rate;
+} noslip_profiled_f;
+
+/* Returns what noslip_profile_speed computes, where the arguments are in order. */
+static inline noslip_profiled_f noslip_profile_at_f(const noslip_profile_f *self,
+                                         const noslip_guide_f *guide,
+                                         float forward_speed)
 {
-    const noslip_segment_f *given;
+    const noslip_segment_f *given = &self->segments[guide->segment];
+    noslip_profiled_f desired = {guide->speed, guide->speed_rate};
     noslip_bend_f bend;
-    float start, on, square, after, rate = 0, part, direction, fastest, share;
-    if (speed == NULL || speed_rate == NULL) {
-        return NOSLIP_NULL;
-    }
-    *speed = *speed_rate = 0;
-    if (self == NULL || guide == NULL) {
-        return NOSLIP_NULL;
-    }
-    if (self->ready != NOSLIP_READY || guide->segment < 0 || guide->segment >= self->count) {
-        return NOSLIP_NOT_READY;
-    }
-    if (!(noslip_is_finite_f(guide->progress) && noslip_is_finite_f(forward_speed))) {
-        return NOSLIP_NONFINITE;
-    }
-    *speed = guide->speed;
-    *speed_rate = guide->speed_rate;
-    given = &self->segments[guide->segment];
+    float start, on, square, after, rate, part, direction, fastest, share;
     if (noslip_abs_f(guide->x - given->x) > 0 || noslip_abs_f(guide->y - given->y) > 0 ||
         noslip_abs_f(guide->curvature - given->curvature) > 0) {
-        return NOSLIP_OK; /* on the straight extension of a run */
+        return desired; /* on the straight extension of a run */
     }
     bend = noslip_bend_of_f(self, guide->segment);
     start = self->squares[guide->segment];
@@ -550,10 +552,40 @@ static inline int noslip_profile_speed_f(const noslip_profile_f *self,
         direction = guide->speed < 0 ? -1 : 1;
         share = direction * forward_speed / fastest; /* the place moves with the vehicle */
         share = share > 2 ? 2 : share > 0 ? share : 0;
-        *speed = direction * fastest;
-        *speed_rate = direction * rate * share;
+        desired.speed = direction * fastest;
+        desired.rate = direction * rate * share;
     }
-    return NOSLIP_OK;
+    return desired;
+}
+
+/*
+ * Computes the desired forward speed (m/s, negative in reverse) at the place on the path that `guide` says, at most that of the
+ * guide, and its rate along the motion with `forward_speed` (m/s^2). Beyond the end of a run, and at a stop, both are the guide's.
+ * Returns NOSLIP_NONFINITE if progress, forward_speed or a result is not finite; then both are zero.
+ */
+static inline int noslip_profile_speed_f(const noslip_profile_f *self,
+                              const noslip_guide_f *guide, float forward_speed,
+                              float *speed, float *speed_rate)
+{
+    noslip_profiled_f desired = {0, 0};
+    int status = NOSLIP_OK;
+    if (speed == NULL || speed_rate == NULL) {
+        return NOSLIP_NULL;
+    }
+    if (self == NULL || guide == NULL) {
+        status = NOSLIP_NULL;
+    } else if (self->ready != NOSLIP_READY || guide->segment < 0 || guide->segment >= self->count) {
+        status = NOSLIP_NOT_READY;
+    } else if (!(noslip_is_finite_f(guide->progress) && noslip_is_finite_f(forward_speed))) {
+        status = NOSLIP_NONFINITE;
+    } else {
+        desired = noslip_profile_at_f(self, guide, forward_speed);
+        status = noslip_is_finite_f(desired.speed) && noslip_is_finite_f(desired.rate) ? NOSLIP_OK
+                                                                                                          : NOSLIP_NONFINITE;
+    }
+    *speed = status == NOSLIP_OK ? desired.speed : 0;
+    *speed_rate = status == NOSLIP_OK ? desired.rate : 0;
+    return status;
 }
 
 /* -- end of the generated part ----------------------------------------------------------------------------------------- */

@@ -147,6 +147,7 @@ def test_refused(scalar):
     ):
         assert call("init", acceleration, settling, jerk) == "bad_parameter" and call("start", 1, 0, 0) == "not_ready"
     assert call("init", 0.5, 0.25, 0.0) == "ok"
+    assert [getattr(self.desired, name) for name, _ in made.ffi.typeof(desired[0]).fields] == [0.0] * 5
     assert call("start", math.nan, 0, 0) == "nonfinite" and call("start", 1, 0, 0) == "ok"
     for dt, speed, status in ((math.nan, 1, "nonfinite"), (0.01, math.inf, "nonfinite"), (-0.01, 1, "range"), (0.26, 1, "range")):
         made.ffi.buffer(desired)[:] = b"\xff" * made.ffi.sizeof(desired[0])

@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from noslip.codegen.derivation.grip import is_wide
+from noslip.codegen.program import ENTRIES
 from noslip.controllers.backends import make_controller
 from noslip.controllers.compiled import CompiledController
 from noslip.controllers.controller import Friction, Limits
@@ -99,6 +100,24 @@ def test_it_rolls_or_says_so(robot, name, backend):
         assert use <= 1 + slack, (status, use, friction)
         if status == "ok":
             assert np.abs(tau - free).max() <= (1e-11 if backend == "c" else 2e-4) * max(1, np.abs(free).max())
+
+
+def test_the_forces_of_a_virtual_input():
+    """`feedback` returns the inputs of v, `ground` their forces: those of lambda (8), and affine in v."""
+    entries, random = {entry.name: entry for entry in ENTRIES}, np.random.default_rng(18)
+    made = law("labmate", "type_iv_line")
+    for numbers, state, *_ in situations("labmate", "type_iv_line")[:STATES]:
+        controller, plant = CompiledController(made, *numbers), Plant(made.system, numbers[0])
+        one, other = random.uniform(-3, 3, (2, 2))
+        found = []
+        for v in (one, other, (one + other) / 2):
+            (tau,) = (answer.ravel() for answer in controller.entry(entries["feedback"], state, more=v).values.values())
+            (forces,) = controller.entry(entries["ground"], state, more=tau).values.values()
+            found.append(forces.reshape(-1, 4))
+            truth = contact_forces(plant, np.asarray(state), tau, ContactSection())
+            forces = np.array([[contact.longitudinal[0], contact.lateral[0]] for contact in truth])
+            assert np.abs(found[-1][:, :2] - forces).max() < 1e-9 * (1 + np.abs(forces).max())
+        assert np.abs(found[0] + found[1] - 2 * found[2]).max() < 1e-9 * (1 + np.abs(found[0]).max())
 
 
 @pytest.mark.parametrize("robot, name", [("labmate", "type_iv_line")])
@@ -231,11 +250,12 @@ def test_the_way_to_least_forces_is_a_stationary_point(inputs, scalar, accuracy)
         free = None if k % 2 else np.outer(source.normal(size=inputs), source.normal(size=inputs))
         asked = None if k % 3 else along
         NULL, array = made.ffi.NULL, partial(made.array, scalar)
-        way, work = array(np.zeros(inputs)), array(np.zeros(inputs * (inputs + 2)))
+        way, work = array(np.zeros(inputs)), array(np.append(np.zeros(inputs * (inputs + 2)), [7.0] * 2))
         combined = NULL if free is None else array(free.ravel())
         toward = NULL if asked is None else array(asked)
         function = made.function("noslip_way_to_least", scalar)
         function(array(ground.ravel()), toward, combined, array(by.ravel()), contacts, inputs, work, way)
+        assert list(work)[-2:] == [7.0] * 2
         rows = np.eye(inputs) if free is None else free
         effect = (by[:, :2] / mass[:, None, None]).reshape(-1, inputs) @ rows.T
         force = (
@@ -334,13 +354,18 @@ def test_the_way_to_coasting_ends_at_least_forces(scalar, accuracy):
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
 def test_inputs_behind_the_two_are_not_touched(scalar):
-    made = runtime("noslip_grip.h")
+    made = runtime("noslip_shaping.h")
     grip = made.new("noslip_grip", scalar)
     grip.weight = 1.0
     inputs, limits = made.array(scalar, [5.0, -5.0, 7.0]), made.array(scalar, [1.0, 1.0, 1.0])
     ground, by_inputs = made.array(scalar, [0.0, 0.0, 0.0, 1.0]), made.array(scalar, np.zeros(6))
     made.function("noslip_keep_grip", scalar)(inputs, made.ffi.NULL, ground, by_inputs, grip, limits, 1)
     assert list(inputs) == [1.0, -1.0, 7.0]
+    inputs, limits, by_inputs = (made.array(scalar, each) for each in ([5.0, -5.0, 0.5, 7.0], [1.0] * 4, np.zeros(9)))
+    work = made.array(scalar, [0.0] * 18 + [7.0])
+    given = inputs, made.ffi.NULL, made.ffi.NULL, ground, by_inputs, grip, limits, 1, 3, work
+    made.function("noslip_keep_grip_of", scalar)(*given)
+    assert list(inputs) == [1.0, -1.0, 0.5, 7.0] and work[18] == 7.0
 
 
 SPEC = """

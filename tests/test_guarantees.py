@@ -194,6 +194,25 @@ def test_eva_finds_in_drives(wrong, tmp_path):
     assert any(message in line for line in lines), lines
 
 
+EVA_FINDS_IN_GRIP = {
+    "a force across that does not count": ("noslip_grip.inc", " - ground[1] * ground[1] >= 0", " >= 0"),
+    "friction that is not checked": ("noslip_grip.inc", " - ground[1] * ground[1] >= 0", " - ground[1] * ground[1] >= 0 || 1"),
+    "a contact that is not checked": ("law", " && noslip_holds_f(&ground[4], &self->grip) ? ", " ? "),
+}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("wrong", EVA_FINDS_IN_GRIP)
+def test_eva_finds_in_grip(wrong, tmp_path):
+    file, was, now = EVA_FINDS_IN_GRIP[wrong]
+    if shutil.which("frama-c") is None:
+        pytest.skip("install frama-c-base")
+    path = "generated/labmate/labmate_type_i_f.c" if file == "law" else f"runtime_c/{file}"
+    task = changed(tmp_path, path, was, now, "labmate_type_i")
+    _, lines = eva.analyse(task, eva.AnalysedProgram("grip", "float", "labmate_type_i"))
+    assert any("assertion got status" in line for line in lines), lines
+
+
 SEGMENTS = ("#define SEGMENTS 3", "#define SEGMENTS 1")  # of the paths analysed: with one it is quicker
 
 

@@ -174,6 +174,8 @@ def test_refused_options(scalar):
     for forward, turn in ((FORWARD, (0.0, 0.0)), ((math.nan, 1.0), TURN), (FORWARD, (math.inf, 1.0))):
         with pytest.raises(BadInput, match="bad_parameter"):
             CompiledSlip(OPTIONS, forward, turn, scalar)
+    zeros = {name: 0.0 for name in ("wheel_noise", "gyro_bias", "acceleration_noise", "deviations", "rise")}
+    CompiledSlip(replace(OPTIONS, **zeros), FORWARD, TURN, scalar)
     with pytest.raises(BadInput, match="unknown backend 'm4f'"):
         make_slip("m4f", OPTIONS, FORWARD, TURN)
 
@@ -187,6 +189,10 @@ def test_the_grip_of_a_law(scalar):
     write = c.function("noslip_slip_grip", scalar)
     given.mu, given.margin, given.share, given.height = 0.6, 0.1, 0.5, 0.2
     grip.weight = 7.0
+    for k in range(3):
+        arguments = [self, given, grip]
+        arguments[k] = c.ffi.NULL
+        assert c.status(write(*arguments)) == "null" and grip.weight == 7.0
     assert c.status(write(self, given, grip)) == "not_ready" and grip.weight == 7.0
     options = c.new("noslip_slip_options", scalar, vars(OPTIONS))
     assert c.function("noslip_slip_init", scalar)(self, options, vehicle) == 0

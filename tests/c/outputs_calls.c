@@ -9,10 +9,13 @@
 #include "labmate_dynamics_f.h"
 #include "labmate_type_iv_segment_f.h"
 #include "noslip_angle.h"
+#include "noslip_approach.h"
 #include "noslip_integral.h"
 #include "noslip_motor.h"
 #include "noslip_odometry.h"
 #include "noslip_path.h"
+#include "noslip_profile.h"
+#include "noslip_slip.h"
 #include "noslip_velocity.h"
 #include "outputs.h"
 
@@ -50,10 +53,13 @@ static void fill(void *values, size_t size)
     } while (0)
 
 enum { STEP, FOLLOW, OUTPUT, RATE, DECOUPLING, DECOUPLING_RATE, FEEDBACK, EVALUATE, REDUCED, ACCELERATION, ALL_DYNAMICS, MOVE, READ,
-       LOOK, UPDATE, INTEGRAL, VELOCITY, ANGLE, DIFFERENTIAL, INIT_PATH, MOTOR, MOTOR_LIMIT, NAMES };
+       LOOK, UPDATE, INTEGRAL, VELOCITY, ANGLE, DIFFERENTIAL, INIT_PATH, MOTOR, MOTOR_LIMIT, GRIP, FOLLOW_GRIP,
+       GROUND, GROUND_BY_INPUTS, APPROACH, APPROACH_WITHIN, PROFILE, SLIP, SLIP_GRIP, NAMES };
 static const char *names[NAMES] = {"step", "follow", "output", "rate", "decoupling", "decoupling_rate", "feedback", "evaluate",
                                    "reduced", "acceleration", "dynamics", "move", "read", "look", "update", "integral", "velocity",
-                                   "angle", "differential", "path_init", "motor", "motor_limit"};
+                                   "angle", "differential", "path_init", "motor", "motor_limit", "grip",
+                                   "follow_grip", "ground", "ground_by_inputs", "approach", "approach_within", "profile", "slip",
+                                   "slip_grip"};
 static int twice[NAMES], good[NAMES];
 
 int main(void)
@@ -63,8 +69,12 @@ int main(void)
     const labmate_type_iv_segment_gains_f gains = {4, 4, 2};
     const noslip_path_options_f along = {.speed = 1, .deceleration = 0.5f, .L = {0.3f, -0.3f}};
     const labmate_options_f options = {.limit = {7, 7}, .on_limit = NOSLIP_SLOW};
+    const labmate_options_f rolling = {.limit = {7, 7}, .on_limit = NOSLIP_GRIP, .friction = {.mu = 0.5f, .height = 0.1f}};
+    const noslip_profile_limits_f fastest = {1, 1, 0.5f, 0};
+    const noslip_slip_options_f noticing = {0.2f, {0.001f, 0.001f}, 0, 0.003f, 0.002f, 0.1f, 0.1f, 0.005f, 6, 0.5f, 0.1f, 0.8f,
+                                            0.1f, 0.05f, 1};
     labmate_params_f params;
-    labmate_type_iv_segment_f law;
+    labmate_type_iv_segment_f law, gripping;
     labmate_dynamics_f plant;
     noslip_odometry_f odometry;
     noslip_odometry_options_f wheels;
@@ -75,12 +85,18 @@ int main(void)
     noslip_encoder_f encoder;
     const noslip_motor_settings_f wheel = {NOSLIP_MOTOR_DUTY, 20, 0.8f, 0.7f, 0.05f, 0.02f, 0.1f, 0.2f, 1, 10, 24};
     noslip_motor_f motor;
+    noslip_approach_f approach;
+    noslip_profile_f profile;
+    noslip_slip_f slip;
+    float squares[2];
     int k, status = labmate_default_params_f(&params);
     status += LAW(init)(&law, &params, &config, &gains, &options) + labmate_dynamics_init_f(&plant, &params);
     status += noslip_odometry_differential_f(&wheels, 0.1f, 0.25f, 0.05f) + noslip_odometry_init_f(&odometry, &wheels, NULL);
     status += noslip_path_init_f(&path, segments, 2, &along, NULL) + noslip_integral_init_f(&integral, 1, 0.5f);
     status += noslip_encoder_init_f(&encoder, 4096, 16) + noslip_velocity_init_f(&velocity, wheels_at_most, 2, 0.01f);
-    status += noslip_motor_init_f(&motor, &wheel);
+    status += noslip_motor_init_f(&motor, &wheel) + LAW(init)(&gripping, &params, &config, &gains, &rolling);
+    status += noslip_approach_init_f(&approach, 0.5f, 0.25f, 0) + noslip_profile_init_f(&profile, segments, 2, &along, &fastest, squares);
+    status += noslip_slip_init_f(&slip, &noticing, &wheels);
     for (k = 0; k < CALLS && status == 0; k++) {
         labmate_state_f state;
         LAW(reference) reference;
@@ -95,7 +111,14 @@ int main(void)
         struct {
             float qdot[5], nudot[2];
         } rates;
-        float tau[2], h[2], ydot[1], Phi[2][2], v[2], one;
+        noslip_approached_f desired;
+        noslip_slip_reading_f reading;
+        noslip_noticed_f noticed;
+        noslip_grip_f grip;
+        struct {
+            float speed, rate;
+        } fast;
+        float tau[2], ground[8], by_inputs[6][2], h[2], ydot[1], Phi[2][2], v[2], one;
         noslip_path_fault_f fault;
         fill(&state, sizeof state);
         fill(&reference, sizeof reference);
@@ -123,6 +146,16 @@ int main(void)
         COUNT(INIT_PATH, fault, noslip_path_init_f(&other, segments, (int)(seed >> 31), &along, &fault));
         COUNT(MOTOR, one, noslip_motor_step_f(&motor, number(), number(), &one));
         COUNT(MOTOR_LIMIT, one, noslip_motor_limit_f(&motor, number(), &one));
+        COUNT(GRIP, tau, LAW(step)(&gripping, &state, &reference, tau));
+        COUNT(FOLLOW_GRIP, tau, LAW(follow)(&gripping, &foot, &state, &reference, tau));
+        COUNT(GROUND, ground, LAW(ground)(&gripping, &state, v, ground));
+        COUNT(GROUND_BY_INPUTS, by_inputs, LAW(ground_by_inputs)(&gripping, &state, by_inputs));
+        COUNT(APPROACH, desired, noslip_approach_step_f(&approach, k % 9 ? 0.01f : number(), number(), &desired));
+        COUNT(APPROACH_WITHIN, desired, noslip_approach_within_f(&approach, number(), number(), &desired));
+        COUNT(PROFILE, fast, noslip_profile_speed_f(&profile, &guide, number(), &fast.speed, &fast.rate));
+        fill(&reading, sizeof reading);
+        COUNT(SLIP, noticed, noslip_slip_step_f(&slip, &reading, k % 9 ? 0.01f : number(), &noticed));
+        COUNT(SLIP_GRIP, grip, noslip_slip_grip_f(&slip, &rolling.friction, &grip));
         status = k % 20 == 0 ? noslip_path_init_f(&path, segments, 2, &along, NULL) : 0; /* for the next calls */
     }
     for (k = 0; k < NAMES; k++) {

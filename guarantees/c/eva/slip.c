@@ -70,6 +70,7 @@ void check_profile(int count)
         REACHED(profile_init_good);
         /*@ assert self.count == count && self.ready == NOSLIP_READY; */
         status = OF(noslip_profile_speed)(&self, &guide, any_real(), &speed, &rate);
+        /*@ assert \is_finite(speed) && \is_finite(rate); */
         if (status == NOSLIP_OK) {
             REACHED(profile_good);
         } else {
