@@ -14,8 +14,8 @@ from ..model.algebra.expression import as_text
 from ..model.law import ControlLaw
 from ..model.reduction import ReducedSystem
 from ..readers.kept import remembered
-from .dynamics import DynamicsProgram, compile_dynamics
 from .adaptation.adaptation import adaptation_files
+from .dynamics import DynamicsProgram, compile_dynamics
 from .ekf.ekf import FilterC, FilterText
 from .ekf.filter import FilterProgram, compile_filter
 from .follower.follower import follower_files, has_follower

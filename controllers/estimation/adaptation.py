@@ -67,8 +67,8 @@ class Adaptation:
         self._members = [q.in_c for q in system.state]
         if (status := c.of_robot("adaptation_init")(self.self, config)) < 0:
             raise BadInput(
-                f"the adaptation's init returns {c.status(status)!r}: each parameter must lie within its bounds, least below most; "
-                "sd 1e-6 to 1, noise 1e-6 to 1e6, rate positive"
+                f"the adaptation's init returns {c.status(status)!r}: each parameter must lie within its bounds, least below "
+                "most; sd 1e-6 to 1, noise 1e-6 to 1e6, rate positive"
             )
 
     @property
