@@ -119,8 +119,8 @@ def select_follower(args: argparse.Namespace) -> None:
 
 
 def selected_files(args: argparse.Namespace, dynamics: bool, compare: bool = True, lanes: bool = False) -> dict[str, str]:
-    """Return the selected C files by name, with the dynamics and the batch laws or without; what learns requires the
-    former. Print to stderr where the constraints lose rank.
+    """Return the selected C files by name, with the dynamics and the batch laws or without; what learns requires the former.
+    Print to stderr where the constraints lose rank.
 
     Raises Mismatch if the C is to be compared with the model and differs from it.
     """

@@ -52,7 +52,8 @@ class Learning:
             raise BadInput(f"[adaptation] does not run on backend {simulation.backend}: use {', '.join(SCALAR)}")
         options = AdaptationOptions(**{field.name: getattr(section, field.name) for field in fields(section)})
         self.adaptation = Adaptation(law.system, believed, options, SCALAR.get(simulation.backend, "double"))
-        self.believed, self.applied, self._t = believed, None, 0.0
+        self.believed, self._t = believed, 0.0
+        self.applied: np.ndarray | None = None  # inputs since the last call, if they are known
         self.history: list[np.ndarray] = []
 
     def step(self, t: float, seen: np.ndarray, controller: Controller) -> None:
@@ -214,8 +215,9 @@ def make_loop(spec: Spec) -> Loop:
     vehicle = _vehicle_limits(spec, law, believed) if spec.kinematic and spec.limits else None
     drive = make_drive(spec.drive, spec.simulation, plant, law, believed, vehicle)
     extension = _extension(law, spec, believed, guidance, start)
-    acting = limits, guidance, start, integral, sensing, drive, extension
-    loop = Loop(law, plant, believed, np.array(gains), *acting, None, warnings)
+    loop = Loop(
+        law, plant, believed, np.array(gains), limits, guidance, start, integral, sensing, drive, extension, None, warnings
+    )
     _check_start(loop)
     if spec.adaptation:
         loop = replace(loop, learning=Learning(law, used, spec.adaptation, spec.simulation))

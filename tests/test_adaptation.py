@@ -1,4 +1,4 @@
-"""Learning parameters that change: beside recursive least squares in numpy, in runs with another mass, and what may not happen."""
+"""Learning parameters that change: beside recursive least squares in numpy, in runs with another mass, and bad input."""
 
 import math
 import re
@@ -170,7 +170,9 @@ def test_any_bits_in_finite_numbers_within_the_bounds_out(scalar):
             place = random.integers(10)
             wild = random.integers(0, np.iinfo(kind).max, dtype=kind)
             with np.errstate(invalid="ignore"):
-                numbers[place] = wild.view(f"f{wild.itemsize}") if k % 4 == 1 else (math.inf, math.nan, 1e30, 1e308, -1e-300)[k % 5]
+                numbers[place] = (
+                    wild.view(f"f{wild.itemsize}") if k % 4 == 1 else (math.inf, math.nan, 1e30, 1e308, -1e-300)[k % 5]
+                )
         before = bytes(ours.c.ffi.buffer(ours.self))
         with np.errstate(over="ignore"):
             status, used = ours.step(numbers[:7], None if k % 16 == 7 else numbers[7:9], abs(numbers[9]) / 10)

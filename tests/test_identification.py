@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import casadi as ca
+import noslip
 import numpy as np
 import pytest
 from noslip.cli.main import main
@@ -16,6 +17,7 @@ from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import spec_of_table
+from noslip.simulation.specification.vary import read_varied
 
 PLANT = {"m_c": 47.0, "I_c": 11.0}
 SYSTEM = system_of(find_robot("labmate"))
@@ -200,3 +202,49 @@ def test_bad_files(tmp_path, bad_input):
         (tmp_path / name).write_bytes(content)
         assert message in bad_input(["identify", str(tmp_path / name), "--robot", "labmate", "--fit", "m_c"])
     assert "No such file" in bad_input(["identify", str(tmp_path / "none.csv"), "--robot", "labmate", "--fit", "m_c"])
+
+
+# -- logs of the physics engine --------------------------------------------------------------------------------------------
+
+
+HEAVY = {"m_c": 60.0, "m_w": 2.0}  # twice what the controller believes, as in figure 9
+FIGURE_9 = Path(noslip.__file__).parent / "specs/figures/figure_9b.toml"
+
+
+def eight(speed: float) -> Run:
+    """The heavy robot on an eight, on a floor in the engine."""
+    arcs = [{"kind": "arc", "from": [0.0, 0.0], "heading": 0.0, "radius": 1.2, "angle": 6.28}]
+    arcs.append({"kind": "arc", "radius": 1.2, "angle": -6.28})
+    path = {"output": {"type": "IV", "L": 0.1, "path": {"kind": "composite", "segments": arcs}}}
+    start = {"initial": {"point": [0.0, 0.0], "heading": 0.0, "speed": 0.0}}
+    floor = {"plant": HEAVY, "reference": {"speed": speed}, "contact": {"mu": 0.7}, "floor": {"mu": 0.7}}
+    time = {"duration": round(13.0 / speed, 2), "period": 0.01, "output_step": 0.01}
+    return simulate(spec_of_table({**SPEC, **path, **start, **floor, "simulation": time}, Path("none.toml")), engine="mujoco")
+
+
+@pytest.mark.nightly
+def test_figure_9_with_numbers_from_the_engine():
+    """Torques of another run, by inverse dynamics, within 5 %; the offset of 8.7 cm on the circle falls below 5 mm."""
+    pytest.importorskip("mujoco")
+    run, other = eight(1.2), eight(0.9)
+    rows = len(run.t) - 1
+    nu = run.nu[:rows] + NOISE * np.random.default_rng(9).normal(size=(rows, 2))
+    log = Log(run.t[:rows], np.hstack([run.q[:rows], nu]), run.tau[:rows], (range(rows),), ())
+    fitted = {name: e.value for name, e in identify(log, SYSTEM, ["m_c", "I_c", "m_w"], VALUES, True).estimates.items()}
+    nudot, p = ca.SX.sym("nudot", 2), SYSTEM.mechanism.p
+    inverse = ca.solve(SYSTEM.input_map, SYSTEM.Mbar @ nudot + SYSTEM.bias)
+    torque = ca.Function("torque", [ca.vertcat(*[q.symbol for q in SYSTEM.state]), nudot, p], [inverse])
+
+    def off(numbers: dict[str, float]) -> float:
+        """RMS error of the torques of the other run, relative to their RMS."""
+        middle, rates = (other.x[1:] + other.x[:-1]) / 2, np.diff(other.nu, axis=0) / np.diff(other.t)[:, None]
+        values = [(VALUES | numbers)[q.name] for q in SYSTEM.mechanism.parameters]
+        predicted = np.array([torque(x, rate, values).full().ravel() for x, rate in zip(middle, rates, strict=True)])[:-1]
+        return float(np.sqrt(np.mean((predicted - other.tau[:-2]) ** 2) / np.mean(other.tau[:-2] ** 2)))
+
+    def offset(numbers: dict[str, float]) -> float:
+        return abs(simulate(read_varied(FIGURE_9, {"parameters": {"r": 0.15, **numbers}, "plant": HEAVY})).error[-1, 0])
+
+    found = off(fitted), off({}), offset(fitted), offset({})
+    print(fitted, found)
+    assert found[0] < 0.05 < 0.3 < found[1] and found[2] < 0.005 and found[3] == pytest.approx(0.087, abs=0.001)

@@ -96,7 +96,7 @@ def differences(
 def _not_compared_before(
     system: ReducedSystem, laws: Sequence[ControlLaw], files: Mapping[str, str], scaled: Sequence[str] | None
 ) -> Iterator[tuple["_InC", dict[str, str], tuple]]:
-    """Yield each law, the dynamics and the filter in each scalar of `files`, their files, and the key of the comparison in the cache."""
+    """Yield each law, the dynamics and the filter in each scalar of `files`, their files, and the key in the cache."""
     settings = (STATES, SEED, sorted(LIMIT.items()))
     for scalar in SCALARS:
         filters = [] if scaled is None else [_FilterInC(system, scaled, scalar)]
