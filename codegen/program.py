@@ -218,8 +218,6 @@ def compile_law(law: ControlLaw, optimize: bool = True, stages: bool | None = No
     labels = _own_names(law, quantities) | labels
     entries = {}
     for entry in ENTRIES:
-        if law.extension and entry in (GROUND, GROUND_BY_INPUTS, NULL_INPUTS):
-            continue  # a step with an extension does not keep grip
         given = at_foot if entry.at_foot else quantities
         chosen = {name: given[name] for name in entry.answers if given.get(name)}
         singular = tuple(row[0] for row in given[Result.SINGULAR]) if chosen and entry.inverts else ()
@@ -241,9 +239,10 @@ def _groups(law: ControlLaw) -> dict[str, Sequence[Quantity]]:
 def in_steps(law: ControlLaw) -> Stages:
     """The law's quantities in short steps; those at the foot too, where they need nothing else of place and heading."""
     found = staged(law)
-    floor = staged_ground(inner_velocities(law.system)[0])
-    found.steps += floor.steps
-    found.quantities |= floor.quantities
+    if not law.extension:  # a step with an extension does not keep grip
+        floor = staged_ground(inner_velocities(law.system)[0])
+        found.steps += floor.steps
+        found.quantities |= floor.quantities
     if has_foot_form(law):
         foot = staged_at_foot(law)
         shared = {step.symbol.element_hash() for step in found.steps if step.symbol.is_symbolic()}  # the velocities
@@ -268,7 +267,7 @@ def plain(law: ControlLaw) -> Stages:
         Result.REGULAR: ca.SX(0, 1),
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         Result.SLOPE: law.slope,
-        **plain_ground(law.system),
+        **({} if law.extension else plain_ground(law.system)),
     }
     at_foot = {name: plain_at_foot(law, quantities[name]) for name in AT_FOOT} if has_foot_form(law) else {}
     return Stages([], quantities=quantities, at_foot=at_foot)
