@@ -133,8 +133,8 @@ def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float
         if find_robot(spec.robot).name != name:
             raise BadInput(f"robot = {spec.robot!r} is not {name}, which is analysed")
         refuse_extension(spec.law, "analyse --start")
-        if spec.reference.circle:
-            raise BadInput("[reference] circle: starts are certified along lines and paths; leave it out")
+        if kind := spec.reference.moves:
+            raise BadInput(f"[reference] {kind}: starts are certified along lines and paths; leave it out")
         loop = make_loop(spec)
         return certify(loop, spec, of_each(uncertainty, loop))
     except (BadInput, ModelError) as error:

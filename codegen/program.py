@@ -242,7 +242,7 @@ def _groups(law: ControlLaw) -> dict[str, Sequence[Quantity]]:
 def in_steps(law: ControlLaw) -> Stages:
     """The law's quantities in short steps; those at the foot too, where they need nothing else of place and heading."""
     found = staged(law)
-    if not law.kinematic:
+    if not (law.extension or law.kinematic):  # a step with an extension or without inputs does not keep grip
         floor = staged_ground(inner_velocities(law.system)[0])
         found.steps += floor.steps
         found.quantities |= floor.quantities
@@ -271,7 +271,7 @@ def plain(law: ControlLaw) -> Stages:
         Result.REGULAR: ca.SX(0, 1),
         Result.CONDITIONS: ca.vertcat(*[expression for expression, _ in law.output.conditions]),
         Result.SLOPE: law.slope,
-        **({} if law.kinematic else plain_ground(law.system)),
+        **({} if law.extension or law.kinematic else plain_ground(law.system)),
     }
     at_foot = {name: plain_at_foot(law, quantities[name]) for name in at_foot_of(law)} if has_foot_form(law) else {}
     return Stages([], quantities=quantities, at_foot=at_foot)

@@ -57,8 +57,8 @@ def setting_of(spec: Spec) -> Setting:
         raise BadInput(
             f"[output] path of kind {path.kind}: its curvature changes, there is no steady motion; take {', '.join(KINDS)}"
         )
-    if spec.reference.circle:
-        raise BadInput("[reference] circle: the steady motion is along a line, or on a path of Type IV; leave it out")
+    if kind := spec.reference.moves:
+        raise BadInput(f"[reference] {kind}: the steady motion is along a line, or on a path of Type IV; leave it out")
     if spec.sensors or spec.limits or spec.drive:
         spec = replace(spec, sensors=None, correction=None, limits=None, drive=spec.drive if spec.kinematic else None)
     spec = replace(spec, simulation=replace(spec.simulation, backend="casadi"))

@@ -22,6 +22,7 @@ from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import TYPES
 from ..model.outputs import axle
+from ..planning.course import Course
 from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
@@ -392,20 +393,35 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
     for degree, start, rate in zip(degrees, position, velocity, strict=True):
         offset += [start, rate, *[0.0] * (degree - 1)][: degree + 1]
         slope += [rate, *[0.0] * degree]
-    begin, rates, circle = np.array(offset), np.array(slope), spec.reference.circle
-    if circle is None:
+    begin, rates = np.array(offset), np.array(slope)
+    if not (kind := spec.reference.moves):
         return lambda t: begin + rates * t
     if [row.unit for row in law.output.rows[:2]] != ["m", "m"]:
-        raise BadInput(f"[reference] circle: the first two outputs of {law.name} are not a point: give position and velocity")
-    orders = [range(degree + 1) for degree in degrees[:2]]
-    sizes = np.array([circle.radius * circle.rate**order for each in orders for order in each])
-    quarters = np.array([*orders[0], *(order + 3 for order in orders[1])]) % 4  # sin a = cos(a + 3 quarter turns)
+        raise BadInput(f"[reference] {kind}: the first two outputs of {law.name} are not a point: give position and velocity")
+    moved, (first, second) = _moved_point(spec, max(degrees[:2])), degrees[:2]
+
+    def at(t: float) -> np.ndarray:
+        point, made = moved(t), begin + rates * t
+        made[: first + second + 2] += [*point.real[: first + 1], *point.imag[: second + 1]]
+        return made
+
+    return at
+
+
+def _moved_point(spec: Spec, order: int) -> Callable[[float], np.ndarray]:
+    """Return the function from t to how far a point has moved on a circle or a course, x + i y, and its derivatives up to
+    `order`.
+    """
+    if (course := spec.reference.course) is not None:
+        curve = Course(0.0, 0.0, course.heading, course.speed, course.lengths, course.curvatures)
+        return lambda t: curve.derivatives(t, order)
+    circle = spec.reference.circle
+    assert circle is not None, "the caller has a circle or a course"
+    sizes, quarters = circle.radius * circle.rate ** np.arange(order + 1), np.arange(order + 1) % 4
 
     def at(t: float) -> np.ndarray:
         s, c = sine_cosine(circle.angle + circle.rate * t)
-        made = begin + rates * t
-        made[: len(sizes)] += sizes * np.array([c, -s, -c, s])[quarters]
-        return made
+        return sizes * np.array([complex(c, s), complex(-s, c), complex(-c, -s), complex(s, -c)])[quarters]
 
     return at
 

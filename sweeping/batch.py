@@ -67,8 +67,8 @@ class Batch:
             raise BadInput("[simulation] period = 0: a sweep runs sampled controllers; give the time between two calls in s")
         if spec.simulation.backend not in SCALAR:
             raise BadInput(f"[simulation] backend = {spec.simulation.backend!r}: a sweep runs the C, {' or '.join(SCALAR)}")
-        if spec.reference.circle:
-            raise BadInput("[reference] circle: a sweep does not have it yet; use noslip simulate, or leave it out")
+        if kind := spec.reference.moves:
+            raise BadInput(f"[reference] {kind}: a sweep does not have it yet; use noslip simulate, or leave it out")
         if spec.adaptation:
             raise BadInput("[adaptation]: a sweep does not have it yet; use noslip simulate, or leave it out")
         if spec.estimator:

@@ -4,9 +4,11 @@ import dataclasses
 import json
 import shutil
 import subprocess
+from pathlib import Path
 
 import casadi as ca
 import control
+import noslip
 import numpy as np
 import pytest
 import sympy as sp
@@ -29,15 +31,18 @@ from noslip.model.robots.tractor_trailer import tractor_trailer
 from noslip.outer.interop import closed_loop_system
 from noslip.outer.motion import steady_motion
 from noslip.outer.setting import setting_of
+from noslip.planning.course import Course
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.loop import make_loop
 from noslip.simulation.run import Run
 from noslip.simulation.specification.spec import Initial, spec_of
+from noslip.simulation.specification.vary import read_varied
 from noslip.sweeping.batch import Batch
 from noslip.verification.cases import read_cases
 from noslip.verification.evaluate import evaluate_cases
+from scipy.integrate import cumulative_simpson
 from scipy.linalg import expm
 
 AXLE = """
@@ -76,6 +81,7 @@ reference = { position = [0.0, 0.0, 0.4, 0.6], velocity = [0.6, 0.1, 0.1, -0.1] 
 initial = { q = [0.2, 0.05, 0.1, 0.0, 0.0, 0.5, 0.5], nu = [3.5, 3.5, 0.0, 0.0] }
 simulation = { duration = 6.0, output_step = 0.5 }
 """
+BACKING = Path(noslip.__file__).parent / "specs" / "backing"
 ROBOTS = """
 from noslip.tests.test_extension import car_by_its_rear_axle as car, train_by_its_last_axle as train, arm_on_its_axle as arm
 """
@@ -151,6 +157,124 @@ def test_a_point_on_a_circle_has_all_its_derivatives():
     for t in (0.0, 0.7, 11.0):
         turned = circle.radius * np.exp(1j * (circle.angle + circle.rate * t)) * (1j * circle.rate) ** np.arange(4)
         np.testing.assert_allclose(guidance.reference(t, x), [*turned.real, *turned.imag], atol=1e-14)
+
+
+TURN = "course = { speed = SPEED, lengths = [2.0, 4.0, 5.0], curvatures = [0.0, 0.0, 0.2, 0.2] }"
+
+
+@pytest.mark.parametrize(
+    ("speed", "backend", "period", "tolerance"),
+    [
+        (1.5, "casadi", 0.0, 1e-6),
+        pytest.param(0.5, "c", 0.0, 1e-6, marks=pytest.mark.nightly),
+        pytest.param(3.0, "c", 0.0, 1e-6, marks=pytest.mark.nightly),
+        pytest.param(0.5, "cf", 0.01, 0.01, marks=pytest.mark.nightly),
+        pytest.param(3.0, "cf", 0.01, 0.01, marks=pytest.mark.nightly),
+    ],
+)
+def test_the_rear_axle_of_a_car_follows_a_course(speed, backend, period, tolerance, tmp_path):
+    """Line, a bend whose curvature grows, arc, and beyond the end; the direction turns by the integral of the curvature."""
+    text = CAR.replace("velocity = [2.0, 0.0]", TURN.replace("SPEED", str(speed)))
+    rate = speed / car().parameter_values({})[[q.name for q in car().parameters].index("r")]
+    text = text.replace("[-0.1, 0.2, 0.05, 0.0, 0.0]", "[0.0, 0.0, 0.0, 0.0, 0.0]").replace("[6.0, 0.0]", f"[{rate}, 0.0]")
+    run = run_of(text, tmp_path, backend=backend, period=period, duration=12.0 / speed, output_step=0.5 / speed)
+    assert run.stopped is None and np.abs(run.error).max() <= tolerance
+    heading = run.q[-1, [c.name for c in run.law.system.mechanism.coordinates].index("phi")]
+    assert heading == pytest.approx(0.2 * (4.0 / 2 + 5.0 + 1.0), abs=max(tolerance, 1e-6))
+
+
+def test_a_course_is_its_curvature():
+    """Position against a fine sum, derivatives against differences, up to the sixth; before its beginning it is a curve too."""
+    course = Course(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4))
+    steps = np.linspace(0.0, 10.0, 200_001)
+    knots = [(p.begin, p.curvature(0.0)) for p in course.stretches]
+    assert knots == [(0.0, 0.1), (2.0, 0.5), (5.0, 0.5), (9.0, -0.4)]
+    bends = [next(p for p in reversed(course.stretches) if p.begin <= s) for s in steps]
+    kappa = np.array([p.curvature(s - p.begin) for p, s in zip(bends, steps, strict=True)])
+    direction = 0.3 + cumulative_simpson(kappa, x=steps, initial=0.0)
+    place = cumulative_simpson(np.cos(direction), x=steps, initial=0.0) + 1j * cumulative_simpson(
+        np.sin(direction), x=steps, initial=0.0
+    )
+    for k in (0, 30_000, 99_999, 150_000, 200_000):
+        assert abs(course.position(steps[k]) - complex(1.0, 2.0) - place[k]) < 1e-10
+    for t in (-0.5, 1.0, 5.0, 9.0, 15.0):
+        h = 1e-4
+        difference = (course.derivatives(t + h, 6) - course.derivatives(t - h, 6)) / (2 * h)
+        np.testing.assert_allclose(difference[:-1], course.derivatives(t, 6)[1:], rtol=0, atol=1e-6)
+    joints = [course.derivatives(at / 0.7 + side, 6) for at in (2.0, 5.0, 9.0) for side in (-1e-9, 1e-9)]
+    for before, after in zip(joints[::2], joints[1::2], strict=True):
+        np.testing.assert_allclose(before, after, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("N", [1, pytest.param(2, marks=pytest.mark.nightly), pytest.param(3, marks=pytest.mark.nightly)])
+def test_trailers_back_along_an_arc(N, tmp_path):
+    """Type IV, P_l in the middle of the last axle: hitch angles in closed form, by the radii on which the axles move."""
+    lengths, R, hitches = [1.2] * N, 6.0, []
+    for length in lengths:
+        hitches.append(np.arctan2(length, R))
+        R = np.hypot(R, length)
+    (tmp_path / "train.py").write_text((BACKING / "train.py").read_text())
+    q = [6.1, 0.0, np.pi / 2 + 0.02, *([0.0] * N), 0.0, 0.0]
+    text = f"""
+robot = "train.py:train:{N}"
+output = {{ type = "IV", extension = true, path = {{ kind = "circle", x_f = 0.0, y_f = 0.0, R = 6.0 }} }}
+reference = {{ speed = -0.5 }}
+initial = {{ q = {q}, nu = [-0.5, 0.0] }}
+simulation = {{ duration = 40.0, output_step = 2.0, backend = "casadi", tolerance = 1e-9 }}
+"""
+    run = simulate(spec_of(text, tmp_path / "spec.toml"))
+    assert run.stopped is None and np.abs(run.error[-1]).max() < 1e-5
+    own = run.q[:, 3 : 3 + N]
+    assert np.abs(own).max() < 0.6
+    np.testing.assert_allclose(own[-1], hitches[::-1], atol=1e-5)
+
+
+@pytest.mark.parametrize("N", [1, pytest.param(2, marks=pytest.mark.nightly), pytest.param(3, marks=pytest.mark.nightly)])
+def test_trailers_back_along_an_s(N):
+    """From beside it and from on it; with the curvature at rest the hitch angles are those of an arc, to either side."""
+    spec = read_varied(BACKING / "s_curve.toml", {"robot": f"train.py:train:{N}", "simulation.backend": "casadi"})
+    course, on = spec.reference.course, np.array([0.0, 0.0, 0.0, *[0.0] * N, 0.0, 0.0])
+    for offset, after, most in ((0.1, 35.0, 1e-5), (0.0, 0.0, 1e-9)):
+        initial = dataclasses.replace(spec.initial, q=tuple(on + np.eye(len(on))[1] * offset))
+        run = simulate(dataclasses.replace(spec, initial=initial))
+        assert run.stopped is None and np.abs(run.error[run.t >= after]).max() <= most
+        assert np.abs(run.q[:, 3 : 3 + N]).max() < 0.6
+    for begin, curvature in ((2.0 + 3.0, 0.15), (2.0 + 3.0 + 4.0 + 4.0, -0.15)):
+        radii = [np.hypot(1 / 0.15, np.sqrt(k) * 1.2) for k in range(N)]  # of the axles, from the last
+        expected = [np.arctan2(1.2, R) * np.sign(-curvature) for R in radii][::-1]
+        row = np.searchsorted(run.t, (begin + 2.0) / course.speed - 1e-9)
+        np.testing.assert_allclose(run.q[row, 3 : 3 + N], expected, atol=1e-8)
+
+
+def test_the_train_is_the_tractor_with_trailers():
+    """The same motion and inputs as the shipped robot, which has other coordinates and velocities."""
+    other, own = (find_robot(name) for name in ("tractor_trailer:2", f"{BACKING / 'train.py'}:train:2"))
+    theirs, ours, random = reduce(other), reduce(own), np.random.default_rng(1)
+    functions = [
+        ca.Function("f", [s.mechanism.q, s.nu, tau, s.mechanism.p], [s.qdot, s.acceleration(tau)])
+        for s, tau in ((theirs, ca.SX.sym("tau", 2)), (ours, ca.SX.sym("tau", 2)))
+    ]
+    values = [{p.name: p.default for p in robot.parameters} for robot in (other, own)]
+    assert values[0] == values[1]
+    p = [list(value.values()) for value in values]
+    names = [[c.name for c in robot.coordinates] for robot in (other, own)]
+    for _ in range(20):
+        phi, hitch = random.uniform(-3, 3), random.uniform(-1, 1, 2)
+        heading = {"phi_2": phi, "phi_1": phi + hitch[1], "phi": phi + hitch.sum()}
+        there = [heading.get(name, 0.0) for name in names[0]]
+        here = [{"phi": phi, "hitch_1": hitch[0], "hitch_2": hitch[1]}.get(name, 0.0) for name in names[1]]
+        nu, tau = random.uniform(-2, 2, 2), random.uniform(-2, 2, 2)
+        rate, acceleration = (each.full().ravel() for each in functions[1](here, nu, tau, p[1]))
+        wheels = rate[-2:]
+        rate_there, faster = (each.full().ravel() for each in functions[0](there, wheels, tau, p[0]))
+        turns = dict(zip(names[0], rate_there, strict=True))
+        np.testing.assert_allclose(turns["phi"], nu[1], atol=1e-12)
+        np.testing.assert_allclose(turns["phi_2"], rate[2], atol=1e-12)
+        # The wheels' accelerations: of the shipped robot directly, of this one by differences along its motion.
+        h, S = 1e-6, ca.Function("S", [own.q, own.p], [ours.S])
+        later = S(np.array(here) + h * rate, p[1]).full() @ (nu + h * acceleration)
+        before = S(np.array(here) - h * rate, p[1]).full() @ (nu - h * acceleration)
+        np.testing.assert_allclose((later - before)[-2:] / (2 * h), faster, atol=1e-7)
 
 
 def test_the_law_of_a_unicycle_is_that_of_a_pencil():
@@ -474,7 +598,19 @@ def test_an_emulated_processor_computes_the_same_bits():
     assert runs[0].extension.any()
 
 
+COURSE = AXLE.replace("velocity = [0.6, 0.1]", "course = { speed = 0.5, lengths = [2.0], curvatures = [0.0, 0.1] }")
 REFUSED = {
+    "course without its end": (COURSE.replace("[0.0, 0.1]", "[0.1]"), "1 lengths and 1 curvatures: give one curvature more"),
+    "course without a length": (COURSE.replace("lengths = [2.0]", "lengths = [0.0]"), "lengths must be positive"),
+    "course that goes back": (COURSE.replace("speed = 0.5, l", "speed = -0.5, l"), "speed .*positive"),
+    "course and circle": (
+        COURSE.replace("course =", "circle = { radius = 1.0, rate = 0.1 }, course ="),
+        "both circle and course",
+    ),
+    "course of a path": (
+        PATH.replace("speed = 0.5 }", "speed = 0.5, course = { speed = 1.0, lengths = [], curvatures = [0.0] } }"),
+        "course does not apply to type IV",
+    ),
     "no extension": (AXLE.replace(", extension = true", ""), "extension = true"),
     "standstill": (AXLE.replace("speed = 0.5", "speed = 0.0"), "start with a speed"),
     "not on the axle": (AXLE.replace("L = -0.3", "L = 0.1"), "L = -0.3 m; L is 0.1"),

@@ -238,6 +238,25 @@ class CircleSection:
     angle: float = entry(angle, 0.0, "of the desired point at t = 0, from the x-axis to the left")
 
 
+@dataclass(frozen=True, kw_only=True)
+class CourseSection:
+    """A smooth curve on which the desired point moves at `speed` (m/s), from `position` on in the direction `heading` (rad):
+    `curvatures` (1/m, positive turns left) at the beginning of the first of the `lengths` (m) and at the end of each.
+    """
+
+    speed: float = entry(number("positive", "m/s"), about="of the desired point along the curve")
+    heading: float = entry(angle, 0.0, "in which the desired point moves at t = 0, from the x-axis to the left")
+    lengths: tuple[float, ...] = entry(numbers, about="of the parts in m, each positive")
+    curvatures: tuple[float, ...] = entry(numbers, about="in 1/m where each part begins, and where the last ends")
+
+    def __post_init__(self):
+        parts, ends = len(self.lengths), len(self.curvatures)
+        if ends != parts + 1:
+            raise BadInput(f"[reference] course has {parts} lengths and {ends} curvatures: give one curvature more than lengths")
+        if not all(length > 0.0 for length in self.lengths):
+            raise BadInput("[reference] course: lengths must be positive")
+
+
 FASTEST = math.inf  # m/s: as fast as the accelerations allow
 
 
@@ -255,7 +274,7 @@ class Reference:
     (m/s^2; 0: at once) to `creep` (m/s), below which the vehicle counts as standing. With the speed "fastest", or with `lateral`,
     it follows a profile: the fastest within `lateral`, `acceleration`, `deceleration` and `angular`, by default of friction.
     Types I to III: y_d(t) = position + velocity t, an entry for each output (x_l, y_l in m, heading in rad). With `circle` the
-    first two outputs, a point, also move on a circle about it.
+    first two outputs, a point, also move on a circle about it; with `course` along a curve from it.
     """
 
     speed: float | None = entry(_speed, None, 'desired forward speed of type IV; on a composite path "fastest"')
@@ -270,11 +289,17 @@ class Reference:
     velocity: tuple[float, ...] | None = entry(numbers, None, "rates of these desired outputs, one for each")
     approach: ApproachSection | None = entry(section(ApproachSection), None)
     circle: CircleSection | None = entry(section(CircleSection), None, "on which a desired point moves, in addition")
+    course: CourseSection | None = entry(section(CourseSection), None, "along which a desired point moves, in addition")
 
     @property
     def profiled(self) -> bool:
         """Whether the speed along a composite path follows a profile."""
         return self.speed == FASTEST or self.lateral is not None
+
+    @property
+    def moves(self) -> str:
+        """On what a desired point moves besides its velocity: circle, course, or an empty text."""
+        return "circle" if self.circle else "course" if self.course else ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -667,8 +692,10 @@ class Spec:
         for name in ("acceleration", "angular"):
             if getattr(self.reference, name) is not None and not self.reference.profiled:
                 raise BadInput(f'[reference] {name} requires lateral, or speed = "fastest": give one of them')
-        required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle"))
-        for name in ("speed", "position", "velocity", "circle"):
+        if self.reference.circle and self.reference.course:
+            raise BadInput("[reference] has both circle and course: give one of them")
+        required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle", "course"))
+        for name in ("speed", "position", "velocity", "circle", "course"):
             given = getattr(self.reference, name) is not None
             if given and name not in (required, *optional):
                 takes = " and ".join((required, *optional))

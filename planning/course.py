@@ -1,0 +1,120 @@
+"""A course: a smooth curve given by its curvature over its length, and a point that moves on it at constant speed.
+
+Between the places where the curvature is given it changes as a polynomial whose first four derivatives vanish at both ends, so
+that all derivatives of the position up to order 6 are continuous: an output of that relative degree can follow it exactly. The
+curvature of a clothoid has a rate that jumps, which no torque at a steered wheel can follow.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..model.algebra.trigonometry import sine_cosine
+
+TURN = 0.2  # rad: largest change of the direction over an interval of the quadrature
+NODES = (  # of Gauss and Legendre on [-1, 1] with 8 points, positive ones: place, weight
+    (0.18343464249564980494, 0.36268378337836198297),
+    (0.52553240991632898582, 0.31370664587788728734),
+    (0.79666647741362673959, 0.22238103445337447054),
+    (0.96028985649753623168, 0.10122853629037625915),
+)
+
+
+BLEND = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)  # coefficients of the change from 0 at 0 to 1 at 1
+
+
+def value(coefficients: Sequence[float], u: float, order: int = 0) -> float:
+    """Return the derivative of an order of a polynomial at u; order -1: its integral from 0."""
+    total = 0.0
+    for power in range(len(coefficients) - 1, max(order, 0) - 1, -1):
+        factor = 1.0 / (power + 1) if order < 0 else float(math.perm(power, order))
+        total = total * u + factor * coefficients[power]
+    return total * u if order < 0 else total
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of a course from `begin` on, m: its direction there (rad), its `length` (m), curvatures (1/m) at both ends."""
+
+    begin: float
+    heading: float
+    length: float
+    first: float
+    last: float
+
+    def curvature(self, at: float, order: int = 0) -> float:
+        """Return the derivative of an order of the curvature, 1/m^(1 + order), `at` m after its beginning."""
+        changed = (self.last - self.first) * value(BLEND, at / self.length, order) / self.length**order
+        return changed if order else self.first + changed
+
+    def direction(self, at: float) -> float:
+        """Return the direction, rad, `at` m after its beginning."""
+        return self.heading + self.first * at + (self.last - self.first) * self.length * value(BLEND, at / self.length, -1)
+
+
+@dataclass(frozen=True)
+class Course:
+    """From (x, y) in m in the direction `heading` (rad): `curvatures` (1/m, positive turns left) at the beginning of the first
+    of the `lengths` (m) and at the end of each; after the last the curvature stays. `speed`, m/s, along it.
+    """
+
+    x: float
+    y: float
+    heading: float
+    speed: float
+    lengths: tuple[float, ...]
+    curvatures: tuple[float, ...]
+
+    @cached_property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """The parts, the last without an end."""
+        begin, direction, parts = 0.0, self.heading, []
+        for length, first, last in zip(self.lengths, self.curvatures, self.curvatures[1:], strict=False):
+            parts.append(Stretch(begin, direction, length, first, last))
+            begin, direction = begin + length, parts[-1].direction(length)
+        return (*parts, Stretch(begin, direction, 1.0, self.curvatures[-1], self.curvatures[-1]))
+
+    def position(self, length: float) -> complex:
+        """Return x + i y at a length along the course, m."""
+        k = self._part(length)
+        return self._places[k] + self._moved(self.stretches[k], length - self.stretches[k].begin)
+
+    def derivatives(self, t: float, order: int) -> np.ndarray:
+        """Return x + i y and its derivatives up to `order` at time t, m, m/s, ..."""
+        length = self.speed * t
+        stretch = self.stretches[self._part(length)]
+        at = length - stretch.begin
+        s, c = sine_cosine(stretch.direction(at))
+        rates = [self.speed ** (k + 1) * stretch.curvature(at, k) for k in range(order - 1)]
+        forward = [complex(c, s)]  # e^(i direction) and its derivatives
+        for n in range(order - 1):
+            forward.append(1j * sum(math.comb(n, k) * rates[k] * forward[n - k] for k in range(n + 1)))
+        return np.array([self.position(length), *[self.speed * each for each in forward[:order]]])
+
+    def _part(self, length: float) -> int:
+        """The number of the part at a length; before the beginning the first."""
+        return sum(stretch.begin <= length for stretch in self.stretches[1:])
+
+    @cached_property
+    def _places(self) -> list[complex]:
+        """The position at the beginning of each part."""
+        places = [complex(self.x, self.y)]
+        for stretch, length in zip(self.stretches, self.lengths, strict=False):
+            places.append(places[-1] + self._moved(stretch, length))
+        return places
+
+    @staticmethod
+    def _moved(stretch: Stretch, length: float) -> complex:
+        """Return how far the course goes within a part, by the quadrature of Gauss and Legendre."""
+        count = 1 + int(abs(length) * max(abs(stretch.first), abs(stretch.last)) / TURN)
+        half, total = length / count / 2, 0j
+        for k in range(count):
+            middle = (2 * k + 1) * half
+            for place, weight in NODES:
+                for at in (middle - place * half, middle + place * half):
+                    s, c = sine_cosine(stretch.direction(at))
+                    total += weight * half * complex(c, s)
+        return total
