@@ -117,7 +117,8 @@ NIGHTLY = {
     "test_integral": (r"figure_9b_goes\[(plant-0\.0|controller-0\.01)\]", r"goes_on_over_joins\[0\.01\]"),
     "test_kinematic": (
         r"as_desired\[(?!type_iv_segment-c\]|type_iv_line-cf|type_iii-casadi|type_i_offset-casadi)",
-        r"(any_bits_in_finite_out|follow_is_the_reference|accelerations_of_the_vehicle_are_kept|desired_velocities)\[double",
+        r"(any_bits_in_finite_out|of_desired_velocities)\[double",
+        r"(follow_is_the_reference|accelerations_of_the_vehicle_are_kept)\[float",
         r"limit_is_that_of_the_simulation\[type_iv_line\]",
     ),
     "test_large": (

@@ -194,6 +194,23 @@ def test_eva_finds_in_drives(wrong, tmp_path):
     assert any(message in line for line in lines), lines
 
 
+EVA_FINDS_IN_FRAMES = {
+    "an image longer than its memory": ("noslip_image.c", " || length > size", ""),
+    "more segments than places": ("noslip_image.c", " || *count > (uint32_t)most ?", " ?"),
+    "a byte behind the ring": ("noslip_telemetry.c", "ring[self->at & self->to->mask] = byte", "ring[self->at] = byte"),
+}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("wrong", EVA_FINDS_IN_FRAMES)
+def test_eva_finds_in_frames(wrong, tmp_path):
+    file, was, now = EVA_FINDS_IN_FRAMES[wrong]
+    if shutil.which("frama-c") is None:
+        pytest.skip("install frama-c-base")
+    _, lines = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("telemetry", "float"))
+    assert any("out of bounds" in line for line in lines), lines
+
+
 SEGMENTS = ("#define SEGMENTS 3", "#define SEGMENTS 1")  # of the paths analysed: with one it is quicker
 
 
