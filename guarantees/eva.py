@@ -77,7 +77,8 @@ class AnalysedProgram:
         most = {f"{name}{suffix if name.startswith('noslip') else ''}": n for name, n in most.items()} | of_frames
         each = ",".join(f"{function}:{n}" for function, n in most.items())
         split = ["-eva-split-return", "full", "-eva-split-return-function", f"noslip_abs{suffix}:-1"]
-        return ["-eva-slevel", {"path": "100", "slip": "20", "telemetry": "300"}.get(self.source, "2000"), "-eva-slevel-function", each, *split]
+        level = {"path": "100", "slip": "20", "telemetry": "300"}.get(self.source, "2000")
+        return ["-eva-slevel", level, "-eva-slevel-function", each, *split]
 
     def sources(self, task: Task) -> list[Path]:
         """The C files to analyse."""
