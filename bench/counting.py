@@ -50,7 +50,7 @@ def count_calls(
     plugin = ["-d", "plugin", "-D", str(log), "-plugin", ",".join([str(_plugin(folder)), *asked])]
     done = run([*machine, *plugin, "-kernel", str(image)], image.parent, check=False)
     rows = [line.split() for line in log.read_text().splitlines()]
-    found = {int(at, 16): tuple(map(int, numbers)) for at, *numbers in rows}
+    found = {int(at, 16): tuple(map(int, numbers[:5])) for at, *numbers in rows}
     return done, {function: found[symbols[function][0]] for function, _ in calls}
 
 

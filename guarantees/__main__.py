@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from . import eva, faults, fuzz, instructions, lint, memory
+from . import eva, faults, fuzz, instructions, lint, memory, timing
 from .tools import M4F, Failed, Missing, Task
 
 CHECKS: dict[str, Callable[[Task], str]] = {
@@ -24,6 +24,7 @@ CHECKS: dict[str, Callable[[Task], str]] = {
     "sizes": memory.sizes,
     "sizes-m4f": partial(memory.sizes, target=M4F),
     "instructions-m4f": instructions.instructions,
+    "timing": timing.timing,
     "warnings": lint.warnings,
     "warnings-m4f": partial(lint.warnings, target=M4F),
     "clang-tidy": lint.tidy,

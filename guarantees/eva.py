@@ -38,14 +38,21 @@ MAY_WRITE = {  # function -> objects and members, named as in the programs, that
     "labmate_ekf_tick": {"pose", "past", "self.filter.recorded", "self.filter.newest", *ESTIMATED},
     "noslip_ekf_correct": {f"self.filter.{member}" for member in ("nis", "rejected", "status")} | ESTIMATED,
     "noslip_integral_step": {"self.z", "self.rounded", "self.error", "self.added", "added"},
+    "noslip_velocity_step": {"self.command", "command"},
+    "noslip_velocity_follow": {"self.command", "command"},
     "noslip_motor_step": {"command"},
     "noslip_motor_limit": {"torque"},
     "noslip_motor_set_supply": {"self.supply", "self.standing"},
     "noslip_watchdog_step": {f"self.{member}" for member in ("state", "reason", "status", "strikes", "good", "stood")},
+    "noslip_telemetry_send": {"self.written", "self.dropped", "ring"},
+    "noslip_telemetry_read": {"self.taken", "bytes", "count"},
+    "noslip_image_save": {"image", "used"},
     "noslip_path_look": {"guide"},
     "noslip_path_update": {"self.current", "self.saved", "self.guide", "self.started", "guide"},
 }
 MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 5000}
+MOST_IN_DRIVES = {f"noslip_velocity_{part}": 0 for part in ("limit", "roll", "hold_curve", "within", "make")}
+MOST_IN_FRAMES = {"noslip_crc32": 0, "noslip_frame_begin": 0, "noslip_frame_word": 20}  # the bytes are arbitrary
 MOST_IN_PATH |= {"noslip_path_advance": 2000, "noslip_path_step": 20000, "check_init": 2000, "check_update": 3000, "main": 10000}
 
 
@@ -68,10 +75,14 @@ class AnalysedProgram:
         split by the returned value; the value -1 is not a size, so that states of a size are not split.
         """
         suffix = SCALARS[self.scalar][0]
-        most = {"noslip_limit": 0, "noslip_abs": 0} | (MOST_IN_PATH if self.source == "path" else {})
-        each = ",".join(f"{function}{suffix if function.startswith('noslip') else ''}:{n}" for function, n in most.items())
+        of_frames = MOST_IN_FRAMES if self.source == "telemetry" else {}
+        own = {"path": MOST_IN_PATH, "drives": MOST_IN_DRIVES}.get(self.source, {})
+        most = {"noslip_limit": 0, "noslip_abs": 0} | own
+        most = {f"{name}{suffix if name.startswith('noslip') else ''}": n for name, n in most.items()} | of_frames
+        each = ",".join(f"{function}:{n}" for function, n in most.items())
         split = ["-eva-split-return", "full", "-eva-split-return-function", f"noslip_abs{suffix}:-1"]
-        return ["-eva-slevel", {"path": "100", "slip": "20"}.get(self.source, "2000"), "-eva-slevel-function", each, *split]
+        level = {"path": "100", "slip": "20", "telemetry": "300"}.get(self.source, "2000")
+        return ["-eva-slevel", level, "-eva-slevel-function", each, *split]
 
     def sources(self, task: Task) -> list[Path]:
         """The C files to analyse."""
@@ -81,6 +92,9 @@ class AnalysedProgram:
         more += [task.runtime / f"noslip_path{suffix}.c"] if self.source == "path" else []
         more += [task.generated / f"{name}{suffix}.c" for name in ("labmate", "labmate_ekf")] if self.source == "ekf" else []
         more += [task.runtime / "noslip_watchdog.c"] if self.source == "drives" else []
+        if self.source == "telemetry":
+            parts = [task.runtime / f"noslip_{part}.c" for part in ("telemetry", "image")]
+            more = [task.generated / f"labmate_telemetry{suffix}.c", *parts]
         return [PROGRAMS / f"{self.source}.c", *more]
 
     def places(self, task: Task) -> list[str]:
@@ -95,6 +109,8 @@ class AnalysedProgram:
         suffix, smallest, largest, upper = SCALARS[self.scalar]
         macros = {"SUFFIX": suffix, "REAL": self.scalar, "SMALLEST": smallest, "LARGEST": largest}
         macros |= {"ANGLE_MAX": f"NOSLIP_ANGLE_MAX{upper}"}
+        if self.source == "telemetry":
+            return macros | {"ROBOT": "labmate", "HEADER": f'"labmate_telemetry{suffix}.h"'}
         if not self.law:
             return macros | {"HEADER": f'"labmate_ekf{suffix}.h"'}
         law = {"ROBOT": "labmate", "LAW": self.law} | {name: f'"{self.law}{suffix}.{end}"' for name, end in FILES.items()}
@@ -105,7 +121,7 @@ def programs(task: Task) -> list[AnalysedProgram]:
     """Return the programs to analyse; the short version has the last law, with `follow`, and all but the path, in float."""
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
-    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", "")]
+    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", ""), ("telemetry", "")]
     grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
     named = [("law", law) for law in laws] + ([] if task.short else grips) + parts[: 2 if task.short else None]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]

@@ -107,4 +107,4 @@ def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
         calls.append(f"call={places[entry][0] & ~1:x}:{first & ~1:x}:{(first & ~1) + size - 1:x}")
     run([*MACHINE.split(), "-kernel", image, "-d", "plugin", "-D", log, "-plugin", ",".join([str(plugin), *calls])])
     rows = [list(map(int, line.split()[1:])) for line in log.read_text().splitlines()]
-    return {key: (least, most) for key, (number, _, least, most, _) in zip(selected, rows, strict=True) if number}
+    return {key: (least, most) for key, (number, _, least, most, *_) in zip(selected, rows, strict=True) if number}

@@ -50,7 +50,7 @@ def stack(task: Task, target: Machine = M4F) -> str:
 
     The compiler's library counts as unknown, so that a use of double in a float function is found.
     """
-    graph = _graph(task, target)
+    graph = graph_of(task, target)
     entries = [name for name in sorted(graph) if name.endswith("_f") and name.startswith((*IN_HEADERS, "noslip_path", "labmate"))]
     used = {entry: deepest(graph, entry) for entry in entries}
     outside = {(entry, name) for entry in entries for name in reached(graph, entry) - set(graph) - BY_COMPILERS}
@@ -89,7 +89,7 @@ def _link(task: Task, target: Machine, objects: list[Path]) -> None:
     run([target.compiler, *options, *objects, *by_compilers, "-o", task.folder / target.name / "all"])
 
 
-def _graph(task: Task, target: Machine) -> Graph:
+def graph_of(task: Task, target: Machine) -> Graph:
     objects = [*target.compile(task, task.float_sources), *target.compile(task, [task.headers()], EMIT_ALL)]
     return call_graph(path.with_suffix(".ci") for path in objects)
 

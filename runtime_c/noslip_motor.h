@@ -115,12 +115,17 @@ NOSLIP_NODISCARD static inline int noslip_motor_init(noslip_motor *self,
         return NOSLIP_NULL;
     }
     if (settings->mode != NOSLIP_MOTOR_TORQUE) {
+        double per_current;
         if (!noslip_motor_ok(settings)) {
             return NOSLIP_BAD_PARAMETER;
         }
         self->mode = settings->mode;
         self->back_emf = settings->torque_constant * settings->gear;
-        self->per_torque = 1 / (self->back_emf * settings->efficiency);
+        per_current = self->back_emf * settings->efficiency;
+        if (!noslip_is_positive(noslip_abs(per_current))) {
+            return NOSLIP_BAD_PARAMETER; /* overflow or underflow */
+        }
+        self->per_torque = 1 / per_current;
         self->back_change = settings->back_efficiency / self->back_emf - self->per_torque;
         self->friction = settings->friction;
         self->dry_friction = settings->dry_friction;
@@ -335,12 +340,17 @@ NOSLIP_NODISCARD static inline int noslip_motor_init_f(noslip_motor_f *self,
         return NOSLIP_NULL;
     }
     if (settings->mode != NOSLIP_MOTOR_TORQUE) {
+        float per_current;
         if (!noslip_motor_ok_f(settings)) {
             return NOSLIP_BAD_PARAMETER;
         }
         self->mode = settings->mode;
         self->back_emf = settings->torque_constant * settings->gear;
-        self->per_torque = 1 / (self->back_emf * settings->efficiency);
+        per_current = self->back_emf * settings->efficiency;
+        if (!noslip_is_positive_f(noslip_abs_f(per_current))) {
+            return NOSLIP_BAD_PARAMETER; /* overflow or underflow */
+        }
+        self->per_torque = 1 / per_current;
         self->back_change = settings->back_efficiency / self->back_emf - self->per_torque;
         self->friction = settings->friction;
         self->dry_friction = settings->dry_friction;

@@ -215,8 +215,9 @@ static inline int noslip_profile_init(noslip_profile *self,
         self->lookahead[k] = options->L[k] + options->ahead;
         self->extension[k] = options->stop == NOSLIP_STOP_AXLE ? noslip_abs(self->lookahead[k]) : 0;
     }
-    for (k = 0; k < count; k++) {
-        squares[k] = k > 0 || self->closed ? noslip_square_at_join(self, k > 0 ? k - 1 : count - 1, k) : self->most;
+    squares[0] = self->closed ? noslip_square_at_join(self, count - 1, 0) : self->most;
+    for (k = 1; k < count; k++) {
+        squares[k] = noslip_square_at_join(self, k - 1, k);
     }
     for (lap = 0; lap <= self->closed; lap++) {
         noslip_profile_backward(self);
@@ -494,8 +495,9 @@ static inline int noslip_profile_init_f(noslip_profile_f *self,
         self->lookahead[k] = options->L[k] + options->ahead;
         self->extension[k] = options->stop == NOSLIP_STOP_AXLE ? noslip_abs_f(self->lookahead[k]) : 0;
     }
-    for (k = 0; k < count; k++) {
-        squares[k] = k > 0 || self->closed ? noslip_square_at_join_f(self, k > 0 ? k - 1 : count - 1, k) : self->most;
+    squares[0] = self->closed ? noslip_square_at_join_f(self, count - 1, 0) : self->most;
+    for (k = 1; k < count; k++) {
+        squares[k] = noslip_square_at_join_f(self, k - 1, k);
     }
     for (lap = 0; lap <= self->closed; lap++) {
         noslip_profile_backward_f(self);

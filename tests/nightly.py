@@ -153,7 +153,8 @@ NIGHTLY = {
     "test_lanes": (r"lanes_are_steps\[type_iv_ellipse-double",),
     "test_kinematic": (
         r"as_desired\[(?!type_iv_segment-c\]|type_iv_line-cf|type_iii-casadi|type_i_offset-casadi)",
-        r"(any_bits_in_finite_out|follow_is_the_reference|accelerations_of_the_vehicle_are_kept|desired_velocities)\[double",
+        r"(any_bits_in_finite_out|of_desired_velocities)\[double",
+        r"(follow_is_the_reference|accelerations_of_the_vehicle_are_kept)\[float",
         r"limit_is_that_of_the_simulation\[type_iv_line\]",
     ),
     "test_large": (

@@ -46,6 +46,21 @@ def test_cycles_of_a_listing(bench):
     assert dict(zip(FUNCTION, found.values(), strict=True)) == FUNCTION
 
 
+RISCV = {"flw fa5,0(a0)": 2, "fmul.s fa4,fa5,fa5": 1, "fadd.s fa3,fa4,fa5": 5, "fsw fa3,4(a0)": 5, "fdiv.s fa2,fa3,fa5": 20}
+RISCV |= {"lw a5,0(a1)": 2, "mul a5,a5,a4": 4, "divu a5,a5,a4": 34, "addi a5,a5,1": 1, "bnez a5,8 <f>": 1}
+
+
+def test_cycles_of_other_processors(bench):
+    """A RISC-V core, by hand; a Cortex-M7, which waits two more for each result of its FPU."""
+    from cycles import CORTEX_M7, RV32, costs
+
+    lines = [f"8000{4 * k:04x}:\t{text.replace(' ', chr(9), 1)}" for k, text in enumerate(RISCV)]
+    assert dict(zip(RISCV, costs("\n".join(lines), RV32).values(), strict=True)) == RISCV
+    lines = [f"  {8 + 4 * k:x}:\t{text.replace(' ', chr(9), 1)}" for k, text in enumerate(FUNCTION)]
+    m4, m7 = (costs("\n".join(lines), *model).values() for model in ((), (CORTEX_M7,)))
+    assert [b - a for a, b in zip(m4, m7, strict=True)] == [0, 0, 0, 2, 2, 0, 2, 0, 2, *[0] * 6]
+
+
 def test_cycles_of_a_trace(bench, tmp_path):
     """A loop that QEMU executes takes what its instructions take, and 2 more for each branch taken: call, loop, return."""
     from counting import count_calls, run, symbols_of

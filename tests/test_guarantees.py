@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from noslip.guarantees import budget, eva, fuzz, instructions, memory, tools
+from noslip.guarantees import budget, eva, fuzz, instructions, memory, timing, tools
 from noslip.guarantees.__main__ import CHECKS, checked
 from noslip.guarantees.headers import headers
 from noslip.guarantees.tools import HOST, M4F, ROOT, Failed, Machine, Missing, Task
@@ -18,7 +18,9 @@ def folder(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("guarantees")
 
 
-@pytest.mark.parametrize("name", SHORT)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.nightly) if name == "timing" else name for name in SHORT]
+)
 def test_guarantee(name, folder):
     end, summary = checked(name, Task(folder, short=True))
     if end == "skipped":
@@ -211,6 +213,23 @@ def test_eva_finds_in_grip(wrong, tmp_path):
     task = changed(tmp_path, path, was, now, "labmate_type_i")
     _, lines = eva.analyse(task, eva.AnalysedProgram("grip", "float", "labmate_type_i"))
     assert any("assertion got status" in line for line in lines), lines
+
+
+EVA_FINDS_IN_FRAMES = {
+    "an image longer than its memory": ("noslip_image.c", " || length > size", ""),
+    "more segments than places": ("noslip_image.c", " || *count > (uint32_t)most ?", " ?"),
+    "a byte behind the ring": ("noslip_telemetry.c", "ring[self->at & self->to->mask] = byte", "ring[self->at] = byte"),
+}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("wrong", EVA_FINDS_IN_FRAMES)
+def test_eva_finds_in_frames(wrong, tmp_path):
+    file, was, now = EVA_FINDS_IN_FRAMES[wrong]
+    if shutil.which("frama-c") is None:
+        pytest.skip("install frama-c-base")
+    _, lines = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("telemetry", "float"))
+    assert any("out of bounds" in line for line in lines), lines
 
 
 SEGMENTS = ("#define SEGMENTS 3", "#define SEGMENTS 1")  # of the paths analysed: with one it is quicker
@@ -413,6 +432,26 @@ def test_the_page_has_the_budgeted_numbers():
     page = instructions.PAGE.read_text()
     assert instructions.with_table(page, budget.FILE.read_text()) == page
     assert instructions.with_table(page, budget.FILE.read_text().replace('"most good": 99', '"most good": 98')) != page
+
+
+def test_the_table_of_timing_has_the_budgeted_numbers():
+    """The instructions in docs/firmware.md, and cycles that are no fewer than a processor can take for them."""
+    import json
+    import re
+
+    budgets, page = json.loads(budget.FILE.read_text()), (ROOT / timing.PAGE).read_text()
+    table = re.findall(r"^\| `(\w+)` \| (\d+.*) \|$", page[page.index(timing.HEAD) :], re.M)
+    rows = {entry: [int(cell) for cell in cells.split(" | ")] for entry, cells in table}
+    found = {}
+    for k, (name, (machine, _)) in enumerate(timing.MODELS.items()):
+        counted = {entry: (row[2 * k], row[2 * k + 1]) for entry, row in rows.items()}
+        assert {entry: most for entry, (most, _) in counted.items()} == budgets[machine.name]["modules"]["timing"]
+        assert all(most < cycles < 5 * most for most, cycles in counted.values())
+        found[name] = counted
+    stack = {entry: row[-1] for entry, row in rows.items()}
+    assert stack["labmate_follower_tick"] == budgets[M4F.name]["modules"]["runtime_f"]["stack labmate_follower_tick"]
+    assert timing.with_table(page, found, stack) == page
+    assert timing.with_table(page, found, stack | {"labmate_follower_tick": 1}) != page
 
 
 def test_committed_budget_is_that_of_the_committed_c():

@@ -285,6 +285,20 @@ def test_too_fast_in_a_curve_brakes_and_says_so():
         products.append(float(np.prod(twist(command))))
     assert statuses[0] == "will_slip" and statuses[-1] == "grip" and products[-1] <= 1.6 * (1 + 1e-9)
     assert products[1] < 2.25 and max(products[2:]) <= max(products[1], 1.6 * (1 + 1e-9))
+    one.reset(start)
+    _, command = one.follow(start, start, "ok", PERIOD)
+    assert command == pytest.approx(start * command[0] / start[0], rel=1e-12), "both go to zero together"
+
+
+def test_what_a_step_says():
+    """A limit of the vehicle alone says so; the law's own word goes before it; a time too short for any change is refused."""
+    one = CompiledVelocity(WIDE, PERIOD)
+    straight, curve = (np.linalg.solve([VEHICLE.forward, VEHICLE.turn], each) for each in ([0.5, 0.0], [1.5, 1.5]))
+    assert one.follow(straight, np.zeros(2), "ok", PERIOD)[0] == "saturated", "60 rad/s^2 are more than the 1.2 m/s^2"
+    assert one.follow(curve, np.zeros(2), "ok", PERIOD)[0] == "grip"
+    assert one.follow(curve, np.zeros(2), "saturated", PERIOD)[0] == "saturated"
+    status, command = CompiledVelocity(replace(WIDE, vehicle=None), PERIOD).follow(curve, np.zeros(2), "ok", 1e-311)
+    assert status == "nonfinite" and np.all(command == 0)
 
 
 def test_misuse_of_the_vehicle():

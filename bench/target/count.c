@@ -4,8 +4,8 @@
  * Each argument call=ENTRY:FIRST:LAST (hexadecimal) names a function by its first instruction and the caller by its range:
  * a call lasts from the entry, when it comes right after the caller, until the caller executes again. A function may be
  * named with several callers. An argument cycles=FILE names the file of bench/cycles.py. At exit, a line for each function on the
- * plugin's log, with the cycles of all calls, 0 without such a file:
- *     ENTRY calls total least most cycles
+ * plugin's log, with the cycles of all calls and of the longest, 0 without such a file:
+ *     ENTRY calls total least most cycles most_cycles
  */
 #include <inttypes.h>
 #include <stdbool.h>
@@ -32,10 +32,10 @@ void qemu_plugin_outs(const char *text);
 
 #define EXPORT __attribute__((visibility("default")))
 #define MOST 128
-#define CODE 0x200000 /* bytes of the image whose cycles are estimated, from address 0 */
+#define CODE 0x200000 /* bytes of the image whose cycles are estimated, of which the first address is a multiple of this */
 
 typedef struct {
-    uint64_t entry, first, last, calls, total, least, most, cycles;
+    uint64_t entry, first, last, calls, total, least, most, cycles, most_cycles;
 } counted;
 
 EXPORT int qemu_plugin_version = 1;
@@ -54,7 +54,9 @@ static void instruction(unsigned vcpu, void *userdata)
     if (running != NULL && address >= running->first && address <= running->last) {
         running->calls++;
         running->total += executed;
-        running->cycles += cycles + refill; /* the return is a branch */
+        cycles += refill; /* the return is a branch */
+        running->cycles += cycles;
+        running->most_cycles = cycles > running->most_cycles ? cycles : running->most_cycles;
         running->least = running->calls == 1 || executed < running->least ? executed : running->least;
         running->most = executed > running->most ? executed : running->most;
         running = NULL;
@@ -67,9 +69,9 @@ static void instruction(unsigned vcpu, void *userdata)
         }
     }
     executed++;
-    if (address < CODE) {
-        const int follows = address == previous + 2 || (address == previous + 4 && costs[previous / 2 + 1] == 0);
-        cycles += costs[address / 2] + (follows ? 0 : refill);
+    {
+        const int follows = address == previous + 2 || (address == previous + 4 && costs[previous % CODE / 2 + 1] == 0);
+        cycles += costs[address % CODE / 2] + (follows ? 0 : refill);
     }
     previous = address;
 }
@@ -93,8 +95,8 @@ static void finish(qemu_plugin_id_t id, void *userdata)
     (void)userdata;
     for (i = 0; i < count; i++) {
         const counted *f = &functions[i];
-        snprintf(line, sizeof line, "%" PRIx64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 "\n", f->entry, f->calls,
-                 f->total, f->least, f->most, f->cycles);
+        snprintf(line, sizeof line, "%" PRIx64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 "\n",
+                 f->entry, f->calls, f->total, f->least, f->most, f->cycles, f->most_cycles);
         qemu_plugin_outs(line);
     }
 }
@@ -110,9 +112,7 @@ static int read_costs(const char *name)
     }
     known = fscanf(file, "%u", &refill) == 1;
     while (known && fscanf(file, "%" SCNx64 " %u", &address, &number) == 2) {
-        if (address < CODE) {
-            costs[address / 2] = (unsigned char)number;
-        }
+        costs[address % CODE / 2] = (unsigned char)number;
     }
     fclose(file);
     return !known;

@@ -1,11 +1,12 @@
 /*
- * drives.c - motor and watchdog for EVA, in the scalar REAL with SUFFIX.
+ * drives.c - motor, velocity commands and watchdog for EVA, in the scalar REAL with SUFFIX.
  *
  * As in law.c, a result is compared with limits that are specific numbers. The watchdog is proved to keep the properties that init
  * establishes, for several numbers of strikes, so that the results hold for any sequence of ticks.
  */
 #include "eva.h"
 #include "noslip_motor.h"
+#include "noslip_velocity.h"
 #include "noslip_watchdog.h"
 
 /* init with arbitrary bits: a motor that is ready has finite and positive limits. */
@@ -93,6 +94,55 @@ void check_motor_limit(void)
     /*@ assert \is_finite(self.supply) && self.supply > 0; */
 }
 
+/* init with arbitrary bits: commands of zero, and limits that are finite and positive. */
+void check_velocity_init(int count)
+{
+    OF(noslip_velocity_limits) limits[NOSLIP_VELOCITIES];
+    OF(noslip_velocity_vehicle) vehicle;
+    OF(noslip_velocity) self;
+    int k, status;
+    ANY(limits);
+    ANY(vehicle);
+    ANY(self);
+    status = OF(noslip_velocity_init)(&self, limits, count, any_real());
+    if (status < 0) {
+        REACHED(velocity_init_refused);
+        /*@ assert self.ready == 0; */
+        return;
+    }
+    REACHED(velocity_init_good);
+    /*@ assert status == NOSLIP_OK && self.ready == NOSLIP_READY && self.count == count; */
+    for (k = 0; k < count; k++) {
+        /*@ assert \is_finite(self.limits[k].speed) && self.limits[k].speed > 0 && self.command[k] == 0; */
+    }
+    if (OF(noslip_velocity_set_vehicle)(&self, &vehicle) >= 0) {
+        REACHED(set_vehicle_good);
+        /*@ assert count == 2; */
+    }
+}
+
+/* A step with arbitrary bits in all that is measured and asked, in commands and limits: it writes the commands only. It is not proved,
+ * since it needs relations that intervals do not represent, that these are finite and within their limits: the fuzzers check it. */
+void check_velocity_step(int count, int integrates)
+{
+    OF(noslip_velocity) self;
+    REAL asked[NOSLIP_VELOCITIES], nu[NOSLIP_VELOCITIES], command[NOSLIP_VELOCITIES];
+    int status;
+    ANY(self);
+    ANY(asked);
+    ANY(nu);
+    ANY(command);
+    self.count = count;
+    status = integrates ? OF(noslip_velocity_step)(&self, asked, nu, any_int, any_real(), command)
+                        : OF(noslip_velocity_follow)(&self, asked, nu, any_int, any_real(), command);
+    if (status >= 0) {
+        REACHED(velocity_good);
+    } else {
+        REACHED(velocity_refused);
+    }
+    /*@ assert self.count == count; */
+}
+
 void check_watchdog_init(void)
 {
     noslip_watchdog_settings settings;
@@ -154,6 +204,10 @@ int main(void)
     check_motor_step(NOSLIP_MOTOR_DUTY, 20, 24, 1);
     check_motor_step(NOSLIP_MOTOR_TORQUE, LARGEST, LARGEST, LARGEST);
     check_motor_limit();
+    check_velocity_init(2);
+    check_velocity_init(NOSLIP_VELOCITIES);
+    check_velocity_step(2, 0);
+    check_velocity_step(NOSLIP_VELOCITIES, 1);
     check_watchdog_init();
     for (before = NOSLIP_WATCHDOG_RUN; before <= NOSLIP_WATCHDOG_STOP; before++) {
         check_watchdog_step(0, 0, 0, before);
