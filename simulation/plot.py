@@ -284,10 +284,11 @@ def _draw_inputs(axes: Axes, run: Run) -> None:
 
 
 def _draw_slip(axes: Axes, run: Run, floor: FloorMeasurements) -> None:
-    """Draw the slip of each contact on a logarithmic axis that is linear below the slip that counts."""
+    """Draw the slip of each contact; where some of it counts, on a logarithmic axis that is linear below that."""
     for contact, slip, colour in zip(run.law.system.mechanism.contacts, floor.slip.T, COLOURS, strict=False):
         axes.plot(run.t, slip, color=colour, label=f"{contact.name}, at most {slip.max():.2g} m/s")
-    axes.set_yscale("symlog", linthresh=SLIPS)
+    if floor.slip.max() > SLIPS:
+        axes.set_yscale("symlog", linthresh=SLIPS)
     axes.set_ylim(bottom=0.0)
     axes.set_ylabel("slip (m/s)")
     axes.legend(loc="best", fontsize=9)

@@ -1,6 +1,7 @@
 """`noslip import`: robot files from URDFs, against the URDFs' own links in space, by our kinematics and by Pinocchio's."""
 
 import json
+import os
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -451,6 +452,16 @@ def test_what_is_named_on_the_command_line(tmp_path, capsys):
     assert (
         "damping and friction are left out: joints left_joint" in err and "--radius right" in (tmp_path / "cart.py").read_text()
     )
+
+
+@pytest.mark.skipif("NOSLIP_URDFS" not in os.environ, reason="NOSLIP_URDFS has no paths of URDFs, separated as those of PATH")
+def test_urdfs_of_others(tmp_path, capsys):
+    """Each becomes a robot file, whose mass matrix and rims are compared before it is written, or is refused in one line."""
+    for file in os.environ["NOSLIP_URDFS"].split(os.pathsep):
+        status = main(["import", file, "-o", str(tmp_path / "robot.py")])
+        out, err = capsys.readouterr()
+        print(out or err)
+        assert status == 0 or (status == 2 and err.startswith(f"noslip: {file}") and err.count("\n") == 1)
 
 
 def test_names_are_made_identifiers():

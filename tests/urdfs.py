@@ -126,7 +126,7 @@ def mecanum(rollers: int = 8) -> Urdf:
     about an axis to the right.
     """
     made = body("mecanum_cart")
-    for ahead, place in ((0.3, "front"), (-0.2, "rear")):
+    for ahead, place in ((0.25, "front"), (-0.25, "rear")):
         for side, name in ((-1, "right"), (1, "left")):
             wheel = f"{place}_{name}"
             made.wheel(wheel, "base", (ahead, side * 0.25, 0.1), mass=0.6, backward=side > 0)

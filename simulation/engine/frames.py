@@ -201,7 +201,7 @@ def _frames(
             left = [k for k in left if k not in mine]
             break
         else:
-            raise _refused(name, f"{points[left[0]].name} is not on a body hinged about a vertical")
+            raise _refused(name, f"{points[left[0]].name} is not on a body hinged about a vertical, or its wheel has rollers")
     return frames, found, motions
 
 
