@@ -29,7 +29,7 @@ MACHINE = "qemu-system-arm -M mps2-an386 -display none -monitor none -serial non
 
 
 def instructions(task: Task) -> str:
-    """Count the instructions of step and follow of every law, of odometry, path, profile and slip; compare the maxima with the budget."""
+    """Count the instructions of all laws, odometry, path, profile and slip; compare the maxima with the budget."""
     need("qemu-system-arm", "qemu-system-arm")
     folder = task.folder / "instructions"
     folder.mkdir(parents=True, exist_ok=True)
@@ -59,8 +59,8 @@ def with_table(page: str, numbers: str) -> str:
     words = (
         f"Odometry {_range(odometry, 'good')}; of a path (update, which takes the heading) on a line {_range(path, 'line')}, "
         f"on an arc {_range(path, 'arc')},\nat the end of a segment {_range(path, 'next')}. A profile of speed on a line "
-        f"{_range(profile, 'line')}, on an arc {_range(profile, 'arc')};\nslip while rolling {_range(slip, 'quiet')}, where it is "
-        f"noticed {_range(slip, 'noticed')}."
+        f"{_range(profile, 'line')}, on an arc {_range(profile, 'arc')};\nslip while rolling {_range(slip, 'quiet')}, "
+        f"where it is noticed {_range(slip, 'noticed')}."
     )
     return re.sub(r"\| Cortex-M4F, float.*?noticed \d+(?: to \d+)?\.", f"{table}\n\n{words}", page, flags=re.S)
 

@@ -20,7 +20,7 @@ from noslip.simulation.closed_loop import simulate
 from noslip.simulation.specification.distributions import Margin
 from noslip.simulation.specification.vary import change, varied
 from noslip.sweeping.designs import points
-from noslip.sweeping.results import statistics
+from noslip.sweeping.results import figures, statistics
 from noslip.sweeping.results.verify import _differences
 from noslip.sweeping.results.worst import find_worst
 from noslip.sweeping.store import Parts, open_sweep, sample_of
@@ -438,6 +438,20 @@ def test_worst_indices_and_figures_of_a_sweep(spec, tmp_path, capsys):
     names = sorted(path.name for path in (tmp_path / "f").iterdir())
     assert names == sorted(f"{name}.{kind}" for name in ("envelope", "cloud", "starts") for kind in ("csv", "png", "svg"))
     assert all(path.stat().st_size > 10_000 for path in (tmp_path / "f").glob("*.png"))
+
+
+def test_the_map_of_starts_that_keep_rolling(spec, tmp_path, monkeypatch):
+    """On the path, along it, at its speed, the robot rolls; 1.5 rad off it would not. The limiter keeps more of the starts."""
+    monkeypatch.setattr(figures, "GRID", (9, 3))
+    kept = []
+    for limits in ("", '[limits]\nmode = "grip"\n'):
+        text = text_of(SWEPT.replace("[1.5, 2.5]", "[-0.5, 0.5]")) + "[contact]\nmu = 0.6\n" + limits
+        study = study_of(text, "s", 4)
+        ranges = {"initial.heading": (-0.7, 1.5), "initial.point[1]": (-0.5, 0.5)}
+        x, y, (use, t_end) = figures._on_grid(study, ranges, 1, "use", "t_end")
+        assert x.shape == (9,) and y.shape == (3,) and use.shape == t_end.shape == (3, 9)
+        kept.append(int(np.sum((use <= 1.0) & (t_end > 0.0))))
+    assert 0 < kept[0] < kept[1], kept
 
 
 # -- a cluster -------------------------------------------------------------------------------------------------------------

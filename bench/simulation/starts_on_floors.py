@@ -3,8 +3,8 @@
     python bench/simulation/starts_on_floors.py [--starts N] [--seconds S] [--robot NAME ...]
 
 Prints, for each robot and friction, the largest slip of a wheel and the largest error of dead reckoning at the end, of all
-starts; "stopped": the wheels spin, or the loop is singular. Random starts move the place by up to 0.5 m and turn the heading by up
-to 0.8 rad; what the robot has of speed is multiplied by up to 1.
+starts; "stopped": the wheels spin, or the loop is singular. Random starts move the place by up to 0.5 m and turn the heading by
+up to 0.8 rad; what the robot has of speed is multiplied by up to 1.
 """
 
 import argparse
@@ -23,6 +23,7 @@ from noslip.simulation.specification.vary import read_varied
 SPECS = Path(noslip.__file__).parent / "specs"
 FLOORS = (0.7, 0.3)
 PLACE, HEADING = 0.5, 0.8  # m, rad
+COLUMNS = ("robot", "friction", "limits", "largest slip, m/s", "stopped", "`will_slip`, s at most", "dead reckoning off, m")
 
 
 def moved(initial: dict, source: random.Random) -> dict:
@@ -64,7 +65,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=8.0)
     parser.add_argument("--robot", nargs="*", default=list(ROBOTS))
     given = parser.parse_args()
-    print("| robot | friction | limits | largest slip, m/s | stopped | `will_slip`, s at most | dead reckoning off, m |\n" + "|---" * 7 + "|")
+    print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|")
     for name in given.robot:
         file = SPECS / ("line.toml" if name == "labmate" else f"robots/{name}.toml")
         source, first = random.Random(f"18 {name}"), tomllib.loads(file.read_text())["initial"]

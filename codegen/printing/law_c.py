@@ -225,6 +225,7 @@ class LawC(ProgramC[Program]):
             *(["At a state: 1 / (|Phi| |Phi^-1|), in the 1-norm and these units, is not above 1e-5."] if large else []),
             self._on_limit(),
             *([self._on_grip()] if self.grips else []),
+            *(["on_limit = NOSLIP_GRIP is NOSLIP_BAD_PARAMETER too: not with a dynamic extension."] if self.extends else []),
         ]
         return comment(lines) + "\n" + "\n".join(fill(self._init_signature() + ";", ""))
 

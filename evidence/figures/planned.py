@@ -12,6 +12,7 @@ from ...planning.curves import sampled, through
 from ...simulation.drawing import COLOURS, FAINT, STOP, legend_below, over_time, panels, plane, start, to_follow
 from ..framework import Case, Claim, Figure, FigureRun, Runs
 from ..vehicle import draw_vehicle
+from .rolling import friction_circle
 
 FORWARD, BACKWARD = COLOURS[0], COLOURS[1]
 DRIVEN = "driven"
@@ -271,7 +272,7 @@ def _way(run: FigureRun) -> np.ndarray:
 
 def draw_fastest(runs: Runs) -> matplotlib.figure.Figure:
     """The path; speed and curvature over the way; forces of the wheels in their circles of friction."""
-    titles = ("path of $P_l$", "speed along the path", "forces of the wheels, fastest", "friction use")
+    titles = ("path of $P_l$", "speed along the path", "fastest: forces / (μ load)", "friction use")
     figure, axes = panels(*titles, height=4.8, widths=(1.2, 1.2, 1, 1))
     first = runs[FASTEST]
     _draw_segments(axes[0], _segments(first), "lines and arcs")
@@ -283,25 +284,20 @@ def draw_fastest(runs: Runs) -> matplotlib.figure.Figure:
     ends = np.cumsum([0.0, *(segment.length for segment in _segments(first))])
     curvatures = [segment.curvature for segment in _segments(first)]
     below.stairs(curvatures, ends, fill=True, color=FAINT, alpha=0.25, label="curvature of the path")
-    below.set(ylabel="curvature (1/m), left positive", ylim=(-0.7, 3.0))
+    below.set(ylabel="grey: curvature (1/m), left positive", ylim=(-0.7, 3.0), yticks=(-0.5, 0.0, 0.5))
     for (label, run), colour in zip(runs.items(), COLOURS, strict=False):
         axes[1].plot(_way(run), run.speed, color=colour, label=f"{label}: stands after {_standing(run):.1f} s")
         worst = np.max([contact.use for contact in run.grip.contacts], axis=0)
         axes[3].plot(run.grip.t, worst, color=colour, label=f"{label}: at most {worst.max():.2f}")
     axes[1].plot(_way(first), first.y_d[:, 1], color="black", linestyle=":", linewidth=1.2, label="desired")
-    axes[1].set(xlabel="way of $P_l$ (m)", ylabel="speed (m/s)", ylim=(-1.0, 4.2))
+    axes[1].set(xlabel="way of $P_l$ (m)", ylabel="speed (m/s)", ylim=(-1.0, 4.2), yticks=range(5))
     limited = (first.status == "grip")[: len(first.grip.t)]
+    friction_circle(axes[2], 1.25)
     for contact, colour in zip(first.grip.contacts, COLOURS, strict=False):
-        axes[2].plot(contact.lateral, contact.longitudinal, color=colour, linewidth=0.9, label=contact.name)
-        axes[2].plot(contact.lateral[limited], contact.longitudinal[limited], ".", color=STOP, markersize=4)
-    axes[2].plot([], [], ".", color=STOP, label="limited, so that it rolls")
-    around = np.linspace(0.0, 2 * np.pi, 181)
-    loads = [float(load) for contact in first.grip.contacts for load in (contact.load.min(), contact.load.max())]
-    for load, text in ((min(loads), "friction: least, largest load"), (max(loads), None)):
-        radius = first.grip.options.mu * load
-        axes[2].plot(radius * np.cos(around), radius * np.sin(around), "--", color=FAINT, linewidth=1.2, label=text)
-    axes[2].set(xlabel="to the left (N)", ylabel="forward (N)", aspect="equal")
-    axes[2].invert_xaxis()
+        across, along = (force / (contact.mu * contact.load) for force in (contact.lateral, contact.longitudinal))
+        axes[2].plot(across, along, color=colour, linewidth=0.9, label=contact.name)
+        axes[2].plot(across[limited], along[limited], ".", color=colour, markersize=6)
+    axes[2].plot([], [], ".", color=FAINT, markersize=6, label="limited, so that it rolls")
     over_time(axes[3], "friction use of the wheel with the most")
     axes[3].axhline(1.0, color=STOP)
     for panel in axes:

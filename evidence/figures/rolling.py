@@ -75,7 +75,9 @@ def draw_rolling(runs: Runs) -> matplotlib.figure.Figure:
     over_time(axes[0], "|F| / (μ load)")
     axes[0].set(xlim=(0, 4), ylim=(0, 2.6))
     legend_below(axes[0])
-    _friction_circle(axes[1])
+    friction_circle(axes[1], 2.9, (-3.2, 2.6))
+    axes[1].text(1.0, 0.8, "rolls\ninside", color=COLOURS[2], ha="right")
+    say(axes[1], "solid: right wheel\ndashed: left wheel\ndots: at the start", (0.03, 0.03))
     _draw_headings(axes[2], runs)
     v = np.linspace(0.0, 10.0, 101)
     axes[3].plot(v, [needed_on_circle(x) for x in v], color=FAINT, label="closed form")
@@ -93,13 +95,12 @@ def draw_rolling(runs: Runs) -> matplotlib.figure.Figure:
     return figure
 
 
-def _friction_circle(axes: Axes) -> None:
+def friction_circle(axes: Axes, wide: float, high: tuple[float, float] | None = None) -> None:
+    """The circle within which a force over (μ load) rolls, in a panel from `wide` on the left to -wide."""
     angle = np.linspace(0, 2 * np.pi, 361)
     axes.fill(np.cos(angle), np.sin(angle), color=COLOURS[2], alpha=0.12, linewidth=0)
     axes.plot(np.cos(angle), np.sin(angle), color=STOP, linewidth=1.2)
-    axes.set(xlim=(2.9, -2.9), ylim=(-3.2, 2.6), aspect="equal", xlabel="sideways, left positive", ylabel="forward")
-    axes.text(1.0, 0.8, "rolls\ninside", color=COLOURS[2], ha="right")
-    say(axes, "solid: right wheel\ndashed: left wheel\ndots: at the start", (0.03, 0.03))
+    axes.set(xlim=(wide, -wide), ylim=high or (-wide, wide), aspect="equal", xlabel="sideways, left positive", ylabel="forward")
 
 
 def _draw_headings(axes: Axes, runs: Runs) -> None:

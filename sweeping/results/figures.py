@@ -1,4 +1,4 @@
-"""Figures of a sweep: errors over time, outcomes by parameter, and initial states that become singular."""
+"""Figures of a sweep: errors over time, outcomes by parameter, and maps of starts: which become singular, which keep rolling."""
 
 from pathlib import Path
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from ...model.mechanism import Quantity
@@ -27,6 +27,7 @@ GRID = (181, 25)  # starts of the map, finer in the heading
 REACH = {"heading": np.pi, "point[0]": 5.0, "point[1]": 5.0, "speed": 2.0}  # about the SPEC's, of what does not vary; rad, m, m/s
 EDGES = (0.002, 0.998)  # of what varies, in the map where no heading is known
 STARTS = 1000  # samples in it
+USES = (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 5.0, 10.0)  # friction use, steps of the map
 NOMINAL: dict[str, Any] = {"marker": "*", "s": 170, "color": "white", "edgecolor": "black", "linewidth": 1.2, "zorder": 6}
 
 
@@ -41,6 +42,9 @@ def figures_of(report: SweepReport, jobs: int, progress: Reported = silent) -> d
     starts = _start_axes(study)
     if starts:
         made["starts"] = (lambda: _starts(report, starts, jobs), f"{name}: starts that become singular, all else as in the SPEC")
+        if "use" in study.batch.outcomes:
+            title = f"{name}: starts that keep rolling, all else as in the SPEC"
+            made["rolling"] = (lambda: _rolling(report, starts, jobs), title)
     found: dict[str, bytes] = {}
     for number, (file, (draw, title)) in enumerate(made.items()):
         progress(number, len(made), "pictures")
@@ -158,11 +162,7 @@ def _start_axes(study: Study) -> dict[str, tuple[float, float]]:
 def _starts(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: int) -> matplotlib.figure.Figure:
     """When a run from each start becomes singular, all else as in the SPEC; and where the samples start."""
     study = report.study
-    (one, other), (x, y) = ranges, (np.linspace(*r, n) for r, n in zip(ranges.values(), GRID, strict=True))
-    grid = np.meshgrid(x, y)
-    table = study.plan.inputs.table({one: grid[0].ravel(), other: grid[1].ravel()}, grid[0].size)
-    outcomes = run_table(study.batch, table, jobs)
-    status, t_end = (outcomes[:, study.batch.outcomes.index(name)].reshape(grid[0].shape) for name in ("status", "t_end"))
+    x, y, (status, t_end) = _on_grid(study, ranges, jobs, "status", "t_end")
     names = np.array([study.batch.status(number) for number in status.ravel()]).reshape(status.shape)
     figure = matplotlib.figure.Figure(figsize=(9.5, 5.6), layout="constrained")
     axes = figure.subplots()
@@ -178,14 +178,51 @@ def _starts(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: i
         drawn = axes.pcolormesh(x, y, singular, cmap="YlOrRd_r", vmin=0.0, shading="nearest", rasterized=True)
         figure.colorbar(drawn, ax=axes, label="time when the run becomes singular (s); 0: at its start")
         axes.scatter([], [], s=90, marker="s", color=drawn.cmap(0.3), label="becomes singular")
+    _finish_map(figure, report, ranges)
+    axes.set_title(f"{np.mean(names == 'singular'):.1%} of {names.size} starts shown become singular", loc="left")
+    return figure
+
+
+def _rolling(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: int) -> matplotlib.figure.Figure:
+    """The largest friction use of a run from each start, all else as in the SPEC; and where the samples start."""
+    x, y, (use, t_end) = _on_grid(report.study, ranges, jobs, "use", "t_end")
+    use = np.ma.masked_where(t_end <= 0.0, use)
+    figure = matplotlib.figure.Figure(figsize=(9.5, 5.6), layout="constrained")
+    axes = figure.subplots()
+    shown, looks = np.ma.minimum(use, 0.999 * USES[-1]), {"shading": "nearest", "rasterized": True}
+    drawn = axes.pcolormesh(x, y, shown, cmap="RdYlGn_r", norm=BoundaryNorm(USES, 256), **looks)
+    if np.any(t_end <= 0.0):
+        axes.set_facecolor("#b9b9b9")
+        axes.scatter([], [], s=90, marker="s", color="#b9b9b9", label="stops at its start")
+    figure.colorbar(drawn, ax=axes, ticks=USES, label=f"largest friction use, at most {USES[-1]:g}; above 1 a wheel slips")
+    if use.min() < 1.0 < use.max():
+        axes.contour(x, y, use, levels=[1.0], colors="black", linewidths=1.2)
+        axes.plot([], [], color="black", linewidth=1.2, label="friction use 1")
+    _finish_map(figure, report, ranges)
+    axes.set_title(f"{np.sum(use <= 1.0) / use.size:.1%} of {use.size} starts shown keep rolling", loc="left")
+    return figure
+
+
+def _on_grid(
+    study: Study, ranges: dict[str, tuple[float, float]], jobs: int, *outcomes: str
+) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Return the grid of a map of starts, and these outcomes of the runs from there."""
+    (one, other), (x, y) = ranges, (np.linspace(*r, n) for r, n in zip(ranges.values(), GRID, strict=True))
+    grid = np.meshgrid(x, y)
+    table = study.plan.inputs.table({one: grid[0].ravel(), other: grid[1].ravel()}, grid[0].size)
+    found = run_table(study.batch, table, jobs)
+    return x, y, [found[:, study.batch.outcomes.index(name)].reshape(grid[0].shape) for name in outcomes]
+
+
+def _finish_map(figure: matplotlib.figure.Figure, report: SweepReport, ranges: dict[str, tuple[float, float]]) -> None:
+    """Draw samples and the SPEC's own start into a map of starts, and label it."""
+    study, axes, (one, other) = report.study, figure.axes[0], ranges
     _draw_samples(axes, report, one, other)
     axes.scatter(study.batch.nominal[one], study.batch.nominal[other], label="SPEC", **NOMINAL)
     axes.set(xlabel=f"{one}{_input_unit(study, one)}", ylabel=f"{other}{_input_unit(study, other)}")
     axes.set(xlim=ranges[one], ylim=ranges[other])
-    axes.set_title(f"{np.mean(names == 'singular'):.1%} of {names.size} starts shown become singular", loc="left")
     axes.grid(False)
     figure.legend(loc="outside lower center", ncols=6)
-    return figure
 
 
 def _draw_samples(axes: Axes, report: SweepReport, one: str, other: str) -> None:
