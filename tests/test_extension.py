@@ -623,8 +623,9 @@ REFUSED = {
     "composite path": (
         'robot = "labmate"\noutput = { type = "IV", L = -0.3, extension = true, path = { kind = "waypoints", tolerance = 0.1, '
         "points = [[0, 0], [1, 0], [2, 1]] } }\nreference = { speed = 0.5 }\nsimulation = { duration = 1.0 }",
-        "not composite",
+        "composite path: P_l on the axle cannot follow a curvature that jumps",
     ),
+    "reversing": (AXLE.replace("L = -0.3", 'L = -0.3, reversing = "switch"'), "needs no reversing"),
     "approach": (
         PATH.replace("speed = 0.5 }", "speed = 0.5, approach = { acceleration = 0.3 } }"),
         "requires|no third derivative",
