@@ -31,6 +31,7 @@ from .exact.readable import unsigned
 from .exact.symbolic import symbolic, written
 from .outputs.decoupling import decouple
 from .outputs.normal_form import NormalForm, StraightMotion, normal_form
+from .underactuated import analyse_at_rest
 
 Contact = RollingContact | PlanarContact
 System = Mechanism | Kinematics | Contact
@@ -64,7 +65,7 @@ class Constraints:
 @dataclass(frozen=True, eq=False)
 class Answer:
     """`outputs` by law; `refused`: why a law does not apply to this system; `no_outputs`: why there is none; by file, `starts`
-    and whether the wheels roll in the run from there.
+    and whether the wheels roll in the run from there. `at_rest`: what can be said of an underactuated robot there.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Answer:
     starts: dict[str, Verdict] = field(default_factory=dict)
     rolling: dict[str, Grip] = field(default_factory=dict)
     tables: dict[str, Offsets] = field(default_factory=dict)
+    at_rest: tuple[str, ...] = ()
 
     @property
     def refused_by_reason(self) -> dict[str, list[str]]:
@@ -119,7 +121,18 @@ def analyse(
     outputs, refused, nothing = _outputs(system, laws, progress)
     tables = {file: start_offsets(file, uncertainty, progress) for file in starts} if table else {}
     rolling = {file: start_rolling(file) for file in starts}
-    return Answer(system.name, getattr(system, "about", ""), constraints, outputs, refused, nothing, verdicts, rolling, tables)
+    about = getattr(system, "about", "")
+    return Answer(system.name, about, constraints, outputs, refused, nothing, verdicts, rolling, tables, _at_rest(system))
+
+
+def _at_rest(system: System) -> tuple[str, ...]:
+    """Return what is said of an underactuated robot at rest at q = 0; empty for other systems."""
+    if not isinstance(system, Mechanism) or not 0 < len(system.inputs) < len(system.coordinates) - system.A.shape[0]:
+        return ()
+    try:
+        return tuple(analyse_at_rest(system).lines())
+    except (ModelError, RuntimeError) as error:
+        return (f"not judged: {error}",)
 
 
 def start_verdict(name: str, file: str, uncertainty: Mapping[str, float] | float = 0.0) -> Verdict:
@@ -172,6 +185,7 @@ def as_json(answer: Answer) -> dict[str, Any]:
         "outputs": {law: _output_json(form) for law, form in answer.outputs.items()},
         "refused": answer.refused,
         **({"no_outputs": answer.no_outputs} if answer.no_outputs else {}),
+        **({"at_rest": list(answer.at_rest)} if answer.at_rest else {}),
         "starts": starts,
         **({"starts_basis": BASIS} if answer.starts else {}),
         **({"tables": {file: asdict(table) for file, table in answer.tables.items()}} if answer.tables else {}),

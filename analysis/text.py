@@ -19,6 +19,8 @@ def as_text(answer: Answer) -> str:
     lines = [f"{answer.name}: {answer.about}" if answer.about else answer.name, ""]
     lines += constraints(answer)
     lines += ["", *outputs(answer)]
+    if answer.at_rest:
+        lines += ["", "Underactuated, at rest", *labelled("", answer.at_rest)]
     if answer.starts:
         lines += ["", "Starts"]
         for file, verdict in answer.starts.items():

@@ -56,7 +56,7 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class Course:
+class SmoothCurve:
     """From (x, y) in m in the direction `heading` (rad): `curvatures` (1/m, positive turns left) at the beginning of the first
     of the `lengths` (m) and at the end of each; after the last the curvature stays. `speed`, m/s, along it.
     """

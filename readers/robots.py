@@ -20,7 +20,7 @@ from ..model.mechanism import Mechanism
 from ..model.names import KINEMATIC, without_extension, without_kinematic, without_offset
 from ..model.outputs import OUTPUTS, output_map, output_names
 from ..model.reduction import ReducedSystem, reduce
-from ..model.robots import ROBOTS
+from ..model.robots import ROBOTS, UNDERACTUATED
 from .errors import BadInput, suggestion
 from .files import read_input
 
@@ -67,18 +67,19 @@ def find_robot(text: str, kinds: tuple[type, ...] = (Mechanism,)) -> Mechanism:
     """
     whole, text = text, re.sub(r"(:-?\d{1,15})*\Z", "", text, count=1)
     numbers = [int(number) for number in whole[len(text) :].split(":")[1:]]
-    if text in ROBOTS:
-        _check_numbers(whole, ROBOTS[text], numbers)
+    shipped = ROBOTS | UNDERACTUATED
+    if text in shipped:
+        _check_numbers(whole, shipped[text], numbers)
         try:
-            return ROBOTS[text](*numbers)
+            return shipped[text](*numbers)
         except ModelError as error:
             raise BadInput(f"robot {whole!r}: {error}") from error
     if "\0" in text:
         raise BadInput(f"robot {text!r} is not a valid file name")
     file, colon, name = text.rpartition(":")
     if not colon and not text.endswith(".py"):
-        raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, ROBOTS)}")
-    if file in ROBOTS:
+        raise BadInput(f"unknown robot {text!r} (neither a shipped name nor path/to/file.py:name){suggestion(text, shipped)}")
+    if file in shipped:
         raise BadInput(f"robot {whole!r}: the arguments after a shipped name must be integers")
     if not colon:
         file, name = text, ""

@@ -22,7 +22,7 @@ from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import TYPES
 from ..model.outputs import axle
-from ..planning.course import Course
+from ..planning.course import SmoothCurve
 from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
 from ..readers.reading import check_keys
@@ -413,7 +413,7 @@ def _moved_point(spec: Spec, order: int) -> Callable[[float], np.ndarray]:
     `order`.
     """
     if (course := spec.reference.course) is not None:
-        curve = Course(0.0, 0.0, course.heading, course.speed, course.lengths, course.curvatures)
+        curve = SmoothCurve(0.0, 0.0, course.heading, course.speed, course.lengths, course.curvatures)
         return lambda t: curve.derivatives(t, order)
     circle = spec.reference.circle
     assert circle is not None, "the caller has a circle or a course"

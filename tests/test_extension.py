@@ -31,7 +31,7 @@ from noslip.model.robots.tractor_trailer import tractor_trailer
 from noslip.outer.interop import closed_loop_system
 from noslip.outer.motion import steady_motion
 from noslip.outer.setting import setting_of
-from noslip.planning.course import Course
+from noslip.planning.course import SmoothCurve
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, law_of
 from noslip.simulation.closed_loop import simulate
@@ -185,7 +185,7 @@ def test_the_rear_axle_of_a_car_follows_a_course(speed, backend, period, toleran
 
 def test_a_course_is_its_curvature():
     """Position against a fine sum, derivatives against differences, up to the sixth; before its beginning it is a curve too."""
-    course = Course(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4))
+    course = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4))
     steps = np.linspace(0.0, 10.0, 200_001)
     knots = [(p.begin, p.curvature(0.0)) for p in course.stretches]
     assert knots == [(0.0, 0.1), (2.0, 0.5), (5.0, 0.5), (9.0, -0.4)]
@@ -623,8 +623,9 @@ REFUSED = {
     "composite path": (
         'robot = "labmate"\noutput = { type = "IV", L = -0.3, extension = true, path = { kind = "waypoints", tolerance = 0.1, '
         "points = [[0, 0], [1, 0], [2, 1]] } }\nreference = { speed = 0.5 }\nsimulation = { duration = 1.0 }",
-        "not composite",
+        "composite path: P_l on the axle cannot follow a curvature that jumps",
     ),
+    "reversing": (AXLE.replace("L = -0.3", 'L = -0.3, reversing = "switch"'), "needs no reversing"),
     "approach": (
         PATH.replace("speed = 0.5 }", "speed = 0.5, approach = { acceleration = 0.3 } }"),
         "requires|no third derivative",

@@ -70,8 +70,10 @@ def test_defaults_are_those_of_the_reader():
     noticing = {"limits.mode": "grip", "sensors.gyro": {}}
     needed["floor.rough"] = {"count": 1, "x": [0, 1], "y": [0, 1], "height": 0.01, "radius": 0.1}
     on_circle = {"output": {"type": "I"}, "reference": {"position": [0.0, 0.0], "circle": {"radius": 1.0, "rate": 0.1}}}
+    course = {"position": [0.0, 0.0], "course": {"speed": 0.5, "lengths": [1.0], "curvatures": [0.0, 0.1]}}
+    bases = {"reference.circle.": on_circle, "reference.course.": on_circle | {"reference": course}}
     for key, value in stated.items():
-        base = CIRCLE | on_circle if key.startswith("reference.circle.") else CIRCLE
+        base = next((CIRCLE | changes for start, changes in bases.items() if key.startswith(start)), CIRCLE)
         if key.startswith("estimator."):  # which does not go with a correction
             pose = {"estimator.pose.rate": 1.0, "estimator.pose.sd": 0.1, "estimator.pose.heading_sd": 0.1}
             given = {name: needed[name] for name in ("simulation.period", "sensors")} | {"estimator.noise": 0.1} | pose

@@ -50,6 +50,7 @@ docs/drives
 docs/grip
 docs/redundant
 docs/extension
+docs/underactuated
 docs/identify
 docs/sweep
 docs/engine

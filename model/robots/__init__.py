@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from ..mechanism import Mechanism
+from .balancer import balancer
 from .ball_plate import ball_plate
 from .differential import pioneer_3dx, turtlebot3_burger, turtlebot3_waffle_pi
 from .four_wheel import four_wheel
@@ -10,6 +11,7 @@ from .geared_arm import geared_arm
 from .knife_edge import knife_edge
 from .labmate import labmate
 from .mobile_manipulator import mobile_manipulator
+from .roller_racer import roller_racer
 from .rolling_disk import rolling_disk
 from .slope_platform import slope_platform
 from .steered import car, f1tenth, forklift, tricycle
@@ -35,3 +37,5 @@ ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "forklift": forklift,
     "turntable_ball": turntable_ball,
 }
+
+UNDERACTUATED: dict[str, Callable[..., Mechanism]] = {"balancer": balancer, "roller_racer": roller_racer}  # without laws

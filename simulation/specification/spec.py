@@ -187,8 +187,13 @@ class OutputSection:
     )
 
     def __post_init__(self):
-        if self.extension and (self.segments or self.reversing != "allow"):
-            raise BadInput("[output] extension applies to a path that is not composite, and not with reversing")
+        if self.extension and self.segments:
+            raise BadInput(
+                "[output] extension does not go with a composite path: P_l on the axle cannot follow a curvature that jumps; "
+                "let a point follow a smooth curve, [reference] course"
+            )
+        if self.extension and self.reversing != "allow":
+            raise BadInput("[output] extension needs no reversing: P_l on the axle is followed forward and in reverse")
         if self.type in TYPES and self.parameters:
             raise BadInput(f"[output] parameters apply to a robot's own output; type {self.type} has L, W and path")
         if self.own and (self.L or self.W or self.path):

@@ -1,0 +1,246 @@
+"""Underactuated robots at rest: what inputs do at an equilibrium, the zero dynamics of their collocated linearization, LQR.
+
+By numbers, at given parameters and a configuration where the robot can rest. A mode of the linearized robot that no input moves
+is found as a part of the state space orthogonal to all that the inputs reach (R. E. Kalman, Mathematical description of linear
+dynamical systems, 1963). One that grows cannot be stabilized. One at 0 is left by every linear feedback: it may be an integral of
+the motion, or a place that only manoeuvres reach, because rolling is nonholonomic.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import solve_continuous_are
+
+from ..model.errors import ModelError
+from ..model.mechanism import Mechanism
+from ..model.underactuated import PartialLinearization, at_rest, partial_linearization
+from ..readers.errors import BadInput
+from ..simulation.plant import Plant
+
+RESTS = 1e-9  # N or N m, of forces that inputs leave at an equilibrium
+REACHED = 1e-9  # relative: singular values at or below this count as zero
+STILL = 1e-4  # 1/s: real parts at or below this in size count as zero: rounding moves a double 0 by its root
+PERIOD, TOLERANCE = 0.01, 1e-9  # s, of the calls of a feedback; of the integration between them
+FALLEN = np.pi / 2  # rad or m: a deviation of a weighed state beyond this ends a run
+
+
+@dataclass(frozen=True, eq=False)
+class AtRest:
+    """The robot linearized at rest, dx/dt = A x + B tau with x = [q; nu] and tau from their values there.
+
+    `reached` are orthonormal columns that span what the inputs reach. `modes` of these, `unreached` of the rest and `zero` of
+    the zero dynamics with the velocities at the inputs held at zero: 1/s.
+    """
+
+    partial: PartialLinearization = field(repr=False)
+    q: tuple[float, ...]
+    parameters: tuple[float, ...]
+    tau: tuple[float, ...]
+    A: np.ndarray
+    B: np.ndarray
+    reached: np.ndarray
+    modes: np.ndarray
+    unreached: np.ndarray
+    zero: np.ndarray
+
+    @property
+    def names(self) -> list[str]:
+        """Of the states."""
+        return [quantity.name for quantity in self.partial.system.state]
+
+    @property
+    def stabilizable(self) -> bool:
+        """Whether linear feedback leaves no mode that grows."""
+        return bool(np.all(self.unreached.real <= STILL))
+
+    @property
+    def left(self) -> int:
+        """How many modes at 0 no input moves."""
+        return int(np.sum(np.abs(self.unreached.real) <= STILL))
+
+    def lines(self) -> list[str]:
+        """Return the verdicts as text."""
+        system = self.partial.system
+        inputs = ", ".join(each.name for each in system.mechanism.inputs)
+        growing = [mode for mode in self.modes if mode.real > STILL]
+        zero = [mode for mode in self.zero if mode.real > STILL]
+        lines = [
+            f"{len(system.mechanism.inputs)} inputs ({inputs}) for {system.dof} degrees of freedom; at rest at q = 0, "
+            "by numbers, at the default parameters",
+            f"modes that the inputs move: {_listed(self.modes)} 1/s" + (f"; {len(growing)} of them grow" if growing else ""),
+            f"zero dynamics with the velocities at the inputs held at 0 (collocated): {_listed(self.zero)} 1/s, "
+            + ("unstable: holding these velocities alone makes the robot fall" if zero else "none of them grows"),
+        ]
+        if not self.stabilizable:
+            lines.append(f"not stabilizable: no input moves the modes {_listed(self.unreached)} 1/s, and one of them grows")
+        elif self.left:
+            lines.append(
+                f"{'all that grows can be stabilized' if growing else 'nothing grows'}, but not asymptotically stabilizable by "
+                f"linear feedback: no input moves {self.left} modes at 0, integrals of the motion or places that only manoeuvres "
+                "reach"
+            )
+        else:
+            lines.append("asymptotically stabilizable by linear feedback")
+        return lines
+
+    def lqr(self, weights: Mapping[str, float], effort: float | Sequence[float] = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Return K, r x (2n-m), of tau = tau_e - K (x - x_e), which minimizes the integral of sum(weight_i x_i^2) and
+        sum(effort_j tau_j^2) over what the inputs reach, and X, (2n-m) x (2n-m): the least cost from x is (x - x_e)' X (x - x_e).
+
+        `weights` by the name of a state; those not named have 0. Raises BadInput for an unknown name, a weight that is negative
+        or an effort that is not positive, and for weights that leave a mode that grows or rests unseen.
+        """
+        for name, weight in weights.items():
+            if name not in self.names:
+                raise BadInput(f"lqr: unknown state {name!r}; states are {', '.join(self.names)}")
+            if not 0.0 <= weight < np.inf:
+                raise BadInput(f"lqr: the weight of {name} is {weight}; it must be finite and not negative")
+        R = np.atleast_1d(np.asarray(effort, float)) * np.ones(self.B.shape[1])
+        if not np.all((R > 0.0) & (R < np.inf)):
+            raise BadInput("lqr: effort must be positive and finite, one number or one for each input")
+        T = self.reached
+        Q = T.T @ np.diag([weights.get(name, 0.0) for name in self.names]) @ T
+        A, B = T.T @ self.A @ T, T.T @ self.B
+        try:
+            X = solve_continuous_are(A, B, Q, np.diag(R))
+        except (np.linalg.LinAlgError, ValueError) as error:
+            raise BadInput(f"lqr: no gains: weigh further states, so that every mode is seen ({error})") from error
+        K = np.diag(1.0 / R) @ B.T @ X
+        if not np.all(np.linalg.eigvals(A - B @ K).real < -STILL):
+            raise BadInput("lqr: no gains: weigh further states, so that every mode is seen")
+        return K @ T.T, T @ X @ T.T
+
+
+@dataclass(frozen=True, eq=False)
+class Balanced:
+    """The rigid robot with tau = tau_e - K (x - x_d), called every PERIOD and held between; at most `limit` (N or N m) each."""
+
+    rest: AtRest
+    K: np.ndarray
+    limit: float = np.inf
+
+    def run(self, start: np.ndarray, duration: float, desired: Callable[[float], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return states at the calls, (N, 2n-m), and inputs from there on, (N, r), from `start`; `desired` is x_d(t).
+
+        Ends early where the robot has fallen: a state that K weighs is more than FALLEN off, or one is not finite.
+        """
+        plant, x = Plant(self.rest.partial.system, self.rest.parameters), np.asarray(start, float)
+        seen, states, inputs = np.abs(self.K).max(axis=0) > 0.0, [], []
+        for k in range(round(duration / PERIOD) + 1):
+            off = x - desired(k * PERIOD)
+            tau = np.clip(np.asarray(self.rest.tau) - np.sum(self.K * off, axis=1), -self.limit, self.limit)
+            states.append(x)
+            inputs.append(tau)
+            if not np.abs(off[seen][: len(self.rest.q)]).max() <= FALLEN:
+                break
+            x = plant.step(x, tau, PERIOD, TOLERANCE)[0]
+        return np.array(states), np.array(inputs)
+
+    def returns(self, start: np.ndarray, duration: float, within: float) -> bool:
+        """Return whether what the inputs reach of the state is back at rest after `duration`, s, to `within` of its start."""
+        T, rest = self.rest.reached, np.array([*self.rest.q, *[0.0] * self.rest.partial.system.dof])
+        states, _ = self.run(start, duration, lambda t: rest)
+        complete = len(states) == round(duration / PERIOD) + 1
+        return complete and bool(np.abs(T.T @ (states[-1] - rest)).max() <= within * max(1.0, np.abs(start - rest).max()))
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A region of attraction by sampling, no proof: the `starts` (N, 2n-m), whether each `returned`, and the cost of each.
+
+    `level` is the least cost of one that did not return: all `inside` samples with a smaller one returned.
+    """
+
+    starts: np.ndarray
+    returned: np.ndarray
+    cost: np.ndarray
+
+    @property
+    def level(self) -> float:
+        """Infinite if all returned."""
+        return float(self.cost[~self.returned].min(initial=np.inf))
+
+    @property
+    def inside(self) -> int:
+        """How many samples have a smaller cost than `level`."""
+        return int(np.sum(self.cost < self.level))
+
+
+def region(balanced: Balanced, X: np.ndarray, sizes: Mapping[str, float], count: int, duration: float, seed: int = 0) -> Region:
+    """Return the region from `count` runs of `duration` (s), from random starts with the states named up to `sizes` off rest."""
+    rest = balanced.rest
+    if unknown := [name for name in sizes if name not in rest.names]:
+        raise BadInput(f"region: unknown state {unknown[0]!r}; states are {', '.join(rest.names)}")
+    wide = np.array([sizes.get(name, 0.0) for name in rest.names])
+    off = np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(wide))) * wide
+    middle = np.array([*rest.q, *[0.0] * rest.partial.system.dof])
+    returned = np.array([balanced.returns(middle + each, duration, 1e-3) for each in off], bool)
+    return Region(middle + off, returned, np.sum((off @ X) * off, axis=1))
+
+
+def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, parameters: Sequence[float] | None = None) -> AtRest:
+    """Return the robot at rest at q (all zero by default), m or rad, with parameters (its defaults), SI.
+
+    Raises ModelError if it is not underactuated, or cannot rest there.
+    """
+    partial = partial_linearization(robot)
+    system = partial.system
+    place = [0.0] * len(robot.coordinates) if q is None else [float(each) for each in q]
+    p = robot.parameter_values({}) if parameters is None else [float(each) for each in parameters]
+    tau, left = at_rest(system, place, p)
+    if not left <= RESTS:
+        where = "q = 0" if q is None else f"q = {place}"
+        raise ModelError(f"{robot.name}: no inputs hold it at rest at {where}: a force of {left:.3g} is left")
+    x = ca.vertcat(robot.q, system.nu)
+    u = ca.SX.sym("tau", len(tau))
+    rate = ca.vertcat(system.qdot, system.acceleration(u))
+    linear = ca.Function("linear", [x, u, robot.p], [ca.jacobian(rate, x), ca.jacobian(rate, u)])
+    A, B = (each.full() for each in linear([*place, *[0.0] * system.dof], tau, p))
+    reached, rest = _reached(A, B)
+    eta = ca.SX.sym("eta", len(partial.passive))
+    moved = ca.vertcat(robot.q, eta)
+    slope = ca.Function("zero", [moved, robot.p], [ca.jacobian(ca.vertcat(*partial.zero_dynamics(eta)), moved)])
+    zero = slope([*place, *[0.0] * eta.numel()], p).full()
+    return AtRest(
+        partial,
+        tuple(place),
+        tuple(p),
+        tuple(tau),
+        A,
+        B,
+        reached,
+        _modes(reached.T @ A @ reached),
+        _modes(rest.T @ A @ rest),
+        _modes(zero),
+    )
+
+
+def _reached(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return orthonormal bases of the controllable subspace and of its complement, found in steps: no high powers of A."""
+    basis, new = np.zeros((len(A), 0)), B
+    while new.size:
+        new = new - basis @ (basis.T @ new)
+        new = new - basis @ (basis.T @ new)
+        left, sizes, _ = np.linalg.svd(new, full_matrices=False)
+        new = left[:, sizes > REACHED * max(1.0, np.abs(A).max(), np.abs(B).max())]
+        basis = np.hstack([basis, new])
+        new = A @ new
+    return basis, np.linalg.svd(basis, full_matrices=True)[0][:, basis.shape[1] :]
+
+
+def _modes(matrix: np.ndarray) -> np.ndarray:
+    """Return the eigenvalues, the fastest growing first."""
+    modes = np.linalg.eigvals(matrix).astype(complex)
+    return modes[np.lexsort((modes.imag, -modes.real))]
+
+
+def _listed(modes: np.ndarray) -> str:
+    """Return modes as text, equal ones counted; those that rounding cannot tell from 0 as 0."""
+    texts: dict[str, int] = {}
+    for mode in modes:
+        real, imaginary = (0.0 if abs(part) <= 1e-4 else part for part in (mode.real, mode.imag))
+        text = f"{real:.4g}{imaginary:+.4g}i" if imaginary else f"{real:.4g}"
+        texts[text] = texts.get(text, 0) + 1
+    return ", ".join(f"{text} ({count} times)" if count > 1 else text for text, count in texts.items()) or "none"

@@ -1,0 +1,100 @@
+"""Robots with fewer inputs than degrees of freedom: partial feedback linearization, zero dynamics, and the robot at rest.
+
+With B = S'E of rank r < n-m, some accelerations cannot be chosen. Multiplied by N, N B = 0, (10) has no inputs:
+
+    N (Mbar u + bias) = 0,    u = nudot
+
+Collocated partial feedback linearization (M. W. Spong, Partial feedback linearization of underactuated mechanical systems, IROS
+1994) chooses the rates of the velocities w = B' nu at the inputs, w' = v. Together these are n-m equations for u. What is left
+when w stays zero are the zero dynamics: nu = Z eta with B' Z = 0, so that N (Mbar (Z eta' + Z' eta) + bias) = 0.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+
+from .algebra.exact import canonical
+from .algebra.linear import solve
+from .algebra.samples import Sampled
+from .errors import ModelError
+from .mechanism import Mechanism
+from .reduction import ReducedSystem, null_space, particular_solution
+
+
+@dataclass(frozen=True, eq=False)
+class PartialLinearization:
+    """An underactuated robot; `driven` are r rows of B = S'E that are independent, `passive` the others."""
+
+    system: ReducedSystem
+    driven: tuple[int, ...]
+    passive: tuple[int, ...]
+
+    @cached_property
+    def annihilator(self) -> ca.SX:
+        """N, (n-m-r) x (n-m), with N S'E = 0."""
+        B, rows, others = self.system.input_map, list(self.driven), list(self.passive)
+        N = ca.SX(len(others), self.system.dof)
+        N[:, others] = ca.SX.eye(len(others))
+        N[:, rows] = -canonical(solve(B[rows, :].T, B[others, :].T)).T
+        return N
+
+    @cached_property
+    def velocities(self) -> ca.SX:
+        """w = B' nu, the velocities at the inputs, r x 1."""
+        return self.system.input_map.T @ self.system.nu
+
+    @cached_property
+    def directions(self) -> ca.SX:
+        """Z, (n-m) x (n-m-r), with B' Z = 0: motions that leave the velocities at the inputs zero; N' is one."""
+        return self.annihilator.T
+
+    def acceleration(self, v: ca.SX) -> ca.SX:
+        """Return u = nudot, (n-m) x 1, with w' = v."""
+        system, N = self.system, self.annihilator
+        B = system.input_map
+        turned = system.along_motion(B).T @ system.nu
+        return solve(ca.vertcat(B.T, N @ system.Mbar), ca.vertcat(v - turned, -N @ system.bias))
+
+    def inputs(self, u: ca.SX) -> ca.SX:
+        """Return tau, r x 1, for accelerations u that the robot can have."""
+        rows = list(self.driven)
+        return solve(self.system.input_map[rows, :], (self.system.Mbar @ u + self.system.bias)[rows])
+
+    def zero_dynamics(self, eta: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return qdot, n x 1, and eta', (n-m-r) x 1, while the velocities at the inputs are zero: nu = Z eta."""
+        system, N, Z = self.system, self.annihilator, self.directions
+        nu = ca.densify(Z @ eta)
+        bias = ca.substitute(system.bias, system.nu, nu)
+        turned = ca.substitute(system.along_motion(Z), system.nu, nu) @ eta
+        rate = solve(N @ system.Mbar @ Z, -N @ (system.Mbar @ turned + bias))
+        return ca.substitute(system.qdot, system.nu, nu), rate
+
+
+def partial_linearization(mechanism: Mechanism) -> PartialLinearization:
+    """Return the robot, whose inputs must be independent and fewer than its n-m degrees of freedom. Raises ModelError."""
+    mechanism.check()
+    S, velocities, reduced = null_space(mechanism)
+    system = ReducedSystem(mechanism, velocities, S, reduced, particular_solution(mechanism))
+    r, dof = len(mechanism.inputs), system.dof
+    if not 0 < r < dof:
+        raise ModelError(f"{mechanism.name}: {r} inputs for n - m = {dof}: it is not underactuated")
+    values = Sampled(system.input_map, mechanism.q, mechanism.parameters, f"{mechanism.name}: S'E")
+    if values.rank() < r:
+        raise ModelError(f"{mechanism.name}: S'E has rank below {r}: inputs depend on each other; leave one of them out")
+    driven: list[int] = []
+    for row in range(dof):
+        block = Sampled(system.input_map[[*driven, row], :], mechanism.q, mechanism.parameters, f"{mechanism.name}: S'E")
+        if len(driven) < r and block.rank() == len(driven) + 1:
+            driven.append(row)
+    return PartialLinearization(system, tuple(driven), tuple(row for row in range(dof) if row not in driven))
+
+
+def at_rest(system: ReducedSystem, q: Sequence[float], parameters: Sequence[float]) -> tuple[list[float], float]:
+    """Return the inputs, r, that hold the robot at rest at q as well as inputs can, and the largest force that they leave."""
+    nothing = [0.0] * system.dof
+    needed = ca.Function("needed", [system.mechanism.q, system.nu, system.mechanism.p], [system.bias, system.input_map])
+    bias, B = needed(q, nothing, parameters)
+    tau = ca.pinv(B) @ bias
+    return tau.full().ravel().tolist(), float(ca.norm_inf(B @ tau - bias))

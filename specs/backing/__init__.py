@@ -1,0 +1,1 @@
+"""A tractor that backs trailers: its robot and a SPEC."""

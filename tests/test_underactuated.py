@@ -1,0 +1,214 @@
+"""Underactuated robots: equations against textbooks, partial feedback linearization, verdicts at rest, LQR on the rigid model."""
+
+import re
+from pathlib import Path
+
+import casadi as ca
+import noslip
+import numpy as np
+import pytest
+from noslip.analysis.answers import analyse, as_json
+from noslip.analysis.report import report
+from noslip.analysis.text import as_text
+from noslip.analysis.underactuated import AtRest, Balanced, analyse_at_rest, region
+from noslip.cli.main import main
+from noslip.model import Mechanism, ModelError
+from noslip.model.underactuated import PartialLinearization, partial_linearization
+from noslip.readers.errors import BadInput
+from noslip.readers.robots import find_robot
+
+NAMES = ("balancer", "roller_racer")
+WEIGHTS = {"pitch": 10.0, "x": 40.0, "phi": 20.0, "speed": 1.0, "pitch_rate": 0.1, "yaw_rate": 0.5}
+
+
+def values(robot: Mechanism) -> dict[str, float]:
+    return {p.name: p.default for p in robot.parameters}
+
+
+def states(partial: PartialLinearization, count: int):
+    """Random states [q; nu] and inputs, and u = nudot there."""
+    system, random = partial.system, np.random.default_rng(4)
+    mechanism, tau = system.mechanism, ca.SX.sym("tau", len(system.mechanism.inputs))
+    p = mechanism.parameter_values({})
+    function = ca.Function("u", [mechanism.q, system.nu, tau, mechanism.p], [system.acceleration(tau)])
+    for _ in range(count):
+        q, nu, given = (random.uniform(-1.0, 1.0, size) for size in (len(mechanism.coordinates), system.dof, tau.numel()))
+        yield q, nu, given, function(q, nu, given, p).full().ravel()
+
+
+def test_the_balancer_is_the_textbooks():
+    """Newton's law forward, and the moments of the body about the axle and of the whole about the vertical."""
+    robot = find_robot("balancer")
+    v, at = values(robot), [c.name for c in robot.coordinates].index("pitch")
+    m, h, r, b, wheel = v["m"], v["h"], v["r"], v["b"], v["m_w"] + v["I_w"] / v["r"] ** 2
+    for q, (speed, yaw, tilt), (right, left), (faster, turn, fall) in states(partial_linearization(robot), 50):
+        s, c = np.sin(q[at]), np.cos(q[at])
+        unlike = v["I_x"] - v["I_z"] + m * h**2
+        pushed = (m + 2 * wheel) * faster + m * h * (c * fall - s * (tilt**2 + yaw**2)) - (right + left) / r
+        tipped = m * h * c * faster + (v["I_y"] + m * h**2) * fall - m * v["g"] * h * s - unlike * s * c * yaw**2 + right + left
+        about = 2 * v["I_d"] + v["I_z"] * c**2 + (v["I_x"] + m * h**2) * s**2 + 2 * b**2 * wheel
+        turned = about * turn + 2 * unlike * s * c * tilt * yaw + m * h * s * speed * yaw - b / r * (right - left)
+        np.testing.assert_allclose([pushed, tipped, turned], 0.0, atol=1e-11)
+
+
+def test_the_roller_racer_obeys_newton_and_euler():
+    """Board and handlebar apart: unknown side forces of both axles; places as complex numbers in the axes of the board."""
+    robot = find_robot("roller_racer")
+    v = values(robot)
+    for q, (speed, swinging), (torque,), (faster, swung) in states(partial_linearization(robot), 50):
+        swing = q[3]
+        bar, ahead = np.exp(1j * swing), v["l_1"]
+        # Side speed of the handlebar's axle: that of the pivot, and -l_2 times the rate of the bar.
+        yaw = (np.sin(swing) * speed + v["l_2"] * swinging) / (ahead * np.cos(swing) - v["l_2"])
+        # Unknown: yaw acceleration, side forces of board and bar. Accelerations in the board's axes.
+        rear = faster + 1j * speed * yaw  # of the rear axle, which has no side speed
+        rows, right = [], []
+        pull = rear - v["c"] * yaw**2  # of the centre of mass, without c * yaw acceleration to the left
+        rows += [[0.0, 0.0, -(1j * bar).real], [v["m"] * v["c"], -1.0, -(1j * bar).imag]]
+        right += [-v["m"] * pull.real, -v["m"] * pull.imag]
+        rows += [[v["I"], v["c"], -(ahead - v["c"]) * np.cos(swing)], [v["I_h"], 0.0, v["l_2"]]]
+        right += [-torque, torque - v["I_h"] * swung]
+        # The rate of the constraint: l_1 yaw cos - v sin - l_2 (yaw + swing rate) = 0.
+        rows.append([ahead * np.cos(swing) - v["l_2"], 0.0, 0.0])
+        right.append((ahead * yaw * np.sin(swing) + speed * np.cos(swing)) * swinging + faster * np.sin(swing) + v["l_2"] * swung)
+        unknown, *_ = np.linalg.lstsq(np.array(rows), np.array(right), rcond=None)
+        np.testing.assert_allclose(np.array(rows) @ unknown, right, atol=1e-9 * (1 + np.abs(right).max()))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_velocities_at_the_inputs_are_linearized(name):
+    """w' = v, and the inputs found give these accelerations to the robot."""
+    partial = partial_linearization(find_robot(name))
+    system, v = partial.system, ca.SX.sym("v", len(partial.driven))
+    u = partial.acceleration(v)
+    tau = partial.inputs(u)
+    moved = system.acceleration(tau)
+    w_rate = system.along_motion(partial.velocities) + ca.jacobian(partial.velocities, system.nu) @ moved
+    everything = ca.vertcat(moved - u, w_rate - v, ca.vec(partial.annihilator @ system.input_map))
+    function = ca.Function("f", [system.mechanism.q, system.nu, v, system.mechanism.p], [everything])
+    random, p = np.random.default_rng(2), system.mechanism.parameter_values({})
+    for _ in range(30):
+        q, nu, wanted = (random.uniform(-0.8, 0.8, size) for size in (system.mechanism.q.numel(), system.dof, v.numel()))
+        np.testing.assert_allclose(function(q, nu, wanted, p).full(), 0.0, atol=1e-8)
+
+
+def test_the_balancers_modes_are_those_of_a_pencil():
+    """Free: m h v' + J pitch'' = m g h pitch with M v' + m h pitch'' = 0. Its wheels fixed to the body: it rolls as one."""
+    rest = analyse_at_rest(find_robot("balancer"))
+    v = values(find_robot("balancer"))
+    m, h, r, whole = v["m"], v["h"], v["r"], v["m"] + 2 * (v["m_w"] + v["I_w"] / v["r"] ** 2)
+    J, weight = v["I_y"] + m * h**2, m * v["g"] * h
+    falls = np.sqrt(weight * whole / (whole * J - (m * h) ** 2))
+    rolls = np.sqrt(weight / (whole * r**2 + 2 * m * h * r + J))
+    for modes, expected, still in ((rest.modes, falls, 4), (rest.zero, rolls, 5)):
+        np.testing.assert_allclose(sorted(modes.real), [-expected, *[0.0] * still, expected], atol=1e-5)
+    assert rest.stabilizable and rest.left == 3 and len(rest.unreached) == 3
+
+
+def two_pendulums() -> Mechanism:
+    """A pendulum that a motor drives, and one upside down that it does not reach."""
+    robot = Mechanism("pair", "two pendulums, and a needle that shows the angle of the first")
+    a, b, needle = (robot.coordinate(name, "rad") for name in ("a", "b", "needle"))
+    robot.holds("needle", needle - a)
+    g = robot.parameter("g", 9.81, "m/s^2")
+    robot.kinetic_energy(robot.rate(a) ** 2 / 2 + robot.rate(b) ** 2 / 2)
+    robot.potential_energy(g * ca.cos(b) - g * ca.cos(a))
+    robot.input("motor", "N m", on=robot.rate(a))
+    return robot
+
+
+def test_what_cannot_be_stabilized_is_said_with_the_reason():
+    rest = analyse_at_rest(two_pendulums())
+    grows = np.sqrt(9.81)
+    assert not rest.stabilizable and rest.left == 1  # needle - a cannot change
+    np.testing.assert_allclose(sorted(rest.unreached.real), [-grows, 0.0, grows], atol=1e-9)
+    assert rest.lines()[-1].startswith("not stabilizable: no input moves the modes 3.132, 0, -3.132 1/s, and one of them grows")
+    racer = analyse_at_rest(find_robot("roller_racer"))
+    assert racer.stabilizable and racer.left == 4
+    assert racer.lines()[-1].startswith("nothing grows, but not asymptotically stabilizable by linear feedback")
+
+
+@pytest.mark.parametrize("name", ["balancer", pytest.param("roller_racer", marks=pytest.mark.nightly)])
+def test_the_command_says_it(name, capsys):
+    answer = analyse(find_robot(name))
+    assert "Underactuated, at rest" in as_text(answer) and answer.at_rest == tuple(as_json(answer)["at_rest"])
+    assert len(answer.at_rest) == 4 and "degrees of freedom; at rest at q = 0, by numbers" in answer.at_rest[0]
+    assert answer.at_rest[2] in report(answer)
+    assert main(["generate", name, "-o", "c"]) == 2
+    assert "underactuated" in capsys.readouterr().err
+
+
+def balanced(limit: float = 4.0) -> tuple[AtRest, Balanced, np.ndarray]:
+    rest = analyse_at_rest(find_robot("balancer"))
+    K, X = rest.lqr(WEIGHTS, 0.2)
+    return rest, Balanced(rest, K, limit), X
+
+
+def test_the_balancer_stands_drives_a_line_and_stops():
+    """Torques held for 10 ms and limited, on the rigid model: from a tilt back to rest; 2 m ahead in 6 s, upright at the end."""
+    rest, loop, X = balanced()
+    tilted = np.array([0.2 * (name == "pitch") for name in rest.names])
+    stood, inputs = loop.run(tilted, 6.0, lambda t: np.zeros(9))
+    assert np.abs(stood[-1]).max() < 1e-5 and np.abs(inputs).max() <= 4.0
+    r = values(find_robot("balancer"))["r"]
+
+    def desired(t: float) -> np.ndarray:
+        u = min(t / 6.0, 1.0)
+        way, speed = 2.0 * u**3 * (10 - 15 * u + 6 * u**2), 10.0 * (u * (1 - u)) ** 2
+        along = {"x": way, "theta_r": way / r, "theta_l": way / r, "speed": speed}
+        return np.array([along.get(name, 0.0) for name in rest.names])
+
+    driven, _ = loop.run(np.zeros(9), 12.0, desired)
+    off = driven - [desired(0.01 * k) for k in range(len(driven))]
+    assert np.abs(off[-1]).max() < 1e-4 and np.abs(off[:, 0]).max() < 0.2
+    assert np.abs(driven[:, rest.names.index("pitch")]).max() < 0.1 and np.abs(driven[:, 1]).max() < 1e-9
+    fell, _ = loop.run(6 * tilted, 6.0, lambda t: np.zeros(9))
+    assert len(fell) < 601  # it falls: 4 N m are not enough from 1.2 rad
+
+
+def test_gains_are_those_of_the_riccati_equation():
+    """The cost X satisfies A'X + XA - X B R^-1 B'X + Q = 0 for what the inputs reach, and K = R^-1 B'X."""
+    rest, loop, X = balanced()
+    T = rest.reached
+    Q, R = np.diag([WEIGHTS.get(name, 0.0) for name in rest.names]), 0.2 * np.eye(2)
+    residual = rest.A.T @ X + X @ rest.A - X @ rest.B @ np.linalg.inv(R) @ rest.B.T @ X + Q
+    assert np.abs(T.T @ residual @ T).max() < 1e-7 * np.abs(X).max()
+    np.testing.assert_allclose(loop.K, np.linalg.inv(R) @ rest.B.T @ X, atol=1e-9 * np.abs(loop.K).max())
+
+
+@pytest.mark.parametrize("count", [24, pytest.param(1000, marks=pytest.mark.nightly)])
+def test_a_region_of_attraction_by_sampling(count):
+    """All samples cheaper than the first that does not return do; far ones fall; the region is of a useful size."""
+    _, loop, X = balanced()
+    found = region(loop, X, {"pitch": 0.8, "pitch_rate": 4.0}, count, 6.0)
+    assert found.returned.any() and not found.returned.all()
+    assert found.returned[found.cost < found.level].all() and found.inside >= 0.1 * count
+    again = region(loop, X, {"pitch": 0.1, "pitch_rate": 0.5}, 6, 6.0)
+    assert again.returned.all() and again.level == np.inf and again.inside == 6
+
+
+def test_bad_input():
+    rest, loop, X = balanced()
+    wrong = {
+        "unknown state 'tilt'; states are x, y, phi, pitch": lambda: rest.lqr({"tilt": 1.0}),
+        "weight of pitch is -1.0": lambda: rest.lqr({"pitch": -1.0}),
+        "effort must be positive": lambda: rest.lqr(WEIGHTS, 0.0),
+        "weigh further states": lambda: rest.lqr({"pitch": 1.0}),
+        "region: unknown state 'tilt'": lambda: region(loop, X, {"tilt": 1.0}, 1, 1.0),
+    }
+    for message, call in wrong.items():
+        with pytest.raises(BadInput, match=message):
+            call()
+    tilted = [0.3 * (c.name == "pitch") for c in find_robot("balancer").coordinates]
+    with pytest.raises(ModelError, match="balancer: no inputs hold it at rest at q = .*: a force of"):
+        analyse_at_rest(find_robot("balancer"), tilted)
+    with pytest.raises(ModelError, match="labmate: 2 inputs for n - m = 2: it is not underactuated"):
+        analyse_at_rest(find_robot("labmate"))
+
+
+def test_the_page_runs(capsys):
+    page = (Path(noslip.__file__).parent / "docs" / "underactuated.md").read_text()
+    (code,) = re.findall(r"<!-- run by tests/test_underactuated.py -->\n```python\n(.*?)```", page, re.DOTALL)
+    exec(compile(code, "underactuated.md", "exec"), {})
+    left, inside = capsys.readouterr().out.splitlines()
+    assert float(left) < 1e-5 and "of 24 samples are inside the level" in inside
