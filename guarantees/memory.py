@@ -13,7 +13,8 @@ MOST_STACK, MOST_OF_LARGE = 384, 512  # bytes; LARGE
 LARGE = ("_follower_", "_ekf_")
 EMIT_ALL = "-fkeep-inline-functions"  # so that the object of headers.c contains the inline functions
 IN_HEADERS = tuple(
-    f"noslip_{name}" for name in ("odometry", "ekf", "encoder", "integral", "motor", "nearest_angle", "reversing", "velocity")
+    f"noslip_{name}"
+    for name in ("odometry", "ekf", "adaptation", "encoder", "integral", "motor", "nearest_angle", "reversing", "velocity")
 )
 
 

@@ -150,7 +150,8 @@ class _Geometry:
             return rate(at, change, ca.vertcat(*parameters))
 
         end = runge_kutta((f,) * 4, q, 1.0)
-        late = self.pose - self.delay * ca.jtimes(self.pose, q, self.rate)
+        earlier = q - self.delay * ca.substitute(self.rate, q, q - self.delay / 2 * self.rate)  # by the midpoint rule
+        late = ca.substitute(self.pose, q, earlier)
         fitted = [p.symbol for name in names for p in quantities if p.name == name]
         return Prediction(
             with_derivatives("step", end, q, inputs, parameters, fitted),
