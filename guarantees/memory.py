@@ -14,7 +14,7 @@ LARGE = ("_follower_", "_ekf_")
 EMIT_ALL = "-fkeep-inline-functions"  # so that the object of headers.c contains the inline functions
 IN_HEADERS = tuple(
     f"noslip_{name}"
-    for name in "approach odometry ekf encoder integral motor nearest_angle profile reversing slip velocity".split()
+    for name in "adaptation approach odometry ekf encoder integral motor nearest_angle profile reversing slip velocity".split()
 )
 
 

@@ -14,7 +14,7 @@ from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .identifiability import Combination, determined
 from .log import PoseLog
-from .output_error import OutputError, Prediction, Windows, runge_kutta, with_derivatives
+from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta, with_derivatives
 from .result import Identification, result_of
 
 WINDOWS = 10  # into which the log is divided, about; each has an initial pose of its own
@@ -82,6 +82,9 @@ def calibrate(
     prediction = geometry.prediction(quantities, [c.pivot for c in basis])
     fit = OutputError(prediction, _windows(logs, system, pose_names(system)), quantities, every, progress).fit(robust=True)
     remarks = tuple(dict.fromkeys(remark for log in logs for remark in log.remarks))
+    if fit.surplus < FEWEST:
+        few = f"only {fit.surplus} measurements beyond the unknowns: standard deviations are rough; measure more poses"
+        remarks = (*remarks, few)
     return result_of(fit, names, basis, sum(len(log.t) for log in logs), remarks)
 
 
@@ -150,7 +153,8 @@ class _Geometry:
             return rate(at, change, ca.vertcat(*parameters))
 
         end = runge_kutta((f,) * 4, q, 1.0)
-        late = self.pose - self.delay * ca.jtimes(self.pose, q, self.rate)
+        earlier = q - self.delay * ca.substitute(self.rate, q, q - self.delay / 2 * self.rate)  # by the midpoint rule
+        late = ca.substitute(self.pose, q, earlier)
         fitted = [p.symbol for name in names for p in quantities if p.name == name]
         return Prediction(
             with_derivatives("step", end, q, inputs, parameters, fitted),

@@ -17,6 +17,7 @@ CONVERGED = 1e-9  # relative change of the parameters
 GAIN = 1e-12  # expected decrease of the squared errors, relative, that is not worth a step
 WEAKEST = 1e-7  # smallest singular value of the sensitivities, relative to the largest, that is regarded as a number
 WEIGHTINGS, ROBUST_WEIGHTINGS = 2, 4
+FEWEST = 20  # measurements beyond the unknowns from which the size of each output's error can be told
 HUBER = 1.345  # standard deviations from which an error has less weight
 MEDIAN = 1.4826  # standard deviation of a normal distribution in units of its median absolute value
 
@@ -81,9 +82,17 @@ class OutputError:
         self.cost = math.inf
 
     def fit(self, robust: bool = False) -> "OutputError":
-        """Fit the parameters and return self. Raises BadInput if the log does not show them, or the fit does not converge."""
+        """Fit the parameters and return self. Raises BadInput if the log does not show them, or the fit does not converge.
+
+        With few measurements beyond the unknowns, some outputs could be fitted exactly and would then outweigh the others; then all
+        have the same weight, 1 m that of 1 rad.
+        """
         spread = self.scale
         self.unseen = self._unseen()
+        if self.surplus < FEWEST:
+            self.scale = np.ones_like(spread)
+            self._converge()
+            return self
         for _ in range(ROBUST_WEIGHTINGS if robust else WEIGHTINGS):
             self._converge()
             self.scale = np.maximum(self._median() if robust else self.rms(), 1e-13 * spread.max())
@@ -102,6 +111,12 @@ class OutputError:
         sizes = np.linalg.norm(rows, axis=0)
         variance = np.diag(np.linalg.inv((rows / sizes).T @ (rows / sizes))) / sizes**2
         return dict(zip(self.names, np.sqrt(variance), strict=True)) | dict.fromkeys(self.unseen, math.inf)
+
+    @property
+    def surplus(self) -> int:
+        """Number of measurements beyond the unknowns."""
+        used = self.windows.used
+        return int(np.isfinite(self.windows.measured[used]).sum()) - self.start[used].size - len(self.names)
 
     def value(self, name: str) -> float:
         return float(self.values[self.places[name]])
@@ -122,9 +137,7 @@ class OutputError:
         rows = rows / sizes
         inverse = np.linalg.inv(np.einsum("wrp,wrq->pq", rows, rows))
         scores = np.einsum("wrp,wr->wp", rows, left)
-        unknowns = self.start[used].size + len(self.names)
-        more = max(1, int((self._weight[used] > 0).sum()) - unknowns)
-        independent = np.sum(left**2) / more * inverse
+        independent = np.sum(left**2) / max(1, self.surplus) * inverse
         variance = np.maximum(np.diag(independent), np.diag(inverse @ (scores.T @ scores) @ inverse))
         return dict(zip(self.names, np.sqrt(variance) / sizes, strict=True)) | dict.fromkeys(self.unseen, math.inf)
 

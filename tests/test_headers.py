@@ -15,16 +15,17 @@ HEADERS = sorted(path.name for path in RUNTIME.glob("*.h") if path.name not in A
 DOUBLES = r"\t(v?(?:add|sub|mul|div|sqrt|ucomi|comi|cvt\w*|cmp\w*)(?:sd|pd)\w*|v?cvt(?:sd|pd)2\w+)\b"  # instructions of x86
 
 
-LARGE = "noslip_ekf_"  # functions with copies of a covariance: 512 bytes in float on a Cortex-M4F (guarantees/memory.py)
+# functions with copies of a covariance: 512 bytes in float on a Cortex-M4F (guarantees/memory.py)
+LARGE = ("noslip_ekf_", "noslip_adaptation_")
 
 
-def everything(folder: Path, suffix: str = "", without: str = "-") -> str:
+def everything(folder: Path, suffix: str = "", without: tuple[str, ...] = ()) -> str:
     """The path of a source that uses every function of the headers whose name ends so, but for those that begin as `without`."""
     names = {name for header in HEADERS for name in re.findall(r"\b(noslip_\w+)\s*\(", declarations(header))}
     assert len(names) > 40
     names = {name for name in names if not name.startswith(without)}
     used = ", ".join(f"(any){name}" for name in sorted(names - {"noslip_status_name"}) if name.endswith(suffix))
-    includes = "".join(f'#include "{header}"\n' for header in HEADERS if not header.removesuffix(".h") + "_" == without)
+    includes = "".join(f'#include "{header}"\n' for header in HEADERS if header.removesuffix(".h") + "_" not in without)
     source = folder / "everything.c"
     source.write_text(f"{includes}typedef void (*any)(void);\nextern const any all[];\nconst any all[] = {{{used}}};\n")
     return str(source)
@@ -36,7 +37,7 @@ def test_no_warnings_and_no_library(cc, level, tmp_path):
     """Nothing undefined but functions of noslip's own C files, not even memcpy: no mathematics of a library."""
     checked = (cc, level) == ("gcc", "-O2")
     code = str(tmp_path / "everything.o")
-    for without, stack in ((LARGE, 256), ("-", 768)) if checked else (("-", 0),):
+    for without, stack in ((LARGE, 256), ((), 768)) if checked else (((), 0),):
         more = ["-fanalyzer", f"-Wstack-usage={stack}"] if stack else []
         source = everything(tmp_path, without=without)
         run([need(cc), *FLAGS, level, "-ffreestanding", *STRICT, *more, *INCLUDE, "-c", source, "-o", code])

@@ -77,6 +77,9 @@ def test_defaults_are_those_of_the_reader():
         if key.startswith("estimator."):  # which does not go with a correction
             pose = {"estimator.pose.rate": 1.0, "estimator.pose.sd": 0.1, "estimator.pose.heading_sd": 0.1}
             given = {name: needed[name] for name in ("simulation.period", "sensors")} | {"estimator.noise": 0.1} | pose
+        elif key.startswith("adaptation."):  # which does not go with drives
+            learned = {"adaptation.bounds": {"m_c": [20.0, 90.0]}, "adaptation.noise": 0.1}
+            given = {"simulation.period": 0.01} | learned
         else:
             given = needed
         more = [] if base is not CIRCLE else [*given.items(), *(noticing.items() if "notice_slip" in key else ())]

@@ -60,3 +60,5 @@ def test_the_systematic_error_becomes_ten_times_smaller():
     worst = [max(float(np.hypot(*error(run))) for run in runs) for runs in (before, after)]
     print({name: (e.value, e.sd) for name, e in estimates.items()}, worst)
     assert worst[1] < worst[0] / 10
+    for name, e in estimates.items():
+        assert abs(e.value - TRUE[name]) < 4 * e.sd < 0.004 * TRUE[name]
