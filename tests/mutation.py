@@ -126,7 +126,7 @@ SOURCES: Mapping[str, Source] = {
             "test_firmware test_follower",
             "zeros together are_counts far_from approach update "
             "settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck "
-            "integral left_out keep_grip limited_and",
+            "integral left_out keep_grip limited_and same_point",
         )
     ),
     **{
