@@ -108,8 +108,8 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_velocity.inc": Source(
         _chosen(
             "test_drives test_kinematic",
-            "c_is any_bits_in_l any_bits_of stop_together blocked keep_the misuse follow_is accelerations_of too_fast what_a_step "
-            "-car -manip -wheel -slope",
+            "c_is any_bits_in_l any_bits_of stop_together blocked keep_the misuse follow_is accelerations_of too_fast "
+            "what_a_step -car -manip -wheel -slope",
         )
     ),
     "runtime_c/noslip_reversing.inc": Source(_chosen("test_odometry", "reversing")),
