@@ -84,10 +84,13 @@ def run_view(args: argparse.Namespace) -> int:
 
 
 def _read(args: argparse.Namespace) -> tuple["Dump", "Start", "FollowerInC", "Run"]:
+    from ..readers.tables import FORMATS
     from ..telemetry.dump import chosen, read_dump
     from ..telemetry.run import run_of
     from ..telemetry.vehicle import vehicle_of
 
+    if Path(args.dump).suffix.lower() in FORMATS:
+        raise BadInput(f"{args.dump} is a table, not a dump of bytes; `noslip simulate SPEC --plot RUN.png` draws runs")
     dump = read_dump(args.dump)
     start = chosen(dump, args.start, args.dump)
     if not len(start.records):

@@ -117,7 +117,7 @@ SOURCES: Mapping[str, Source] = {
         _chosen(
             "test_drives test_kinematic",
             "c_is any_bits_in_l any_bits_of stop_together blocked keep_the misuse follow_is accelerations_of too_fast "
-            "-car -manip -wheel -slope",
+            "what_a_step -car -manip -wheel -slope",
         )
     ),
     "runtime_c/noslip_reversing.inc": Source(_chosen("test_odometry", "reversing")),
@@ -134,7 +134,7 @@ SOURCES: Mapping[str, Source] = {
             "test_firmware test_follower",
             "zeros together are_counts far_from approach update "
             "settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck "
-            "integral left_out keep_grip limited_and",
+            "integral left_out keep_grip limited_and same_point",
         )
     ),
     **{

@@ -284,6 +284,16 @@ def test_parameters_left_out_are_those_of_the_model(c):
         c.vehicle(settings)
 
 
+def test_path_and_law_have_the_same_point(c):
+    """The path's own `ahead` is that of the parameters, or left out."""
+    settings = c.settings()
+    settings.path.ahead = settings.params.d
+    assert c.vehicle(settings).ready
+    settings.path.ahead = -settings.params.d
+    with pytest.raises(SettingsRefused, match="bad_parameter"):
+        c.vehicle(settings)
+
+
 def test_integral_action_removes_a_steady_error(c):
     """A friction that the config does not know, of one wheel more than of the other: distance and speed stay off without ki."""
     unknown = {"motors__0__friction": 0.0, "segments": None, "count": 1}

@@ -109,8 +109,10 @@ def test_cmake_says_which_robot_is_missing(installed, tmp_path):
     assert done.returncode != 0 and "the robot car is not installed" in " ".join(done.stderr.split())
 
 
-def test_pkg_config(installed, tmp_path):
-    """The file works where it is, also after the folder was moved; read by hand, since pkg-config may be missing."""
+def test_pkg_config(installed, exported, tmp_path):
+    """The file works where it is, also after the folder was moved; read by hand, since pkg-config may be missing. The library has
+    the bits of the C where it was written.
+    """
     shutil.copytree(installed, tmp_path / "moved")
     (file,) = (tmp_path / "moved").rglob("noslip-labmate.pc")
     values = {"pcfiledir": str(file.parent)}
@@ -120,6 +122,9 @@ def test_pkg_config(installed, tmp_path):
     (tmp_path / "yours.c").write_text(USES)
     run("cc", "yours.c", *values["Cflags"].split(), *values["Libs"].split(), "-o", "yours", cwd=tmp_path)
     run(tmp_path / "yours")
+    source = exported("cmake") / "selftest" / "selftest.c"
+    run("cc", source, *values["Cflags"].split(), *values["Libs"].split(), "-o", "selftest", cwd=tmp_path)
+    assert "selftest: pass" in run(tmp_path / "selftest").stdout, "the library has other bits"
 
 
 STUB = """#include <cstdio>
@@ -136,7 +141,7 @@ static struct {
 
 
 def test_arduino_sketch(exported, tmp_path):
-    """Compiled as C++ with a stub of the core, linked with the C of src/, and run."""
+    """Compiled as C++ with a stub of the core, linked with the C of src/, and run; the self-test finds the same bits."""
     need("g++")
     folder = exported("arduino")
     (tmp_path / "Arduino.h").write_text(STUB)
@@ -160,6 +165,10 @@ def test_arduino_sketch(exported, tmp_path):
     assert first == "ok" and len(steps) == 2
     status, *tau = steps[0].split()
     assert status in ("ok", "singular") and len(tau) == 2
+    objects = sorted(tmp_path.glob("*.o"))
+    source = folder / "selftest" / "selftest.c"
+    run("g++", "-std=gnu++17", f"-I{folder / 'src'}", "-x", "c++", source, "-x", "none", *objects, "-o", "t", cwd=tmp_path)
+    assert "selftest: pass" in run(tmp_path / "t").stdout
 
 
 def test_arduino_headers_on_a_board(exported, tmp_path):
@@ -286,6 +295,7 @@ def test_what_all_packages_have(manager, exported, tmp_path):
     own = {"Makefile", "README.md", "example.c"}
     assert {path.name for path in (folder / "src").iterdir()} == {path.name for path in plain.iterdir()} - own
     assert all(path.read_bytes() == (plain / path.name).read_bytes() for path in (folder / "src").iterdir())
+    assert (folder / "selftest/selftest.c").read_bytes() == (exported("arduino") / "selftest/selftest.c").read_bytes()
     page = (folder / "README.md").read_text()
     command = {"cmake": "cmake", "platformio": "pio", "arduino": "arduino-cli", "zephyr": "west", "esp-idf": "idf.py"}
     assert [name for name, word in command.items() if f"\n{word} " in page] == [manager]

@@ -476,6 +476,7 @@ def test_any_bytes_are_read_or_refused(parts, dumped):
 def test_bad_input(parts, dumped, bad_input, tmp_path):
     file, nameless = dumped(parts), dumped([framed(2, list(frames(parts[0]))[1][1]), *parts[1:]], "nameless.dump")
     assert ".csv, .parquet, .mcap" in bad_input(["log", file, "-o", str(tmp_path / "run.xls")])
+    assert "is a table, not a dump" in bad_input(["view", dumped(parts, "run.csv"), "-o", str(tmp_path / "run.png")])
     assert "give --robot" in bad_input(["replay", nameless])
     assert main(["replay", nameless, "--robot", "labmate"]) == 0
     assert "two driven wheels" in bad_input(["replay", file, "--robot", "car"])
