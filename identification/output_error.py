@@ -84,8 +84,8 @@ class OutputError:
     def fit(self, robust: bool = False) -> "OutputError":
         """Fit the parameters and return self. Raises BadInput if the log does not show them, or the fit does not converge.
 
-        With few measurements beyond the unknowns, some outputs could be fitted exactly and would then outweigh the others; then all
-        have the same weight, 1 m that of 1 rad.
+        With few measurements beyond the unknowns, some outputs could be fitted exactly and would then outweigh the others; then
+        all have the same weight, 1 m that of 1 rad.
         """
         spread = self.scale
         self.unseen = self._unseen()
