@@ -228,7 +228,8 @@ def test_eva_finds_in_frames(wrong, tmp_path):
     file, was, now = EVA_FINDS_IN_FRAMES[wrong]
     if shutil.which("frama-c") is None:
         pytest.skip("install frama-c-base")
-    _, lines = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("telemetry", "float"))
+    task = changed(tmp_path, f"runtime_c/{file}", was, now, "labmate_type_iv_segment")
+    _, lines = eva.analyse(task, eva.AnalysedProgram("telemetry", "float"))
     assert any("out of bounds" in line for line in lines), lines
 
 
