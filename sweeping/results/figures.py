@@ -189,8 +189,8 @@ def _rolling(report: SweepReport, ranges: dict[str, tuple[float, float]], jobs: 
     use = np.ma.masked_where(t_end <= 0.0, use)
     figure = matplotlib.figure.Figure(figsize=(9.5, 5.6), layout="constrained")
     axes = figure.subplots()
-    shown, looks = np.ma.minimum(use, 0.999 * USES[-1]), {"shading": "nearest", "rasterized": True}
-    drawn = axes.pcolormesh(x, y, shown, cmap="RdYlGn_r", norm=BoundaryNorm(USES, 256), **looks)
+    shown, scale = np.ma.minimum(use, 0.999 * USES[-1]), BoundaryNorm(USES, 256)
+    drawn = axes.pcolormesh(x, y, shown, cmap="RdYlGn_r", norm=scale, shading="nearest", rasterized=True)
     if np.any(t_end <= 0.0):
         axes.set_facecolor("#b9b9b9")
         axes.scatter([], [], s=90, marker="s", color="#b9b9b9", label="stops at its start")
