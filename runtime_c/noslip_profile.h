@@ -232,23 +232,18 @@ static inline int noslip_profile_init(noslip_profile *self,
     return NOSLIP_OK;
 }
 
-/* A desired speed (m/s) and its rate (m/s^2). */
-typedef struct noslip_profiled {
-    double speed, rate;
-} noslip_profiled;
-
-/* Returns what noslip_profile_speed computes, where the arguments are in order. */
-static inline noslip_profiled noslip_profile_at(const noslip_profile *self,
-                                   const noslip_guide *guide,
-                                   double forward_speed)
+/* Computes what noslip_profile_speed does, where the arguments are in order. */
+static inline void noslip_profile_at(const noslip_profile *self, const noslip_guide *guide,
+           double forward_speed, double *speed, double *speed_rate)
 {
     const noslip_segment *given = &self->segments[guide->segment];
-    noslip_profiled desired = {guide->speed, guide->speed_rate};
     noslip_bend bend;
     double start, on, square, after, rate, part, direction, fastest, share;
+    *speed = guide->speed;
+    *speed_rate = guide->speed_rate;
     if (noslip_abs(guide->x - given->x) > 0 || noslip_abs(guide->y - given->y) > 0 ||
         noslip_abs(guide->curvature - given->curvature) > 0) {
-        return desired; /* on the straight extension of a run */
+        return; /* on the straight extension of a run */
     }
     bend = noslip_bend_of(self, guide->segment);
     start = self->squares[guide->segment];
@@ -274,10 +269,9 @@ static inline noslip_profiled noslip_profile_at(const noslip_profile *self,
         direction = guide->speed < 0 ? -1 : 1;
         share = direction * forward_speed / fastest; /* the place moves with the vehicle */
         share = share > 2 ? 2 : share > 0 ? share : 0;
-        desired.speed = direction * fastest;
-        desired.rate = direction * rate * share;
+        *speed = direction * fastest;
+        *speed_rate = direction * rate * share;
     }
-    return desired;
 }
 
 /*
@@ -289,7 +283,7 @@ static inline int noslip_profile_speed(const noslip_profile *self,
                           const noslip_guide *guide, double forward_speed,
                           double *speed, double *speed_rate)
 {
-    noslip_profiled desired = {0, 0};
+    double desired = 0, rate = 0;
     int status = NOSLIP_OK;
     if (speed == NULL || speed_rate == NULL) {
         return NOSLIP_NULL;
@@ -301,12 +295,11 @@ static inline int noslip_profile_speed(const noslip_profile *self,
     } else if (!(noslip_is_finite(guide->progress) && noslip_is_finite(forward_speed))) {
         status = NOSLIP_NONFINITE;
     } else {
-        desired = noslip_profile_at(self, guide, forward_speed);
-        status = noslip_is_finite(desired.speed) && noslip_is_finite(desired.rate) ? NOSLIP_OK
-                                                                                                          : NOSLIP_NONFINITE;
+        noslip_profile_at(self, guide, forward_speed, &desired, &rate);
+        status = noslip_is_finite(desired) && noslip_is_finite(rate) ? NOSLIP_OK : NOSLIP_NONFINITE;
     }
-    *speed = status == NOSLIP_OK ? desired.speed : 0;
-    *speed_rate = status == NOSLIP_OK ? desired.rate : 0;
+    *speed = status == NOSLIP_OK ? desired : 0;
+    *speed_rate = status == NOSLIP_OK ? rate : 0;
     return status;
 }
 
@@ -512,23 +505,18 @@ static inline int noslip_profile_init_f(noslip_profile_f *self,
     return NOSLIP_OK;
 }
 
-/* A desired speed (m/s) and its rate (m/s^2). */
-typedef struct noslip_profiled_f {
-    float speed, rate;
-} noslip_profiled_f;
-
-/* Returns what noslip_profile_speed computes, where the arguments are in order. */
-static inline noslip_profiled_f noslip_profile_at_f(const noslip_profile_f *self,
-                                         const noslip_guide_f *guide,
-                                         float forward_speed)
+/* Computes what noslip_profile_speed does, where the arguments are in order. */
+static inline void noslip_profile_at_f(const noslip_profile_f *self, const noslip_guide_f *guide,
+                 float forward_speed, float *speed, float *speed_rate)
 {
     const noslip_segment_f *given = &self->segments[guide->segment];
-    noslip_profiled_f desired = {guide->speed, guide->speed_rate};
     noslip_bend_f bend;
     float start, on, square, after, rate, part, direction, fastest, share;
+    *speed = guide->speed;
+    *speed_rate = guide->speed_rate;
     if (noslip_abs_f(guide->x - given->x) > 0 || noslip_abs_f(guide->y - given->y) > 0 ||
         noslip_abs_f(guide->curvature - given->curvature) > 0) {
-        return desired; /* on the straight extension of a run */
+        return; /* on the straight extension of a run */
     }
     bend = noslip_bend_of_f(self, guide->segment);
     start = self->squares[guide->segment];
@@ -554,10 +542,9 @@ static inline noslip_profiled_f noslip_profile_at_f(const noslip_profile_f *self
         direction = guide->speed < 0 ? -1 : 1;
         share = direction * forward_speed / fastest; /* the place moves with the vehicle */
         share = share > 2 ? 2 : share > 0 ? share : 0;
-        desired.speed = direction * fastest;
-        desired.rate = direction * rate * share;
+        *speed = direction * fastest;
+        *speed_rate = direction * rate * share;
     }
-    return desired;
 }
 
 /*
@@ -569,7 +556,7 @@ static inline int noslip_profile_speed_f(const noslip_profile_f *self,
                               const noslip_guide_f *guide, float forward_speed,
                               float *speed, float *speed_rate)
 {
-    noslip_profiled_f desired = {0, 0};
+    float desired = 0, rate = 0;
     int status = NOSLIP_OK;
     if (speed == NULL || speed_rate == NULL) {
         return NOSLIP_NULL;
@@ -581,12 +568,11 @@ static inline int noslip_profile_speed_f(const noslip_profile_f *self,
     } else if (!(noslip_is_finite_f(guide->progress) && noslip_is_finite_f(forward_speed))) {
         status = NOSLIP_NONFINITE;
     } else {
-        desired = noslip_profile_at_f(self, guide, forward_speed);
-        status = noslip_is_finite_f(desired.speed) && noslip_is_finite_f(desired.rate) ? NOSLIP_OK
-                                                                                                          : NOSLIP_NONFINITE;
+        noslip_profile_at_f(self, guide, forward_speed, &desired, &rate);
+        status = noslip_is_finite_f(desired) && noslip_is_finite_f(rate) ? NOSLIP_OK : NOSLIP_NONFINITE;
     }
-    *speed = status == NOSLIP_OK ? desired.speed : 0;
-    *speed_rate = status == NOSLIP_OK ? desired.rate : 0;
+    *speed = status == NOSLIP_OK ? desired : 0;
+    *speed_rate = status == NOSLIP_OK ? rate : 0;
     return status;
 }
 
