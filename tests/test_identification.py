@@ -66,9 +66,11 @@ def write(tmp_path):
     return write
 
 
-def test_the_numbers_of_a_run(write, capsys):
-    file = write(table().tolist())
-    assert main(["identify", file, "--robot", "labmate", "--fit", "m_c", "I_c", "--json"]) == 0
+def test_the_numbers_of_a_run(write, capsys, tmp_path):
+    file, picture = write(table().tolist()), tmp_path / "errors.svg"
+    assert main(["identify", file, "--robot", "labmate", "--fit", "m_c", "I_c", "--json", "--plot", str(picture)]) == 0
+    drawn = picture.read_text()
+    assert "error of thetadot_r" in drawn and "left out of the fit" in drawn and "predicted minus measured (rad/s)" in drawn
     printed = json.loads(capsys.readouterr().out)
     for name, value in PLANT.items():
         assert printed["parameters"][name]["value"] == pytest.approx(value, rel=1e-8)
