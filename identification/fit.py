@@ -43,7 +43,8 @@ def identify(
     free = [c.pivot for c in basis]
     fits = {way: predicted(log, system, free, every, way, progress).fit() for way in ((True, False) if held is None else (held,))}
     way = min(fits, key=lambda each: fits[each].cost)
-    return result_of(fits[way], names, basis, len(log.t), log.remarks, inputs="held" if way else "smooth")
+    outputs = [(q.name, q.unit) for q in system.quasi_velocities]
+    return result_of(fits[way], names, basis, len(log.t), log.remarks, outputs, inputs="held" if way else "smooth")
 
 
 def predicted(
@@ -66,7 +67,9 @@ def _windows(log: Log, n: int, held: bool) -> Windows:
     first, next_row = log.tau[rows], np.minimum(rows + 1, rows[:, -1:])
     middle, last = (first, first) if held else (_between(log)[rows], log.tau[next_row])
     inputs = np.concatenate([first, middle, last, dt[:, :, None]], axis=2)
-    return Windows(x[:, 0], range(n, x.shape[2]), inputs, x[:, :, n:], np.arange(len(starts)) % LEFT_OUT != LEFT_OUT - 1)
+    return Windows(
+        x[:, 0], range(n, x.shape[2]), inputs, x[:, :, n:], np.arange(len(starts)) % LEFT_OUT != LEFT_OUT - 1, log.t[rows]
+    )
 
 
 def _between(log: Log) -> np.ndarray:

@@ -85,7 +85,8 @@ def calibrate(
     if fit.surplus < FEWEST:
         few = f"only {fit.surplus} measurements beyond the unknowns: standard deviations are rough; measure more poses"
         remarks = (*remarks, few)
-    return result_of(fit, names, basis, sum(len(log.t) for log in logs), remarks)
+    outputs = list(zip(pose_names(system), ("m", "m", "rad"), strict=True))
+    return result_of(fit, names, basis, sum(len(log.t) for log in logs), remarks, outputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,16 +184,17 @@ def _windows(logs: Sequence[PoseLog], system: ReducedSystem, pose: Sequence[str]
     rows = max(last - first for _, first, last in pieces) + 1
     start = np.zeros((len(pieces), len(coordinates)))
     inputs, measured = np.zeros((len(pieces), rows, 2 * len(angles))), np.full((len(pieces), rows, 3), math.nan)
+    t = np.full((len(pieces), rows), math.nan)
     for k, (log, first, last) in enumerate(pieces):
         here, count = slice(first, last + 1), last + 1 - first
         change = np.diff(log.angles[here], axis=0)
         inputs[k, : count - 1, : len(angles)] = change
         rates = change / np.diff(log.t[here])[:, None]
         inputs[k, :count, len(angles) :] = np.concatenate([rates[:1], rates])  # before the row: poses are late
-        measured[k, :count] = log.pose[here]
+        measured[k, :count], t[k, :count] = log.pose[here], log.t[here]
         start[k, angles] = log.angles[first]
         start[k, places] = np.nan_to_num(log.pose[first])
-    return Windows(start, places, inputs, measured, np.ones(len(pieces), bool))
+    return Windows(start, places, inputs, measured, np.ones(len(pieces), bool), t)
 
 
 def _pieces(log: PoseLog, stretch: range, longest: int) -> list[tuple[int, int]]:

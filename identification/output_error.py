@@ -39,7 +39,7 @@ class Prediction:
 class Windows:
     """W windows of R rows: the `start` states (W, nx), of which the entries `fitted` are unknown; `inputs` (W, R, ni) of the
     interval after each row, those of the last are given to the output only; `measured` (W, R, ny), NaN where nothing was;
-    `used` (W): whether a window is fitted or kept for validation.
+    `used` (W): whether a window is fitted or kept for validation. `t` (W, R): time of each row, s.
     """
 
     start: np.ndarray
@@ -47,6 +47,7 @@ class Windows:
     inputs: np.ndarray
     measured: np.ndarray
     used: np.ndarray
+    t: np.ndarray
 
 
 class OutputError:
@@ -84,8 +85,8 @@ class OutputError:
     def fit(self, robust: bool = False) -> "OutputError":
         """Fit the parameters and return self. Raises BadInput if the log does not show them, or the fit does not converge.
 
-        With few measurements beyond the unknowns, some outputs could be fitted exactly and would then outweigh the others; then
-        all have the same weight, 1 m that of 1 rad.
+        With few measurements beyond the unknowns, some outputs could be fitted exactly and would then outweigh the others; all
+        then have the same weight, 1 m that of 1 rad.
         """
         spread = self.scale
         self.unseen = self._unseen()
@@ -126,6 +127,10 @@ class OutputError:
         errors = self._errors(self.windows.used == used)
         with np.errstate(invalid="ignore"):
             return np.sqrt(np.nansum(errors**2, axis=(0, 1)) / np.isfinite(errors).sum(axis=(0, 1)))
+
+    def residuals(self) -> np.ndarray:
+        """Return the errors of the outputs, (W, R, ny), in their units; NaN where nothing was measured."""
+        return self._errors(slice(None))
 
     def deviations(self) -> dict[str, float]:
         """Return the standard deviations of the parameters, in their units: the larger of the one for errors that are independent

@@ -27,6 +27,8 @@ class Identification:
 
     `residual` and `validation` are the RMS errors of each output (for the dynamics a quasi-velocity) over the fitted windows and
     over those left out, in the output's unit; NaN if none were left out. `inputs`: how they were interpolated between the rows.
+    `outputs`: name and unit of each; `t` (W, R) and `errors` (W, R, ny) of each window, NaN where nothing was measured; `used`
+    (W): whether it was fitted.
     """
 
     estimates: Mapping[str, Estimate]
@@ -36,10 +38,20 @@ class Identification:
     rows: int
     inputs: str
     remarks: tuple[str, ...]
+    outputs: Sequence[tuple[str, str]]
+    t: np.ndarray
+    errors: np.ndarray
+    used: np.ndarray
 
 
 def result_of(
-    fit: OutputError, names: Sequence[str], basis: Sequence[Combination], rows: int, remarks: tuple[str, ...], inputs: str = ""
+    fit: OutputError,
+    names: Sequence[str],
+    basis: Sequence[Combination],
+    rows: int,
+    remarks: tuple[str, ...],
+    outputs: Sequence[tuple[str, str]],
+    inputs: str = "",
 ) -> Identification:
     """Return the result of a fit of the pivots of `basis`, combinations of the parameters `names`."""
     sentences = [*_by_structure(names, basis), *(_by_log(name) for name in fit.unseen)]
@@ -53,7 +65,9 @@ def result_of(
             )
             alone.remove(name)
     estimates = {name: Estimate(fit.quantities[name], fit.value(name), sd[name]) for name in names if name in alone}
-    return Identification(estimates, tuple(sentences), fit.rms(), fit.rms(used=False), rows, inputs, remarks)
+    windows = fit.windows
+    left = (outputs, windows.t, fit.residuals(), windows.used)
+    return Identification(estimates, tuple(sentences), fit.rms(), fit.rms(used=False), rows, inputs, remarks, *left)
 
 
 def _by_structure(names: Sequence[str], basis: Sequence[Combination]) -> Iterator[str]:

@@ -66,6 +66,7 @@ OF_ROBOT = (
     *("params", "state", "options", "default_params", "check_params", "check_state", "dynamics"),
     *(f"follower{after}" for after in OF_FOLLOWER),
     *(f"ekf{after}" for after in ("", "_config", "_init", "_tick", "_wheels", "_gyro")),
+    *(f"adaptation{after}" for after in ("", "_config", "_init", "_step", "_residual", "_learn")),
 )
 OF_LAW = (
     *("", "config", "gains", "reference", "evaluation", "init", "reset", "set_limits", "update"),

@@ -66,9 +66,11 @@ def write(tmp_path):
     return write
 
 
-def test_the_numbers_of_a_run(write, capsys):
-    file = write(table().tolist())
-    assert main(["identify", file, "--robot", "labmate", "--fit", "m_c", "I_c", "--json"]) == 0
+def test_the_numbers_of_a_run(write, capsys, tmp_path):
+    file, picture = write(table().tolist()), tmp_path / "errors.svg"
+    assert main(["identify", file, "--robot", "labmate", "--fit", "m_c", "I_c", "--json", "--plot", str(picture)]) == 0
+    drawn = picture.read_text()
+    assert "error of thetadot_r" in drawn and "left out of the fit" in drawn and "predicted minus measured (rad/s)" in drawn
     printed = json.loads(capsys.readouterr().out)
     for name, value in PLANT.items():
         assert printed["parameters"][name]["value"] == pytest.approx(value, rel=1e-8)
@@ -93,13 +95,15 @@ def test_values_lie_within_their_deviations():
 
 @pytest.mark.nightly
 def test_values_lie_in_their_intervals_in_most_logs():
-    """In 93 to 97 % of 1000 logs, with errors within 1.2 times the bound of Cramer and Rao for the whole log."""
+    """In 93 to 98 % of 1000 logs (the larger of two estimates is taken for a deviation: more than 95 %), with errors within 1.2
+    times the bound of Cramer and Rao for the whole log.
+    """
     errors, sd = deviations(1000)
     every = np.array([(VALUES | PLANT)[p.name] for p in SYSTEM.mechanism.parameters])
     bound = predicted(log_of(), SYSTEM, list(PLANT), every, True).expected_deviations(np.full(2, NOISE))
     inside, size = np.mean(np.abs(errors) < 1.96 * sd, axis=0), np.sqrt(np.mean(errors**2, axis=0))
     print(dict(zip(PLANT, zip(inside, size / list(bound.values()), strict=True), strict=True)))
-    assert (inside > 0.93).all() and (inside < 0.97).all() and (size < 1.2 * np.array(list(bound.values()))).all()
+    assert (inside > 0.93).all() and (inside < 0.98).all() and (size < 1.2 * np.array(list(bound.values()))).all()
 
 
 def test_what_a_motion_cannot_tell():

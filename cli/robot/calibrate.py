@@ -2,6 +2,7 @@
 
 import argparse
 
+from ...readers.files import check_targets
 from .identify import add_options, columns, fitted_and_set, show_result
 
 EXAMPLE = """examples:
@@ -37,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from ...readers.progress import Progress
     from ...readers.robots import find_robot, system_of
 
+    check_targets([], [args.plot] if args.plot else [], inputs=args.logs)
     robot = find_robot(args.robot)
     system = system_of(robot)
     pose = pose_names(system)

@@ -3,9 +3,11 @@
 import argparse
 import math
 from collections.abc import Container, Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...readers.errors import BadInput
+from ...readers.files import check_targets, write_whole
 from ..commands import show
 
 if TYPE_CHECKING:
@@ -47,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from ...readers.progress import Progress
     from ...readers.robots import find_robot, system_of
 
+    check_targets([], [args.plot] if args.plot else [], inputs=[args.log])
     robot = find_robot(args.robot)
     values = fitted_and_set(args, robot.parameters)
     system = system_of(robot)
@@ -61,6 +64,9 @@ def run(args: argparse.Namespace) -> int:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what all fits of parameters have in common."""
     parser.add_argument("--robot", required=True, metavar="ROBOT", help="name of a shipped robot or path/to/file.py:name")
+    parser.add_argument(
+        "--plot", metavar="ERRORS.png", help="also write a plot of the errors that the fit leaves: .png, .svg, .pdf"
+    )
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="value of another parameter, SI; may be repeated"
     )
@@ -106,7 +112,14 @@ def _number(text: str, where: str) -> float:
 
 
 def show_result(args: argparse.Namespace, robot: "Mechanism", result: "Identification", head: str, outputs: str) -> int:
-    """Print a fit; `outputs` names the quantities of its errors. Return 0, or 1 if a parameter of --fit is not identified."""
+    """Print a fit and write its plot; `outputs` names the quantities of its errors. Return 0, or 1 if a parameter of --fit is
+    not identified.
+    """
+    if args.plot:
+        from ...identification.drawing import draw
+        from ...simulation.drawing import encoded
+
+        write_whole(args.plot, encoded(draw(result), Path(args.plot).suffix[1:]))
     show(args, lambda: _text(result, {p.name for p in robot.parameters}, head, outputs), lambda: _values(result))
     return 0 if set(result.estimates) >= set(args.fit or ()) and result.estimates else 1
 
