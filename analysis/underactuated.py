@@ -221,7 +221,7 @@ def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, paramete
 
 
 def _refuse_undefined(robot: Mechanism, *arrays: np.ndarray) -> None:
-    """Raise ModelError if a number is not finite: the quasi-velocities, chosen by name or automatically, are not defined there."""
+    """Raise ModelError if a number is not finite: the quasi-velocities, given or chosen automatically, are not defined there."""
     if not all(np.isfinite(array).all() for array in arrays):
         raise ModelError(f"{robot.name}: its equations are not defined there: give it quasi-velocities that are regular at rest")
 
