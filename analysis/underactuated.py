@@ -190,6 +190,7 @@ def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, paramete
     place = [0.0] * len(robot.coordinates) if q is None else [float(each) for each in q]
     p = robot.parameter_values({}) if parameters is None else [float(each) for each in parameters]
     tau, left = at_rest(system, place, p)
+    _refuse_undefined(robot, np.array([*tau, left]))
     if not left <= RESTS:
         where = "q = 0" if q is None else f"q = {place}"
         raise ModelError(f"{robot.name}: no inputs hold it at rest at {where}: a force of {left:.3g} is left")
@@ -198,11 +199,13 @@ def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, paramete
     rate = ca.vertcat(system.qdot, system.acceleration(u))
     linear = ca.Function("linear", [x, u, robot.p], [ca.jacobian(rate, x), ca.jacobian(rate, u)])
     A, B = (each.full() for each in linear([*place, *[0.0] * system.dof], tau, p))
+    _refuse_undefined(robot, A, B)
     reached, rest = _reached(A, B)
     eta = ca.SX.sym("eta", len(partial.passive))
     moved = ca.vertcat(robot.q, eta)
     slope = ca.Function("zero", [moved, robot.p], [ca.jacobian(ca.vertcat(*partial.zero_dynamics(eta)), moved)])
     zero = slope([*place, *[0.0] * eta.numel()], p).full()
+    _refuse_undefined(robot, zero)
     return AtRest(
         partial,
         tuple(place),
@@ -215,6 +218,12 @@ def analyse_at_rest(robot: Mechanism, q: Sequence[float] | None = None, paramete
         _modes(rest.T @ A @ rest),
         _modes(zero),
     )
+
+
+def _refuse_undefined(robot: Mechanism, *arrays: np.ndarray) -> None:
+    """Raise ModelError if a number is not finite: the quasi-velocities, given or chosen automatically, are not defined there."""
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise ModelError(f"{robot.name}: its equations are not defined there: give it quasi-velocities that are regular at rest")
 
 
 def _reached(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

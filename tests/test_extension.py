@@ -159,6 +159,7 @@ def test_a_point_on_a_circle_has_all_its_derivatives():
         np.testing.assert_allclose(guidance.reference(t, x), [*turned.real, *turned.imag], atol=1e-14)
 
 
+FOLDED = 1.0  # rad; the law is singular at 90 degrees. Three trailers reach 45 while the tractor corrects 10 cm
 TURN = "course = { speed = SPEED, lengths = [2.0, 4.0, 5.0], curvatures = [0.0, 0.0, 0.2, 0.2] }"
 
 
@@ -225,7 +226,7 @@ simulation = {{ duration = 40.0, output_step = 2.0, backend = "casadi", toleranc
     run = simulate(spec_of(text, tmp_path / "spec.toml"))
     assert run.stopped is None and np.abs(run.error[-1]).max() < 1e-5
     own = run.q[:, 3 : 3 + N]
-    assert np.abs(own).max() < 0.6
+    assert np.abs(own).max() < FOLDED
     np.testing.assert_allclose(own[-1], hitches[::-1], atol=1e-5)
 
 
@@ -238,7 +239,7 @@ def test_trailers_back_along_an_s(N):
         initial = dataclasses.replace(spec.initial, q=tuple(on + np.eye(len(on))[1] * offset))
         run = simulate(dataclasses.replace(spec, initial=initial))
         assert run.stopped is None and np.abs(run.error[run.t >= after]).max() <= most
-        assert np.abs(run.q[:, 3 : 3 + N]).max() < 0.6
+        assert np.abs(run.q[:, 3 : 3 + N]).max() < FOLDED
     for begin, curvature in ((2.0 + 3.0, 0.15), (2.0 + 3.0 + 4.0 + 4.0, -0.15)):
         radii = [np.hypot(1 / 0.15, np.sqrt(k) * 1.2) for k in range(N)]  # of the axles, from the last
         expected = [np.arctan2(1.2, R) * np.sign(-curvature) for R in radii][::-1]
