@@ -1,4 +1,4 @@
-"""The glossary: the words of mechanics and control that answers use, from docs/glossary.md."""
+"""The glossary: the words of mechanics and control that answers use, from glossary.md."""
 
 from difflib import get_close_matches
 from functools import lru_cache
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .errors import BadInput
 
-FILE = Path(__file__).resolve().parent.parent / "docs" / "glossary.md"
+FILE = Path(__file__).with_name("glossary.md")
 
 
 @lru_cache

@@ -32,7 +32,7 @@ typedef struct noslip_adaptation_options {
     double noise;           /* N or N m, positive: standard deviation of an equation */
     double dead_zone;       /* N or N m: nothing is learned where all equations hold within it; 0: none */
     double forgetting;      /* s: what is so old counts for 1/e; 0: nothing is forgotten */
-    double window;          /* s: equations are smoothed over about so long; 0: not at all */
+    double window;          /* s, positive: equations are smoothed over about so long, which should be 5 calls or more */
     double rate;            /* 1/s: by so much a parameter in use changes at most, relative to its bounds */
 } noslip_adaptation_options;
 
@@ -67,7 +67,7 @@ NOSLIP_NODISCARD static inline int noslip_adaptation_init(noslip_adaptation *sel
     }
     if (!(options->sd >= (double)1e-6 && options->sd <= 1 && options->noise >= (double)1e-6 &&
           options->noise <= (double)1e6 && noslip_limits_ok(&options->dead_zone, 1) &&
-          noslip_limits_ok(&options->forgetting, 1) && noslip_limits_ok(&options->window, 1) &&
+          noslip_limits_ok(&options->forgetting, 1) && noslip_is_positive(options->window) &&
           noslip_is_positive(options->rate) && count >= 1 && count <= NOSLIP_ADAPTED && rows >= 1 &&
           rows <= NOSLIP_ADAPTED_ROWS)) {
         return NOSLIP_BAD_PARAMETER;
@@ -234,7 +234,7 @@ typedef struct noslip_adaptation_options_f {
     float noise;            /* N or N m, positive: standard deviation of an equation */
     float dead_zone;        /* N or N m: nothing is learned where all equations hold within it; 0: none */
     float forgetting;       /* s: what is so old counts for 1/e; 0: nothing is forgotten */
-    float window;           /* s: equations are smoothed over about so long; 0: not at all */
+    float window;           /* s, positive: equations are smoothed over about so long, which should be 5 calls or more */
     float rate;             /* 1/s: by so much a parameter in use changes at most, relative to its bounds */
 } noslip_adaptation_options_f;
 
@@ -269,7 +269,7 @@ NOSLIP_NODISCARD static inline int noslip_adaptation_init_f(noslip_adaptation_f 
     }
     if (!(options->sd >= (float)1e-6 && options->sd <= 1 && options->noise >= (float)1e-6 &&
           options->noise <= (float)1e6 && noslip_limits_ok_f(&options->dead_zone, 1) &&
-          noslip_limits_ok_f(&options->forgetting, 1) && noslip_limits_ok_f(&options->window, 1) &&
+          noslip_limits_ok_f(&options->forgetting, 1) && noslip_is_positive_f(options->window) &&
           noslip_is_positive_f(options->rate) && count >= 1 && count <= NOSLIP_ADAPTED && rows >= 1 &&
           rows <= NOSLIP_ADAPTED_ROWS)) {
         return NOSLIP_BAD_PARAMETER;

@@ -141,17 +141,16 @@ def test_in_use_is_never_beyond_the_bounds():
 
 @pytest.mark.nightly
 def test_runs_stay_stable_with_any_of_these_options():
-    """Masses from a half to twice, used slowly and fast, forgotten and smoothed or not, with noisy rates. Smoothed, the path is
-    followed better than without; not smoothed, noise pulls the mass down, but the error stays below that at the least mass.
+    """Masses from a half to twice, used slowly and fast, forgotten or not, smoothed by little and by much, with noisy rates: the
+    path is followed better than without.
     """
-    for mass, rate, forgetting, window in product((25.0, 100.0), (0.02, 0.2, 5.0), (0.0, 2.0), (0.0, 1.0)):
+    for mass, rate, forgetting, window in product((25.0, 100.0), (0.02, 0.2, 5.0), (0.0, 2.0), (0.1, 1.0)):
         noisy = {"sensors": {"noise": {"sd": 0.02}, "pose": "true", "seed": 3}, "plant": {"m_c": mass, "I_c": 13.0}}
         noisy["simulation"] = {**SPEC["simulation"], "duration": 20.0}
         options = {"bounds": {"m_c": [20.0, 120.0]}, "noise": 2.0, "rate": rate, "forgetting": forgetting, "window": window}
         runs = [simulate(spec_of_table({**SPEC, **noisy, **more}, Path("none.toml"))) for more in ({}, {"adaptation": options})]
         error = [np.abs(each.error[-300:, 0]).max() for each in runs]
-        print(mass, rate, forgetting, window, error, flush=True)
-        assert set(runs[1].status) == {"ok"} and error[1] < (error[0] if window else 0.25)
+        assert set(runs[1].status) == {"ok"} and error[1] < error[0]
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])
@@ -184,7 +183,7 @@ def test_any_bits_in_finite_numbers_within_the_bounds_out(scalar):
 
 def test_init_refuses():
     for changed in ({"sd": 0.0}, {"sd": 2.0}, {"noise": 0.0}, {"noise": math.nan}, {"dead_zone": -1.0}, {"forgetting": -1.0},
-                    {"window": math.inf}, {"rate": 0.0}):  # fmt: skip
+                    {"window": math.inf}, {"window": 0.0}, {"rate": 0.0}):  # fmt: skip
         assert Core([0.5], 1, **changed).status == "bad_parameter", changed
     assert {Core(start, rows).status for start, rows in (([1.5], 1), ([math.nan], 1), ([], 1), ([0.5], 0), ([0.5], 5))} == {
         "bad_parameter"
@@ -205,6 +204,7 @@ BAD = {
     "not affine": ({"bounds": {"d": [0.1, 0.2]}, "noise": 0.2}, "not affine in d"),
     "not told apart": ({"bounds": {"I_c": [1.0, 20.0], "I_m": [0.0, 1.0]}, "noise": 0.2}, "no motion tells I_c, I_m"),
     "not within": ({"bounds": {"m_c": [50.0, 60.0]}, "noise": 0.2}, "must lie within its bounds"),
+    "not smoothed": ({"bounds": {"m_c": [20.0, 90.0]}, "noise": 0.2, "window": 0.01}, "5 periods"),
     "no noise": ({"bounds": {"m_c": [20.0, 90.0]}, "noise": 0.0}, "noise"),
 }
 

@@ -95,15 +95,16 @@ def test_values_lie_within_their_deviations():
 
 @pytest.mark.nightly
 def test_values_lie_in_their_intervals_in_most_logs():
-    """In 93 to 98 % of 1000 logs (the larger of two estimates is taken for a deviation: more than 95 %), with errors within 1.2
-    times the bound of Cramer and Rao for the whole log.
+    """In 93 % of 1000 logs or more, with errors, and deviations that are said, within 1.2 times the bound of Cramer and
+    Rao for the whole log. (The larger of two estimates is taken for a deviation, so that it may be more than 95 %.)
     """
     errors, sd = deviations(1000)
     every = np.array([(VALUES | PLANT)[p.name] for p in SYSTEM.mechanism.parameters])
     bound = predicted(log_of(), SYSTEM, list(PLANT), every, True).expected_deviations(np.full(2, NOISE))
     inside, size = np.mean(np.abs(errors) < 1.96 * sd, axis=0), np.sqrt(np.mean(errors**2, axis=0))
     print(dict(zip(PLANT, zip(inside, size / list(bound.values()), strict=True), strict=True)))
-    assert (inside > 0.93).all() and (inside < 0.98).all() and (size < 1.2 * np.array(list(bound.values()))).all()
+    assert (inside > 0.93).all()
+    assert (np.stack([size, np.mean(sd, axis=0)]) < 1.2 * np.array(list(bound.values()))).all()
 
 
 def test_what_a_motion_cannot_tell():

@@ -50,7 +50,7 @@ def test_site(site):
     assert {f"{name}.html" for name in written} <= pages.keys()
     for name, text in pages.items():
         assert not LOADED.search(text), name
-        assert "glossary.html" in text or name == "docs/glossary.html", name
+        assert "glossary.html" in text or name == "readers/glossary.html", name
     declared = re.findall(r"^int (labmate_\w+)\(", "".join(p.read_text() for p in ROOT.glob("generated/labmate/*[!f].h")), re.M)
     assert len(declared) > 50
     for name in declared:
@@ -79,7 +79,7 @@ def test_search_needs_no_server(site, tab):
     """From a file: the words of a page lead to it."""
     tab.open(f"{(site / 'search.html').as_uri()}?q=involutive")
     shown = tab.until("document.body.innerText.includes('Search finished')", "document.body.innerHTML")
-    assert 'href="docs/glossary.html' in shown
+    assert 'href="readers/glossary.html' in shown
 
 
 @pytest.fixture(scope="module")

@@ -209,5 +209,5 @@ print(f"{r / (2 * b) * 20:.2f} rad")
 #
 # </details>
 #
-# Words to remember: [Pfaffian constraint](../docs/glossary.md#constraint-pfaffian), [bracket](../docs/glossary.md#bracket),
-# [involutive](../docs/glossary.md#distribution-involutive).
+# Words to remember: [Pfaffian constraint](../readers/glossary.md#constraint-pfaffian), [bracket](../readers/glossary.md#bracket),
+# [involutive](../readers/glossary.md#distribution-involutive).

@@ -11,6 +11,7 @@ from sphinx.writers.html5 import HTML5Translator
 
 project, version, copyright = "noslip", __version__, "the noslip maintainers"
 include_patterns = ["*.md", "docs/*.md", "lessons/*.md", "reference/*.md", "guarantees/*.md", "codegen/derivation/*.md"]
+include_patterns += ["readers/*.md"]
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
 html_theme, html_title, html_copy_source = "furo", f"noslip {version}", False
 html_math_renderer = "mathml"
@@ -35,7 +36,7 @@ CONTENTS = """
 docs/your_robot
 docs/paths
 docs/firmware
-docs/glossary
+readers/glossary
 ```
 ```{toctree}
 :hidden:

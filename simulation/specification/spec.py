@@ -483,7 +483,7 @@ class AdaptationSection:
     sd: float = entry(number("positive", "1"), 0.3, "standard deviation of each at first, relative to its bounds, at most 1")
     dead_zone: float = entry(number("nonnegative"), 0.0, "largest error of the equations, N or N m, that teaches nothing")
     forgetting: float = entry(number("nonnegative", "s"), 0.0, "what is so old counts for 1/e; 0: nothing is forgotten")
-    window: float = entry(number("nonnegative", "s"), 0.1, "time over which the equations are smoothed")
+    window: float = entry(number("positive", "s"), 0.1, "time over which the equations are smoothed, at least 5 periods")
     rate: float = entry(number("positive", "1/s"), 0.1, "fastest change of a parameter in use, relative to its bounds")
 
 
@@ -682,6 +682,8 @@ class Spec:
             raise BadInput("[estimator] does not go with [correction]: give it poses by [estimator] pose")
         if self.adaptation and (not self.simulation.period or self.simulation.delay or self.drive):
             raise BadInput("[adaptation] requires [simulation] period > 0, and goes neither with a delay nor with [drive]")
+        if self.adaptation and self.adaptation.window < 5 * self.simulation.period:
+            raise BadInput("[adaptation] window: noise of the rates pulls masses down unless smoothed over 5 periods or more")
         composite = self.output.segments
         if self.initial is None and not composite:
             raise BadInput("[initial] is missing: point, heading and speed, or q and nu")
