@@ -53,6 +53,7 @@ docs/redundant
 docs/extension
 docs/underactuated
 docs/identify
+docs/estimator
 docs/sweep
 docs/engine
 docs/following
