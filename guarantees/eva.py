@@ -65,7 +65,7 @@ class AnalysedProgram:
     law: str = ""
 
     def __str__(self) -> str:
-        return f"{self.law or self.source}{SCALARS[self.scalar][0]}"
+        return " ".join(filter(None, [self.source, self.law])) + SCALARS[self.scalar][0]
 
     @property
     def precision(self) -> list[str]:

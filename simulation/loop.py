@@ -37,9 +37,7 @@ from .specification.spec import AdaptationSection, ApproachSection, Initial, Pat
 from .specification.units import check_units
 from .starts import extension_starts, starts
 
-PROFILE_PART = (
-    0.6  # of friction, and of the motors, that a speed profile uses by default; what is left is for staying on the path
-)
+PROFILE_PART = 0.6  # of friction and motors that a speed profile uses by default; what is left is for staying on the path
 ALONG, LATERAL = 0.6, 0.8  # parts of friction that a kinematic law uses along its way and across it: together all of it
 ON_AXLE = 1e-9  # m: a point this near to the axle is on it
 

@@ -152,6 +152,8 @@ def changed(folder: Path, file: str, was: str, now: str, laws: str | None = "") 
     return Task(folder, root=folder / "root", short=True)
 
 
+with_eva = pytest.mark.skipif(shutil.which("frama-c") is None, reason="install frama-c-base")
+
 EVA_FINDS = {
     "an angle beyond integers": (
         ("noslip_angle.inc", "!(NOSLIP_NAME(noslip_angle_ok)(desired) &&", "(NOSLIP_NAME(noslip_abs)(desired) < 0 &&"),
@@ -169,10 +171,9 @@ EVA_FINDS = {
 
 
 @pytest.mark.parametrize("wrong", EVA_FINDS)
+@with_eva
 def test_eva_finds(wrong, tmp_path):
     (file, was, now), message = EVA_FINDS[wrong]
-    if shutil.which("frama-c") is None:
-        pytest.skip("install frama-c-base")
     _, lines = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("runtime", "float"))
     assert any(message in line for line in lines), lines
 
@@ -188,10 +189,9 @@ EVA_FINDS_IN_DRIVES = {
 
 
 @pytest.mark.parametrize("wrong", EVA_FINDS_IN_DRIVES)
+@with_eva
 def test_eva_finds_in_drives(wrong, tmp_path):
     (file, was, now), message = EVA_FINDS_IN_DRIVES[wrong]
-    if shutil.which("frama-c") is None:
-        pytest.skip("install frama-c-base")
     _, lines = eva.analyse(changed(tmp_path, f"runtime_c/{file}", was, now), eva.AnalysedProgram("drives", "float"))
     assert any(message in line for line in lines), lines
 
@@ -205,10 +205,9 @@ EVA_FINDS_IN_GRIP = {
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("wrong", EVA_FINDS_IN_GRIP)
+@with_eva
 def test_eva_finds_in_grip(wrong, tmp_path):
     file, was, now = EVA_FINDS_IN_GRIP[wrong]
-    if shutil.which("frama-c") is None:
-        pytest.skip("install frama-c-base")
     path = "generated/labmate/labmate_type_i_f.c" if file == "law" else f"runtime_c/{file}"
     task = changed(tmp_path, path, was, now, "labmate_type_i")
     _, lines = eva.analyse(task, eva.AnalysedProgram("grip", "float", "labmate_type_i"))
@@ -224,10 +223,9 @@ EVA_FINDS_IN_FRAMES = {
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("wrong", EVA_FINDS_IN_FRAMES)
+@with_eva
 def test_eva_finds_in_frames(wrong, tmp_path):
     file, was, now = EVA_FINDS_IN_FRAMES[wrong]
-    if shutil.which("frama-c") is None:
-        pytest.skip("install frama-c-base")
     task = changed(tmp_path, f"runtime_c/{file}", was, now, "labmate_type_iv_segment")
     _, lines = eva.analyse(task, eva.AnalysedProgram("telemetry", "float"))
     assert any("out of bounds" in line for line in lines), lines
@@ -246,10 +244,9 @@ def programs(folder: Path, file: str, was: str, now: str) -> Path:
 
 
 @pytest.mark.nightly
+@with_eva
 def test_eva_finds_in_a_path(tmp_path, monkeypatch):
     """After the last segment another one is looked for."""
-    if shutil.which("frama-c") is None:
-        pytest.skip("install frama-c-base")
     task = changed(tmp_path, "runtime_c/noslip_path_code.inc", "segment + 1 < self->count", "segment + 1 <= self->count")
     monkeypatch.setattr(eva, "PROGRAMS", programs(tmp_path / "eva", "path.c", *SEGMENTS))
     _, lines = eva.analyse(task, eva.AnalysedProgram("path", "float"))
@@ -285,11 +282,10 @@ VACUOUS = {  # file of c/eva/ and what is changed in it, the program, and the pl
 @pytest.mark.parametrize(
     "wrong", [wrong if wrong == "no law is ready" else pytest.param(wrong, marks=pytest.mark.nightly) for wrong in VACUOUS]
 )
+@with_eva
 def test_eva_does_not_hold_vacuously(wrong, tmp_path, monkeypatch):
     """Where what is to be shown is not reached, nothing is shown of it."""
     (file, was, now), source, place = VACUOUS[wrong]
-    if shutil.which("frama-c") is None:
-        pytest.skip("install frama-c-base")
     monkeypatch.setattr(eva, "PROGRAMS", programs(tmp_path / "eva", file, was, now))
     law = "labmate_type_i" if source == "law" else ""
     _, lines = eva.analyse(Task(tmp_path, short=True), eva.AnalysedProgram(source, "float", law))

@@ -15,9 +15,7 @@ from ...model.errors import ModelError
 from ...model.reduction import ReducedSystem
 from ...readers.errors import BadInput
 from ..controller import Numbers
-from .ekf import RobotPart
-
-CORE = ("sd", "noise", "dead_zone", "forgetting", "window", "rate")  # as in the C struct noslip_adaptation_options
+from .ekf import RobotPart, unpacked
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +59,7 @@ class Adaptation:
                 least, most = options.bounds[q.name]
                 setattr(config, f"{q.in_c}_least", least)
                 setattr(config, f"{q.in_c}_most", most)
-        for name in CORE:
+        for name in vars(options).keys() - {"bounds"}:  # the others are named as in noslip_adaptation_options
             setattr(config.options, name, getattr(options, name))
         self._state, self._params = c.new(f"{c.robot}_state"), c.new(f"{c.robot}_params")
         self._members = [q.in_c for q in system.state]
@@ -84,11 +82,7 @@ class Adaptation:
     @property
     def covariance(self) -> np.ndarray:
         """P = U D U' of the relative estimates."""
-        n = self.self.core.count
-        packed, U, D = iter(self.self.core.factors), np.eye(n), np.zeros(n)
-        for j in range(n):
-            U[:j, j] = [next(packed) for _ in range(j)]
-            D[j] = next(packed)
+        U, D = unpacked(self.self.core.factors, self.self.core.count)
         return (U * D) @ U.T
 
     def step(self, state: Numbers, tau: Numbers | None, dt: float) -> tuple[str, np.ndarray]:

@@ -44,6 +44,15 @@ class FilterOptions:
     memory: int = 0  # ticks in the past that late measurements may refer to
 
 
+def unpacked(factors: Numbers, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return U (n, n), unit upper triangular, and D (n,) of P = U diag(D) U', packed by columns as in noslip_factors.h."""
+    packed, U, D = iter(factors), np.eye(n), np.zeros(n)
+    for j in range(n):
+        U[:j, j] = [next(packed) for _ in range(j)]
+        D[j] = next(packed)
+    return U, D
+
+
 class RobotPart(InC):
     """A compiled part of a robot's C besides laws and dynamics, in one scalar: its filter, or what learns its parameters."""
 
@@ -128,12 +137,7 @@ class Filter:
     @property
     def factors(self) -> tuple[np.ndarray, np.ndarray]:
         """U, unit upper triangular, and the diagonal of D."""
-        n = self.self.filter.states
-        packed, U, D = iter(self.self.filter.factors), np.eye(n), np.zeros(n)
-        for j in range(n):
-            U[:j, j] = [next(packed) for _ in range(j)]
-            D[j] = next(packed)
-        return U, D
+        return unpacked(self.self.filter.factors, self.self.filter.states)
 
     @property
     def covariance(self) -> np.ndarray:

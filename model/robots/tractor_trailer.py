@@ -5,13 +5,35 @@ trailers (1993), and O. J. Sordalen, Conversion of the kinematics of a car with 
 tractor is driven as the LABMATE is. All sizes are assumed.
 """
 
-from casadi import cos, sin
+from casadi import SX, cos, sin
 
 from ..drawing import Place, box, placed, wheels
 from ..errors import ModelError
 from ..mechanism import Mechanism
 
 MOST = 16  # trailers
+
+
+def tractor_sizes(robot: Mechanism) -> tuple[SX, ...]:
+    """Add the sizes of a tractor; return b, d, r, m, I_t, I_w."""
+    return (
+        robot.parameter("b", 0.5, "m", "half the distance between the tractor's wheels"),
+        robot.parameter("d", 0.2, "m", "distance of the tractor's centre of mass ahead of its axle", sign="any"),
+        robot.parameter("r", 0.25, "m", "radius of the driven wheels"),
+        robot.parameter("m", 150.0, "kg", "mass of the tractor with its wheels"),
+        robot.parameter("I_t", 25.0, "kg m^2", "tractor with its wheels about the vertical through its centre of mass"),
+        robot.parameter("I_w", 0.2, "kg m^2", "driven wheel with motor about its axle", sign="nonnegative"),
+    )
+
+
+def trailer_sizes(robot: Mechanism, k: int) -> tuple[SX, ...]:
+    """Add the sizes of trailer k; return length from hitch to axle, the centre of mass ahead of the axle, mass, inertia."""
+    return (
+        robot.parameter(f"l_{k}", 1.2, "m", f"from the hitch of trailer {k} to its axle"),
+        robot.parameter(f"d_{k}", 0.1, "m", f"distance of trailer {k}'s centre of mass ahead of its axle", sign="any"),
+        robot.parameter(f"m_{k}", 80.0, "kg", f"mass of trailer {k}"),
+        robot.parameter(f"I_{k}", 15.0, "kg m^2", f"trailer {k} about the vertical through its centre of mass"),
+    )
 
 
 def tractor_trailer(N: int = 1) -> Mechanism:
@@ -31,12 +53,7 @@ def tractor_trailer(N: int = 1) -> Mechanism:
     theta_r = robot.coordinate("theta_r", "rad", "right wheel, positive rolls forward")
     theta_l = robot.coordinate("theta_l", "rad", "left wheel, positive rolls forward")
 
-    b = robot.parameter("b", 0.5, "m", "half the distance between the tractor's wheels")
-    d = robot.parameter("d", 0.2, "m", "distance of the tractor's centre of mass ahead of its axle", sign="any")
-    r = robot.parameter("r", 0.25, "m", "radius of the driven wheels")
-    m = robot.parameter("m", 150.0, "kg", "mass of the tractor with its wheels")
-    I_t = robot.parameter("I_t", 25.0, "kg m^2", "tractor with its wheels about the vertical through its centre of mass")
-    I_w = robot.parameter("I_w", 0.2, "kg m^2", "driven wheel with motor about its axle", sign="nonnegative")
+    b, d, r, m, I_t, I_w = tractor_sizes(robot)
 
     turning = robot.rate(phi)
     forward = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y)
@@ -58,10 +75,7 @@ def tractor_trailer(N: int = 1) -> Mechanism:
     before = phi
     for k in range(1, N + 1):
         heading = robot.coordinate(f"phi_{k}", "rad", f"heading of trailer {k}")
-        length = robot.parameter(f"l_{k}", 1.2, "m", f"from the hitch of trailer {k} to its axle")
-        ahead = robot.parameter(f"d_{k}", 0.1, "m", f"distance of trailer {k}'s centre of mass ahead of its axle", sign="any")
-        mass = robot.parameter(f"m_{k}", 80.0, "kg", f"mass of trailer {k}")
-        inertia = robot.parameter(f"I_{k}", 15.0, "kg m^2", f"trailer {k} about the vertical through its centre of mass")
+        length, ahead, mass, inertia = trailer_sizes(robot, k)
         fold, turning = before - heading, robot.rate(heading)
         forward, left = cos(fold) * forward - sin(fold) * left, sin(fold) * forward + cos(fold) * left - length * turning
         robot.body(f"trailer_{k}", mass, inertia, forward, left + ahead * turning, turning)

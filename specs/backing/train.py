@@ -9,6 +9,7 @@ import casadi as ca
 from casadi import cos, sin, tan
 from noslip.model import Mechanism, ModelError
 from noslip.model.drawing import Place, box, placed, wheels
+from noslip.model.robots.tractor_trailer import tractor_sizes, trailer_sizes
 
 
 def train(N: int = 2) -> Mechanism:
@@ -23,12 +24,7 @@ def train(N: int = 2) -> Mechanism:
     theta_r = robot.coordinate("theta_r", "rad", "right wheel, positive rolls forward")
     theta_l = robot.coordinate("theta_l", "rad", "left wheel, positive rolls forward")
 
-    b = robot.parameter("b", 0.5, "m", "half the distance between the tractor's wheels")
-    d = robot.parameter("d", 0.2, "m", "distance of the tractor's centre of mass ahead of its axle", sign="any")
-    r = robot.parameter("r", 0.25, "m", "radius of the driven wheels")
-    m = robot.parameter("m", 150.0, "kg", "mass of the tractor with its wheels")
-    I_t = robot.parameter("I_t", 25.0, "kg m^2", "tractor with its wheels about the vertical through its centre of mass")
-    I_w = robot.parameter("I_w", 0.2, "kg m^2", "driven wheel with motor about its axle", sign="nonnegative")
+    b, d, r, m, I_t, I_w = tractor_sizes(robot)
 
     # From the last axle to the tractor: velocities of each body along its own axes, and its share of S.
     turning, heading, axle = robot.rate(phi), phi, (x, y)
@@ -37,10 +33,7 @@ def train(N: int = 2) -> Mechanism:
     speed, yaw = ca.SX(1), []  # of a body, for each unit of the speed of the last axle
     for k in range(N, 0, -1):
         fold = hitch[k - 1]
-        length = robot.parameter(f"l_{k}", 1.2, "m", f"from the hitch of trailer {k} to its axle")
-        ahead = robot.parameter(f"d_{k}", 0.1, "m", f"distance of trailer {k}'s centre of mass ahead of its axle", sign="any")
-        mass = robot.parameter(f"m_{k}", 80.0, "kg", f"mass of trailer {k}")
-        inertia = robot.parameter(f"I_{k}", 15.0, "kg m^2", f"trailer {k} about the vertical through its centre of mass")
+        length, ahead, mass, inertia = trailer_sizes(robot, k)
         robot.body(f"trailer_{k}", mass, inertia, forward, left + ahead * turning, turning)
         robot.rolls(f"no side slip of trailer {k}", left)
         robot.contact(f"trailer {k}", mass, across=left)
