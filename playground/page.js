@@ -157,6 +157,7 @@ function showStatus() {
 
 const middle = { x: 0, y: 0 };
 let scale = 30; // pixels per metre
+let far = 0; // the farthest point of the robot from the middle, m
 
 /* The context of a canvas, cleared, in CSS pixels. */
 function fresh(canvas) {
@@ -177,7 +178,8 @@ function drawFloor() {
   const reach = { "IV path": 11, "IV circle": settings.size + room, "IV ellipse": 1.5 * settings.size + room }[settings.law] || 8 * size;
   middle.x = onLine ? x[0] : 0;
   middle.y = onLine ? x[1] : 0;
-  scale = Math.min(width, height) / 2 / reach;
+  if (!grabbed) far = Math.max(Math.abs(x[0] - middle.x), Math.abs(x[1] - middle.y)) + size; // fixed while the robot is dragged
+  scale = Math.min(width, height) / 2 / Math.max(reach, far);
   c.translate(width / 2, height / 2);
   c.scale(scale, -scale);
   c.translate(-middle.x, -middle.y);

@@ -5,11 +5,14 @@ from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+STYLE = Path(__file__).parent / "templates"
+
 
 def render(module: str, name: str, **values: object) -> str:
     """The template `name` beside a module, whose __file__ is given, with these values. Raises UndefinedError if one is missing.
 
-    In HTML and XML values stand in {{ }} and are escaped. In all other texts they stand in @{ }, since C has many braces.
+    In HTML and XML values stand in {{ }} and are escaped; HTML can include page.css, the style of all pages. In all other texts
+    values stand in @{ }, since C has many braces.
     """
     return _environment(Path(module).parent / "templates", name.endswith((".html", ".xml"))).get_template(name).render(values)
 
@@ -18,7 +21,7 @@ def render(module: str, name: str, **values: object) -> str:
 def _environment(folder: Path, html: bool) -> Environment:
     start, end = ("{{", "}}") if html else ("@{", "}")
     return Environment(
-        loader=FileSystemLoader(folder),
+        loader=FileSystemLoader([folder, STYLE]),
         variable_start_string=start,
         variable_end_string=end,
         autoescape=html,

@@ -33,6 +33,7 @@ CONTENTS = """
 ```{toctree}
 :hidden:
 :caption: Start
+playground
 docs/your_robot
 docs/paths
 docs/firmware

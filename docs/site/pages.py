@@ -34,6 +34,7 @@ COMMENT = r"(?:^/\*((?:(?!\*/).)*)\*/\n)?"
 TYPE = re.compile(COMMENT + r"^((?:typedef )?(?:enum|struct)\b[^;{]*\{.*?^\}[^;]*;)", re.S | re.M)
 MARKS = r"^(?:(?:static|inline|NOSLIP_HOT|NOSLIP_APART) )*"
 FUNCTION = re.compile(COMMENT + MARKS + r"((?!typedef)[a-z][\w *]*?(\w+)\([^;{]*\));", re.S | re.M)
+TABLE = '<div class="table-wrapper docutils container">\n{}\n</div>'  # as Sphinx marks a table
 BODY = re.compile(r"(?<=\))(?:\n\{\n.*?^\}| \{ .*? \})$", re.S | re.M)
 
 
@@ -110,14 +111,18 @@ def _cell(text: str) -> str:
 
 
 def gallery_page(folder: Path) -> str:
-    """The figures that were drawn, each with the runs that it shows, and their SPECs."""
-    parts = ["# Gallery", "Every figure is drawn from runs of the generated C."]
-    parts += ["[The report](figures/report.html) has the claims about each and what was measured."]
+    """The report of the figures that were drawn, as a page of the site: each with its claims and the runs that it shows, their
+    commands and SPECs.
+    """
+    report = (folder / "report.html").read_text()
+    parts = ["# Gallery", "Every figure is drawn from runs of the generated C. A claim is the paper's, in our words, or this project's."]
+    parts += ["[The report](figures/report.html) has the same in one file to send, and what else was measured."]
     drawn = [figure for figure in FIGURES if (folder / f"figure_{figure.name}.svg").exists()]
     if len(drawn) < len(FIGURES):
         parts += ["`make figures` draws the others, `make site` then shows them here."]
     for figure in drawn:
         parts += [f"## {figure.title}\n\n{figure.paper}\n\n![{figure.title}](figures/figure_{figure.name}.svg)"]
+        parts += _claims(report, figure.name)
         if figure.cases:
             parts += [_fenced("sh", "\n".join(_command(label, case) for label, case in figure.cases.items()))]
         for file in dict.fromkeys(case.file for case in figure.cases.values()):
@@ -125,6 +130,15 @@ def gallery_page(folder: Path) -> str:
             parts += [f"[Watch the run of {file}]({film})"] if (folder.parent / film).exists() else []
             parts += [f"<details><summary>{file}</summary>", _fenced("toml", (SPECS / file).read_text()), "</details>"]
     return "\n\n".join(parts)
+
+
+def _claims(report: str, figure: str) -> list[str]:
+    """What a figure assumes and its table of claims, as the report has them; nothing for a figure without claims."""
+    section = re.search(rf'<h2 id="{re.escape(figure)}">.*?(?=<h2 )', report, re.S)
+    assert section, f"the report lacks figure {figure}"
+    assumed = re.findall(r'<p class="note">.*?</p>', section[0])
+    tables = re.findall(r"<table><thead><tr><th>claim</th>.*?</table>", section[0], re.S)
+    return [*assumed, *(TABLE.format(table.replace("<table>", '<table class="docutils">')) for table in tables)]
 
 
 def _command(label: str, case: Case) -> str:
@@ -155,6 +169,15 @@ def films() -> Path:
     return folder
 
 
+def playground_page(folder: Path) -> str:
+    """What the playground is, and a link to its page if `make playground` has made it, which is then copied into a folder."""
+    heading, _, text = (ROOT / "playground/README.md").read_text().partition("\n")
+    if (page := ROOT / "build/playground/index.html").exists():
+        shutil.copy(page, folder / "index.html")
+        heading += "\n\n**[Drive a robot here](playground/index.html)**"
+    return f"{heading}\n{text}"
+
+
 def main(folder: Path) -> None:
     """Make the folder."""
     shutil.rmtree(folder, ignore_errors=True)
@@ -172,6 +195,7 @@ def main(folder: Path) -> None:
         "reference/spec": spec_page(),
         "reference/citing": f"# How to cite\n\n{_fenced('yaml', (ROOT / 'CITATION.cff').read_text())}",
         "gallery": gallery_page(folder / "figures"),
+        "playground": playground_page(folder / "playground"),
     }
     (folder / "lessons").mkdir()
     for lesson in sorted((ROOT / "docs/lessons").glob("*.py")):
