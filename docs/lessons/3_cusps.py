@@ -3,10 +3,16 @@
 #
 # A robot starts at rest beside a line. In one experiment it *tracks a trajectory*: a point moves along the line, and the robot
 # shall be where the point is. In the other it *follows the path*: it shall come to the line and drive along it at the same
-# speed, wherever it then is. The lesson takes 10 minutes. The file is `docs/lessons/3_cusps.py`.
+# speed, wherever it then is. The lesson takes 10 minutes; [how to run a lesson](README.md).
 #
-# Both are loops of the generated C with the simulated LABMATE, figure 1 of the paper. The outputs differ: Type I has the
-# position $(x_l, y_l)$ of the point $P_l$, Type IV the distance of $P_l$ from the line and the forward speed $v$.
+# Both are loops of the generated C with the simulated LABMATE, figure 1 of the paper. What is controlled is a point $P_l$ of the
+# platform, a distance $L$ ahead of the centre of mass $P_c$, which is a distance $d$ ahead of the middle of the axle, $P_o$ (here
+# $L = 0$):
+#
+# ![The platform from above: P_o, P_c, P_l](../docs/notation.svg)
+#
+# The outputs differ. Tracking has the position $(x_l, y_l)$ of $P_l$ as outputs (the paper calls that Type I), path following the
+# distance of $P_l$ from the line and the forward speed $v$ (Type IV).
 
 # %%
 from pathlib import Path
@@ -22,7 +28,7 @@ R, D = 0.15, 0.30  # m, wheel radius, and distance of the centre of mass ahead o
 
 
 def track(speed, point=(0.0, 2.0)):
-    """Type I: the desired point moves along y = x at a speed, m/s; the robot starts at a point (m), facing along y."""
+    """Type I: the desired point moves along y = x from (0, 0) at a speed, m/s; P_l starts at a point (m), facing along y."""
     velocity = [speed / 2**0.5] * 2
     changes = {"reference.velocity": velocity, "initial.point": list(point), "simulation.duration": 12.0}
     return simulate(read_varied(SPECS / "figure_1_type_i.toml", changes))
@@ -45,27 +51,37 @@ def forward_speed(run):
     return R / 2 * run.nu.sum(axis=1)
 
 
-figure, (above, over) = plt.subplots(1, 2, figsize=(10, 4), num="The way of the axle and the forward speed, of both")
+figure, (above, near, over) = plt.subplots(1, 3, figsize=(12, 4), num="The way of the axle, its first decimetres, and the speed")
 for label, run in (("tracks the trajectory", track(0.5)), ("follows the path", follow(0.5))):
-    above.plot(*axle(run), label=label)
+    for axes in (above, near):
+        axes.plot(*axle(run), label=label)
     over.plot(run.t, forward_speed(run), label=label)
-above.plot([-1, 4], [-1, 4], "--", color="#777777")
-above.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="middle of the axle")
+for axes in (above, near):
+    axes.plot(*(part[0] for part in axle(run)), "o", color="#333333")  # the start, the same for both
+    axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)")
+above.plot([0, 4], [0, 4], "--", color="#777777")
+above.plot(0, 0, "s", color="#777777")
+above.annotate("the moving point starts here", (0, 0), (0.6, 0.1), color="#555555", fontsize=9)
+above.set_title("middle of the axle; dot: start")
+near.set(xlim=(-0.1, 0.3), ylim=(1.55, 1.85), title="near the start: the cusp")
 over.axhline(0, color="#777777", linewidth=1)
 over.set(xlabel="t (s)", title="forward speed v (m/s)")
 over.legend()
+figure.tight_layout()
 
 # %% [markdown]
-# The way of the robot that tracks has a sharp point, a *cusp*: there it goes back. Look at the speed: **a cusp is where the
-# forward speed changes its sign.** The middle of the axle always moves along the heading, because of the wheels (lesson 1). Its
-# path is smooth as long as it moves; where $v$ passes through zero, it stops and leaves in the opposite direction.
+# The robot that tracks first goes back by 10 cm, then forward: its way has a sharp point, a *cusp*. Look at the speed: **a cusp
+# is where the forward speed changes its sign.** The middle of the axle always moves along the heading, because of the wheels
+# (lesson 1). Its path is smooth as long as it moves; where $v$ passes through zero, it stops and leaves in the opposite
+# direction.
 #
 # Why does this happen for Type I only?
 #
-# - Tracking demands an acceleration of $P_l$ in *both* directions of the plane. The robot begins ahead of the moving point, and
-#   the law makes it go back to meet it. What $v$ does on the way is nobody's concern: it is part of the result.
-# - Path following makes $v$ an output of its own: $\dot v = k_v (v_d - v)$. It rises from 0 to $v_d$ and never changes its sign.
-#   Where along the path the robot is, is nobody's concern.
+# - Tracking asks for an acceleration of $P_l$ in *both* directions of the plane. The moving point starts at $(0, 0)$, the robot
+#   at $(0, 2)$, ahead of it, and the law makes $P_l$ go back to meet it. $P_l$ itself moves smoothly; but it is fixed to a
+#   robot that can only roll, so the axle must reverse. What $v$ does on the way is nobody's concern: it is part of the result.
+# - Path following makes $v$ an output of its own: $\dot v = k_v (v_d - v)$, with the gain $k_v$ and the desired speed $v_d$. It
+#   rises from 0 to $v_d$ and never changes its sign. Where along the path the robot is, is nobody's concern.
 #
 # The faster the desired point, the less there is to go back:
 
@@ -78,15 +94,17 @@ def cusps(run):
 
 
 for speed in (0.5, 1.0, 1.414):
-    print(f"{speed:5.3f} m/s: number of cusps tracking {cusps(track(speed))}, following {cusps(follow(speed))}")
+    both = [(cusps(run), forward_speed(run).min()) for run in (track(speed), follow(speed))]
+    tracking, following = (f"{count} (smallest v {least + 0.0:.3f} m/s)" for count, least in both)
+    print(f"{speed:5.3f} m/s: number of cusps tracking {tracking}, following {following}")
 
 # %% [markdown]
 # ## Exercises
 #
-# 1. The robot starts at $(-2, 0)$ instead of $(0, 2)$: as far from the line, but behind the moving point instead of ahead of
-#    it. Is there a cusp at 0.5 m/s? Guess first.
+# 1. The robot starts at $(-2, 0)$ instead of $(0, 2)$: as far from the line, but behind the moving point, which starts at
+#    $(0, 0)$, instead of ahead of it. Is there a cusp at 0.5 m/s? Guess first.
 # 2. A robot shall take boxes from a moving belt, another shall sweep a street. Which one tracks, which one follows?
-# 3. Can a robot that follows a path ever need a cusp?
+# 3. Are there paths that no robot on wheels can follow without a cusp?
 #
 # <details><summary>Answers</summary>
 #
@@ -108,3 +126,5 @@ print(f"number of cusps {cusps(run)}; v between {speed.min():.2f} and {speed.max
 # speed changes its sign. `noslip plan reeds-shepp` plans such paths, see [paths in firmware](../docs/paths.md).
 #
 # </details>
+#
+# Next: [lesson 4](4_zero_dynamics.py), what can go wrong although all errors are zero.

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Lesson 6: your own robot
 #
-# How does one write down a robot that nobody has written down before, and notice the mistakes? This lesson, of 15 minutes, does
+# How does one write down a robot that nobody has written down before, and notice the mistakes? This lesson, of 25 minutes, does
 # it for an articulated roller: a front body and a rear body with one rigid axle each, and a joint between them that a motor
-# turns. The file is `docs/lessons/6_your_robot.py`.
+# turns; [how to run a lesson](README.md).
 #
 # ## Four questions
 #
@@ -24,6 +24,40 @@ from noslip import Mechanism, analyse, control_law, make_controller, output_map,
 A, C = 1.0, 0.8  # m: joint behind the front axle, rear axle behind the joint
 
 
+def draw(axes, gamma):
+    """The roller from above, its front axle at the origin and heading along x, with the centre of its circle."""
+    joint, rear = np.array([-A, 0.0]), np.array([-A - C * np.cos(gamma), -C * np.sin(gamma)])
+    centre = np.array([0.0, rear[1] + (rear[0] / np.tan(gamma))])  # on the lines of both axles
+    for start, end in ((np.zeros(2), joint), (joint, rear)):
+        axes.plot(*np.transpose([start, end]), color="#333333", linewidth=2)
+    for place, angle in ((np.zeros(2), 0.0), (rear, gamma)):
+        across = 0.4 * np.array([-np.sin(angle), np.cos(angle)])
+        axes.plot(*np.transpose([place - across, place + across]), color="#1f5fa8", linewidth=4)
+        axes.plot(*np.transpose([place, centre]), "--", color="#999999", linewidth=1)
+    axes.plot(*joint, "o", color="#b34700")
+    axes.plot(*centre, "x", color="#333333")
+    for text, place in (
+        ("front axle (x, y)", (0.1, 0.1)),
+        ("joint", (-1.0, 0.12)),
+        ("rear axle", rear + [-1.1, -0.1]),
+        ("centre", centre),
+    ):
+        axes.annotate(text, place, xytext=(4, 4), textcoords="offset points")
+    axes.annotate("a", (-A / 2, 0.08)), axes.annotate("c", (joint + rear) / 2 + [0.0, -0.25])
+    axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", xlim=(-2.9, 1.6), ylim=(centre[1] - 0.4, 0.7))
+
+
+figure, axes = plt.subplots(figsize=(5, 4.5), num="The roller from above, with its joint at gamma = 0.6 rad")
+draw(axes, 0.6)
+
+
+# %% [markdown]
+# The model, in the order of the four questions:
+
+
+# %%
+
+
 def roller(sign=1):
     """The roller; with `sign` = -1 there is a mistake in it."""
     robot = Mechanism("roller", "two bodies with an axle each, steered by the joint between them")
@@ -34,11 +68,12 @@ def roller(sign=1):
     I_f, I_r = robot.parameter("I_f", 400.0, "kg m^2", "front body"), robot.parameter("I_r", 250.0, "kg m^2", "rear body")
 
     behind = phi + sign * gamma
-    rear_x, rear_y = x - a * cos(phi) - c * cos(behind), y - a * sin(phi) - c * sin(behind)
-    for m, inertia, heading, place in ((m_f, I_f, phi, (x, y)), (m_r, I_r, phi + gamma, (rear_x, rear_y))):
-        v_x, v_y = robot.rate(place[0]), robot.rate(place[1])
-        robot.kinetic_energy(m * (v_x**2 + v_y**2) / 2 + inertia * robot.rate(heading) ** 2 / 2)
-        robot.rolls(f"no side slip, {'front' if heading is phi else 'rear'}", cos(heading) * v_y - sin(heading) * v_x)
+    axles = {"front": (x, y, phi), "rear": (x - a * cos(phi) - c * cos(behind), y - a * sin(phi) - c * sin(behind), phi + gamma)}
+    for name, (x_axle, y_axle, heading) in axles.items():
+        robot.rolls(f"no side slip, {name}", cos(heading) * robot.rate(y_axle) - sin(heading) * robot.rate(x_axle))
+    masses = {"front": (m_f, I_f, axles["front"]), "rear": (m_r, I_r, axles["rear"])}  # centres of mass, here above the axles
+    for m, inertia, (x_mass, y_mass, heading) in masses.values():
+        robot.kinetic_energy(m * (robot.rate(x_mass) ** 2 + robot.rate(y_mass) ** 2) / 2 + inertia * robot.rate(heading) ** 2 / 2)
     forward = cos(phi) * robot.rate(x) + sin(phi) * robot.rate(y)
     robot.input("push", "N", on=forward)
     robot.input("steer", "N m", on=robot.rate(gamma))
@@ -54,17 +89,20 @@ print("S =", system.S)
 
 # %% [markdown]
 # The third row of $S$ says how the joint turns the front body:
-# $\dot\varphi = -\frac{v\sin\gamma + c\,\dot\gamma}{c + a\cos\gamma}$. It turns even at standstill, because the rear axle can
-# only roll.
+# $\dot\varphi = -\frac{v\sin\gamma + c\,\dot\gamma}{c + a\cos\gamma}$. To see it by hand, take the velocity of the rear axle
+# *across* the rear body. Driving gives $v\sin\gamma$, turning the front body $a\dot\varphi\cos\gamma + c\dot\varphi$, turning the
+# joint $c\dot\gamma$ (each with the same sign); the sum must be zero. So the front body turns even at standstill.
 #
 # ## Is it the robot you meant?
 #
 # A model can be wrong and still compile. Three questions that you can answer without noslip find most mistakes:
 #
-# - *A case that you know.* With a fixed joint the robot drives a circle. Both axles point to its centre, and from the two
-#   triangles the front axle has the curvature $\sin\gamma / (c + a\cos\gamma)$.
+# - *A case that you know.* While the joint is held at an angle $\gamma$ the robot drives a circle. Both axles point to its centre
+#   (the drawing above), and the right-angled triangles there give the front axle the curvature $\sin\gamma / (c + a\cos\gamma)$
+#   to the right.
 # - *Constraints hold.* $A S = 0$: `reduce` has checked that.
-# - *Energy.* The work of the inputs must be the change of kinetic energy: the constraint forces do none.
+# - *Energy.* The work of the inputs must be the change of kinetic energy: the constraint forces do none. We check it when the
+#   robot drives, below.
 
 # %%
 at = Function("at", [robot.q, robot.p], [system.S])
@@ -92,13 +130,15 @@ for gamma in (0.2, 0.4, 0.6):
 from noslip.analysis.text import as_text
 
 written = as_text(analyse(robot, ["type_iv_line"]))
-print(written[written.index("Outputs") : written.index("  where  ")])
+print(written[written.index("Outputs") : written.index("Words")])
 
 # %% [markdown]
 # $P_l$ is a point $L$ ahead of the front axle. The joint turns the front body, which moves $P_l$ to the side; pushing moves it
-# forward. Where the front body is normal to the path this fails, as for the LABMATE. The factor that is new here is $c$: with
-# the rear axle under the joint, turning the joint at standstill would not turn the front body. *Driving straight* says what no
-# output shows: the joint straightens as $e^{-vt/c}$ going forward, and folds in reverse.
+# forward. Where the front body is normal to the path this fails, as for the LABMATE. The factor of $\det\Phi$ that is new here
+# is $c$ (positive for this roller): with the rear axle under the joint, turning the joint would not turn the front body.
+# *Driving straight* says what no output shows. With the front body straight, $\dot\varphi = 0$, the formula above leaves
+# $c\,\dot\gamma = -v\sin\gamma$: a small angle decays as $e^{-vt/c}$ going forward, and grows in reverse. (*Zero dynamics* is the
+# case in which all outputs are zero, so that the robot stands.)
 #
 # ## It drives
 #
@@ -133,40 +173,50 @@ def drive(speed, seconds=12.0):
     return PERIOD * np.arange(len(states)), np.array(states), abs(change - work) / start
 
 
-figure, (above, over) = plt.subplots(1, 2, figsize=(10, 3.4), num="The way of the roller, and the angle of its joint over time")
+figure, (above, over) = plt.subplots(2, 1, figsize=(8, 5.5), num="The way of the roller, and the angle of its joint over time")
 for speed, label in ((1.0, "forward"), (-1.0, "in reverse")):
     t, states, error = drive(speed)
     print(f"{label}: {t[-1]:.1f} s, joint at {states[-1, 3]:+.3f} rad in the end, energy balance to {error:.0e}")
     above.plot(states[:, 0], states[:, 1], label=label)
     over.plot(t, states[:, 3], label=label)
+above.plot(0, 1, "o", color="#333333", label="start")
 above.axhline(0, color="#777777", linestyle="--")
-above.set(xlabel="x (m)", ylabel="y (m)", title="front axle, from above")
-above.set_aspect("equal", adjustable="datalim")
-over.set(xlabel="t (s)", ylabel="gamma (rad)")
+above.set(
+    xlabel="x (m)",
+    ylabel="y (m)",
+    title="front axle, from above; in reverse the run ends after 1.1 s",
+    aspect="equal",
+    ylim=(-0.5, 1.8),
+)
+over.set(xlabel="t (s)", ylabel="gamma (rad)", title="angle of the joint")
 over.legend()
+figure.tight_layout()
 
 # %% [markdown]
 # Forward it arrives and the joint is straight. In reverse the joint folds within about a second, as the analysis has said: these
-# are the zero dynamics of lesson 4. The law uses the motor of the joint to steer $P_l$, and has none left to keep it straight.
+# are the zero dynamics of lesson 4. The law uses the motor of the joint to steer $P_l$, and has no input left to keep the joint
+# straight. The energy is balanced but for the error of summing the work in steps of 10 ms, which is larger where the joint folds
+# fast: with steps of 5 ms both numbers are a quarter. Constraint forces that did work would not shrink with the step.
 #
 # ## Exercises
 #
-# 1. Why does the front body turn if the joint is turned at standstill? Which way, and by how much for a small angle?
+# 1. Why does the front body turn if the joint is turned at standstill? Which way compared with the joint, and by how much for a
+#    small angle?
 # 2. A rear body with its centre of mass a distance $e$ behind its axle: which line of the model changes?
 # 3. Which point would you steer in reverse, and why?
 #
 # <details><summary>Answers</summary>
 #
-# **1.** The rear axle cannot move to the side, so that the rear body can turn only about a point of its axle's line. With $v =
-# 0$ the front axle's middle stays too. From $S$: $\dot\varphi = -\frac{c}{c + a\cos\gamma}\dot\gamma$: opposite to the joint,
-# near $\gamma = 0$ by the share $c/(a + c)$.
+# **1.** Turning the rear body about the joint would move the rear axle to the side, which it cannot. So the joint itself must
+# give way to the other side, and takes the front body with it, which turns about the middle of its axle ($v = 0$). From $S$:
+# $\dot\varphi = -\frac{c}{c + a\cos\gamma}\dot\gamma$: opposite to the joint, near $\gamma = 0$ by the share $c/(a + c)$.
 
 # %%
 row = at([0.0, 0.0, 0.0, 0.0], robot.parameter_values({}))
 print(f"{float(row[2, 1]):.4f} = {-C / (A + C):.4f}")
 
 # %% [markdown]
-# **2.** Only the place whose velocity is in the kinetic energy: `rear_x - e cos(phi + gamma)`, and $y$ likewise. The constraint
+# **2.** Only that of the masses: the rear body's place becomes `x_axle - e * cos(heading)`, and $y$ likewise. The constraint
 # stays where the wheels are. To use one place for both is the most frequent mistake.
 #
 # **3.** A point behind the rear axle: in the direction of travel it is then ahead of the axle, and the front body trails behind.

@@ -28,6 +28,7 @@ ACCESSIBLE = {  # what the theme leaves out for keyboards and screen readers
     "<pre>": '<pre tabindex="0">',
     '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
 }
+LESSON = r"docs/lessons/\w+\.\w+|\d_\w+\.py"
 CONTENTS = """
 
 ```{toctree}
@@ -43,7 +44,8 @@ readers/glossary
 :hidden:
 :glob:
 :caption: Lessons
-lessons/*
+lessons/README
+lessons/[0-9]*
 ```
 ```{toctree}
 :hidden:
@@ -97,8 +99,8 @@ def _prepare(app: Sphinx, page: str, text: list[str]) -> None:
 
     def link(match: re.Match[str]) -> str:
         label, target = match.groups()
-        if target.startswith("docs/lessons/"):
-            return f"[{label}](lessons/{Path(target).stem}.md)"
+        if re.fullmatch(LESSON, target):
+            return f"[{label}]({'' if page.startswith('lessons/') else 'lessons/'}{Path(target).stem}.md)"
         folder = here / target
         if not folder.is_dir():
             return match[0]

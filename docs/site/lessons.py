@@ -34,6 +34,6 @@ def _run(code: str, names: dict, lesson: Path, pictures: Path) -> str:
         figure = pyplot.figure(number)
         name = f"{lesson.stem}_{len(list(pictures.glob(f'{lesson.stem}_*')))}.svg"
         figure.savefig(pictures / name, bbox_inches="tight")
-        parts.append(f"![{figure.get_label()}]({name})")
+        parts.append(f"![{figure.get_label()}]({name})\n\n*{figure.get_label()}.*")
         pyplot.close(figure)
     return "\n\n".join(parts)

@@ -115,7 +115,10 @@ def gallery_page(folder: Path) -> str:
     commands and SPECs.
     """
     report = (folder / "report.html").read_text()
-    parts = ["# Gallery", "Every figure is drawn from runs of the generated C. A claim is the paper's, in our words, or this project's."]
+    parts = [
+        "# Gallery",
+        "Every figure is drawn from runs of the generated C. A claim is the paper's, in our words, or this project's.",
+    ]
     parts += ["[The report](figures/report.html) has the same in one file to send, and what else was measured."]
     drawn = [figure for figure in FIGURES if (folder / f"figure_{figure.name}.svg").exists()]
     if len(drawn) < len(FIGURES):
@@ -198,6 +201,7 @@ def main(folder: Path) -> None:
         "playground": playground_page(folder / "playground"),
     }
     (folder / "lessons").mkdir()
+    pages["lessons/README"] = (ROOT / "docs/lessons/README.md").read_text().replace("../../", "../")
     for lesson in sorted((ROOT / "docs/lessons").glob("*.py")):
         pages[f"lessons/{lesson.stem}"] = rendered(lesson, folder / "lessons")
     for name, text in pages.items():
