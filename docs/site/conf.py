@@ -27,6 +27,7 @@ ACCESSIBLE = {  # what the theme leaves out for keyboards and screen readers
     '<aside class="sidebar-drawer">': '<aside class="sidebar-drawer" aria-label="all pages">',
     "<pre>": '<pre tabindex="0">',
     '<div class="table-wrapper': '<div tabindex="0" class="table-wrapper',
+    '<div class="math-wrapper': '<div tabindex="0" class="math-wrapper',
 }
 LESSON = r"docs/lessons/\w+\.\w+|\d_\w+\.py"
 CONTENTS = """
