@@ -411,7 +411,7 @@ def _moved_point(spec: Spec, order: int) -> Callable[[float], np.ndarray]:
     `order`.
     """
     if (course := spec.reference.course) is not None:
-        curve = SmoothCurve(0.0, 0.0, course.heading, course.speed, course.lengths, course.curvatures)
+        curve = SmoothCurve(0.0, 0.0, course.heading, course.speed, course.lengths, course.curvatures, course.rounding)
         return lambda t: curve.derivatives(t, order)
     circle = spec.reference.circle
     assert circle is not None, "the caller has a circle or a course"

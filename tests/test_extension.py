@@ -44,6 +44,7 @@ from noslip.verification.cases import read_cases
 from noslip.verification.evaluate import evaluate_cases
 from scipy.integrate import cumulative_simpson
 from scipy.linalg import expm
+from scipy.special import fresnel
 
 AXLE = """
 robot = "labmate"
@@ -184,12 +185,59 @@ def test_the_rear_axle_of_a_car_follows_a_course(speed, backend, period, toleran
     assert heading == pytest.approx(0.2 * (4.0 / 2 + 5.0 + 1.0), abs=max(tolerance, 1e-6))
 
 
-def test_a_course_is_its_curvature():
+@pytest.mark.parametrize(
+    ("speed", "backend", "period", "tolerance"),
+    [
+        (1.5, "c", 0.0, 1e-6),
+        (3.0, "cf", 0.01, 0.01),
+        pytest.param(0.5, "c", 0.0, 1e-6, marks=pytest.mark.nightly),
+        pytest.param(3.0, "c", 0.0, 1e-6, marks=pytest.mark.nightly),
+        pytest.param(0.5, "cf", 0.01, 0.01, marks=pytest.mark.nightly),
+        pytest.param(1.5, "cf", 0.01, 0.01, marks=pytest.mark.nightly),
+    ],
+)
+def test_the_rear_axle_of_a_car_follows_a_clothoid(speed, backend, period, tolerance, tmp_path):
+    """Line, clothoid, arc, rounded over 0.2 m where they meet; without rounding off the steering torque would have no bound."""
+    turn = TURN.replace("SPEED", str(speed)).replace("0.2] }", "0.2], rounding = 0.2 }")
+    text = CAR.replace("velocity = [2.0, 0.0]", turn).replace("[-0.1, 0.2, 0.05, 0.0, 0.0]", "[0.0, 0.0, 0.0, 0.0, 0.0]")
+    rate = speed / car().parameter_values({})[[q.name for q in car().parameters].index("r")]
+    text = text.replace("[6.0, 0.0]", f"[{rate}, 0.0]")
+    run = run_of(text, tmp_path, backend=backend, period=period, duration=12.0 / speed, output_step=0.05 / speed)
+    assert run.stopped is None and np.abs(run.error).max() <= tolerance
+    middle = (run.t * speed > 2.2) & (run.t * speed < 5.8)  # of the clothoid: the steering angle is that of its curvature
+    delta = run.q[middle, [c.name for c in run.law.system.mechanism.coordinates].index("delta")]
+    np.testing.assert_allclose(np.tan(delta) / 2.6, 0.05 * (run.t[middle] * speed - 2.0), atol=max(tolerance, 1e-6))
+
+
+def test_a_rounded_course_is_near_lines_clothoids_and_arcs():
+    """Against the integrals of Fresnel: less than 0.2 mm off with a rounding of 0.2 m, a quarter of it with half the rounding."""
+    rate, length, off = 0.05, 4.0, {}
+
+    def sharp(s: float) -> complex:
+        if s <= 2.0:
+            return complex(s)
+        along, scale = min(s - 2.0, length), np.sqrt(np.pi / rate)
+        sine, cosine = fresnel(along / scale)
+        place = 2.0 + scale * complex(cosine, sine)
+        kappa, turned = rate * length, np.exp(0.5j * rate * length**2)
+        return place if s <= 2.0 + length else place + turned * (np.exp(1j * kappa * (s - 2.0 - length)) - 1) / (1j * kappa)
+
+    for rounding in (0.2, 0.1):
+        course = SmoothCurve(0.0, 0.0, 0.0, 1.0, (2.0, length, 5.0), (0.0, 0.0, rate * length, rate * length), rounding)
+        off[rounding] = max(abs(course.position(s) - sharp(s)) for s in np.linspace(0.0, 11.0, 111))
+        assert course.position(1.85) == pytest.approx(1.85, abs=1e-14)
+    assert 1e-5 < off[0.2] < 2e-4 and off[0.2] / off[0.1] == pytest.approx(4.0, rel=0.02)
+
+
+@pytest.mark.parametrize("rounding", [0.0, 0.5])
+def test_a_course_is_its_curvature(rounding):
     """Position against a fine sum, derivatives against differences, up to the sixth; before its beginning it is a curve too."""
-    course = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4))
+    course = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4), rounding)
     steps = np.linspace(0.0, 10.0, 200_001)
     knots = [(p.begin, p.curvature(0.0)) for p in course.stretches]
-    assert knots == [(0.0, 0.1), (2.0, 0.5), (5.0, 0.5), (9.0, -0.4)]
+    if not rounding:
+        assert knots == [(0.0, 0.1), (2.0, 0.5), (5.0, 0.5), (9.0, -0.4)]
+    assert course.stretches[-1].begin == pytest.approx(9.0 + rounding / 2) and knots[-1][1] == -0.4
     bends = [next(p for p in reversed(course.stretches) if p.begin <= s) for s in steps]
     kappa = np.array([p.curvature(s - p.begin) for p, s in zip(bends, steps, strict=True)])
     direction = 0.3 + cumulative_simpson(kappa, x=steps, initial=0.0)
@@ -202,7 +250,8 @@ def test_a_course_is_its_curvature():
         h = 1e-4
         difference = (course.derivatives(t + h, 6) - course.derivatives(t - h, 6)) / (2 * h)
         np.testing.assert_allclose(difference[:-1], course.derivatives(t, 6)[1:], rtol=0, atol=1e-6)
-    joints = [course.derivatives(at / 0.7 + side, 6) for at in (2.0, 5.0, 9.0) for side in (-1e-9, 1e-9)]
+    meet = [p.begin for p in course.stretches[1:]]
+    joints = [course.derivatives(at / 0.7 + side, 6) for at in meet for side in (-1e-9, 1e-9)]
     for before, after in zip(joints[::2], joints[1::2], strict=True):
         np.testing.assert_allclose(before, after, rtol=0, atol=1e-6)
 
@@ -603,6 +652,10 @@ COURSE = AXLE.replace("velocity = [0.6, 0.1]", "course = { speed = 0.5, lengths 
 REFUSED = {
     "course without its end": (COURSE.replace("[0.0, 0.1]", "[0.1]"), "1 lengths and 1 curvatures: give one curvature more"),
     "course without a length": (COURSE.replace("lengths = [2.0]", "lengths = [0.0]"), "lengths must be positive"),
+    "rounding too long": (
+        COURSE.replace("0.1] }", "0.1], rounding = 2.1 }"),
+        "rounding = 2.1 must be at most the shortest of the lengths",
+    ),
     "course that goes back": (COURSE.replace("speed = 0.5, l", "speed = -0.5, l"), "speed .*positive"),
     "course and circle": (
         COURSE.replace("course =", "circle = { radius = 1.0, rate = 0.1 }, course ="),
