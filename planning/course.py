@@ -15,6 +15,9 @@ import numpy as np
 
 from ..model.algebra.trigonometry import sine_cosine
 
+NEAR = 0.2  # m: between the places from which the search of the nearest one begins
+STEPS, ENOUGH = 50, 1e-13  # of Newton's method; relative change at which it ends
+FLATTEST = 0.2  # least slope that is taken for its steps
 TURN = 0.2  # rad: largest change of the direction over an interval of the quadrature
 NODES = (  # of Gauss and Legendre on [-1, 1] with 8 points, positive ones: place, weight
     (0.18343464249564980494, 0.36268378337836198297),
@@ -133,6 +136,27 @@ class SmoothCurve:
         for n in range(order - 1):
             forward.append(1j * sum(math.comb(n, k) * rates[k] * forward[n - k] for k in range(n + 1)))
         return np.array([self.position(length), *[self.speed * each for each in forward[:order]]])
+
+    def nearest(self, point: complex, near: float | None = None) -> float:
+        """Return the length along the course at which it is nearest to a point x + i y, m, by Newton's method from the length
+        `near`; without one, from the nearest of places that are NEAR apart. It converges to the side of the course on which the
+        point is nearer than the centre of its curvature.
+        """
+        length = self._scanned(point) if near is None else near
+        for _ in range(STEPS):
+            stretch = self.stretches[self._part(length)]
+            s, c = sine_cosine(stretch.direction(length - stretch.begin))
+            off = (point - self.position(length)) * complex(c, -s)  # ahead, and to the left
+            step = off.real / max(1.0 - stretch.curvature(length - stretch.begin) * off.imag, FLATTEST)
+            length += step
+            if abs(step) <= ENOUGH * max(1.0, abs(length)):
+                break
+        return length
+
+    def _scanned(self, point: complex) -> float:
+        """Return the length at the nearest of places that are NEAR apart."""
+        count = 1 + int(self.stretches[-1].begin / NEAR)
+        return min((k * NEAR for k in range(count + 1)), key=lambda length: abs(point - self.position(length)))
 
     def _part(self, length: float) -> int:
         """The number of the part at a length; before the beginning the first."""
