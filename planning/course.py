@@ -18,7 +18,7 @@ from ..model.algebra.trigonometry import sine_cosine
 NEAR = 0.2  # m: between the places from which the search of the nearest one begins
 STEPS, ENOUGH = 50, 1e-13  # of Newton's method; relative change at which it ends
 FLATTEST = 0.2  # least slope that is taken for its steps
-TURN = 0.2  # rad: largest change of the direction over an interval of the quadrature
+LEAST = 3  # intervals of the quadrature, and one more for each radian of a turn: an error of 2e-14 m (300 random courses)
 NODES = (  # of Gauss and Legendre on [-1, 1] with 8 points, positive ones: place, weight
     (0.18343464249564980494, 0.36268378337836198297),
     (0.52553240991632898582, 0.31370664587788728734),
@@ -174,7 +174,7 @@ class SmoothCurve:
     def _moved(stretch: Stretch, length: float) -> complex:
         """Return how far the course goes within a part, by the quadrature of Gauss and Legendre."""
         largest = max(abs(stretch.curvature(0.0)), abs(stretch.curvature(length)))
-        count = 1 + int(abs(length) * largest / TURN)
+        count = LEAST + int(abs(length) * largest)
         half, total = length / count / 2, 0j
         for k in range(count):
             middle = (2 * k + 1) * half
