@@ -8,7 +8,20 @@ from pathlib import Path
 from .tools import HERE, STANDARD, Failed, Missing, Task, attempt, each, need, run
 
 CHECKS = "-fsanitize=address,undefined,float-divide-by-zero,float-cast-overflow"
-RUNTIME = ("odometry", "ekf", "adaptation", "integral", "angles", "path", "velocity", "motor", "profile", "approach", "slip")
+RUNTIME = (
+    "odometry",
+    "ekf",
+    "adaptation",
+    "integral",
+    "angles",
+    "path",
+    "velocity",
+    "motor",
+    "profile",
+    "approach",
+    "slip",
+    "course",
+)
 SCALARS = {"double": "", "float": "_f"}
 CORPUS = HERE / "corpus.txt"  # one input per line, base64
 RUNS = {True: 20_000, False: 500_000}  # of libFuzzer, short or not; README.md describes longer campaigns
@@ -104,8 +117,8 @@ def _functions(task: Task) -> list[str]:
 
 def _drivers(task: Task) -> str:
     """Return C with a driver function of the same type for each law and each part of the runtime, and a table of them."""
-    names = "adaptation", "angle", "approach", "integral", "motor", "odometry", "path", "profile", "reversing", "slip", "velocity"
-    runtime = [*(f"noslip_{name}.h" for name in names), "labmate_ekf.h", "labmate_ekf_f.h"]
+    names = {"angle", "reversing", *RUNTIME} - {"angles", "ekf"}
+    runtime = [*(f"noslip_{name}.h" for name in sorted(names)), "labmate_ekf.h", "labmate_ekf_f.h"]
     parts = [f'#include "{header}"\n' for header in ("law_fuzz.h", *runtime)] + ["#define ROBOT labmate\n"]
     for real, suffix in SCALARS.items():
         parts.append(f"#define SUFFIX {suffix}\n#define REAL {real}\n")

@@ -2,7 +2,8 @@
 
 Between the places where the curvature is given it changes as a polynomial whose first four derivatives vanish at both ends, so
 that all derivatives of the position up to order 6 are continuous: an output of that relative degree can follow it exactly. The
-curvature of a clothoid has a rate that jumps, which no torque at a steered wheel can follow.
+curvature of a clothoid has a rate that jumps, which no torque at a steered wheel can follow. With a `rounding` the parts are
+lines, arcs and clothoids, and only within half that length of where two of them meet the rate changes smoothly instead.
 """
 
 import math
@@ -14,7 +15,10 @@ import numpy as np
 
 from ..model.algebra.trigonometry import sine_cosine
 
-TURN = 0.2  # rad: largest change of the direction over an interval of the quadrature
+NEAR = 0.2  # m: between the places from which the search of the nearest one begins
+STEPS, ENOUGH = 50, 1e-13  # of Newton's method; relative change at which it ends
+FLATTEST = 0.2  # least slope that is taken for its steps
+LEAST = 3  # intervals of the quadrature, and one more for each radian of a turn: an error of 2e-14 m (300 random courses)
 NODES = (  # of Gauss and Legendre on [-1, 1] with 8 points, positive ones: place, weight
     (0.18343464249564980494, 0.36268378337836198297),
     (0.52553240991632898582, 0.31370664587788728734),
@@ -23,7 +27,10 @@ NODES = (  # of Gauss and Legendre on [-1, 1] with 8 points, positive ones: plac
 )
 
 
+Polynomial = tuple[float, ...]  # coefficients by power
+Part = tuple[float, Polynomial]  # length in m, curvature in 1/m as a polynomial in the part of the length
 BLEND = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)  # coefficients of the change from 0 at 0 to 1 at 1
+RISE = (0.0, 0.0, 0.0, 0.0, 0.0, 7.0, -14.0, 10.0, -2.5)  # integral of such a change with three derivatives, 1/2 at 1
 
 
 def value(coefficients: Sequence[float], u: float, order: int = 0) -> float:
@@ -35,30 +42,43 @@ def value(coefficients: Sequence[float], u: float, order: int = 0) -> float:
     return total * u if order < 0 else total
 
 
+def blended(first: float, last: float) -> Polynomial:
+    """Return the coefficients of a change from `first` at 0 to `last` at 1."""
+    return (first, *[(last - first) * c for c in BLEND[1:]])
+
+
+def rounded(first: float, before: float, after: float) -> Polynomial:
+    """Return the coefficients of a polynomial that is `first` at 0, and whose rate changes from `before` at 0 to `after` at 1."""
+    return (first, before, *[(after - before) * c for c in RISE[2:]])
+
+
 @dataclass(frozen=True)
 class Stretch:
-    """A part of a course from `begin` on, m: its direction there (rad), its `length` (m), curvatures (1/m) at both ends."""
+    """A part of a course from `begin` on, m: its direction there (rad), its `length` (m), and the coefficients of its curvature
+    (1/m) as a polynomial in the part of the length.
+    """
 
     begin: float
     heading: float
     length: float
-    first: float
-    last: float
+    coefficients: Polynomial
 
     def curvature(self, at: float, order: int = 0) -> float:
         """Return the derivative of an order of the curvature, 1/m^(1 + order), `at` m after its beginning."""
-        changed = (self.last - self.first) * value(BLEND, at / self.length, order) / self.length**order
-        return changed if order else self.first + changed
+        return value(self.coefficients, at / self.length, order) / self.length**order
 
     def direction(self, at: float) -> float:
         """Return the direction, rad, `at` m after its beginning."""
-        return self.heading + self.first * at + (self.last - self.first) * self.length * value(BLEND, at / self.length, -1)
+        return self.heading + self.length * value(self.coefficients, at / self.length, -1)
 
 
 @dataclass(frozen=True)
 class SmoothCurve:
     """From (x, y) in m in the direction `heading` (rad): `curvatures` (1/m, positive turns left) at the beginning of the first
     of the `lengths` (m) and at the end of each; after the last the curvature stays. `speed`, m/s, along it.
+
+    With a `rounding` (m, at most the shortest of the lengths) the curvature is linear over each part, except within half of it
+    of where parts meet and where the last ends; without, it changes smoothly over the whole of each part.
     """
 
     x: float
@@ -67,15 +87,38 @@ class SmoothCurve:
     speed: float
     lengths: tuple[float, ...]
     curvatures: tuple[float, ...]
+    rounding: float = 0.0
 
     @cached_property
     def stretches(self) -> tuple[Stretch, ...]:
         """The parts, the last without an end."""
         begin, direction, parts = 0.0, self.heading, []
-        for length, first, last in zip(self.lengths, self.curvatures, self.curvatures[1:], strict=False):
-            parts.append(Stretch(begin, direction, length, first, last))
+        for length, coefficients in [*(self._rounded() if self.rounding else self._blended()), (1.0, (self.curvatures[-1],))]:
+            parts.append(Stretch(begin, direction, length, coefficients))
             begin, direction = begin + length, parts[-1].direction(length)
-        return (*parts, Stretch(begin, direction, 1.0, self.curvatures[-1], self.curvatures[-1]))
+        return tuple(parts)
+
+    def _blended(self) -> list[Part]:
+        """Return lengths and polynomials of parts over which the curvature changes smoothly."""
+        ends = zip(self.curvatures, self.curvatures[1:], strict=False)
+        return [(length, blended(*pair)) for length, pair in zip(self.lengths, ends, strict=True)]
+
+    def _rounded(self) -> list[Part]:
+        """Return lengths and polynomials of lines, arcs and clothoids, and of what is in between."""
+        half, begin = self.rounding / 2, 0.0
+        parts: list[Part] = []
+        slopes = [
+            (last - first) / length
+            for length, first, last in zip(self.lengths, self.curvatures, self.curvatures[1:], strict=False)
+        ]
+        for k, (length, slope, after) in enumerate(zip(self.lengths, slopes, [*slopes[1:], 0.0], strict=True)):
+            straight, last = length - begin - half, self.curvatures[k + 1]
+            first = self.curvatures[k] + slope * begin
+            if straight > 0.0:
+                parts.append((straight, (first, slope * straight)))
+            parts.append((self.rounding, rounded(last - slope * half, slope * self.rounding, after * self.rounding)))
+            begin = half
+        return parts
 
     def position(self, length: float) -> complex:
         """Return x + i y at a length along the course, m."""
@@ -94,6 +137,27 @@ class SmoothCurve:
             forward.append(1j * sum(math.comb(n, k) * rates[k] * forward[n - k] for k in range(n + 1)))
         return np.array([self.position(length), *[self.speed * each for each in forward[:order]]])
 
+    def nearest(self, point: complex, near: float | None = None) -> float:
+        """Return the length along the course at which it is nearest to a point x + i y, m, by Newton's method from the length
+        `near`; without one, from the nearest of places that are NEAR apart. It converges to the side of the course on which the
+        point is nearer than the centre of its curvature.
+        """
+        length = self._scanned(point) if near is None else near
+        for _ in range(STEPS):
+            stretch = self.stretches[self._part(length)]
+            s, c = sine_cosine(stretch.direction(length - stretch.begin))
+            off = (point - self.position(length)) * complex(c, -s)  # ahead, and to the left
+            step = off.real / max(1.0 - stretch.curvature(length - stretch.begin) * off.imag, FLATTEST)
+            length += step
+            if abs(step) <= ENOUGH * max(1.0, abs(length)):
+                break
+        return length
+
+    def _scanned(self, point: complex) -> float:
+        """Return the length at the nearest of places that are NEAR apart."""
+        count = 1 + int(self.stretches[-1].begin / NEAR)
+        return min((k * NEAR for k in range(count + 1)), key=lambda length: abs(point - self.position(length)))
+
     def _part(self, length: float) -> int:
         """The number of the part at a length; before the beginning the first."""
         return sum(stretch.begin <= length for stretch in self.stretches[1:])
@@ -102,14 +166,15 @@ class SmoothCurve:
     def _places(self) -> list[complex]:
         """The position at the beginning of each part."""
         places = [complex(self.x, self.y)]
-        for stretch, length in zip(self.stretches, self.lengths, strict=False):
-            places.append(places[-1] + self._moved(stretch, length))
+        for stretch in self.stretches[:-1]:
+            places.append(places[-1] + self._moved(stretch, stretch.length))
         return places
 
     @staticmethod
     def _moved(stretch: Stretch, length: float) -> complex:
         """Return how far the course goes within a part, by the quadrature of Gauss and Legendre."""
-        count = 1 + int(abs(length) * max(abs(stretch.first), abs(stretch.last)) / TURN)
+        largest = max(abs(stretch.curvature(0.0)), abs(stretch.curvature(length)))
+        count = LEAST + int(abs(length) * largest)
         half, total = length / count / 2, 0j
         for k in range(count):
             middle = (2 * k + 1) * half

@@ -25,6 +25,7 @@ from ..readers.errors import BadInput
 if TYPE_CHECKING:
     from ..controllers.approach import Approach
     from ..controllers.tracking import Guide, Tracker, TrackerOptions
+    from ..planning.course import SmoothCurve
     from ..planning.profile import SpeedProfile
 
 
@@ -101,11 +102,15 @@ class ShortWay:
         self._rows, self._fixed = rows, (parameters, config)
         self._outputs = Direct(outputs(law))
 
+    def outputs(self, state: np.ndarray) -> np.ndarray:
+        """Return the outputs at a state."""
+        return self._outputs(state, *self._fixed)[0]
+
     def __call__(self, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Return the reference for the controller, in the order of law.reference."""
         if not self._rows:
             return reference
-        prepared, y = np.array(reference, float), self._outputs(state, *self._fixed)[0]
+        prepared, y = np.array(reference, float), self.outputs(state)
         for row, entry in self._rows:
             prepared[entry] = nearest_angle(prepared[entry], y[row])
         return prepared
@@ -129,6 +134,33 @@ class OnePath:
 
     def update(self, t: float, x: np.ndarray) -> None:
         """Do nothing: there is no other path."""
+
+
+class OnCourse(OnePath):
+    """A course on which the desired point is the one nearest to that of the robot, whatever the time; both move at the speed of
+    the course.
+    """
+
+    def __init__(
+        self, leg: Leg, reference: Callable[[float], np.ndarray], prepare: ShortWay, course: SmoothCurve, start: np.ndarray
+    ):
+        """`course` as the desired point moves on it, `reference` by the time since its beginning; `start`: the state there."""
+        super().__init__(leg, reference, prepare)
+        self._course, self._along = course, course.nearest(self._point(start))
+
+    def reference(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Return the reference at the nearest point."""
+        return super().reference(self._nearest(x) / self._course.speed, x)
+
+    def update(self, t: float, x: np.ndarray) -> None:
+        """Search from the nearest point next time."""
+        self._along = self._nearest(x)
+
+    def _nearest(self, x: np.ndarray) -> float:
+        return self._course.nearest(self._point(x), self._along)
+
+    def _point(self, x: np.ndarray) -> complex:
+        return complex(*self._prepare.outputs(x)[:2])
 
 
 @dataclass(frozen=True)

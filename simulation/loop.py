@@ -1,6 +1,6 @@
 """Builds the loop of a controller and a robot from a SPEC."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import casadi as ca
@@ -30,10 +30,10 @@ from ..readers.robots import find_robot, law_of
 from ..verification.cases import gain_entries, integral_entries
 from .contact import friction_accelerations
 from .drive import Drive, make_drive
-from .guidance import Approaching, Guidance, Leg, OnePath, Route, ShortWay, Side, accelerations, led_units
+from .guidance import Approaching, Guidance, Leg, OnCourse, OnePath, Route, ShortWay, Side, accelerations, led_units
 from .plant import Plant
 from .sensing import Estimating, Sensing, SlipSensing
-from .specification.spec import AdaptationSection, ApproachSection, Initial, PathSection, Simulation, Spec
+from .specification.spec import AdaptationSection, ApproachSection, CourseSection, Initial, PathSection, Simulation, Spec
 from .specification.units import check_units
 from .starts import extension_starts, starts
 
@@ -197,7 +197,12 @@ def make_loop(spec: Spec) -> Loop:
         assert spec.initial is not None, "only a composite path defines its own start"
         start = _start(spec.initial, plant, spec.output.L, spec.output.W)
         leg = make_leg(_config(law, spec), start)
-        guidance = OnePath(leg, _reference(law, spec), ShortWay(law, believed, leg.config))
+        followed = leg, _reference(law, spec), ShortWay(law, believed, leg.config)
+        if (course := spec.reference.course) and course.follow == "path":
+            _check_along(law, gains)
+            guidance = OnCourse(*followed, smooth_curve(course, spec.reference.position or ()), start)
+        else:
+            guidance = OnePath(*followed)
     sensing: Sensing | None = None
     if spec.sensors:
         seen = (plant.parameters, believed, start)
@@ -406,12 +411,31 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
     return at
 
 
+def smooth_curve(course: CourseSection, begin: Sequence[float] = (0.0, 0.0)) -> SmoothCurve:
+    """Return the curve of a course that begins at the first two numbers of `begin`, m."""
+    return SmoothCurve(*begin[:2], course.heading, course.speed, course.lengths, course.curvatures, course.rounding)
+
+
+def _check_along(law: ControlLaw, gains: Sequence[float]) -> None:
+    """Raise BadInput unless a course can be followed from wherever the robot is: along it the errors of the place, and with them
+    kp, are missing, so that the speed's error obeys s^(k-1) + ... + kd.
+    """
+    given = iter(gains)
+    for row, degree in zip(law.output.rows[:2], law.linearization.relative_degree, strict=False):
+        own = [next(given) for _ in range(degree)]
+        if not np.all(np.roots([1.0, *own[:0:-1]]).real < 0.0):
+            raise BadInput(
+                f'[reference] course: with follow = "path" the gains of {row.name} other than kp must place poles of their own; '
+                "change them"
+            )
+
+
 def _moved_point(spec: Spec, order: int) -> Callable[[float], np.ndarray]:
     """Return the function from t to how far a point has moved on a circle or a course, x + i y, and its derivatives up to
     `order`.
     """
     if (course := spec.reference.course) is not None:
-        curve = SmoothCurve(0.0, 0.0, course.heading, course.speed, course.lengths, course.curvatures)
+        curve = smooth_curve(course)
         return lambda t: curve.derivatives(t, order)
     circle = spec.reference.circle
     assert circle is not None, "the caller has a circle or a course"

@@ -44,6 +44,7 @@ from noslip.verification.cases import read_cases
 from noslip.verification.evaluate import evaluate_cases
 from scipy.integrate import cumulative_simpson
 from scipy.linalg import expm
+from scipy.special import fresnel
 
 AXLE = """
 robot = "labmate"
@@ -184,12 +185,101 @@ def test_the_rear_axle_of_a_car_follows_a_course(speed, backend, period, toleran
     assert heading == pytest.approx(0.2 * (4.0 / 2 + 5.0 + 1.0), abs=max(tolerance, 1e-6))
 
 
-def test_a_course_is_its_curvature():
+@pytest.mark.parametrize(
+    ("speed", "backend", "period", "tolerance"),
+    [
+        (1.5, "c", 0.0, 1e-6),
+        (3.0, "cf", 0.01, 0.01),
+        pytest.param(0.5, "c", 0.0, 1e-6, marks=pytest.mark.nightly),
+        pytest.param(3.0, "c", 0.0, 1e-6, marks=pytest.mark.nightly),
+        pytest.param(0.5, "cf", 0.01, 0.01, marks=pytest.mark.nightly),
+        pytest.param(1.5, "cf", 0.01, 0.01, marks=pytest.mark.nightly),
+    ],
+)
+def test_the_rear_axle_of_a_car_follows_a_clothoid(speed, backend, period, tolerance, tmp_path):
+    """Line, clothoid, arc, rounded over 0.2 m where they meet; without rounding off the steering torque would have no bound."""
+    turn = TURN.replace("SPEED", str(speed)).replace("0.2] }", "0.2], rounding = 0.2 }")
+    text = CAR.replace("velocity = [2.0, 0.0]", turn).replace("[-0.1, 0.2, 0.05, 0.0, 0.0]", "[0.0, 0.0, 0.0, 0.0, 0.0]")
+    rate = speed / car().parameter_values({})[[q.name for q in car().parameters].index("r")]
+    text = text.replace("[6.0, 0.0]", f"[{rate}, 0.0]")
+    run = run_of(text, tmp_path, backend=backend, period=period, duration=12.0 / speed, output_step=0.05 / speed)
+    assert run.stopped is None and np.abs(run.error).max() <= tolerance
+    middle = (run.t * speed > 2.2) & (run.t * speed < 5.8)  # of the clothoid: the steering angle is that of its curvature
+    delta = run.q[middle, [c.name for c in run.law.system.mechanism.coordinates].index("delta")]
+    np.testing.assert_allclose(np.tan(delta) / 2.6, 0.05 * (run.t[middle] * speed - 2.0), atol=max(tolerance, 1e-6))
+
+
+def test_a_rounded_course_is_near_lines_clothoids_and_arcs():
+    """Against the integrals of Fresnel: less than 0.2 mm off with a rounding of 0.2 m, a quarter of it with half the rounding."""
+    rate, length, off = 0.05, 4.0, {}
+
+    def sharp(s: float) -> complex:
+        if s <= 2.0:
+            return complex(s)
+        along, scale = min(s - 2.0, length), np.sqrt(np.pi / rate)
+        sine, cosine = fresnel(along / scale)
+        place = 2.0 + scale * complex(cosine, sine)
+        kappa, turned = rate * length, np.exp(0.5j * rate * length**2)
+        return place if s <= 2.0 + length else place + turned * (np.exp(1j * kappa * (s - 2.0 - length)) - 1) / (1j * kappa)
+
+    for rounding in (0.2, 0.1):
+        course = SmoothCurve(0.0, 0.0, 0.0, 1.0, (2.0, length, 5.0), (0.0, 0.0, rate * length, rate * length), rounding)
+        off[rounding] = max(abs(course.position(s) - sharp(s)) for s in np.linspace(0.0, 11.0, 111))
+        assert course.position(1.85) == pytest.approx(1.85, abs=1e-14)
+    assert 1e-5 < off[0.2] < 2e-4 and off[0.2] / off[0.1] == pytest.approx(4.0, rel=0.02)
+
+
+AHEAD = 'course = { speed = 0.5, heading = 0.2, lengths = [], curvatures = [0.0], follow = "path" }'
+BENDS = 'course = { speed = 0.5, lengths = [1.0, 2.0, 2.0], curvatures = [0.0, 0.0, 0.4, -0.2], rounding = 0.5, follow = "path" }'
+
+
+def test_a_course_that_waits_leaves_the_placed_poles_beside_it(tmp_path):
+    """On a line: the distance has the placed poles, the speed those of the gains without kp, and the place no error at all."""
+    run = run_of(AXLE.replace("velocity = [0.6, 0.1]", AHEAD).replace("speed = 0.5 }\ns", "speed = 0.3 }\ns"), tmp_path)
+    assert run.stopped is None
+    gains, along, xi = make_loop(run.spec).gains[:3], np.exp(0.2j), run.extension[:, 0]
+    heading, speed = run.q[:, 2], 0.15 * run.nu.mean(axis=1)
+    turning = 0.15 * (run.nu[:, 0] - run.nu[:, 1]) / 2 / {p.name: p.default for p in run.law.parameters}["b"]
+    rates = np.exp(1j * heading) * np.array([speed, xi + 1j * speed * turning]) / along
+    place = (run.y[:, 0] + 1j * run.y[:, 1]) / along
+    error = np.array([place[0].imag, *rates[:, 0].imag])
+    slower = np.array([rates[0, 0].real - 0.5, rates[1, 0].real])
+    for t, y, ahead, rate in zip(run.t, place, (run.error[:, 0] + 1j * run.error[:, 1]) / along, rates.T, strict=True):
+        assert y.imag == pytest.approx((expm(chain(gains) * t) @ error)[0], abs=1e-8)
+        assert rate[0].real - 0.5 == pytest.approx((expm(chain(gains[1:]) * t) @ slower)[0], abs=1e-8)
+        assert abs(ahead.real) < 1e-12 and ahead.imag == pytest.approx(y.imag, abs=1e-12)
+
+
+def test_a_robot_comes_back_to_a_course_that_waits(tmp_path):
+    """From 0.7 m along it and beside it, through bends: it ends on the course at its speed, however late it is."""
+    text = AXLE.replace("velocity = [0.6, 0.1]", BENDS).replace("[-0.1, 0.05]", "[0.7, 0.1]").replace("6.0", "16.0")
+    run = run_of(text, tmp_path)
+    assert run.stopped is None and np.abs(run.error[0]).max() < 0.11  # the desired point is beside it
+    assert np.abs(run.error[-1]).max() < 1e-4 and np.abs(0.15 * run.nu[-1].mean() - 0.5) < 1e-4
+    held = run_of(text, tmp_path, backend="cf", period=0.01)
+    assert np.abs(held.y - run.y).max() < 0.01
+
+
+def test_the_nearest_place_of_a_course():
+    """The foot of points beside it, of points before and beyond it, and of where only the centre of curvature is nearer."""
+    course, random = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4), 0.5), np.random.default_rng(3)
+    for at, beside in zip(random.uniform(-1.0, 11.0, 50), random.uniform(-1.0, 1.0, 50), strict=True):
+        place, rate = course.derivatives(at / 0.7, 1)
+        point = place + 1j * rate / abs(rate) * beside
+        assert course.nearest(point, at + random.uniform(-0.3, 0.3)) == pytest.approx(at, abs=1e-11)
+    for at in (0.0, 3.3, 9.5):
+        assert course.nearest(course.position(at)) == pytest.approx(at, abs=1e-11)
+
+
+@pytest.mark.parametrize("rounding", [0.0, 0.5])
+def test_a_course_is_its_curvature(rounding):
     """Position against a fine sum, derivatives against differences, up to the sixth; before its beginning it is a curve too."""
-    course = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4))
+    course = SmoothCurve(1.0, 2.0, 0.3, 0.7, (2.0, 3.0, 4.0), (0.1, 0.5, 0.5, -0.4), rounding)
     steps = np.linspace(0.0, 10.0, 200_001)
     knots = [(p.begin, p.curvature(0.0)) for p in course.stretches]
-    assert knots == [(0.0, 0.1), (2.0, 0.5), (5.0, 0.5), (9.0, -0.4)]
+    if not rounding:
+        assert knots == [(0.0, 0.1), (2.0, 0.5), (5.0, 0.5), (9.0, -0.4)]
+    assert course.stretches[-1].begin == pytest.approx(9.0 + rounding / 2) and knots[-1][1] == -0.4
     bends = [next(p for p in reversed(course.stretches) if p.begin <= s) for s in steps]
     kappa = np.array([p.curvature(s - p.begin) for p, s in zip(bends, steps, strict=True)])
     direction = 0.3 + cumulative_simpson(kappa, x=steps, initial=0.0)
@@ -202,7 +292,8 @@ def test_a_course_is_its_curvature():
         h = 1e-4
         difference = (course.derivatives(t + h, 6) - course.derivatives(t - h, 6)) / (2 * h)
         np.testing.assert_allclose(difference[:-1], course.derivatives(t, 6)[1:], rtol=0, atol=1e-6)
-    joints = [course.derivatives(at / 0.7 + side, 6) for at in (2.0, 5.0, 9.0) for side in (-1e-9, 1e-9)]
+    meet = [p.begin for p in course.stretches[1:]]
+    joints = [course.derivatives(at / 0.7 + side, 6) for at in meet for side in (-1e-9, 1e-9)]
     for before, after in zip(joints[::2], joints[1::2], strict=True):
         np.testing.assert_allclose(before, after, rtol=0, atol=1e-6)
 
@@ -603,6 +694,18 @@ COURSE = AXLE.replace("velocity = [0.6, 0.1]", "course = { speed = 0.5, lengths 
 REFUSED = {
     "course without its end": (COURSE.replace("[0.0, 0.1]", "[0.1]"), "1 lengths and 1 curvatures: give one curvature more"),
     "course without a length": (COURSE.replace("lengths = [2.0]", "lengths = [0.0]"), "lengths must be positive"),
+    "course that waits, and a velocity": (
+        COURSE.replace("0.1] }", '0.1], follow = "path" }, velocity = [0.1, 0.0]'),
+        "velocity does not go with a course with follow",
+    ),
+    "course that waits, without damping": (
+        COURSE.replace("0.1] }", '0.1], follow = "path" }') + "gains = { kd = 0.0 }",
+        "gains of x_l other than kp must place poles",
+    ),
+    "rounding too long": (
+        COURSE.replace("0.1] }", "0.1], rounding = 2.1 }"),
+        "rounding = 2.1 must be at most the shortest of the lengths",
+    ),
     "course that goes back": (COURSE.replace("speed = 0.5, l", "speed = -0.5, l"), "speed .*positive"),
     "course and circle": (
         COURSE.replace("course =", "circle = { radius = 1.0, rate = 0.1 }, course ="),

@@ -243,16 +243,27 @@ class CircleSection:
     angle: float = entry(angle, 0.0, "of the desired point at t = 0, from the x-axis to the left")
 
 
+FOLLOW = ("time", "path")
+
+
 @dataclass(frozen=True, kw_only=True)
 class CourseSection:
     """A smooth curve on which the desired point moves at `speed` (m/s), from `position` on in the direction `heading` (rad):
-    `curvatures` (1/m, positive turns left) at the beginning of the first of the `lengths` (m) and at the end of each.
+    `curvatures` (1/m, positive turns left) at the beginning of the first of the `lengths` (m) and at the end of each. With a
+    `rounding` the parts are lines, arcs and clothoids, rounded over that length where they meet. It is followed in time, or from
+    wherever the robot is beside it.
     """
 
     speed: float = entry(number("positive", "m/s"), about="of the desired point along the curve")
     heading: float = entry(angle, 0.0, "in which the desired point moves at t = 0, from the x-axis to the left")
     lengths: tuple[float, ...] = entry(numbers, about="of the parts in m, each positive")
     curvatures: tuple[float, ...] = entry(numbers, about="in 1/m where each part begins, and where the last ends")
+    rounding: float = entry(
+        number("nonnegative", "m"), 0.0, "over which the curvature's rate changes where parts meet; 0: over the whole parts"
+    )
+    follow: str = entry(
+        one_of(*FOLLOW), "time", "time: the desired point does not wait; path: it is the one nearest to the robot"
+    )
 
     def __post_init__(self):
         parts, ends = len(self.lengths), len(self.curvatures)
@@ -260,6 +271,8 @@ class CourseSection:
             raise BadInput(f"[reference] course has {parts} lengths and {ends} curvatures: give one curvature more than lengths")
         if not all(length > 0.0 for length in self.lengths):
             raise BadInput("[reference] course: lengths must be positive")
+        if self.rounding > min(self.lengths, default=0.0):
+            raise BadInput(f"[reference] course: rounding = {self.rounding:g} must be at most the shortest of the lengths")
 
 
 FASTEST = math.inf  # m/s: as fast as the accelerations allow
@@ -701,6 +714,8 @@ class Spec:
                 raise BadInput(f'[reference] {name} requires lateral, or speed = "fastest": give one of them')
         if self.reference.circle and self.reference.course:
             raise BadInput("[reference] has both circle and course: give one of them")
+        if self.reference.velocity and self.reference.course and self.reference.course.follow == "path":
+            raise BadInput('[reference] velocity does not go with a course with follow = "path", which does not depend on time')
         required, optional = ("speed", ()) if self.output.type == "IV" else ("position", ("velocity", "circle", "course"))
         for name in ("speed", "position", "velocity", "circle", "course"):
             given = getattr(self.reference, name) is not None

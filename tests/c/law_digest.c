@@ -83,19 +83,20 @@ static double any_value(uint64_t *random)
 #define LAW labmate_type_iv_segment
 #include "law_bits.inc"
 #undef LAW
+#include "noslip_course.h"
 #include "route_bits.inc"
 
-typedef void law_runner(uint32_t n, law_bits *bits); /* the last are not laws but a vehicle on a path and its filter */
+typedef void law_runner(uint32_t n, law_bits *bits); /* the last: a vehicle on a path, its filter, a course */
 static law_runner *const in_float[] = {bits_labmate_type_i_f,          bits_labmate_type_ii_f,
                                        bits_labmate_type_iii_f,        bits_labmate_type_iv_circle_f,
                                        bits_labmate_type_iv_ellipse_f, bits_labmate_type_iv_line_f,
                                        bits_labmate_type_iv_segment_f, bits_route_f,
-                                       bits_ekf_f};
+                                       bits_ekf_f,                     bits_course_f};
 static law_runner *const in_double[] = {bits_labmate_type_i,          bits_labmate_type_ii,
                                         bits_labmate_type_iii,        bits_labmate_type_iv_circle,
                                         bits_labmate_type_iv_ellipse, bits_labmate_type_iv_line,
                                         bits_labmate_type_iv_segment, bits_route,
-                                        bits_ekf};
+                                        bits_ekf,                     bits_course};
 #define LAWS ((int)(sizeof in_float / sizeof in_float[0]))
 typedef char as_many_in_double[sizeof in_float == sizeof in_double ? 1 : -1];
 
