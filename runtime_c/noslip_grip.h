@@ -112,8 +112,21 @@ NOSLIP_APART void noslip_within_cone(noslip_steps *steps, const double *at, cons
     }
 }
 
+/*
+ * Replaces the shift of the load in `ground`, as in noslip_holds for each contact, by mu load (N), less 1024 roundings, so that
+ * rounding does not exceed it: (F along, F across, N, mass).
+ */
+static inline void noslip_write_loads(double *ground, const noslip_grip *grip, int contacts)
+{
+    const double below = 1 - 1024 * DBL_EPSILON, weight = grip->weight * below, height = grip->height * below;
+    int k;
+    for (k = 0; k < contacts; k++) {
+        ground[4 * k + 2] = weight * ground[4 * k + 3] + height * ground[4 * k + 2];
+    }
+}
+
 /* Returns the sum of by[i] way[i] over `count` inputs, two or more. */
-static inline double noslip_effect(const double *by, const double *way, int count)
+NOSLIP_HOT double noslip_effect(const double *by, const double *way, int count)
 {
     double sum = by[0] * way[0] + by[1] * way[1];
     int i;
@@ -123,14 +136,28 @@ static inline double noslip_effect(const double *by, const double *way, int coun
     return sum;
 }
 
+/* Computes what `way` adds at each contact to (F along, F across, N). `by_inputs` has for each contact the derivatives of the force
+ * along and across and of the shift of the load by each of `count` inputs. */
+NOSLIP_APART void noslip_effects(const double *way, const double *by_inputs,
+                       const noslip_grip *grip, int contacts, int count, double *effects)
+{
+    const double height = grip->height * (1 - 1024 * DBL_EPSILON);
+    int k;
+    for (k = 0; k < contacts; k++) {
+        const double *by = by_inputs + 3 * k * count;
+        effects[3 * k] = noslip_effect(by, way, count);
+        effects[3 * k + 1] = noslip_effect(by + count, way, count);
+        effects[3 * k + 2] = height * noslip_effect(by + 2 * count, way, count);
+    }
+}
+
 /*
  * Returns the s with which the inputs + s `way` keep each contact within friction and each of `count` inputs within its limit.
- * `ground` as in noslip_holds for each contact, `by_inputs` its first three numbers for each contact by each input. Parts of `way`
- * below 1e-5 of the largest count as zero for the limits.
+ * `ground` is that of noslip_write_loads, `effects` that of noslip_effects. Parts of `way` below 1e-5 of the largest count as zero
+ * for the limits.
  */
 NOSLIP_APART noslip_steps noslip_steps_within(const double *inputs, const double *way,
-                                    const double *ground, const double *by_inputs,
-                                    const noslip_grip *grip,
+                                    const double *ground, const double *effects,
                                     const double *limits, int contacts, int count)
 {
     noslip_steps steps;
@@ -140,23 +167,15 @@ NOSLIP_APART noslip_steps noslip_steps_within(const double *inputs, const double
     steps.high = DBL_MAX;
     steps.any = 1;
     for (k = 0; k < contacts; k++) {
-        const double *from = ground + 4 * k;
-        double at[3], along[3];
-        for (i = 0; i < 3; i++) {
-            at[i] = from[i];
-            along[i] = noslip_effect(by_inputs + (3 * k + i) * count, way, count);
-        }
-        at[2] = grip->weight * from[3] + grip->height * from[2];
-        along[2] = grip->height * along[2];
-        noslip_within_cone(&steps, at, along);
+        noslip_within_cone(&steps, ground + 4 * k, effects + 3 * k);
     }
     for (i = 0; i < count; i++) {
         largest = noslip_abs(way[i]) > largest ? noslip_abs(way[i]) : largest;
     }
     for (i = 0; i < count; i++) {
         if (noslip_abs(way[i]) * 100000 > largest) {
-            const double bound = way[i] > 0 ? limits[i] : -limits[i];
-            noslip_narrow(&steps, (-bound - inputs[i]) / way[i], (bound - inputs[i]) / way[i]);
+            const double middle = -inputs[i] / way[i], half = limits[i] / noslip_abs(way[i]);
+            noslip_narrow(&steps, middle - half, middle + half);
         } else if (!noslip_within(inputs[i], limits[i])) {
             steps.any = 0;
         }
@@ -173,15 +192,14 @@ static inline void noslip_move(double *inputs, const double *way, double s, int 
     }
 }
 
-/* Adds to `ground` what follows from s `way`. */
-NOSLIP_APART void noslip_move_ground(double *ground, const double *by_inputs, const double *way,
-                      double s, int contacts, int count)
+/* Adds s `effects` to `ground`. */
+NOSLIP_APART void noslip_move_ground(double *ground, const double *effects, double s, int contacts)
 {
-    int i, k;
+    int k;
     for (k = 0; k < contacts; k++) {
-        for (i = 0; i < 3; i++) {
-            ground[4 * k + i] += s * noslip_effect(by_inputs + (3 * k + i) * count, way, count);
-        }
+        ground[4 * k] += s * effects[3 * k];
+        ground[4 * k + 1] += s * effects[3 * k + 1];
+        ground[4 * k + 2] += s * effects[3 * k + 2];
     }
 }
 
@@ -225,14 +243,15 @@ NOSLIP_APART void noslip_way_to_coasting(const double *ground, const double *by_
 }
 
 /* Goes along `way` as little as needed, and returns 1; if nothing there is within friction and limits, goes as near to it as it
- * gets, changes `ground` accordingly, and returns 0. */
+ * gets, changes `ground` accordingly, and returns 0. `effects` is memory for 3 numbers for each contact. */
 NOSLIP_APART int noslip_go_along(double *inputs, const double *way, double *ground,
                   const double *by_inputs, const noslip_grip *grip,
-                  const double *limits, int contacts, int count)
+                  const double *limits, int contacts, int count, double *effects)
 {
-    noslip_steps
-    steps = noslip_steps_within(inputs, way, ground, by_inputs, grip, limits, contacts, count);
+    noslip_steps steps;
     double s;
+    noslip_effects(way, by_inputs, grip, contacts, count, effects);
+    steps = noslip_steps_within(inputs, way, ground, effects, limits, contacts, count);
     if (steps.low > steps.high) { /* apart from each other: in the middle between them */
         steps.any = 0;
         s = steps.low / 2 + steps.high / 2;
@@ -241,38 +260,30 @@ NOSLIP_APART int noslip_go_along(double *inputs, const double *way, double *grou
     }
     noslip_move(inputs, way, s, count);
     if (!steps.any) {
-        noslip_move_ground(ground, by_inputs, way, s, contacts, count);
+        noslip_move_ground(ground, effects, s, contacts);
     }
     return steps.any;
 }
 
 /* Goes towards the end of `way` as little as needed, and returns 1; if nothing on it is within friction and limits, goes to the
- * end and returns 0. `ground` is that of the end. */
+ * end and returns 0. `ground` is that of the end. `effects` as in noslip_go_along. */
 NOSLIP_APART int noslip_go_towards(double *inputs, const double *way, double *ground,
                     const double *by_inputs, const noslip_grip *grip,
-                    const double *limits, int contacts, int count)
+                    const double *limits, int contacts, int count, double *effects)
 {
     noslip_steps steps;
     double s;
     int any;
+    noslip_effects(way, by_inputs, grip, contacts, count, effects);
     noslip_move(inputs, way, 1, count);
-    noslip_move_ground(ground, by_inputs, way, 1, contacts, count);
-    steps = noslip_steps_within(inputs, way, ground, by_inputs, grip, limits, contacts, count);
+    noslip_move_ground(ground, effects, 1, contacts);
+    steps = noslip_steps_within(inputs, way, ground, effects, limits, contacts, count);
     s = steps.low > -1 ? steps.low : -1;
     any = steps.any && s <= steps.high && s <= 0;
     if (any) {
         noslip_move(inputs, way, s, count);
     }
     return any;
-}
-
-/* Returns the limit of friction less 1024 roundings, so that rounding does not exceed it. */
-static inline noslip_grip noslip_grip_below(const noslip_grip *grip)
-{
-    noslip_grip below;
-    below.weight = grip->weight * (1 - 1024 * DBL_EPSILON);
-    below.height = grip->height * (1 - 1024 * DBL_EPSILON);
-    return below;
 }
 
 /* Brings finite inputs within their limits (from noslip_limit). */
@@ -290,18 +301,18 @@ static inline void noslip_cut(double *inputs, const double *limits, int count)
  * Changes two inputs so that each contact stays within friction and each input within its limit (from noslip_limit). First along
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
  * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
- * limits. `ground` and `by_inputs` as in noslip_steps_within; `ground` is overwritten. What comes of it is to be checked by
- * noslip_holds at the new inputs.
+ * limits. `ground` as in noslip_holds for each contact; it is overwritten. `by_inputs` as in noslip_effects. `work` is memory for
+ * 3 numbers for each contact. What comes of it is to be checked by noslip_holds at the new inputs.
  */
 NOSLIP_APART void noslip_keep_grip(double *inputs, const double *slope, double *ground,
                      const double *by_inputs, const noslip_grip *grip,
-                     const double *limits, int contacts)
+                     const double *limits, int contacts, double *work)
 {
-    const noslip_grip below = noslip_grip_below(grip);
-    if (slope == NULL || !noslip_go_along(inputs, slope, ground, by_inputs, &below, limits, contacts, 2)) {
+    noslip_write_loads(ground, grip, contacts);
+    if (slope == NULL || !noslip_go_along(inputs, slope, ground, by_inputs, grip, limits, contacts, 2, work)) {
         double way[2];
         noslip_way_to_coasting(ground, by_inputs, contacts, way);
-        (void)noslip_go_towards(inputs, way, ground, by_inputs, &below, limits, contacts, 2);
+        (void)noslip_go_towards(inputs, way, ground, by_inputs, grip, limits, contacts, 2, work);
     }
     noslip_cut(inputs, limits, 2);
 }
@@ -399,8 +410,21 @@ NOSLIP_APART void noslip_within_cone_f(noslip_steps_f *steps, const float *at, c
     }
 }
 
+/*
+ * Replaces the shift of the load in `ground`, as in noslip_holds for each contact, by mu load (N), less 1024 roundings, so that
+ * rounding does not exceed it: (F along, F across, N, mass).
+ */
+static inline void noslip_write_loads_f(float *ground, const noslip_grip_f *grip, int contacts)
+{
+    const float below = 1 - 1024 * FLT_EPSILON, weight = grip->weight * below, height = grip->height * below;
+    int k;
+    for (k = 0; k < contacts; k++) {
+        ground[4 * k + 2] = weight * ground[4 * k + 3] + height * ground[4 * k + 2];
+    }
+}
+
 /* Returns the sum of by[i] way[i] over `count` inputs, two or more. */
-static inline float noslip_effect_f(const float *by, const float *way, int count)
+NOSLIP_HOT float noslip_effect_f(const float *by, const float *way, int count)
 {
     float sum = by[0] * way[0] + by[1] * way[1];
     int i;
@@ -410,14 +434,28 @@ static inline float noslip_effect_f(const float *by, const float *way, int count
     return sum;
 }
 
+/* Computes what `way` adds at each contact to (F along, F across, N). `by_inputs` has for each contact the derivatives of the force
+ * along and across and of the shift of the load by each of `count` inputs. */
+NOSLIP_APART void noslip_effects_f(const float *way, const float *by_inputs,
+                       const noslip_grip_f *grip, int contacts, int count, float *effects)
+{
+    const float height = grip->height * (1 - 1024 * FLT_EPSILON);
+    int k;
+    for (k = 0; k < contacts; k++) {
+        const float *by = by_inputs + 3 * k * count;
+        effects[3 * k] = noslip_effect_f(by, way, count);
+        effects[3 * k + 1] = noslip_effect_f(by + count, way, count);
+        effects[3 * k + 2] = height * noslip_effect_f(by + 2 * count, way, count);
+    }
+}
+
 /*
  * Returns the s with which the inputs + s `way` keep each contact within friction and each of `count` inputs within its limit.
- * `ground` as in noslip_holds for each contact, `by_inputs` its first three numbers for each contact by each input. Parts of `way`
- * below 1e-5 of the largest count as zero for the limits.
+ * `ground` is that of noslip_write_loads, `effects` that of noslip_effects. Parts of `way` below 1e-5 of the largest count as zero
+ * for the limits.
  */
 NOSLIP_APART noslip_steps_f noslip_steps_within_f(const float *inputs, const float *way,
-                                      const float *ground, const float *by_inputs,
-                                      const noslip_grip_f *grip,
+                                      const float *ground, const float *effects,
                                       const float *limits, int contacts, int count)
 {
     noslip_steps_f steps;
@@ -427,23 +465,15 @@ NOSLIP_APART noslip_steps_f noslip_steps_within_f(const float *inputs, const flo
     steps.high = FLT_MAX;
     steps.any = 1;
     for (k = 0; k < contacts; k++) {
-        const float *from = ground + 4 * k;
-        float at[3], along[3];
-        for (i = 0; i < 3; i++) {
-            at[i] = from[i];
-            along[i] = noslip_effect_f(by_inputs + (3 * k + i) * count, way, count);
-        }
-        at[2] = grip->weight * from[3] + grip->height * from[2];
-        along[2] = grip->height * along[2];
-        noslip_within_cone_f(&steps, at, along);
+        noslip_within_cone_f(&steps, ground + 4 * k, effects + 3 * k);
     }
     for (i = 0; i < count; i++) {
         largest = noslip_abs_f(way[i]) > largest ? noslip_abs_f(way[i]) : largest;
     }
     for (i = 0; i < count; i++) {
         if (noslip_abs_f(way[i]) * 100000 > largest) {
-            const float bound = way[i] > 0 ? limits[i] : -limits[i];
-            noslip_narrow_f(&steps, (-bound - inputs[i]) / way[i], (bound - inputs[i]) / way[i]);
+            const float middle = -inputs[i] / way[i], half = limits[i] / noslip_abs_f(way[i]);
+            noslip_narrow_f(&steps, middle - half, middle + half);
         } else if (!noslip_within_f(inputs[i], limits[i])) {
             steps.any = 0;
         }
@@ -460,15 +490,14 @@ static inline void noslip_move_f(float *inputs, const float *way, float s, int c
     }
 }
 
-/* Adds to `ground` what follows from s `way`. */
-NOSLIP_APART void noslip_move_ground_f(float *ground, const float *by_inputs, const float *way,
-                     float s, int contacts, int count)
+/* Adds s `effects` to `ground`. */
+NOSLIP_APART void noslip_move_ground_f(float *ground, const float *effects, float s, int contacts)
 {
-    int i, k;
+    int k;
     for (k = 0; k < contacts; k++) {
-        for (i = 0; i < 3; i++) {
-            ground[4 * k + i] += s * noslip_effect_f(by_inputs + (3 * k + i) * count, way, count);
-        }
+        ground[4 * k] += s * effects[3 * k];
+        ground[4 * k + 1] += s * effects[3 * k + 1];
+        ground[4 * k + 2] += s * effects[3 * k + 2];
     }
 }
 
@@ -512,14 +541,15 @@ NOSLIP_APART void noslip_way_to_coasting_f(const float *ground, const float *by_
 }
 
 /* Goes along `way` as little as needed, and returns 1; if nothing there is within friction and limits, goes as near to it as it
- * gets, changes `ground` accordingly, and returns 0. */
+ * gets, changes `ground` accordingly, and returns 0. `effects` is memory for 3 numbers for each contact. */
 NOSLIP_APART int noslip_go_along_f(float *inputs, const float *way, float *ground,
                  const float *by_inputs, const noslip_grip_f *grip,
-                 const float *limits, int contacts, int count)
+                 const float *limits, int contacts, int count, float *effects)
 {
-    noslip_steps_f
-    steps = noslip_steps_within_f(inputs, way, ground, by_inputs, grip, limits, contacts, count);
+    noslip_steps_f steps;
     float s;
+    noslip_effects_f(way, by_inputs, grip, contacts, count, effects);
+    steps = noslip_steps_within_f(inputs, way, ground, effects, limits, contacts, count);
     if (steps.low > steps.high) { /* apart from each other: in the middle between them */
         steps.any = 0;
         s = steps.low / 2 + steps.high / 2;
@@ -528,38 +558,30 @@ NOSLIP_APART int noslip_go_along_f(float *inputs, const float *way, float *groun
     }
     noslip_move_f(inputs, way, s, count);
     if (!steps.any) {
-        noslip_move_ground_f(ground, by_inputs, way, s, contacts, count);
+        noslip_move_ground_f(ground, effects, s, contacts);
     }
     return steps.any;
 }
 
 /* Goes towards the end of `way` as little as needed, and returns 1; if nothing on it is within friction and limits, goes to the
- * end and returns 0. `ground` is that of the end. */
+ * end and returns 0. `ground` is that of the end. `effects` as in noslip_go_along. */
 NOSLIP_APART int noslip_go_towards_f(float *inputs, const float *way, float *ground,
                    const float *by_inputs, const noslip_grip_f *grip,
-                   const float *limits, int contacts, int count)
+                   const float *limits, int contacts, int count, float *effects)
 {
     noslip_steps_f steps;
     float s;
     int any;
+    noslip_effects_f(way, by_inputs, grip, contacts, count, effects);
     noslip_move_f(inputs, way, 1, count);
-    noslip_move_ground_f(ground, by_inputs, way, 1, contacts, count);
-    steps = noslip_steps_within_f(inputs, way, ground, by_inputs, grip, limits, contacts, count);
+    noslip_move_ground_f(ground, effects, 1, contacts);
+    steps = noslip_steps_within_f(inputs, way, ground, effects, limits, contacts, count);
     s = steps.low > -1 ? steps.low : -1;
     any = steps.any && s <= steps.high && s <= 0;
     if (any) {
         noslip_move_f(inputs, way, s, count);
     }
     return any;
-}
-
-/* Returns the limit of friction less 1024 roundings, so that rounding does not exceed it. */
-static inline noslip_grip_f noslip_grip_below_f(const noslip_grip_f *grip)
-{
-    noslip_grip_f below;
-    below.weight = grip->weight * (1 - 1024 * FLT_EPSILON);
-    below.height = grip->height * (1 - 1024 * FLT_EPSILON);
-    return below;
 }
 
 /* Brings finite inputs within their limits (from noslip_limit). */
@@ -577,18 +599,18 @@ static inline void noslip_cut_f(float *inputs, const float *limits, int count)
  * Changes two inputs so that each contact stays within friction and each input within its limit (from noslip_limit). First along
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
  * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
- * limits. `ground` and `by_inputs` as in noslip_steps_within; `ground` is overwritten. What comes of it is to be checked by
- * noslip_holds at the new inputs.
+ * limits. `ground` as in noslip_holds for each contact; it is overwritten. `by_inputs` as in noslip_effects. `work` is memory for
+ * 3 numbers for each contact. What comes of it is to be checked by noslip_holds at the new inputs.
  */
 NOSLIP_APART void noslip_keep_grip_f(float *inputs, const float *slope, float *ground,
                     const float *by_inputs, const noslip_grip_f *grip,
-                    const float *limits, int contacts)
+                    const float *limits, int contacts, float *work)
 {
-    const noslip_grip_f below = noslip_grip_below_f(grip);
-    if (slope == NULL || !noslip_go_along_f(inputs, slope, ground, by_inputs, &below, limits, contacts, 2)) {
+    noslip_write_loads_f(ground, grip, contacts);
+    if (slope == NULL || !noslip_go_along_f(inputs, slope, ground, by_inputs, grip, limits, contacts, 2, work)) {
         float way[2];
         noslip_way_to_coasting_f(ground, by_inputs, contacts, way);
-        (void)noslip_go_towards_f(inputs, way, ground, by_inputs, &below, limits, contacts, 2);
+        (void)noslip_go_towards_f(inputs, way, ground, by_inputs, grip, limits, contacts, 2, work);
     }
     noslip_cut_f(inputs, limits, 2);
 }

@@ -309,8 +309,10 @@ def test_steps_keep_every_contact_and_every_limit(scalar, near):
         ground, by = source.normal(size=(contacts, 4)), source.normal(size=(contacts, 3, count)) * [[[0.3], [0.3], [1.0]]]
         ground[:, 3] = source.uniform(0.5, 3.0, contacts)
         grip.weight, grip.height = source.uniform(0.5, 3.0), source.uniform(0.0, 1.0)
-        given = [made.array(scalar, np.ravel(each)) for each in (inputs, way, ground, by)]
-        steps = made.function("noslip_steps_within", scalar)(*given, grip, made.array(scalar, limits), contacts, count)
+        given = [made.array(scalar, np.ravel(each)) for each in (inputs, way, ground, np.zeros(3 * contacts))]
+        made.function("noslip_write_loads", scalar)(given[2], grip, contacts)
+        made.function("noslip_effects", scalar)(given[1], made.array(scalar, by.ravel()), grip, contacts, count, given[3])
+        steps = made.function("noslip_steps_within", scalar)(*given, made.array(scalar, limits), contacts, count)
         parts = ground[:, :3, None] + (by @ way)[..., None] * grid
         load = grip.weight * ground[:, 3, None] + grip.height * parts[:, 2]
         room = np.vstack(
@@ -359,13 +361,15 @@ def test_inputs_behind_the_two_are_not_touched(scalar):
     grip.weight = 1.0
     inputs, limits = made.array(scalar, [5.0, -5.0, 7.0]), made.array(scalar, [1.0, 1.0, 1.0])
     ground, by_inputs = made.array(scalar, [0.0, 0.0, 0.0, 1.0]), made.array(scalar, np.zeros(6))
-    made.function("noslip_keep_grip", scalar)(inputs, made.ffi.NULL, ground, by_inputs, grip, limits, 1)
-    assert list(inputs) == [1.0, -1.0, 7.0]
+    work = made.array(scalar, [0.0] * 3 + [7.0])
+    made.function("noslip_keep_grip", scalar)(inputs, made.ffi.NULL, ground, by_inputs, grip, limits, 1, work)
+    assert list(inputs) == [1.0, -1.0, 7.0] and work[3] == 7.0
+    ground = made.array(scalar, [0.0, 0.0, 0.0, 1.0])
     inputs, limits, by_inputs = (made.array(scalar, each) for each in ([5.0, -5.0, 0.5, 7.0], [1.0] * 4, np.zeros(9)))
-    work = made.array(scalar, [0.0] * 18 + [7.0])
+    work = made.array(scalar, [0.0] * 21 + [7.0])
     given = inputs, made.ffi.NULL, made.ffi.NULL, ground, by_inputs, grip, limits, 1, 3, work
     made.function("noslip_keep_grip_of", scalar)(*given)
-    assert list(inputs) == [1.0, -1.0, 0.5, 7.0] and work[18] == 7.0
+    assert list(inputs) == [1.0, -1.0, 0.5, 7.0] and work[21] == 7.0
 
 
 SPEC = """

@@ -5,6 +5,7 @@ from functools import lru_cache
 import casadi as ca
 
 from ...model.algebra.exact import canonical
+from ...model.algebra.linear import solve
 from ...model.contacts import distribution, ground, masses, narrow, shift_by_forces, unit_slips
 from ...model.law import symbols
 from ...model.recursion import Recursion, Reduced
@@ -92,8 +93,21 @@ def _written_out(stages: Stages, inner: ReducedSystem, shift: ca.SX) -> tuple[ca
     reaction, acceleration = ground(inner, u, tau), inner.acceleration(tau)
     without, at_rest = ca.substitute([reaction.force, acceleration], [tau], [ca.SX.zeros(tau.numel())])
     by_inputs = canonical(ca.jacobian(reaction.force, u) @ ca.jacobian(acceleration, tau) + ca.jacobian(reaction.force, tau))
-    moved_by, by = stages.exact(shift @ by_inputs), stages.exact(by_inputs)
-    return by_monomials(stages, ca.substitute(without, u, at_rest), inner.nu) + by @ tau, by, moved_by
+    rest, scaled = by_monomials(stages, ca.substitute(without, u, at_rest), inner.nu), _scaled_efforts(stages, inner)
+    by_efforts = stages.exact(by_inputs @ solve(scaled, ca.SX.eye(tau.numel())))
+    efforts = ca.vertcat(*[stages.step(f"effort_{k}", effort) for k, effort in enumerate(ca.vertsplit(scaled @ tau))])
+    return rest + by_efforts @ efforts, stages.exact(by_efforts @ scaled), stages.exact(shift @ by_inputs)
+
+
+def _scaled_efforts(stages: Stages, inner: ReducedSystem) -> ca.SX:
+    """Return the derivative of the efforts S'E tau by the inputs, each row divided by its first factor: forces are written by these
+    efforts. Of two wheels they are the sum and the difference of the torques, whose effects on the forces are simple. Returns the
+    identity if init cannot compute them, or inputs do not follow from efforts."""
+    efforts, fixed = inner.input_map, {symbol.element_hash() for symbol in stages.fixed}
+    if inner.redundant or any(symbol.element_hash() not in fixed for symbol in ca.symvar(efforts)):
+        return ca.SX.eye(efforts.shape[1])
+    first = [next(entry for entry in ca.horzsplit(row) if not entry.is_zero()) for row in ca.vertsplit(efforts)]
+    return canonical(ca.diag(1 / ca.vertcat(*first)) @ efforts)
 
 
 def _body_by_body(stages: Stages, inner: ReducedSystem, shift: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:

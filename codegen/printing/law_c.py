@@ -566,7 +566,7 @@ class LawC(ProgramC[Program]):
     def _limited(self, entry: Entry, slope: Entry, given: Sequence[str], asked: Sequence[str]) -> list[str]:
         """Return the function for a step whose inputs are not finite, or are to be limited."""
         real, name = self.scalar.real, self.scalar.name
-        finite = [f"{name('noslip_all_finite')}(made, {self.inputs})"]
+        finite = [f"{name('noslip_is_finite')}({one})" for one in asked]
         finite += [f"{name('noslip_is_finite')}({place})" for place in self._hidden_besides_headings(entry)]
         lines = [
             f"int status = {' && '.join(finite)} ? NOSLIP_OK : NOSLIP_NONFINITE;",
@@ -670,12 +670,12 @@ class LawC(ProgramC[Program]):
             arrays["slope"] = f"[{count}]"
             calls.append(f"{self.function(slope.name)}_law({', '.join(self._arguments(slope))})")
         along, rest = "slope" if self.slows else "NULL", f"ground, by_inputs[0], &self->grip, self->limit, {self.contacts}"
-        keep_grip = f"{name('noslip_keep_grip')}(made, {along}, {rest});"
+        keep_grip = f"{name('noslip_keep_grip')}(made, {along}, {rest}, work);"
+        arrays["work"] = f"[{3 * self.contacts + (0 if self.plain_grip else count * (count + 3))}]"
         if self.shapes:
             arrays["null_inputs"] = f"[{count}][{count}]"
             calls.append(f"{self.function(NULL_INPUTS.name)}_law(self, state, null_inputs)")
         if not self.plain_grip:
-            arrays["work"] = f"[{count * (count + 3)}]"
             free = "null_inputs[0]" if self.shapes else "NULL"
             keep_grip = f"{name('noslip_keep_grip_of')}(made, {along}, {free}, {rest}, {count}, work);"
         return [

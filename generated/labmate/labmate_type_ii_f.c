@@ -72,73 +72,69 @@ int labmate_type_ii_init_f(labmate_type_ii_f *self, const labmate_params_f *para
     self->k5 = self->k1 * (t3 / t2);
     const float t4 = params->b * params->b; /* m^2: b^2 */
     const float t5 = t4 * params->I_w; /* kg m^4: I_w b^2 */
-    const float t6 = params->d * params->d; /* m^2: d^2 */
-    const float t7 = t6 * params->m_c; /* kg m^2: d^2 m_c */
+    const float t6 = t4 * params->m_w; /* kg m^2: b^2 m_w */
+    const float t7 = params->d * params->d * params->m_c; /* kg m^2: d^2 m_c */
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
-    const float t8 = t2 * params->I_c + t2 * params->I_m * 2.0f + t5 * 2.0f + t2 * (t4 * params->m_w) * 2.0f + t2 * t7;
+    const float t8 = t2 * params->I_c + t2 * params->I_m * 2.0f + t5 * 2.0f + t2 * t6 * 2.0f + t2 * t7;
     self->k6 = self->Phi_21 * (t8 / t2);
     self->k7 = self->k4 * self->k4;
-    self->k8 = 0.5f * (params->m_c + params->m_w * 2.0f);
-    const float t9 = 2.0f * t8; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t9) > 0)) {
+    const float t9 = params->m_c + params->m_w * 2.0f; /* kg: m_c + 2 m_w */
+    self->k8 = 0.5f * t9;
+    const float t10 = 2.0f * t3; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs_f(t10) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t10 = params->d * params->m_c; /* kg m: d m_c */
-    self->k9 = t10 * params->r / t9;
-    const float t11 = t3 * t8; /* kg^2 m^6: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    self->k9 = params->r * t9 / t10;
+    const float t11 = 2.0f * t8; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t12 = t2 * (params->m_c * params->I_c); /* kg^2 m^4: I_c m_c r^2 */
-    const float t13 = t2 * (params->m_w * params->I_c) * 2.0f; /* kg^2 m^4: 2 I_c m_w r^2 */
-    const float t14 = t2 * (params->m_c * params->I_m) * 2.0f; /* kg^2 m^4: 2 I_m m_c r^2 */
-    const float t15 = t2 * (params->m_w * params->I_m) * 4.0f; /* kg^2 m^4: 4 I_m m_w r^2 */
-    const float t16 = t5 * params->m_c; /* kg^2 m^4: I_w b^2 m_c */
-    const float t17 = t5 * params->m_w * 4.0f; /* kg^2 m^4: 4 I_w b^2 m_w */
-    /* kg^2 m^4: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    const float t18 = params->I_c * params->I_w + t12 + t13 + params->I_w * params->I_m * 2.0f + t14 + t15 + t16 + t17 +
-        t6 * params->I_w * params->m_c;
-    const float t19 = t4 * params->m_c; /* kg m^2: b^2 m_c */
-    const float t20 = t2 * (t19 * params->m_w) * 2.0f; /* kg^2 m^4: 2 b^2 m_c m_w r^2 */
-    const float t21 = t2 * (t4 * (params->m_w * params->m_w)) * 4.0f; /* kg^2 m^4: 4 b^2 m_w^2 r^2 */
-    const float t22 = t2 * (t7 * params->m_w) * 2.0f; /* kg^2 m^4: 2 d^2 m_c m_w r^2 */
-    self->k10 = params->r * (t18 + t20 + t21 + t2 * (t6 * (params->m_c * params->m_c)) + t22) / t11;
-    self->k11 = params->b * params->d * params->m_c * params->r / t9;
-    self->k12 = params->r * params->I_w * (params->I_c + params->I_m * 2.0f - t19 + t7) / t11;
+    self->k10 = params->r * (params->I_c + params->I_m * 2.0f + t6 * 2.0f + t7) / t11;
+    self->k11 = params->b * params->d * params->m_c * params->r / t11;
+    self->k12 = self->k9 + self->k10;
+    self->k13 = self->k9 - self->k10;
+    const float t12 = params->d * params->m_c; /* kg m: d m_c */
+    self->k14 = t12 * params->r / t11;
     self->Phi_22 = -self->Phi_21;
-    self->k13 = self->k1 * self->Phi_21;
-    self->k14 = -self->k12;
-    self->k15 = -self->k9;
-    self->k16 = -self->k11;
-    self->k17 = self->Phi_21 * self->k4;
-    self->k18 = self->Phi_21 * self->k17;
-    self->k19 = t4 - self->k7;
-    const float t23 = t4 * 2.0f; /* m^2: 2 b^2 */
-    if (!(noslip_abs_f(t23) > 0)) {
+    self->k15 = self->k1 * self->Phi_21;
+    self->k16 = -self->k14;
+    self->k17 = -self->k11;
+    self->k18 = self->Phi_21 * self->k4;
+    self->k19 = self->Phi_21 * self->k18;
+    self->k20 = t4 - self->k7;
+    const float t13 = t4 * 2.0f; /* m^2: 2 b^2 */
+    if (!(noslip_abs_f(t13) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t24 = t2 / t23; /* r^2/(2 b^2) */
-    const float t25 = self->k13 * self->k13 * 4.0f; /* m^2: r^4/(4 b^2) */
-    if (!(noslip_abs_f(t25) > 0)) {
+    const float t14 = t2 / t13; /* r^2/(2 b^2) */
+    const float t15 = self->k15 * self->k15 * 4.0f; /* m^2: r^4/(4 b^2) */
+    if (!(noslip_abs_f(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k20 = t24 * (t24 * 1e-10f) * (1.0f / t25);
-    self->k21 = self->Phi_21 * (self->k1 * (self->Phi_21 * t10));
-    self->k22 = self->Phi_21 * (self->Phi_21 * (self->k1 * t10));
-    self->k23 = 1.0f / t1 * 2.0f;
-    self->k24 = params->b * params->I_w * params->d * params->m_c / t9 * 2.0f * self->k13;
-    self->k25 = params->d * params->I_w * params->m_c / t3 * (self->Phi_21 * self->Phi_21);
-    const float t26 = t8 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t26) > 0)) {
+    self->k21 = t14 * (t14 * 1e-10f) * (1.0f / t15);
+    self->k22 = self->Phi_21 * (self->k1 * (self->Phi_21 * t12));
+    self->k23 = self->Phi_21 * (self->Phi_21 * (self->k1 * t12));
+    self->k24 = 1.0f / t1 * 2.0f;
+    self->k25 = params->b * params->I_w * params->d * params->m_c / t11 * 2.0f * self->k15;
+    self->k26 = self->Phi_21 * (self->Phi_21 * (params->d * params->I_w * params->m_c / t3));
+    const float t16 = t8 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs_f(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k26 = (t12 + t13 + t14 + t15 + t16 * 2.0f + t17 + t20 + t21 + t22) / t26 * 2.0f * self->k13;
-    self->k27 = self->k1 * gains->kd_x_l;
-    self->k28 = self->k1 * (self->k5 * gains->kd_x_l);
+    /* kg^2 m^4: r^2 (I_c m_c + 2 I_c m_w + 2 I_m m_c) */
+    const float t17 = t2 * (params->m_c * params->I_c) + t2 * (params->m_w * params->I_c) * 2.0f + t2 * (params->m_c *
+        params->I_m) * 2.0f;
+    /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
+    const float t18 = t17 + t2 * (params->m_w * params->I_m) * 4.0f + t5 * params->m_c * 2.0f + t5 * params->m_w *
+        4.0f + t2 * (t4 * params->m_c * params->m_w) * 2.0f;
+    self->k27 = (t18 + t2 * (t4 * (params->m_w * params->m_w)) * 4.0f + t2 * (t7 * params->m_w) * 2.0f) / t16 * 2.0f *
+        self->k15;
+    self->k28 = self->k1 * gains->kd_x_l;
+    self->k29 = self->k1 * (self->k5 * gains->kd_x_l);
     if (!noslip_is_finite_f(self->k1 + self->Phi_21 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
-        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->Phi_22 + self->k13 + self->k14 + self->k15 +
+        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->Phi_22 + self->k15 +
         self->k16 + self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 +
-        self->k25 + self->k26 + self->k27 + self->k28)) {
+        self->k25 + self->k26 + self->k27 + self->k28 + self->k29)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -260,11 +256,11 @@ static int labmate_type_ii_rate_f_law(const labmate_type_ii_f *self, const labma
 {
     /* k1 (m) = r/2 */
     /* Phi_21 = r/(2 b) */
-    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    ydot[0] = self->k1 * cos_phi * (state->thetadot_r + state->thetadot_l) - self->k17 * sin_phi * t1;
+    ydot[0] = self->k1 * cos_phi * (state->thetadot_r + state->thetadot_l) - self->k18 * sin_phi * t1;
     ydot[1] = self->Phi_21 * t1;
     return NOSLIP_OK;
 }
@@ -299,11 +295,11 @@ static int labmate_type_ii_decoupling_f_law(const labmate_type_ii_f *self, const
     /* k1 (m) = r/2 */
     /* Phi_21 = r/(2 b) */
     /* Phi_22 = -r/(2 b) */
-    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->k1 * cos_phi; /* r cos(phi)/2 */
-    const float t2 = self->k17 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
+    const float t2 = self->k18 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
     Phi[0][0] = t1 - t2;
     Phi[0][1] = t1 + t2;
     Phi[1][0] = self->Phi_21;
@@ -340,13 +336,13 @@ int labmate_type_ii_decoupling_f(const labmate_type_ii_f *self, const labmate_st
 static int labmate_type_ii_decoupling_rate_f_law(const labmate_type_ii_f *self, const labmate_state_f *state,
     float Phidot[2][2])
 {
-    /* k13 (m) = r^2/(4 b) */
-    /* k18 (m) = r^2 (L + d)/(4 b^2) */
+    /* k15 (m) = r^2/(4 b) */
+    /* k19 (m) = r^2 (L + d)/(4 b^2) */
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t2 = self->k13 * sin_phi; /* r^2 sin(phi)/(4 b) */
-    const float t3 = self->k18 * cos_phi; /* r^2 cos(phi) (L + d)/(4 b^2) */
+    const float t2 = self->k15 * sin_phi; /* r^2 sin(phi)/(4 b) */
+    const float t3 = self->k19 * cos_phi; /* r^2 cos(phi) (L + d)/(4 b^2) */
     Phidot[0][0] = -(t1 * (t2 + t3));
     Phidot[0][1] = -(t1 * (t2 - t3));
     Phidot[1][0] = 0.0f;
@@ -389,25 +385,25 @@ static int labmate_type_ii_feedback_f_law(const labmate_type_ii_f *self, const l
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     /* k7 (m^2) = (L + d)^2 */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k19 (m^2) = b^2 - (L + d)^2 */
-    /* k20 (1/m^2) = 1e-10/b^2 */
-    /* k21 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k20 (m^2) = b^2 - (L + d)^2 */
+    /* k21 (1/m^2) = 1e-10/b^2 */
     /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * cos_phi; /* cos(phi)^2 */
-    if (!(t1 > self->k20 * (self->k7 + t1 * self->k19))) {
+    if (!(t1 > self->k21 * (self->k7 + t1 * self->k20))) {
         return NOSLIP_SINGULAR;
     }
     const float t2 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float t3 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t4 = self->k6 * v[1] + self->k21 * t2 * t3; /* part of tau[0], tau[1] */
+    const float t4 = self->k6 * v[1] + self->k22 * t2 * t3; /* part of tau[0], tau[1] */
     const float yaw_rate = self->Phi_21 * t3;
-    const float y_l_rate = self->k17 * cos_phi * t3 + self->k1 * sin_phi * t2;
+    const float y_l_rate = self->k18 * cos_phi * t3 + self->k1 * sin_phi * t2;
     const float v_less_drift_0 = v[0] + yaw_rate * y_l_rate;
     /* part of tau[0], tau[1] */
-    const float t5 = self->k5 * (v_less_drift_0 + v[1] * self->k4 * sin_phi) / cos_phi - self->k22 * t3 * t3;
+    const float t5 = self->k5 * (v_less_drift_0 + v[1] * self->k4 * sin_phi) / cos_phi - self->k23 * t3 * t3;
     tau[0] = t4 + t5;
     tau[1] = t5 - t4;
     return NOSLIP_OK;
@@ -445,24 +441,26 @@ NOSLIP_HOT int labmate_type_ii_ground_f_law(const labmate_type_ii_f *self, const
     const float tau[2], float ground[8])
 {
     /* k8 (kg) = (m_c + 2 m_w)/2 */
+    /* k9 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k10 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k11 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k23 (1/m) = 1/b */
-    /* k24 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k25 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k26 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k24 (1/m) = 1/b */
+    /* k25 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k26 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k27 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k24 * t2; /* part of force_along_0, ground[4] */
-    const float t4 = self->k25 * t1 * t1; /* I_w d m_c yaw_rate^2/(2 I_w + m_c r^2 + 2 m_w r^2) */
-    ground[0] = self->k10 * tau[0] - self->k12 * tau[1] + t3 - t4;
-    const float force_across_0 = self->k26 * t2 + self->k11 * (tau[0] - tau[1]);
+    const float t3 = self->k10 * effort_1 + self->k25 * t2; /* part of ground[0], ground[4] */
+    const float effort_0 = tau[0] + tau[1];
+    const float t4 = self->k9 * effort_0 - self->k26 * t1 * t1; /* part of ground[0], ground[4] */
+    ground[0] = t3 + t4;
+    const float force_across_0 = self->k11 * effort_1 + self->k27 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k23 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k24 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k8;
-    ground[4] = self->k10 * tau[1] - self->k12 * tau[0] - t3 - t4;
+    ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
     ground[7] = self->k8;
@@ -501,24 +499,24 @@ static int labmate_type_ii_ground_by_inputs_f_law(const labmate_type_ii_f *self,
     float ground_by_inputs[6][2])
 {
     (void)state;
-    /* k9 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k10 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k11 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k15 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k16 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k10;
-    ground_by_inputs[0][1] = self->k14;
+    /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k13 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k14 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k16 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k17 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    ground_by_inputs[0][0] = self->k12;
+    ground_by_inputs[0][1] = self->k13;
     ground_by_inputs[1][0] = self->k11;
-    ground_by_inputs[1][1] = self->k16;
-    ground_by_inputs[2][0] = self->k9;
-    ground_by_inputs[2][1] = self->k15;
-    ground_by_inputs[3][0] = self->k14;
-    ground_by_inputs[3][1] = self->k10;
+    ground_by_inputs[1][1] = self->k17;
+    ground_by_inputs[2][0] = self->k14;
+    ground_by_inputs[2][1] = self->k16;
+    ground_by_inputs[3][0] = self->k13;
+    ground_by_inputs[3][1] = self->k12;
     ground_by_inputs[4][0] = self->k11;
-    ground_by_inputs[4][1] = self->k16;
-    ground_by_inputs[5][0] = self->k15;
-    ground_by_inputs[5][1] = self->k9;
+    ground_by_inputs[4][1] = self->k17;
+    ground_by_inputs[5][0] = self->k16;
+    ground_by_inputs[5][1] = self->k14;
     return NOSLIP_OK;
 }
 
@@ -571,19 +569,19 @@ static int labmate_type_ii_evaluate_f_law(const labmate_type_ii_f *self, const l
     /* k6 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     /* k7 (m^2) = (L + d)^2 */
     /* Phi_22 = -r/(2 b) */
-    /* k13 (m) = r^2/(4 b) */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m) = r^2 (L + d)/(4 b^2) */
-    /* k19 (m^2) = b^2 - (L + d)^2 */
-    /* k20 (1/m^2) = 1e-10/b^2 */
-    /* k21 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k15 (m) = r^2/(4 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r^2 (L + d)/(4 b^2) */
+    /* k20 (m^2) = b^2 - (L + d)^2 */
+    /* k21 (1/m^2) = 1e-10/b^2 */
     /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
-    /* k27 (m/s) = kd_x_l r/2 */
-    /* k28 (kg m^2/s) = kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k28 (m/s) = kd_x_l r/2 */
+    /* k29 (kg m^2/s) = kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * cos_phi; /* cos(phi)^2 */
-    if (!(t1 > self->k20 * (self->k7 + t1 * self->k19))) {
+    if (!(t1 > self->k21 * (self->k7 + t1 * self->k20))) {
         return NOSLIP_SINGULAR;
     }
     const float x_l = state->x_c + self->L * cos_phi;
@@ -593,18 +591,18 @@ static int labmate_type_ii_evaluate_f_law(const labmate_type_ii_f *self, const l
     const float t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float t4 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t5 = sin_phi * t4; /* 2 b yaw_rate sin(phi)/r */
-    const float t6 = self->k17 * t5; /* yaw_rate sin(phi) (L + d) */
+    const float t6 = self->k18 * t5; /* yaw_rate sin(phi) (L + d) */
     all->ydot[0] = t2 * t3 - t6;
     const float yaw_rate = self->Phi_21 * t4;
     all->ydot[1] = yaw_rate;
-    const float t7 = self->k17 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
+    const float t7 = self->k18 * sin_phi; /* r sin(phi) (L + d)/(2 b) */
     all->Phi[0][0] = t2 - t7;
     all->Phi[0][1] = t2 + t7;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_22;
-    const float t8 = self->k13 * t5; /* r yaw_rate sin(phi)/2 */
+    const float t8 = self->k15 * t5; /* r yaw_rate sin(phi)/2 */
     const float t9 = cos_phi * t4; /* 2 b yaw_rate cos(phi)/r */
-    const float t10 = self->k18 * t9; /* r yaw_rate cos(phi) (L + d)/(2 b) */
+    const float t10 = self->k19 * t9; /* r yaw_rate cos(phi) (L + d)/(2 b) */
     all->Phidot[0][0] = -(t8 + t10);
     all->Phidot[0][1] = t10 - t8;
     all->Phidot[1][0] = 0.0f;
@@ -615,15 +613,15 @@ static int labmate_type_ii_evaluate_f_law(const labmate_type_ii_f *self, const l
     /* v_x_l */
     const float t12 = reference->x_l_acceleration + self->kp_x_l * (reference->x_l - x_l) + self->kd_x_l *
         (reference->x_l_rate + t6);
-    const float y_l_rate = self->k1 * sin_phi * t3 + self->k17 * t9;
+    const float y_l_rate = self->k1 * sin_phi * t3 + self->k18 * t9;
     const float v_less_drift_0 = t12 + yaw_rate * y_l_rate;
     const float u_forward_speed = (v_less_drift_0 + sin_phi * self->k4 * v_heading) / cos_phi;
-    const float t13 = self->k2 * (self->k27 * t3 - u_forward_speed); /* (forward_speed kd_x_l - u_forward_speed)/r */
+    const float t13 = self->k2 * (self->k28 * t3 - u_forward_speed); /* (forward_speed kd_x_l - u_forward_speed)/r */
     all->u[0] = t11 - t13;
     all->u[1] = -(t11 + t13);
-    const float t14 = self->k21 * t3 * t4 + self->k6 * v_heading; /* part of all->tau[0], all->tau[1] */
+    const float t14 = self->k22 * t3 * t4 + self->k6 * v_heading; /* part of all->tau[0], all->tau[1] */
     /* part of all->tau[0], all->tau[1] */
-    const float t15 = self->k22 * t4 * t4 - self->k5 * u_forward_speed + self->k28 * t3;
+    const float t15 = self->k23 * t4 * t4 - self->k5 * u_forward_speed + self->k29 * t3;
     all->tau[0] = t14 - t15;
     all->tau[1] = -(t14 + t15);
     return NOSLIP_OK;
@@ -671,16 +669,16 @@ static int labmate_type_ii_step_f_law(const labmate_type_ii_f *self, const labma
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     /* k7 (m^2) = (L + d)^2 */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k19 (m^2) = b^2 - (L + d)^2 */
-    /* k20 (1/m^2) = 1e-10/b^2 */
-    /* k21 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k20 (m^2) = b^2 - (L + d)^2 */
+    /* k21 (1/m^2) = 1e-10/b^2 */
     /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
-    /* k28 (kg m^2/s) = kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k29 (kg m^2/s) = kd_x_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = cos_phi * cos_phi; /* cos(phi)^2 */
-    if (!(t1 > self->k20 * (self->k7 + t1 * self->k19))) {
+    if (!(t1 > self->k21 * (self->k7 + t1 * self->k20))) {
         return NOSLIP_SINGULAR;
     }
     const float t2 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -688,16 +686,16 @@ static int labmate_type_ii_step_f_law(const labmate_type_ii_f *self, const labma
     const float yaw_rate = self->Phi_21 * t3;
     const float v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const float t4 = self->k21 * t2 * t3 + self->k6 * v_heading; /* part of tau[0], tau[1] */
-    const float t5 = self->k17 * t3; /* yaw_rate (L + d) */
+    const float t4 = self->k22 * t2 * t3 + self->k6 * v_heading; /* part of tau[0], tau[1] */
+    const float t5 = self->k18 * t3; /* yaw_rate (L + d) */
     /* v_x_l */
     const float t6 = reference->x_l_acceleration - self->kp_x_l * (state->x_c - reference->x_l + self->L * cos_phi) +
         self->kd_x_l * (reference->x_l_rate + t5 * sin_phi);
     const float y_l_rate = self->k1 * sin_phi * t2 + t5 * cos_phi;
     const float v_less_drift_0 = t6 + yaw_rate * y_l_rate;
     /* part of tau[0], tau[1] */
-    const float t7 = self->k5 * (v_less_drift_0 + sin_phi * self->k4 * v_heading) / cos_phi - (self->k22 * t3 * t3 +
-        self->k28 * t2);
+    const float t7 = self->k5 * (v_less_drift_0 + sin_phi * self->k4 * v_heading) / cos_phi - (self->k23 * t3 * t3 +
+        self->k29 * t2);
     tau[0] = t4 + t7;
     tau[1] = t7 - t4;
     return NOSLIP_OK;
@@ -726,15 +724,16 @@ static NOSLIP_COLD int labmate_type_ii_step_f_limited(labmate_type_ii_f *self, c
     float tau[2], float made_0, float made_1)
 {
     float made[2] = {made_0, made_1};
-    int status = noslip_all_finite_f(made, 2) && noslip_is_finite_f(state->y_c) && noslip_is_finite_f(state->theta_r) &&
-        noslip_is_finite_f(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
+    int status = noslip_is_finite_f(made_0) && noslip_is_finite_f(made_1) && noslip_is_finite_f(state->y_c) &&
+        noslip_is_finite_f(state->theta_r) && noslip_is_finite_f(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
         float ground[8];
         float by_inputs[6][2];
+        float work[6];
         status = labmate_type_ii_ground_f_law(self, state, made, ground);
         status = status == NOSLIP_OK ? labmate_type_ii_ground_by_inputs_f_law(self, state, by_inputs) : status;
         if (status == NOSLIP_OK) {
-            noslip_keep_grip_f(made, NULL, ground, by_inputs[0], &self->grip, self->limit, 2);
+            noslip_keep_grip_f(made, NULL, ground, by_inputs[0], &self->grip, self->limit, 2, work);
             status = labmate_type_ii_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
         }

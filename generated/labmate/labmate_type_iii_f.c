@@ -72,73 +72,70 @@ int labmate_type_iii_init_f(labmate_type_iii_f *self, const labmate_params_f *pa
     const float t3 = params->I_w * 2.0f + t2 * params->m_c + t2 * params->m_w * 2.0f;
     self->k6 = self->k1 * (t3 / t2);
     const float t4 = self->k5 * params->I_w; /* kg m^4: I_w b^2 */
-    const float t5 = params->d * params->d; /* m^2: d^2 */
-    const float t6 = t5 * params->m_c; /* kg m^2: d^2 m_c */
+    const float t5 = self->k5 * params->m_w; /* kg m^2: b^2 m_w */
+    const float t6 = params->d * params->d * params->m_c; /* kg m^2: d^2 m_c */
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
-    const float t7 = t2 * params->I_c + t2 * params->I_m * 2.0f + t4 * 2.0f + t2 * (self->k5 * params->m_w) * 2.0f +
-        t2 * t6;
+    const float t7 = t2 * params->I_c + t2 * params->I_m * 2.0f + t4 * 2.0f + t2 * t5 * 2.0f + t2 * t6;
     self->k7 = self->Phi_21 * (t7 / t2);
-    self->k8 = 0.5f * (params->m_c + params->m_w * 2.0f);
-    const float t8 = 2.0f * t7; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t8) > 0)) {
+    const float t8 = params->m_c + params->m_w * 2.0f; /* kg: m_c + 2 m_w */
+    self->k8 = 0.5f * t8;
+    const float t9 = 2.0f * t3; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs_f(t9) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t9 = params->d * params->m_c; /* kg m: d m_c */
-    self->k9 = t9 * params->r / t8;
-    const float t10 = t3 * t7; /* kg^2 m^6: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    self->k9 = params->r * t8 / t9;
+    const float t10 = 2.0f * t7; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t10) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t11 = t2 * (params->m_c * params->I_c); /* kg^2 m^4: I_c m_c r^2 */
-    const float t12 = t2 * (params->m_w * params->I_c) * 2.0f; /* kg^2 m^4: 2 I_c m_w r^2 */
-    const float t13 = t2 * (params->m_c * params->I_m) * 2.0f; /* kg^2 m^4: 2 I_m m_c r^2 */
-    const float t14 = t2 * (params->m_w * params->I_m) * 4.0f; /* kg^2 m^4: 4 I_m m_w r^2 */
-    const float t15 = t4 * params->m_c; /* kg^2 m^4: I_w b^2 m_c */
-    const float t16 = t4 * params->m_w * 4.0f; /* kg^2 m^4: 4 I_w b^2 m_w */
-    /* kg^2 m^4: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    const float t17 = params->I_c * params->I_w + t11 + t12 + params->I_w * params->I_m * 2.0f + t13 + t14 + t15 + t16 +
-        t5 * params->I_w * params->m_c;
-    const float t18 = self->k5 * params->m_c; /* kg m^2: b^2 m_c */
-    const float t19 = t2 * (t18 * params->m_w) * 2.0f; /* kg^2 m^4: 2 b^2 m_c m_w r^2 */
-    const float t20 = t2 * (self->k5 * (params->m_w * params->m_w)) * 4.0f; /* kg^2 m^4: 4 b^2 m_w^2 r^2 */
-    const float t21 = t2 * (t6 * params->m_w) * 2.0f; /* kg^2 m^4: 2 d^2 m_c m_w r^2 */
-    self->k10 = params->r * (t17 + t19 + t20 + t2 * (t5 * (params->m_c * params->m_c)) + t21) / t10;
-    self->k11 = params->b * params->d * params->m_c * params->r / t8;
-    self->k12 = params->r * params->I_w * (params->I_c + params->I_m * 2.0f - t18 + t6) / t10;
+    self->k10 = params->r * (params->I_c + params->I_m * 2.0f + t5 * 2.0f + t6) / t10;
+    self->k11 = params->b * params->d * params->m_c * params->r / t10;
+    self->k12 = self->k9 + self->k10;
+    self->k13 = self->k9 - self->k10;
+    const float t11 = params->d * params->m_c; /* kg m: d m_c */
+    self->k14 = t11 * params->r / t10;
     self->Phi_22 = -self->Phi_21;
-    self->k13 = self->k1 * self->Phi_21;
-    self->k14 = -self->k12;
-    self->k15 = -self->k9;
-    self->k16 = -self->k11;
-    self->k17 = self->Phi_21 * self->k4;
-    self->k18 = self->Phi_21 * self->k17;
-    self->k19 = self->k5 - self->k4 * self->k4;
-    const float t22 = self->k5 * 2.0f; /* m^2: 2 b^2 */
-    if (!(noslip_abs_f(t22) > 0)) {
+    self->k15 = self->k1 * self->Phi_21;
+    self->k16 = -self->k14;
+    self->k17 = -self->k11;
+    self->k18 = self->Phi_21 * self->k4;
+    self->k19 = self->Phi_21 * self->k18;
+    self->k20 = self->k5 - self->k4 * self->k4;
+    const float t12 = self->k5 * 2.0f; /* m^2: 2 b^2 */
+    if (!(noslip_abs_f(t12) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t23 = t2 / t22; /* r^2/(2 b^2) */
-    const float t24 = self->k13 * self->k13 * 4.0f; /* m^2: r^4/(4 b^2) */
-    if (!(noslip_abs_f(t24) > 0)) {
+    const float t13 = t2 / t12; /* r^2/(2 b^2) */
+    const float t14 = self->k15 * self->k15 * 4.0f; /* m^2: r^4/(4 b^2) */
+    if (!(noslip_abs_f(t14) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k20 = t23 * (t23 * 1e-10f) * (1.0f / t24);
-    self->k21 = self->Phi_21 * (self->k1 * (self->Phi_21 * t9));
-    self->k22 = self->Phi_21 * (self->Phi_21 * (self->k1 * t9));
-    self->k23 = 1.0f / t1 * 2.0f;
-    self->k24 = params->b * params->I_w * params->d * params->m_c / t8 * 2.0f * self->k13;
-    self->k25 = params->d * params->I_w * params->m_c / t3 * (self->Phi_21 * self->Phi_21);
-    const float t25 = t7 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t25) > 0)) {
+    self->k21 = t13 * (t13 * 1e-10f) * (1.0f / t14);
+    self->k22 = self->Phi_21 * (self->k1 * (self->Phi_21 * t11));
+    self->k23 = self->Phi_21 * (self->Phi_21 * (self->k1 * t11));
+    self->k24 = 1.0f / t1 * 2.0f;
+    self->k25 = params->b * params->I_w * params->d * params->m_c / t10 * 2.0f * self->k15;
+    self->k26 = self->Phi_21 * (self->Phi_21 * (params->d * params->I_w * params->m_c / t3));
+    const float t15 = t7 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs_f(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k26 = (t11 + t12 + t13 + t14 + t15 * 2.0f + t16 + t19 + t20 + t21) / t25 * 2.0f * self->k13;
-    self->k27 = self->k1 * gains->kd_y_l;
-    self->k28 = self->k1 * (self->k6 * gains->kd_y_l);
+    /* kg^2 m^4: r^2 (I_c m_c + 2 I_c m_w + 2 I_m m_c) */
+    const float t16 = t2 * (params->m_c * params->I_c) + t2 * (params->m_w * params->I_c) * 2.0f + t2 * (params->m_c *
+        params->I_m) * 2.0f;
+    /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
+    const float t17 = t16 + t2 * (params->m_w * params->I_m) * 4.0f + t4 * params->m_c * 2.0f + t4 * params->m_w *
+        4.0f + t2 * (self->k5 * params->m_c * params->m_w) * 2.0f;
+    /* kg: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    const float t18 = (t17 + t2 * (self->k5 * (params->m_w * params->m_w)) * 4.0f + t2 * (t6 * params->m_w) * 2.0f) /
+        t15 * 2.0f;
+    self->k27 = t18 * self->k15;
+    self->k28 = self->k1 * gains->kd_y_l;
+    self->k29 = self->k1 * (self->k6 * gains->kd_y_l);
     if (!noslip_is_finite_f(self->k1 + self->Phi_21 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
-        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->Phi_22 + self->k13 + self->k14 + self->k15 +
+        self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->Phi_22 + self->k15 +
         self->k16 + self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 +
-        self->k25 + self->k26 + self->k27 + self->k28)) {
+        self->k25 + self->k26 + self->k27 + self->k28 + self->k29)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -260,11 +257,11 @@ static int labmate_type_iii_rate_f_law(const labmate_type_iii_f *self, const lab
 {
     /* k1 (m) = r/2 */
     /* Phi_21 = r/(2 b) */
-    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    ydot[0] = self->k1 * sin_phi * (state->thetadot_r + state->thetadot_l) + self->k17 * cos_phi * t1;
+    ydot[0] = self->k1 * sin_phi * (state->thetadot_r + state->thetadot_l) + self->k18 * cos_phi * t1;
     ydot[1] = self->Phi_21 * t1;
     return NOSLIP_OK;
 }
@@ -299,11 +296,11 @@ static int labmate_type_iii_decoupling_f_law(const labmate_type_iii_f *self, con
     /* k1 (m) = r/2 */
     /* Phi_21 = r/(2 b) */
     /* Phi_22 = -r/(2 b) */
-    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->k1 * sin_phi; /* r sin(phi)/2 */
-    const float t2 = self->k17 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
+    const float t2 = self->k18 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
     Phi[0][0] = t1 + t2;
     Phi[0][1] = t1 - t2;
     Phi[1][0] = self->Phi_21;
@@ -340,13 +337,13 @@ int labmate_type_iii_decoupling_f(const labmate_type_iii_f *self, const labmate_
 static int labmate_type_iii_decoupling_rate_f_law(const labmate_type_iii_f *self, const labmate_state_f *state,
     float Phidot[2][2])
 {
-    /* k13 (m) = r^2/(4 b) */
-    /* k18 (m) = r^2 (L + d)/(4 b^2) */
+    /* k15 (m) = r^2/(4 b) */
+    /* k19 (m) = r^2 (L + d)/(4 b^2) */
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    const float t2 = self->k13 * cos_phi; /* r^2 cos(phi)/(4 b) */
-    const float t3 = self->k18 * sin_phi; /* r^2 sin(phi) (L + d)/(4 b^2) */
+    const float t2 = self->k15 * cos_phi; /* r^2 cos(phi)/(4 b) */
+    const float t3 = self->k19 * sin_phi; /* r^2 sin(phi) (L + d)/(4 b^2) */
     Phidot[0][0] = t1 * (t2 - t3);
     Phidot[0][1] = t1 * (t2 + t3);
     Phidot[1][0] = 0.0f;
@@ -389,23 +386,23 @@ static int labmate_type_iii_feedback_f_law(const labmate_type_iii_f *self, const
     /* k5 (m^2) = b^2 */
     /* k6 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k7 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k19 (m^2) = b^2 - (L + d)^2 */
-    /* k20 (1/m^2) = 1e-10/b^2 */
-    /* k21 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k20 (m^2) = b^2 - (L + d)^2 */
+    /* k21 (1/m^2) = 1e-10/b^2 */
     /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k20 * (self->k5 - cos_phi * self->k19 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k21 * (self->k5 - cos_phi * self->k20 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float t2 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t3 = self->k7 * v[1] + self->k21 * t1 * t2; /* part of tau[0], tau[1] */
+    const float t3 = self->k7 * v[1] + self->k22 * t1 * t2; /* part of tau[0], tau[1] */
     const float yaw_rate = self->Phi_21 * t2;
-    const float v_less_drift_0 = v[0] + yaw_rate * (self->k17 * sin_phi * t2 - self->k1 * cos_phi * t1);
+    const float v_less_drift_0 = v[0] + yaw_rate * (self->k18 * sin_phi * t2 - self->k1 * cos_phi * t1);
     /* part of tau[0], tau[1] */
-    const float t4 = self->k6 * (v_less_drift_0 - v[1] * self->k4 * cos_phi) / sin_phi - self->k22 * t2 * t2;
+    const float t4 = self->k6 * (v_less_drift_0 - v[1] * self->k4 * cos_phi) / sin_phi - self->k23 * t2 * t2;
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -443,24 +440,26 @@ NOSLIP_HOT int labmate_type_iii_ground_f_law(const labmate_type_iii_f *self, con
     const float tau[2], float ground[8])
 {
     /* k8 (kg) = (m_c + 2 m_w)/2 */
+    /* k9 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k10 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k11 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k23 (1/m) = 1/b */
-    /* k24 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k25 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k26 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k24 (1/m) = 1/b */
+    /* k25 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k26 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k27 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k24 * t2; /* part of force_along_0, ground[4] */
-    const float t4 = self->k25 * t1 * t1; /* I_w d m_c yaw_rate^2/(2 I_w + m_c r^2 + 2 m_w r^2) */
-    ground[0] = self->k10 * tau[0] - self->k12 * tau[1] + t3 - t4;
-    const float force_across_0 = self->k26 * t2 + self->k11 * (tau[0] - tau[1]);
+    const float t3 = self->k10 * effort_1 + self->k25 * t2; /* part of ground[0], ground[4] */
+    const float effort_0 = tau[0] + tau[1];
+    const float t4 = self->k9 * effort_0 - self->k26 * t1 * t1; /* part of ground[0], ground[4] */
+    ground[0] = t3 + t4;
+    const float force_across_0 = self->k11 * effort_1 + self->k27 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k23 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k24 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k8;
-    ground[4] = self->k10 * tau[1] - self->k12 * tau[0] - t3 - t4;
+    ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
     ground[7] = self->k8;
@@ -499,24 +498,24 @@ static int labmate_type_iii_ground_by_inputs_f_law(const labmate_type_iii_f *sel
     float ground_by_inputs[6][2])
 {
     (void)state;
-    /* k9 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k10 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k11 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k15 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k16 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k10;
-    ground_by_inputs[0][1] = self->k14;
+    /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k13 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k14 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k16 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k17 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    ground_by_inputs[0][0] = self->k12;
+    ground_by_inputs[0][1] = self->k13;
     ground_by_inputs[1][0] = self->k11;
-    ground_by_inputs[1][1] = self->k16;
-    ground_by_inputs[2][0] = self->k9;
-    ground_by_inputs[2][1] = self->k15;
-    ground_by_inputs[3][0] = self->k14;
-    ground_by_inputs[3][1] = self->k10;
+    ground_by_inputs[1][1] = self->k17;
+    ground_by_inputs[2][0] = self->k14;
+    ground_by_inputs[2][1] = self->k16;
+    ground_by_inputs[3][0] = self->k13;
+    ground_by_inputs[3][1] = self->k12;
     ground_by_inputs[4][0] = self->k11;
-    ground_by_inputs[4][1] = self->k16;
-    ground_by_inputs[5][0] = self->k15;
-    ground_by_inputs[5][1] = self->k9;
+    ground_by_inputs[4][1] = self->k17;
+    ground_by_inputs[5][0] = self->k16;
+    ground_by_inputs[5][1] = self->k14;
     return NOSLIP_OK;
 }
 
@@ -569,18 +568,18 @@ static int labmate_type_iii_evaluate_f_law(const labmate_type_iii_f *self, const
     /* k6 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k7 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     /* Phi_22 = -r/(2 b) */
-    /* k13 (m) = r^2/(4 b) */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k18 (m) = r^2 (L + d)/(4 b^2) */
-    /* k19 (m^2) = b^2 - (L + d)^2 */
-    /* k20 (1/m^2) = 1e-10/b^2 */
-    /* k21 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k15 (m) = r^2/(4 b) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r^2 (L + d)/(4 b^2) */
+    /* k20 (m^2) = b^2 - (L + d)^2 */
+    /* k21 (1/m^2) = 1e-10/b^2 */
     /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
-    /* k27 (m/s) = kd_y_l r/2 */
-    /* k28 (kg m^2/s) = kd_y_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k28 (m/s) = kd_y_l r/2 */
+    /* k29 (kg m^2/s) = kd_y_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k20 * (self->k5 - cos_phi * self->k19 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k21 * (self->k5 - cos_phi * self->k20 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const float y_l = state->y_c + self->L * sin_phi;
@@ -590,18 +589,18 @@ static int labmate_type_iii_evaluate_f_law(const labmate_type_iii_f *self, const
     const float t2 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float t3 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t4 = cos_phi * t3; /* 2 b yaw_rate cos(phi)/r */
-    const float t5 = self->k17 * t4; /* yaw_rate cos(phi) (L + d) */
+    const float t5 = self->k18 * t4; /* yaw_rate cos(phi) (L + d) */
     all->ydot[0] = t1 * t2 + t5;
     const float yaw_rate = self->Phi_21 * t3;
     all->ydot[1] = yaw_rate;
-    const float t6 = self->k17 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
+    const float t6 = self->k18 * cos_phi; /* r cos(phi) (L + d)/(2 b) */
     all->Phi[0][0] = t1 + t6;
     all->Phi[0][1] = t1 - t6;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_22;
-    const float t7 = self->k13 * t4; /* r yaw_rate cos(phi)/2 */
+    const float t7 = self->k15 * t4; /* r yaw_rate cos(phi)/2 */
     const float t8 = sin_phi * t3; /* 2 b yaw_rate sin(phi)/r */
-    const float t9 = self->k18 * t8; /* r yaw_rate sin(phi) (L + d)/(2 b) */
+    const float t9 = self->k19 * t8; /* r yaw_rate sin(phi) (L + d)/(2 b) */
     all->Phidot[0][0] = t7 - t9;
     all->Phidot[0][1] = t7 + t9;
     all->Phidot[1][0] = 0.0f;
@@ -612,15 +611,15 @@ static int labmate_type_iii_evaluate_f_law(const labmate_type_iii_f *self, const
     /* v_y_l */
     const float t11 = reference->y_l_acceleration + self->kp_y_l * (reference->y_l - y_l) + self->kd_y_l *
         (reference->y_l_rate - t5);
-    const float x_l_rate = self->k1 * cos_phi * t2 - self->k17 * t8;
+    const float x_l_rate = self->k1 * cos_phi * t2 - self->k18 * t8;
     const float v_less_drift_0 = t11 - yaw_rate * x_l_rate;
     const float u_forward_speed = (v_less_drift_0 - cos_phi * self->k4 * v_heading) / sin_phi;
-    const float t12 = self->k2 * (self->k27 * t2 - u_forward_speed); /* (forward_speed kd_y_l - u_forward_speed)/r */
+    const float t12 = self->k2 * (self->k28 * t2 - u_forward_speed); /* (forward_speed kd_y_l - u_forward_speed)/r */
     all->u[0] = t10 - t12;
     all->u[1] = -(t10 + t12);
-    const float t13 = self->k21 * t2 * t3 + self->k7 * v_heading; /* part of all->tau[0], all->tau[1] */
+    const float t13 = self->k22 * t2 * t3 + self->k7 * v_heading; /* part of all->tau[0], all->tau[1] */
     /* part of all->tau[0], all->tau[1] */
-    const float t14 = self->k22 * t3 * t3 - self->k6 * u_forward_speed + self->k28 * t2;
+    const float t14 = self->k23 * t3 * t3 - self->k6 * u_forward_speed + self->k29 * t2;
     all->tau[0] = t13 - t14;
     all->tau[1] = -(t13 + t14);
     return NOSLIP_OK;
@@ -668,15 +667,15 @@ static int labmate_type_iii_step_f_law(const labmate_type_iii_f *self, const lab
     /* k5 (m^2) = b^2 */
     /* k6 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k7 (kg m^2) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
-    /* k17 (m) = r (L + d)/(2 b) */
-    /* k19 (m^2) = b^2 - (L + d)^2 */
-    /* k20 (1/m^2) = 1e-10/b^2 */
-    /* k21 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k18 (m) = r (L + d)/(2 b) */
+    /* k20 (m^2) = b^2 - (L + d)^2 */
+    /* k21 (1/m^2) = 1e-10/b^2 */
     /* k22 (kg m^2) = d m_c r^3/(8 b^2) */
-    /* k28 (kg m^2/s) = kd_y_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    /* k23 (kg m^2) = d m_c r^3/(8 b^2) */
+    /* k29 (kg m^2/s) = kd_y_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
-    if (!(sin_phi * sin_phi > self->k20 * (self->k5 - cos_phi * self->k19 * cos_phi))) {
+    if (!(sin_phi * sin_phi > self->k21 * (self->k5 - cos_phi * self->k20 * cos_phi))) {
         return NOSLIP_SINGULAR;
     }
     const float t1 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
@@ -684,14 +683,14 @@ static int labmate_type_iii_step_f_law(const labmate_type_iii_f *self, const lab
     const float yaw_rate = self->Phi_21 * t2;
     const float v_heading = reference->heading_acceleration - self->kp_heading * (state->phi - reference->heading) +
         self->kd_heading * (reference->heading_rate - yaw_rate);
-    const float t3 = self->k21 * t1 * t2 + self->k7 * v_heading; /* part of tau[0], tau[1] */
-    const float t4 = self->k17 * t2; /* yaw_rate (L + d) */
+    const float t3 = self->k22 * t1 * t2 + self->k7 * v_heading; /* part of tau[0], tau[1] */
+    const float t4 = self->k18 * t2; /* yaw_rate (L + d) */
     /* v_y_l */
     const float t5 = reference->y_l_acceleration - self->kp_y_l * (state->y_c - reference->y_l + self->L * sin_phi) +
         self->kd_y_l * (reference->y_l_rate - t4 * cos_phi);
     const float v_less_drift_0 = t5 - yaw_rate * (self->k1 * cos_phi * t1 - t4 * sin_phi);
     /* part of tau[0], tau[1] */
-    const float t6 = self->k22 * t2 * t2 + self->k28 * t1 + self->k6 * (cos_phi * self->k4 * v_heading -
+    const float t6 = self->k23 * t2 * t2 + self->k29 * t1 + self->k6 * (cos_phi * self->k4 * v_heading -
         v_less_drift_0) / sin_phi;
     tau[0] = t3 - t6;
     tau[1] = -(t3 + t6);
@@ -721,15 +720,16 @@ static NOSLIP_COLD int labmate_type_iii_step_f_limited(labmate_type_iii_f *self,
     float tau[2], float made_0, float made_1)
 {
     float made[2] = {made_0, made_1};
-    int status = noslip_all_finite_f(made, 2) && noslip_is_finite_f(state->x_c) && noslip_is_finite_f(state->theta_r) &&
-        noslip_is_finite_f(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
+    int status = noslip_is_finite_f(made_0) && noslip_is_finite_f(made_1) && noslip_is_finite_f(state->x_c) &&
+        noslip_is_finite_f(state->theta_r) && noslip_is_finite_f(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {
         float ground[8];
         float by_inputs[6][2];
+        float work[6];
         status = labmate_type_iii_ground_f_law(self, state, made, ground);
         status = status == NOSLIP_OK ? labmate_type_iii_ground_by_inputs_f_law(self, state, by_inputs) : status;
         if (status == NOSLIP_OK) {
-            noslip_keep_grip_f(made, NULL, ground, by_inputs[0], &self->grip, self->limit, 2);
+            noslip_keep_grip_f(made, NULL, ground, by_inputs[0], &self->grip, self->limit, 2, work);
             status = labmate_type_iii_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
         }

@@ -72,27 +72,28 @@ typedef struct labmate_type_iii_f {
     float k6;                 /* kg m: (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     float k7;                 /* kg m^2: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     float k8;                 /* kg: (m_c + 2 m_w)/2 */
-    float k9;                 /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k9;                 /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     float k10;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k11;                /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     float k12;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k13;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k14;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     float Phi_22;             /* -r/(2 b) */
-    float k13;                /* m: r^2/(4 b) */
-    float k14;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k15;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k16;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k17;                /* m: r (L + d)/(2 b) */
-    float k18;                /* m: r^2 (L + d)/(4 b^2) */
-    float k19;                /* m^2: b^2 - (L + d)^2 */
-    float k20;                /* 1/m^2: 1e-10/b^2 */
-    float k21;                /* kg m^2: d m_c r^3/(8 b^2) */
+    float k15;                /* m: r^2/(4 b) */
+    float k16;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k17;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k18;                /* m: r (L + d)/(2 b) */
+    float k19;                /* m: r^2 (L + d)/(4 b^2) */
+    float k20;                /* m^2: b^2 - (L + d)^2 */
+    float k21;                /* 1/m^2: 1e-10/b^2 */
     float k22;                /* kg m^2: d m_c r^3/(8 b^2) */
-    float k23;                /* 1/m: 1/b */
-    float k24;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k25;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    float k26;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k27;                /* m/s: kd_y_l r/2 */
-    float k28;                /* kg m^2/s: kd_y_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
+    float k23;                /* kg m^2: d m_c r^3/(8 b^2) */
+    float k24;                /* 1/m: 1/b */
+    float k25;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k26;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    float k27;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k28;                /* m/s: kd_y_l r/2 */
+    float k29;                /* kg m^2/s: kd_y_l (2 I_w + m_c r^2 + 2 m_w r^2)/4 */
 } labmate_type_iii_f;
 
 /*
@@ -162,7 +163,7 @@ int labmate_type_iii_feedback_f(const labmate_type_iii_f *self, const labmate_st
 /*
  * Of each contact: the ground's force along and across, the shift of the load by each metre of height, the mass on it.
  * ground[8]: along (N), across (N), shift (N/m), mass (kg) of right wheel, left wheel
- * Operations: 11 mul, 3 add, 7 sub, 1 neg.
+ * Operations: 9 mul, 5 add, 4 sub, 1 neg.
  */
 int labmate_type_iii_ground_f(const labmate_type_iii_f *self, const labmate_state_f *state, const float tau[2],
     float ground[8]);

@@ -81,10 +81,10 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
     self->k5 = self->Phi_21 * (t4 / t3);
     const double t5 = params->b * params->b; /* m^2: b^2 */
     const double t6 = t5 * params->I_w; /* kg m^4: I_w b^2 */
-    const double t7 = params->d * params->d; /* m^2: d^2 */
-    const double t8 = t7 * params->m_c; /* kg m^2: d^2 m_c */
+    const double t7 = t5 * params->m_w; /* kg m^2: b^2 m_w */
+    const double t8 = params->d * params->d * params->m_c; /* kg m^2: d^2 m_c */
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
-    const double t9 = t3 * params->I_c + t3 * params->I_m * 2.0 + t6 * 2.0 + t3 * (t5 * params->m_w) * 2.0 + t3 * t8;
+    const double t9 = t3 * params->I_c + t3 * params->I_m * 2.0 + t6 * 2.0 + t3 * t7 * 2.0 + t3 * t8;
     self->k6 = self->k4 * (self->k1 * (t9 / t3));
     const double t10 = t2 * t2; /* m^2: (L + d)^2 */
     const double t11 = t3 * t3; /* m^4: r^4 */
@@ -99,55 +99,50 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
         return NOSLIP_SINGULAR;
     }
     self->k7 = t12 * (t14 * (t5 * t5)) * 4e-10 / t15;
-    self->k8 = 0.5 * (params->m_c + params->m_w * 2.0);
-    const double t16 = 2.0 * t9; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs(t16) > 0)) {
+    const double t16 = params->m_c + params->m_w * 2.0; /* kg: m_c + 2 m_w */
+    self->k8 = 0.5 * t16;
+    const double t17 = 2.0 * t4; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs(t17) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t17 = params->d * params->m_c; /* kg m: d m_c */
-    self->k9 = t17 * params->r / t16;
-    const double t18 = t4 * t9; /* kg^2 m^6: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    self->k9 = params->r * t16 / t17;
+    const double t18 = 2.0 * t9; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs(t18) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double t19 = t3 * (params->m_c * params->I_c); /* kg^2 m^4: I_c m_c r^2 */
-    const double t20 = t3 * (params->m_w * params->I_c) * 2.0; /* kg^2 m^4: 2 I_c m_w r^2 */
-    const double t21 = t3 * (params->m_c * params->I_m) * 2.0; /* kg^2 m^4: 2 I_m m_c r^2 */
-    const double t22 = t3 * (params->m_w * params->I_m) * 4.0; /* kg^2 m^4: 4 I_m m_w r^2 */
-    const double t23 = t6 * params->m_c; /* kg^2 m^4: I_w b^2 m_c */
-    const double t24 = t6 * params->m_w * 4.0; /* kg^2 m^4: 4 I_w b^2 m_w */
-    /* kg^2 m^4: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    const double t25 = params->I_c * params->I_w + t19 + t20 + params->I_w * params->I_m * 2.0 + t21 + t22 + t23 + t24 +
-        t7 * params->I_w * params->m_c;
-    const double t26 = t5 * params->m_c; /* kg m^2: b^2 m_c */
-    const double t27 = t3 * (t26 * params->m_w) * 2.0; /* kg^2 m^4: 2 b^2 m_c m_w r^2 */
-    const double t28 = t3 * (t5 * (params->m_w * params->m_w)) * 4.0; /* kg^2 m^4: 4 b^2 m_w^2 r^2 */
-    const double t29 = t3 * (t8 * params->m_w) * 2.0; /* kg^2 m^4: 2 d^2 m_c m_w r^2 */
-    self->k10 = params->r * (t25 + t27 + t28 + t3 * (t7 * (params->m_c * params->m_c)) + t29) / t18;
-    self->k11 = params->b * params->d * params->m_c * params->r / t16;
-    self->k12 = params->r * params->I_w * (params->I_c + params->I_m * 2.0 - t26 + t8) / t18;
-    self->k13 = -self->k12;
-    self->k14 = -self->k9;
-    self->k15 = -self->k11;
-    self->k16 = self->k1 * t2;
-    self->k17 = t3 * 0.25;
-    const double t30 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k18 = t10 * t30;
-    self->k19 = t30 * t2;
-    const double t31 = self->k1 * t17 - self->k6; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k20 = self->k1 * (self->Phi_21 * t31);
-    self->k21 = t30 * (self->Phi_21 * t17 - self->k5 * t2);
-    self->k22 = 1.0 / t1 * 2.0;
-    const double t32 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k23 = params->b * params->I_w * params->d * params->m_c / t16 * 2.0 * t32;
-    self->k24 = params->d * params->I_w * params->m_c / t4 * t30;
-    const double t33 = t9 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs(t33) > 0)) {
+    self->k10 = params->r * (params->I_c + params->I_m * 2.0 + t7 * 2.0 + t8) / t18;
+    self->k11 = params->b * params->d * params->m_c * params->r / t18;
+    self->k12 = self->k9 + self->k10;
+    self->k13 = self->k9 - self->k10;
+    const double t19 = params->d * params->m_c; /* kg m: d m_c */
+    self->k14 = t19 * params->r / t18;
+    self->k15 = -self->k14;
+    self->k16 = -self->k11;
+    self->k17 = self->k1 * t2;
+    self->k18 = t3 * 0.25;
+    const double t20 = self->k1 * self->k1; /* r^2/(4 b^2) */
+    self->k19 = t10 * t20;
+    self->k20 = t20 * t2;
+    const double t21 = self->k1 * t19 - self->k6; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    self->k21 = self->k1 * (self->Phi_21 * t21);
+    self->k22 = t20 * (self->Phi_21 * t19 - self->k5 * t2);
+    self->k23 = 1.0 / t1 * 2.0;
+    const double t22 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
+    self->k24 = params->b * params->I_w * params->d * params->m_c / t18 * 2.0 * t22;
+    self->k25 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
+    const double t23 = t9 * 4.0; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs(t23) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k25 = (t19 + t20 + t21 + t22 + t23 * 2.0 + t24 + t27 + t28 + t29) / t33 * 2.0 * t32;
-    self->k26 = t32 * t31;
-    self->k27 = self->k4 * t32;
+    /* kg^2 m^4: r^2 (I_c m_c + 2 I_c m_w + 2 I_m m_c) */
+    const double t24 = t3 * (params->m_c * params->I_c) + t3 * (params->m_w * params->I_c) * 2.0 + t3 * (params->m_c *
+        params->I_m) * 2.0;
+    /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
+    const double t25 = t24 + t3 * (params->m_w * params->I_m) * 4.0 + t6 * params->m_c * 2.0 + t6 * params->m_w * 4.0 +
+        t3 * (t5 * params->m_c * params->m_w) * 2.0;
+    self->k26 = (t25 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0 + t3 * (t8 * params->m_w) * 2.0) / t23 * 2.0 * t22;
+    self->k27 = t22 * t21;
+    self->k28 = self->k4 * t22;
     if (!(noslip_abs(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -157,7 +152,7 @@ int labmate_type_iv_circle_init(labmate_type_iv_circle *self, const labmate_para
     if (!noslip_is_finite(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27)) {
+        self->k26 + self->k27 + self->k28)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -314,7 +309,7 @@ static int labmate_type_iv_circle_rate_law(const labmate_type_iv_circle *self, c
     double ydot[1])
 {
     /* Phi_21 (m) = r/2 */
-    /* k16 (m) = r (L + d)/(2 b) */
+    /* k17 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
@@ -329,7 +324,7 @@ static int labmate_type_iv_circle_rate_law(const labmate_type_iv_circle *self, c
     const double t3 = t2 * scaled_distance_by_x_l; /* -distance_by_x_l */
     const double t4 = t2 * scaled_distance_by_y_l; /* -distance_by_y_l */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
-    ydot[0] = self->k16 * (t3 * sin_phi - t4 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
+    ydot[0] = self->k17 * (t3 * sin_phi - t4 * cos_phi) * (state->thetadot_r - state->thetadot_l) - forward_speed *
         (t3 * cos_phi + t4 * sin_phi);
     return NOSLIP_OK;
 }
@@ -362,7 +357,7 @@ static int labmate_type_iv_circle_decoupling_law(const labmate_type_iv_circle *s
     double Phi[2][2])
 {
     /* Phi_21 (m) = r/2 */
-    /* k16 (m) = r (L + d)/(2 b) */
+    /* k17 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
@@ -376,7 +371,7 @@ static int labmate_type_iv_circle_decoupling_law(const labmate_type_iv_circle *s
     const double t2 = 1.0 / t1; /* 1/sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
     const double t3 = t2 * scaled_distance_by_x_l; /* -distance_by_x_l */
     const double t4 = t2 * scaled_distance_by_y_l; /* -distance_by_y_l */
-    const double t5 = self->k16 * (t3 * sin_phi - t4 * cos_phi); /* -distance_by_yaw_rate r (L + d)/(2 b) */
+    const double t5 = self->k17 * (t3 * sin_phi - t4 * cos_phi); /* -distance_by_yaw_rate r (L + d)/(2 b) */
     const double t6 = self->Phi_21 * (t3 * cos_phi + t4 * sin_phi); /* -distance_by_forward_speed r/2 */
     Phi[0][0] = t5 - t6;
     Phi[0][1] = -(t5 + t6);
@@ -416,7 +411,7 @@ static int labmate_type_iv_circle_decoupling_rate_law(const labmate_type_iv_circ
 {
     /* Phi_21 (m) = r/2 */
     /* k1 = r/(2 b) */
-    /* k16 (m) = r (L + d)/(2 b) */
+    /* k17 (m) = r (L + d)/(2 b) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double scaled_distance_by_x_l = self->x_f - state->x_c - self->L * cos_phi;
@@ -430,7 +425,7 @@ static int labmate_type_iv_circle_decoupling_rate_law(const labmate_type_iv_circ
     const double t2 = 1.0 / t1; /* 1/sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
     const double forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const double t3 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t4 = self->k16 * t3; /* yaw_rate (L + d) */
+    const double t4 = self->k17 * t3; /* yaw_rate (L + d) */
     const double t5 = t2 * scaled_distance_by_x_l; /* -distance_by_x_l */
     const double t6 = t2 * scaled_distance_by_y_l; /* -distance_by_y_l */
     /* -distance_rate */
@@ -441,7 +436,7 @@ static int labmate_type_iv_circle_decoupling_rate_law(const labmate_type_iv_circ
     const double distance_by_y_l_rate = t2 * (forward_speed * sin_phi + t4 * cos_phi - t6 * t7);
     const double t9 = distance_by_y_l_rate + t5 * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
     const double t10 = self->Phi_21 * (cos_phi * t8 + sin_phi * t9); /* part of Phidot[0][0], Phidot[0][1] */
-    const double t11 = self->k16 * (cos_phi * t9 - sin_phi * t8); /* part of Phidot[0][0], Phidot[0][1] */
+    const double t11 = self->k17 * (cos_phi * t9 - sin_phi * t8); /* part of Phidot[0][0], Phidot[0][1] */
     Phidot[0][0] = t10 + t11;
     Phidot[0][1] = t10 - t11;
     Phidot[1][0] = 0.0;
@@ -483,12 +478,12 @@ static int labmate_type_iv_circle_feedback_law(const labmate_type_iv_circle *sel
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k7 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k16 (m) = r (L + d)/(2 b) */
-    /* k17 (m^2) = r^2/4 */
-    /* k18 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k19 (m) = r^2 (L + d)/(4 b^2) */
-    /* k20 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m^2) = r^2/4 */
+    /* k19 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k20 (m) = r^2 (L + d)/(4 b^2) */
+    /* k21 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k22 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -510,16 +505,16 @@ static int labmate_type_iv_circle_feedback_law(const labmate_type_iv_circle *sel
         return NOSLIP_SINGULAR;
     }
     const double forward_speed = self->Phi_21 * t1;
-    const double scaled_distance_rate = self->k16 * t2 * scaled_distance_by_yaw_rate - forward_speed *
+    const double scaled_distance_rate = self->k17 * t2 * scaled_distance_by_yaw_rate - forward_speed *
         scaled_distance_by_forward_speed;
     const double t5 = t2 * t2; /* 4 b^2 yaw_rate^2/r^2 */
-    const double v_less_drift_1 = v[1] - self->k19 * t5;
+    const double v_less_drift_1 = v[1] - self->k20 * t5;
     /* part of tau[0], tau[1] */
-    const double t6 = v[0] * noslip_sqrt(t3) - self->k17 * t1 * t1 - self->k18 * t5 + scaled_distance_by_forward_speed *
+    const double t6 = v[0] * noslip_sqrt(t3) - self->k18 * t1 * t1 - self->k19 * t5 + scaled_distance_by_forward_speed *
         v_less_drift_1;
     /* part of tau[0], tau[1] */
-    const double t7 = self->k20 * t1 * t2 + self->k6 * (scaled_distance_rate * scaled_distance_rate + t3 * t6) / t4;
-    const double t8 = self->k5 * v_less_drift_1 - self->k21 * t5; /* part of tau[0], tau[1] */
+    const double t7 = self->k21 * t1 * t2 + self->k6 * (scaled_distance_rate * scaled_distance_rate + t3 * t6) / t4;
+    const double t8 = self->k5 * v_less_drift_1 - self->k22 * t5; /* part of tau[0], tau[1] */
     tau[0] = t7 + t8;
     tau[1] = t8 - t7;
     return NOSLIP_OK;
@@ -557,24 +552,26 @@ NOSLIP_HOT int labmate_type_iv_circle_ground_law(const labmate_type_iv_circle *s
     const double tau[2], double ground[8])
 {
     /* k8 (kg) = (m_c + 2 m_w)/2 */
+    /* k9 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k10 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k11 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k22 (1/m) = 1/b */
-    /* k23 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k24 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k25 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k23 (1/m) = 1/b */
+    /* k24 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k25 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k26 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    const double effort_1 = tau[0] - tau[1];
     const double t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const double t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const double t3 = self->k23 * t2; /* part of force_along_0, ground[4] */
-    const double t4 = self->k24 * t1 * t1; /* I_w d m_c yaw_rate^2/(2 I_w + m_c r^2 + 2 m_w r^2) */
-    ground[0] = self->k10 * tau[0] - self->k12 * tau[1] + t3 - t4;
-    const double force_across_0 = self->k25 * t2 + self->k11 * (tau[0] - tau[1]);
+    const double t3 = self->k10 * effort_1 + self->k24 * t2; /* part of ground[0], ground[4] */
+    const double effort_0 = tau[0] + tau[1];
+    const double t4 = self->k9 * effort_0 - self->k25 * t1 * t1; /* part of ground[0], ground[4] */
+    ground[0] = t3 + t4;
+    const double force_across_0 = self->k11 * effort_1 + self->k26 * t2;
     ground[1] = force_across_0;
-    const double t5 = self->k22 * force_across_0; /* force_across_0/b */
+    const double t5 = self->k23 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k8;
-    ground[4] = self->k10 * tau[1] - self->k12 * tau[0] - t3 - t4;
+    ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
     ground[7] = self->k8;
@@ -613,24 +610,24 @@ static int labmate_type_iv_circle_ground_by_inputs_law(const labmate_type_iv_cir
     double ground_by_inputs[6][2])
 {
     (void)state;
-    /* k9 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k10 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k11 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k13 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k14 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k15 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k10;
+    /* k14 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k15 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k16 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    ground_by_inputs[0][0] = self->k12;
     ground_by_inputs[0][1] = self->k13;
     ground_by_inputs[1][0] = self->k11;
-    ground_by_inputs[1][1] = self->k15;
-    ground_by_inputs[2][0] = self->k9;
-    ground_by_inputs[2][1] = self->k14;
+    ground_by_inputs[1][1] = self->k16;
+    ground_by_inputs[2][0] = self->k14;
+    ground_by_inputs[2][1] = self->k15;
     ground_by_inputs[3][0] = self->k13;
-    ground_by_inputs[3][1] = self->k10;
+    ground_by_inputs[3][1] = self->k12;
     ground_by_inputs[4][0] = self->k11;
-    ground_by_inputs[4][1] = self->k15;
-    ground_by_inputs[5][0] = self->k14;
-    ground_by_inputs[5][1] = self->k9;
+    ground_by_inputs[4][1] = self->k16;
+    ground_by_inputs[5][0] = self->k15;
+    ground_by_inputs[5][1] = self->k14;
     return NOSLIP_OK;
 }
 
@@ -682,13 +679,13 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k7 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k16 (m) = r (L + d)/(2 b) */
-    /* k17 (m^2) = r^2/4 */
-    /* k18 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k19 (m) = r^2 (L + d)/(4 b^2) */
-    /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k27 = r^2/(4 b (L + d)) */
+    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m^2) = r^2/4 */
+    /* k19 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k20 (m) = r^2 (L + d)/(4 b^2) */
+    /* k22 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k28 = r^2/(4 b (L + d)) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -709,7 +706,7 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double forward_speed = self->Phi_21 * t3;
     all->h[1] = forward_speed;
     const double t4 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const double t5 = self->k16 * t4; /* yaw_rate (L + d) */
+    const double t5 = self->k17 * t4; /* yaw_rate (L + d) */
     if (!(t2 > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -721,7 +718,7 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double t11 = t7 * cos_phi + t8 * sin_phi; /* -distance_by_forward_speed */
     const double t12 = forward_speed * t11; /* -distance_by_forward_speed forward_speed */
     all->ydot[0] = t10 - t12;
-    const double t13 = self->k16 * t9; /* -distance_by_yaw_rate r (L + d)/(2 b) */
+    const double t13 = self->k17 * t9; /* -distance_by_yaw_rate r (L + d)/(2 b) */
     const double t14 = self->Phi_21 * t11; /* -distance_by_forward_speed r/2 */
     all->Phi[0][0] = t13 - t14;
     all->Phi[0][1] = -(t14 + t13);
@@ -735,13 +732,13 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double t17 = distance_by_y_l_rate + yaw_rate * t7; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
     /* part of all->Phidot[0][0], all->Phidot[0][1] */
     const double t18 = self->Phi_21 * (cos_phi * t16 + sin_phi * t17);
-    const double t19 = self->k16 * (cos_phi * t17 - sin_phi * t16); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    const double t19 = self->k17 * (cos_phi * t17 - sin_phi * t16); /* part of all->Phidot[0][0], all->Phidot[0][1] */
     all->Phidot[0][0] = t18 + t19;
     all->Phidot[0][1] = t18 - t19;
     all->Phidot[1][0] = 0.0;
     all->Phidot[1][1] = 0.0;
     const double t20 = t4 * t4; /* 4 b^2 yaw_rate^2/r^2 */
-    const double t21 = self->k19 * t20; /* yaw_rate^2 (L + d) */
+    const double t21 = self->k20 * t20; /* yaw_rate^2 (L + d) */
     const double v_less_drift_1 = reference->speed_rate - t21 + self->kv_speed * (reference->speed - forward_speed);
     const double t22 = self->k2 * (v_less_drift_1 + t21); /* v_speed/r */
     const double t23 = t3 * t4; /* 4 b forward_speed yaw_rate/r^2 */
@@ -756,15 +753,15 @@ static int labmate_type_iv_circle_evaluate_law(const labmate_type_iv_circle *sel
     const double t26 = reference->distance_acceleration + self->kp_distance * (self->R - t2 + reference->distance) +
         self->kd_distance * reference->distance_rate;
     /* part of all->tau[0], all->tau[1], u_thetadot_r, u_thetadot_l */
-    const double t27 = self->k17 * t3 * t3 + self->k18 * t20 - t2 * t26 - scaled_distance_by_forward_speed *
+    const double t27 = self->k18 * t3 * t3 + self->k19 * t20 - t2 * t26 - scaled_distance_by_forward_speed *
         v_less_drift_1 - self->kd_distance * t25;
     const double t28 = (t25 * t25 - t1 * t27) / t24; /* u_yaw_rate (L + d) */
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const double t29 = self->k3 * (t23 * self->k27 - self->k4 * t28);
+    const double t29 = self->k3 * (t23 * self->k28 - self->k4 * t28);
     all->u[0] = t22 - t29;
     all->u[1] = t22 + t29;
-    const double t30 = t23 * self->k26 + self->k6 * t28; /* part of all->tau[0], all->tau[1] */
-    const double t31 = self->k5 * v_less_drift_1 - self->k21 * t20; /* part of all->tau[0], all->tau[1] */
+    const double t30 = t23 * self->k27 + self->k6 * t28; /* part of all->tau[0], all->tau[1] */
+    const double t31 = self->k5 * v_less_drift_1 - self->k22 * t20; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t30 + t31;
     all->tau[1] = t31 - t30;
     return NOSLIP_OK;
@@ -810,12 +807,12 @@ static int labmate_type_iv_circle_step_law(const labmate_type_iv_circle *self, c
     /* k5 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k6 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k7 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k16 (m) = r (L + d)/(2 b) */
-    /* k17 (m^2) = r^2/4 */
-    /* k18 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k19 (m) = r^2 (L + d)/(4 b^2) */
-    /* k20 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k21 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k17 (m) = r (L + d)/(2 b) */
+    /* k18 (m^2) = r^2/4 */
+    /* k19 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k20 (m) = r^2 (L + d)/(4 b^2) */
+    /* k21 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k22 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     double sin_phi, cos_phi;
     noslip_sincos(state->phi, &sin_phi, &cos_phi);
     const double x_l = state->x_c + self->L * cos_phi;
@@ -832,26 +829,26 @@ static int labmate_type_iv_circle_step_law(const labmate_type_iv_circle *self, c
     const double t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const double t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const double forward_speed = self->Phi_21 * t3;
-    const double v_less_drift_1 = reference->speed_rate - self->k19 * t2 + self->kv_speed * (reference->speed -
+    const double v_less_drift_1 = reference->speed_rate - self->k20 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const double t4 = self->k5 * v_less_drift_1 - self->k21 * t2; /* part of tau[0], tau[1] */
+    const double t4 = self->k5 * v_less_drift_1 - self->k22 * t2; /* part of tau[0], tau[1] */
     /* scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2 */
     const double t5 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l * scaled_distance_by_y_l;
     const double t6 = scaled_distance_by_yaw_rate * t5; /* part of tau[0], tau[1] */
     if (!(noslip_abs(t6) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const double scaled_distance_rate = self->k16 * t1 * scaled_distance_by_yaw_rate - forward_speed *
+    const double scaled_distance_rate = self->k17 * t1 * scaled_distance_by_yaw_rate - forward_speed *
         scaled_distance_by_forward_speed;
     const double t7 = noslip_sqrt(t5); /* sqrt(scaled_distance_by_x_l^2 + scaled_distance_by_y_l^2) */
     /* part of tau[0], tau[1] */
     const double t8 = reference->distance_acceleration + self->kd_distance * reference->distance_rate +
         self->kp_distance * (self->R + reference->distance - t7);
     /* part of tau[0], tau[1] */
-    const double t9 = self->k17 * t3 * t3 + self->k18 * t2 - scaled_distance_by_forward_speed * v_less_drift_1 - t7 *
+    const double t9 = self->k18 * t3 * t3 + self->k19 * t2 - scaled_distance_by_forward_speed * v_less_drift_1 - t7 *
         t8 + self->kd_distance * scaled_distance_rate;
     /* part of tau[0], tau[1] */
-    const double t10 = self->k20 * t3 * t1 + self->k6 * (scaled_distance_rate * scaled_distance_rate - t5 * t9) / t6;
+    const double t10 = self->k21 * t3 * t1 + self->k6 * (scaled_distance_rate * scaled_distance_rate - t5 * t9) / t6;
     tau[0] = t4 + t10;
     tau[1] = t4 - t10;
     return NOSLIP_OK;
@@ -880,7 +877,7 @@ static NOSLIP_COLD int labmate_type_iv_circle_step_limited(labmate_type_iv_circl
     double tau[2], double made_0, double made_1)
 {
     double made[2] = {made_0, made_1};
-    int status = noslip_all_finite(made, 2) && noslip_is_finite(state->theta_r) &&
+    int status = noslip_is_finite(made_0) && noslip_is_finite(made_1) && noslip_is_finite(state->theta_r) &&
         noslip_is_finite(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
         double slope[2];
@@ -893,11 +890,12 @@ static NOSLIP_COLD int labmate_type_iv_circle_step_limited(labmate_type_iv_circl
         double ground[8];
         double by_inputs[6][2];
         double slope[2];
+        double work[6];
         status = labmate_type_iv_circle_ground_law(self, state, made, ground);
         status = status == NOSLIP_OK ? labmate_type_iv_circle_ground_by_inputs_law(self, state, by_inputs) : status;
         status = status == NOSLIP_OK ? labmate_type_iv_circle_slope_law(self, state, slope) : status;
         if (status == NOSLIP_OK) {
-            noslip_keep_grip(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2);
+            noslip_keep_grip(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work);
             status = labmate_type_iv_circle_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
                 &self->grip) && noslip_holds(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
         }

@@ -81,23 +81,24 @@ typedef struct labmate_type_iv_ellipse {
     double k15;
     double k16;               /* 1.0000000001e-10 b^2/(L + d)^2 */
     double k17;               /* kg: (m_c + 2 m_w)/2 */
-    double k18;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k18;               /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     double k19;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k20;               /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     double k21;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     double k22;               /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k23;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k24;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    double k25;               /* m: r (L + d)/(2 b) */
-    double k26;               /* m: r^2 (L + d)/(4 b^2) */
-    double k27;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k28;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    double k29;               /* 1/m: 1/b */
-    double k30;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k31;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    double k32;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    double k33;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    double k34;               /* r^2/(4 b (L + d)) */
+    double k23;               /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k24;               /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k25;               /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    double k26;               /* m: r (L + d)/(2 b) */
+    double k27;               /* m: r^2 (L + d)/(4 b^2) */
+    double k28;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k29;               /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    double k30;               /* 1/m: 1/b */
+    double k31;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k32;               /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    double k33;               /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    double k34;               /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    double k35;               /* r^2/(4 b (L + d)) */
 } labmate_type_iv_ellipse;
 
 /*
@@ -169,7 +170,7 @@ int labmate_type_iv_ellipse_feedback(const labmate_type_iv_ellipse *self, const 
 /*
  * Of each contact: the ground's force along and across, the shift of the load by each metre of height, the mass on it.
  * ground[8]: along (N), across (N), shift (N/m), mass (kg) of right wheel, left wheel
- * Operations: 11 mul, 3 add, 7 sub, 1 neg.
+ * Operations: 9 mul, 5 add, 4 sub, 1 neg.
  */
 int labmate_type_iv_ellipse_ground(const labmate_type_iv_ellipse *self, const labmate_state *state, const double tau[2],
     double ground[8]);

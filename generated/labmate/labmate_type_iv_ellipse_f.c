@@ -100,11 +100,10 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     self->k14 = gains->kp_distance * 0.5f;
     const float t10 = params->b * params->b; /* m^2: b^2 */
     const float t11 = t10 * params->I_w; /* kg m^4: I_w b^2 */
-    const float t12 = params->d * params->d; /* m^2: d^2 */
-    const float t13 = t12 * params->m_c; /* kg m^2: d^2 m_c */
+    const float t12 = t10 * params->m_w; /* kg m^2: b^2 m_w */
+    const float t13 = params->d * params->d * params->m_c; /* kg m^2: d^2 m_c */
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
-    const float t14 = t8 * params->I_c + t8 * params->I_m * 2.0f + t11 * 2.0f + t8 * (t10 * params->m_w) * 2.0f + t8 *
-        t13;
+    const float t14 = t8 * params->I_c + t8 * params->I_m * 2.0f + t11 * 2.0f + t8 * t12 * 2.0f + t8 * t13;
     self->k15 = self->k12 * (self->k1 * (t14 / t8));
     const float t15 = t7 * t7; /* m^2: (L + d)^2 */
     const float t16 = t8 * t8; /* m^4: r^4 */
@@ -119,53 +118,51 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
         return NOSLIP_SINGULAR;
     }
     self->k16 = t17 * (t19 * (t10 * t10)) * 4e-10f / t20;
-    self->k17 = 0.5f * (params->m_c + params->m_w * 2.0f);
-    const float t21 = 2.0f * t14; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t21) > 0)) {
+    const float t21 = params->m_c + params->m_w * 2.0f; /* kg: m_c + 2 m_w */
+    self->k17 = 0.5f * t21;
+    const float t22 = 2.0f * t9; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs_f(t22) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t22 = params->d * params->m_c; /* kg m: d m_c */
-    self->k18 = t22 * params->r / t21;
-    const float t23 = t9 * t14; /* kg^2 m^6: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    self->k18 = params->r * t21 / t22;
+    const float t23 = 2.0f * t14; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t23) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t24 = t8 * (params->m_c * params->I_c); /* kg^2 m^4: I_c m_c r^2 */
-    const float t25 = t8 * (params->m_w * params->I_c) * 2.0f; /* kg^2 m^4: 2 I_c m_w r^2 */
-    const float t26 = t8 * (params->m_c * params->I_m) * 2.0f; /* kg^2 m^4: 2 I_m m_c r^2 */
-    const float t27 = t8 * (params->m_w * params->I_m) * 4.0f; /* kg^2 m^4: 4 I_m m_w r^2 */
-    const float t28 = t11 * params->m_c; /* kg^2 m^4: I_w b^2 m_c */
-    const float t29 = t11 * params->m_w * 4.0f; /* kg^2 m^4: 4 I_w b^2 m_w */
-    /* kg^2 m^4: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    const float t30 = params->I_c * params->I_w + t24 + t25 + params->I_w * params->I_m * 2.0f + t26 + t27 + t28 + t29 +
-        t12 * params->I_w * params->m_c;
-    const float t31 = t10 * params->m_c; /* kg m^2: b^2 m_c */
-    const float t32 = t8 * (t31 * params->m_w) * 2.0f; /* kg^2 m^4: 2 b^2 m_c m_w r^2 */
-    const float t33 = t8 * (t10 * (params->m_w * params->m_w)) * 4.0f; /* kg^2 m^4: 4 b^2 m_w^2 r^2 */
-    const float t34 = t8 * (t13 * params->m_w) * 2.0f; /* kg^2 m^4: 2 d^2 m_c m_w r^2 */
-    self->k19 = params->r * (t30 + t32 + t33 + t8 * (t12 * (params->m_c * params->m_c)) + t34) / t23;
-    self->k20 = params->b * params->d * params->m_c * params->r / t21;
-    self->k21 = params->r * params->I_w * (params->I_c + params->I_m * 2.0f - t31 + t13) / t23;
-    self->k22 = -self->k21;
-    self->k23 = -self->k18;
-    self->k24 = -self->k20;
-    self->k25 = self->k1 * t7;
-    const float t35 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k26 = t35 * t7;
-    const float t36 = self->k1 * t22 - self->k15; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k27 = self->k1 * (self->Phi_21 * t36);
-    self->k28 = t35 * (self->Phi_21 * t22 - self->k13 * t7);
-    self->k29 = 1.0f / t1 * 2.0f;
-    const float t37 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k30 = params->b * params->I_w * params->d * params->m_c / t21 * 2.0f * t37;
-    self->k31 = params->d * params->I_w * params->m_c / t9 * t35;
-    const float t38 = t14 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t38) > 0)) {
+    self->k19 = params->r * (params->I_c + params->I_m * 2.0f + t12 * 2.0f + t13) / t23;
+    self->k20 = params->b * params->d * params->m_c * params->r / t23;
+    self->k21 = self->k18 + self->k19;
+    self->k22 = self->k18 - self->k19;
+    const float t24 = params->d * params->m_c; /* kg m: d m_c */
+    self->k23 = t24 * params->r / t23;
+    self->k24 = -self->k23;
+    self->k25 = -self->k20;
+    self->k26 = self->k1 * t7;
+    const float t25 = self->k1 * self->k1; /* r^2/(4 b^2) */
+    self->k27 = t25 * t7;
+    const float t26 = self->k1 * t24 - self->k15; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    self->k28 = self->k1 * (self->Phi_21 * t26);
+    self->k29 = t25 * (self->Phi_21 * t24 - self->k13 * t7);
+    self->k30 = 1.0f / t1 * 2.0f;
+    const float t27 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
+    self->k31 = params->b * params->I_w * params->d * params->m_c / t23 * 2.0f * t27;
+    self->k32 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t9));
+    const float t28 = t14 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs_f(t28) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k32 = (t24 + t25 + t26 + t27 + t28 * 2.0f + t29 + t32 + t33 + t34) / t38 * 2.0f * t37;
-    self->k33 = t37 * t36;
-    self->k34 = self->k12 * t37;
+    /* kg^2 m^4: r^2 (I_c m_c + 2 I_c m_w + 2 I_m m_c) */
+    const float t29 = t8 * (params->m_c * params->I_c) + t8 * (params->m_w * params->I_c) * 2.0f + t8 * (params->m_c *
+        params->I_m) * 2.0f;
+    /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
+    const float t30 = t29 + t8 * (params->m_w * params->I_m) * 4.0f + t11 * params->m_c * 2.0f + t11 * params->m_w *
+        4.0f + t8 * (t10 * params->m_c * params->m_w) * 2.0f;
+    /* kg: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    const float t31 = (t30 + t8 * (t10 * (params->m_w * params->m_w)) * 4.0f + t8 * (t13 * params->m_w) * 2.0f) / t28 *
+        2.0f;
+    self->k33 = t31 * t27;
+    self->k34 = t27 * t26;
+    self->k35 = self->k12 * t27;
     if (!(noslip_abs_f(t16) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -175,7 +172,8 @@ int labmate_type_iv_ellipse_init_f(labmate_type_iv_ellipse_f *self, const labmat
     if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33 + self->k34)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33 + self->k34 +
+        self->k35)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -351,7 +349,7 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     /* k5 = a^2/b^2 */
     /* k6 = a^4/b^4 */
     /* k7 = a^4/(2 b^4) */
-    /* k25 (m) = r (L + d)/(2 b) */
+    /* k26 (m) = r (L + d)/(2 b) */
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
@@ -369,7 +367,7 @@ static int labmate_type_iv_ellipse_rate_f_law(const labmate_type_iv_ellipse_f *s
     const float distance_by_x_l = t4 * x_l * (1.0f + t5 * 0.5f);
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     /* -distance_by_yaw_rate yaw_rate (L + d) */
-    const float t6 = self->k25 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
+    const float t6 = self->k26 * (state->thetadot_r - state->thetadot_l) * (distance_by_y_l * cos_phi -
         distance_by_x_l * sin_phi);
     ydot[0] = forward_speed * distance_by_forward_speed + t6;
     return NOSLIP_OK;
@@ -407,7 +405,7 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     /* k5 = a^2/b^2 */
     /* k6 = a^4/b^4 */
     /* k7 = a^4/(2 b^4) */
-    /* k25 (m) = r (L + d)/(2 b) */
+    /* k26 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -425,7 +423,7 @@ static int labmate_type_iv_ellipse_decoupling_f_law(const labmate_type_iv_ellips
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const float t6 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     /* -distance_by_yaw_rate r (L + d)/(2 b) */
-    const float t7 = self->k25 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
+    const float t7 = self->k26 * (distance_by_y_l * cos_phi - distance_by_x_l * sin_phi);
     Phi[0][0] = t6 + t7;
     Phi[0][1] = t6 - t7;
     Phi[1][0] = self->Phi_21;
@@ -472,7 +470,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     /* k8 = 2 a^4/b^4 */
     /* k9 = a^2/(2 b^2) */
     /* k10 = a^4/b^4 */
-    /* k25 (m) = r (L + d)/(2 b) */
+    /* k26 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -489,7 +487,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float t6 = 1.0f + t5 * 0.5f;
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float t7 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t8 = self->k25 * t7; /* yaw_rate (L + d) */
+    const float t8 = self->k26 * t7; /* yaw_rate (L + d) */
     const float t9 = forward_speed * cos_phi - t8 * sin_phi; /* x_l_rate */
     const float t10 = t4 * x_l; /* x_l/sqrt((a^4 y_l^2 + b^4 x_l^2)/b^4) */
     const float y_l_rate = forward_speed * sin_phi + t8 * cos_phi;
@@ -512,7 +510,7 @@ static int labmate_type_iv_ellipse_decoupling_rate_f_law(const labmate_type_iv_e
     const float t19 = distance_by_x_l * yaw_rate - (t4 * (self->k5 * y_l_rate - self->k9 * t18 + t15 * (t11 -
         self->k10 * t18)) - self->k10 * t13 * t16);
     const float t20 = self->Phi_21 * (cos_phi * t17 - sin_phi * t19); /* part of Phidot[0][0], Phidot[0][1] */
-    const float t21 = self->k25 * (cos_phi * t19 + sin_phi * t17); /* part of Phidot[0][0], Phidot[0][1] */
+    const float t21 = self->k26 * (cos_phi * t19 + sin_phi * t17); /* part of Phidot[0][0], Phidot[0][1] */
     Phidot[0][0] = t20 - t21;
     Phidot[0][1] = t20 + t21;
     Phidot[1][0] = 0.0f;
@@ -558,10 +556,10 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
     /* k13 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k25 (m) = r (L + d)/(2 b) */
-    /* k26 (m) = r^2 (L + d)/(4 b^2) */
-    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k26 (m) = r (L + d)/(2 b) */
+    /* k27 (m) = r^2 (L + d)/(4 b^2) */
+    /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -586,22 +584,22 @@ static int labmate_type_iv_ellipse_feedback_f_law(const labmate_type_iv_ellipse_
         return NOSLIP_SINGULAR;
     }
     const float forward_speed = self->Phi_21 * t7;
-    const float t10 = self->k25 * t8; /* yaw_rate (L + d) */
+    const float t10 = self->k26 * t8; /* yaw_rate (L + d) */
     const float t11 = forward_speed * cos_phi - t10 * sin_phi; /* x_l_rate */
     const float y_l_rate = forward_speed * sin_phi + t10 * cos_phi;
     const float t12 = x_l * t11 + self->k6 * y_l * y_l_rate; /* distance_turning */
     const float t13 = t11 * t11; /* x_l_rate^2 */
     const float t14 = y_l_rate * y_l_rate; /* y_l_rate^2 */
     const float t15 = t8 * t8; /* 4 b^2 yaw_rate^2/r^2 */
-    const float v_less_drift_1 = v[1] - self->k26 * t15;
+    const float v_less_drift_1 = v[1] - self->k27 * t15;
     /* part of tau[0], tau[1] */
     const float t16 = t3 * (v[0] * noslip_sqrt_f(t3) - (t13 + self->k5 * t14)) - t5 * (t13 + self->k6 * t14) -
         v_less_drift_1 * scaled_distance_by_forward_speed;
     /* part of tau[0], tau[1] */
     const float t17 = self->k15 * (t12 * (t5 * t12 - 2.0f * (t10 * t6 - forward_speed *
         scaled_distance_by_forward_speed)) + t3 * t16);
-    const float t18 = self->k27 * t7 * t8 - t17 / t9; /* part of tau[0], tau[1] */
-    const float t19 = self->k13 * v_less_drift_1 - self->k28 * t15; /* part of tau[0], tau[1] */
+    const float t18 = self->k28 * t7 * t8 - t17 / t9; /* part of tau[0], tau[1] */
+    const float t19 = self->k13 * v_less_drift_1 - self->k29 * t15; /* part of tau[0], tau[1] */
     tau[0] = t18 + t19;
     tau[1] = t19 - t18;
     return NOSLIP_OK;
@@ -639,24 +637,26 @@ NOSLIP_HOT int labmate_type_iv_ellipse_ground_f_law(const labmate_type_iv_ellips
     const float tau[2], float ground[8])
 {
     /* k17 (kg) = (m_c + 2 m_w)/2 */
+    /* k18 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k19 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k20 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k21 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k29 (1/m) = 1/b */
-    /* k30 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k31 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k32 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k30 (1/m) = 1/b */
+    /* k31 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k32 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k33 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k30 * t2; /* part of force_along_0, ground[4] */
-    const float t4 = self->k31 * t1 * t1; /* I_w d m_c yaw_rate^2/(2 I_w + m_c r^2 + 2 m_w r^2) */
-    ground[0] = self->k19 * tau[0] - self->k21 * tau[1] + t3 - t4;
-    const float force_across_0 = self->k32 * t2 + self->k20 * (tau[0] - tau[1]);
+    const float t3 = self->k19 * effort_1 + self->k31 * t2; /* part of ground[0], ground[4] */
+    const float effort_0 = tau[0] + tau[1];
+    const float t4 = self->k18 * effort_0 - self->k32 * t1 * t1; /* part of ground[0], ground[4] */
+    ground[0] = t3 + t4;
+    const float force_across_0 = self->k20 * effort_1 + self->k33 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k29 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k30 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k17;
-    ground[4] = self->k19 * tau[1] - self->k21 * tau[0] - t3 - t4;
+    ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
     ground[7] = self->k17;
@@ -695,24 +695,24 @@ static int labmate_type_iv_ellipse_ground_by_inputs_f_law(const labmate_type_iv_
     const labmate_state_f *state, float ground_by_inputs[6][2])
 {
     (void)state;
-    /* k18 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k19 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k20 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k21 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k22 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k23 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k24 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k19;
+    /* k23 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k24 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k25 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    ground_by_inputs[0][0] = self->k21;
     ground_by_inputs[0][1] = self->k22;
     ground_by_inputs[1][0] = self->k20;
-    ground_by_inputs[1][1] = self->k24;
-    ground_by_inputs[2][0] = self->k18;
-    ground_by_inputs[2][1] = self->k23;
+    ground_by_inputs[1][1] = self->k25;
+    ground_by_inputs[2][0] = self->k23;
+    ground_by_inputs[2][1] = self->k24;
     ground_by_inputs[3][0] = self->k22;
-    ground_by_inputs[3][1] = self->k19;
+    ground_by_inputs[3][1] = self->k21;
     ground_by_inputs[4][0] = self->k20;
-    ground_by_inputs[4][1] = self->k24;
-    ground_by_inputs[5][0] = self->k23;
-    ground_by_inputs[5][1] = self->k18;
+    ground_by_inputs[4][1] = self->k25;
+    ground_by_inputs[5][0] = self->k24;
+    ground_by_inputs[5][1] = self->k23;
     return NOSLIP_OK;
 }
 
@@ -773,11 +773,11 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     /* k14 (1/s^2) = kp_distance/2 */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k25 (m) = r (L + d)/(2 b) */
-    /* k26 (m) = r^2 (L + d)/(4 b^2) */
-    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k33 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k34 = r^2/(4 b (L + d)) */
+    /* k26 (m) = r (L + d)/(2 b) */
+    /* k27 (m) = r^2 (L + d)/(4 b^2) */
+    /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k34 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k35 = r^2/(4 b (L + d)) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -814,12 +814,12 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     const float distance_by_x_l = t13 * t14;
     const float distance_by_forward_speed = distance_by_y_l * sin_phi + distance_by_x_l * cos_phi;
     const float t15 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t16 = self->k25 * t15; /* yaw_rate (L + d) */
+    const float t16 = self->k26 * t15; /* yaw_rate (L + d) */
     const float t17 = distance_by_x_l * sin_phi - distance_by_y_l * cos_phi; /* distance_by_yaw_rate */
     const float t18 = forward_speed * distance_by_forward_speed - t16 * t17; /* distance_rate */
     all->ydot[0] = t18;
     const float t19 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
-    const float t20 = self->k25 * t17; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t20 = self->k26 * t17; /* distance_by_yaw_rate r (L + d)/(2 b) */
     all->Phi[0][0] = t19 - t20;
     all->Phi[0][1] = t19 + t20;
     all->Phi[1][0] = self->Phi_21;
@@ -840,13 +840,13 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
         self->k10 * t11 * t26;
     const float t30 = t29 - distance_by_x_l * yaw_rate; /* distance_by_y_l_rate - distance_by_x_l yaw_rate */
     const float t31 = self->Phi_21 * (cos_phi * t27 + sin_phi * t30); /* part of all->Phidot[0][0], all->Phidot[0][1] */
-    const float t32 = self->k25 * (cos_phi * t30 - sin_phi * t27); /* part of all->Phidot[0][0], all->Phidot[0][1] */
+    const float t32 = self->k26 * (cos_phi * t30 - sin_phi * t27); /* part of all->Phidot[0][0], all->Phidot[0][1] */
     all->Phidot[0][0] = t31 + t32;
     all->Phidot[0][1] = t31 - t32;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
     const float t33 = t15 * t15; /* 4 b^2 yaw_rate^2/r^2 */
-    const float t34 = self->k26 * t33; /* yaw_rate^2 (L + d) */
+    const float t34 = self->k27 * t33; /* yaw_rate^2 (L + d) */
     const float v_less_drift_1 = reference->speed_rate - t34 + self->kv_speed * (reference->speed - forward_speed);
     const float t35 = self->k2 * (v_less_drift_1 + t34); /* v_speed/r */
     const float t36 = t10 * t15; /* 4 b forward_speed yaw_rate/r^2 */
@@ -867,11 +867,11 @@ static int labmate_type_iv_ellipse_evaluate_f_law(const labmate_type_iv_ellipse_
     /* u_yaw_rate (L + d) */
     const float t44 = (t38 * (2.0f * t39 - t5 * t38) + t3 * (t43 - self->kd_distance * t39)) / t37;
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const float t45 = self->k3 * (t36 * self->k34 - self->k12 * t44);
+    const float t45 = self->k3 * (t36 * self->k35 - self->k12 * t44);
     all->u[0] = t35 - t45;
     all->u[1] = t35 + t45;
-    const float t46 = t36 * self->k33 + self->k15 * t44; /* part of all->tau[0], all->tau[1] */
-    const float t47 = self->k13 * v_less_drift_1 - self->k28 * t33; /* part of all->tau[0], all->tau[1] */
+    const float t46 = t36 * self->k34 + self->k15 * t44; /* part of all->tau[0], all->tau[1] */
+    const float t47 = self->k13 * v_less_drift_1 - self->k29 * t33; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t46 + t47;
     all->tau[1] = t47 - t46;
     return NOSLIP_OK;
@@ -922,10 +922,10 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     /* k14 (1/s^2) = kp_distance/2 */
     /* k15 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k16 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k25 (m) = r (L + d)/(2 b) */
-    /* k26 (m) = r^2 (L + d)/(4 b^2) */
-    /* k27 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k28 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k26 (m) = r (L + d)/(2 b) */
+    /* k27 (m) = r^2 (L + d)/(4 b^2) */
+    /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k29 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float x_l = state->x_c + self->L * cos_phi;
@@ -947,14 +947,14 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float t8 = t7 * t7; /* 4 b^2 yaw_rate^2/r^2 */
     const float t9 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t9;
-    const float v_less_drift_1 = reference->speed_rate - self->k26 * t8 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k27 * t8 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t10 = self->k13 * v_less_drift_1 - self->k28 * t8; /* part of tau[0], tau[1] */
+    const float t10 = self->k13 * v_less_drift_1 - self->k29 * t8; /* part of tau[0], tau[1] */
     const float t11 = t3 * t6; /* scaled_distance_by_yaw_rate (a^4 y_l^2 + b^4 x_l^2)/b^4 */
     if (!(noslip_abs_f(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t12 = self->k25 * t7; /* yaw_rate (L + d) */
+    const float t12 = self->k26 * t7; /* yaw_rate (L + d) */
     const float t13 = forward_speed * cos_phi - t12 * sin_phi; /* x_l_rate */
     const float y_l_rate = forward_speed * sin_phi + t12 * cos_phi;
     const float t14 = x_l * t13 + self->k6 * y_l * y_l_rate; /* distance_turning */
@@ -968,7 +968,7 @@ static int labmate_type_iv_ellipse_step_f_law(const labmate_type_iv_ellipse_f *s
     const float t19 = t5 * (t16 + self->k6 * t17) + t3 * (t16 + self->k5 * t17 - noslip_sqrt_f(t3) * t18 - self->k14 *
         t4) + scaled_distance_by_forward_speed * v_less_drift_1;
     /* part of tau[0], tau[1] */
-    const float t20 = self->k27 * t9 * t7 - self->k15 * (t14 * (t5 * t14 - 2.0f * t15) - t3 * (t19 - self->kd_distance *
+    const float t20 = self->k28 * t9 * t7 - self->k15 * (t14 * (t5 * t14 - 2.0f * t15) - t3 * (t19 - self->kd_distance *
         t15)) / t11;
     tau[0] = t10 + t20;
     tau[1] = t10 - t20;
@@ -998,7 +998,7 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_f_limited(labmate_type_iv_el
     const labmate_state_f *state, float tau[2], float made_0, float made_1)
 {
     float made[2] = {made_0, made_1};
-    int status = noslip_all_finite_f(made, 2) && noslip_is_finite_f(state->theta_r) &&
+    int status = noslip_is_finite_f(made_0) && noslip_is_finite_f(made_1) && noslip_is_finite_f(state->theta_r) &&
         noslip_is_finite_f(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
         float slope[2];
@@ -1011,11 +1011,12 @@ static NOSLIP_COLD int labmate_type_iv_ellipse_step_f_limited(labmate_type_iv_el
         float ground[8];
         float by_inputs[6][2];
         float slope[2];
+        float work[6];
         status = labmate_type_iv_ellipse_ground_f_law(self, state, made, ground);
         status = status == NOSLIP_OK ? labmate_type_iv_ellipse_ground_by_inputs_f_law(self, state, by_inputs) : status;
         status = status == NOSLIP_OK ? labmate_type_iv_ellipse_slope_f_law(self, state, slope) : status;
         if (status == NOSLIP_OK) {
-            noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2);
+            noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work);
             status = labmate_type_iv_ellipse_ground_f_law(self, state, made, ground) == NOSLIP_OK &&
                 noslip_holds_f(ground, &self->grip) && noslip_holds_f(&ground[4],
                 &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;

@@ -89,11 +89,10 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
     const float t7 = params->r / t6; /* r/(2 b) */
     const float t8 = params->b * params->b; /* m^2: b^2 */
     const float t9 = t8 * params->I_w; /* kg m^4: I_w b^2 */
-    const float t10 = params->d * params->d; /* m^2: d^2 */
-    const float t11 = t10 * params->m_c; /* kg m^2: d^2 m_c */
+    const float t10 = t8 * params->m_w; /* kg m^2: b^2 m_w */
+    const float t11 = params->d * params->d * params->m_c; /* kg m^2: d^2 m_c */
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
-    const float t12 = t4 * params->I_c + t4 * params->I_m * 2.0f + t9 * 2.0f + t4 * (t8 * params->m_w) * 2.0f + t4 *
-        t11;
+    const float t12 = t4 * params->I_c + t4 * params->I_m * 2.0f + t9 * 2.0f + t4 * t10 * 2.0f + t4 * t11;
     /* kg m^2: (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r) */
     const float t13 = t7 * (t12 / t4);
     self->k8 = self->k6 * t13;
@@ -110,56 +109,54 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
         return NOSLIP_SINGULAR;
     }
     self->k9 = t16 * (t18 * (t8 * t8)) * 4e-10f / t19;
-    self->k10 = 0.5f * (params->m_c + params->m_w * 2.0f);
-    const float t20 = 2.0f * t12; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t20) > 0)) {
+    const float t20 = params->m_c + params->m_w * 2.0f; /* kg: m_c + 2 m_w */
+    self->k10 = 0.5f * t20;
+    const float t21 = 2.0f * t5; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs_f(t21) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t21 = params->d * params->m_c; /* kg m: d m_c */
-    self->k11 = t21 * params->r / t20;
-    const float t22 = t5 * t12; /* kg^2 m^6: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    self->k11 = params->r * t20 / t21;
+    const float t22 = 2.0f * t12; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t22) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t23 = t4 * (params->m_c * params->I_c); /* kg^2 m^4: I_c m_c r^2 */
-    const float t24 = t4 * (params->m_w * params->I_c) * 2.0f; /* kg^2 m^4: 2 I_c m_w r^2 */
-    const float t25 = t4 * (params->m_c * params->I_m) * 2.0f; /* kg^2 m^4: 2 I_m m_c r^2 */
-    const float t26 = t4 * (params->m_w * params->I_m) * 4.0f; /* kg^2 m^4: 4 I_m m_w r^2 */
-    const float t27 = t9 * params->m_c; /* kg^2 m^4: I_w b^2 m_c */
-    const float t28 = t9 * params->m_w * 4.0f; /* kg^2 m^4: 4 I_w b^2 m_w */
-    /* kg^2 m^4: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    const float t29 = params->I_c * params->I_w + t23 + t24 + params->I_w * params->I_m * 2.0f + t25 + t26 + t27 + t28 +
-        t10 * params->I_w * params->m_c;
-    const float t30 = t8 * params->m_c; /* kg m^2: b^2 m_c */
-    const float t31 = t4 * (t30 * params->m_w) * 2.0f; /* kg^2 m^4: 2 b^2 m_c m_w r^2 */
-    const float t32 = t4 * (t8 * (params->m_w * params->m_w)) * 4.0f; /* kg^2 m^4: 4 b^2 m_w^2 r^2 */
-    const float t33 = t4 * (t11 * params->m_w) * 2.0f; /* kg^2 m^4: 2 d^2 m_c m_w r^2 */
-    self->k12 = params->r * (t29 + t31 + t32 + t4 * (t10 * (params->m_c * params->m_c)) + t33) / t22;
-    self->k13 = params->b * params->d * params->m_c * params->r / t20;
-    self->k14 = params->r * params->I_w * (params->I_c + params->I_m * 2.0f - t30 + t11) / t22;
-    self->k15 = -self->k14;
-    self->k16 = -self->k11;
-    self->k17 = -self->k13;
-    self->k18 = t7 * t3;
-    self->k19 = self->Phi_21 * t7;
-    self->k20 = t7 * self->k18;
-    const float t34 = t7 * t7; /* r^2/(4 b^2) */
-    self->k21 = t34 * t3;
-    const float t35 = t7 * t21 - self->k8; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k22 = t7 * (self->Phi_21 * t35);
-    self->k23 = t34 * (self->Phi_21 * t21 - self->k7 * t3);
-    self->k24 = 1.0f / t6 * 2.0f;
-    self->k25 = params->b * params->I_w * params->d * params->m_c / t20 * 2.0f * self->k19;
-    self->k26 = params->d * params->I_w * params->m_c / t5 * t34;
-    const float t36 = t12 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t36) > 0)) {
+    self->k12 = params->r * (params->I_c + params->I_m * 2.0f + t10 * 2.0f + t11) / t22;
+    self->k13 = params->b * params->d * params->m_c * params->r / t22;
+    self->k14 = self->k11 + self->k12;
+    self->k15 = self->k11 - self->k12;
+    const float t23 = params->d * params->m_c; /* kg m: d m_c */
+    self->k16 = t23 * params->r / t22;
+    self->k17 = -self->k16;
+    self->k18 = -self->k13;
+    self->k19 = t7 * t3;
+    self->k20 = self->Phi_21 * t7;
+    self->k21 = t7 * self->k19;
+    const float t24 = t7 * t7; /* r^2/(4 b^2) */
+    self->k22 = t24 * t3;
+    const float t25 = t7 * t23 - self->k8; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    self->k23 = t7 * (self->Phi_21 * t25);
+    self->k24 = t24 * (self->Phi_21 * t23 - self->k7 * t3);
+    self->k25 = 1.0f / t6 * 2.0f;
+    self->k26 = params->b * params->I_w * params->d * params->m_c / t22 * 2.0f * self->k20;
+    self->k27 = t7 * (t7 * (params->d * params->I_w * params->m_c / t5));
+    const float t26 = t12 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs_f(t26) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k27 = (t23 + t24 + t25 + t26 + t27 * 2.0f + t28 + t31 + t32 + t33) / t36 * 2.0f * self->k19;
-    self->k28 = self->k19 * t35;
-    self->k29 = self->k6 * self->k19;
-    self->k30 = t7 * gains->kd_distance;
-    self->k31 = t7 * (t13 * gains->kd_distance);
+    /* kg^2 m^4: r^2 (I_c m_c + 2 I_c m_w + 2 I_m m_c) */
+    const float t27 = t4 * (params->m_c * params->I_c) + t4 * (params->m_w * params->I_c) * 2.0f + t4 * (params->m_c *
+        params->I_m) * 2.0f;
+    /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
+    const float t28 = t27 + t4 * (params->m_w * params->I_m) * 4.0f + t9 * params->m_c * 2.0f + t9 * params->m_w *
+        4.0f + t4 * (t8 * params->m_c * params->m_w) * 2.0f;
+    /* kg: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    const float t29 = (t28 + t4 * (t8 * (params->m_w * params->m_w)) * 4.0f + t4 * (t11 * params->m_w) * 2.0f) / t26 *
+        2.0f;
+    self->k28 = t29 * self->k20;
+    self->k29 = self->k20 * t25;
+    self->k30 = self->k6 * self->k20;
+    self->k31 = t7 * gains->kd_distance;
+    self->k32 = t7 * (t13 * gains->kd_distance);
     if (!(noslip_abs_f(t15) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -169,7 +166,7 @@ int labmate_type_iv_line_init_f(labmate_type_iv_line_f *self, const labmate_para
     if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -327,13 +324,13 @@ static int labmate_type_iv_line_rate_f_law(const labmate_type_iv_line_f *self, c
     /* Phi_21 (m) = r/2 */
     /* k3 = A/sqrt(A^2 + B^2) */
     /* k4 = B/sqrt(A^2 + B^2) */
-    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r (L + d)/(2 b) */
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
-    ydot[0] = forward_speed * distance_by_forward_speed - self->k18 * distance_by_yaw_rate * (state->thetadot_r -
+    ydot[0] = forward_speed * distance_by_forward_speed - self->k19 * distance_by_yaw_rate * (state->thetadot_r -
         state->thetadot_l);
     return NOSLIP_OK;
 }
@@ -368,13 +365,13 @@ static int labmate_type_iv_line_decoupling_f_law(const labmate_type_iv_line_f *s
     /* Phi_21 (m) = r/2 */
     /* k3 = A/sqrt(A^2 + B^2) */
     /* k4 = B/sqrt(A^2 + B^2) */
-    /* k18 (m) = r (L + d)/(2 b) */
+    /* k19 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
     const float t1 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
-    const float t2 = self->k18 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t2 = self->k19 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
     Phi[0][0] = t1 - t2;
     Phi[0][1] = t1 + t2;
     Phi[1][0] = self->Phi_21;
@@ -413,15 +410,15 @@ static int labmate_type_iv_line_decoupling_rate_f_law(const labmate_type_iv_line
 {
     /* k3 = A/sqrt(A^2 + B^2) */
     /* k4 = B/sqrt(A^2 + B^2) */
-    /* k19 (m) = r^2/(4 b) */
-    /* k20 (m) = r^2 (L + d)/(4 b^2) */
+    /* k20 (m) = r^2/(4 b) */
+    /* k21 (m) = r^2 (L + d)/(4 b^2) */
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
-    const float t2 = self->k19 * distance_by_yaw_rate; /* distance_by_yaw_rate r^2/(4 b) */
+    const float t2 = self->k20 * distance_by_yaw_rate; /* distance_by_yaw_rate r^2/(4 b) */
     const float distance_by_forward_speed = self->k3 * cos_phi + self->k4 * sin_phi;
-    const float t3 = self->k20 * distance_by_forward_speed; /* distance_by_forward_speed r^2 (L + d)/(4 b^2) */
+    const float t3 = self->k21 * distance_by_forward_speed; /* distance_by_forward_speed r^2 (L + d)/(4 b^2) */
     Phidot[0][0] = -(t1 * (t2 + t3));
     Phidot[0][1] = -(t1 * (t2 - t3));
     Phidot[1][0] = 0.0f;
@@ -464,9 +461,9 @@ static int labmate_type_iv_line_feedback_f_law(const labmate_type_iv_line_f *sel
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k9 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k21 (m) = r^2 (L + d)/(4 b^2) */
-    /* k22 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k23 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k22 (m) = r^2 (L + d)/(4 b^2) */
+    /* k23 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k24 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
@@ -477,11 +474,11 @@ static int labmate_type_iv_line_feedback_f_law(const labmate_type_iv_line_f *sel
     }
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
-    const float v_less_drift_1 = v[1] - self->k21 * t2;
+    const float v_less_drift_1 = v[1] - self->k22 * t2;
     /* part of tau[0], tau[1] */
-    const float t3 = self->k22 * (state->thetadot_r + state->thetadot_l) * t1 - self->k8 * (v[0] -
+    const float t3 = self->k23 * (state->thetadot_r + state->thetadot_l) * t1 - self->k8 * (v[0] -
         distance_by_forward_speed * v_less_drift_1) / distance_by_yaw_rate;
-    const float t4 = self->k7 * v_less_drift_1 - self->k23 * t2; /* part of tau[0], tau[1] */
+    const float t4 = self->k7 * v_less_drift_1 - self->k24 * t2; /* part of tau[0], tau[1] */
     tau[0] = t3 + t4;
     tau[1] = t4 - t3;
     return NOSLIP_OK;
@@ -519,24 +516,26 @@ NOSLIP_HOT int labmate_type_iv_line_ground_f_law(const labmate_type_iv_line_f *s
     const float tau[2], float ground[8])
 {
     /* k10 (kg) = (m_c + 2 m_w)/2 */
+    /* k11 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k13 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k24 (1/m) = 1/b */
-    /* k25 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k26 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k27 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k25 (1/m) = 1/b */
+    /* k26 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k27 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k28 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k25 * t2; /* part of force_along_0, ground[4] */
-    const float t4 = self->k26 * t1 * t1; /* I_w d m_c yaw_rate^2/(2 I_w + m_c r^2 + 2 m_w r^2) */
-    ground[0] = self->k12 * tau[0] - self->k14 * tau[1] + t3 - t4;
-    const float force_across_0 = self->k27 * t2 + self->k13 * (tau[0] - tau[1]);
+    const float t3 = self->k12 * effort_1 + self->k26 * t2; /* part of ground[0], ground[4] */
+    const float effort_0 = tau[0] + tau[1];
+    const float t4 = self->k11 * effort_0 - self->k27 * t1 * t1; /* part of ground[0], ground[4] */
+    ground[0] = t3 + t4;
+    const float force_across_0 = self->k13 * effort_1 + self->k28 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k24 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k25 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k10;
-    ground[4] = self->k12 * tau[1] - self->k14 * tau[0] - t3 - t4;
+    ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
     ground[7] = self->k10;
@@ -575,24 +574,24 @@ static int labmate_type_iv_line_ground_by_inputs_f_law(const labmate_type_iv_lin
     float ground_by_inputs[6][2])
 {
     (void)state;
-    /* k11 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k12 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k13 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k14 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k15 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k16 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k17 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k12;
+    /* k16 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k17 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k18 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    ground_by_inputs[0][0] = self->k14;
     ground_by_inputs[0][1] = self->k15;
     ground_by_inputs[1][0] = self->k13;
-    ground_by_inputs[1][1] = self->k17;
-    ground_by_inputs[2][0] = self->k11;
-    ground_by_inputs[2][1] = self->k16;
+    ground_by_inputs[1][1] = self->k18;
+    ground_by_inputs[2][0] = self->k16;
+    ground_by_inputs[2][1] = self->k17;
     ground_by_inputs[3][0] = self->k15;
-    ground_by_inputs[3][1] = self->k12;
+    ground_by_inputs[3][1] = self->k14;
     ground_by_inputs[4][0] = self->k13;
-    ground_by_inputs[4][1] = self->k17;
-    ground_by_inputs[5][0] = self->k16;
-    ground_by_inputs[5][1] = self->k11;
+    ground_by_inputs[4][1] = self->k18;
+    ground_by_inputs[5][0] = self->k17;
+    ground_by_inputs[5][1] = self->k16;
     return NOSLIP_OK;
 }
 
@@ -646,15 +645,15 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k9 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k18 (m) = r (L + d)/(2 b) */
-    /* k19 (m) = r^2/(4 b) */
-    /* k20 (m) = r^2 (L + d)/(4 b^2) */
+    /* k19 (m) = r (L + d)/(2 b) */
+    /* k20 (m) = r^2/(4 b) */
     /* k21 (m) = r^2 (L + d)/(4 b^2) */
-    /* k23 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k28 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k29 = r^2/(4 b (L + d)) */
-    /* k30 (1/s) = kd_distance r/(2 b) */
-    /* k31 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    /* k22 (m) = r^2 (L + d)/(4 b^2) */
+    /* k24 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k29 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k30 = r^2/(4 b (L + d)) */
+    /* k31 (1/s) = kd_distance r/(2 b) */
+    /* k32 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
@@ -673,22 +672,22 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     const float t2 = forward_speed * distance_by_forward_speed; /* distance_by_forward_speed forward_speed */
     const float t3 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t4 = distance_by_yaw_rate * t3; /* 2 b distance_by_yaw_rate yaw_rate/r */
-    all->ydot[0] = t2 - self->k18 * t4;
+    all->ydot[0] = t2 - self->k19 * t4;
     const float t5 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
-    const float t6 = self->k18 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t6 = self->k19 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
     all->Phi[0][0] = t5 - t6;
     all->Phi[0][1] = t5 + t6;
     all->Phi[1][0] = self->Phi_21;
     all->Phi[1][1] = self->Phi_21;
     /* distance_by_forward_speed r yaw_rate (L + d)/(2 b) */
-    const float t7 = self->k20 * distance_by_forward_speed * t3;
-    const float t8 = self->k19 * t4; /* distance_by_yaw_rate r yaw_rate/2 */
+    const float t7 = self->k21 * distance_by_forward_speed * t3;
+    const float t8 = self->k20 * t4; /* distance_by_yaw_rate r yaw_rate/2 */
     all->Phidot[0][0] = -(t7 + t8);
     all->Phidot[0][1] = t7 - t8;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
     const float t9 = t3 * t3; /* 4 b^2 yaw_rate^2/r^2 */
-    const float t10 = self->k21 * t9; /* yaw_rate^2 (L + d) */
+    const float t10 = self->k22 * t9; /* yaw_rate^2 (L + d) */
     const float v_less_drift_1 = reference->speed_rate - t10 + self->kv_speed * (reference->speed - forward_speed);
     const float t11 = self->k1 * (v_less_drift_1 + t10); /* v_speed/r */
     const float t12 = t1 * t3; /* 4 b forward_speed yaw_rate/r^2 */
@@ -697,11 +696,11 @@ static int labmate_type_iv_line_evaluate_f_law(const labmate_type_iv_line_f *sel
     /* u_yaw_rate (L + d) */
     const float t13 = (distance_by_forward_speed * v_less_drift_1 - v_distance) / distance_by_yaw_rate;
     /* part of u_thetadot_r, u_thetadot_l */
-    const float t14 = self->k2 * (t12 * self->k29 + self->k30 * t3 - self->k6 * t13);
+    const float t14 = self->k2 * (t12 * self->k30 + self->k31 * t3 - self->k6 * t13);
     all->u[0] = t11 - t14;
     all->u[1] = t11 + t14;
-    const float t15 = self->k7 * v_less_drift_1 - self->k23 * t9; /* part of all->tau[1], all->tau[0] */
-    const float t16 = self->k31 * t3 - (t12 * self->k28 + self->k8 * t13); /* part of all->tau[1], all->tau[0] */
+    const float t15 = self->k7 * v_less_drift_1 - self->k24 * t9; /* part of all->tau[1], all->tau[0] */
+    const float t16 = self->k32 * t3 - (t12 * self->k29 + self->k8 * t13); /* part of all->tau[1], all->tau[0] */
     all->tau[0] = t15 - t16;
     all->tau[1] = t16 + t15;
     return NOSLIP_OK;
@@ -750,10 +749,10 @@ static int labmate_type_iv_line_step_f_law(const labmate_type_iv_line_f *self, c
     /* k7 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k8 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k9 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k21 (m) = r^2 (L + d)/(4 b^2) */
-    /* k22 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k23 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k31 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
+    /* k22 (m) = r^2 (L + d)/(4 b^2) */
+    /* k23 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k24 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k32 (kg m^2/s) of I_c, I_m, I_w, b, d, kd_distance, m_c, m_w, r */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float distance_by_yaw_rate = self->k3 * sin_phi - self->k4 * cos_phi;
@@ -766,9 +765,9 @@ static int labmate_type_iv_line_step_f_law(const labmate_type_iv_line_f *self, c
     const float t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const float t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t3;
-    const float v_less_drift_1 = reference->speed_rate - self->k21 * t2 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k22 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t4 = self->k7 * v_less_drift_1 - self->k23 * t2; /* part of tau[0], tau[1] */
+    const float t4 = self->k7 * v_less_drift_1 - self->k24 * t2; /* part of tau[0], tau[1] */
     /* part of v_distance */
     const float t5 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate - forward_speed *
         distance_by_forward_speed);
@@ -777,7 +776,7 @@ static int labmate_type_iv_line_step_f_law(const labmate_type_iv_line_f *self, c
     const float v_distance = t5 + self->kp_distance * (reference->distance - self->k5 - self->k3 * x_l - self->k4 *
         y_l);
     /* part of tau[0], tau[1] */
-    const float t6 = t1 * (self->k31 - self->k22 * t3) - self->k8 * (distance_by_forward_speed * v_less_drift_1 -
+    const float t6 = t1 * (self->k32 - self->k23 * t3) - self->k8 * (distance_by_forward_speed * v_less_drift_1 -
         v_distance) / distance_by_yaw_rate;
     tau[0] = t4 - t6;
     tau[1] = t4 + t6;
@@ -807,7 +806,7 @@ static NOSLIP_COLD int labmate_type_iv_line_step_f_limited(labmate_type_iv_line_
     float tau[2], float made_0, float made_1)
 {
     float made[2] = {made_0, made_1};
-    int status = noslip_all_finite_f(made, 2) && noslip_is_finite_f(state->theta_r) &&
+    int status = noslip_is_finite_f(made_0) && noslip_is_finite_f(made_1) && noslip_is_finite_f(state->theta_r) &&
         noslip_is_finite_f(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
         float slope[2];
@@ -820,11 +819,12 @@ static NOSLIP_COLD int labmate_type_iv_line_step_f_limited(labmate_type_iv_line_
         float ground[8];
         float by_inputs[6][2];
         float slope[2];
+        float work[6];
         status = labmate_type_iv_line_ground_f_law(self, state, made, ground);
         status = status == NOSLIP_OK ? labmate_type_iv_line_ground_by_inputs_f_law(self, state, by_inputs) : status;
         status = status == NOSLIP_OK ? labmate_type_iv_line_slope_f_law(self, state, slope) : status;
         if (status == NOSLIP_OK) {
-            noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2);
+            noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work);
             status = labmate_type_iv_line_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
         }

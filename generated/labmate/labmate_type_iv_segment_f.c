@@ -92,10 +92,10 @@ int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmat
     self->k10 = self->Phi_21 * (t4 / t3);
     const float t5 = params->b * params->b; /* m^2: b^2 */
     const float t6 = t5 * params->I_w; /* kg m^4: I_w b^2 */
-    const float t7 = params->d * params->d; /* m^2: d^2 */
-    const float t8 = t7 * params->m_c; /* kg m^2: d^2 m_c */
+    const float t7 = t5 * params->m_w; /* kg m^2: b^2 m_w */
+    const float t8 = params->d * params->d * params->m_c; /* kg m^2: d^2 m_c */
     /* kg m^4: I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2 */
-    const float t9 = t3 * params->I_c + t3 * params->I_m * 2.0f + t6 * 2.0f + t3 * (t5 * params->m_w) * 2.0f + t3 * t8;
+    const float t9 = t3 * params->I_c + t3 * params->I_m * 2.0f + t6 * 2.0f + t3 * t7 * 2.0f + t3 * t8;
     self->k11 = self->k9 * (self->k1 * (t9 / t3));
     const float t10 = t2 * t2; /* m^2: (L + d)^2 */
     const float t11 = t3 * t3; /* m^4: r^4 */
@@ -110,55 +110,51 @@ int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmat
         return NOSLIP_SINGULAR;
     }
     self->k12 = t12 * (t14 * (t5 * t5)) * 4e-10f / t15;
-    self->k13 = 0.5f * (params->m_c + params->m_w * 2.0f);
-    const float t16 = 2.0f * t9; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t16) > 0)) {
+    const float t16 = params->m_c + params->m_w * 2.0f; /* kg: m_c + 2 m_w */
+    self->k13 = 0.5f * t16;
+    const float t17 = 2.0f * t4; /* kg m^2: 2 (2 I_w + m_c r^2 + 2 m_w r^2) */
+    if (!(noslip_abs_f(t17) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t17 = params->d * params->m_c; /* kg m: d m_c */
-    self->k14 = t17 * params->r / t16;
-    const float t18 = t4 * t9; /* kg^2 m^6: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    self->k14 = params->r * t16 / t17;
+    const float t18 = 2.0f * t9; /* kg m^4: 2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
     if (!(noslip_abs_f(t18) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    const float t19 = t3 * (params->m_c * params->I_c); /* kg^2 m^4: I_c m_c r^2 */
-    const float t20 = t3 * (params->m_w * params->I_c) * 2.0f; /* kg^2 m^4: 2 I_c m_w r^2 */
-    const float t21 = t3 * (params->m_c * params->I_m) * 2.0f; /* kg^2 m^4: 2 I_m m_c r^2 */
-    const float t22 = t3 * (params->m_w * params->I_m) * 4.0f; /* kg^2 m^4: 4 I_m m_w r^2 */
-    const float t23 = t6 * params->m_c; /* kg^2 m^4: I_w b^2 m_c */
-    const float t24 = t6 * params->m_w * 4.0f; /* kg^2 m^4: 4 I_w b^2 m_w */
-    /* kg^2 m^4: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    const float t25 = params->I_c * params->I_w + t19 + t20 + params->I_w * params->I_m * 2.0f + t21 + t22 + t23 + t24 +
-        t7 * params->I_w * params->m_c;
-    const float t26 = t5 * params->m_c; /* kg m^2: b^2 m_c */
-    const float t27 = t3 * (t26 * params->m_w) * 2.0f; /* kg^2 m^4: 2 b^2 m_c m_w r^2 */
-    const float t28 = t3 * (t5 * (params->m_w * params->m_w)) * 4.0f; /* kg^2 m^4: 4 b^2 m_w^2 r^2 */
-    const float t29 = t3 * (t8 * params->m_w) * 2.0f; /* kg^2 m^4: 2 d^2 m_c m_w r^2 */
-    self->k15 = params->r * (t25 + t27 + t28 + t3 * (t7 * (params->m_c * params->m_c)) + t29) / t18;
-    self->k16 = params->b * params->d * params->m_c * params->r / t16;
-    self->k17 = params->r * params->I_w * (params->I_c + params->I_m * 2.0f - t26 + t8) / t18;
-    self->k18 = -self->k17;
-    self->k19 = -self->k14;
-    self->k20 = -self->k16;
-    self->k21 = self->k1 * t2;
-    self->k22 = t3 * 0.25f;
-    const float t30 = self->k1 * self->k1; /* r^2/(4 b^2) */
-    self->k23 = t10 * t30;
-    self->k24 = t30 * t2;
-    const float t31 = self->k1 * t17 - self->k11; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    self->k25 = self->k1 * (self->Phi_21 * t31);
-    self->k26 = t30 * (self->Phi_21 * t17 - self->k10 * t2);
-    self->k27 = 1.0f / t1 * 2.0f;
-    const float t32 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
-    self->k28 = params->b * params->I_w * params->d * params->m_c / t16 * 2.0f * t32;
-    self->k29 = params->d * params->I_w * params->m_c / t4 * t30;
-    const float t33 = t9 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
-    if (!(noslip_abs_f(t33) > 0)) {
+    self->k15 = params->r * (params->I_c + params->I_m * 2.0f + t7 * 2.0f + t8) / t18;
+    self->k16 = params->b * params->d * params->m_c * params->r / t18;
+    self->k17 = self->k14 + self->k15;
+    self->k18 = self->k14 - self->k15;
+    const float t19 = params->d * params->m_c; /* kg m: d m_c */
+    self->k19 = t19 * params->r / t18;
+    self->k20 = -self->k19;
+    self->k21 = -self->k16;
+    self->k22 = self->k1 * t2;
+    self->k23 = t3 * 0.25f;
+    const float t20 = self->k1 * self->k1; /* r^2/(4 b^2) */
+    self->k24 = t10 * t20;
+    self->k25 = t20 * t2;
+    const float t21 = self->k1 * t19 - self->k11; /* kg m: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    self->k26 = self->k1 * (self->Phi_21 * t21);
+    self->k27 = t20 * (self->Phi_21 * t19 - self->k10 * t2);
+    self->k28 = 1.0f / t1 * 2.0f;
+    const float t22 = self->Phi_21 * self->k1; /* m: r^2/(4 b) */
+    self->k29 = params->b * params->I_w * params->d * params->m_c / t18 * 2.0f * t22;
+    self->k30 = self->k1 * (self->k1 * (params->d * params->I_w * params->m_c / t4));
+    const float t23 = t9 * 4.0f; /* kg m^4: 4 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2) */
+    if (!(noslip_abs_f(t23) > 0)) {
         return NOSLIP_SINGULAR;
     }
-    self->k30 = (t19 + t20 + t21 + t22 + t23 * 2.0f + t24 + t27 + t28 + t29) / t33 * 2.0f * t32;
-    self->k31 = t32 * t31;
-    self->k32 = self->k9 * t32;
+    /* kg^2 m^4: r^2 (I_c m_c + 2 I_c m_w + 2 I_m m_c) */
+    const float t24 = t3 * (params->m_c * params->I_c) + t3 * (params->m_w * params->I_c) * 2.0f + t3 * (params->m_c *
+        params->I_m) * 2.0f;
+    /* kg^2 m^4: of I_c, I_m, I_w, b, m_c, m_w, r */
+    const float t25 = t24 + t3 * (params->m_w * params->I_m) * 4.0f + t6 * params->m_c * 2.0f + t6 * params->m_w *
+        4.0f + t3 * (t5 * params->m_c * params->m_w) * 2.0f;
+    self->k31 = (t25 + t3 * (t5 * (params->m_w * params->m_w)) * 4.0f + t3 * (t8 * params->m_w) * 2.0f) / t23 * 2.0f *
+        t22;
+    self->k32 = t22 * t21;
+    self->k33 = self->k9 * t22;
     if (!(noslip_abs_f(t11) > 0)) {
         return NOSLIP_SINGULAR;
     }
@@ -168,7 +164,7 @@ int labmate_type_iv_segment_init_f(labmate_type_iv_segment_f *self, const labmat
     if (!noslip_is_finite_f(self->Phi_21 + self->k1 + self->k2 + self->k3 + self->k4 + self->k5 + self->k6 + self->k7 +
         self->k8 + self->k9 + self->k10 + self->k11 + self->k12 + self->k13 + self->k14 + self->k15 + self->k16 +
         self->k17 + self->k18 + self->k19 + self->k20 + self->k21 + self->k22 + self->k23 + self->k24 + self->k25 +
-        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32)) {
+        self->k26 + self->k27 + self->k28 + self->k29 + self->k30 + self->k31 + self->k32 + self->k33)) {
         return NOSLIP_BAD_PARAMETER;
     }
     self->ready = NOSLIP_READY;
@@ -393,7 +389,7 @@ static int labmate_type_iv_segment_rate_f_law(const labmate_type_iv_segment_f *s
     /* k6 (1/m) = curvature cos(direction) */
     /* k7 (1/m^2) = curvature^2 */
     /* k8 (1/m) = curvature sin(direction) */
-    /* k21 (m) = r (L + d)/(2 b) */
+    /* k22 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -411,7 +407,7 @@ static int labmate_type_iv_segment_rate_f_law(const labmate_type_iv_segment_f *s
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
-    ydot[0] = self->k21 * distance_by_yaw_rate * (state->thetadot_r - state->thetadot_l) - forward_speed *
+    ydot[0] = self->k22 * distance_by_yaw_rate * (state->thetadot_r - state->thetadot_l) - forward_speed *
         distance_by_forward_speed;
     return NOSLIP_OK;
 }
@@ -449,7 +445,7 @@ static int labmate_type_iv_segment_decoupling_f_law(const labmate_type_iv_segmen
     /* k6 (1/m) = curvature cos(direction) */
     /* k7 (1/m^2) = curvature^2 */
     /* k8 (1/m) = curvature sin(direction) */
-    /* k21 (m) = r (L + d)/(2 b) */
+    /* k22 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -465,7 +461,7 @@ static int labmate_type_iv_segment_decoupling_f_law(const labmate_type_iv_segmen
     const float distance_by_x_l = t6 * (self->k5 * t3 - self->k6 * t4);
     const float distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const float distance_by_yaw_rate = distance_by_x_l * sin_phi + distance_by_y_l * cos_phi;
-    const float t7 = self->k21 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t7 = self->k22 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
     const float t8 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     Phi[0][0] = t7 - t8;
@@ -512,7 +508,7 @@ static int labmate_type_iv_segment_decoupling_rate_f_law(const labmate_type_iv_s
     /* k6 (1/m) = curvature cos(direction) */
     /* k7 (1/m^2) = curvature^2 */
     /* k8 (1/m) = curvature sin(direction) */
-    /* k21 (m) = r (L + d)/(2 b) */
+    /* k22 (m) = r (L + d)/(2 b) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -530,7 +526,7 @@ static int labmate_type_iv_segment_decoupling_rate_f_law(const labmate_type_iv_s
     const float t7 = t6 * self->curvature; /* part of Phidot[0][1], Phidot[0][0] */
     const float forward_speed = self->Phi_21 * (state->thetadot_r + state->thetadot_l);
     const float t8 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t9 = self->k21 * t8; /* yaw_rate (L + d) */
+    const float t9 = self->k22 * t8; /* yaw_rate (L + d) */
     const float distance_by_y_l = t6 * (self->k4 * t3 + self->k8 * t4);
     const float distance_by_x_l = t6 * (self->k5 * t3 - self->k6 * t4);
     const float distance_by_forward_speed = distance_by_x_l * cos_phi - distance_by_y_l * sin_phi;
@@ -543,7 +539,7 @@ static int labmate_type_iv_segment_decoupling_rate_f_law(const labmate_type_iv_s
     /* curvature distance_by_x_l_rate - distance_by_y_l yaw_rate */
     const float t12 = t7 * (forward_speed * cos_phi - t9 * sin_phi - distance_by_x_l * t10) - distance_by_y_l *
         yaw_rate;
-    const float t13 = self->k21 * (cos_phi * t11 - sin_phi * t12); /* part of Phidot[0][1], Phidot[0][0] */
+    const float t13 = self->k22 * (cos_phi * t11 - sin_phi * t12); /* part of Phidot[0][1], Phidot[0][0] */
     const float t14 = self->Phi_21 * (cos_phi * t12 + sin_phi * t11); /* part of Phidot[0][1], Phidot[0][0] */
     Phidot[0][0] = -(t13 + t14);
     Phidot[0][1] = t13 - t14;
@@ -591,12 +587,12 @@ static int labmate_type_iv_segment_feedback_f_law(const labmate_type_iv_segment_
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k21 (m) = r (L + d)/(2 b) */
-    /* k22 (m^2) = r^2/4 */
-    /* k23 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k24 (m) = r^2 (L + d)/(4 b^2) */
-    /* k25 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k26 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k22 (m) = r (L + d)/(2 b) */
+    /* k23 (m^2) = r^2/4 */
+    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k25 (m) = r^2 (L + d)/(4 b^2) */
+    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->y_s - state->y_c - self->L * sin_phi; /* y_s - L sin(phi) - y_c */
@@ -622,14 +618,14 @@ static int labmate_type_iv_segment_feedback_f_law(const labmate_type_iv_segment_
     const float t8 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t9 = t8 * t8; /* 4 b^2 yaw_rate^2/r^2 */
     const float forward_speed = self->Phi_21 * t7;
-    const float distance_rate = self->k21 * distance_by_yaw_rate * t8 - forward_speed * distance_by_forward_speed;
-    const float v_less_drift_0 = v[0] + t6 * self->curvature * (self->k22 * t7 * t7 + self->k23 * t9 - distance_rate *
+    const float distance_rate = self->k22 * distance_by_yaw_rate * t8 - forward_speed * distance_by_forward_speed;
+    const float v_less_drift_0 = v[0] + t6 * self->curvature * (self->k23 * t7 * t7 + self->k24 * t9 - distance_rate *
         distance_rate);
-    const float v_less_drift_1 = v[1] - self->k24 * t9;
+    const float v_less_drift_1 = v[1] - self->k25 * t9;
     /* part of tau[0], tau[1] */
-    const float t10 = self->k25 * t7 * t8 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
+    const float t10 = self->k26 * t7 * t8 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
         distance_by_yaw_rate;
-    const float t11 = self->k10 * v_less_drift_1 - self->k26 * t9; /* part of tau[0], tau[1] */
+    const float t11 = self->k10 * v_less_drift_1 - self->k27 * t9; /* part of tau[0], tau[1] */
     tau[0] = t10 + t11;
     tau[1] = t11 - t10;
     return NOSLIP_OK;
@@ -667,24 +663,26 @@ NOSLIP_HOT int labmate_type_iv_segment_ground_f_law(const labmate_type_iv_segmen
     const float tau[2], float ground[8])
 {
     /* k13 (kg) = (m_c + 2 m_w)/2 */
+    /* k14 (1/m) = r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     /* k15 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k16 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k17 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k27 (1/m) = 1/b */
-    /* k28 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k29 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    /* k30 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k28 (1/m) = 1/b */
+    /* k29 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    /* k30 (kg m) = I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    /* k31 (kg m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    const float effort_1 = tau[0] - tau[1];
     const float t1 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
     const float t2 = (state->thetadot_r + state->thetadot_l) * t1; /* 4 b forward_speed yaw_rate/r^2 */
-    const float t3 = self->k28 * t2; /* part of force_along_0, ground[4] */
-    const float t4 = self->k29 * t1 * t1; /* I_w d m_c yaw_rate^2/(2 I_w + m_c r^2 + 2 m_w r^2) */
-    ground[0] = self->k15 * tau[0] - self->k17 * tau[1] + t3 - t4;
-    const float force_across_0 = self->k30 * t2 + self->k16 * (tau[0] - tau[1]);
+    const float t3 = self->k15 * effort_1 + self->k29 * t2; /* part of ground[0], ground[4] */
+    const float effort_0 = tau[0] + tau[1];
+    const float t4 = self->k14 * effort_0 - self->k30 * t1 * t1; /* part of ground[0], ground[4] */
+    ground[0] = t3 + t4;
+    const float force_across_0 = self->k16 * effort_1 + self->k31 * t2;
     ground[1] = force_across_0;
-    const float t5 = self->k27 * force_across_0; /* force_across_0/b */
+    const float t5 = self->k28 * force_across_0; /* force_across_0/b */
     ground[2] = t5;
     ground[3] = self->k13;
-    ground[4] = self->k15 * tau[1] - self->k17 * tau[0] - t3 - t4;
+    ground[4] = t4 - t3;
     ground[5] = force_across_0;
     ground[6] = -t5;
     ground[7] = self->k13;
@@ -723,24 +721,24 @@ static int labmate_type_iv_segment_ground_by_inputs_f_law(const labmate_type_iv_
     const labmate_state_f *state, float ground_by_inputs[6][2])
 {
     (void)state;
-    /* k14 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k15 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k16 (1/m) = b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k17 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
     /* k18 (1/m) of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    /* k19 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    /* k20 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    ground_by_inputs[0][0] = self->k15;
+    /* k19 (1/m^2) = d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k20 (1/m^2) = -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    /* k21 (1/m) = -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    ground_by_inputs[0][0] = self->k17;
     ground_by_inputs[0][1] = self->k18;
     ground_by_inputs[1][0] = self->k16;
-    ground_by_inputs[1][1] = self->k20;
-    ground_by_inputs[2][0] = self->k14;
-    ground_by_inputs[2][1] = self->k19;
+    ground_by_inputs[1][1] = self->k21;
+    ground_by_inputs[2][0] = self->k19;
+    ground_by_inputs[2][1] = self->k20;
     ground_by_inputs[3][0] = self->k18;
-    ground_by_inputs[3][1] = self->k15;
+    ground_by_inputs[3][1] = self->k17;
     ground_by_inputs[4][0] = self->k16;
-    ground_by_inputs[4][1] = self->k20;
-    ground_by_inputs[5][0] = self->k19;
-    ground_by_inputs[5][1] = self->k14;
+    ground_by_inputs[4][1] = self->k21;
+    ground_by_inputs[5][0] = self->k20;
+    ground_by_inputs[5][1] = self->k19;
     return NOSLIP_OK;
 }
 
@@ -797,13 +795,13 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k21 (m) = r (L + d)/(2 b) */
-    /* k22 (m^2) = r^2/4 */
-    /* k23 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k24 (m) = r^2 (L + d)/(4 b^2) */
-    /* k26 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    /* k31 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k32 = r^2/(4 b (L + d)) */
+    /* k22 (m) = r (L + d)/(2 b) */
+    /* k23 (m^2) = r^2/4 */
+    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k25 (m) = r^2 (L + d)/(4 b^2) */
+    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k32 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k33 = r^2/(4 b (L + d)) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
@@ -839,11 +837,11 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     const float forward_speed = self->Phi_21 * t11;
     all->h[1] = forward_speed;
     const float t12 = state->thetadot_r - state->thetadot_l; /* 2 b yaw_rate/r */
-    const float t13 = self->k21 * t12; /* yaw_rate (L + d) */
+    const float t13 = self->k22 * t12; /* yaw_rate (L + d) */
     const float t14 = t13 * distance_by_yaw_rate; /* distance_by_yaw_rate yaw_rate (L + d) */
     const float t15 = forward_speed * distance_by_forward_speed; /* distance_by_forward_speed forward_speed */
     all->ydot[0] = t14 - t15;
-    const float t16 = self->k21 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
+    const float t16 = self->k22 * distance_by_yaw_rate; /* distance_by_yaw_rate r (L + d)/(2 b) */
     const float t17 = self->Phi_21 * distance_by_forward_speed; /* distance_by_forward_speed r/2 */
     all->Phi[0][0] = t16 - t17;
     all->Phi[0][1] = -(t16 + t17);
@@ -858,30 +856,30 @@ static int labmate_type_iv_segment_evaluate_f_law(const labmate_type_iv_segment_
     /* curvature distance_by_x_l_rate - distance_by_y_l yaw_rate */
     const float t21 = t18 * (forward_speed * cos_phi - t13 * sin_phi - distance_by_x_l * t19) - yaw_rate *
         distance_by_y_l;
-    const float t22 = self->k21 * (cos_phi * t20 - sin_phi * t21); /* part of all->Phidot[0][1], all->Phidot[0][0] */
+    const float t22 = self->k22 * (cos_phi * t20 - sin_phi * t21); /* part of all->Phidot[0][1], all->Phidot[0][0] */
     const float t23 = self->Phi_21 * (cos_phi * t21 + sin_phi * t20); /* part of all->Phidot[0][1], all->Phidot[0][0] */
     all->Phidot[0][0] = -(t22 + t23);
     all->Phidot[0][1] = t22 - t23;
     all->Phidot[1][0] = 0.0f;
     all->Phidot[1][1] = 0.0f;
     const float t24 = t12 * t12; /* 4 b^2 yaw_rate^2/r^2 */
-    const float t25 = self->k24 * t24; /* yaw_rate^2 (L + d) */
+    const float t25 = self->k25 * t24; /* yaw_rate^2 (L + d) */
     const float v_less_drift_1 = reference->speed_rate - t25 + self->kv_speed * (reference->speed - forward_speed);
     const float t26 = self->k2 * (v_less_drift_1 + t25); /* v_speed/r */
     const float t27 = t11 * t12; /* 4 b forward_speed yaw_rate/r^2 */
     /* v_distance */
     const float t28 = reference->distance_acceleration + self->kp_distance * (reference->distance + t10) +
         self->kd_distance * (t19 + reference->distance_rate);
-    const float v_less_drift_0 = t28 + t18 * (self->k22 * t11 * t11 + self->k23 * t24 - t19 * t19);
+    const float v_less_drift_0 = t28 + t18 * (self->k23 * t11 * t11 + self->k24 * t24 - t19 * t19);
     /* u_yaw_rate (L + d) */
     const float t29 = (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) / distance_by_yaw_rate;
     const float u_yaw_rate = self->k9 * t29;
     /* b (forward_speed yaw_rate - u_yaw_rate (L + d))/(r (L + d)) */
-    const float t30 = self->k3 * (t27 * self->k32 - u_yaw_rate);
+    const float t30 = self->k3 * (t27 * self->k33 - u_yaw_rate);
     all->u[0] = t26 - t30;
     all->u[1] = t26 + t30;
-    const float t31 = t27 * self->k31 + self->k11 * t29; /* part of all->tau[0], all->tau[1] */
-    const float t32 = self->k10 * v_less_drift_1 - self->k26 * t24; /* part of all->tau[0], all->tau[1] */
+    const float t31 = t27 * self->k32 + self->k11 * t29; /* part of all->tau[0], all->tau[1] */
+    const float t32 = self->k10 * v_less_drift_1 - self->k27 * t24; /* part of all->tau[0], all->tau[1] */
     all->tau[0] = t31 + t32;
     all->tau[1] = t32 - t31;
     return NOSLIP_OK;
@@ -932,12 +930,12 @@ static int labmate_type_iv_segment_step_f_law(const labmate_type_iv_segment_f *s
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k21 (m) = r (L + d)/(2 b) */
-    /* k22 (m^2) = r^2/4 */
-    /* k23 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k24 (m) = r^2 (L + d)/(4 b^2) */
-    /* k25 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k26 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k22 (m) = r (L + d)/(2 b) */
+    /* k23 (m^2) = r^2/4 */
+    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k25 (m) = r^2 (L + d)/(4 b^2) */
+    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     float sin_phi, cos_phi;
     noslip_sincos_f(state->phi, &sin_phi, &cos_phi);
     const float t1 = self->x_s - state->x_c - self->L * cos_phi; /* x_s - L cos(phi) - x_c */
@@ -964,13 +962,13 @@ static int labmate_type_iv_segment_step_f_law(const labmate_type_iv_segment_f *s
     const float t10 = t9 * t9; /* 4 b^2 yaw_rate^2/r^2 */
     const float t11 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t11;
-    const float v_less_drift_1 = reference->speed_rate - self->k24 * t10 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k25 * t10 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t12 = self->k10 * v_less_drift_1 - self->k26 * t10; /* part of tau[0], tau[1] */
-    const float distance_rate = self->k21 * t9 * distance_by_yaw_rate - forward_speed * distance_by_forward_speed;
+    const float t12 = self->k10 * v_less_drift_1 - self->k27 * t10; /* part of tau[0], tau[1] */
+    const float distance_rate = self->k22 * t9 * distance_by_yaw_rate - forward_speed * distance_by_forward_speed;
     /* curvature distance_curvature + distance_acceleration */
     const float t13 = reference->distance_acceleration + self->kd_distance * (reference->distance_rate -
-        distance_rate) + t8 * self->curvature * (self->k22 * t11 * t11 + self->k23 * t10 - distance_rate *
+        distance_rate) + t8 * self->curvature * (self->k23 * t11 * t11 + self->k24 * t10 - distance_rate *
         distance_rate);
     const float t14 = 1.0f + t7; /* part of v_less_drift_0 */
     if (!(noslip_abs_f(t14) > 0)) {
@@ -979,7 +977,7 @@ static int labmate_type_iv_segment_step_f_law(const labmate_type_iv_segment_f *s
     const float v_less_drift_0 = t13 + self->kp_distance * (reference->distance + (t5 * (t6 + 1.0f) + t4 *
         self->curvature) / t14);
     /* part of tau[0], tau[1] */
-    const float t15 = self->k25 * t11 * t9 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
+    const float t15 = self->k26 * t11 * t9 + self->k11 * (v_less_drift_0 + distance_by_forward_speed * v_less_drift_1) /
         distance_by_yaw_rate;
     tau[0] = t12 + t15;
     tau[1] = t12 - t15;
@@ -1009,7 +1007,7 @@ static NOSLIP_COLD int labmate_type_iv_segment_step_f_limited(labmate_type_iv_se
     const labmate_state_f *state, float tau[2], float made_0, float made_1)
 {
     float made[2] = {made_0, made_1};
-    int status = noslip_all_finite_f(made, 2) && noslip_is_finite_f(state->theta_r) &&
+    int status = noslip_is_finite_f(made_0) && noslip_is_finite_f(made_1) && noslip_is_finite_f(state->theta_r) &&
         noslip_is_finite_f(state->theta_l) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
         float slope[2];
@@ -1022,11 +1020,12 @@ static NOSLIP_COLD int labmate_type_iv_segment_step_f_limited(labmate_type_iv_se
         float ground[8];
         float by_inputs[6][2];
         float slope[2];
+        float work[6];
         status = labmate_type_iv_segment_ground_f_law(self, state, made, ground);
         status = status == NOSLIP_OK ? labmate_type_iv_segment_ground_by_inputs_f_law(self, state, by_inputs) : status;
         status = status == NOSLIP_OK ? labmate_type_iv_segment_slope_f_law(self, state, slope) : status;
         if (status == NOSLIP_OK) {
-            noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2);
+            noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work);
             status = labmate_type_iv_segment_ground_f_law(self, state, made, ground) == NOSLIP_OK &&
                 noslip_holds_f(ground, &self->grip) && noslip_holds_f(&ground[4],
                 &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
@@ -1084,12 +1083,12 @@ static int labmate_type_iv_segment_follow_f_law(const labmate_type_iv_segment_f 
     /* k10 (kg m) = (2 I_w + m_c r^2 + 2 m_w r^2)/(2 r) */
     /* k11 (kg m) = (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)/(2 b r (L + d)) */
     /* k12 = 1.0000000001e-10 b^2/(L + d)^2 */
-    /* k21 (m) = r (L + d)/(2 b) */
-    /* k22 (m^2) = r^2/4 */
-    /* k23 (m^2) = r^2 (L + d)^2/(4 b^2) */
-    /* k24 (m) = r^2 (L + d)/(4 b^2) */
-    /* k25 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    /* k26 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    /* k22 (m) = r (L + d)/(2 b) */
+    /* k23 (m^2) = r^2/4 */
+    /* k24 (m^2) = r^2 (L + d)^2/(4 b^2) */
+    /* k25 (m) = r^2 (L + d)/(4 b^2) */
+    /* k26 (kg m^2) of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    /* k27 (kg m^2) = r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
     if (!(foot->cosine * foot->cosine > self->k12 * foot->sine * foot->sine)) {
         return NOSLIP_SINGULAR;
     }
@@ -1097,18 +1096,18 @@ static int labmate_type_iv_segment_follow_f_law(const labmate_type_iv_segment_f 
     const float t2 = t1 * t1; /* 4 b^2 yaw_rate^2/r^2 */
     const float t3 = state->thetadot_r + state->thetadot_l; /* 2 forward_speed/r */
     const float forward_speed = self->Phi_21 * t3;
-    const float v_less_drift_1 = reference->speed_rate - self->k24 * t2 + self->kv_speed * (reference->speed -
+    const float v_less_drift_1 = reference->speed_rate - self->k25 * t2 + self->kv_speed * (reference->speed -
         forward_speed);
-    const float t4 = self->k10 * v_less_drift_1 - self->k26 * t2; /* part of tau[0], tau[1] */
-    const float distance_rate = self->k21 * foot->cosine * t1 + forward_speed * foot->sine;
-    const float distance_curvature = foot->curvature * (self->k22 * t3 * t3 + self->k23 * t2 - distance_rate *
+    const float t4 = self->k10 * v_less_drift_1 - self->k27 * t2; /* part of tau[0], tau[1] */
+    const float distance_rate = self->k22 * foot->cosine * t1 + forward_speed * foot->sine;
+    const float distance_curvature = foot->curvature * (self->k23 * t3 * t3 + self->k24 * t2 - distance_rate *
         distance_rate);
     /* distance_acceleration + distance_curvature */
     const float t5 = reference->distance_acceleration + self->kp_distance * (reference->distance - foot->distance) +
         distance_curvature;
     const float v_less_drift_0 = t5 + self->kd_distance * (reference->distance_rate - distance_rate);
     /* part of tau[0], tau[1] */
-    const float t6 = self->k25 * t3 * t1 + self->k11 * (v_less_drift_0 - foot->sine * v_less_drift_1) / foot->cosine;
+    const float t6 = self->k26 * t3 * t1 + self->k11 * (v_less_drift_0 - foot->sine * v_less_drift_1) / foot->cosine;
     tau[0] = t4 + t6;
     tau[1] = t4 - t6;
     return NOSLIP_OK;
@@ -1138,7 +1137,7 @@ static NOSLIP_COLD int labmate_type_iv_segment_follow_f_limited(labmate_type_iv_
     const noslip_foot_f *foot, const labmate_state_f *state, float tau[2], float made_0, float made_1)
 {
     float made[2] = {made_0, made_1};
-    int status = noslip_all_finite_f(made, 2) ? NOSLIP_OK : NOSLIP_NONFINITE;
+    int status = noslip_is_finite_f(made_0) && noslip_is_finite_f(made_1) ? NOSLIP_OK : NOSLIP_NONFINITE;
     if (status == NOSLIP_OK && self->on_limit == NOSLIP_SLOW) {
         float slope[2];
         status = labmate_type_iv_segment_follow_slope_f_law(self, foot, state, slope);
@@ -1150,11 +1149,12 @@ static NOSLIP_COLD int labmate_type_iv_segment_follow_f_limited(labmate_type_iv_
         float ground[8];
         float by_inputs[6][2];
         float slope[2];
+        float work[6];
         status = labmate_type_iv_segment_ground_f_law(self, state, made, ground);
         status = status == NOSLIP_OK ? labmate_type_iv_segment_ground_by_inputs_f_law(self, state, by_inputs) : status;
         status = status == NOSLIP_OK ? labmate_type_iv_segment_follow_slope_f_law(self, foot, state, slope) : status;
         if (status == NOSLIP_OK) {
-            noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2);
+            noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work);
             status = labmate_type_iv_segment_ground_f_law(self, state, made, ground) == NOSLIP_OK &&
                 noslip_holds_f(ground, &self->grip) && noslip_holds_f(&ground[4],
                 &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;

@@ -82,25 +82,26 @@ typedef struct labmate_type_iv_segment_f {
     float k11;
     float k12;                /* 1.0000000001e-10 b^2/(L + d)^2 */
     float k13;                /* kg: (m_c + 2 m_w)/2 */
-    float k14;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k14;                /* 1/m: r (m_c + 2 m_w)/(2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
     float k15;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k16;                /* 1/m: b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
     float k17;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
     float k18;                /* 1/m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k19;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k20;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
-    float k21;                /* m: r (L + d)/(2 b) */
-    float k22;                /* m^2: r^2/4 */
-    float k23;                /* m^2: r^2 (L + d)^2/(4 b^2) */
-    float k24;                /* m: r^2 (L + d)/(4 b^2) */
-    float k25;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k26;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
-    float k27;                /* 1/m: 1/b */
-    float k28;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k29;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
-    float k30;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
-    float k31;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
-    float k32;                /* r^2/(4 b (L + d)) */
+    float k19;                /* 1/m^2: d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k20;                /* 1/m^2: -d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k21;                /* 1/m: -b d m_c r/(2 (I_c r^2 + 2 I_m r^2 + 2 I_w b^2 + 2 b^2 m_w r^2 + d^2 m_c r^2)) */
+    float k22;                /* m: r (L + d)/(2 b) */
+    float k23;                /* m^2: r^2/4 */
+    float k24;                /* m^2: r^2 (L + d)^2/(4 b^2) */
+    float k25;                /* m: r^2 (L + d)/(4 b^2) */
+    float k26;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k27;                /* kg m^2: r (d m_c r^2 - (2 I_w + m_c r^2 + 2 m_w r^2) (L + d))/(8 b^2) */
+    float k28;                /* 1/m: 1/b */
+    float k29;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k30;                /* kg m: I_w d m_c r^2/(4 b^2 (2 I_w + m_c r^2 + 2 m_w r^2)) */
+    float k31;                /* kg m: of I_c, I_m, I_w, b, d, m_c, m_w, r */
+    float k32;                /* kg m^2: of I_c, I_m, I_w, L, b, d, m_c, m_w, r */
+    float k33;                /* r^2/(4 b (L + d)) */
 } labmate_type_iv_segment_f;
 
 /*
@@ -172,7 +173,7 @@ int labmate_type_iv_segment_feedback_f(const labmate_type_iv_segment_f *self, co
 /*
  * Of each contact: the ground's force along and across, the shift of the load by each metre of height, the mass on it.
  * ground[8]: along (N), across (N), shift (N/m), mass (kg) of right wheel, left wheel
- * Operations: 11 mul, 3 add, 7 sub, 1 neg.
+ * Operations: 9 mul, 5 add, 4 sub, 1 neg.
  */
 int labmate_type_iv_segment_ground_f(const labmate_type_iv_segment_f *self, const labmate_state_f *state,
     const float tau[2], float ground[8]);

@@ -82,22 +82,22 @@ int labmate_type_iv_circle_steps(const labmate_type_iv_circle *self, size_t n, c
             const double t2 = t1 * t1;
             const double t3 = state_thetadot_r + state_thetadot_l;
             const double forward_speed = self->Phi_21 * t3;
-            const double v_less_drift_1 = reference_speed_rate - self->k19 * t2 + self->kv_speed * (reference_speed -
+            const double v_less_drift_1 = reference_speed_rate - self->k20 * t2 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const double t4 = self->k5 * v_less_drift_1 - self->k21 * t2;
+            const double t4 = self->k5 * v_less_drift_1 - self->k22 * t2;
             const double t5 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
                 scaled_distance_by_y_l;
             const double t6 = scaled_distance_by_yaw_rate * t5;
             fine &= noslip_abs(t6) > 0;
-            const double scaled_distance_rate = self->k16 * t1 * scaled_distance_by_yaw_rate - forward_speed *
+            const double scaled_distance_rate = self->k17 * t1 * scaled_distance_by_yaw_rate - forward_speed *
                 scaled_distance_by_forward_speed;
             const double t7 = noslip_lane_sqrt(t5);
             const double t8 = reference_distance_acceleration + self->kd_distance * reference_distance_rate +
                 self->kp_distance * (self->R + reference_distance - t7);
-            const double t9 = self->k17 * t3 * t3 + self->k18 * t2 - scaled_distance_by_forward_speed * v_less_drift_1 -
+            const double t9 = self->k18 * t3 * t3 + self->k19 * t2 - scaled_distance_by_forward_speed * v_less_drift_1 -
                 t7 *
                 t8 + self->kd_distance * scaled_distance_rate;
-            const double t10 = self->k20 * t3 * t1 + self->k6 * (scaled_distance_rate * scaled_distance_rate - t5 *
+            const double t10 = self->k21 * t3 * t1 + self->k6 * (scaled_distance_rate * scaled_distance_rate - t5 *
                 t9) /
                 t6;
             made[0] = t4 + t10;

@@ -82,23 +82,23 @@ int labmate_type_iv_circle_steps_f(const labmate_type_iv_circle_f *self, size_t 
             const float t2 = t1 * t1;
             const float t3 = state_thetadot_r + state_thetadot_l;
             const float forward_speed = self->Phi_21 * t3;
-            const float v_less_drift_1 = reference_speed_rate - self->k19 * t2 + self->kv_speed * (reference_speed -
+            const float v_less_drift_1 = reference_speed_rate - self->k20 * t2 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const float t4 = self->k5 * v_less_drift_1 - self->k21 * t2;
+            const float t4 = self->k5 * v_less_drift_1 - self->k22 * t2;
             const float t5 = scaled_distance_by_x_l * scaled_distance_by_x_l + scaled_distance_by_y_l *
                 scaled_distance_by_y_l;
             const float t6 = scaled_distance_by_yaw_rate * t5;
             fine &= noslip_abs_f(t6) > 0;
-            const float scaled_distance_rate = self->k16 * t1 * scaled_distance_by_yaw_rate - forward_speed *
+            const float scaled_distance_rate = self->k17 * t1 * scaled_distance_by_yaw_rate - forward_speed *
                 scaled_distance_by_forward_speed;
             const float t7 = noslip_lane_sqrt_f(t5);
             const float t8 = reference_distance_acceleration + self->kd_distance * reference_distance_rate +
                 self->kp_distance *
                 (self->R + reference_distance - t7);
-            const float t9 = self->k17 * t3 * t3 + self->k18 * t2 - scaled_distance_by_forward_speed * v_less_drift_1 -
+            const float t9 = self->k18 * t3 * t3 + self->k19 * t2 - scaled_distance_by_forward_speed * v_less_drift_1 -
                 t7 *
                 t8 + self->kd_distance * scaled_distance_rate;
-            const float t10 = self->k20 * t3 * t1 + self->k6 * (scaled_distance_rate * scaled_distance_rate - t5 * t9) /
+            const float t10 = self->k21 * t3 * t1 + self->k6 * (scaled_distance_rate * scaled_distance_rate - t5 * t9) /
                 t6;
             made[0] = t4 + t10;
             made[1] = t4 - t10;

@@ -85,12 +85,12 @@ int labmate_type_iv_ellipse_steps(const labmate_type_iv_ellipse *self, size_t n,
             const double t8 = t7 * t7;
             const double t9 = state_thetadot_r + state_thetadot_l;
             const double forward_speed = self->Phi_21 * t9;
-            const double v_less_drift_1 = reference_speed_rate - self->k26 * t8 + self->kv_speed * (reference_speed -
+            const double v_less_drift_1 = reference_speed_rate - self->k27 * t8 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const double t10 = self->k13 * v_less_drift_1 - self->k28 * t8;
+            const double t10 = self->k13 * v_less_drift_1 - self->k29 * t8;
             const double t11 = t3 * t6;
             fine &= noslip_abs(t11) > 0;
-            const double t12 = self->k25 * t7;
+            const double t12 = self->k26 * t7;
             const double t13 = forward_speed * cos_state_phi - t12 * sin_state_phi;
             const double y_l_rate = forward_speed * sin_state_phi + t12 * cos_state_phi;
             const double t14 = x_l * t13 + self->k6 * y_l * y_l_rate;
@@ -105,7 +105,7 @@ int labmate_type_iv_ellipse_steps(const labmate_type_iv_ellipse *self, size_t n,
             const double t20 = t14 * (t5 * t14 - 2.0 * t15) - t3 * (t19 + scaled_distance_by_forward_speed *
                 v_less_drift_1 -
                 self->kd_distance * t15);
-            const double t21 = self->k27 * t9 * t7 - self->k15 * t20 / t11;
+            const double t21 = self->k28 * t9 * t7 - self->k15 * t20 / t11;
             made[0] = t10 + t21;
             made[1] = t10 - t21;
             fine &= noslip_within(made[0], self->clear[0]);

@@ -85,12 +85,12 @@ int labmate_type_iv_ellipse_steps_f(const labmate_type_iv_ellipse_f *self, size_
             const float t8 = t7 * t7;
             const float t9 = state_thetadot_r + state_thetadot_l;
             const float forward_speed = self->Phi_21 * t9;
-            const float v_less_drift_1 = reference_speed_rate - self->k26 * t8 + self->kv_speed * (reference_speed -
+            const float v_less_drift_1 = reference_speed_rate - self->k27 * t8 + self->kv_speed * (reference_speed -
                 forward_speed);
-            const float t10 = self->k13 * v_less_drift_1 - self->k28 * t8;
+            const float t10 = self->k13 * v_less_drift_1 - self->k29 * t8;
             const float t11 = t3 * t6;
             fine &= noslip_abs_f(t11) > 0;
-            const float t12 = self->k25 * t7;
+            const float t12 = self->k26 * t7;
             const float t13 = forward_speed * cos_state_phi - t12 * sin_state_phi;
             const float y_l_rate = forward_speed * sin_state_phi + t12 * cos_state_phi;
             const float t14 = x_l * t13 + self->k6 * y_l * y_l_rate;
@@ -105,7 +105,7 @@ int labmate_type_iv_ellipse_steps_f(const labmate_type_iv_ellipse_f *self, size_
             const float t20 = t14 * (t5 * t14 - 2.0f * t15) - t3 * (t19 + scaled_distance_by_forward_speed *
                 v_less_drift_1 -
                 self->kd_distance * t15);
-            const float t21 = self->k27 * t9 * t7 - self->k15 * t20 / t11;
+            const float t21 = self->k28 * t9 * t7 - self->k15 * t20 / t11;
             made[0] = t10 + t21;
             made[1] = t10 - t21;
             fine &= noslip_within_f(made[0], self->clear[0]);

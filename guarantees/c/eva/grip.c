@@ -26,9 +26,9 @@ static int watched_holds(const REAL *ground, const OF(noslip_grip) * grip)
 }
 
 static void watched_keep_grip(REAL *inputs, const REAL *slope, REAL *ground, const REAL *by_inputs, const OF(noslip_grip) * grip,
-                              const REAL *limits, int contacts)
+                              const REAL *limits, int contacts, REAL *work)
 {
-    OF(noslip_keep_grip)(inputs, slope, ground, by_inputs, grip, limits, contacts);
+    OF(noslip_keep_grip)(inputs, slope, ground, by_inputs, grip, limits, contacts, work);
     kept = 0;
 }
 
