@@ -29,9 +29,7 @@ NIGHTLY = {
         r"are_the_runs_of_simulate\[(circle|float|heading|approach|led point|fastest in float)\]",
         r"chunks_and_threads\[circle\]",
     ),
-    "test_bits": (
-        r"test_bits\[(cortex-m4f (clang|arm-none-eabi-gcc -O(2 |s\]))|rv32imafc|.* clang -O|.*-mavx2)",
-    ),
+    "test_bits": (r"test_bits\[(cortex-m4f (clang|arm-none-eabi-gcc -O(2 |s\]))|rv32imafc|.* clang -O|.*-mavx2)",),
     "test_calibration": (r"other_robots\[robots/car-",),
     "test_cli": (
         r"leaves_nothing\[os\.mkdir-2-15\]",

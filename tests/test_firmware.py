@@ -55,6 +55,7 @@ SETTINGS = {  # a change of the settings that must be refused -> the status
     "stuck": (("watchdog", "stuck"), (-1,)),
 }
 
+
 @pytest.fixture(scope="module")
 def c(tmp_path_factory) -> Firmware:
     return Firmware(tmp_path_factory.mktemp("headers"))

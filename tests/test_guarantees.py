@@ -18,9 +18,7 @@ def folder(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("guarantees")
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.nightly) if name == "timing" else name for name in SHORT]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.nightly) if name == "timing" else name for name in SHORT])
 def test_guarantee(name, folder):
     end, summary = checked(name, Task(folder, short=True))
     if end == "skipped":
