@@ -114,7 +114,9 @@ def select_follower(args: argparse.Namespace) -> None:
 
     system = system_of(find_robot(args.robot))
     if LAW not in find_laws(system) or not has_follower(law_of(system, LAW)):
-        raise BadInput(f"--output {FOLLOWER}: {args.robot} is not a vehicle with two driven wheels; choose a law instead")
+        raise BadInput(
+            f"--output {FOLLOWER}: {args.robot} is not a vehicle with two driven wheels or a steered one; choose a law instead"
+        )
     args.output = list(dict.fromkeys([name for name in args.output if name != FOLLOWER] + [LAW, DYNAMICS]))
 
 

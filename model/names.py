@@ -61,7 +61,10 @@ HEADERS = frozenset(
     "selftest".split()
 )
 # suffixes of a robot's name, and of a law's name, in names of types, functions and files
-OF_FOLLOWER = ("", "_config", "_interval", "_init", "_tick", "_tick_angles", "_update", "_correct", "_reset", "_twist")
+OF_FOLLOWER = (
+    *("", "_config", "_interval", "_steering"),
+    *("_init", "_tick", "_tick_angles", "_update", "_correct", "_reset", "_twist"),
+)
 OF_ROBOT = (
     *("params", "state", "options", "default_params", "check_params", "check_state", "dynamics"),
     *(f"follower{after}" for after in OF_FOLLOWER),

@@ -1,4 +1,8 @@
-"""Vehicles whose forward speed and yaw rate are fixed combinations of the quasi-velocities, as with two driven wheels."""
+"""Vehicles whose forward speed and yaw rate are combinations of the quasi-velocities: fixed ones, as with two driven wheels, or
+such that depend on a steering angle.
+"""
+
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -6,7 +10,7 @@ from .algebra.exact import canonical
 from .algebra.linear import solve
 from .errors import ModelError
 from .mechanism import quantity
-from .outputs import forward_speed, velocity
+from .outputs import axle, forward_speed, velocity
 from .reduction import ReducedSystem
 
 VELOCITIES = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
@@ -50,3 +54,67 @@ def point_ahead(system: ReducedSystem) -> ca.SX:
             f"{name}: the vehicle's point moves sideways while it drives straight: the heading is not its direction of motion"
         )
     return by_yaw_rate
+
+
+@dataclass(frozen=True, eq=False)
+class SteeredAxle:
+    """A fixed axle, whose middle moves along its heading, and a steered wheel, which moves as a unicycle does.
+
+    Of the two quasi-velocities one is the rate of a rolling wheel, the other the steering rate.
+    """
+
+    place: ca.SX  # 3: the coordinates x, y (m) and heading (rad) of the axle
+    angle: ca.SX  # the coordinate that is the steering angle, rad
+    steers: int  # index of the quasi-velocity that is the steering rate
+    moved: ca.SX  # 2: distance (m) and change of heading (rad) of the axle per angle (rad) of the rolling wheel, at this angle
+    motion: ca.SX  # 2 x 2: forward speed and yaw rate of the steered wheel are motion @ nu, at this angle
+    reach: ca.SX  # m: how far the steered wheel is ahead of the axle, in parameters only
+
+
+def steered_axle(system: ReducedSystem) -> SteeredAxle | None:
+    """Return the axle and the steered wheel of a vehicle; None if it does not move like this."""
+    mechanism, vehicle = system.mechanism, system.mechanism.vehicle
+    if vehicle is None or system.dof != 2 or mechanism.carried:
+        return None
+    for steers, angle in _measured(system):
+        heading = canonical(vehicle.heading - angle)
+        x, y = (_without_offset(place, mechanism.q) for place in (vehicle.x, vehicle.y))
+        if not heading.is_symbolic() or x is None or y is None or not _is_on_axle(system):
+            continue
+        cosine, sine = ca.cos(heading), ca.sin(heading)
+        x_rate, y_rate = system.along_motion(x), system.along_motion(y)
+        beside = canonical(cosine * y_rate - sine * x_rate)
+        moved = canonical(ca.jacobian(ca.vertcat(cosine * x_rate + sine * y_rate, system.along_motion(heading)), system.nu))
+        motion = canonical(ca.jacobian(ca.vertcat(forward_speed(system), system.along_motion(vehicle.heading)), system.nu))
+        reach = canonical(cosine * (vehicle.x - x) + sine * (vehicle.y - y))
+        aside = canonical(cosine * (vehicle.y - y) - sine * (vehicle.x - x))
+        state = [q.symbol for q in system.state]
+        others = [symbol for symbol in state if not ca.is_equal(symbol, angle)]
+        fixed = not ca.depends_on(ca.vertcat(ca.vec(moved), ca.vec(motion)), ca.vertcat(*others))
+        fixed = fixed and not ca.depends_on(reach, ca.vertcat(*state))
+        if beside.is_zero() and aside.is_zero() and fixed and moved[:, steers].is_zero():
+            return SteeredAxle(ca.vertcat(x, y, heading), angle, steers, moved[:, 1 - steers], motion, reach)
+    return None
+
+
+def _is_on_axle(system: ReducedSystem) -> bool:
+    """Return whether the vehicle's point moves along the vehicle's heading at all times."""
+    try:
+        return axle(system).is_zero()
+    except ModelError:
+        return False
+
+
+def _measured(system: ReducedSystem) -> list[tuple[int, ca.SX]]:
+    """Return the index of each quasi-velocity that is the rate of a coordinate, and that coordinate."""
+    rates = ca.vertsplit(system.qdot)
+    pairs = [(rate, q.symbol) for rate, q in zip(rates, system.mechanism.coordinates, strict=True)]
+    return [(k, q) for k, nu in enumerate(ca.vertsplit(system.nu)) for rate, q in pairs if ca.is_equal(canonical(rate), nu)]
+
+
+def _without_offset(expression: ca.SX, q: ca.SX) -> ca.SX | None:
+    """Return the coordinate of which the expression is a sum with a function of others; None if there is none."""
+    for symbol in ca.vertsplit(q):
+        if ca.depends_on(expression, symbol) and not ca.depends_on(canonical(expression - symbol), symbol):
+            return symbol
+    return None

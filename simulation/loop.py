@@ -22,6 +22,7 @@ from ..model.linearization import SINGULAR
 from ..model.mechanism import Mechanism, values_of
 from ..model.names import TYPES
 from ..model.outputs import axle
+from ..model.vehicle import steered_axle
 from ..planning.course import SmoothCurve
 from ..planning.profile import Accelerations, make_profile
 from ..readers.errors import BadInput
@@ -326,7 +327,9 @@ def _tracker(law: ControlLaw, spec: Spec, path: PathSection, believed: np.ndarra
     speed, deceleration = reference.speed or 0.0, reference.deceleration or 0.0
     if limits:
         speed, deceleration = min(speed, limits.top_speed(path.segments)), limits.deceleration
-    ahead = vehicle_wheels(law.system, believed)[2]
+    if any(segment.backward for segment in path.segments) and steered_axle(law.system):
+        raise BadInput("[output] path: a vehicle with a steered wheel folds in reverse; give segments without backward")
+    ahead = 0.0 - axle_at(law, spec.parameters)
     mirrored = -output.L - 2 * ahead
     options = TrackerOptions(
         speed=speed,

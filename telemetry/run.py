@@ -10,6 +10,7 @@ import numpy as np
 from ..codegen.follower.follower import placed_names
 from ..model.reduction import ReducedSystem
 from ..model.segments import Segment
+from ..model.vehicle import SteeredAxle, steered_axle
 from ..readers.tables import Written
 from ..simulation.contact import contact_forces
 from ..simulation.plant import Plant
@@ -47,7 +48,7 @@ def run_of(start: Start, vehicle: FollowerInC, where: str) -> Run:
     index = {c.name: k for k, c in enumerate(system.mechanism.coordinates)}
     for name, values in zip(placed_names(system), (records[f"pose.{each}"] for each in ("x", "y", "heading")), strict=True):
         q[:, index[name]] = values
-    turned = angles(start, config)
+    turned = angles(start, config, steered_axle(system))
     for name, values in zip(angle_names(system), turned.T, strict=True):
         if name:
             q[:, index[name]] = values
@@ -107,14 +108,28 @@ def _numbers(row: ca.SX) -> list[float]:
     return [float(row[i]) for i in range(row.shape[1])] if row.is_constant() else []
 
 
-def angles(start: Start, config: Any) -> np.ndarray:
-    """Return the angles of the wheels since the first tick, rad, (N, 2): counters that wrap around, or the angles of ticks."""
+def angles(start: Start, config: Any, steered: SteeredAxle | None) -> np.ndarray:
+    """Return the angles of the wheels since the first tick, rad, (N, 2): counters that wrap around, or the angles of ticks.
+
+    That of a steering is not from the first tick but from straight ahead.
+    """
     counts = start.records["counts"].astype(np.int64)
-    size = 1 << config.counter_bits
-    steps = (np.diff(counts, axis=0, prepend=counts[:1]) + size // 2) % size - size // 2
-    turned = steps * (TURN / np.array([config.counts_per_turn[0], config.counts_per_turn[1]]))
+    per_count = TURN / np.array([config.counts_per_turn[0], config.counts_per_turn[1]])
     by_angles = np.array(start.records["dt"])[:, None] > 0
-    return np.cumsum(np.where(by_angles, start.records["turned"].astype(float), turned), axis=0)
+    given = start.records["turned"].astype(float)
+    turned = np.cumsum(
+        np.where(by_angles, given, _wrapped(np.diff(counts, axis=0, prepend=counts[:1]), config.counter_bits) * per_count), axis=0
+    )
+    if steered:
+        angle = np.where(by_angles, given, _wrapped(counts - config.straight, config.counter_bits) * per_count)
+        turned[:, steered.steers] = angle[:, steered.steers]
+    return turned
+
+
+def _wrapped(counts: np.ndarray, bits: int) -> np.ndarray:
+    """Return changes of counters of so many bits, within half their range."""
+    size = 1 << bits
+    return (counts + size // 2) % size - size // 2
 
 
 def rates(turned: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -149,11 +164,19 @@ def _spec(start: Start, vehicle: FollowerInC, config: Any, segments: Sequence[An
             L_backward=config.path.L[1] if reversing == "switch" else None,
         ),
         reference=Reference(speed=config.path.speed),
-        initial=Initial(point=(config.start.x, config.start.y), heading=config.start.heading),
+        initial=_initial(law.system, config.start),
         contact=ContactSection(mu=friction.mu, share=friction.share or 1.0, height=friction.height) if friction.mu > 0 else None,
         drive=DriveSection(kind="velocity", bandwidth=math.inf) if velocity else None,
         simulation=Simulation(duration=max(float(t[-1]), period), period=period, output_step=period, backend=backend),
     )
+
+
+def _initial(system: ReducedSystem, pose: Any) -> Initial:
+    """Return a vehicle at rest at a pose of its follower."""
+    if steered_axle(system) is None:
+        return Initial(point=(pose.x, pose.y), heading=pose.heading)
+    at = dict(zip(placed_names(system), (pose.x, pose.y, pose.heading), strict=True))
+    return Initial(q=tuple(at.get(q.in_c, 0.0) for q in system.mechanism.coordinates), nu=(0.0,) * system.dof)
 
 
 def _placed(parameters: Sequence[Any], output: OutputSection, segments: Sequence[Any], piece: np.ndarray) -> np.ndarray:

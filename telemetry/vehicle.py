@@ -36,7 +36,7 @@ class FollowerInC(InC):
     def __init__(self, robot: str, scalar: str):
         system = system_of(find_robot(robot))
         if LAW not in find_laws(system) or not has_follower(law_of(system, LAW)):
-            raise BadInput(f"{robot} is not a vehicle with two driven wheels: it has no follower")
+            raise BadInput(f"{robot} is not a vehicle with two driven wheels or a steered one: it has no follower")
         self.law: ControlLaw = law_of(system, LAW)
         self.scalar = scalar
         self._own = system.mechanism.name

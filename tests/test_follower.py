@@ -75,10 +75,11 @@ def test_page(tmp_path):
     subprocess.run([each for each in command if each != "-Wmissing-prototypes"], check=True)
 
 
-def test_followers_are_there_for_two_driven_wheels():
+def test_followers_are_there_for_two_wheels():
     names = ("labmate", "turtlebot3_burger", "car", "four_wheel", "tractor_trailer:1", "knife_edge", "rolling_disk")
     assert [name for name in names if _has_wheels(system_of(find_robot(name)))] == [
         *("labmate", "turtlebot3_burger"),
+        "car",  # a wheel that rolls and a steered one: tests/test_steered_follower.py
         "rolling_disk",  # rolled and turned
     ]
     assert has_follower(law_of(system_of(find_robot("labmate")), LAW))
@@ -86,12 +87,13 @@ def test_followers_are_there_for_two_driven_wheels():
 
 
 @pytest.mark.parametrize("scalar", SCALARS)
-def test_follower_of_another_robot_compiles(tmp_path, scalar):
+@pytest.mark.parametrize("robot", ["turtlebot3_burger", "car", "forklift"])
+def test_follower_of_another_robot_compiles(tmp_path, robot, scalar):
     """As strictly as that of the LABMATE."""
-    system = system_of(find_robot("turtlebot3_burger"))
+    system = system_of(find_robot(robot))
     files = {**runtime_files(), **robot_files(system, [law_of(system, LAW)], (scalar,))}
     write_folder(tmp_path / "c", files)
-    source = tmp_path / f"c/turtlebot3_burger_follower{SCALARS[scalar]}.c"
+    source = tmp_path / f"c/{robot}_follower{SCALARS[scalar]}.c"
     flags = [flag for flag in STRICT if flag != "-Wdouble-promotion"] if scalar == "double" else STRICT
     for compiler in ("gcc", need("clang") or "clang"):
         subprocess.run([compiler, *flags, f"-I{tmp_path / 'c'}", "-c", source, "-o", tmp_path / "o"], check=True)
@@ -102,7 +104,7 @@ def test_command_line(tmp_path, bad_input):
 
     assert main(["export", "labmate", "--output", "follower", "--scalar", "float", "-o", str(tmp_path / "c")]) == 0
     assert {"labmate_follower_f.c", "labmate_dynamics_f.c", "noslip_watchdog.c"} <= {p.name for p in (tmp_path / "c").iterdir()}
-    assert "two driven wheels" in bad_input(["generate", "car", "--output", "follower", "-o", str(tmp_path / "d")])
+    assert "two driven wheels" in bad_input(["generate", "four_wheel", "--output", "follower", "-o", str(tmp_path / "d")])
 
 
 HARNESS = """

@@ -479,7 +479,7 @@ def test_bad_input(parts, dumped, bad_input, tmp_path):
     assert "is a table, not a dump" in bad_input(["view", dumped(parts, "run.csv"), "-o", str(tmp_path / "run.png")])
     assert "give --robot" in bad_input(["replay", nameless])
     assert main(["replay", nameless, "--robot", "labmate"]) == 0
-    assert "two driven wheels" in bad_input(["replay", file, "--robot", "car"])
+    assert "two driven wheels" in bad_input(["replay", file, "--robot", "four_wheel"])
     assert "other" in bad_input(["replay", file, "--robot", "turtlebot3_burger"])
     assert "on this host" in bad_input(["replay", file, "--backend", "m4f"])
     robot, image = framed(1, b"nobody"), parts[0].split(b"\0", 1)[1]

@@ -1,7 +1,11 @@
-"""C of the follower of a vehicle: odometry, path, law, limits, motors or velocity commands, and watchdog, in one struct."""
+"""C of the follower of a vehicle: odometry, path, law, limits, motors or velocity commands, and watchdog, in one struct.
+
+The vehicle has two driven wheels, or one that rolls and a steered wheel.
+"""
 
 import re
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import casadi as ca
 
@@ -9,9 +13,9 @@ from ...model.algebra.exact import canonical
 from ...model.errors import ModelError
 from ...model.law import ControlLaw
 from ...model.reduction import ReducedSystem
-from ...model.vehicle import point_ahead, required_velocity_map, velocity_map
+from ...model.vehicle import point_ahead, required_velocity_map, steered_axle
 from ...readers.templates import render
-from ..graph import Graph, Group, Node, from_casadi
+from ..graph import Graph, Group, Leaf, Node, from_casadi
 from ..printing.layout import WIDTH, aside, body, fill, table
 from ..printing.program_c import init_given
 from ..printing.scalar import Scalar
@@ -19,28 +23,31 @@ from ..printing.statements import Statements
 
 NAME = "follower"
 LAW = "type_iv_segment"
+ANGLE = "angle"  # the steering angle in the functions of the follower
 
 
 def has_follower(law: ControlLaw) -> bool:
     """Return whether a follower can be written for a law: that of lines and arcs, of a vehicle with two wheels.
 
     The quasi-velocities must be the rates of two wheels on which the two inputs act, and forward speed and yaw rate fixed
-    combinations of them.
+    combinations of them; or those of a wheel that rolls and of the steering, see SteeredAxle.
     """
     return law.name == LAW and not law.extension and _has_wheels(law.system)
 
 
 def _has_wheels(system: ReducedSystem) -> bool:
     mechanism = system.mechanism
-    if velocity_map(system) is None or len(mechanism.inputs) != 2 or {q.unit for q in system.quasi_velocities} != {"rad/s"}:
+    if len(mechanism.inputs) != 2 or {q.unit for q in system.quasi_velocities} != {"rad/s"}:
         return False
-    if not placed_names(system):
+    if not canonical(system.input_map - ca.SX.eye(2)).is_zero():
         return False
+    if steered_axle(system):
+        return True
     try:
         point_ahead(system)
     except ModelError:
         return False
-    return canonical(system.input_map - ca.SX.eye(2)).is_zero()
+    return bool(placed_names(system))
 
 
 def follower_files(law: ControlLaw, scalar: Scalar, banner: Sequence[str]) -> dict[str, str]:
@@ -62,8 +69,8 @@ def follower_files(law: ControlLaw, scalar: Scalar, banner: Sequence[str]) -> di
         "coordinates": len(system.mechanism.coordinates),
         "place": placed_names(system),
         "gains": [q.in_c for q in law.gains],
-        "odometry": _odometry(system, scalar),
         "literal": scalar.literal,
+        **_kinematics(system, scalar),
     }
     texts = {f"{own}.{kind}": render(__file__, f"follower.{kind}", **values) for kind in "hc"}
     return {name: fitted(text) for name, text in texts.items()}
@@ -106,7 +113,9 @@ def placed_names(system: ReducedSystem) -> list[str]:
 
 
 def _place(system: ReducedSystem) -> list[ca.SX]:
-    """Return position and heading of the vehicle, as expressions in the coordinates."""
+    """Return position and heading of the vehicle, or of its fixed axle, as expressions in the coordinates."""
+    if steered := steered_axle(system):
+        return ca.vertsplit(steered.place)
     vehicle = system.mechanism.vehicle
     return [vehicle.x, vehicle.y, vehicle.heading] if vehicle else []
 
@@ -118,17 +127,48 @@ def _names(system: ReducedSystem, expressions: Sequence[ca.SX]) -> list[str]:
     return found if len(found) == len(expressions) and all(found) else []
 
 
-def _odometry(system: ReducedSystem, scalar: Scalar) -> str:
-    """Return the statements that compute the options of dead reckoning from `params`."""
+def _kinematics(system: ReducedSystem, scalar: Scalar) -> dict[str, Any]:
+    """Return what the templates need to know of how the wheels move the vehicle."""
+    steered = steered_axle(system)
+    if steered is None:
+        places = ["wheels->forward[0]", "wheels->forward[1]", "wheels->turn[0]", "wheels->turn[1]", "wheels->ahead"]
+        found = ca.vertcat(ca.vec(required_velocity_map(system).T), point_ahead(system))
+        return {"steering": False, "each": "", "odometry": _assigned(system, scalar, places, found)}
+    moves, turns = [f"{name}[{k}]" for name in ("forward", "turn") for k in range(2)], ["moved[0]", "moved[1]"]
+    return {
+        "steering": True,
+        "each": "[2]",
+        "steers": steered.steers,
+        "rolls": 1 - steered.steers,
+        "angle": _names(system, [steered.angle])[0],
+        "reach": _assigned(system, scalar, ["reach"], steered.reach),
+        "moved": _assigned(system, scalar, turns, steered.moved, steered.angle),
+        "motion": _assigned(system, scalar, moves, ca.vec(steered.motion.T), steered.angle),
+    }
+
+
+def _assigned(system: ReducedSystem, scalar: Scalar, places: Sequence[str], values: ca.SX, angle: ca.SX | None = None) -> str:
+    """Return the statements that assign values in `params`, and in the steering `angle`, to places.
+
+    With an angle they leave the function with NOSLIP_SINGULAR where a value is not defined.
+    """
     graph = Graph()
     parameters = system.mechanism.parameters
     nodes = [graph.leaf(Group.PARAMS, q.name) for q in parameters]
-    found = ca.vertcat(ca.vec(required_velocity_map(system).T), point_ahead(system))
     symbols = [q.symbol for q in parameters]
-    roots: list[Node] = [row[0] for row in from_casadi(graph, found, symbols, nodes, system.mechanism.name)]
-    writer = Statements(scalar, init_given, {}, None)
+    if angle is not None:
+        nodes.append(graph.leaf(Group.STATE, ANGLE))
+        symbols.append(angle)
+
+    def given(node: Node) -> str | None:
+        return ANGLE if isinstance(node, Leaf) and node.group is Group.STATE else init_given(node)
+
+    def guard(condition: str) -> str:
+        return f"if ({condition}) {{\n    return NOSLIP_SINGULAR;\n}}"
+
+    roots: list[Node] = [row[0] for row in from_casadi(graph, values, symbols, nodes, system.mechanism.name)]
+    writer = Statements(scalar, given, {}, None if angle is None else guard)
     writer.plan(roots)
-    places = ["forward[0]", "forward[1]", "turn[0]", "turn[1]", "ahead"]
     for place, node in zip(places, roots, strict=True):
-        writer.assign(f"wheels->{place}", node)
+        writer.assign(place, node)
     return body(writer.lines)

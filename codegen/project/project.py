@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from ...model.law import ControlLaw
 from ...model.mechanism import Quantity
+from ...model.vehicle import steered_axle
 from ...readers.templates import render
 from ..printing.layout import table
 from ..printing.scalar import Scalar
@@ -86,7 +87,8 @@ def follower_loop(law: ControlLaw, scalar: Scalar) -> str:
     system = law.system
     wheels, robot = [q.name for q in system.quasi_velocities], system.mechanism.name
     common = {"robot": robot, "own": scalar.name, "real": scalar.real, "literal": scalar.literal, "wheels": wheels}
-    return render(__file__, "follower.c", **common, gains=initializers(law, scalar)["gains"])
+    steered = steered_axle(system) is not None
+    return render(__file__, "follower.c", **common, steered=steered, gains=initializers(law, scalar)["gains"])
 
 
 def initializers(law: ControlLaw, scalar: Scalar) -> dict[str, str]:

@@ -22,17 +22,30 @@ static NOSLIP_COLD void set_interval(const @{ f("config") } *config, @{ real } d
 {
     time->dt = dt;
     time->inverse_dt = 1 / dt;
+{% if steering %}
+    time->max_angle[0] = config->fastest[0] * dt;
+    time->max_angle[1] = config->fastest[1] * dt;
+{% else %}
     time->max_angle = config->fastest * dt;
+{% endif %}
     time->filter_gain = dt / (config->smoothing + dt);
 }
 
-/* Initializes the encoders; an error if a counter could change by half its range within the ticks tolerated. */
+/* Initializes the encoders; an error if a counter could change by half its range within the ticks tolerated@{ ", or
+ * at the largest steering angle" if steering }. */
 static NOSLIP_COLD int init_encoders(@{ self } *self, const @{ f("config") } *config)
 {
+{% if steering %}
+    const @{ real } most = self->nominal.max_angle[@{ rolls }] * ((@{ real })config->watchdog.tolerated + 1);
+{% else %}
     const @{ real } max_angle = self->nominal.max_angle * ((@{ real })config->watchdog.tolerated + 1);
+{% endif %}
     int i, status = NOSLIP_OK;
     for (i = 0; i < 2 && status >= 0; i++) {
         @{ n("encoder") } *encoder = &self->encoders[i];
+{% if steering %}
+        const @{ real } max_angle = i == @{ steers } ? config->steering : most;
+{% endif %}
         status = @{ n("encoder_init") }(encoder, config->counts_per_turn[i], config->counter_bits);
         if (status >= 0 && !(max_angle < @{ n("abs") }(encoder->angle) * (@{ real })(encoder->mask >> 1))) {
             status = NOSLIP_BAD_PARAMETER;
@@ -41,12 +54,80 @@ static NOSLIP_COLD int init_encoders(@{ self } *self, const @{ f("config") } *co
     return status;
 }
 
+{% if steering %}
+/* Returns how far the steered wheel is ahead of the axle, m. */
+static @{ real } reach_of(const @{ r("params") } *params)
+{
+    @{ real } reach;
+@{ reach }
+    return reach;
+}
+
+/* Computes the distance of the axle (m/rad) and its change of heading per angle of the rolling wheel at a steering angle. */
+static int axle_of(const @{ r("params") } *params, @{ real } angle, @{ real } moved[2])
+{
+@{ moved }
+    return NOSLIP_OK;
+}
+
+/* Computes the forward speed (m/rad) and yaw rate of the steered wheel per rate of each wheel at a steering angle. */
+static int motion_of(const @{ r("params") } *params, @{ real } angle, @{ real } forward[2], @{ real } turn[2])
+{
+@{ motion }
+    return NOSLIP_OK;
+}
+
+/* Sets the options of dead reckoning, which is given distance and change of heading of the axle. */
+static NOSLIP_COLD void set_axle(@{ n("odometry_options") } *wheels)
+{
+    wheels->forward[0] = 1;
+    wheels->forward[1] = 0;
+    wheels->turn[0] = 0;
+    wheels->turn[1] = 1;
+    wheels->ahead = 0;
+    wheels->release = 0;
+}
+
+/* Places the steered wheel at a steering angle. */
+static int set_steering(@{ self } *self, @{ real } angle)
+{
+    @{ f("steering") } *wheel = &self->steering;
+    const @{ n("odometry") } *axle = &self->odometry;
+    const int status = motion_of(&self->params, angle, wheel->forward, wheel->turn);
+    @{ real } sine, cosine;
+    @{ n("sincos") }(angle, &sine, &cosine);
+    wheel->angle = angle;
+    wheel->direction[0] = axle->direction[0] * cosine - axle->direction[1] * sine;
+    wheel->direction[1] = axle->direction[1] * cosine + axle->direction[0] * sine;
+    wheel->at[0] = axle->pose.x + wheel->reach * axle->direction[0];
+    wheel->at[1] = axle->pose.y + wheel->reach * axle->direction[1];
+    return status;
+}
+
+/* Initializes the steered wheel, straight ahead; an error if its forward speed changes sign up to the largest angle. */
+static NOSLIP_COLD int init_steering(@{ self } *self, const @{ f("config") } *config)
+{
+    @{ real } forward[2], turn[2];
+    int side, status;
+    self->steering.reach = reach_of(&self->params);
+    self->steering.measured = 0;
+    status = set_steering(self, 0);
+    for (side = -1; side <= 1 && status >= 0; side += 2) {
+        status = motion_of(&self->params, (@{ real })side * config->steering, forward, turn);
+        if (status >= 0 && !(forward[@{ rolls }] * self->steering.forward[@{ rolls }] > 0)) {
+            status = NOSLIP_BAD_PARAMETER;
+        }
+    }
+    return status;
+}
+{% else %}
 /* Computes the kinematics of the wheels. */
 static NOSLIP_COLD void set_wheels(const @{ r("params") } *params, @{ n("odometry_options") } *wheels)
 {
 @{ odometry }
     wheels->release = 0;
 }
+{% endif %}
 
 /* Checks the options and initializes a law for a P_l with this L. */
 static NOSLIP_COLD int init_law(@{ self } *self, @{ own(law) } *law, @{ real } L, const @{ r("params") } *params,
@@ -78,13 +159,24 @@ static NOSLIP_COLD int init_laws(@{ self } *self, const @{ r("params") } *params
     return status < 0 ? status : init_law(self, &self->next, L, params, gains, limits);
 }
 
+{% if steering %}
+/* Takes a segment of the path as that of the law. */
+static void set_segment(@{ self } *self, @{ real } x, @{ real } y, @{ real } heading, @{ real } curvature)
+{
+    self->place.x_s = x;
+    self->place.y_s = y;
+    self->place.direction = heading;
+    self->place.curvature = curvature;
+}
+
+{% endif %}
 /* Initializes the path; an error unless law and path use the same P_l, which is on the axis of the vehicle for this law. */
 static NOSLIP_COLD int init_path(@{ self } *self, const @{ f("config") } *config)
 {
     const @{ real } ahead = self->odometry.options.ahead;
     @{ n("path_options") } options;
     noslip_copy(&options, &config->path, sizeof options);
-    if (@{ n("abs") }(options.W) > 0 || !(@{ n("abs") }(options.ahead) <= 0 || @{ n("abs") }(options.ahead - ahead) <= 0)) {
+    if (@{ "options.reversing != NOSLIP_REFUSE || " if steering }@{ n("abs") }(options.W) > 0 || !(@{ n("abs") }(options.ahead) <= 0 || @{ n("abs") }(options.ahead - ahead) <= 0)) {
         return NOSLIP_BAD_PARAMETER;
     }
     options.ahead = ahead;
@@ -96,6 +188,9 @@ static NOSLIP_COLD int init_drives(@{ self } *self, const @{ f("config") } *conf
 {
     int i, status = NOSLIP_OK;
     if (config->drive == NOSLIP_DRIVE_VELOCITY) {
+{% if steering %}
+        return @{ n("velocity_init") }(&self->velocity, config->velocity, 2, config->period);
+{% else %}
         const @{ real } most[2] = {config->along, config->lateral};
         @{ n("velocity_vehicle") } vehicle;
         status = @{ n("velocity_init") }(&self->velocity, config->velocity, 2, config->period);
@@ -107,6 +202,7 @@ static NOSLIP_COLD int init_drives(@{ self } *self, const @{ f("config") } *conf
         vehicle.along = most[0];
         vehicle.lateral = most[1];
         return @{ n("velocity_set_vehicle") }(&self->velocity, &vehicle);
+{% endif %}
     }
     for (i = 0; i < 2 && status >= 0; i++) {
         status = @{ n("motor_init") }(&self->motors[i], &config->motors[i]);
@@ -183,8 +279,14 @@ int @{ f("init") }(@{ self } *self, const @{ f("config") } *config)
     if (config == NULL) {
         return NOSLIP_NULL;
     }
+{% if steering %}
+    if (!@{ n("is_positive") }(config->period) || !@{ n("limits_ok") }(&config->smoothing, 1) || !@{ n("is_positive") }(config->fastest[0]) ||
+        !@{ n("is_positive") }(config->fastest[1]) || !@{ n("is_positive") }(config->steering) || !@{ n("angle_ok") }(config->steering) ||
+        !@{ n("limits_ok") }(config->stuck_torque, 2) || !@{ n("is_positive") }(config->astray)) {
+{% else %}
     if (!@{ n("is_positive") }(config->period) || !@{ n("limits_ok") }(&config->smoothing, 1) || !@{ n("is_positive") }(config->fastest) ||
         !@{ n("limits_ok") }(&config->stuck_torque, 1) || !@{ n("is_positive") }(config->astray)) {
+{% endif %}
         return NOSLIP_BAD_PARAMETER;
     }
     status = set_params(&self->params, &config->params);
@@ -198,19 +300,26 @@ int @{ f("init") }(@{ self } *self, const @{ f("config") } *config)
     self->place.direction = 0;
     self->place.curvature = 0;
     set_interval(config, config->period, &self->nominal);
-    if (!@{ n("is_positive") }(self->nominal.inverse_dt) || !@{ n("is_positive") }(self->nominal.max_angle) ||
+    if (!@{ n("is_positive") }(self->nominal.inverse_dt) || @{ "!" ~ n("is_positive") ~ "(self->nominal.max_angle[0]) ||
+        !" ~ n("is_positive") ~ "(self->nominal.max_angle[1])" if steering else "!" ~ n("is_positive") ~ "(self->nominal.max_angle)" } ||
         !@{ n("is_positive") }(self->nominal.filter_gain)) {
         return NOSLIP_BAD_PARAMETER; /* overflow or underflow */
     }
-    set_wheels(&self->params, &wheels);
+    @{ "set_axle(&wheels)" if steering else "set_wheels(&self->params, &wheels)" };
     status = noslip_watchdog_init(&self->watchdog, &config->watchdog);
     status = status < 0 ? status : init_encoders(self, config);
     status = status < 0 ? status : @{ n("odometry_init") }(&self->odometry, &wheels, &config->start);
+{% if steering %}
+    status = status < 0 ? status : init_steering(self, config);
+{% endif %}
     status = status < 0 ? status : init_path(self, config);
     status = status < 0 ? status : init_drives(self, config);
     status = status < 0 ? status : init_approach(self, config);
     status = status < 0 ? status : init_integrals(self, config);
     if (status >= 0) {
+{% if steering %}
+        set_segment(self, config->segments[0].x, config->segments[0].y, config->segments[0].heading, config->segments[0].curvature);
+{% endif %}
         self->place.L = config->path.L[config->segments[0].backward != 0];
         status = init_laws(self, &self->params, &config->gains, &config->limits);
     }
@@ -230,7 +339,9 @@ int @{ f("init") }(@{ self } *self, const @{ f("config") } *config)
 int @{ f("update") }(@{ self } *self, const @{ r("params") } *params, const @{ l("gains") } *gains,
     const @{ r("options") } *limits)
 {
+{% if not steering %}
     @{ n("odometry_options") } wheels;
+{% endif %}
     @{ r("dynamics") } dynamics;
     int status;
     if (self == NULL) {
@@ -247,6 +358,9 @@ int @{ f("update") }(@{ self } *self, const @{ r("params") } *params, const @{ l
     if (status < 0) {
         return status;
     }
+{% if steering %}
+    self->steering.reach = reach_of(params);
+{% else %}
     set_wheels(params, &wheels);
     if (@{ n("abs") }(wheels.ahead - self->odometry.options.ahead) > 0) {
         return NOSLIP_BAD_PARAMETER;
@@ -257,6 +371,7 @@ int @{ f("update") }(@{ self } *self, const @{ r("params") } *params, const @{ l
         @{ n("write") }(wheels.forward, self->velocity.vehicle.forward, 2);
         @{ n("write") }(wheels.turn, self->velocity.vehicle.turn, 2);
     }
+{% endif %}
     noslip_copy(&self->dynamics, &dynamics, sizeof dynamics);
     noslip_copy(&self->params, params, sizeof self->params);
     noslip_copy(&self->gains, gains, sizeof self->gains);
@@ -299,7 +414,12 @@ int @{ f("reset") }(@{ self } *self)
 
 int @{ f("twist") }(const @{ self } *self, @{ real } twist[2])
 {
+{% if steering %}
+    @{ real } angle;
+    int status;
+{% else %}
     const @{ n("odometry_options") } *wheels;
+{% endif %}
     if (self == NULL || twist == NULL) {
         return NOSLIP_NULL;
     }
@@ -308,10 +428,19 @@ int @{ f("twist") }(const @{ self } *self, @{ real } twist[2])
         twist[1] = 0;
         return NOSLIP_NOT_READY;
     }
+{% if steering %}
+    angle = self->steering.angle + self->velocity.command[@{ steers }] * self->config->period;
+    angle = @{ n("clip") }(angle, self->config->steering);
+    status = axle_of(&self->params, angle, twist);
+    twist[0] = status < 0 ? 0 : twist[0] * self->velocity.command[@{ rolls }];
+    twist[1] = status < 0 ? 0 : twist[1] * self->velocity.command[@{ rolls }];
+    return status;
+{% else %}
     wheels = &self->odometry.options;
     twist[0] = wheels->forward[0] * self->velocity.command[0] + wheels->forward[1] * self->velocity.command[1];
     twist[1] = wheels->turn[0] * self->velocity.command[0] + wheels->turn[1] * self->velocity.command[1];
     return NOSLIP_OK;
+{% endif %}
 }
 
 /* -- each tick ----------------------------------------------------------------------------------------------------- */
@@ -324,6 +453,9 @@ static NOSLIP_COLD int reject_counts(@{ self } *self, uint32_t first, uint32_t s
     @{ real } ignored;
     if (missed >= tolerated || self->waited >= tolerated - missed) {
         self->waited = 0;
+{% if steering %}
+        self->steering.measured = 0;
+{% endif %}
     } else {
         self->waited += missed + 1;
         (void)@{ n("encoder_read") }(&self->encoders[0], first, &ignored);
@@ -341,9 +473,17 @@ static NOSLIP_COLD void unwind(@{ self } *self)
 static int is_stuck(const @{ self } *self, int wheel, @{ real } turned)
 {
     const @{ real } torque = @{ n("abs") }(self->torque[wheel]);
-    return !(turned > 0) && (torque > self->config->stuck_torque || torque > @{ literal(0.5) } * self->law.limit[wheel]);
+    return !(turned > 0) && (torque > self->config->stuck_torque@{ "[wheel]" if steering } || torque > @{ literal(0.5) } * self->law.limit[wheel]);
 }
 
+{% if steering %}
+/* Returns the change of the steering angle since the last tick; 0 if it was not measured then. */
+static @{ real } change_of(const @{ self } *self, @{ real } angle)
+{
+    return self->steering.measured == NOSLIP_READY ? angle - self->steering.angle : 0;
+}
+
+{% endif %}
 /* Updates wheel rates and pose from wheel angles that are possible in the time, and whether a wheel is stuck. */
 static int move(@{ self } *self, const @{ real } turned[2], const @{ f("interval") } *time, int *standing)
 {
@@ -351,28 +491,63 @@ static int move(@{ self } *self, const @{ real } turned[2], const @{ f("interval
     @{ n("odometry") } *odometry = &self->odometry;
     @{ n("pose") } pose; /* also in odometry.pose */
     int status;
+{% if steering %}
+    const @{ real } angle = turned[@{ steers }], change = change_of(self, angle);
+    @{ real } moved[2];
+    *standing = is_stuck(self, @{ rolls }, @{ n("abs") }(turned[@{ rolls }])) || is_stuck(self, @{ steers }, @{ n("abs") }(change));
+{% else %}
     *standing = is_stuck(self, 0, @{ n("abs") }(turned[0])) || is_stuck(self, 1, @{ n("abs") }(turned[1]));
+{% endif %}
     self->waited = 0;
     if (@{ n("abs") }(odometry->pose.heading) > UNWIND) {
         unwind(self);
     }
+{% if steering %}
+    status = axle_of(&self->params, angle - change / 2, moved);
+    if (status < 0) {
+        return status;
+    }
+    moved[0] *= turned[@{ rolls }];
+    moved[1] *= turned[@{ rolls }];
+    status = @{ n("odometry_move") }(odometry, moved, time->dt, &pose);
+    self->rate[@{ rolls }] = turned[@{ rolls }] * time->inverse_dt;
+    self->rate[@{ steers }] = self->steering.measured == NOSLIP_READY ? change * time->inverse_dt : state->@{ wheels[steers] };
+    self->steering.measured = NOSLIP_READY;
+{% else %}
     status = @{ n("odometry_move") }(odometry, turned, time->dt, &pose);
     self->rate[0] = turned[0] * time->inverse_dt;
     self->rate[1] = turned[1] * time->inverse_dt;
+{% endif %}
     state->@{ wheels[0] } += time->filter_gain * (self->rate[0] - state->@{ wheels[0] });
     state->@{ wheels[1] } += time->filter_gain * (self->rate[1] - state->@{ wheels[1] });
     state->@{ place[0] } = pose.x;
     state->@{ place[1] } = pose.y;
     state->@{ place[2] } = pose.heading;
+{% if steering %}
+    state->@{ angle } = angle;
+    status = status < 0 ? status : set_steering(self, angle);
+    self->speed = self->steering.forward[0] * state->@{ wheels[0] } + self->steering.forward[1] * state->@{ wheels[1] };
+{% else %}
     self->speed = odometry->options.forward[0] * state->@{ wheels[0] } + odometry->options.forward[1] * state->@{ wheels[1] };
+{% endif %}
     return status;
 }
 
+{% if steering %}
+/* Returns 1 if the wheel can turn by its angle in the time, and be steered to its; 0 for NaN. */
+static int is_possible(const @{ self } *self, const @{ real } turned[2], const @{ f("interval") } *time)
+{
+    const @{ real } angle = turned[@{ steers }];
+    return @{ n("abs") }(turned[@{ rolls }]) <= time->max_angle[@{ rolls }] && @{ n("abs") }(angle) <= self->config->steering &&
+           @{ n("abs") }(change_of(self, angle)) <= time->max_angle[@{ steers }];
+}
+{% else %}
 /* Returns 1 if the wheels can turn by these angles in the time; 0 for NaN. */
 static int is_possible(const @{ real } turned[2], const @{ f("interval") } *time)
 {
     return @{ n("abs") }(turned[0]) <= time->max_angle && @{ n("abs") }(turned[1]) <= time->max_angle;
 }
+{% endif %}
 
 /* Updates wheel rates and pose from the counters. */
 static NOSLIP_BESIDE int measure(@{ self } *self, const uint32_t counts[2], uint32_t missed, int *standing)
@@ -385,21 +560,24 @@ static NOSLIP_BESIDE int measure(@{ self } *self, const uint32_t counts[2], uint
         set_interval(self->config, self->config->period * (1 + (@{ real })missed + (@{ real })self->waited), &longer);
         time = &longer;
     }
+{% if steering %}
+    (void)@{ n("encoder_start") }(&self->encoders[@{ steers }], (uint32_t)self->config->straight, &turned[@{ steers }]);
+{% endif %}
     (void)@{ n("encoder_read") }(&self->encoders[0], counts[0], &turned[0]);
     (void)@{ n("encoder_read") }(&self->encoders[1], counts[1], &turned[1]);
-    return is_possible(turned, time) ? move(self, turned, time, standing) : reject_counts(self, first, second, missed);
+    return is_possible(@{ "self, " if steering }turned, time) ? move(self, turned, time, standing) : reject_counts(self, first, second, missed);
 }
 
 /* Sets the desired distance: from where the vehicle is to the path with bounded acceleration. */
 static NOSLIP_BESIDE int lead(@{ self } *self, @{ real } dt)
 {
     const @{ n("guide") } *guide = &self->path.guide;
-    const @{ n("odometry_options") } *wheels = &self->odometry.options;
+    const @{ f("steering") if steering else n("odometry_options") } *wheels = &self->@{ "steering" if steering else "odometry.options" };
     @{ n("approached") } desired;
     int status = NOSLIP_OK;
     if (self->approaching != NOSLIP_READY) {
         const @{ real } turning = wheels->turn[0] * self->state.@{ wheels[0] } + wheels->turn[1] * self->state.@{ wheels[1] };
-        const @{ real } rate = self->speed * guide->foot.sine + turning * (guide->L + wheels->ahead) * guide->foot.cosine;
+        const @{ real } rate = self->speed * guide->foot.sine + turning * @{ "guide->L" if steering else "(guide->L + wheels->ahead)" } * guide->foot.cosine;
         status = @{ n("approach_start") }(&self->approach, guide->foot.distance, rate, self->speed);
         self->approaching = status < 0 ? 0 : NOSLIP_READY;
         dt = 0;
@@ -446,6 +624,16 @@ static int limit(@{ self } *self)
 /* Updates the position on the path and computes the torques. */
 static int follow(@{ self } *self, @{ real } dt, @{ real } torque[2])
 {
+{% if steering %}
+    const @{ f("steering") } *wheel = &self->steering;
+    const @{ n("guide") } *guide = &self->path.guide;
+    const int path_status = @{ n("path_step") }(&self->path, wheel->at[0], wheel->at[1], wheel->direction, self->speed);
+    int status = path_status;
+    if (status >= 0 && guide->changed) {
+        set_segment(self, guide->x, guide->y, guide->heading, guide->curvature);
+        status = init_law(self, &self->law, guide->L, &self->params, &self->gains, &self->limits);
+    }
+{% else %}
     const @{ n("odometry") } *at = &self->odometry;
     const @{ n("guide") } *guide = &self->path.guide;
     const int path_status = @{ n("path_step") }(&self->path, at->pose.x, at->pose.y, at->direction, self->speed);
@@ -455,6 +643,7 @@ static int follow(@{ self } *self, @{ real } dt, @{ real } torque[2])
         self->approaching = 0;
         clear_integrals(self);
     }
+{% endif %}
     if (status >= 0 && !(@{ n("abs") }(guide->foot.distance) <= self->config->astray)) {
         status = NOSLIP_ASTRAY;
     }
@@ -472,7 +661,7 @@ static int follow(@{ self } *self, @{ real } dt, @{ real } torque[2])
         }
     }
     if (status >= 0) {
-        status = @{ l("follow") }(&self->law, &guide->foot, &self->state, &self->reference, torque);
+        status = @{ l("step") ~ "(&self->law, " if steering else l("follow") ~ "(&self->law, &guide->foot, " }&self->state, &self->reference, torque);
         self->last = status;
     }
     return status >= 0 && path_status == NOSLIP_ARRIVED ? path_status : status;
@@ -582,7 +771,10 @@ int @{ f("tick_angles") }(@{ self } *self, const @{ real } turned[2], @{ real } 
         const @{ real } periods = dt / self->config->period - @{ literal(0.5) };
         missed = periods > 1 ? (uint32_t)periods : 0;
         set_interval(self->config, dt, &time);
-        status = is_possible(turned, &time) ? move(self, turned, &time, &standing) : NOSLIP_RANGE;
+        status = is_possible(@{ "self, " if steering }turned, &time) ? move(self, turned, &time, &standing) : NOSLIP_RANGE;
     }
+{% if steering %}
+    self->steering.measured = status == NOSLIP_RANGE ? 0 : self->steering.measured;
+{% endif %}
     return act(self, status, missed, standing, dt, command);
 }

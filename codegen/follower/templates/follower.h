@@ -16,6 +16,13 @@
  * and desired speed -> law within its limits and those of the motors -> watchdog -> commands. The order of the
  * wheels is @{ wheels | join(", ") }.
  *
+{% if steering %}
+ * The counter of @{ wheels[rolls] } measures how far the wheel rolls, that of @{ wheels[steers] } the steering angle:
+ * its count `straight` is straight ahead. The pose is that of the axle, @{ place | join(", ") }. Within a tick the axle
+ * is moved at the mean of the steering angles before and after it. The path is followed by the steered wheel, or by
+ * P_l ahead of it in its direction; segments in reverse are rejected, since the body then folds onto the wheel.
+ *
+{% endif %}
  * Wheel rates. The resolution of a rate is 2 pi / (counts_per_turn dt) rad/s. The rate is the mean over the tick,
  * a delay of dt / 2. The filter rate += (measured - rate) dt / (smoothing + dt) has gain 1 at constant rate, a lag of
  * `smoothing` at constant acceleration, and attenuates a step of one count to dt / (smoothing + dt). For the outer
@@ -60,14 +67,22 @@ extern "C" {
 typedef struct @{ f("config") } {
     @{ r("params") } params; /* zeros: those of @{ r("default_params") } */
     @{ real } period; /* s: time between ticks */
-    @{ real } counts_per_turn[2]; /* of a wheel, with gear and quadrature; negative if the counter decreases driving forward */
+    @{ real } counts_per_turn[2]; /* of a wheel, with gear and quadrature; negative if the counter decreases driving forward@{ " or steering to the left" if steering } */
     int counter_bits; /* 2 to 32 */
+{% if steering %}
+    int straight; /* count of the steering counter straight ahead; optional */
+    @{ real } steering; /* rad: largest steering angle; farther is an error, NOSLIP_RANGE */
+{% endif %}
     @{ real } smoothing; /* s: time constant of the filter of wheel rates; 0: none */
-    @{ real } fastest; /* rad/s: upper bound of the rate of a wheel */
-    @{ n("pose") } start; /* of the vehicle's point; optional */
+    @{ real } fastest@{ each }; /* rad/s: upper bound of the rate of @{ "wheel and steering" if steering else "a wheel" } */
+    @{ n("pose") } start; /* of the @{ "axle" if steering else "vehicle's point" }; optional */
     const @{ n("segment") } *segments; /* the path */
     int count; /* of segments */
+{% if steering %}
+    @{ n("path_options") } path; /* L is ahead of the steered wheel, in its direction; W, `ahead` and `reversing` must be 0 */
+{% else %}
     @{ n("path_options") } path; /* `ahead` is that of the parameters, or 0; W must be zero (it requires a law with the suffix _offset) */
+{% endif %}
     @{ real } astray; /* m: largest distance from the path; farther away is an error, NOSLIP_ASTRAY */
     @{ real } approach; /* m/s^2: largest acceleration towards the path; 0: the law's own, not bounded */
     @{ real } settling; /* s: time constant of the end of the approach; required with it */
@@ -78,9 +93,11 @@ typedef struct @{ f("config") } {
     noslip_drive drive;
     @{ n("motor_settings") } motors[2]; /* of torque drives */
     @{ n("velocity_limits") } velocity[2]; /* of velocity drives */
+{% if not steering %}
     @{ real } along; /* m/s^2: largest forward acceleration of velocity drives, see noslip_velocity_vehicle; with lateral, or none */
     @{ real } lateral; /* m/s^2: largest product of forward speed and yaw rate; with along, or none */
-    @{ real } stuck_torque; /* N m: a wheel that does not move at a larger torque, or at half of its limit, is stuck; above that needed at a stop */
+{% endif %}
+    @{ real } stuck_torque@{ each }; /* N m: a wheel that does not move at a larger torque, or at half of its limit, is stuck; above that needed at a stop */
     noslip_watchdog_settings watchdog; /* zeros: stops at the first error, does not notice stuck wheels */
 } @{ f("config") };
 
@@ -88,10 +105,23 @@ typedef struct @{ f("config") } {
 typedef struct @{ f("interval") } {
     @{ real } dt; /* s */
     @{ real } inverse_dt; /* 1/s */
-    @{ real } max_angle; /* rad: largest possible rotation of a wheel */
+    @{ real } max_angle@{ each }; /* rad: largest possible rotation of @{ "wheel and steering" if steering else "a wheel" } */
     @{ real } filter_gain; /* of the filter of wheel rates */
 } @{ f("interval") };
 
+{% if steering %}
+/* The steered wheel as measured in the last tick. */
+typedef struct @{ f("steering") } {
+    @{ real } angle; /* rad */
+    int measured; /* NOSLIP_READY: angle is that of the last tick */
+    @{ real } reach; /* m: how far the wheel is ahead of the axle */
+    @{ real } at[2]; /* m: place of the wheel */
+    @{ real } direction[2]; /* cosine and sine of its heading */
+    @{ real } forward[2]; /* m/rad: its forward speed per rate of each wheel */
+    @{ real } turn[2]; /* rad/rad: its yaw rate per rate of each wheel */
+} @{ f("steering") };
+
+{% endif %}
 /* Complete state: initialized by init, owned by the caller, who may read it but not write to it. */
 typedef struct @{ self } {
     const @{ f("config") } *config;
@@ -103,7 +133,7 @@ typedef struct @{ self } {
     @{ real } rate[2]; /* rad/s: unfiltered wheel rates in the last tick */
     @{ real } speed; /* m/s: forward, from the filtered rates */
     @{ l("reference") } reference;
-    @{ l("config") } place; /* L only: `follow` of the law does not use the position of the segment */
+    @{ l("config") } place; /* @{ "L and the segment that the law follows" if steering else "L only: `follow` of the law does not use the position of the segment" } */
     @{ own(law) } law, next; /* next: to check parameters before they are used */
     @{ r("dynamics") } dynamics;
     @{ n("path") } path; /* path.guide is the position on it */
@@ -112,6 +142,9 @@ typedef struct @{ self } {
     @{ n("integral") } integrals[2]; /* of distance and speed */
     int last; /* status of the last tick: whether integrals may grow */
     @{ n("odometry") } odometry;
+{% if steering %}
+    @{ f("steering") } steering;
+{% endif %}
     @{ n("encoder") } encoders[2];
     uint32_t waited; /* ticks since the last valid one */
     @{ f("interval") } nominal; /* of one period */
@@ -140,7 +173,12 @@ NOSLIP_NODISCARD int @{ f("init") }(@{ self } *self, const @{ f("config") } *con
 int @{ f("tick") }(@{ self } *self, const uint32_t counts[2], uint32_t missed, @{ real } command[2]);
 
 /*
+{% if steering %}
+ * The same from turned[@{ rolls }], the angle (rad) by which the wheel has turned in dt (s), the time since the last
+ * tick, and turned[@{ steers }], the steering angle (rad) now, for
+{% else %}
  * The same from the angles (rad) by which the wheels have turned in dt (s), the time since the last tick, for
+{% endif %}
  * drives that report angles. dt beyond one and a half periods counts as missed ticks; NOSLIP_RANGE if it is not
  * positive or more than 1000 periods. Angles that are not possible in this time are an error, and are lost.
  */
@@ -148,8 +186,10 @@ int @{ f("tick_angles") }(@{ self } *self, const @{ real } turned[2], @{ real } 
 
 /*
  * Changes parameters, gains and limits between two ticks; all are checked as by init, and on an error nothing
- * changes. What is held or reckoned stays. NULL: as before. The position of the vehicle's point ahead of the axle
+ * changes. What is held or reckoned stays. NULL: as before.@{ "" if steering else " The position of the vehicle's point ahead of the axle" }
+{% if not steering %}
  * must not change (NOSLIP_BAD_PARAMETER): path and pose depend on it.
+{% endif %}
  */
 int @{ f("update") }(@{ self } *self, const @{ r("params") } *params, const @{ l("gains") } *gains,
     const @{ r("options") } *limits);
@@ -163,7 +203,14 @@ int @{ f("correct") }(@{ self } *self, const @{ n("pose") } *truth, noslip_corre
  */
 int @{ f("reset") }(@{ self } *self);
 
+{% if steering %}
+/*
+ * Writes forward speed (m/s) and yaw rate (rad/s) of the axle for the last commands of velocity drives, at the steering
+ * angle that they lead to within a period, to be sent as a twist.
+ */
+{% else %}
 /* Writes forward speed (m/s) and yaw rate (rad/s) of the last commands of velocity drives, to be sent as a twist. */
+{% endif %}
 int @{ f("twist") }(const @{ self } *self, @{ real } twist[2]);
 
 #ifdef __cplusplus

@@ -19,7 +19,7 @@ int control_loop(void)
     static const @{ n("segment") } path[] = {{.length = @{ literal(5.0) }}}; /* examples: put in yours */
     static const @{ own(robot ~ "_follower_config") } config = {
         .period = @{ literal(0.01) }, .counts_per_turn = {@{ literal(40000.0) }, @{ literal(40000.0) }}, .counter_bits = 16,
-        .fastest = @{ literal(20.0) }, .segments = path, .count = 1,
+        .fastest = @{ "{" ~ literal(20.0) ~ ", " ~ literal(5.0) ~ "}, .steering = " ~ literal(1.0) if steered else literal(20.0) }, .segments = path, .count = 1,
         .path = {.speed = @{ literal(0.5) }, .deceleration = @{ literal(0.4) }, .L = {@{ literal(0.25) }, @{ literal(0.25) }}},
         .astray = @{ literal(0.3) }, .gains = {@{ gains }},
         .limits = {.limit = {@{ literal(1.0) }, @{ literal(1.0) }}, .on_limit = NOSLIP_SLOW}, .watchdog = {3, 100, 50}};
