@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ..readers.errors import BadInput
 from .backends import runtime_of
 from .runtime import Runtime, runtime
 
@@ -143,9 +142,7 @@ class CompiledApproach:
             return np.array([y.distance, y.distance_rate, y.distance_acceleration, y.speed, y.speed_rate])
 
     def _call(self, name: str, *arguments) -> None:
-        status = self._runtime.function(f"noslip_approach_{name}", self._scalar)(self._self, *arguments)
-        if status < 0:
-            raise BadInput(f"approach: {name} returns {self._runtime.status(status)!r}")
+        self._runtime.call("approach", f"noslip_approach_{name}", self._scalar, self._self, *arguments)
 
 
 def make_approach(backend: str, acceleration: float, period: float, law: ControlLaw | None = None, jerk: float = 0.0) -> Approach:

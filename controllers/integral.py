@@ -77,9 +77,7 @@ class CompiledIntegral:
             return self._add[0]
 
     def _call(self, name: str, *arguments) -> None:
-        status = self._runtime.function(f"noslip_integral_{name}", self._scalar)(self._self, *arguments)
-        if status < 0:
-            raise BadInput(f"integral action: {name} returns {self._runtime.status(status)!r}")
+        self._runtime.call("integral action", f"noslip_integral_{name}", self._scalar, self._self, *arguments)
 
 
 def make_integral(backend: str, ki: float, limit: float = 0.0, law: ControlLaw | None = None) -> OutputIntegral:

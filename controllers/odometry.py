@@ -145,9 +145,7 @@ class CompiledOdometry:
             return np.array([self._pose.x, self._pose.y, self._pose.heading])
 
     def _call(self, name: str, *arguments) -> None:
-        status = self._runtime.function(f"noslip_odometry_{name}", self._scalar)(self._self, *arguments)
-        if status < 0:
-            raise BadInput(f"dead reckoning: {name} returns {self._runtime.status(status)!r}")
+        self._runtime.call("dead reckoning", f"noslip_odometry_{name}", self._scalar, self._self, *arguments)
 
 
 def make_odometry(

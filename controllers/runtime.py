@@ -67,6 +67,13 @@ class Runtime(InC):
         """Return a function named as in the header, for a scalar."""
         return getattr(self.lib, SCALARS[scalar].name(name))
 
+    def call(self, purpose: str, name: str, scalar: str, *arguments) -> str:
+        """Call a function and return the name of its status. Raises BadInput, with the purpose, if it is an error."""
+        number = self.function(name, scalar)(*arguments)
+        if number < 0:
+            raise BadInput(f"{purpose}: {name} returns {self.status(number)!r}")
+        return self.status(number)
+
 
 @lru_cache
 def runtime(header: str) -> Runtime:

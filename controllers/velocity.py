@@ -15,7 +15,6 @@ import numpy as np
 
 from ..model.algebra.portable import portable
 from ..model.reduction import ReducedSystem
-from ..readers.errors import BadInput
 from . import ON_TARGET, SCALAR
 from .backends import runtime_of
 from .controller import RUNNING, Numbers
@@ -188,19 +187,16 @@ class CompiledVelocity:
 
     def _made(self, name: str, first: np.ndarray, nu: np.ndarray, status: str, dt: float) -> tuple[str, np.ndarray]:
         given = [self._array(values) for values in (first, nu)]
+        function = self._runtime.function(f"noslip_velocity_{name}", self._scalar)
         with self._lock:
-            made = self._call(name, *given, self._runtime.number(status), float(dt), self._command)
-            return self._runtime.status(made), np.array(list(self._command))[: self._count]
+            number = function(self._self, *given, self._runtime.number(status), float(dt), self._command)
+            return self._runtime.status(number), np.array(list(self._command))[: self._count]
 
     def _array(self, values: Numbers):
         return self._runtime.array(self._scalar, [*values, *[0.0] * (MOST - len(values))])
 
     def _checked(self, name: str, *arguments) -> None:
-        if (status := self._call(name, *arguments)) < 0:
-            raise BadInput(f"[drive]: noslip_velocity_{name} returns {self._runtime.status(status)!r}")
-
-    def _call(self, name: str, *arguments) -> int:
-        return self._runtime.function(f"noslip_velocity_{name}", self._scalar)(self._self, *arguments)
+        self._runtime.call("[drive]", f"noslip_velocity_{name}", self._scalar, self._self, *arguments)
 
 
 def make_velocity(backend: str, limits: VelocityLimits, period: float, law: ControlLaw) -> Velocity:

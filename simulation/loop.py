@@ -416,7 +416,7 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
 
 def smooth_curve(course: CourseSection, begin: Sequence[float] = (0.0, 0.0)) -> SmoothCurve:
     """Return the curve of a course that begins at the first two numbers of `begin`, m."""
-    return SmoothCurve(*begin[:2], course.heading, course.speed, course.lengths, course.curvatures, course.rounding)
+    return SmoothCurve(begin[0], begin[1], course.heading, course.speed, course.lengths, course.curvatures, course.rounding)
 
 
 def _check_along(law: ControlLaw, gains: Sequence[float]) -> None:

@@ -239,9 +239,9 @@ def test_overflow_is_no_way_out(scalar, ki):
 
 
 def test_what_python_is_told():
-    with pytest.raises(BadInput, match="integral action: init returns 'bad_parameter'"):
+    with pytest.raises(BadInput, match="integral action: noslip_integral_init returns 'bad_parameter'"):
         CompiledIntegral(-1.0)
-    with pytest.raises(BadInput, match="integral action: step returns 'nonfinite'"):
+    with pytest.raises(BadInput, match="integral action: noslip_integral_step returns 'nonfinite'"):
         CompiledIntegral(1.0).step(NAN, 0.1, "ok")
     with pytest.raises(BadInput, match="unknown backend 'm4f'"):
         make_integral("m4f", 1.0)

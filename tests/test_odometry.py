@@ -520,7 +520,7 @@ def test_null_and_not_ready(scalar):
 
 
 def test_what_python_is_told():
-    with pytest.raises(BadInput, match="dead reckoning: init returns 'nonfinite'"):
+    with pytest.raises(BadInput, match="dead reckoning: noslip_odometry_init returns 'nonfinite'"):
         CompiledOdometry(*WHEELS, start=(NAN, 0.0, 0.0))
     for backend in BACKENDS:
         with pytest.raises(BadInput, match="unknown correction mode 'soft'"):

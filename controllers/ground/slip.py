@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from ...readers.errors import BadInput
 from ..backends import runtime_of
 from ..controller import Numbers
 from ..runtime import Runtime, runtime
@@ -155,10 +154,7 @@ class CompiledSlip:
             self._call("trust")
 
     def _call(self, name: str, *arguments) -> str:
-        status = self._runtime.function(f"noslip_slip_{name}", self._scalar)(self._self, *arguments)
-        if status < 0:
-            raise BadInput(f"noticing slip: {name} returns {self._runtime.status(status)!r}")
-        return self._runtime.status(status)
+        return self._runtime.call("noticing slip", f"noslip_slip_{name}", self._scalar, self._self, *arguments)
 
 
 def make_slip(backend: str, options: SlipOptions, forward: Numbers, turn: Numbers, law: ControlLaw | None = None) -> SlipNotice:
