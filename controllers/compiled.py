@@ -12,6 +12,7 @@ import numpy as np
 from ..codegen.files import dynamics_program, dynamics_text, law_program, law_text, shared_files, text_files
 from ..codegen.graph import Group
 from ..codegen.printing.dynamics_c import DynamicsC
+from ..codegen.printing.lanes_c import LanesC
 from ..codegen.printing.law_c import LawC, runtime_types
 from ..codegen.printing.robot_c import robot_declarations
 from ..codegen.printing.scalar import SCALARS
@@ -82,6 +83,15 @@ class Library(_Compiled[LawC]):
         c, scalar = runtime("noslip_grip.h"), self.text.scalar.real
         grip = c.function("noslip_grip_of", scalar)(c.new("noslip_friction", scalar, dataclasses.asdict(friction)))
         self.ffi.memmove(self.ffi.addressof(instance, "grip"), c.ffi.addressof(grip), c.ffi.sizeof(grip))
+
+
+class BatchLibrary(Library):
+    """The compiled C of one law and of its batch law in one scalar."""
+
+    def __init__(self, law: ControlLaw, scalar: str, written: Mapping[str, str]):
+        """`written` as for `Library`, the files of the batch law among them."""
+        super().__init__(law, scalar, written)
+        self.ffi.cdef(LanesC(law_program(law), SCALARS[scalar], []).declarations())
 
 
 class DynamicsLibrary(_Compiled[DynamicsC]):
@@ -178,6 +188,18 @@ class CompiledController:
             self._load(state, reference)
             status = self._step(self._self, self._state, self._reference, *self._dt, self._tau)
             return self._status(status), self._answer.astype(float)
+
+    def steps(self, state: np.ndarray, reference: np.ndarray) -> tuple[list[str], np.ndarray]:
+        """Return status and what the law gives, a row for each input, of n lanes; of a law of a `BatchLibrary`.
+
+        `state` and `reference` have a row for each member and a column for each lane, in the scalar of the law.
+        """
+        library, count = self._library, state.shape[1]
+        tau, status = np.zeros((len(self._tau), count), state.dtype), np.zeros(count, np.int32)
+        arrays = (np.ascontiguousarray(state), np.ascontiguousarray(reference), tau)
+        given = [library.ffi.from_buffer(f"{library.text.scalar.real}[]", array) for array in arrays]
+        library.function("steps")(self._self, count, *given, library.ffi.from_buffer("int[]", status))
+        return [self._status(number) for number in status.tolist()], tau
 
     def believe(self, mu: float) -> None:
         """See Controller."""

@@ -92,14 +92,16 @@ class Batch:
         return status
 
     def random(self, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """States, references and held inputs: random, and in every fourth lane one special value."""
+        """States, references and held inputs: random, in every fourth lane one special value, in others arbitrary bits."""
         source = np.random.default_rng(seed)
         sizes = len(self.law.state), len(self.law.reference)
         both = source.uniform(-4, 4, (sum(sizes), COUNT))
         special = np.arange(0, COUNT, 4)
         both[source.integers(sum(sizes), size=special.size), special] = source.choice(SPECIAL, special.size)
         both[:, :20] = 0  # singular for some laws
-        state, reference = np.split(both.astype(self.type), [sizes[0]])
+        both = both.astype(self.type)
+        both[:, 1::8] = np.frombuffer(source.bytes(both[:, 1::8].nbytes), self.type).reshape(both[:, 1::8].shape)
+        state, reference = np.split(both, [sizes[0]])
         return np.ascontiguousarray(state), np.ascontiguousarray(reference), source.uniform(-1, 1, (2, COUNT)).astype(self.type)
 
 

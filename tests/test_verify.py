@@ -12,7 +12,7 @@ from noslip.cli.main import main
 from noslip.codegen import optimize
 from noslip.codegen.derivation import grip, stages
 from noslip.codegen.files import dynamics_program, law_program
-from noslip.codegen.printing import dynamics_c, law_c, robot_c
+from noslip.codegen.printing import dynamics_c, lanes_c, law_c, robot_c
 from noslip.controllers.compiled import library
 from noslip.readers.robots import find_robot, law_of, system_of
 from noslip.verification import verify
@@ -138,6 +138,17 @@ def test_a_wrong_digit_in_the_text_is_found(tmp_path, monkeypatch, capsys, not_c
     assert code == 1 and left == [] and f"{LAW}, float" in err and f"{LAW}, double" not in err
 
 
+@pytest.mark.parametrize("right, wrong", [("made[1] = ", "made[1] = -"), ("fine &= noslip_angle", "fine &= 1 || noslip_angle")])
+def test_a_wrong_batch_law_writes_nothing(right, wrong, tmp_path, monkeypatch, capsys, not_compared):
+    """A lane with another input, and one that is not left where its step is."""
+    original = lanes_c.LanesC.source
+    monkeypatch.setattr(lanes_c.LanesC, "source", lambda self: original(self).replace(right, wrong, 1))
+    code, left = run("generate", tmp_path, "--scalar", "float")
+    assert code == 1 and left == []
+    line = capsys.readouterr().err.splitlines()[0]
+    assert line.startswith(f"noslip: labmate, {LAW}, float, batch law: a lane differs: it has ") and "; the step gives [" in line
+
+
 @pytest.mark.parametrize("command", ["generate", "export"])
 def test_wrong_dynamics_write_nothing(command, tmp_path, monkeypatch, capsys, not_compared):
     original = dynamics_c.DynamicsC.source
@@ -176,13 +187,13 @@ def test_what_was_compared_is_remembered(tmp_path, monkeypatch, capsys, not_comp
     """By the text: nothing is run again, until a file changes."""
     assert run("generate", tmp_path)[0] == 0
     marks = len([name for name in os.listdir(os.environ["NOSLIP_CACHE"]) if name.endswith(".compared")])
-    assert marks == 2 * 2  # law and dynamics, double and float
+    assert marks == 3 * 2  # law, batch law and dynamics, double and float
     monkeypatch.setattr(verify, "_compared", lambda *_: ["compared again"])
     assert run("generate", tmp_path)[0] == 0
     original = law_c.LawC.source
     monkeypatch.setattr(law_c.LawC, "source", lambda self: original(self) + "/* */\n")
     assert run("generate", tmp_path)[0] == 1
-    assert capsys.readouterr().err.count("compared again") == 2
+    assert capsys.readouterr().err.count("compared again") == 4  # the batch law with its law
 
 
 def test_without_a_compiler_a_warning(tmp_path, monkeypatch, capsys, not_compared):

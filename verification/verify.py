@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from pathlib import Path
 
 import casadi as ca
 import cffi
@@ -22,10 +23,11 @@ from ..codegen.ekf.ekf import NAME as FILTER_NAME
 from ..codegen.ekf.filter import WITH_GYRO, WITHOUT_GYRO
 from ..codegen.files import filter_program
 from ..codegen.printing.dynamics_c import NAME as DYNAMICS_NAME
+from ..codegen.printing.lanes_c import FOLDER as LANES
 from ..codegen.printing.scalar import SCALARS
 from ..codegen.program import EVALUATE, FOLLOW, STEP
 from ..controllers.build import FLAGS, QUICK, DoesNotCompile, compiler, identity, runtime_files
-from ..controllers.compiled import CompiledController, CompiledDynamics, DynamicsLibrary, Library
+from ..controllers.compiled import BatchLibrary, CompiledController, CompiledDynamics, DynamicsLibrary, Library
 from ..controllers.controller import Limits
 from ..controllers.direct import Direct
 from ..controllers.estimation.ekf import Filter, FilterOptions, RobotPart
@@ -50,6 +52,8 @@ RESPONSE = 30.0  # a difference up to this times the change of the model with ro
 SINGULAR_STATES = 8  # of each law, at most
 HALVINGS = 60  # bisections to find one
 SAYS_SINGULAR = "singular"  # a status
+ANY_BITS = 60  # lanes of arbitrary bits, for each plant
+TINY = 1e-6  # a limit above 0 where all inputs are 0
 TICKS = (WITH_GYRO.name, WITHOUT_GYRO.name)  # of a filter
 SURELY = 0.1  # of the threshold: below it Phi is singular in float as well
 
@@ -100,10 +104,11 @@ def _not_compared_before(
     settings = (STATES, SEED, sorted(LIMIT.items()))
     for scalar in SCALARS:
         filters = [] if scaled is None else [_FilterInC(system, scaled, scalar)]
-        for part in (*(_LawInC(law, scalar) for law in laws), _DynamicsInC(system, scalar), *filters):
+        of_laws = [kind(law, scalar) for law in laws for kind in (_LawInC, _LanesInC)]
+        for part in (*of_laws, _DynamicsInC(system, scalar), *filters):
             if part.names <= files.keys():
-                own = {name: files[name] for name in sorted(part.names)}
-                key = (*identity([*compiler(), *FLAGS, *QUICK]), settings, sorted({**runtime_files(), **own}.items()))
+                own = {Path(name).name: files[name] for name in sorted({*part.names, *part.beside}) if name in files}
+                key = (*identity([*compiler(), *FLAGS, *QUICK]), settings, part.title, sorted({**runtime_files(), **own}.items()))
                 if not kept(key, MARK):
                     yield part, own, key
 
@@ -131,6 +136,7 @@ class _InC(ABC):
         name = SCALARS[scalar].name
         self.scalar = scalar
         self.names = {f"{name(stem)}.{kind}" for stem in (robot, f"{robot}_{own}") for kind in "ch"}
+        self.beside: set[str] = set()  # files that are compiled with these, if they are there
         self.title = f"{robot}, {own}, {scalar}"
 
     @property
@@ -203,10 +209,13 @@ class _InC(ABC):
         """Return the description of a difference: both values, and the inputs on which it depends."""
         from_c = f"status {sample.status}" if sample.value is None else _listed(sample.value)
         expected = _listed(sample.expected) if sample.quantity else f"status {SAYS_SINGULAR}"
+        return f"{sample.label} differs: the C gives {from_c}; the model gives {expected} (at {self.inputs_of(sample)})"
+
+    def inputs_of(self, sample: Sample) -> str:
+        """Return the inputs on which a sample depends, with their values."""
         model = self.expressions.get(sample.quantity, ca.vertcat(*self.groups.values()))
         used = [(name, group) for name, group in self.groups.items() if group.numel() and ca.depends_on(model, group)]
-        at = "; ".join(f"{name} {_named(name, group, sample.inputs[name])}" for name, group in used)
-        return f"{sample.label} differs: the C gives {from_c}; the model gives {expected} (at {at})"
+        return "; ".join(f"{name} {_named(name, group, sample.inputs[name])}" for name, group in used)
 
 
 def _named(name: str, group: ca.SX, values: Iterable[float]) -> str:
@@ -225,6 +234,8 @@ class _LawInC(_InC):
         super().__init__(law.system.mechanism.name, law.name, scalar)
         self.law = law
         self.answer = "command" if law.kinematic else "tau"
+        batch = SCALARS[scalar].name(f"{law.system.mechanism.name}_{law.name}_steps")
+        self.beside = {f"{LANES}/{batch}.{kind}" for kind in "ch"}  # one library is compiled for the law and its batch law
 
     @cached_property
     def groups(self) -> dict[str, ca.SX]:
@@ -357,6 +368,49 @@ class _LawInC(_InC):
         ):
             none = np.zeros((0, 1))
             yield Sample(f"status of {entry}", status, none if status == SAYS_SINGULAR else None, none, "", inputs)
+
+
+class _LanesInC(_LawInC):
+    """A law's batch law, each lane compared with a step, bit by bit. In its samples the step has the place of the model."""
+
+    def __init__(self, law: ControlLaw, scalar: str):
+        super().__init__(law, scalar)
+        self.names |= self.beside
+        self.title += ", batch law"
+
+    def samples(self, files: Mapping[str, str]) -> Iterator[Sample]:
+        """Yield lanes at random regular states and at arbitrary bits, without limits and with limits that many of them exceed."""
+        library, random = BatchLibrary(self.law, self.scalar, files), np.random.default_rng(SEED)
+        for plant in _plants(self.law):
+            numbers = {name: self.held(getattr(plant, name)) for name in ("params", "config", "gains")}
+            state, reference = self._lanes(plant, random)
+            free = CompiledController(self.law, *numbers.values(), made_by=library)
+            usual = np.median(np.abs(free.steps(state, reference)[1][:, : len(plant.points)]), axis=1)
+            limits = Limits(tuple(self.held(usual + TINY)))
+            for controller in (free, CompiledController(self.law, *numbers.values(), limits=limits, made_by=library)):
+                statuses, tau = controller.steps(state, reference)
+                for k, (status, of_lane) in enumerate(zip(statuses, tau.T.astype(float), strict=True)):
+                    inputs = numbers | {"state": state[:, k], "reference": reference[:, k]}
+                    of_step, expected = controller.step(state[:, k], reference[:, k])
+                    value = of_lane if status == of_step else None
+                    yield Sample("a lane", f"{status} with {of_lane}, not {of_step}", value, expected, self.answer, inputs)
+
+    def _lanes(self, plant: RandomPlant, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Return states and references, a column for each lane, the last of them with arbitrary bits."""
+        kind = np.dtype(np.float32 if self.scalar == "float" else np.float64)
+        regular = np.array([np.concatenate([point.state, point.reference]) for point in plant.points], kind).T
+        any_bits = np.frombuffer(random.bytes(kind.itemsize * len(regular) * ANY_BITS), kind).reshape(len(regular), -1)
+        state, reference = np.split(np.hstack([regular, any_bits]), [len(self.law.state)])
+        return state, reference
+
+    def first_wrong(self, samples: Sequence[Sample]) -> Sample | None:
+        """Return the first lane that differs from its step in status or in a bit; None if there is none."""
+        return next((s for s in samples if s.value is None or s.value.tobytes() != s.expected.tobytes()), None)
+
+    def about(self, sample: Sample) -> str:
+        """Return the description of a difference: both values, and the inputs on which it depends."""
+        from_c = f"status {sample.status}" if sample.value is None else _listed(sample.value)
+        return f"{sample.label} differs: it has {from_c}; the step gives {_listed(sample.expected)} (at {self.inputs_of(sample)})"
 
 
 @cache

@@ -1,11 +1,13 @@
 """C of a law's step for many states at once, written so that compilers compute several of them in one vector instruction.
 
 Each lane is computed by the statements of the step, which has no branches but those that leave it: here a mask keeps whether the
-step is ordinary. If it is not, the step itself computes the lane again, which gives its status and its bits.
+step is ordinary. If it is not, the step itself computes the lane again, which gives its status and its bits. Sines and cosines of
+the state are computed in a loop of their own: a processor overlaps more lanes of two short loops than of one long one.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from ...model.mechanism import Quantity
 from ...model.names import in_c
@@ -80,17 +82,19 @@ class LanesC(LawC):
         holds = condition.removeprefix("!")
         return f"fine &= {holds[1:-1] if holds.startswith('(') else holds};"
 
-    def _ordinary(self) -> list[str]:
-        """Return the statements of a lane: the inputs, if its step is ordinary, and whether it is."""
+    def _ordinary(self) -> tuple[list[str], list[str]]:
+        """Return the entries whose sines and cosines a lane needs, and its statements: the inputs, if its step is ordinary, and
+        whether it is.
+        """
         real, held = self.scalar.real, range(self.inputs)
         read = {self.argument(group, q.name): _entry(group, k) for group in ARRAYS for k, q in self._rows(group)}
-        taken = {*read, *ARRAYS, *"self n tau status first count i lane fine all made least inputs ordinary".split()}
-        writer = _Lanes(self.scalar, self.step_given, self.program.labels, self.leave, taken)
+        taken = {*read, *ARRAYS, *"self n tau status first count i lane fine all made least inputs ordinary sine cosine".split()}
+        writer = _Lanes(read, self.scalar, self.step_given, self.program.labels, self.leave, taken)
         self.write(writer, STEP, [(node, place.replace("tau", "made")) for node, place in self.places(STEP)])
         before, after = ([self.leave(f"!({condition})") for condition in conditions] for conditions in self.ordinary(STEP))
         statements = [*before, *writer.lines, *after]
         used = set(re.findall(r"\w+", " ".join(statements)))
-        return [
+        return writer.angles, [
             "const size_t lane = first + i;",
             f"{real} made[{self.inputs}];",
             "int fine = 1;",
@@ -126,12 +130,18 @@ class LanesC(LawC):
     def _steps(self) -> str:
         none = " || ".join(f"{name} == NULL" for name in ("self", *ARRAYS, "tau", "status"))
         one = f"{self.function('steps')}_lane(self, n, first + i, {', '.join([*ARRAYS, 'tau'])})"
+        real, (angles, ordinary) = self.scalar.real, self._ordinary()
+        turned = [f"{real} {name}[{len(angles)}][NOSLIP_LANES];" for name in ("sine", "cosine") if angles]
+        call = self.scalar.name("noslip_sincos")
+        calls = [f"{call}({angle}, &sine[{k}][i], &cosine[{k}][i]);" for k, angle in enumerate(angles)]
         loops = [
             "const size_t count = n - first < NOSLIP_LANES ? n - first : NOSLIP_LANES;",
-            f"{self.scalar.real} inputs[{self.inputs}][NOSLIP_LANES];",
+            f"{real} inputs[{self.inputs}][NOSLIP_LANES];",
+            *turned,
             "int ordinary[NOSLIP_LANES], all = 1;",
+            *(f"for (i = 0; i < count; i++) {{\n    const size_t lane = first + i;\n    {call}\n}}" for call in calls),
             "for (i = 0; i < count; i++) {",
-            body(self._ordinary()),
+            body(ordinary),
             "}",
             *(f"for (i = 0; i < count; i++) {{\n    tau[{k} * n + first + i] = inputs[{k}][i];\n}}" for k in range(self.inputs)),
             "for (i = 0; i < count; i++) {\n    status[first + i] = NOSLIP_OK;\n}",
@@ -149,7 +159,24 @@ class LanesC(LawC):
 
 
 class _Lanes(Statements):
-    """The statements of a lane, with roots that compilers can compute in vectors."""
+    """The statements of a lane, with roots that compilers can compute in vectors, and sines and cosines computed before.
+
+    `entries`: name of an input of the lane -> its entry; `angles`: the entries whose sine and cosine the statements use, in the
+    order of the arrays.
+    """
+
+    def __init__(self, entries: Mapping[str, str], *arguments: Any):
+        super().__init__(*arguments)
+        self.entries = entries
+        self.angles: list[str] = []
+
+    def turned(self, angle: str, sine: str, cosine: str) -> list[str]:
+        """Return the statements that give the sine and the cosine of an angle these names."""
+        if angle not in self.entries:
+            return super().turned(angle, sine, cosine)
+        k = len(self.angles)
+        self.angles.append(self.entries[angle])
+        return [f"const {self.scalar.real} {sine} = sine[{k}][i], {cosine} = cosine[{k}][i];"]
 
     def _expression(self, node: Node) -> Printed:
         text, precedence = super()._expression(node)

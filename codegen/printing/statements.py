@@ -140,11 +140,15 @@ class Statements:
         name = self.named(angle)
         short = re.sub(r"\W", "_", name.split(">")[-1].lstrip("-"))
         sine, cosine = free_name(f"sin_{short}", self.taken), free_name(f"cos_{short}", self.taken)
-        self.lines.append(f"{self.scalar.real} {sine}, {cosine};")
-        self.lines.append(f"{self.scalar.name('noslip_sincos')}({name}, &{sine}, &{cosine});")
+        self.lines += self.turned(name, sine, cosine)
         for node in self.uses:
             if is_operation(node, *SINCOS) and node.arguments[0] is angle:
                 self.names[node] = sine if node.operation is Operation.SIN else cosine
+
+    def turned(self, angle: str, sine: str, cosine: str) -> list[str]:
+        """Return the statements that give the sine and the cosine of an angle these names."""
+        call = self.scalar.name("noslip_sincos")
+        return [f"{self.scalar.real} {sine}, {cosine};", f"{call}({angle}, &{sine}, &{cosine});"]
 
     def _inverse(self, whole: MatrixInverse) -> None:
         """Invert a matrix in an array; leave the function if it has no inverse."""

@@ -47,7 +47,13 @@ int labmate_type_i_steps(const labmate_type_i *self, size_t n, const double *sta
     for (first = 0; first < n; first += NOSLIP_LANES) {
         const size_t count = n - first < NOSLIP_LANES ? n - first : NOSLIP_LANES;
         double inputs[2][NOSLIP_LANES];
+        double sine[1][NOSLIP_LANES];
+        double cosine[1][NOSLIP_LANES];
         int ordinary[NOSLIP_LANES], all = 1;
+        for (i = 0; i < count; i++) {
+            const size_t lane = first + i;
+            noslip_sincos(state[2 * n + lane], &sine[0][i], &cosine[0][i]);
+        }
         for (i = 0; i < count; i++) {
             const size_t lane = first + i;
             double made[2];
@@ -67,8 +73,7 @@ int labmate_type_i_steps(const labmate_type_i *self, size_t n, const double *sta
             const double reference_y_l_acceleration = reference[5 * n + lane];
             fine &= self->ready == NOSLIP_READY;
             fine &= noslip_angle_ok(state_phi);
-            double sin_state_phi, cos_state_phi;
-            noslip_sincos(state_phi, &sin_state_phi, &cos_state_phi);
+            const double sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             const double t1 = cos_state_phi * self->k21 * cos_state_phi;
             fine &= self->k8 > self->k22 * (self->k8 + t1) * (self->k5 - t1);
             const double t2 = state_thetadot_r + state_thetadot_l;

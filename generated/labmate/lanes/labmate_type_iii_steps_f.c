@@ -47,7 +47,13 @@ int labmate_type_iii_steps_f(const labmate_type_iii_f *self, size_t n, const flo
     for (first = 0; first < n; first += NOSLIP_LANES) {
         const size_t count = n - first < NOSLIP_LANES ? n - first : NOSLIP_LANES;
         float inputs[2][NOSLIP_LANES];
+        float sine[1][NOSLIP_LANES];
+        float cosine[1][NOSLIP_LANES];
         int ordinary[NOSLIP_LANES], all = 1;
+        for (i = 0; i < count; i++) {
+            const size_t lane = first + i;
+            noslip_sincos_f(state[2 * n + lane], &sine[0][i], &cosine[0][i]);
+        }
         for (i = 0; i < count; i++) {
             const size_t lane = first + i;
             float made[2];
@@ -67,8 +73,7 @@ int labmate_type_iii_steps_f(const labmate_type_iii_f *self, size_t n, const flo
             const float reference_heading_acceleration = reference[5 * n + lane];
             fine &= self->ready == NOSLIP_READY;
             fine &= noslip_angle_ok_f(state_phi);
-            float sin_state_phi, cos_state_phi;
-            noslip_sincos_f(state_phi, &sin_state_phi, &cos_state_phi);
+            const float sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             fine &= sin_state_phi * sin_state_phi > self->k21 * (self->k5 - cos_state_phi * self->k20 * cos_state_phi);
             const float t1 = state_thetadot_r + state_thetadot_l;
             const float t2 = state_thetadot_r - state_thetadot_l;

@@ -46,7 +46,13 @@ int labmate_type_iv_circle_steps_f(const labmate_type_iv_circle_f *self, size_t 
     for (first = 0; first < n; first += NOSLIP_LANES) {
         const size_t count = n - first < NOSLIP_LANES ? n - first : NOSLIP_LANES;
         float inputs[2][NOSLIP_LANES];
+        float sine[1][NOSLIP_LANES];
+        float cosine[1][NOSLIP_LANES];
         int ordinary[NOSLIP_LANES], all = 1;
+        for (i = 0; i < count; i++) {
+            const size_t lane = first + i;
+            noslip_sincos_f(state[2 * n + lane], &sine[0][i], &cosine[0][i]);
+        }
         for (i = 0; i < count; i++) {
             const size_t lane = first + i;
             float made[2];
@@ -65,8 +71,7 @@ int labmate_type_iv_circle_steps_f(const labmate_type_iv_circle_f *self, size_t 
             const float reference_speed_rate = reference[4 * n + lane];
             fine &= self->ready == NOSLIP_READY;
             fine &= noslip_angle_ok_f(state_phi);
-            float sin_state_phi, cos_state_phi;
-            noslip_sincos_f(state_phi, &sin_state_phi, &cos_state_phi);
+            const float sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             const float x_l = state_x_c + self->L * cos_state_phi;
             const float scaled_distance_by_x_l = self->x_f - x_l;
             const float y_l = state_y_c + self->L * sin_state_phi;

@@ -46,7 +46,13 @@ int labmate_type_iv_ellipse_steps(const labmate_type_iv_ellipse *self, size_t n,
     for (first = 0; first < n; first += NOSLIP_LANES) {
         const size_t count = n - first < NOSLIP_LANES ? n - first : NOSLIP_LANES;
         double inputs[2][NOSLIP_LANES];
+        double sine[1][NOSLIP_LANES];
+        double cosine[1][NOSLIP_LANES];
         int ordinary[NOSLIP_LANES], all = 1;
+        for (i = 0; i < count; i++) {
+            const size_t lane = first + i;
+            noslip_sincos(state[2 * n + lane], &sine[0][i], &cosine[0][i]);
+        }
         for (i = 0; i < count; i++) {
             const size_t lane = first + i;
             double made[2];
@@ -65,8 +71,7 @@ int labmate_type_iv_ellipse_steps(const labmate_type_iv_ellipse *self, size_t n,
             const double reference_speed_rate = reference[4 * n + lane];
             fine &= self->ready == NOSLIP_READY;
             fine &= noslip_angle_ok(state_phi);
-            double sin_state_phi, cos_state_phi;
-            noslip_sincos(state_phi, &sin_state_phi, &cos_state_phi);
+            const double sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             const double x_l = state_x_c + self->L * cos_state_phi;
             const double t1 = x_l * x_l;
             const double y_l = state_y_c + self->L * sin_state_phi;

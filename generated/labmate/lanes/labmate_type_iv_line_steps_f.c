@@ -46,7 +46,13 @@ int labmate_type_iv_line_steps_f(const labmate_type_iv_line_f *self, size_t n, c
     for (first = 0; first < n; first += NOSLIP_LANES) {
         const size_t count = n - first < NOSLIP_LANES ? n - first : NOSLIP_LANES;
         float inputs[2][NOSLIP_LANES];
+        float sine[1][NOSLIP_LANES];
+        float cosine[1][NOSLIP_LANES];
         int ordinary[NOSLIP_LANES], all = 1;
+        for (i = 0; i < count; i++) {
+            const size_t lane = first + i;
+            noslip_sincos_f(state[2 * n + lane], &sine[0][i], &cosine[0][i]);
+        }
         for (i = 0; i < count; i++) {
             const size_t lane = first + i;
             float made[2];
@@ -65,8 +71,7 @@ int labmate_type_iv_line_steps_f(const labmate_type_iv_line_f *self, size_t n, c
             const float reference_speed_rate = reference[4 * n + lane];
             fine &= self->ready == NOSLIP_READY;
             fine &= noslip_angle_ok_f(state_phi);
-            float sin_state_phi, cos_state_phi;
-            noslip_sincos_f(state_phi, &sin_state_phi, &cos_state_phi);
+            const float sin_state_phi = sine[0][i], cos_state_phi = cosine[0][i];
             const float distance_by_yaw_rate = self->k3 * sin_state_phi - self->k4 * cos_state_phi;
             const float distance_by_forward_speed = self->k3 * cos_state_phi + self->k4 * sin_state_phi;
             fine &= distance_by_yaw_rate * distance_by_yaw_rate > self->k9 * distance_by_forward_speed *
