@@ -67,6 +67,12 @@ class PlanarBodies:
     joints: np.ndarray
     normal: float = 1.0
 
+    def hinge(self, k: int) -> int:
+        """Return the coordinate that turns frame k against the one that it is hinged to: the one which only its heading has."""
+        parent = self.frames[k].parent
+        before = np.zeros_like(self.frames[k].heading) if parent is None else self.frames[parent].heading
+        return int(np.flatnonzero((self.frames[k].heading != 0) & (before == 0))[0])
+
 
 @dataclass(frozen=True)
 class _PointVelocity:
@@ -187,7 +193,7 @@ def _frames(
             mine = [k for k in left if np.array_equal(turning[k], heading)]
             if not heading.any():
                 raise _refused(name, f"{points[first].name} does not turn")
-            for parent in (None, *range(len(frames))):
+            for parent in (*range(len(frames)), None):
                 before, motion = (np.zeros(n), ground) if parent is None else (frames[parent].heading, motions[parent])
                 fitted = _hinge([points[k] for k in mine], states @ (before - heading), motion, heading)
                 if fitted is not None:
