@@ -37,6 +37,9 @@ class FloorEngine(Stepped):
         self._bodies = self.model.geom_bodyid[self._geoms]
         self._radii = [abs(wheel.radius) for wheel in wheels]
         self._uneven = bool(floor.bumps)
+        self._rollers = [k for k, wheel in enumerate(wheels) if wheel.rollers]
+        if self._rollers and self._uneven:
+            raise BadInput("--engine mujoco: wheels with rollers on bumps are not described; leave out [floor] bump and rough")
         self._tangents = np.tile(np.eye(3)[:2], (len(wheels), 1, 1))  # directions of friction, in the plane that each touches
         self._push = np.zeros((len(wheels), 3))  # N, of the ground, at right angles to that plane
         self._load, self._limit, self._friction = np.zeros(len(wheels)), np.ones(len(wheels)), np.zeros(2 * len(wheels))
@@ -57,18 +60,20 @@ class FloorEngine(Stepped):
         q, qdot = self.coordinates()
         friction = self._friction.reshape(-1, 2)
         use = np.hypot(*friction.T) / self._limit
-        c, s = np.cos(self._headings @ q), np.sin(self._headings @ q)
+        headings = self._headings @ q + self._turned
+        c, s = np.cos(headings), np.sin(headings)
+        x, y, _ = (np.einsum("ki,kij->kj", friction, self._tangents) + self._push).T
         if self._uneven:
             self._mujoco.mj_fwdPosition(self.model, self.data)
             slip = np.hypot(*(self._contact_rows() @ self.data.qvel).reshape(-1, 2).T)
-            x, y, _ = (np.einsum("ki,kij->kj", friction, self._tangents) + self._push).T
         else:
             slip = np.hypot(*self._functions["slip"](q, qdot, self._parameters)[0].reshape(-1, 2).T)
-            x, y = friction.T
         return slip, self._load.copy(), use, np.column_stack([c * x + s * y, c * y - s * x]).ravel()
 
     def _push_on(self, tau: np.ndarray) -> None:
-        force = self._functions["force"](*self.coordinates(), tau, self._parameters)[0]
+        q, qdot = self.coordinates()
+        self._aim(q)
+        force = self._functions["force"](q, qdot, tau, self._parameters)[0]
         self.data.qfrc_applied[:] = 0.0
         self.data.qfrc_applied[self.moving] = self._rates.T @ force
         self._rub()
@@ -76,6 +81,12 @@ class FloorEngine(Stepped):
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Return q and qdot of the Mechanism."""
         return self._rates @ self.data.qpos[self.moving], self._rates @ self.data.qvel[self.moving]
+
+    def _aim(self, q: np.ndarray) -> None:
+        """Let the friction of wheels with rollers act in the direction in which they roll, and not across it."""
+        for k in self._rollers:
+            heading = self._headings[k] @ q + self._turned[k]
+            self._tangents[k] = [[np.cos(heading), np.sin(heading), 0.0], [0.0, 0.0, 0.0]]
 
     def _weigh(self) -> None:
         """Note the load of each wheel, and on bumps the plane that it touches."""
@@ -157,12 +168,13 @@ class FloorEngine(Stepped):
         self._weigh()
         qdot = self._functions["qdot"](start, self._parameters)[0]
         self.data.qvel[self.moving] = self.planar.joints @ qdot
+        self._aim(q)
         self._mujoco.mj_forward(self.model, self.data)
         idle = [k for k, wheel in enumerate(self.planar.wheels) if wheel.angle is None]
         for k, dof in zip(idle, self._free, strict=True):
             self._mujoco.mj_jac(self.model, self.data, self._slot, None, self.data.geom_xpos[self._geoms[k]], self._bodies[k])
             x, y, _ = self._slot @ self.data.qvel
-            heading = self._headings[k] @ q
+            heading = self._headings[k] @ q + self._turned[k]
             self.data.qvel[dof] = (np.cos(heading) * x + np.sin(heading) * y) / self._radii[k]
         self.data.time = 0.0
 

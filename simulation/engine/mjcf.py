@@ -224,6 +224,8 @@ def _wheel(body: xml.Element, j: int, wheel: WheelContact, build: Build) -> None
     """Add a wheel; its mass is part of the body's."""
     radius, about = abs(wheel.radius), _diameter(wheel)
     made = _body(body, wheel.name, (*wheel.place, radius), (about, 2 * about, about))
+    if wheel.turned:
+        made.set("quat", _text([np.cos(wheel.turned / 2), 0.0, 0.0, np.sin(wheel.turned / 2)]))
     _joint(made, build.axle(j), "hinge", Y if wheel.radius > 0 else "0 -1 0")
     _geom(made, f"wheel_{j}", "ellipsoid", [radius, BREADTH * radius, radius], (0.0, 0.0, 0.0))
     _pair(build, f"wheel_{j}", build.scene.mu if build.scene else None)

@@ -57,6 +57,8 @@ class SceneEngine(Stepped):
         bodies = planar(mechanism, plant.parameters)
         if bodies.normal != 1.0:
             raise BadInput(f"{WHERE}: {mechanism.name} is on a slope of its own; use a robot on level ground, and [floor] slope")
+        if any(wheel.rollers or wheel.turned for wheel in bodies.wheels):
+            raise BadInput(f"{WHERE}: does not go with wheels that have rollers or are turned, as {mechanism.name} has")
         self.scene = scene = read_scene(section.file)
         if floor.patch or floor.bumps or not (scene.paved or floor.mu is None):
             raise scene.wrong("[floor] mu, patch, bump and rough do not apply to a scene; change its own floor")

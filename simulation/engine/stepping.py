@@ -38,6 +38,7 @@ class Stepped:
         self._floor = floor
         self._rates = np.linalg.inv(bodies.joints)  # of the coordinates, by those of the joints
         self._headings = np.array([bodies.frames[wheel.frame].heading for wheel in bodies.wheels])
+        self._turned = np.array([wheel.turned for wheel in bodies.wheels])
         angle, heading = floor.slope
         model.opt.gravity = GRAVITY * np.array([np.sin(angle) * np.cos(heading), np.sin(angle) * np.sin(heading), -np.cos(angle)])
 

@@ -22,6 +22,8 @@ def scene_of(plant: Plant, contact: ContactSection, floor: Floor) -> str:
     if floor.patch:
         raise BadInput("--write-scene: a scene has no patches; leave out [floor] patch, or make the floor of several shapes")
     mechanism, bodies = plant.system.mechanism, planar(plant.system.mechanism, plant.parameters)
+    if any(wheel.rollers for wheel in bodies.wheels):
+        raise BadInput(f"--write-scene: {mechanism.name} has wheels with rollers, whose friction MuJoCo does not have")
     names = [coordinate.name for coordinate in mechanism.coordinates]
     frames = [names[bodies.hinge(k)] for k in range(1, len(bodies.frames))]
     wheels = [wheel.name if wheel.angle is None else names[wheel.angle] for wheel in bodies.wheels]
