@@ -43,6 +43,11 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         help="simulate the robot on a floor in a physics engine, where wheels may slip (pip install 'noslip[physics]')",
     )
     parser.add_argument(
+        "--write-scene",
+        metavar="ROBOT.xml",
+        help="also write the robot on its floor as an MJCF, which MuJoCo opens and [scene] brings back",
+    )
+    parser.add_argument(
         "--record",
         metavar="RECORD",
         help="record all calls of the target and their results bit by bit (backends m4f, rv32), for noslip replay",
@@ -76,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ..simulation.closed_loop import as_json, simulate, summary  # slow to import, as are models
     from ..simulation.specification.vary import change, read_varied
 
-    outputs = filter(None, (arguments.output, arguments.record, arguments.animate))
+    outputs = filter(None, (arguments.output, arguments.record, arguments.animate, arguments.write_scene))
     pictures = filter(None, (arguments.plot, arguments.contact))
     check_targets(list(outputs), list(pictures), inputs=[arguments.spec])
     if arguments.engine and arguments.contact:
@@ -104,6 +109,8 @@ def run(arguments: argparse.Namespace) -> int:
             from ..simulation.film.film import film  # slow to import
 
             drawn[arguments.animate] = film(completed, Path(arguments.animate).suffix)
+        if arguments.write_scene:
+            drawn[arguments.write_scene] = _scene(completed)
     except (BadInput, ModelError) as error:
         raise BadInput(f"{arguments.spec}: {error}") from error
     written: dict[str, str | bytes] = {arguments.output: completed.csv()}
@@ -120,6 +127,18 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{arguments.spec}: stopped at t = {completed.t[-1]:.9g} s: {completed.stopped}", file=sys.stderr)
         return 1
     return 0
+
+
+def _scene(completed: "Run") -> str:
+    """Return the MJCF of the robot of a run on its floor. Raises BadInput for a run in a scene, which has one."""
+    from ..simulation.engine.written import scene_of
+    from ..simulation.specification.floor import Floor
+    from ..simulation.specification.spec import ContactSection
+
+    spec = completed.spec
+    if spec.scene:
+        raise BadInput("--write-scene: the SPEC has [scene], which is in a file already")
+    return scene_of(completed.plant, spec.contact or ContactSection(), spec.floor or Floor())
 
 
 def _sample(arguments: argparse.Namespace, changes: dict[str, Any]) -> "Spec":

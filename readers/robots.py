@@ -147,8 +147,13 @@ def beside(robot: str, file: Path | str) -> str:
     folder.
     """
     stem, py, name = robot.partition(".py")
-    near = Path(file).parent / (stem + py)
-    return f"{near}{name}" if py and "\0" not in robot and near.is_file() else robot
+    return f"{near(stem + py, file)}{name}" if py else robot
+
+
+def near(name: str, file: Path | str) -> str:
+    """Return a file that is named in another `file`, looked up relative to that first, then to the current folder."""
+    there = Path(file).parent / name
+    return str(there) if "\0" not in name and there.is_file() else name
 
 
 def _fits(system: ReducedSystem, law_name: str) -> bool:

@@ -36,8 +36,10 @@ def simulate(
         loop, steps = floor.loop, floor.rows()
     else:
         steps = (sampled if spec.simulation.period else continuous)(loop, spec.simulation)
-        if spec.floor:
-            loop = replace(loop, warnings=(*loop.warnings, "[floor] has no effect without --engine mujoco: the wheels roll"))
+        for section in ("floor", "scene"):
+            if getattr(spec, section):
+                unused = f"[{section}] has no effect without --engine mujoco: the wheels roll"
+                loop = replace(loop, warnings=(*loop.warnings, unused))
     rows = []
     for row in steps:
         rows.append(row)

@@ -10,6 +10,8 @@ import casadi as ca
 import numpy as np
 import pytest
 from noslip.cli.main import main
+from noslip.model.mechanism import Mechanism
+from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
 from noslip.simulation.contact import contact_forces
@@ -435,3 +437,87 @@ def test_loads_of_a_robot_with_a_castor_are_those_of_the_balance():
     moved = load + sizes["I_w"] * spin / sizes["c"] - at_rest
     measured = there.floor.load.sum(axis=1) - at_rest
     assert moved[10] < -5.0 and np.abs(measured - moved)[10:].max() < 0.05 * np.abs(moved).max()
+
+
+def cart_with_rollers() -> Mechanism:
+    """Four driven wheels; the roller on the ground has its axis at 45 deg, front right and rear left to the left, else right."""
+    robot = Mechanism("cart_with_rollers", "four wheels with rollers")
+    x, y, phi = (robot.coordinate(name, unit) for name, unit in (("x", "m"), ("y", "m"), ("phi", "rad")))
+    forward = ca.cos(phi) * robot.rate(x) + ca.sin(phi) * robot.rate(y)
+    left = ca.cos(phi) * robot.rate(y) - ca.sin(phi) * robot.rate(x)
+    turning = robot.rate(phi)
+    robot.body("body", ca.SX(20.0), ca.SX(1.5), forward - 0.02 * turning, left + 0.05 * turning, turning)
+    for name, ahead, aside, sign in (("fr", 0.3, -0.2, 1), ("fl", 0.3, 0.2, -1), ("rr", -0.3, -0.2, -1), ("rl", -0.3, 0.2, 1)):
+        theta = robot.coordinate(f"theta_{name}", "rad")
+        c, s = np.sqrt(0.5), sign * np.sqrt(0.5)
+        slip = c * (forward - aside * turning - 0.1 * robot.rate(theta)) + s * (left + ahead * turning)
+        robot.kinetic_energy(0.02 * robot.rate(theta) ** 2 / 2)
+        robot.rolls(f"{name} rolls", slip)
+        share = 1 + 0.05 * ahead / 0.3**2 + 0.02 * aside / 0.2**2  # of four equal springs
+        robot.contact(name, 5.0 * share, along=slip, left=aside, ahead=ahead)
+        robot.input(f"tau_{name}", "N m", on=robot.rate(theta))
+    for name, unit, rate in (("forward", "m/s", forward), ("left", "m/s", left), ("yaw_rate", "rad/s", turning)):
+        robot.quasi_velocity(name, unit, rate)
+    robot.moves_in_plane(x, y, phi)
+    return robot
+
+
+def rollers(mu: float, start=None, **floor) -> FloorEngine:
+    mechanism = cart_with_rollers()
+    start = np.zeros(10) if start is None else start
+    return FloorEngine(Plant(system_of(mechanism), []), ContactSection(), Floor(mu=mu, **floor), start)
+
+
+def test_wheels_with_rollers_roll_as_the_mechanism():
+    """The moments of the loads; then, with torques that ask for little grip, the motion of the rolling model, and its energy."""
+    made = rollers(0.7)
+    moments = np.array([[1, *wheel.place] for wheel in made.planar.wheels]).T
+    assert moments @ made.look()[1] == pytest.approx(9.81 * 20 * np.array([1, 0.05, 0.02]), rel=2e-3)
+    start, tau = np.array([0.2, -0.1, 0.5, 1.0, 2.0, 3.0, 4.0, 0.4, -0.3, 0.8]), np.array([0.5, -0.2, 0.3, 0.1])
+    plant, made = Plant(system_of(cart_with_rollers()), []), rollers(0.7, start)
+    x, rolling = made.state(), start
+    assert x == pytest.approx(start, abs=1e-9) and made.look()[0].max() < 1e-9
+    for _ in range(100):
+        x, rolling = made.hold(0.0, x, tau, 0.01), plant.step(rolling, tau, 0.01, 1e-10)[0]
+    assert np.abs(x - rolling)[:3].max() < 1e-3 and np.abs(x - rolling)[7:].max() < 2e-3
+    assert np.hypot(*(rolling - start)[:2]) > 0.3 and made.look()[0].max() < 2e-3  # it turns during a step
+    energy = plant.energy(np.array([x, rolling]))
+    assert energy[0] == pytest.approx(energy[1], rel=2e-3)
+
+
+def test_rollers_push_along_their_axes_only():
+    """Sliding, the force at each contact is within friction and along its roller; momentum changes by these forces, and without
+    friction not at all.
+    """
+    for mu in (0.3, 0.0):
+        made = rollers(mu, np.array([0, 0, 0.4, 0, 0, 0, 0, 1.0, -0.5, 1.5]))
+        first, impulse, x, step = momentum(made), np.zeros(3), made.state(), 2.5e-4
+        for _ in range(400):
+            places, heading = made.data.geom_xpos[made._geoms].copy(), made.coordinates()[0][2]
+            x = made.hold(0.0, x, np.array([9.0, -9.0, 5.0, 2.0]), step)
+            along, across = made.look()[3].reshape(-1, 2).T
+            angles = heading + np.pi / 4 * np.array([1, -1, -1, 1])
+            force = along * np.array([np.cos(angles), np.sin(angles)])
+            assert np.abs(across).max() < 1e-2 * made.look()[1].max()  # it has turned since
+            assert made.look()[2].max() <= 1.0  # of the limit by the load of the step before
+            impulse += step * np.array([*force.sum(axis=1), (places[:, 0] * force[1] - places[:, 1] * force[0]).sum()])
+        change = momentum(made) - first
+        assert np.abs(change - impulse).max() < 2e-3 * np.abs(first).max()
+        assert made.look()[0].max() > 0.1 and (mu == 0) == (np.abs(change).max() < 5e-6 * np.abs(first).max())
+
+
+@pytest.mark.parametrize("heading", [0.0, np.pi / 2, 2.0])
+def test_a_cart_with_rollers_rolls_down_a_slope(heading):
+    """In every direction as fast: with 20 kg of gravity, and four wheels of 0.02 kg m^2 that turn by its way over 0.1 m."""
+    made = rollers(0.7, slope=(0.1, heading))
+    for _ in range(10):
+        made.hold(0.0, made.state(), np.zeros(4), 0.01)
+    way = made.coordinates()[0][:2]
+    fallen = 20 / 28 * 9.81 * np.sin(0.1) * 0.1**2 / 2
+    assert way == pytest.approx(fallen * np.array([np.cos(heading), np.sin(heading)]), abs=0.03 * fallen)
+    assert made.look()[0].max() < 1e-4
+
+
+def test_rollers_on_bumps_are_refused():
+    with pytest.raises(BadInput, match="wheels with rollers on bumps"):
+        rollers(0.7, bump=(Bump(x=1.0, y=0.0, height=0.01, radius=0.1),))

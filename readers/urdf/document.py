@@ -115,21 +115,11 @@ def placed(element: Any) -> np.ndarray:
 
 def read(file: str) -> Document:
     """Read a URDF. Raises BadInput, naming the link or joint, for a file that is not one complete tree, and OSError."""
-    try:
-        from lxml import etree
-        from yourdfpy import URDF
-    except ImportError as error:
-        raise BadInput(f"reading a URDF requires {error.name}: install it with pip install 'noslip[physics]'") from error
-    try:
-        root = etree.fromstring(read_input(file), etree.XMLParser(remove_comments=True, remove_pis=True))
-    except etree.XMLSyntaxError as error:
-        raise BadInput(f"{file}: not XML: {error.msg}; correct it, or export it again") from error
-    _refuse_unexpanded(file, root)
+    etree, URDF = _parsers()
+    root = parsed(file)
     if root.tag == "mujoco":
         root = urdf_of(file)
-    if root.tag != "robot":
-        raise BadInput(f"{file}: the first element is <{root.tag}>, that of a URDF is <robot> and of an MJCF <mujoco>; give one")
-    notes = _check_elements(file, root)
+    notes = checked(file, root)
     driven = {
         j.get("name") for path in ("transmission/joint", "ros2_control/joint[command_interface]") for j in root.iterfind(path)
     }
@@ -147,6 +137,29 @@ def read(file: str) -> Document:
     )
     _check_tree(document)
     return document
+
+
+def parsed(file: str) -> Any:
+    """Return the first element of a URDF or an MJCF, as lxml has it. Raises BadInput for another file, and OSError."""
+    etree, _ = _parsers()
+    try:
+        root = etree.fromstring(read_input(file), etree.XMLParser(remove_comments=True, remove_pis=True))
+    except etree.XMLSyntaxError as error:
+        raise BadInput(f"{file}: not XML: {error.msg}; correct it, or export it again") from error
+    _refuse_unexpanded(file, root)
+    if root.tag not in ("robot", "mujoco"):
+        raise BadInput(f"{file}: the first element is <{root.tag}>, that of a URDF is <robot> and of an MJCF <mujoco>; give one")
+    return root
+
+
+def _parsers() -> tuple[Any, Any]:
+    """Return lxml's etree and yourdfpy's URDF. Raises BadInput if one is missing."""
+    try:
+        from lxml import etree
+        from yourdfpy import URDF
+    except ImportError as error:
+        raise BadInput(f"reading a URDF requires {error.name}: install it with pip install 'noslip[physics]'") from error
+    return etree, URDF
 
 
 def _rubs(dynamics: Any) -> bool:
@@ -168,7 +181,7 @@ def _refuse_unexpanded(file: str, root: Any) -> None:
         raise BadInput(f"{file}{line}: a xacro file; expand it with `xacro {file} -o {stem}.expanded.urdf` and import that")
 
 
-def _check_elements(file: str, root: Any) -> tuple[str, ...]:
+def checked(file: str, root: Any) -> tuple[str, ...]:
     """Check every number of links and joints and make angles such as 1.57 exact. Return notes about these. Raises BadInput."""
     rounded: list[str] = []
     named: dict[str, set[str]] = {"link": set(), "joint": set()}

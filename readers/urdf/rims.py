@@ -115,7 +115,7 @@ def _circle(
     return size, float(axis @ offset)
 
 
-def _file(urdf: Path, name: str) -> Path | None:
+def mesh_file(urdf: Path, name: str) -> Path | None:
     """Return the file of a mesh: `package://NAME/...` is searched for in the folders above the URDF, with and without NAME."""
     scheme, _, rest = name.rpartition("://")
     rests = [rest, *([rest.partition("/")[2]] if scheme == "package" else [])]
@@ -125,7 +125,7 @@ def _file(urdf: Path, name: str) -> Path | None:
 
 def _circle_of_mesh(document: Document, pose: np.ndarray, mesh: Any, axis: np.ndarray, centre: np.ndarray) -> tuple[float, float]:
     """Return the largest distance of a mesh from the axle, with its scale and its origin, and its middle. Raises NotRound."""
-    file = _file(document.path, mesh.filename)
+    file = mesh_file(document.path, mesh.filename)
     if file is None:
         raise NotRound(f"its mesh {mesh.filename} is not found")
     if file.suffix.lower() not in MESHES:

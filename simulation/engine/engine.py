@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
-
-import casadi as ca
 import numpy as np
 
-from ...controllers.direct import Direct
-from ...model.algebra.portable import portable
-from ...model.reduction import ReducedSystem
 from ...readers.errors import BadInput
-from ..contact import GRAVITY
-from ..integrate import Refused
 from ..plant import Plant
 from ..specification.floor import Floor
 from ..specification.spec import ContactSection
 from .frames import planar
 from .friction import CREEP, LEAST, coulomb
 from .mjcf import mjcf, stands
-
-if TYPE_CHECKING:
-    from ..drive import Drive
+from .stepping import Stepped, installed
 
 SETTLED, LONGEST = 1e-9, 4000  # m/s, rad/s: the robot stands still; steps until it must
 ON_BUMPS = 1e-3  # m/s, as CREEP: tyres give way where the wheels of an axle that leans come nearer to each other
-FASTEST = 1e5  # m/s, rad/s
 
 
-class FloorEngine:
+class FloorEngine(Stepped):
     """A plant on a floor. Starts at [q; nu] = `start`, rolling, settled on its contacts.
 
     MuJoCo has the bodies and the loads. Friction is Coulomb's law with the loads of the step before: MuJoCo's cones couple slip
@@ -38,15 +26,10 @@ class FloorEngine:
 
     def __init__(self, plant: Plant, contact: ContactSection, floor: Floor, start: np.ndarray):
         """Raises BadInput if MuJoCo is missing, or if the robot is not made of bodies and wheels in the plane."""
-        self._mujoco = _mujoco()
-        system = plant.system
-        self.planar = planar(system.mechanism, plant.parameters)
-        self.xml = mjcf(system.mechanism.name, self.planar, contact.height, contact.share, floor.bumps)
-        self.model = self._mujoco.MjModel.from_xml_string(self.xml)
-        self.data = self._mujoco.MjData(self.model)
-        self._functions = {name: Direct(function) for name, function in _functions(system).items()}
-        self._parameters, self._n, self._longest = plant.parameters, len(system.mechanism.coordinates), floor.step
-        self._floor, self.mu = floor, contact.mu if floor.mu is None else floor.mu
+        mujoco, bodies = installed(), planar(plant.system.mechanism, plant.parameters)
+        self.xml = mjcf(plant.system.mechanism.name, bodies, contact.height, contact.share, floor.bumps)
+        super().__init__(plant, bodies, mujoco.MjModel.from_xml_string(self.xml), floor)
+        self.mu = contact.mu if floor.mu is None else floor.mu
         wheels = self.planar.wheels
         self.moving = self._dofs(self._joint_names())
         self._free = self._dofs([f"axle_{k}" for k, wheel in enumerate(wheels) if wheel.angle is None])
@@ -54,16 +37,13 @@ class FloorEngine:
         self._bodies = self.model.geom_bodyid[self._geoms]
         self._radii = [abs(wheel.radius) for wheel in wheels]
         self._uneven = bool(floor.bumps)
+        self._rollers = [k for k, wheel in enumerate(wheels) if wheel.rollers]
+        if self._rollers and self._uneven:
+            raise BadInput("--engine mujoco: wheels with rollers on bumps are not described; leave out [floor] bump and rough")
         self._tangents = np.tile(np.eye(3)[:2], (len(wheels), 1, 1))  # directions of friction, in the plane that each touches
         self._push = np.zeros((len(wheels), 3))  # N, of the ground, at right angles to that plane
         self._load, self._limit, self._friction = np.zeros(len(wheels)), np.ones(len(wheels)), np.zeros(2 * len(wheels))
         self._jacobian, self._slot = np.zeros((2 * len(wheels), self.model.nv)), np.zeros((3, self.model.nv))
-        self._rates = np.linalg.inv(self.planar.joints)  # of the coordinates, by those of the joints
-        self._headings = np.array([self.planar.frames[wheel.frame].heading for wheel in wheels])
-        angle, heading = floor.slope
-        self.model.opt.gravity = GRAVITY * np.array(
-            [np.sin(angle) * np.cos(heading), np.sin(angle) * np.sin(heading), -np.cos(angle)]
-        )
         self._settle(start)
 
     def _joint_names(self) -> list[str]:
@@ -73,36 +53,6 @@ class FloorEngine:
     def _dofs(self, names: list[str]) -> np.ndarray:
         return np.array([self.model.joint(name).dofadr[0] for name in names], int)
 
-    def state(self) -> np.ndarray:
-        """Return [q; nu]: nu as the wheels' rates tell it, which the robot's motion need not."""
-        q, qdot = self.coordinates()
-        return np.concatenate([q, self._functions["nu"](q, qdot, self._parameters)[0]])
-
-    def hold(self, t: float, x: np.ndarray, given: np.ndarray, duration: float, drive: Drive | None = None) -> np.ndarray:
-        """Return the state after `duration` seconds from x at time t, the state now, with the inputs (N, N m) `given`, or those
-        that drives supply for what is given to them, at each step of the engine.
-
-        Raises Refused ("range") where a velocity grows beyond FASTEST, as with wheels that spin without bound.
-        """
-        before = self.data.qpos.copy(), self.data.qvel.copy()
-        steps = int(np.ceil(duration / self._longest - 1e-9))
-        if not steps:
-            return x
-        self.model.opt.timestep = duration / steps
-        for _ in range(steps):
-            self._mujoco.mj_step1(self.model, self.data)
-            tau = drive.torque(self.state(), given) if drive and drive.commands else given
-            force = self._functions["force"](*self.coordinates(), tau, self._parameters)[0]
-            self.data.qfrc_applied[:] = 0.0
-            self.data.qfrc_applied[self.moving] = self._rates.T @ force
-            self._rub()
-            self._mujoco.mj_step2(self.model, self.data)
-            self._weigh()
-        if not np.abs(self.data.qvel).max() < FASTEST:  # also when it is NaN
-            self.data.qpos[:], self.data.qvel[:] = before
-            raise Refused("range", t, x)
-        return self.state()
-
     def look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return for each contact slip (m/s), load (N), friction use, and the level force of the ground along and across in turn
         (N).
@@ -110,19 +60,33 @@ class FloorEngine:
         q, qdot = self.coordinates()
         friction = self._friction.reshape(-1, 2)
         use = np.hypot(*friction.T) / self._limit
-        c, s = np.cos(self._headings @ q), np.sin(self._headings @ q)
+        headings = self._headings @ q + self._turned
+        c, s = np.cos(headings), np.sin(headings)
+        x, y, _ = (np.einsum("ki,kij->kj", friction, self._tangents) + self._push).T
         if self._uneven:
             self._mujoco.mj_fwdPosition(self.model, self.data)
             slip = np.hypot(*(self._contact_rows() @ self.data.qvel).reshape(-1, 2).T)
-            x, y, _ = (np.einsum("ki,kij->kj", friction, self._tangents) + self._push).T
         else:
             slip = np.hypot(*self._functions["slip"](q, qdot, self._parameters)[0].reshape(-1, 2).T)
-            x, y = friction.T
         return slip, self._load.copy(), use, np.column_stack([c * x + s * y, c * y - s * x]).ravel()
+
+    def _push_on(self, tau: np.ndarray) -> None:
+        q, qdot = self.coordinates()
+        self._aim(q)
+        force = self._functions["force"](q, qdot, tau, self._parameters)[0]
+        self.data.qfrc_applied[:] = 0.0
+        self.data.qfrc_applied[self.moving] = self._rates.T @ force
+        self._rub()
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Return q and qdot of the Mechanism."""
         return self._rates @ self.data.qpos[self.moving], self._rates @ self.data.qvel[self.moving]
+
+    def _aim(self, q: np.ndarray) -> None:
+        """Let the friction of wheels with rollers act in the direction in which they roll, and not across it."""
+        for k in self._rollers:
+            heading = self._headings[k] @ q + self._turned[k]
+            self._tangents[k] = [[np.cos(heading), np.sin(heading), 0.0], [0.0, 0.0, 0.0]]
 
     def _weigh(self) -> None:
         """Note the load of each wheel, and on bumps the plane that it touches."""
@@ -204,12 +168,13 @@ class FloorEngine:
         self._weigh()
         qdot = self._functions["qdot"](start, self._parameters)[0]
         self.data.qvel[self.moving] = self.planar.joints @ qdot
+        self._aim(q)
         self._mujoco.mj_forward(self.model, self.data)
         idle = [k for k, wheel in enumerate(self.planar.wheels) if wheel.angle is None]
         for k, dof in zip(idle, self._free, strict=True):
             self._mujoco.mj_jac(self.model, self.data, self._slot, None, self.data.geom_xpos[self._geoms[k]], self._bodies[k])
             x, y, _ = self._slot @ self.data.qvel
-            heading = self._headings[k] @ q
+            heading = self._headings[k] @ q + self._turned[k]
             self.data.qvel[dof] = (np.cos(heading) * x + np.sin(heading) * y) / self._radii[k]
         self.data.time = 0.0
 
@@ -219,35 +184,3 @@ def _tangents(normal: np.ndarray) -> np.ndarray:
     x = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
     x /= np.sqrt(x @ x)
     return np.array([x, np.cross(normal, x)])
-
-
-def _mujoco() -> Any:
-    try:
-        import mujoco  # an extra of the package
-    except ImportError as error:
-        raise BadInput("--engine mujoco: MuJoCo is not installed; pip install 'noslip[physics]'") from error
-    mujoco.set_mju_user_warning(lambda _: None)  # what it warns of ends the run with a status; it would write a file as well
-    return mujoco
-
-
-@lru_cache(maxsize=16)
-def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
-    """Of q, qdot, p: velocities of the contacts, quasi-velocities; of the inputs besides: forces on the coordinates; of [q; nu]:
-    qdot.
-    """
-    mechanism = system.mechanism
-    q, qdot, p, tau = mechanism.q, mechanism.qdot, mechanism.p, ca.SX.sym("tau", len(mechanism.inputs))
-    resting = ca.substitute(mechanism.energy(), qdot, ca.SX.zeros(len(mechanism.coordinates)))
-    force = mechanism.E @ tau - ca.gradient(resting, q)
-    for value, velocity in mechanism.forces:
-        force += ca.jacobian(velocity, qdot).T * value
-    rows = mechanism.quasi_velocity_rows
-    S = system.S
-    nu = rows @ qdot if rows is not None else ca.solve(S.T @ S, S.T @ qdot)
-    made = {
-        "slip": ([q, qdot, p], mechanism.contact_rows @ qdot),
-        "nu": ([q, qdot, p], nu),
-        "force": ([q, qdot, tau, p], force),
-        "qdot": ([ca.vertcat(q, system.nu), p], system.qdot),
-    }
-    return {name: portable(ca.Function(name, given, [ca.densify(value)])) for name, (given, value) in made.items()}

@@ -42,7 +42,9 @@ class WheelContact:
     """What touches the ground at a contact: `place` (m) in the axes of `frame`, `load` (kg) that rests on it.
 
     `angle` is the coordinate of its rotation; None: it turns freely, its rotation is no coordinate. `radius` (m) is negative
-    where a positive angle rolls backward. `inertia` (kg m^2) is that about the axle.
+    where a positive angle rolls backward. `inertia` (kg m^2) is that about the axle. `turned` (rad) is the direction in which it
+    rolls, from the heading of the frame to the left. With `rollers` on its rim nothing holds it across that direction: as a wheel
+    of mecanum type acts, whose rollers have that direction and whose radius, here, is the part of its own along it.
     """
 
     name: str
@@ -52,6 +54,8 @@ class WheelContact:
     angle: int | None
     radius: float
     inertia: float
+    turned: float = 0.0
+    rollers: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +71,30 @@ class PlanarBodies:
     joints: np.ndarray
     normal: float = 1.0
 
+    def hinge(self, k: int) -> int:
+        """Return the coordinate that turns frame k against the one that it is hinged to: the one which only its heading has."""
+        parent = self.frames[k].parent
+        before = np.zeros_like(self.frames[k].heading) if parent is None else self.frames[parent].heading
+        return int(np.flatnonzero((self.frames[k].heading != 0) & (before == 0))[0])
+
 
 @dataclass(frozen=True)
 class _PointVelocity:
-    """Rows (S, 2, n) of the velocities forward and left at S states; `known` says which of the two are given."""
+    """Rows (S, 2, n) of the velocities along and across at S states, `turned` (rad) from the heading to the left; `known` says
+    which of the two are given. `place` (m, ahead and left) is what a contact says of itself.
+    """
 
     name: str
     rows: np.ndarray
     known: tuple[bool, bool]
-    left: float | None = None
+    place: np.ndarray | None = None
+    turned: float = 0.0
+
+    @property
+    def directions(self) -> np.ndarray:
+        """Along and across as rows of components forward and left, (2, 2)."""
+        c, s = np.cos(self.turned), np.sin(self.turned)
+        return np.array([[c, s], [-s, c]])
 
 
 def planar(mechanism: Mechanism, parameters: np.ndarray) -> PlanarBodies:
@@ -93,10 +112,11 @@ def planar(mechanism: Mechanism, parameters: np.ndarray) -> PlanarBodies:
     states = random.uniform(-3.0, 3.0, (STATES, len(mechanism.coordinates)))
     function, count, bodies = _functions(mechanism), len(mechanism.contacts), len(mechanism.bodies)
     values = [[value.full() for value in function(q, parameters)] for q in states]
-    rows, turning, M, places, masses = (np.array([value[k] for value in values]) for k in range(5))
+    rows, turning, M, places, masses, angles = (np.array([value[k] for value in values]) for k in range(6))
     if not np.isfinite(turning).all() or np.ptp(turning, axis=0).max() > EXACT:
         raise _refused(name, "the heading of a contact or body is not a sum of coordinates")
     turning = np.round(turning[0], 9)
+    turned = _between_half_turns(angles[0, :, 0] - turning[:count] @ states[0])
     axles = _axles(mechanism, rows[:, : 2 * count], turning)
     points = []
     for k in range(count + bodies):
@@ -106,7 +126,8 @@ def planar(mechanism: Mechanism, parameters: np.ndarray) -> PlanarBodies:
         if contact is not None and axles[k] is not None:
             pair[:, :, axles[k]] = 0.0
         label = f"contact {contact.name!r}" if contact else f"body {mechanism.bodies[k - count].name!r}"
-        points.append(_PointVelocity(label, pair, known, float(places[0, k, 1]) if contact is not None else None))
+        own = (places[0, k, 1:], float(turned[k])) if contact is not None else ()
+        points.append(_PointVelocity(label, pair, known, *own))
     frames, found, motions = _frames(name, points, turning, states, x_y)
     radii = [None if axle is None else -float(rows[0, 2 * k, axle]) for k, axle in enumerate(axles)]
     _weigh(name, frames, float(M[0, x_y[0], x_y[0]]), masses[0].ravel(), [found[count + k][0] for k in range(bodies)])
@@ -116,7 +137,14 @@ def planar(mechanism: Mechanism, parameters: np.ndarray) -> PlanarBodies:
         raise _refused(name, "no contact has a wheel: none of its velocities along is forward speed minus radius times rate")
     wheels = tuple(
         WheelContact(
-            c.name, *found[k], float(places[0, k, 0]), axles[k], radii[k] or float(np.mean(driven)), inertias.get(axles[k], 0.0)
+            c.name,
+            *found[k],
+            float(places[0, k, 0]),
+            axles[k],
+            radii[k] or float(np.mean(driven)),
+            inertias.get(axles[k], 0.0),
+            points[k].turned,
+            c.across.is_zero(),
         )
         for k, c in enumerate(mechanism.contacts)
     )
@@ -137,22 +165,31 @@ def _refused(name: str, why: str) -> BadInput:
 
 @lru_cache(maxsize=16)
 def _functions(mechanism: Mechanism) -> ca.Function:
-    """Of q and parameters: rows of contacts and bodies, their yaw rates as rows, M, [load, left] of contacts, bodies' masses."""
+    """Of q and parameters: rows of contacts and bodies, their yaw rates as rows, M, [load, ahead, left] of contacts, bodies'
+    masses, the angles of the directions along of contacts, rad.
+    """
     q, qdot = mechanism.q, mechanism.qdot
     x_y = [k for k, c in enumerate(mechanism.coordinates) if c.unit == "m"]
     contacts = mechanism.contact_rows
-    turning = []
+    turning, angles = [], []
     for k in range(len(mechanism.contacts)):
         along, across = contacts[2 * k, :], contacts[2 * k + 1, :]
         # The direction across is (-sin, cos) of the heading; where only along is given, that is (cos, sin).
         c, s = (across[x_y[1]], -across[x_y[0]]) if not across.is_zero() else (along[x_y[0]], along[x_y[1]])
         turning.append((c * ca.jacobian(s, q) - s * ca.jacobian(c, q)) / (c * c + s * s))
+        angles.append(ca.atan2(s, c))
     bodies = [ca.jacobian(ca.vertcat(body.forward, body.left), qdot) for body in mechanism.bodies]
     turning += [ca.jacobian(body.yaw_rate, qdot) for body in mechanism.bodies]
-    places = [ca.horzcat(contact.mass, contact.left) for contact in mechanism.contacts]
+    places = [ca.horzcat(contact.mass, contact.ahead, contact.left) for contact in mechanism.contacts]
     masses = ca.vertcat(*[body.mass for body in mechanism.bodies]) if mechanism.bodies else ca.SX(0, 1)
-    results = [ca.vertcat(contacts, *bodies), ca.vertcat(*turning), mechanism.M, ca.vertcat(*places), masses]
+    results = [ca.vertcat(contacts, *bodies), ca.vertcat(*turning), mechanism.M, ca.vertcat(*places), masses, ca.vertcat(*angles)]
     return portable(ca.Function("rows", [q, mechanism.p], [ca.densify(result) for result in results]))
+
+
+def _between_half_turns(angles: np.ndarray) -> np.ndarray:
+    """Return angles without whole turns, rad; what rounding leaves of them is none."""
+    rest = angles - 2 * np.pi * np.round(angles / (2 * np.pi))
+    return np.where(np.abs(rest) < EXACT, 0.0, rest)
 
 
 def _axles(mechanism: Mechanism, rows: np.ndarray, turning: np.ndarray) -> list[int | None]:
@@ -187,7 +224,7 @@ def _frames(
             mine = [k for k in left if np.array_equal(turning[k], heading)]
             if not heading.any():
                 raise _refused(name, f"{points[first].name} does not turn")
-            for parent in (None, *range(len(frames))):
+            for parent in (*range(len(frames)), None):
                 before, motion = (np.zeros(n), ground) if parent is None else (frames[parent].heading, motions[parent])
                 fitted = _hinge([points[k] for k in mine], states @ (before - heading), motion, heading)
                 if fitted is not None:
@@ -201,7 +238,7 @@ def _frames(
             left = [k for k in left if k not in mine]
             break
         else:
-            raise _refused(name, f"{points[left[0]].name} is not on a body hinged about a vertical, or its wheel has rollers")
+            raise _refused(name, f"{points[left[0]].name} is not on a body hinged about a vertical")
     return frames, found, motions
 
 
@@ -222,9 +259,12 @@ def _hinge(
     for k, point in enumerate(points):
         kept = np.flatnonzero(point.known)
         block = np.zeros((unknowns, len(angle), len(kept), len(heading)))
-        block[:2], block[2 + 2 * k : 4 + 2 * k] = by_pivot[:, :, kept], by_place[:, :, kept]
+        along_across = point.directions
+        block[:2], block[2 + 2 * k : 4 + 2 * k] = (
+            np.einsum("ab,usbn->usan", along_across, by)[:, :, kept] for by in (by_pivot, by_place)
+        )
         columns.append(block.reshape(unknowns, -1))
-        velocities.append((point.rows - base)[:, kept].ravel())
+        velocities.append((point.rows - np.einsum("ab,sbn->san", along_across, base))[:, kept].ravel())
     A, b = np.hstack(columns).T, np.concatenate(velocities)
     solution = np.linalg.lstsq(A, b, rcond=None)[0]
     if np.abs(A @ solution - b).max() > EXACT * max(1.0, np.abs(b).max()):
@@ -232,8 +272,12 @@ def _hinge(
     solution[np.abs(solution) < EXACT] = 0.0
     pivot, places = solution[:2], list(solution[2:].reshape(-1, 2))
     for point, place in zip(points, places, strict=True):
-        if point.left is not None and not point.known[0]:
-            place[1] = point.left
+        if point.place is None:
+            continue
+        if not point.known[0]:
+            place[1] = point.place[1]
+        if not point.known[1]:  # its velocity does not depend on where it is in the direction along
+            place += point.directions[0] * (point.directions[0] @ (point.place - place))
     moved = base + np.tensordot(pivot, by_pivot, axes=1)
     return pivot, places, np.concatenate([moved, own[:, None]], axis=1)
 

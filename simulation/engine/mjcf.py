@@ -14,7 +14,7 @@ contacts; the model adds what carries them:
 from __future__ import annotations
 
 import xml.etree.ElementTree as xml
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,39 +31,83 @@ STIFF, DAMPED = 0.004, 1.0  # s, 1: time constant and damping ratio with which a
 HARD = "0.99 0.99 0.001"  # how much of a contact's force is independent of its penetration
 # MuJoCo leaves out that the normal turns as a wheel rolls on, v^2 / R; by half, a wheel leaves a bump as it should: beyond g.
 CURVED = "0.5 0.5 0.001"
+IMPRATIO = 100.0  # of a scene: how much harder friction is than what carries the load, so that wheels creep less
 X, Y, Z = "1 0 0", "0 1 0", "0 0 1"
 
 
-@dataclass(frozen=True)
-class Standing:
-    """The element for pairs of shapes that touch, and the names of the shapes that a robot can stand on."""
+@dataclass(frozen=True, eq=False)
+class ByItself:
+    """What makes the MJCF of a robot a scene by itself: MuJoCo's own friction `mu`, and motors.
 
+    `names` are those of the joints of frames but the first and of wheels; `motors` by the name of their input: the joint and the
+    force on it for each unit of the input.
+    """
+
+    mu: float
+    frames: Sequence[str]
+    wheels: Sequence[str]
+    motors: Mapping[str, tuple[str, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Build:
+    """What is built, and the element for pairs of shapes that touch; `shapes` are those that a robot can stand on."""
+
+    planar: PlanarBodies
+    height: float
+    share: float
+    scene: ByItself | None
     pairs: xml.Element
     shapes: list[str]
 
+    def hinge(self, k: int) -> str:
+        """The name of the joint of frame k."""
+        return self.scene.frames[k - 1] if self.scene else f"yaw_{k}"
 
-def mjcf(name: str, planar: PlanarBodies, height: float, share: float, bumps: Sequence[Bump] = ()) -> str:
+    def axle(self, k: int) -> str:
+        """The name of the joint of wheel k."""
+        return self.scene.wheels[k] if self.scene else f"axle_{k}"
+
+
+def mjcf(
+    name: str,
+    planar: PlanarBodies,
+    height: float,
+    share: float,
+    bumps: Sequence[Bump] = (),
+    scene: ByItself | None = None,
+) -> str:
     """Return the MJCF of a robot.
 
     `height` (m) is that of the centre of mass of each body with a mass, `share` the part of the weight on the contacts. Joints:
-    x, y, yaw_K of frame K, axle_K of wheel K; z_K, pitch_K, roll_K. Geoms: floor, bump_K, wheel_K, castor_K. Raises
-    BadInput for a share that cannot be balanced.
+    x, y, yaw_K of frame K, axle_K of wheel K; z_K, pitch_K, roll_K. Geoms: floor, bump_K, wheel_K, castor_K. As a `scene` the
+    first frame has a free joint, base, and the others have the names given there. Raises BadInput for a share that cannot be
+    balanced, and for a scene in which the robot would fall over.
     """
     root = xml.Element("mujoco", model=name)
     option = xml.SubElement(root, "option", integrator="implicit")
+    if scene:
+        option.attrib.update(cone="elliptic", impratio=_text([IMPRATIO]))
     xml.SubElement(option, "flag", autoreset="disable")
     world = xml.SubElement(root, "worldbody")
     xml.SubElement(world, "geom", name="floor", type="plane", size="50 50 1", contype="0", conaffinity="0", rgba=".9 .9 .9 1")
-    ground = Standing(xml.SubElement(root, "contact"), ["floor"])
+    build = Build(planar, height, share, scene, xml.SubElement(root, "contact"), ["floor"])
     for k, bump in enumerate(bumps):
-        ground.shapes.append(f"bump_{k}")
+        build.shapes.append(f"bump_{k}")
         _geom(world, f"bump_{k}", "sphere", [bump.curvature], (bump.x, bump.y, bump.height - bump.curvature))
-    held = _body(world, "ground", (0.0, 0.0, 0.0))
-    _joint(held, "x", "slide", X)
-    _joint(held, "y", "slide", Y)
-    for k, frame in enumerate(planar.frames):
-        if frame.parent is None:
-            _frame(held, held, k, planar, ground, height, share)
+    if scene:
+        motors = xml.SubElement(root, "actuator")
+        for motor, (joint, force) in scene.motors.items():
+            xml.SubElement(motors, "motor", name=motor, joint=joint, gear=_text([force]))
+        _frame(world, world, 0, build)
+    else:
+        held = _body(world, "ground", (0.0, 0.0, 0.0))
+        _joint(held, "x", "slide", X)
+        _joint(held, "y", "slide", Y)
+        for k, frame in enumerate(planar.frames):
+            if frame.parent is None:
+                _frame(held, held, k, build)
+    xml.indent(root)
     return xml.tostring(root, encoding="unicode")
 
 
@@ -80,33 +124,39 @@ def stands(planar: PlanarBodies, k: int) -> bool:
     return frame.parent is None or (load > 0 and abs(load - frame.mass) <= SMALL * frame.mass)
 
 
-def _frame(
-    level: xml.Element, tilting: xml.Element, k: int, planar: PlanarBodies, ground: Standing, height: float, share: float
-) -> None:
+def _frame(level: xml.Element, tilting: xml.Element, k: int, build: Build) -> None:
     """Add frame k and all that is hinged to it to its parent: to the part that stays level, or to that which tilts with the
-    weight it carries.
+    weight it carries. In a scene the first frame tilts as a whole.
     """
+    planar, free = build.planar, build.scene is not None and k == 0
     frame, alone = planar.frames[k], stands(planar, k)
-    body = _body(level if alone else tilting, f"frame_{k}", (*frame.pivot, 0.0), inertial=alone)
-    _joint(body, f"yaw_{k}", "hinge", Z)
+    body = _body(level if alone else tilting, f"frame_{k}", (*frame.pivot, 0.0), inertial=alone and not free)
+    if free:
+        xml.SubElement(body, "freejoint", name="base")
+    else:
+        _joint(body, build.hinge(k), "hinge", Z)
     upper = body
-    if alone:
+    if alone and not free:
         upper = _body(body, f"body_{k}", (0.0, 0.0, 0.0), inertial=False)
         _joint(upper, f"z_{k}", "slide", Z)
-        _supports(upper, k, planar, ground, share)
-    _inertial(upper, planar, k, height)
+    if alone:
+        _supports(upper, k, build, free)
+    _inertial(upper, planar, k, build.height)
     for j, wheel in enumerate(planar.wheels):
         if wheel.frame == k:
-            _wheel(upper, j, wheel, ground)
+            _wheel(upper, j, wheel, build)
     for j, other in enumerate(planar.frames):
         if other.parent == k:
-            _frame(body, upper, j, planar, ground, height, share)
+            _frame(body, upper, j, build)
 
 
-def _supports(upper: xml.Element, k: int, planar: PlanarBodies, ground: Standing, share: float) -> None:
-    """Add the joints about the horizontal axes of what stands on its own, and a castor if one carries a part."""
+def _supports(upper: xml.Element, k: int, build: Build, free: bool) -> None:
+    """Add the joints about the horizontal axes of what stands on its own, unless it is `free`, and a castor if one carries a
+    part.
+    """
+    planar, share = build.planar, build.share
     group = carried(planar, k)
-    origins = _origins(planar, k)
+    origins = hinges(planar, k)
     places = np.array([origins[w.frame] + w.place for w in planar.wheels if w.frame in group])
     if not len(places):
         raise BadInput("--engine mujoco: nothing carries a body: no contact is on it")
@@ -124,14 +174,25 @@ def _supports(upper: xml.Element, k: int, planar: PlanarBodies, ground: Standing
         radius = min(abs(w.radius) for w in planar.wheels) / 2
         place = (places[0, 0] + ahead / (1 - on_wheels), places[:, 1].mean(), radius)
         _geom(upper, f"castor_{k}", "sphere", [radius], place)
-        _pair(ground, f"castor_{k}")
+        _pair(build, f"castor_{k}")
+    if free:
+        if not wide or not (long or carries):
+            raise BadInput(
+                "--write-scene: on these contacts the robot would fall over; "
+                + (
+                    "they are on one line along it"
+                    if not wide
+                    else "set [contact] share below 1, so that a castor carries the rest"
+                )
+            )
+        return
     if long or carries:
         _joint(upper, f"pitch_{k}", "hinge", Y)
     if wide:
         _joint(upper, f"roll_{k}", "hinge", X)
 
 
-def _origins(planar: PlanarBodies, k: int) -> dict[int, np.ndarray]:
+def hinges(planar: PlanarBodies, k: int) -> dict[int, np.ndarray]:
     """Return the origins of frame k and all after it in the axes of k, all hinges straight."""
     found = {k: np.zeros(2)}
     for j, frame in enumerate(planar.frames):
@@ -159,13 +220,15 @@ def _diameter(wheel: WheelContact) -> float:
     return (wheel.inertia or FREE * wheel.radius**2) / 2
 
 
-def _wheel(body: xml.Element, j: int, wheel: WheelContact, ground: Standing) -> None:
+def _wheel(body: xml.Element, j: int, wheel: WheelContact, build: Build) -> None:
     """Add a wheel; its mass is part of the body's."""
     radius, about = abs(wheel.radius), _diameter(wheel)
     made = _body(body, wheel.name, (*wheel.place, radius), (about, 2 * about, about))
-    _joint(made, f"axle_{j}", "hinge", Y if wheel.radius > 0 else "0 -1 0")
+    if wheel.turned:
+        made.set("quat", _text([np.cos(wheel.turned / 2), 0.0, 0.0, np.sin(wheel.turned / 2)]))
+    _joint(made, build.axle(j), "hinge", Y if wheel.radius > 0 else "0 -1 0")
     _geom(made, f"wheel_{j}", "ellipsoid", [radius, BREADTH * radius, radius], (0.0, 0.0, 0.0))
-    _pair(ground, f"wheel_{j}")
+    _pair(build, f"wheel_{j}", build.scene.mu if build.scene else None)
 
 
 def _body(
@@ -187,11 +250,13 @@ def _geom(body: xml.Element, name: str, kind: str, size: Iterable[float], place:
     made.attrib.update(type=kind, size=_text(size), pos=_text(place))
 
 
-def _pair(ground: Standing, name: str) -> None:
-    """Let a shape rest on the floor and on bumps."""
-    for shape in ground.shapes:
-        made = xml.SubElement(ground.pairs, "pair", geom1=shape, geom2=name, condim="1")
+def _pair(build: Build, name: str, mu: float | None = None) -> None:
+    """Let a shape rest on the floor and on bumps, without friction or with MuJoCo's own."""
+    for shape in build.shapes:
+        made = xml.SubElement(build.pairs, "pair", geom1=shape, geom2=name, condim="1" if mu is None else "3")
         made.attrib.update(solref=_text([STIFF, DAMPED]), solimp=HARD if shape == "floor" else CURVED)
+        if mu is not None:
+            made.set("friction", _text([mu, mu, 0.0, 0.0, 0.0]))
 
 
 def _text(values: Iterable[float]) -> str:

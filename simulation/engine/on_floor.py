@@ -15,6 +15,8 @@ from ..specification.floor import Floor
 from ..specification.spec import ContactSection, Sensors, Spec
 from .engine import FloorEngine
 from .measured import FloorMeasurements
+from .scene import SceneEngine
+from .stepping import Stepped
 
 
 class OnFloor:
@@ -24,7 +26,13 @@ class OnFloor:
         """Raises BadInput for a loop without a period, and as Engine."""
         if not spec.simulation.period:
             raise BadInput("--engine mujoco requires [simulation] period > 0: the controller is called as in firmware")
-        self.engine = FloorEngine(loop.plant, spec.contact or ContactSection(), spec.floor or Floor(), loop.start)
+        contact, floor = spec.contact or ContactSection(), spec.floor or Floor()
+        self.engine: Stepped
+        if spec.scene:
+            self.engine = scene = SceneEngine(loop.plant, spec.scene, contact, floor, loop.start)
+            loop = replace(loop, warnings=(*loop.warnings, *scene.warnings))
+        else:
+            self.engine = FloorEngine(loop.plant, contact, floor, loop.start)
         self.loop, self._simulation = replace(loop, sensing=loop.sensing or _reckoning(loop, spec)), spec.simulation
         self._looks: list[tuple[np.ndarray, ...]] = []
 

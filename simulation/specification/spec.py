@@ -41,8 +41,9 @@ from ...readers.reading import (
     text,
     whole,
 )
-from ...readers.robots import beside
+from ...readers.robots import beside, near
 from .floor import Floor
+from .scene import SceneSection
 
 if TYPE_CHECKING:
     from .distributions import Sweep
@@ -668,6 +669,7 @@ class Spec:
     drive: DriveSection | None = entry(section(DriveSection), None)
     contact: ContactSection | None = entry(section(ContactSection), None)
     floor: Floor | None = entry(section(Floor), None)
+    scene: SceneSection | None = entry(section(SceneSection), None)
     simulation: Simulation = entry(section(Simulation))
     sweep: "Sweep | None" = entry(_read_sweep, None)
 
@@ -803,9 +805,10 @@ def spec_of(text: str, name: Path | str) -> Spec:
 
 
 def spec_of_table(table: Mapping[str, Any], name: Path | str) -> Spec:
-    """Return the SPEC of a table of the file `name`; a robot file is looked up beside it first. Raises BadInput."""
+    """Return the SPEC of a table of the file `name`; its files are looked up beside it first. Raises BadInput."""
     spec: Spec = section(Spec)(table, "")
-    return dataclasses.replace(spec, robot=beside(spec.robot, name))
+    scene = spec.scene and dataclasses.replace(spec.scene, file=near(spec.scene.file, name))
+    return dataclasses.replace(spec, robot=beside(spec.robot, name), scene=scene)
 
 
 def read_spec(file: Path | str) -> Spec:

@@ -1,0 +1,156 @@
+"""Reads a scene of the user's own, an MJCF or a URDF, into MuJoCo, and finds the joints, motors and shapes that a SPEC names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...readers.errors import BadInput, suggestion
+from ...readers.urdf.document import checked, parsed
+from ...readers.urdf.rims import mesh_file
+from .mjcf import DAMPED, HARD, IMPRATIO, STIFF
+from .stepping import installed
+
+FREE, HINGE = 0, 3  # mjtJoint
+ON_JOINT = 0  # mjtTrn
+WHERE = "[scene]"
+
+
+@dataclass(frozen=True, eq=False)
+class SceneFile:
+    """A compiled scene. `paved`: it has no floor of its own and was given one; its friction is then not known yet."""
+
+    file: str
+    model: Any
+    paved: bool
+
+    def wrong(self, message: str) -> BadInput:
+        """Return the error that says what is wrong with the file."""
+        return BadInput(f"{WHERE} file = {self.file}: {message}")
+
+    def joints(self, of: str, names: Sequence[str]) -> list[int]:
+        """Return the numbers of joints, which must be hinges. `of` is what they are for, for messages."""
+        found, known = [], [self.model.joint(k).name for k in range(self.model.njnt)]
+        for name in names:
+            if name not in known or not name:
+                turns = [each for each, kind in zip(known, self.model.jnt_type, strict=True) if each and kind == HINGE]
+                raise self.wrong(f"{of}: there is no joint {name!r}; those that turn are {', '.join(turns) or 'none'}")
+            k = known.index(name)
+            if self.model.jnt_type[k] != HINGE:
+                raise self.wrong(f"{of}: joint {name!r} does not turn; it must be a hinge (continuous or revolute)")
+            found.append(k)
+        return found
+
+    def motors(self, of: str, names: Sequence[str], joints: Sequence[int]) -> list[int]:
+        """Return the numbers of actuators, which must be motors of these joints."""
+        model, found = self.model, []
+        known = [model.actuator(k).name for k in range(model.nu)]
+        for name in names:
+            if name not in known:
+                raise self.wrong(f"{of}: there is no actuator {name!r}{suggestion(name, known)}")
+            k = known.index(name)
+            simple = not (model.actuator_gaintype[k] or model.actuator_biastype[k] or model.actuator_dyntype[k])
+            if not simple or model.actuator_trntype[k] != ON_JOINT or model.actuator_trnid[k, 0] not in joints:
+                said = ", ".join(repr(model.joint(j).name) for j in joints)
+                raise self.wrong(f"{of}: actuator {name!r} must be a <motor> of {said}, which is given a torque")
+            found.append(k)
+        return found
+
+    def gain(self, motor: int) -> float:
+        """Return the force of a motor on its joint for each unit that it is given, N m."""
+        found = float(self.model.actuator_gear[motor, 0] * self.model.actuator_gainprm[motor, 0])
+        if not found:
+            raise self.wrong(f"actuator {self.model.actuator(motor).name!r} has no gear or gain")
+        return found
+
+    def refuse_other_drives(self, joints: Iterable[int], motors: Iterable[int]) -> None:
+        """Raise BadInput for an actuator that moves one of the joints by itself, such as one which holds its velocity."""
+        model = self.model
+        for k in set(range(model.nu)) - set(motors):
+            own = model.actuator_biastype[k] or model.actuator_dyntype[k]
+            if own and model.actuator_trntype[k] == ON_JOINT and model.actuator_trnid[k, 0] in joints:
+                name, joint = model.actuator(k).name, model.joint(model.actuator_trnid[k, 0]).name
+                raise self.wrong(f"actuator {name!r} would hold joint {joint!r} by itself; make it a <motor>, or remove it")
+
+    def base(self, joints: Sequence[int]) -> int:
+        """Return the body with a free joint that carries all of these joints."""
+        model = self.model
+        free = {int(model.jnt_bodyid[k]) for k in range(model.njnt) if model.jnt_type[k] == FREE}
+        roots = {int(model.body_rootid[model.jnt_bodyid[k]]) for k in joints}
+        if len(roots) > 1:
+            raise self.wrong("the joints are on several robots; name those of one")
+        if not roots <= free:
+            name = model.body(roots.pop()).name
+            raise self.wrong(f"the robot, body {name!r}, has no free joint and cannot move; give it <freejoint/>")
+        return roots.pop()
+
+    def shapes(self, joint: int) -> list[int]:
+        """Return the shapes that can touch something of the body of a joint and of what that carries."""
+        model = self.model
+        bodies = {int(model.jnt_bodyid[joint])}
+        for k in range(model.nbody):  # parents come before their children
+            if int(model.body_parentid[k]) in bodies:
+                bodies.add(k)
+        in_pairs = {*model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
+        touches = [model.geom_contype[g] or model.geom_conaffinity[g] or g in in_pairs for g in range(model.ngeom)]
+        return [g for g in range(model.ngeom) if int(model.geom_bodyid[g]) in bodies and touches[g]]
+
+    def pave(self, wheels: Iterable[int], mu: float) -> None:
+        """Set the friction of what stands on a floor that the file did not have: shapes of wheels `mu`, the others none."""
+        model, wheels = self.model, set(wheels)
+        for g in range(model.ngeom):
+            if model.geom_bodyid[g]:
+                model.geom_priority[g] = 1
+                model.geom_condim[g] = 3 if g in wheels else 1
+                model.geom_friction[g] = mu, 0.0, 0.0
+                model.geom_solref[g] = STIFF, DAMPED
+                model.geom_solimp[g, :3] = [float(part) for part in HARD.split()]
+
+
+def read_scene(file: str) -> SceneFile:
+    """Read an MJCF or a URDF. A URDF gets a free joint; a file without anything that stands still gets a level floor.
+
+    Raises BadInput for a file that is missing, and with MuJoCo's reason for one that it cannot read.
+    """
+    from lxml import etree
+
+    mujoco = installed()
+    try:
+        root = parsed(file)
+    except (BadInput, OSError) as error:
+        said = f"{error.strerror}; check the path" if isinstance(error, OSError) else str(error).removeprefix(f"{file}: ")
+        raise BadInput(f"{WHERE} file = {file}: {said}") from error
+    try:
+        if root.tag == "robot":
+            checked(file, root)
+            spec = mujoco.MjSpec.from_string(etree.tostring(root, encoding="unicode"))
+            _find_meshes(spec, file)
+            for body in spec.worldbody.bodies:
+                body.add_freejoint()
+        else:
+            spec = mujoco.MjSpec.from_file(file)
+        model = spec.compile()
+        stands_still = model.body_weldid[model.geom_bodyid] == 0
+        paved = not (model.npair or (stands_still & ((model.geom_contype > 0) | (model.geom_conaffinity > 0))).any())
+        if paved:
+            spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 1.0])
+            spec.option.impratio = IMPRATIO
+            model = spec.compile()
+    except ValueError as error:
+        raise BadInput(
+            f"{WHERE} file = {file}: MuJoCo cannot read it: {' '.join(str(error).removeprefix('Error: ').split())}"
+        ) from error
+    model.opt.integrator, model.opt.cone = mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtCone.mjCONE_ELLIPTIC
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    return SceneFile(file, model, paved)
+
+
+def _find_meshes(spec: Any, file: str) -> None:
+    """Name the files of meshes by their paths, those in packages too. Raises BadInput for one that is not found."""
+    for mesh in spec.meshes:
+        found = mesh_file(Path(file), mesh.file)
+        if found is None:
+            raise BadInput(f"{WHERE} file = {file}: its mesh {mesh.file} is not found; give the file, or a shape without one")
+        mesh.file = str(found)

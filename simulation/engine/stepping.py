@@ -1,0 +1,137 @@
+"""A robot in MuJoCo between two calls of its controller: what its physics, be they of our floor or of a scene, have in common."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from ...controllers.direct import Direct
+from ...model.algebra.portable import portable
+from ...model.reduction import ReducedSystem
+from ...readers.errors import BadInput
+from ..contact import GRAVITY
+from ..integrate import Refused
+from ..plant import Plant
+from ..specification.floor import Floor
+from .frames import PlanarBodies
+
+if TYPE_CHECKING:
+    from ..drive import Drive
+
+FASTEST = 1e5  # m/s, rad/s
+
+
+class Stepped:
+    """A plant that MuJoCo moves, in steps of at most `floor.step`, on a floor with that slope."""
+
+    mu: float  # friction coefficient of the floor outside its patches
+
+    def __init__(self, plant: Plant, bodies: PlanarBodies, model: Any, floor: Floor):
+        self._mujoco = installed()
+        self.planar, self.model, self.data = bodies, model, self._mujoco.MjData(model)
+        system = plant.system
+        self._functions = {name: Direct(function) for name, function in _functions(system).items()}
+        self._parameters, self._n, self._longest = plant.parameters, len(system.mechanism.coordinates), floor.step
+        self._floor = floor
+        self._rates = np.linalg.inv(bodies.joints)  # of the coordinates, by those of the joints
+        self._headings = np.array([bodies.frames[wheel.frame].heading for wheel in bodies.wheels])
+        self._turned = np.array([wheel.turned for wheel in bodies.wheels])
+        angle, heading = floor.slope
+        model.opt.gravity = GRAVITY * np.array([np.sin(angle) * np.cos(heading), np.sin(angle) * np.sin(heading), -np.cos(angle)])
+
+    def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return q and qdot of the Mechanism."""
+        raise NotImplementedError
+
+    def look(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return for each contact slip (m/s), load (N), friction use, and the level force of the ground along and across in turn
+        (N).
+        """
+        raise NotImplementedError
+
+    def _push_on(self, tau: np.ndarray) -> None:
+        """Apply the inputs and what else acts during a step, whose positions MuJoCo knows."""
+        raise NotImplementedError
+
+    def _weigh(self) -> None:
+        """Note what the floor did in the last step."""
+
+    def state(self) -> np.ndarray:
+        """Return [q; nu]: nu as the wheels' rates tell it, which the robot's motion need not."""
+        q, qdot = self.coordinates()
+        return np.concatenate([q, self._functions["nu"](q, qdot, self._parameters)[0]])
+
+    def hold(self, t: float, x: np.ndarray, given: np.ndarray, duration: float, drive: Drive | None = None) -> np.ndarray:
+        """Return the state after `duration` seconds from x at time t, the state now, with the inputs (N, N m) `given`, or those
+        that drives supply for what is given to them, at each step of the engine.
+
+        Raises Refused ("range") where a velocity grows beyond FASTEST, as with wheels that spin without bound.
+        """
+        before = self.data.qpos.copy(), self.data.qvel.copy()
+        steps = int(np.ceil(duration / self._longest - 1e-9))
+        if not steps:
+            return x
+        self.model.opt.timestep = duration / steps
+        for _ in range(steps):
+            self._mujoco.mj_step1(self.model, self.data)
+            self._push_on(drive.torque(self.state(), given) if drive and drive.commands else given)
+            self._mujoco.mj_step2(self.model, self.data)
+            self._weigh()
+        if not np.abs(self.data.qvel).max() < FASTEST:  # also when it is NaN
+            self.data.qpos[:], self.data.qvel[:] = before
+            raise Refused("range", t, x)
+        return self.state()
+
+
+def installed() -> Any:
+    """Return MuJoCo. Raises BadInput if it is missing."""
+    try:
+        import mujoco  # an extra of the package
+    except ImportError as error:
+        raise BadInput("--engine mujoco: MuJoCo is not installed; pip install 'noslip[physics]'") from error
+    mujoco.set_mju_user_warning(lambda _: None)  # what it warns of ends the run with a status; it would write a file as well
+    return mujoco
+
+
+@lru_cache(maxsize=16)
+def _functions(system: ReducedSystem) -> dict[str, ca.Function]:
+    """Of q, qdot, p: velocities of the contacts, quasi-velocities; of the inputs besides: forces on the coordinates; of [q; nu]:
+    qdot; of q: S'MS.
+    """
+    mechanism = system.mechanism
+    q, qdot, p, tau = mechanism.q, mechanism.qdot, mechanism.p, ca.SX.sym("tau", len(mechanism.inputs))
+    resting = ca.substitute(mechanism.energy(), qdot, ca.SX.zeros(len(mechanism.coordinates)))
+    force = mechanism.E @ tau - ca.gradient(resting, q)
+    for value, velocity in mechanism.forces:
+        force += ca.jacobian(velocity, qdot).T * value
+    rows = mechanism.quasi_velocity_rows
+    S = system.S
+    nu = rows @ qdot if rows is not None else ca.solve(S.T @ S, S.T @ qdot)
+    made = {
+        "slip": ([q, qdot, p], mechanism.contact_rows @ qdot),
+        "nu": ([q, qdot, p], nu),
+        "force": ([q, qdot, tau, p], force),
+        "qdot": ([ca.vertcat(q, system.nu), p], system.qdot),
+        "mass": ([q, p], S.T @ mechanism.M @ S),
+    }
+    return {name: portable(ca.Function(name, given, [ca.densify(value)])) for name, (given, value) in made.items()}
+
+
+def on_joints(plant: Plant, bodies: PlanarBodies) -> np.ndarray:
+    """Return the force on each of `PlanarBodies.joints` for each input, (n, r): N or N m for each unit of it.
+
+    Raises BadInput for inputs that do not act on hinges and axles alone.
+    """
+    mechanism = plant.system.mechanism
+    E = ca.Function("E", [mechanism.q, mechanism.p], [ca.densify(mechanism.E)])
+    random = np.random.default_rng(1992)
+    n = len(mechanism.coordinates)
+    found = [np.linalg.inv(bodies.joints).T @ E(random.uniform(-3, 3, n), plant.parameters).full() for _ in range(3)]
+    forces = np.round(found[0], 12)
+    for name, column, spread in zip(mechanism.inputs, forces.T, np.ptp(found, axis=0).T, strict=True):
+        if np.abs(column[:3]).max() > 0 or spread.max() > 1e-9:
+            raise BadInput(f"{mechanism.name}: its input {name.name} does not act on a joint, which a scene requires")
+    return forces

@@ -1,0 +1,36 @@
+"""The robot of a SPEC on its floor as a file that MuJoCo opens by itself, and that [scene] brings back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...readers.errors import BadInput
+from ..plant import Plant
+from ..specification.floor import Floor
+from ..specification.spec import ContactSection
+from .frames import planar
+from .mjcf import ByItself, mjcf
+from .stepping import on_joints
+
+
+def scene_of(plant: Plant, contact: ContactSection, floor: Floor) -> str:
+    """Return the MJCF of a robot, its base on a free joint, with its floor and its motors and MuJoCo's own friction.
+
+    Joints are named as their coordinates, or, if they have none, as their contacts; motors as their inputs. The slope of the
+    floor stays in the SPEC. Raises BadInput for a floor with patches, and as FloorEngine and `mjcf`.
+    """
+    if floor.patch:
+        raise BadInput("--write-scene: a scene has no patches; leave out [floor] patch, or make the floor of several shapes")
+    mechanism, bodies = plant.system.mechanism, planar(plant.system.mechanism, plant.parameters)
+    if any(wheel.rollers for wheel in bodies.wheels):
+        raise BadInput(f"--write-scene: {mechanism.name} has wheels with rollers, whose friction MuJoCo does not have")
+    names = [coordinate.name for coordinate in mechanism.coordinates]
+    frames = [names[bodies.hinge(k)] for k in range(1, len(bodies.frames))]
+    wheels = [wheel.name if wheel.angle is None else names[wheel.angle] for wheel in bodies.wheels]
+    joints = ["x", "y", "base", *frames, *(names[w.angle] for w in bodies.wheels if w.angle is not None)]
+    motors = {}
+    for name, column in zip(mechanism.inputs, on_joints(plant, bodies).T, strict=True):
+        if len(acts := np.flatnonzero(column)) == 1:
+            motors[name.name] = (joints[acts[0]], float(column[acts[0]]))
+    scene = ByItself(contact.mu if floor.mu is None else floor.mu, frames, wheels, motors)
+    return mjcf(mechanism.name, bodies, contact.height, contact.share, floor.bumps, scene) + "\n"
