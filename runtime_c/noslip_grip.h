@@ -55,7 +55,9 @@ static inline noslip_grip noslip_grip_of(const noslip_friction *friction)
 
 /*
  * Returns 1 if the force at a contact is within friction, else 0; 0 for NaN. `ground` is the force along and across (N), the shift of
- * the load by the height (N/m), and the mass (kg).
+ * the load by the height (N/m), and the mass (kg). Of forces and loads above 1e-15 N: where it returns 1, the force is at most
+ * 1 + DBL_EPSILON times the computed mu load. A difference has the right sign also when rounded, so that x = most^2 - along^2, rounded,
+ * is at least across^2, rounded; each of x and the three squares is off by at most half of DBL_EPSILON.
  */
 NOSLIP_HOT int noslip_holds(const double *ground, const noslip_grip *grip)
 {
@@ -286,15 +288,18 @@ NOSLIP_APART int noslip_go_towards(double *inputs, const double *way, double *gr
     return any;
 }
 
-/* Brings finite inputs within their limits (from noslip_limit). */
-static inline void noslip_cut(double *inputs, const double *limits, int count)
+/* Brings finite inputs within their limits (from noslip_limit). Returns 1 if all are finite. */
+static inline int noslip_cut(double *inputs, const double *limits, int count)
 {
-    int i;
+    int i, finite = 1;
     for (i = 0; i < count; i++) {
-        if (!noslip_within(inputs[i], limits[i]) && noslip_is_finite(inputs[i])) {
+        if (!noslip_is_finite(inputs[i])) {
+            finite = 0;
+        } else if (!noslip_within(inputs[i], limits[i])) {
             inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];
         }
     }
+    return finite;
 }
 
 /*
@@ -302,11 +307,12 @@ static inline void noslip_cut(double *inputs, const double *limits, int count)
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
  * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
  * limits. `ground` as in noslip_holds for each contact; it is overwritten. `by_inputs` as in noslip_effects. `work` is memory for
- * 3 numbers for each contact. What comes of it is to be checked by noslip_holds at the new inputs.
+ * 3 numbers for each contact. Returns 1 if the new inputs are finite; whether they keep each contact within friction is to be checked
+ * by noslip_holds.
  */
-NOSLIP_APART void noslip_keep_grip(double *inputs, const double *slope, double *ground,
-                     const double *by_inputs, const noslip_grip *grip,
-                     const double *limits, int contacts, double *work)
+NOSLIP_APART int noslip_keep_grip(double *inputs, const double *slope, double *ground,
+                    const double *by_inputs, const noslip_grip *grip,
+                    const double *limits, int contacts, double *work)
 {
     noslip_write_loads(ground, grip, contacts);
     if (slope == NULL || !noslip_go_along(inputs, slope, ground, by_inputs, grip, limits, contacts, 2, work)) {
@@ -314,7 +320,7 @@ NOSLIP_APART void noslip_keep_grip(double *inputs, const double *slope, double *
         noslip_way_to_coasting(ground, by_inputs, contacts, way);
         (void)noslip_go_towards(inputs, way, ground, by_inputs, grip, limits, contacts, 2, work);
     }
-    noslip_cut(inputs, limits, 2);
+    return noslip_cut(inputs, limits, 2);
 }
 
 /* -- float: generated from noslip_grip.inc by guarantees/headers.py ---------------------------------------------------- */
@@ -353,7 +359,9 @@ static inline noslip_grip_f noslip_grip_of_f(const noslip_friction_f *friction)
 
 /*
  * Returns 1 if the force at a contact is within friction, else 0; 0 for NaN. `ground` is the force along and across (N), the shift of
- * the load by the height (N/m), and the mass (kg).
+ * the load by the height (N/m), and the mass (kg). Of forces and loads above 1e-15 N: where it returns 1, the force is at most
+ * 1 + FLT_EPSILON times the computed mu load. A difference has the right sign also when rounded, so that x = most^2 - along^2, rounded,
+ * is at least across^2, rounded; each of x and the three squares is off by at most half of FLT_EPSILON.
  */
 NOSLIP_HOT int noslip_holds_f(const float *ground, const noslip_grip_f *grip)
 {
@@ -584,15 +592,18 @@ NOSLIP_APART int noslip_go_towards_f(float *inputs, const float *way, float *gro
     return any;
 }
 
-/* Brings finite inputs within their limits (from noslip_limit). */
-static inline void noslip_cut_f(float *inputs, const float *limits, int count)
+/* Brings finite inputs within their limits (from noslip_limit). Returns 1 if all are finite. */
+static inline int noslip_cut_f(float *inputs, const float *limits, int count)
 {
-    int i;
+    int i, finite = 1;
     for (i = 0; i < count; i++) {
-        if (!noslip_within_f(inputs[i], limits[i]) && noslip_is_finite_f(inputs[i])) {
+        if (!noslip_is_finite_f(inputs[i])) {
+            finite = 0;
+        } else if (!noslip_within_f(inputs[i], limits[i])) {
             inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];
         }
     }
+    return finite;
 }
 
 /*
@@ -600,11 +611,12 @@ static inline void noslip_cut_f(float *inputs, const float *limits, int count)
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
  * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
  * limits. `ground` as in noslip_holds for each contact; it is overwritten. `by_inputs` as in noslip_effects. `work` is memory for
- * 3 numbers for each contact. What comes of it is to be checked by noslip_holds at the new inputs.
+ * 3 numbers for each contact. Returns 1 if the new inputs are finite; whether they keep each contact within friction is to be checked
+ * by noslip_holds.
  */
-NOSLIP_APART void noslip_keep_grip_f(float *inputs, const float *slope, float *ground,
-                    const float *by_inputs, const noslip_grip_f *grip,
-                    const float *limits, int contacts, float *work)
+NOSLIP_APART int noslip_keep_grip_f(float *inputs, const float *slope, float *ground,
+                   const float *by_inputs, const noslip_grip_f *grip,
+                   const float *limits, int contacts, float *work)
 {
     noslip_write_loads_f(ground, grip, contacts);
     if (slope == NULL || !noslip_go_along_f(inputs, slope, ground, by_inputs, grip, limits, contacts, 2, work)) {
@@ -612,7 +624,7 @@ NOSLIP_APART void noslip_keep_grip_f(float *inputs, const float *slope, float *g
         noslip_way_to_coasting_f(ground, by_inputs, contacts, way);
         (void)noslip_go_towards_f(inputs, way, ground, by_inputs, grip, limits, contacts, 2, work);
     }
-    noslip_cut_f(inputs, limits, 2);
+    return noslip_cut_f(inputs, limits, 2);
 }
 
 /* -- end of the generated part ----------------------------------------------------------------------------------------- */

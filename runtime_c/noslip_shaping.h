@@ -65,10 +65,10 @@ NOSLIP_APART void noslip_way_to_least(const double *ground, const double *along,
  * as little as needed; if that is not enough, `slope` is followed where this sum is smallest for each speed: `slope` is changed.
  * `work` is memory for count (count + 3) numbers and 3 for each contact.
  */
-NOSLIP_APART void noslip_keep_grip_of(double *inputs, double *slope, const double *free,
-                        double *ground, const double *by_inputs,
-                        const noslip_grip *grip, const double *limits, int contacts,
-                        int count, double *work)
+NOSLIP_APART int noslip_keep_grip_of(double *inputs, double *slope, const double *free,
+                       double *ground, const double *by_inputs,
+                       const noslip_grip *grip, const double *limits, int contacts,
+                       int count, double *work)
 {
     double *way = work + count * (count + 2), *effects = way + count;
     int i, any = 0;
@@ -90,7 +90,7 @@ NOSLIP_APART void noslip_keep_grip_of(double *inputs, double *slope, const doubl
         noslip_way_to_least(ground, NULL, NULL, by_inputs, contacts, count, work, way);
         (void)noslip_go_towards(inputs, way, ground, by_inputs, grip, limits, contacts, count, effects);
     }
-    noslip_cut(inputs, limits, count);
+    return noslip_cut(inputs, limits, count);
 }
 
 /* -- float: generated from noslip_shaping.inc by guarantees/headers.py ------------------------------------------------- */
@@ -145,10 +145,10 @@ NOSLIP_APART void noslip_way_to_least_f(const float *ground, const float *along,
  * as little as needed; if that is not enough, `slope` is followed where this sum is smallest for each speed: `slope` is changed.
  * `work` is memory for count (count + 3) numbers and 3 for each contact.
  */
-NOSLIP_APART void noslip_keep_grip_of_f(float *inputs, float *slope, const float *free,
-                       float *ground, const float *by_inputs,
-                       const noslip_grip_f *grip, const float *limits, int contacts,
-                       int count, float *work)
+NOSLIP_APART int noslip_keep_grip_of_f(float *inputs, float *slope, const float *free,
+                      float *ground, const float *by_inputs,
+                      const noslip_grip_f *grip, const float *limits, int contacts,
+                      int count, float *work)
 {
     float *way = work + count * (count + 2), *effects = way + count;
     int i, any = 0;
@@ -170,7 +170,7 @@ NOSLIP_APART void noslip_keep_grip_of_f(float *inputs, float *slope, const float
         noslip_way_to_least_f(ground, NULL, NULL, by_inputs, contacts, count, work, way);
         (void)noslip_go_towards_f(inputs, way, ground, by_inputs, grip, limits, contacts, count, effects);
     }
-    noslip_cut_f(inputs, limits, count);
+    return noslip_cut_f(inputs, limits, count);
 }
 
 /* -- end of the generated part ----------------------------------------------------------------------------------------- */
