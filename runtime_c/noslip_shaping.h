@@ -70,12 +70,13 @@ NOSLIP_APART int noslip_keep_grip_of(double *inputs, double *slope, const double
                        const noslip_grip *grip, const double *limits, int contacts,
                        int count, double *work)
 {
+    const noslip_grip below = noslip_grip_below(grip);
     double *way = work + count * (count + 2), *effects = way + count;
     int i, any = 0;
-    noslip_write_loads(ground, grip, contacts);
+    noslip_write_loads(ground, &below, contacts);
     if (free != NULL) {
         noslip_way_to_least(ground, NULL, free, by_inputs, contacts, count, work, way);
-        any = noslip_go_towards(inputs, way, ground, by_inputs, grip, limits, contacts, count, effects);
+        any = noslip_go_towards(inputs, way, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
     if (!any && slope != NULL) {
         if (free != NULL) {
@@ -84,11 +85,11 @@ NOSLIP_APART int noslip_keep_grip_of(double *inputs, double *slope, const double
                 slope[i] += way[i];
             }
         }
-        any = noslip_go_along(inputs, slope, ground, by_inputs, grip, limits, contacts, count, effects);
+        any = noslip_go_along(inputs, slope, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
     if (!any) {
         noslip_way_to_least(ground, NULL, NULL, by_inputs, contacts, count, work, way);
-        (void)noslip_go_towards(inputs, way, ground, by_inputs, grip, limits, contacts, count, effects);
+        (void)noslip_go_towards(inputs, way, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
     return noslip_cut(inputs, limits, count);
 }
@@ -150,12 +151,13 @@ NOSLIP_APART int noslip_keep_grip_of_f(float *inputs, float *slope, const float 
                       const noslip_grip_f *grip, const float *limits, int contacts,
                       int count, float *work)
 {
+    const noslip_grip_f below = noslip_grip_below_f(grip);
     float *way = work + count * (count + 2), *effects = way + count;
     int i, any = 0;
-    noslip_write_loads_f(ground, grip, contacts);
+    noslip_write_loads_f(ground, &below, contacts);
     if (free != NULL) {
         noslip_way_to_least_f(ground, NULL, free, by_inputs, contacts, count, work, way);
-        any = noslip_go_towards_f(inputs, way, ground, by_inputs, grip, limits, contacts, count, effects);
+        any = noslip_go_towards_f(inputs, way, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
     if (!any && slope != NULL) {
         if (free != NULL) {
@@ -164,11 +166,11 @@ NOSLIP_APART int noslip_keep_grip_of_f(float *inputs, float *slope, const float 
                 slope[i] += way[i];
             }
         }
-        any = noslip_go_along_f(inputs, slope, ground, by_inputs, grip, limits, contacts, count, effects);
+        any = noslip_go_along_f(inputs, slope, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
     if (!any) {
         noslip_way_to_least_f(ground, NULL, NULL, by_inputs, contacts, count, work, way);
-        (void)noslip_go_towards_f(inputs, way, ground, by_inputs, grip, limits, contacts, count, effects);
+        (void)noslip_go_towards_f(inputs, way, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
     return noslip_cut_f(inputs, limits, count);
 }

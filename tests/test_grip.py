@@ -312,7 +312,7 @@ def test_steps_keep_every_contact_and_every_limit(scalar, near):
         grip.weight, grip.height = source.uniform(0.5, 3.0), source.uniform(0.0, 1.0)
         given = [made.array(scalar, np.ravel(each)) for each in (inputs, way, ground, np.zeros(3 * contacts))]
         made.function("noslip_write_loads", scalar)(given[2], grip, contacts)
-        made.function("noslip_effects", scalar)(given[1], made.array(scalar, by.ravel()), grip, contacts, count, given[3])
+        made.function("noslip_effects", scalar)(given[1], made.array(scalar, by.ravel()), grip.height, contacts, count, given[3])
         steps = made.function("noslip_steps_within", scalar)(*given, made.array(scalar, limits), contacts, count)
         parts = ground[:, :3, None] + (by @ way)[..., None] * grid
         load = grip.weight * ground[:, 3, None] + grip.height * parts[:, 2]
@@ -414,19 +414,19 @@ def test_the_limiter_is_the_reference_at_any_forces():
 
 @pytest.mark.parametrize("scalar, kind", [("double", np.float64), ("float", np.float32)])
 def test_a_contact_that_holds_is_within_friction_but_for_one_rounding(scalar, kind):
-    """In exact arithmetic, for forces within some roundings of mu load and at all sizes: what is computed as within friction is at
-    most 1 + epsilon times it, what is computed as beyond is not below 1 - 2 epsilon. What is infinite or NaN is beyond."""
+    """In exact arithmetic, for forces within some roundings of mu load and at all sizes: what is computed as within friction is
+    at most 1 + epsilon times it, what is computed as beyond is not below 1 - 2 epsilon. Infinite numbers and NaN are beyond."""
     made, source, answers = runtime("noslip_grip.h"), np.random.default_rng(12), []
-    holds, grip, epsilon = made.function("noslip_holds", scalar), made.new("noslip_grip", scalar), Fraction(float(np.finfo(kind).eps))
-    grip.height = 0.0
+    holds, grip, one = made.function("noslip_holds", scalar), made.new("noslip_grip", scalar), np.finfo(kind).eps
+    grip.height, epsilon = 0.0, Fraction(float(one))
     for _ in range(4000):
-        most, angle = kind(10 ** source.uniform(-15, 15)), source.choice([0.0, 1e-4, 0.3, 0.7854, 1.2, 1.5708]) * source.uniform(0.9, 1)
-        force = most * (1 + source.integers(-3, 4) * np.finfo(kind).eps) * np.array([np.cos(angle), np.sin(angle)])
-        force = (force * source.choice([-1, 1], 2)).astype(kind)
+        most, angle = kind(10 ** source.uniform(-15, 15)), source.choice([0.0, 1e-4, 0.3, 0.8, 1.2, 1.6]) * source.uniform(0.9, 1)
+        size = most * (1 + source.integers(-3, 4) * one)
+        force = (size * np.array([np.cos(angle), np.sin(angle)]) * source.choice([-1, 1], 2)).astype(kind)
         grip.weight = float(most)
         answers.append(holds(made.array(scalar, [*force, 0.0, 1.0]), grip))
-        size, limit = sum(Fraction(float(f)) ** 2 for f in force), Fraction(float(most))
-        assert size <= (limit * (1 + epsilon)) ** 2 if answers[-1] else size >= (limit * (1 - 2 * epsilon)) ** 2
+        square, limit = sum(Fraction(float(f)) ** 2 for f in force), Fraction(float(most))
+        assert square <= (limit * (1 + epsilon)) ** 2 if answers[-1] else square >= (limit * (1 - 2 * epsilon)) ** 2
     assert 0.2 < np.mean(answers) < 0.8
     for beyond in ([math.nan, 0.0, 0.0, 1.0], [0.0, math.inf, 0.0, 1.0], [0.0, 0.0, 0.0, math.nan], [0.0, 0.0, 0.0, -1.0]):
         assert not holds(made.array(scalar, beyond), grip)
