@@ -19,6 +19,7 @@ SCALARS = {"float": ("_f", "0x1p-149f", "FLT_MAX", "_F"), "double": ("", "0x1p-1
 FILES = {"HEADER": "h", "SOURCE": "c"}
 RECKONED = {f"self.{member}" for member in ("now", "pose", "direction", "pending", "left", "steady")}
 ESTIMATED = {f"self.filter.{member}" for member in ("state", "rounded", "factors")}
+NOT_OF_THE_C = {"__fc_errno", "kept"}  # errno of sqrt, which is an instruction here; what the program of grip counts
 MAY_WRITE = {  # function -> objects and members, named as in the programs, that it may write to
     "init": {"law"},
     "reset": {"law.held"},
@@ -171,7 +172,7 @@ def analyse(task: Task, program: AnalysedProgram) -> tuple[int, list[str]]:
         written = re.sub(r"\[[^]]*\]", "", written)
         while (plain := re.sub(r"([\w.]+){([^{}]*)}", _members, written)) != written:
             written = plain
-        places = set(re.findall(r"[A-Za-z_][\w.]*", written)) - {"__fc_errno"}  # errno of sqrt, which is an instruction here
+        places = set(re.findall(r"[A-Za-z_][\w.]*", written)) - NOT_OF_THE_C
         if allowed is not None and not places <= allowed:
             wrong.append(f"{program}: {function} writes to {' '.join(written.split())}")
     return int(shown[1]), wrong

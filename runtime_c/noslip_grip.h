@@ -55,7 +55,9 @@ static inline noslip_grip noslip_grip_of(const noslip_friction *friction)
 
 /*
  * Returns 1 if the force at a contact is within friction, else 0; 0 for NaN. `ground` is the force along and across (N), the shift of
- * the load by the height (N/m), and the mass (kg).
+ * the load by the height (N/m), and the mass (kg). Of forces and loads above 1e-15 N: where it returns 1, the force is at most
+ * 1 + DBL_EPSILON times the computed mu load. A difference has the right sign also when rounded, so that x = most^2 - along^2, rounded,
+ * is at least across^2, rounded; each of x and the three squares is off by at most half of DBL_EPSILON.
  */
 NOSLIP_HOT int noslip_holds(const double *ground, const noslip_grip *grip)
 {
@@ -112,16 +114,21 @@ NOSLIP_APART void noslip_within_cone(noslip_steps *steps, const double *at, cons
     }
 }
 
-/*
- * Replaces the shift of the load in `ground`, as in noslip_holds for each contact, by mu load (N), less 1024 roundings, so that
- * rounding does not exceed it: (F along, F across, N, mass).
- */
+/* Returns the limit of friction less 1024 roundings, so that rounding does not exceed it. */
+static inline noslip_grip noslip_grip_below(const noslip_grip *grip)
+{
+    noslip_grip below;
+    below.weight = grip->weight * (1 - 1024 * DBL_EPSILON);
+    below.height = grip->height * (1 - 1024 * DBL_EPSILON);
+    return below;
+}
+
+/* Replaces the shift of the load in `ground`, as in noslip_holds for each contact, by mu load (N): (F along, F across, N, mass). */
 static inline void noslip_write_loads(double *ground, const noslip_grip *grip, int contacts)
 {
-    const double below = 1 - 1024 * DBL_EPSILON, weight = grip->weight * below, height = grip->height * below;
     int k;
     for (k = 0; k < contacts; k++) {
-        ground[4 * k + 2] = weight * ground[4 * k + 3] + height * ground[4 * k + 2];
+        ground[4 * k + 2] = grip->weight * ground[4 * k + 3] + grip->height * ground[4 * k + 2];
     }
 }
 
@@ -137,11 +144,10 @@ NOSLIP_HOT double noslip_effect(const double *by, const double *way, int count)
 }
 
 /* Computes what `way` adds at each contact to (F along, F across, N). `by_inputs` has for each contact the derivatives of the force
- * along and across and of the shift of the load by each of `count` inputs. */
+ * along and across and of the shift of the load by each of `count` inputs; `height` is that of noslip_grip_below. */
 NOSLIP_APART void noslip_effects(const double *way, const double *by_inputs,
-                       const noslip_grip *grip, int contacts, int count, double *effects)
+                       double height, int contacts, int count, double *effects)
 {
-    const double height = grip->height * (1 - 1024 * DBL_EPSILON);
     int k;
     for (k = 0; k < contacts; k++) {
         const double *by = by_inputs + 3 * k * count;
@@ -245,12 +251,12 @@ NOSLIP_APART void noslip_way_to_coasting(const double *ground, const double *by_
 /* Goes along `way` as little as needed, and returns 1; if nothing there is within friction and limits, goes as near to it as it
  * gets, changes `ground` accordingly, and returns 0. `effects` is memory for 3 numbers for each contact. */
 NOSLIP_APART int noslip_go_along(double *inputs, const double *way, double *ground,
-                  const double *by_inputs, const noslip_grip *grip,
-                  const double *limits, int contacts, int count, double *effects)
+                  const double *by_inputs, double height, const double *limits,
+                  int contacts, int count, double *effects)
 {
     noslip_steps steps;
     double s;
-    noslip_effects(way, by_inputs, grip, contacts, count, effects);
+    noslip_effects(way, by_inputs, height, contacts, count, effects);
     steps = noslip_steps_within(inputs, way, ground, effects, limits, contacts, count);
     if (steps.low > steps.high) { /* apart from each other: in the middle between them */
         steps.any = 0;
@@ -268,13 +274,13 @@ NOSLIP_APART int noslip_go_along(double *inputs, const double *way, double *grou
 /* Goes towards the end of `way` as little as needed, and returns 1; if nothing on it is within friction and limits, goes to the
  * end and returns 0. `ground` is that of the end. `effects` as in noslip_go_along. */
 NOSLIP_APART int noslip_go_towards(double *inputs, const double *way, double *ground,
-                    const double *by_inputs, const noslip_grip *grip,
-                    const double *limits, int contacts, int count, double *effects)
+                    const double *by_inputs, double height, const double *limits,
+                    int contacts, int count, double *effects)
 {
     noslip_steps steps;
     double s;
     int any;
-    noslip_effects(way, by_inputs, grip, contacts, count, effects);
+    noslip_effects(way, by_inputs, height, contacts, count, effects);
     noslip_move(inputs, way, 1, count);
     noslip_move_ground(ground, effects, 1, contacts);
     steps = noslip_steps_within(inputs, way, ground, effects, limits, contacts, count);
@@ -286,15 +292,18 @@ NOSLIP_APART int noslip_go_towards(double *inputs, const double *way, double *gr
     return any;
 }
 
-/* Brings finite inputs within their limits (from noslip_limit). */
-static inline void noslip_cut(double *inputs, const double *limits, int count)
+/* Brings finite inputs within their limits (from noslip_limit). Returns 1 if all are finite. */
+static inline int noslip_cut(double *inputs, const double *limits, int count)
 {
-    int i;
+    int i, finite = 1;
     for (i = 0; i < count; i++) {
-        if (!noslip_within(inputs[i], limits[i]) && noslip_is_finite(inputs[i])) {
+        if (!noslip_is_finite(inputs[i])) {
+            finite = 0;
+        } else if (!noslip_within(inputs[i], limits[i])) {
             inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];
         }
     }
+    return finite;
 }
 
 /*
@@ -302,19 +311,21 @@ static inline void noslip_cut(double *inputs, const double *limits, int count)
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
  * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
  * limits. `ground` as in noslip_holds for each contact; it is overwritten. `by_inputs` as in noslip_effects. `work` is memory for
- * 3 numbers for each contact. What comes of it is to be checked by noslip_holds at the new inputs.
+ * 3 numbers for each contact. Returns 1 if the new inputs are finite; whether they keep each contact within friction is to be checked
+ * by noslip_holds.
  */
-NOSLIP_APART void noslip_keep_grip(double *inputs, const double *slope, double *ground,
-                     const double *by_inputs, const noslip_grip *grip,
-                     const double *limits, int contacts, double *work)
+NOSLIP_APART int noslip_keep_grip(double *inputs, const double *slope, double *ground,
+                    const double *by_inputs, const noslip_grip *grip,
+                    const double *limits, int contacts, double *work)
 {
-    noslip_write_loads(ground, grip, contacts);
-    if (slope == NULL || !noslip_go_along(inputs, slope, ground, by_inputs, grip, limits, contacts, 2, work)) {
+    const noslip_grip below = noslip_grip_below(grip);
+    noslip_write_loads(ground, &below, contacts);
+    if (slope == NULL || !noslip_go_along(inputs, slope, ground, by_inputs, below.height, limits, contacts, 2, work)) {
         double way[2];
         noslip_way_to_coasting(ground, by_inputs, contacts, way);
-        (void)noslip_go_towards(inputs, way, ground, by_inputs, grip, limits, contacts, 2, work);
+        (void)noslip_go_towards(inputs, way, ground, by_inputs, below.height, limits, contacts, 2, work);
     }
-    noslip_cut(inputs, limits, 2);
+    return noslip_cut(inputs, limits, 2);
 }
 
 /* -- float: generated from noslip_grip.inc by guarantees/headers.py ---------------------------------------------------- */
@@ -353,7 +364,9 @@ static inline noslip_grip_f noslip_grip_of_f(const noslip_friction_f *friction)
 
 /*
  * Returns 1 if the force at a contact is within friction, else 0; 0 for NaN. `ground` is the force along and across (N), the shift of
- * the load by the height (N/m), and the mass (kg).
+ * the load by the height (N/m), and the mass (kg). Of forces and loads above 1e-15 N: where it returns 1, the force is at most
+ * 1 + FLT_EPSILON times the computed mu load. A difference has the right sign also when rounded, so that x = most^2 - along^2, rounded,
+ * is at least across^2, rounded; each of x and the three squares is off by at most half of FLT_EPSILON.
  */
 NOSLIP_HOT int noslip_holds_f(const float *ground, const noslip_grip_f *grip)
 {
@@ -410,16 +423,21 @@ NOSLIP_APART void noslip_within_cone_f(noslip_steps_f *steps, const float *at, c
     }
 }
 
-/*
- * Replaces the shift of the load in `ground`, as in noslip_holds for each contact, by mu load (N), less 1024 roundings, so that
- * rounding does not exceed it: (F along, F across, N, mass).
- */
+/* Returns the limit of friction less 1024 roundings, so that rounding does not exceed it. */
+static inline noslip_grip_f noslip_grip_below_f(const noslip_grip_f *grip)
+{
+    noslip_grip_f below;
+    below.weight = grip->weight * (1 - 1024 * FLT_EPSILON);
+    below.height = grip->height * (1 - 1024 * FLT_EPSILON);
+    return below;
+}
+
+/* Replaces the shift of the load in `ground`, as in noslip_holds for each contact, by mu load (N): (F along, F across, N, mass). */
 static inline void noslip_write_loads_f(float *ground, const noslip_grip_f *grip, int contacts)
 {
-    const float below = 1 - 1024 * FLT_EPSILON, weight = grip->weight * below, height = grip->height * below;
     int k;
     for (k = 0; k < contacts; k++) {
-        ground[4 * k + 2] = weight * ground[4 * k + 3] + height * ground[4 * k + 2];
+        ground[4 * k + 2] = grip->weight * ground[4 * k + 3] + grip->height * ground[4 * k + 2];
     }
 }
 
@@ -435,11 +453,10 @@ NOSLIP_HOT float noslip_effect_f(const float *by, const float *way, int count)
 }
 
 /* Computes what `way` adds at each contact to (F along, F across, N). `by_inputs` has for each contact the derivatives of the force
- * along and across and of the shift of the load by each of `count` inputs. */
+ * along and across and of the shift of the load by each of `count` inputs; `height` is that of noslip_grip_below. */
 NOSLIP_APART void noslip_effects_f(const float *way, const float *by_inputs,
-                       const noslip_grip_f *grip, int contacts, int count, float *effects)
+                       float height, int contacts, int count, float *effects)
 {
-    const float height = grip->height * (1 - 1024 * FLT_EPSILON);
     int k;
     for (k = 0; k < contacts; k++) {
         const float *by = by_inputs + 3 * k * count;
@@ -543,12 +560,12 @@ NOSLIP_APART void noslip_way_to_coasting_f(const float *ground, const float *by_
 /* Goes along `way` as little as needed, and returns 1; if nothing there is within friction and limits, goes as near to it as it
  * gets, changes `ground` accordingly, and returns 0. `effects` is memory for 3 numbers for each contact. */
 NOSLIP_APART int noslip_go_along_f(float *inputs, const float *way, float *ground,
-                 const float *by_inputs, const noslip_grip_f *grip,
-                 const float *limits, int contacts, int count, float *effects)
+                 const float *by_inputs, float height, const float *limits,
+                 int contacts, int count, float *effects)
 {
     noslip_steps_f steps;
     float s;
-    noslip_effects_f(way, by_inputs, grip, contacts, count, effects);
+    noslip_effects_f(way, by_inputs, height, contacts, count, effects);
     steps = noslip_steps_within_f(inputs, way, ground, effects, limits, contacts, count);
     if (steps.low > steps.high) { /* apart from each other: in the middle between them */
         steps.any = 0;
@@ -566,13 +583,13 @@ NOSLIP_APART int noslip_go_along_f(float *inputs, const float *way, float *groun
 /* Goes towards the end of `way` as little as needed, and returns 1; if nothing on it is within friction and limits, goes to the
  * end and returns 0. `ground` is that of the end. `effects` as in noslip_go_along. */
 NOSLIP_APART int noslip_go_towards_f(float *inputs, const float *way, float *ground,
-                   const float *by_inputs, const noslip_grip_f *grip,
-                   const float *limits, int contacts, int count, float *effects)
+                   const float *by_inputs, float height, const float *limits,
+                   int contacts, int count, float *effects)
 {
     noslip_steps_f steps;
     float s;
     int any;
-    noslip_effects_f(way, by_inputs, grip, contacts, count, effects);
+    noslip_effects_f(way, by_inputs, height, contacts, count, effects);
     noslip_move_f(inputs, way, 1, count);
     noslip_move_ground_f(ground, effects, 1, contacts);
     steps = noslip_steps_within_f(inputs, way, ground, effects, limits, contacts, count);
@@ -584,15 +601,18 @@ NOSLIP_APART int noslip_go_towards_f(float *inputs, const float *way, float *gro
     return any;
 }
 
-/* Brings finite inputs within their limits (from noslip_limit). */
-static inline void noslip_cut_f(float *inputs, const float *limits, int count)
+/* Brings finite inputs within their limits (from noslip_limit). Returns 1 if all are finite. */
+static inline int noslip_cut_f(float *inputs, const float *limits, int count)
 {
-    int i;
+    int i, finite = 1;
     for (i = 0; i < count; i++) {
-        if (!noslip_within_f(inputs[i], limits[i]) && noslip_is_finite_f(inputs[i])) {
+        if (!noslip_is_finite_f(inputs[i])) {
+            finite = 0;
+        } else if (!noslip_within_f(inputs[i], limits[i])) {
             inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];
         }
     }
+    return finite;
 }
 
 /*
@@ -600,19 +620,21 @@ static inline void noslip_cut_f(float *inputs, const float *limits, int count)
  * `slope`, the derivative of the inputs by the virtual input of the speed (NULL: there is none), as little as needed. If that is
  * not enough, from the best point there towards coasting, as little as needed; if even that is not enough, coasting, within the
  * limits. `ground` as in noslip_holds for each contact; it is overwritten. `by_inputs` as in noslip_effects. `work` is memory for
- * 3 numbers for each contact. What comes of it is to be checked by noslip_holds at the new inputs.
+ * 3 numbers for each contact. Returns 1 if the new inputs are finite; whether they keep each contact within friction is to be checked
+ * by noslip_holds.
  */
-NOSLIP_APART void noslip_keep_grip_f(float *inputs, const float *slope, float *ground,
-                    const float *by_inputs, const noslip_grip_f *grip,
-                    const float *limits, int contacts, float *work)
+NOSLIP_APART int noslip_keep_grip_f(float *inputs, const float *slope, float *ground,
+                   const float *by_inputs, const noslip_grip_f *grip,
+                   const float *limits, int contacts, float *work)
 {
-    noslip_write_loads_f(ground, grip, contacts);
-    if (slope == NULL || !noslip_go_along_f(inputs, slope, ground, by_inputs, grip, limits, contacts, 2, work)) {
+    const noslip_grip_f below = noslip_grip_below_f(grip);
+    noslip_write_loads_f(ground, &below, contacts);
+    if (slope == NULL || !noslip_go_along_f(inputs, slope, ground, by_inputs, below.height, limits, contacts, 2, work)) {
         float way[2];
         noslip_way_to_coasting_f(ground, by_inputs, contacts, way);
-        (void)noslip_go_towards_f(inputs, way, ground, by_inputs, grip, limits, contacts, 2, work);
+        (void)noslip_go_towards_f(inputs, way, ground, by_inputs, below.height, limits, contacts, 2, work);
     }
-    noslip_cut_f(inputs, limits, 2);
+    return noslip_cut_f(inputs, limits, 2);
 }
 
 /* -- end of the generated part ----------------------------------------------------------------------------------------- */

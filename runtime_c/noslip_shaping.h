@@ -65,17 +65,18 @@ NOSLIP_APART void noslip_way_to_least(const double *ground, const double *along,
  * as little as needed; if that is not enough, `slope` is followed where this sum is smallest for each speed: `slope` is changed.
  * `work` is memory for count (count + 3) numbers and 3 for each contact.
  */
-NOSLIP_APART void noslip_keep_grip_of(double *inputs, double *slope, const double *free,
-                        double *ground, const double *by_inputs,
-                        const noslip_grip *grip, const double *limits, int contacts,
-                        int count, double *work)
+NOSLIP_APART int noslip_keep_grip_of(double *inputs, double *slope, const double *free,
+                       double *ground, const double *by_inputs,
+                       const noslip_grip *grip, const double *limits, int contacts,
+                       int count, double *work)
 {
+    const noslip_grip below = noslip_grip_below(grip);
     double *way = work + count * (count + 2), *effects = way + count;
     int i, any = 0;
-    noslip_write_loads(ground, grip, contacts);
+    noslip_write_loads(ground, &below, contacts);
     if (free != NULL) {
         noslip_way_to_least(ground, NULL, free, by_inputs, contacts, count, work, way);
-        any = noslip_go_towards(inputs, way, ground, by_inputs, grip, limits, contacts, count, effects);
+        any = noslip_go_towards(inputs, way, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
     if (!any && slope != NULL) {
         if (free != NULL) {
@@ -84,13 +85,13 @@ NOSLIP_APART void noslip_keep_grip_of(double *inputs, double *slope, const doubl
                 slope[i] += way[i];
             }
         }
-        any = noslip_go_along(inputs, slope, ground, by_inputs, grip, limits, contacts, count, effects);
+        any = noslip_go_along(inputs, slope, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
     if (!any) {
         noslip_way_to_least(ground, NULL, NULL, by_inputs, contacts, count, work, way);
-        (void)noslip_go_towards(inputs, way, ground, by_inputs, grip, limits, contacts, count, effects);
+        (void)noslip_go_towards(inputs, way, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
-    noslip_cut(inputs, limits, count);
+    return noslip_cut(inputs, limits, count);
 }
 
 /* -- float: generated from noslip_shaping.inc by guarantees/headers.py ------------------------------------------------- */
@@ -145,17 +146,18 @@ NOSLIP_APART void noslip_way_to_least_f(const float *ground, const float *along,
  * as little as needed; if that is not enough, `slope` is followed where this sum is smallest for each speed: `slope` is changed.
  * `work` is memory for count (count + 3) numbers and 3 for each contact.
  */
-NOSLIP_APART void noslip_keep_grip_of_f(float *inputs, float *slope, const float *free,
-                       float *ground, const float *by_inputs,
-                       const noslip_grip_f *grip, const float *limits, int contacts,
-                       int count, float *work)
+NOSLIP_APART int noslip_keep_grip_of_f(float *inputs, float *slope, const float *free,
+                      float *ground, const float *by_inputs,
+                      const noslip_grip_f *grip, const float *limits, int contacts,
+                      int count, float *work)
 {
+    const noslip_grip_f below = noslip_grip_below_f(grip);
     float *way = work + count * (count + 2), *effects = way + count;
     int i, any = 0;
-    noslip_write_loads_f(ground, grip, contacts);
+    noslip_write_loads_f(ground, &below, contacts);
     if (free != NULL) {
         noslip_way_to_least_f(ground, NULL, free, by_inputs, contacts, count, work, way);
-        any = noslip_go_towards_f(inputs, way, ground, by_inputs, grip, limits, contacts, count, effects);
+        any = noslip_go_towards_f(inputs, way, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
     if (!any && slope != NULL) {
         if (free != NULL) {
@@ -164,13 +166,13 @@ NOSLIP_APART void noslip_keep_grip_of_f(float *inputs, float *slope, const float
                 slope[i] += way[i];
             }
         }
-        any = noslip_go_along_f(inputs, slope, ground, by_inputs, grip, limits, contacts, count, effects);
+        any = noslip_go_along_f(inputs, slope, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
     if (!any) {
         noslip_way_to_least_f(ground, NULL, NULL, by_inputs, contacts, count, work, way);
-        (void)noslip_go_towards_f(inputs, way, ground, by_inputs, grip, limits, contacts, count, effects);
+        (void)noslip_go_towards_f(inputs, way, ground, by_inputs, below.height, limits, contacts, count, effects);
     }
-    noslip_cut_f(inputs, limits, count);
+    return noslip_cut_f(inputs, limits, count);
 }
 
 /* -- end of the generated part ----------------------------------------------------------------------------------------- */

@@ -95,13 +95,13 @@ SOURCES: Mapping[str, Source] = {
         )
     ),
     "runtime_c/noslip_grip.inc": Source(
-        _chosen("test_grip", "c_is rolls_or given_up least_squares init_checks cone_is_cut way_to steps_keep touched")
+        _chosen("test_grip", "c_is rolls_or given_up least_squares init_checks cone_is_cut way_to steps_keep any_forces touched")
     ),
-    "runtime_c/noslip_shaping.inc": Source(_chosen("test_grip", "least_forces used_first c_is")),
+    "runtime_c/noslip_shaping.inc": Source(_chosen("test_grip", "least_forces used_first c_is any_forces not_touched")),
     "runtime_c/noslip_approach.inc": Source(
         _chosen("test_approach", "bounded at_rest overshoot c_is fastest refused within -specs")
     ),
-    "runtime_c/noslip_profile.inc": Source(_chosen("test_profile", "fastest refuses repeats")),
+    "runtime_c/noslip_profile.inc": Source(_chosen("test_profile", "fastest refuses repeats derivative")),
     "runtime_c/noslip_slip.inc": Source(
         _chosen("test_slip", "reference false_alarm counts_alone lowered any_bits refused_options grip_of")
     ),

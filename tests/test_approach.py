@@ -135,7 +135,14 @@ def test_refused(scalar):
     def call(name, *arguments):
         return made.status(made.function(f"noslip_approach_{name}", scalar)(self, *arguments))
 
-    assert call("step", 0.01, 1.0, desired) == "not_ready"
+    def refuses(status, name, *arguments):
+        """The call returns the status, and what is desired is zero."""
+        made.ffi.buffer(desired)[:] = b"\xff" * made.ffi.sizeof(desired[0])
+        assert call(name, *arguments, desired) == status
+        assert [getattr(desired, field) for field, _ in made.ffi.typeof(desired[0]).fields] == [0.0] * 5
+
+    refuses("not_ready", "step", 0.01, 1.0)
+    refuses("not_ready", "within", 1.0, 0.0)
     for acceleration, settling, jerk in (
         (0, 1, 0),
         (1, 0, 0),
@@ -150,9 +157,10 @@ def test_refused(scalar):
     assert [getattr(self.desired, name) for name, _ in made.ffi.typeof(desired[0]).fields] == [0.0] * 5
     assert call("start", math.nan, 0, 0) == "nonfinite" and call("start", 1, 0, 0) == "ok"
     for dt, speed, status in ((math.nan, 1, "nonfinite"), (0.01, math.inf, "nonfinite"), (-0.01, 1, "range"), (0.26, 1, "range")):
-        made.ffi.buffer(desired)[:] = b"\xff" * made.ffi.sizeof(desired[0])
-        assert call("step", dt, speed, desired) == status
-        assert [getattr(desired, name) for name, _ in made.ffi.typeof(desired[0]).fields] == [0.0] * 5
+        refuses(status, "step", dt, speed)
+    for speed, rate in ((-math.inf, 0.0), (math.nan, 0.0), (-1.0, math.nan)):
+        refuses("nonfinite", "within", speed, rate)
+        assert self.desired.speed == 0.0 and self.desired.speed_rate == 0.0
     assert call("step", 0.0, 1.0, desired) == "ok" and desired.distance == 1.0
 
 

@@ -1,6 +1,7 @@
 """Inputs that keep the wheels rolling: the generated C against a second implementation, and against plain searches."""
 
 import math
+from fractions import Fraction
 from functools import cache, partial
 
 import casadi as ca
@@ -311,7 +312,7 @@ def test_steps_keep_every_contact_and_every_limit(scalar, near):
         grip.weight, grip.height = source.uniform(0.5, 3.0), source.uniform(0.0, 1.0)
         given = [made.array(scalar, np.ravel(each)) for each in (inputs, way, ground, np.zeros(3 * contacts))]
         made.function("noslip_write_loads", scalar)(given[2], grip, contacts)
-        made.function("noslip_effects", scalar)(given[1], made.array(scalar, by.ravel()), grip, contacts, count, given[3])
+        made.function("noslip_effects", scalar)(given[1], made.array(scalar, by.ravel()), grip.height, contacts, count, given[3])
         steps = made.function("noslip_steps_within", scalar)(*given, made.array(scalar, limits), contacts, count)
         parts = ground[:, :3, None] + (by @ way)[..., None] * grid
         load = grip.weight * ground[:, 3, None] + grip.height * parts[:, 2]
@@ -352,6 +353,83 @@ def test_the_way_to_coasting_ends_at_least_forces(scalar, accuracy):
         gradient, size = effect.T @ end, np.linalg.norm(effect) * np.linalg.norm(start)
         left = gradient if k % 3 == 2 else [gradient @ moved / (np.linalg.norm(moved) or 1.0)]
         assert np.abs(left).max() <= accuracy * size and np.linalg.norm(end) <= np.linalg.norm(start) * (1 + accuracy)
+
+
+class Floor(GripReference):
+    """The reference at given cones and combinations of inputs that do not change the motion; notes how many lines it cut."""
+
+    def __init__(self, cones: Cones, limits: np.ndarray, free: np.ndarray | None):
+        self._cones, self._limits, self._params, self.lines = cones, limits, np.zeros(0), 0
+        self._effort = None if free is None else lambda *_: (free,)
+
+    def cones(self, state: np.ndarray) -> Cones:
+        return self._cones
+
+    @staticmethod
+    def _null_inputs(free: np.ndarray) -> np.ndarray:
+        return free
+
+    def _steps(self, cones: Cones, tau: np.ndarray, way: np.ndarray) -> tuple[float, float, bool]:
+        self.lines += 1
+        return super()._steps(cones, tau, way)
+
+
+def test_the_limiter_is_the_reference_at_any_forces():
+    """Of two to four inputs and one to three contacts, with and without a speed and inputs that do not change the motion: all
+    directions are taken, and each ends for all reasons."""
+    made, source, kinds = runtime("noslip_shaping.h"), np.random.default_rng(17), set()
+    array = partial(made.array, "double")
+    for k in range(600):
+        count, contacts = 2 + k % 3, 1 + k // 3 % 3
+        force, mass, shift = source.normal(size=(contacts, 2)), source.uniform(0.5, 3.0, contacts), source.normal(size=contacts)
+        by, slope, tau = source.normal(size=(contacts, 3, count)), source.normal(size=count), source.normal(size=count)
+        rank_one = np.outer(*source.normal(size=(2, count)))
+        free = rank_one if count > 2 and k % 2 else None
+        slope = slope if k % 5 else np.zeros(0)
+        limits = source.uniform(0.3, 3.0, count) if k % 4 else np.full(count, 1e30)
+        weight, height = 10 ** source.uniform(-1, 1), source.choice([0.0, 0.1, 0.4])
+        by_load = np.moveaxis(height * by[:, 2], 0, 1)
+        cones = Cones(force, weight * mass + height * shift, np.moveaxis(by[:, :2], 2, 0), by_load, mass)
+        reference = Floor(cones, limits, free)
+        status, truth = reference(np.zeros(0), tau, slope)
+        if status == "ok":
+            continue
+        grip = made.new("noslip_grip", "double")
+        grip.weight, grip.height = weight, height
+        ground = np.column_stack([cones.at(tau), shift + by[:, 2] @ tau, mass])
+        inputs, along = array(tau), array(slope) if len(slope) else made.ffi.NULL
+        given = array(ground.ravel()), array(by.ravel()), grip, array(limits), contacts
+        size = 3 * contacts + (count * (count + 3) if count > 2 else 0)
+        work = array([0.0] * size + [7.0])
+        if count == 2:
+            made.function("noslip_keep_grip", "double")(inputs, along, *given, work)
+        else:
+            combined = made.ffi.NULL if free is None else array(free.ravel())
+            made.function("noslip_keep_grip_of", "double")(inputs, along, combined, *given, count, work)
+        assert np.abs(np.array(list(inputs)) - truth).max() <= 1e-7 * max(1.0, np.abs(truth).max()), k
+        assert work[size] == 7.0
+        kinds.add((count > 2, free is None, len(slope) > 0, reference.lines, status))
+    assert len(kinds) == 17, kinds  # each way to end at each of its steps
+
+
+@pytest.mark.parametrize("scalar, kind", [("double", np.float64), ("float", np.float32)])
+def test_a_contact_that_holds_is_within_friction_but_for_one_rounding(scalar, kind):
+    """In exact arithmetic, for forces within some roundings of mu load and at all sizes: what is computed as within friction is
+    at most 1 + epsilon times it, what is computed as beyond is not below 1 - 2 epsilon. Infinite numbers and NaN are beyond."""
+    made, source, answers = runtime("noslip_grip.h"), np.random.default_rng(12), []
+    holds, grip, one = made.function("noslip_holds", scalar), made.new("noslip_grip", scalar), np.finfo(kind).eps
+    grip.height, epsilon = 0.0, Fraction(float(one))
+    for _ in range(4000):
+        most, angle = kind(10 ** source.uniform(-15, 15)), source.choice([0.0, 1e-4, 0.3, 0.8, 1.2, 1.6]) * source.uniform(0.9, 1)
+        size = most * (1 + source.integers(-3, 4) * one)
+        force = (size * np.array([np.cos(angle), np.sin(angle)]) * source.choice([-1, 1], 2)).astype(kind)
+        grip.weight = float(most)
+        answers.append(holds(made.array(scalar, [*force, 0.0, 1.0]), grip))
+        square, limit = sum(Fraction(float(f)) ** 2 for f in force), Fraction(float(most))
+        assert square <= (limit * (1 + epsilon)) ** 2 if answers[-1] else square >= (limit * (1 - 2 * epsilon)) ** 2
+    assert 0.2 < np.mean(answers) < 0.8
+    for beyond in ([math.nan, 0.0, 0.0, 1.0], [0.0, math.inf, 0.0, 1.0], [0.0, 0.0, 0.0, math.nan], [0.0, 0.0, 0.0, -1.0]):
+        assert not holds(made.array(scalar, beyond), grip)
 
 
 @pytest.mark.parametrize("scalar", ["double", "float"])

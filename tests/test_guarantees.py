@@ -197,6 +197,7 @@ def test_eva_finds_in_drives(wrong, tmp_path):
 EVA_FINDS_IN_GRIP = {
     "a force across that does not count": ("noslip_grip.inc", " - ground[1] * ground[1] >= 0", " >= 0"),
     "friction that is not checked": ("noslip_grip.inc", " - ground[1] * ground[1] >= 0", " - ground[1] * ground[1] >= 0 || 1"),
+    "an input beyond its limit": ("noslip_grip.inc", "inputs[i] = inputs[i] > 0 ? limits[i] : -limits[i];", "finite = 1;"),
     "a contact that is not checked": ("law", " && noslip_holds_f(&ground[4], &self->grip) ? ", " ? "),
 }
 

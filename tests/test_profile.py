@@ -112,6 +112,30 @@ def test_it_is_the_fastest(name, scalar):
     assert np.abs(speeds - known).max() < 1e-3 * known.max()
 
 
+@pytest.mark.parametrize("name", PATHS)
+def test_the_rate_of_the_speed_is_its_derivative(name):
+    """By the way of the middle of the axle; times the speed of the vehicle, from 0 to twice the desired speed."""
+    segments, options, _ = PATHS[name]
+    profile, braking, speeding = SpeedProfile(segments, options, LIMITS, "double"), 0, 0
+    for k, segment in enumerate(segments):
+        lookahead = options.L[0] + options.ahead
+        ratio = math.sqrt(1 - (lookahead * segment.curvature) ** 2) + options.W * segment.curvature
+        for on in segment.length * np.linspace(0.013, 0.987, 40):
+            near = [profile.along(k, on + step) for step in (-1e-5, 0.0, 1e-5)]
+            sides = np.diff(near) / (1e-5 * ratio)
+            if near[1] <= 0.011 or np.ptp(sides) > 1e-2 * (1 + np.abs(sides).max()):
+                continue  # creeps, or the acceleration changes here
+            place = {"x": segment.x, "y": segment.y, "curvature": segment.curvature, "progress": on}
+            for direction in (1, -1):
+                guide = Guide("ok", segment=k, speed=direction * 60.0, **place)
+                for forward, share in ((near[1], 1.0), (near[1] / 3, 1 / 3), (9 * near[1], 2.0), (-near[1], 0.0), (0.0, 0.0)):
+                    speed, rate = profile.speed(guide, direction * forward)
+                    assert speed == direction * near[1]
+                    assert rate == pytest.approx(direction * share * near[1] * sides.mean(), abs=1e-3), (k, on, forward)
+            braking, speeding = braking + (sides.mean() < -1e-3), speeding + (sides.mean() > 1e-3)
+    assert braking > 5 and speeding > 5
+
+
 SPEC = """
 robot = "labmate"
 gains = { kp = 4.0, kd = 4.0, kv = 3.0 }

@@ -100,9 +100,9 @@ def _written_out(stages: Stages, inner: ReducedSystem, shift: ca.SX) -> tuple[ca
 
 
 def _scaled_efforts(stages: Stages, inner: ReducedSystem) -> ca.SX:
-    """Return the derivative of the efforts S'E tau by the inputs, each row divided by its first factor: forces are written by these
-    efforts. Of two wheels they are the sum and the difference of the torques, whose effects on the forces are simple. Returns the
-    identity if init cannot compute them, or inputs do not follow from efforts."""
+    """Return the derivative of the efforts S'E tau by the inputs, each row divided by its first factor: forces are written by
+    these efforts. Of two wheels they are the sum and the difference of the torques, whose effects on the forces are simple.
+    Returns the identity if init cannot compute them, or inputs do not follow from efforts."""
     efforts, fixed = inner.input_map, {symbol.element_hash() for symbol in stages.fixed}
     if inner.redundant or any(symbol.element_hash() not in fixed for symbol in ca.symvar(efforts)):
         return ca.SX.eye(efforts.shape[1])

@@ -670,22 +670,21 @@ class LawC(ProgramC[Program]):
             arrays["slope"] = f"[{count}]"
             calls.append(f"{self.function(slope.name)}_law({', '.join(self._arguments(slope))})")
         along, rest = "slope" if self.slows else "NULL", f"ground, by_inputs[0], &self->grip, self->limit, {self.contacts}"
-        keep_grip = f"{name('noslip_keep_grip')}(made, {along}, {rest}, work);"
+        keep_grip = f"{name('noslip_keep_grip')}(made, {along}, {rest}, work)"
         arrays["work"] = f"[{3 * self.contacts + (0 if self.plain_grip else count * (count + 3))}]"
         if self.shapes:
             arrays["null_inputs"] = f"[{count}][{count}]"
             calls.append(f"{self.function(NULL_INPUTS.name)}_law(self, state, null_inputs)")
         if not self.plain_grip:
             free = "null_inputs[0]" if self.shapes else "NULL"
-            keep_grip = f"{name('noslip_keep_grip_of')}(made, {along}, {free}, {rest}, {count}, work);"
+            keep_grip = f"{name('noslip_keep_grip_of')}(made, {along}, {free}, {rest}, {count}, work)"
         return [
             "if (status == NOSLIP_OK && self->on_limit == NOSLIP_GRIP) {",
             *(f"    {real} {array}{shape};" for array, shape in arrays.items()),
             f"    status = {calls[0]};",
             *(f"    status = status == NOSLIP_OK ? {call} : status;" for call in calls[1:]),
             "    if (status == NOSLIP_OK) {",
-            f"        {keep_grip}",
-            f"        status = {self._rolls()} ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;",
+            f"        status = {keep_grip} && {self._rolls()} ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;",
             "    }",
             "}",
         ]

@@ -824,8 +824,8 @@ static NOSLIP_COLD int labmate_type_iv_line_step_f_limited(labmate_type_iv_line_
         status = status == NOSLIP_OK ? labmate_type_iv_line_ground_by_inputs_f_law(self, state, by_inputs) : status;
         status = status == NOSLIP_OK ? labmate_type_iv_line_slope_f_law(self, state, slope) : status;
         if (status == NOSLIP_OK) {
-            noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work);
-            status = labmate_type_iv_line_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
+            status = noslip_keep_grip_f(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
+                labmate_type_iv_line_ground_f_law(self, state, made, ground) == NOSLIP_OK && noslip_holds_f(ground,
                 &self->grip) && noslip_holds_f(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
         }
     }

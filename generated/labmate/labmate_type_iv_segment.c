@@ -1024,8 +1024,8 @@ static NOSLIP_COLD int labmate_type_iv_segment_step_limited(labmate_type_iv_segm
         status = status == NOSLIP_OK ? labmate_type_iv_segment_ground_by_inputs_law(self, state, by_inputs) : status;
         status = status == NOSLIP_OK ? labmate_type_iv_segment_slope_law(self, state, slope) : status;
         if (status == NOSLIP_OK) {
-            noslip_keep_grip(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work);
-            status = labmate_type_iv_segment_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
+            status = noslip_keep_grip(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
+                labmate_type_iv_segment_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
                 &self->grip) && noslip_holds(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
         }
     }
@@ -1151,8 +1151,8 @@ static NOSLIP_COLD int labmate_type_iv_segment_follow_limited(labmate_type_iv_se
         status = status == NOSLIP_OK ? labmate_type_iv_segment_ground_by_inputs_law(self, state, by_inputs) : status;
         status = status == NOSLIP_OK ? labmate_type_iv_segment_follow_slope_law(self, foot, state, slope) : status;
         if (status == NOSLIP_OK) {
-            noslip_keep_grip(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work);
-            status = labmate_type_iv_segment_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
+            status = noslip_keep_grip(made, slope, ground, by_inputs[0], &self->grip, self->limit, 2, work) &&
+                labmate_type_iv_segment_ground_law(self, state, made, ground) == NOSLIP_OK && noslip_holds(ground,
                 &self->grip) && noslip_holds(&ground[4], &self->grip) ? NOSLIP_GRIP_LIMITED : NOSLIP_WILL_SLIP;
         }
     }

@@ -2,11 +2,12 @@
  * grip.c - the law LAW of ROBOT with NOSLIP_GRIP for EVA, in the scalar REAL with SUFFIX; SOURCE is its C, included here so that
  * what it calls can be watched.
  *
- * The claim "friction use is at most 1 unless the status says otherwise" has two parts. Where a step returns NOSLIP_OK or
+ * The claim "friction use is at most 1 unless the status says otherwise" has three parts. Where a step returns NOSLIP_OK or
  * NOSLIP_GRIP_LIMITED, noslip_holds has answered yes for every contact after the inputs were changed for the last time
- * (check_step). With a force of 1.2 times the friction or more, noslip_holds answers no (check_holds): intervals prove that with a
- * factor only. Not proved, but tested: that noslip_apply_limits finds nothing to change after noslip_cut, and that the forces are
- * those of the model.
+ * (check_step). Inputs that go from there to noslip_apply_limits are not changed by it: they are within their limits
+ * (watched_apply_limits). With a force of 1.11 times the friction or more, noslip_holds answers no
+ * (check_holds): intervals prove that with a factor only. Between 1 and 1.11 the rounding of its five operations decides, see
+ * noslip_holds. Not proved, but tested: that the forces are those of the model.
  */
 #include "eva.h"
 #include HEADER
@@ -25,17 +26,33 @@ static int watched_holds(const REAL *ground, const OF(noslip_grip) * grip)
     return holds;
 }
 
-static void watched_keep_grip(REAL *inputs, const REAL *slope, REAL *ground, const REAL *by_inputs, const OF(noslip_grip) * grip,
-                              const REAL *limits, int contacts, REAL *work)
+static int watched_keep_grip(REAL *inputs, const REAL *slope, REAL *ground, const REAL *by_inputs, const OF(noslip_grip) * grip,
+                             const REAL *limits, int contacts, REAL *work)
 {
-    OF(noslip_keep_grip)(inputs, slope, ground, by_inputs, grip, limits, contacts, work);
     kept = 0;
+    return OF(noslip_keep_grip)(inputs, slope, ground, by_inputs, grip, limits, contacts, work);
+}
+
+/* The inputs of a step that is limited by grip are not changed on the way to the caller. */
+static int watched_apply_limits(int status, int on_error, const REAL *limits, REAL *held, const REAL *computed, REAL *inputs, int count)
+{
+    int k;
+    for (k = 0; k < count; k++) {
+        const REAL input = computed[k], most = limits[k];
+        if (status == NOSLIP_GRIP_LIMITED) {
+            REACHED(within_limits);
+            /*@ assert -most <= input <= most; */
+        }
+    }
+    return OF(noslip_apply_limits)(status, on_error, limits, held, computed, inputs, count);
 }
 
 #define noslip_holds watched_holds
 #define noslip_holds_f watched_holds
 #define noslip_keep_grip watched_keep_grip
 #define noslip_keep_grip_f watched_keep_grip
+#define noslip_apply_limits watched_apply_limits
+#define noslip_apply_limits_f watched_apply_limits
 #include SOURCE
 #undef noslip_holds
 #undef noslip_holds_f
@@ -82,12 +99,12 @@ void check_step(int follow, REAL odd, REAL even)
 }
 
 /*
- * The answer at a contact with a force of at least 1.2 times its friction, or of a negative friction. The friction is from 1 to 4 N: beyond
- * that, all numbers are the same times a power of two. Boxes of forces cover what is outside the circle.
+ * The answer at a contact with a force of at least 1.11 times its friction, or of a negative friction. The friction is from 1 to 2 N:
+ * beyond that, all numbers are the same times a power of two. Boxes of forces cover what is outside the circle.
  */
 void check_holds(void)
 {
-    const REAL width = 1 / (REAL)16;
+    const REAL width = 1 / (REAL)32;
     OF(noslip_grip) grip;
     REAL ground[4], most, along, across;
     int quarter, answer;
@@ -95,13 +112,13 @@ void check_holds(void)
     ground[3] = 1;
     grip.height = 0;
     /*@ loop unroll 30; */
-    for (most = 1; most < 4; most += most * width) {
+    for (most = 1; most < 2; most += most * width) {
         const REAL end = most * (1 + width), step = end * width, beyond = end * (1 + width);
         grip.weight = BETWEEN(most, end);
         across = beyond;
-        /*@ loop unroll 30; */
+        /*@ loop unroll 60; */
         for (along = 0; along < beyond; along += step) {
-            /*@ loop unroll 30; */
+            /*@ loop unroll 60; */
             while (across > step && along * along + (across - step) * (across - step) >= beyond * beyond) {
                 across -= step;
             }
