@@ -179,6 +179,16 @@ def test_zeros_are_refused_or_safe(c):
     assert list(loop.vehicle.law.limit) == pytest.approx([standing] * 2, rel=1e-6)
 
 
+@pytest.mark.parametrize("motor", [0, 1])
+def test_one_motor_that_cannot_is_said(c, motor):
+    """A supply that one motor's back EMF exceeds: the tick is saturated where the law is within its limits, too."""
+    loop, alone = FirmwareLoop(c, **{f"motors__{motor}__supply": 12.5}), 0
+    for _ in range(1500):
+        status = loop.tick()
+        alone += status == c.lib.NOSLIP_SATURATED and loop.vehicle.last == c.lib.NOSLIP_OK
+    assert alone > 5
+
+
 def velocity_loop(c, **changes) -> FirmwareLoop:
     """The vehicle with velocity drives."""
     wheel = {"speed": 20.0, "acceleration": 15.0, "band": 2.0}
