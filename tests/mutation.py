@@ -134,7 +134,7 @@ SOURCES: Mapping[str, Source] = {
     "generated/labmate/labmate_follower_f.c": Source(
         _chosen(
             "test_firmware test_follower",
-            "zeros together are_counts far_from approach update "
+            "zeros together are_counts law_says far_from approach update "
             "settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck "
             "integral left_out keep_grip limited_and same_point one_motor",
         )
