@@ -1,4 +1,4 @@
-"""`noslip log` and `noslip view`: a serial dump of a follower's telemetry as a table and as a plot."""
+"""`noslip log` and `noslip view`: a serial dump of a follower's telemetry as a table and as a plot; a table as a plot."""
 
 import argparse
 from pathlib import Path
@@ -17,8 +17,9 @@ EXAMPLE_OF_LOG = """examples:
   make -C firmware run TARGET=cortex-m4f TELEMETRY=/tmp/run.dump
   noslip log /tmp/run.dump -o run.csv
   noslip log /tmp/run.dump -o run.mcap     for PlotJuggler or Foxglove"""
-EXAMPLE_OF_VIEW = """example:
-  noslip view /tmp/run.dump -o run.png"""
+EXAMPLE_OF_VIEW = """examples:
+  noslip view /tmp/run.dump -o run.png
+  noslip view run.parquet --spec run.toml -o run.png"""
 
 
 def add_parser(subparsers: argparse._SubParsersAction) -> None:
@@ -36,11 +37,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.set_defaults(run=run)
     parser = subparsers.add_parser(
         "view",
-        help="plot a serial dump of telemetry as a run",
-        description="Draw the ticks in a dump of noslip_telemetry.h as `noslip simulate --plot` draws a run.",
+        help="plot a serial dump of telemetry, or a table of a run, as a run",
+        description="Draw the ticks in a dump of noslip_telemetry.h as `noslip simulate --plot` draws a run; or the rows of a "
+        "table (CSV, Parquet, MCAP) of `noslip log` or `noslip simulate`, with the SPEC that says robot, law and path.",
         epilog=EXAMPLE_OF_VIEW,
     )
     parser.add_argument("-o", "--output", metavar="RUN.png", required=True, help="picture: .png, .svg or .pdf")
+    parser.add_argument("--spec", metavar="SPEC", help="of a table: what robot, law and path its rows belong to")
     _add_dump(parser)
     parser.set_defaults(run=run_view)
 
@@ -76,21 +79,61 @@ def run_view(args: argparse.Namespace) -> int:
     from ..simulation.drawing import encoded
     from ..simulation.plot import draw
 
-    check_targets([], [args.output], inputs=[args.dump])
+    check_targets([], [args.output], inputs=[args.dump, *([args.spec] if args.spec else [])])
+    if _is_table(args.dump):
+        return _view_table(args)
+    if args.spec:
+        raise BadInput(f"--spec: {args.dump} is a dump, which says what it belongs to; leave it out")
     dump, start, _, ticks = _read(args)
     write_whole(args.output, encoded(draw(ticks), Path(args.output).suffix[1:]))
     _show(args, dump, start, ticks)
     return 0
 
 
-def _read(args: argparse.Namespace) -> tuple["Dump", "Start", "FollowerInC", "Run"]:
+def _is_table(file: str) -> bool:
     from ..readers.tables import FORMATS
+
+    return Path(file).suffix.lower() in FORMATS
+
+
+def _view_table(args: argparse.Namespace) -> int:
+    """Draw a table as a run of its SPEC. Return 0."""
+    from ..model.errors import ModelError
+    from ..readers.tables import read_table
+    from ..simulation.drawing import encoded
+    from ..simulation.plot import draw
+    from ..simulation.specification.vary import read_varied
+    from ..telemetry.table import run_of_table
+
+    if args.robot or args.start is not None:
+        raise BadInput(f"--robot and --start are for dumps; {args.dump} is a table, whose robot --spec says")
+    if not args.spec:
+        raise BadInput(f"{args.dump} is a table, which does not say what was followed: give --spec SPEC, or the dump of bytes")
+    spec = read_varied(args.spec, {})
+    try:
+        run = run_of_table(read_table(args.dump), spec, args.dump)
+    except ModelError as error:
+        raise BadInput(f"{args.spec}: {error}") from error
+    write_whole(args.output, encoded(draw(run), Path(args.output).suffix[1:]))
+    head = f"{run.law.system.mechanism.name}: {len(run.t)} rows, {run.t[-1] - run.t[0]:.9g} s, at the end {run.status[-1]}"
+    values = {
+        "robot": run.law.system.mechanism.name,
+        "rows": len(run.t),
+        "duration": float(run.t[-1] - run.t[0]),
+        "status": str(run.status[-1]),
+        "files": [args.output],
+    }
+    show(args, lambda: f"{head}\n  {args.output}", lambda: values, args.output)
+    return 0
+
+
+def _read(args: argparse.Namespace) -> tuple["Dump", "Start", "FollowerInC", "Run"]:
     from ..telemetry.dump import chosen, read_dump
     from ..telemetry.run import run_of
     from ..telemetry.vehicle import vehicle_of
 
-    if Path(args.dump).suffix.lower() in FORMATS:
-        raise BadInput(f"{args.dump} is a table, not a dump of bytes; `noslip simulate SPEC --plot RUN.png` draws runs")
+    if _is_table(args.dump):
+        raise BadInput(f"{args.dump} is a table, not a dump of bytes; `noslip view {args.dump} --spec SPEC -o RUN.png` draws it")
     dump = read_dump(args.dump)
     start = chosen(dump, args.start, args.dump)
     if not len(start.records):

@@ -112,7 +112,9 @@ SOURCES: Mapping[str, Source] = {
     "runtime_c/noslip_adaptation.inc": Source(
         _chosen("test_adaptation", "least_squares forgotten beyond_the_bounds any_bits init_refuses")
     ),
-    "runtime_c/noslip_motor.inc": Source(_chosen("test_motor", "desired continuous leave supply torque misuse finite")),
+    "runtime_c/noslip_motor.inc": Source(
+        _chosen("test_motor test_runtime", "desired continuous leave supply torque misuse finite noslip_motor")
+    ),
     "runtime_c/noslip_velocity.inc": Source(
         _chosen(
             "test_drives test_kinematic",
@@ -132,9 +134,9 @@ SOURCES: Mapping[str, Source] = {
     "generated/labmate/labmate_follower_f.c": Source(
         _chosen(
             "test_firmware test_follower",
-            "zeros together are_counts far_from approach update "
+            "zeros together are_counts law_says far_from approach update "
             "settings null wheel_rates width stands_where recursion misread missed too_long stops resets forgets sees stuck "
-            "integral left_out keep_grip limited_and same_point",
+            "integral left_out keep_grip limited_and same_point one_motor",
         )
     ),
     **{

@@ -172,11 +172,22 @@ def test_zeros_are_refused_or_safe(c):
     for changes in ({**driver, **no_limit}, {**driver, "limits__limit__1": 0.0}, {"motors__1__mode": 0, "limits__limit__1": 0.0}):
         with pytest.raises(SettingsRefused, match="bad_parameter"):
             FirmwareLoop(c, **changes)
+    FirmwareLoop(c, **driver, limits__limit__0=0.5, limits__limit__1=0.5)  # any positive one will do
     loop = FirmwareLoop(c, **no_limit)
     assert loop.tick() >= 0
     motor = loop.settings.motors[0]
     standing = motor.current * motor.torque_constant * motor.gear * motor.efficiency  # N m
     assert list(loop.vehicle.law.limit) == pytest.approx([standing] * 2, rel=1e-6)
+
+
+@pytest.mark.parametrize("motor, supply, least, most", [(0, 12.5, 5, 1500), (1, 12.5, 5, 1500), (0, 24.0, 0, 0)])
+def test_one_motor_that_cannot_is_said(c, motor, supply, least, most):
+    """A supply that one motor's back EMF exceeds: the tick is saturated where the law is within its limits, too."""
+    loop, alone = FirmwareLoop(c, **{f"motors__{motor}__supply": supply}), 0
+    for _ in range(1500):
+        status = loop.tick()
+        alone += status == c.lib.NOSLIP_SATURATED and loop.vehicle.last == c.lib.NOSLIP_OK
+    assert least <= alone <= most
 
 
 def velocity_loop(c, **changes) -> FirmwareLoop:
@@ -208,6 +219,14 @@ def test_velocity_drives_stop_together(c):
         assert ticks < 100
     assert loop.state == STOP
     assert c.lib.labmate_follower_twist_f(FirmwareLoop(c).vehicle, twist) == c.lib.NOSLIP_NOT_READY and list(twist) == [0, 0]
+
+
+def test_velocity_drives_say_what_the_law_says(c):
+    """The torques of the law are limited, and so are the accelerations of the commands."""
+    loop = velocity_loop(c, limits__limit__0=0.5, limits__limit__1=0.5)
+    turned, command = c.ffi.new("float[2]"), loop.command
+    assert c.lib.labmate_follower_tick_angles_f(loop.vehicle, turned, PERIOD, command) == c.lib.NOSLIP_SATURATED
+    assert 0 < command[0] < 0.5 * 15.0 * PERIOD
 
 
 def test_velocity_drives_keep_grip(c):

@@ -224,6 +224,7 @@ def test_slow_keeps_the_path():
 # -- limits of the commands ----------------------------------------------------------------------------------------------
 
 VEHICLE = VehicleLimits((0.075, 0.075), (0.25, -0.25), 1.2, 1.6)
+UNEVEN = VehicleLimits((0.08, 0.07), (0.26, -0.22), 1.2, 1.6)  # wheels of two sizes
 WIDE = VelocityLimits((40.0, 40.0), (60.0, 60.0), (1e3, 1e3), VEHICLE)
 
 
@@ -235,7 +236,7 @@ def twist(command: np.ndarray) -> np.ndarray:
 def test_follow_is_the_reference(scalar):
     """Beside the reference implementation, with desired velocities that jump, with limits of the vehicle and without."""
     random, seen = np.random.default_rng(4), set()
-    for count, vehicle in itertools.product((2, 2, 2, 2), (VEHICLE, None)):
+    for count, vehicle in itertools.product((2, 2, 2), (VEHICLE, UNEVEN, None)):
         limits = VelocityLimits((30.0, 20.0), (40.0, 90.0), tuple(random.uniform(0.5, 50, count)), vehicle)
         both = [CompiledVelocity(limits, PERIOD, scalar), ReferenceVelocity(limits, PERIOD)]
         nu, desired = np.zeros(count), np.zeros(count)

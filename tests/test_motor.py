@@ -53,6 +53,13 @@ def motor_does(s: dict, command: float, rate: float) -> tuple[float, float, floa
     return driven - s["friction"] * rate - s["dry_friction"] * np.sign(rate), current, current * s["resistance"] + emf
 
 
+def reachable(s: dict, rate: float) -> list[float]:
+    """The least and the largest torque (N m) at a rate with which the back EMF is less than the supply."""
+    emf = s["torque_constant"] * s["gear"] * rate
+    currents = [sign * min(s["current"], (s["supply"] - sign * emf) / s["resistance"]) for sign in (-1, 1)]
+    return sorted(motor_does(s | {"mode": CURRENT}, current, rate)[0] for current in currents)
+
+
 class Motor:
     """A motor of the C in one scalar; `status` is that of init."""
 
@@ -92,6 +99,7 @@ def test_the_wheel_has_the_torque_that_is_desired(scalar):
         else:
             full = max(abs(current) / settings["current"], abs(voltage) / settings["supply"])
             assert full > 1 - 10 * SCALARS[scalar]
+            assert torque == pytest.approx(np.clip(desired, *reachable(settings, rate)), rel=20 * SCALARS[scalar])
     assert min(seen.values()) > 200
 
 

@@ -14,7 +14,11 @@ from noslip.cli.main import main
 from noslip.controllers.runtime import runtime
 from noslip.guarantees.vehicle import PERIOD, Firmware, FirmwareLoop
 from noslip.readers.tables import read_table
+from noslip.simulation.closed_loop import simulate
+from noslip.simulation.specification.vary import read_varied
 from noslip.telemetry.dump import Kind, frames, read_dump, record_type
+from noslip.telemetry.run import run_of
+from noslip.telemetry.table import run_of_table
 from noslip.telemetry.vehicle import follower_in_c
 
 HEADER = "noslip_telemetry.h"
@@ -476,7 +480,9 @@ def test_any_bytes_are_read_or_refused(parts, dumped):
 def test_bad_input(parts, dumped, bad_input, tmp_path):
     file, nameless = dumped(parts), dumped([framed(2, list(frames(parts[0]))[1][1]), *parts[1:]], "nameless.dump")
     assert ".csv, .parquet, .mcap" in bad_input(["log", file, "-o", str(tmp_path / "run.xls")])
-    assert "is a table, not a dump" in bad_input(["view", dumped(parts, "run.csv"), "-o", str(tmp_path / "run.png")])
+    assert "is a table, not a dump" in bad_input(["log", dumped(parts, "run.csv"), "-o", str(tmp_path / "out.csv")])
+    assert "give --spec SPEC" in bad_input(["view", dumped(parts, "run.csv"), "-o", str(tmp_path / "run.png")])
+    assert "leave it out" in bad_input(["view", dumped(parts), "--spec", "line", "-o", str(tmp_path / "run.png")])
     assert "give --robot" in bad_input(["replay", nameless])
     assert main(["replay", nameless, "--robot", "labmate"]) == 0
     assert "two driven wheels" in bad_input(["replay", file, "--robot", "four_wheel"])
@@ -584,6 +590,7 @@ def test_commands_of_the_page(parts, dumped, tmp_path):
     lines = [line.split("#")[0].split() for line in block.splitlines()]
     assert lines[0][:4] == ["make", "-C", "firmware", "run"]
     places = {"/tmp/run.dump": dumped(parts)} | {f"run.{suffix}": str(tmp_path / f"run.{suffix}") for suffix in ("mcap", "png")}
+    places["run.toml"] = "line"
     for _, *words in lines[1:]:
         assert main([places.get(word, word) for word in words]) == 0
 
@@ -592,3 +599,51 @@ def test_a_dump_is_drawn(parts, dumped, tmp_path, capsys):
     assert main(["view", dumped(parts), "-o", str(tmp_path / "run.svg")]) == 0
     text = Path(tmp_path / "run.svg").read_text()
     assert len(text) > 20_000 and "labmate" in capsys.readouterr().out
+
+
+# -- tables as runs --------------------------------------------------------------------------------------------------------
+
+
+def test_a_logged_table_is_the_run_of_its_dump(parts, dumped, tmp_path):
+    """With the SPEC of the dump: the same states, outputs and segments in every format."""
+    file = dumped(parts)
+    (start,) = read_dump(file).starts
+    run = run_of(start, follower_in_c("labmate", "float"), file)
+    for suffix in ("csv", "parquet", "mcap"):
+        assert main(["log", file, "-o", str(tmp_path / f"run.{suffix}")]) == 0
+        again = run_of_table(read_table(tmp_path / f"run.{suffix}"), run.spec, "run")
+        for name in ("t", "q", "nu", "tau", "y_d"):
+            assert getattr(again, name) == pytest.approx(getattr(run, name), rel=1e-6, abs=1e-6), name
+        assert list(again.status) == list(run.status) and again.y[:, 0] == pytest.approx(run.y[:, 0], abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["line", "circle"])
+def test_a_simulated_table_is_its_run(name, tmp_path, capsys):
+    """The columns of `noslip simulate` give every number of the run again."""
+    run = simulate(read_varied(name, {"simulation.duration": 2.0}))
+    (tmp_path / "run.csv").write_text(run.csv())
+    again = run_of_table(read_table(tmp_path / "run.csv"), run.spec, "run.csv")
+    for part in ("t", "q", "nu", "tau", "y", "y_d", "config", "piece", "forces"):
+        assert getattr(again, part) == pytest.approx(getattr(run, part), abs=1e-12), part
+    assert main(["view", str(tmp_path / "run.csv"), "--spec", name, "-o", str(tmp_path / "run.svg")]) == 0
+    assert len((tmp_path / "run.svg").read_text()) > 20_000 and "labmate" in capsys.readouterr().out
+
+
+def test_tables_that_do_not_fit_are_refused(tmp_path, bad_input):
+    """What the outputs need must be there and finite; wheel angles and torques need not."""
+    run = simulate(read_varied("line", {"simulation.duration": 0.5}))
+    head, *rows = [line.split(",") for line in run.csv().splitlines()]
+    file, out = tmp_path / "run.csv", str(tmp_path / "run.png")
+
+    def view(names, change=lambda row: row) -> list[str]:
+        places = [head.index(name) for name in names]
+        lines = [names, *[change([row[k] for k in places]) for row in rows]]
+        file.write_text("\n".join(",".join(line) for line in lines) + "\n")
+        return ["view", str(file), "--spec", "line", "-o", out]
+
+    needed = ["t", "x_c", "y_c", "phi", "thetadot_r", "thetadot_l"]
+    assert main(view(needed)) == 0
+    for name in needed:
+        assert f"{name}" in bad_input(view([each for each in needed if each != name]))
+    assert "x_c that are missing or not finite" in bad_input(view(needed, lambda row: [row[0], "", *row[2:]]))
+    assert "times must increase" in bad_input(view(needed, lambda row: ["1.0", *row[1:]]))
