@@ -10,14 +10,13 @@ import casadi as ca
 import numpy as np
 
 from ..model.contacts import GRAVITY
-from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from ..simulation.closed_loop import simulate
 from ..simulation.run import Run
 from ..simulation.specification.spec import ContactSection, LimitsSection, spec_of_table
+from .dynamics import Dynamics, combinations
 from .fit import predicted
-from .identifiability import combinations
 from .log import Log
 
 RADII = (0.95, 0.7, 0.5)  # of the circles of the eight, in units of the largest that the room has
@@ -40,12 +39,13 @@ class Manoeuvre:
         return float(np.sum(np.log(list(self.deviations.values()))))
 
 
-def parameters_of_motion(system: ReducedSystem, values: Sequence[float]) -> list[str]:
+def parameters_of_motion(dynamics: Dynamics, values: Sequence[float]) -> list[str]:
     """Return the parameters that the dynamics determine, of those that the kinematics do not depend on; of several that are seen
     only together the first.
     """
+    system = dynamics.system
     names = [p.name for p in system.mechanism.parameters if not ca.depends_on(system.S, p.symbol)]
-    return [c.pivot for c in combinations(system, names, values)]
+    return [c.pivot for c in combinations(dynamics, names, values)]
 
 
 def excite(
@@ -101,10 +101,12 @@ def _tried(
     place = run.q[:, :2] - run.q[0, :2]
     if np.ptp(place, axis=0).max() > room:
         return "would leave the room"
-    system, values = run.law.system, run.plant.parameters
+    system = run.law.system
+    dynamics = Dynamics.of(system)
+    values = dynamics.values({p.name: v for p, v in zip(system.mechanism.parameters, run.plant.parameters, strict=True)})
     log = Log(run.t, run.x, run.tau, (range(len(run.t)),), ())
-    fitted = list(names) if names is not None else parameters_of_motion(system, values.tolist())
-    deviations = predicted(log, system, fitted, values, True).expected_deviations(np.full(system.dof, noise))
+    fitted = list(names) if names is not None else parameters_of_motion(dynamics, values.tolist())
+    deviations = predicted(log, dynamics, fitted, values, True).expected_deviations(np.full(system.dof, noise))
     hidden = [name for name, sd in deviations.items() if not math.isfinite(sd)]
     if hidden:
         return f"would not show {', '.join(hidden)}"

@@ -8,10 +8,10 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
-from .identifiability import combinations
+from .dynamics import Dynamics, combinations
+from .inverse import InverseDynamics
 from .log import Log
 from .output_error import OutputError, Prediction, Windows, runge_kutta, with_derivatives
 from .result import Identification, result_of
@@ -24,39 +24,47 @@ MOST_STEPS = 50  # of the integration between two rows
 
 def identify(
     log: Log,
-    system: ReducedSystem,
+    dynamics: Dynamics,
     names: Sequence[str],
     values: Mapping[str, float],
     held: bool | None,
     progress: Reported = silent,
 ) -> Identification:
-    """Fit the named parameters; the others keep `values`. `held`: inputs are constant from row to row; None: what fits better.
+    """Fit the named parameters; the others keep `values`, or their defaults. `held`: inputs are constant from row to row; None:
+    what fits better.
 
-    Each window of rows is predicted from an initial state whose velocities are fitted too; coordinates at its start are those of
-    the log. Positive parameters stay positive. Raises BadInput if nothing can be identified or the fit does not converge.
+    Each window of rows is predicted from an initial state, of which the measured coordinates and the velocities are fitted too;
+    other coordinates at its start are those of the log. The fit begins with the `values` or, if they predict the outputs better,
+    with those that satisfy the equations of motion best. Parameters stay within their bounds. Raises BadInput if nothing can be
+    identified or the fit does not converge.
     """
-    mechanism = system.mechanism
-    every = np.array([values[p.name] for p in mechanism.parameters])
-    basis = combinations(system, names, every.tolist())
+    mechanism = dynamics.system.mechanism
+    every = dynamics.values(values)
+    basis = combinations(dynamics, names, every.tolist())
     if not basis:
         raise BadInput(f"--fit {' '.join(names)}: the motion of {mechanism.name} does not depend on these parameters")
     free = [c.pivot for c in basis]
-    fits = {way: predicted(log, system, free, every, way, progress).fit() for way in ((True, False) if held is None else (held,))}
+    fits = {way: predicted(log, dynamics, free, every, way, progress) for way in ((True, False) if held is None else (held,))}
+    for fit in fits.values():
+        fit.leave_out_unseen()
+        fit.begin(InverseDynamics(log, dynamics, fit.names, every).fit(dynamics.upper))
+        fit.fit()
     way = min(fits, key=lambda each: fits[each].cost)
-    outputs = [(q.name, q.unit) for q in system.quasi_velocities]
+    outputs = [(q.name, q.unit) for q in dynamics.outputs]
     return result_of(fits[way], names, basis, len(log.t), log.remarks, outputs, inputs="held" if way else "smooth")
 
 
 def predicted(
-    log: Log, system: ReducedSystem, names: Sequence[str], values: np.ndarray, held: bool, progress: Reported = silent
+    log: Log, dynamics: Dynamics, names: Sequence[str], values: np.ndarray, held: bool, progress: Reported = silent
 ) -> OutputError:
-    """Return the prediction of the quasi-velocities of a log. `values`: all parameters; `names`: those that may be fitted."""
-    windows = _windows(log, len(system.mechanism.coordinates), held)
+    """Return the prediction of the outputs of a log. `values`: all parameters; `names`: those that may be fitted."""
+    windows = _windows(log, dynamics, held)
     steps = min(MOST_STEPS, max(1, math.ceil(float(windows.inputs[:, :, -1].max()) / LONGEST_STEP - 1e-6)))
-    return OutputError(_prediction(system, steps, names), windows, system.mechanism.parameters, values, progress)
+    return OutputError(_prediction(dynamics, steps, names), windows, dynamics.quantities, values, progress, dynamics.upper)
 
 
-def _windows(log: Log, n: int, held: bool) -> Windows:
+def _windows(log: Log, dynamics: Dynamics, held: bool) -> Windows:
+    n = len(dynamics.system.mechanism.coordinates)
     starts = [k for stretch in log.stretches for k in range(stretch.start, stretch.stop - WINDOW + 1, WINDOW - 1)]
     if len(starts) < 2 * LEFT_OUT:
         raise BadInput(f"the log has {len(starts)} stretches of {WINDOW} rows without a gap; {2 * LEFT_OUT} are needed")
@@ -64,51 +72,49 @@ def _windows(log: Log, n: int, held: bool) -> Windows:
     x, dt = log.x[rows], np.diff(log.t[rows], axis=1, append=log.t[rows[:, -1:]])
     if not np.ptp(x[:, :, n:], axis=(0, 1)).max() > 0:
         raise BadInput("the quasi-velocities of the log do not change; a motion with changing speed is needed")
-    first, next_row = log.tau[rows], np.minimum(rows + 1, rows[:, -1:])
-    middle, last = (first, first) if held else (_between(log)[rows], log.tau[next_row])
+    first, next_row = log.inputs[rows], np.minimum(rows + 1, rows[:, -1:])
+    middle, last = (first, first) if held else (_between(log)[rows], log.inputs[next_row])
     inputs = np.concatenate([first, middle, last, dt[:, :, None]], axis=2)
-    return Windows(
-        x[:, 0], range(n, x.shape[2]), inputs, x[:, :, n:], np.arange(len(starts)) % LEFT_OUT != LEFT_OUT - 1, log.t[rows]
-    )
+    used = np.arange(len(starts)) % LEFT_OUT != LEFT_OUT - 1
+    return Windows(x[:, 0], dynamics.start_places, inputs, log.measured(n)[rows], used, log.t[rows])
 
 
 def _between(log: Log) -> np.ndarray:
     """Return the inputs in the middle between each row and the next, by cubic splines; the last of a stretch is its own."""
-    middle = log.tau.copy()
+    middle = log.inputs.copy()
     for stretch in log.stretches:
         if len(stretch) > 1:
-            t, tau = log.t[stretch.start : stretch.stop], log.tau[stretch.start : stretch.stop]
+            t, tau = log.t[stretch.start : stretch.stop], log.inputs[stretch.start : stretch.stop]
             middle[stretch.start : stretch.stop - 1] = CubicSpline(t, tau)((t[:-1] + t[1:]) / 2)
     return middle
 
 
-def _prediction(system: ReducedSystem, steps: int, names: Sequence[str]) -> Prediction:
-    """Return the motion from row to row, by Runge-Kutta of order 4. The inputs of an interval are the robot's at its beginning,
-    in its middle and at its end, and its length.
+def _prediction(dynamics: Dynamics, steps: int, names: Sequence[str]) -> Prediction:
+    """Return the motion from row to row, by Runge-Kutta of order 4. The inputs of an interval are the logged ones at its
+    beginning, in its middle and at its end, and its length.
     """
-    mechanism = system.mechanism
-    tau = ca.SX.sym("tau", len(mechanism.inputs))
-    state = ca.vertcat(*[q.symbol for q in system.state])
-    parameters = [p.symbol for p in mechanism.parameters]
-    rate = ca.Function("rate", [state, tau, ca.vertcat(*parameters)], [ca.vertcat(system.qdot, system.acceleration(tau))])
-    first, middle, last = (ca.SX.sym(name, tau.shape[0]) for name in ("first", "middle", "last"))
+    system, state = dynamics.system, dynamics.state
+    tau, u = ca.SX.sym("tau", dynamics.torque.shape[0]), ca.SX.sym("u", len(dynamics.inputs))
+    every, symbols = dynamics.parameters, [q.symbol for q in dynamics.quantities]
+    motion = ca.Function("motion", [state, tau, every], [ca.vertcat(system.qdot, system.acceleration(tau))])
+    torque = ca.Function("torque", [state, dynamics.logged, every], [dynamics.torque])
+    rate = ca.Function("rate", [state, u, every], [motion(state, torque(state, u, every), every)])
+    first, middle, last = (ca.SX.sym(name, u.shape[0]) for name in ("first", "middle", "last"))
     dt = ca.SX.sym("dt")
 
     def f(at: ca.SX, s: float) -> ca.SX:
         parabola = (1 - s) * (1 - 2 * s) * first + 4 * s * (1 - s) * middle + s * (2 * s - 1) * last
-        return rate(at, parabola, ca.vertcat(*parameters))
+        return rate(at, parabola, every)
 
     h, end = dt / steps, state
     for k in range(steps):
         a, b, c = k / steps, (k + 0.5) / steps, (k + 1) / steps
         end = runge_kutta([partial(f, s=s) for s in (a, b, b, c)], end, h)
-    inputs, fitted = (
-        ca.vertcat(first, middle, last, dt),
-        [p.symbol for name in names for p in mechanism.parameters if p.name == name],
-    )
+    inputs = ca.vertcat(first, middle, last, dt)
+    fitted = [q.symbol for name in names for q in dynamics.quantities if q.name == name]
     return Prediction(
-        with_derivatives("step", end, state, inputs, parameters, fitted),
-        with_derivatives("output", system.nu, state, inputs, parameters, fitted),
+        with_derivatives("step", end, state, inputs, symbols, fitted),
+        with_derivatives("output", dynamics.measured, state, inputs, symbols, fitted),
         tuple(names),
-        np.zeros(system.dof, bool),
+        np.array([q.unit == "rad" for q in dynamics.outputs]),
     )

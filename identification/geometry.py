@@ -12,23 +12,13 @@ from ..model.mechanism import Quantity
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
+from .dynamics import pose_names
 from .identifiability import Combination, determined
 from .log import PoseLog
 from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta, with_derivatives
 from .result import Identification, result_of
 
 WINDOWS = 10  # into which the log is divided, about; each has an initial pose of its own
-
-
-def pose_names(system: ReducedSystem) -> tuple[str, str, str]:
-    """Return the coordinates by which the vehicle's x, y and heading are displaced. Raises BadInput if there are none."""
-    mechanism, names = system.mechanism, []
-    vehicle = mechanism.vehicle
-    for place, unit in ((vehicle.x, "m"), (vehicle.y, "m"), (vehicle.heading, "rad")) if vehicle else ():
-        names += [q.name for q in mechanism.coordinates if q.unit == unit and ca.jacobian(place, q.symbol).is_one()][:1]
-    if len(set(names)) != 3:
-        raise BadInput(f"calibration requires a vehicle with a pose of three coordinates; {mechanism.name} has none")
-    return names[0], names[1], names[2]
 
 
 def sensor_parameters(angles: Sequence[str]) -> tuple[Quantity, ...]:

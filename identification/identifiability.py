@@ -1,15 +1,15 @@
-"""Which combinations of parameters the inverse dynamics determine, whatever the motion."""
+"""Which combinations of parameters something known determines, whatever the motion."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import mpmath
 import numpy as np
 
-from ..model.reduction import ReducedSystem
 from ..verification.extended import DIGITS, evaluate
 
+RANGE = (-1.5, 1.5)  # of random motions
 NEGLIGIBLE = mpmath.mpf(10) ** (-DIGITS // 2)
 
 
@@ -26,39 +26,28 @@ class Combination:
         return " ".join([self.pivot, *terms])
 
 
-def combinations(system: ReducedSystem, names: Sequence[str], values: Sequence[float], seed: int = 1) -> list[Combination]:
-    """Return a basis of what S'MS nudot + bias - S'E tau (10) determines of the named parameters near `values` (all parameters).
-
-    As `determined`.
-    """
-    mechanism = system.mechanism
-    nudot, tau = ca.SX.sym("nudot", system.dof), ca.SX.sym("tau", len(mechanism.inputs))
-    residual = system.Mbar @ nudot + system.bias - system.input_map @ tau
-    moving = [*[q.symbol for q in system.state], *ca.vertsplit(nudot), *ca.vertsplit(tau)]
-    parameters = {p.name: p.symbol for p in mechanism.parameters}
-    return determined(residual, moving, parameters, names, values, seed)
-
-
 def determined(
     observed: ca.SX,
     moving: Sequence[ca.SX],
     parameters: Mapping[str, ca.SX],
     names: Sequence[str],
     values: Sequence[float],
-    seed: int = 1,
+    point: Callable[[np.random.Generator], Sequence[float | mpmath.mpf]] | None = None,
 ) -> list[Combination]:
-    """Return a basis of what `observed`, known for all values of `moving`, determines of the named parameters near `values`.
+    """Return a basis of what `observed`, known for all values of `moving`, or at each `point`, determines of the named parameters
+    near `values`.
 
     Its derivatives by the parameters are evaluated with DIGITS digits at random motions; their row space is reduced with pivots
     in the order of `names`. A parameter that is the pivot of no combination, or occurs beside one, is not identifiable by itself.
     """
     rates = ca.jacobian(observed, ca.vertcat(*[parameters[name] for name in names]))
     symbols, dimension = [*moving, *parameters.values()], observed.shape[0]
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(1)
     rows: list[list[mpmath.mpf]] = []
     with mpmath.workdps(DIGITS):
         for _ in range(2 + 2 * len(names)):
-            entries = evaluate(ca.densify(rates), symbols, [*random.uniform(-1.5, 1.5, len(moving)), *values])
+            moved = point(random) if point else random.uniform(*RANGE, len(moving))
+            entries = evaluate(ca.densify(rates), symbols, [*moved, *values])
             rows += [entries[i::dimension] for i in range(dimension)]
         return _reduced(rows, names)
 

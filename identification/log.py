@@ -2,16 +2,17 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 
 from ..model.reduction import ReducedSystem
 from ..readers.errors import BadInput
 from ..readers.robots import suggestion
-from ..readers.tables import read_table
+from ..readers.tables import WITH_UNIT, read_table
+from .dynamics import Dynamics
+from .smoothing import velocities
 
 GAP = 1.5  # times the usual interval: a longer one separates two stretches
 FEWEST = 20  # rows
@@ -19,16 +20,22 @@ FEWEST = 20  # rows
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """Rows of a log in the order of time: t (N) s, states x = [q; nu] (N, 2n-m) and inputs tau (N, r), SI.
+    """Rows of a log in the order of time: t (N) s, states x = [q; nu] (N, 2n-m) and logged inputs (N, r), SI.
 
-    `stretches` are ranges of rows without a gap in time; `remarks` state what was left out.
+    `stretches` are ranges of rows without a gap in time; `remarks` state what was left out. `outputs` (N, ny) are what was
+    measured, NaN where it was not; None: the quasi-velocities in x. What is not measured directly in x is an estimate.
     """
 
     t: np.ndarray
     x: np.ndarray
-    tau: np.ndarray
+    inputs: np.ndarray
     stretches: tuple[range, ...]
     remarks: tuple[str, ...]
+    outputs: np.ndarray | None = None
+
+    def measured(self, n: int) -> np.ndarray:
+        """Return the outputs; `n` is the number of coordinates in x."""
+        return self.x[:, n:] if self.outputs is None else self.outputs
 
     @property
     def interval(self) -> float:
@@ -56,18 +63,55 @@ class PoseLog:
     remarks: tuple[str, ...]
 
 
-def read_log(file: str | Path, system: ReducedSystem, columns: Mapping[str, str]) -> Log:
+def names_of(file: str | Path, columns: Mapping[str, str]) -> set[str]:
+    """Return the names of the columns of a log, and those that `columns` adds. Raises BadInput, OSError."""
+    return {*read_table(file), *columns}
+
+
+def read_log(file: str | Path, dynamics: Dynamics, columns: Mapping[str, str]) -> Log:
     """Read a log with the columns of `noslip simulate`; `columns` maps names that are called otherwise: quantity -> column.
 
-    Coordinates on which the dynamics do not depend may be missing. Quasi-velocities that are missing are not guessed.
+    Coordinates on which nothing depends may be missing, and outputs other than quasi-velocities be empty in most rows.
+    Quasi-velocities that are missing are estimated from the outputs.
     Raises BadInput if a column is missing or not numeric, times do not increase, or too few rows are left; and OSError.
     """
-    state, inputs = [q.name for q in system.state], [i.name for i in system.mechanism.inputs]
-    needed = {"t", *(q.name for q in system.quasi_velocities), *inputs, *_read_by_dynamics(system)}
-    values = _columns(file, system, ["t", *state, *inputs], needed, columns)
-    rows = np.column_stack([values.get(name, np.zeros(len(values["t"]))) for name in ("t", *state, *inputs)])
-    rows, stretches, remarks = _cleaned(str(file), rows, rows.shape[1], FEWEST)
-    return Log(rows[:, 0], rows[:, 1 : 1 + len(state)], rows[:, 1 + len(state) :], stretches, remarks)
+    system, outputs = dynamics.system, [q.name for q in dynamics.outputs]
+    inputs, state = [q.name for q in dynamics.inputs], [q.name for q in system.state]
+    rates = {q.name for q in system.quasi_velocities}
+    units = {q.name: q.unit for q in (*system.state, *dynamics.inputs, *dynamics.outputs)}
+    needed = {"t", *inputs, *outputs, *dynamics.coordinates_needed}
+    values = _columns(file, units, needed, columns)
+    sparse = [name for name in outputs if name not in rates]
+    dense = [name for name in ("t", *state, *inputs) if name in values and name not in sparse]
+    rows, stretches, remarks = _cleaned(str(file), np.column_stack([values[n] for n in (*dense, *sparse)]), len(dense), FEWEST)
+    clean = dict(zip((*dense, *sparse), rows.T, strict=True))
+    units["t"] = "s"
+    for name in outputs:
+        if units[name] == "rad":
+            clean[name], remark = continued(clean[name], name)
+            remarks = (*remarks, *remark)
+    measured = np.column_stack([clean[name] for name in outputs])
+    x = np.column_stack([_filled(clean["t"], clean[name]) if name in clean else np.zeros(len(rows)) for name in state])
+    if not rates <= clean.keys():
+        x[:, -system.dof :] = velocities(clean["t"], x, dynamics, stretches)
+    return Log(clean["t"], x, np.column_stack([clean[name] for name in inputs]), stretches, remarks, measured)
+
+
+def _filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return a column interpolated where nothing was measured."""
+    known = np.isfinite(values)
+    return np.interp(t, t[known], values[known]) if known.any() else np.zeros(len(t))
+
+
+def continued(angles: np.ndarray, name: str) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return angles that were reported within one turn, continued over the turns, and a remark if they were."""
+    known = np.isfinite(angles)
+    jumps = np.abs(np.diff(angles[known])) > math.pi
+    if not jumps.any() or np.ptp(angles[known]) > 2 * math.pi * (1 + 1e-6):
+        return angles, ()
+    whole = angles.copy()
+    whole[known] = np.unwrap(angles[known])
+    return whole, (f"{name} jumps {jumps.sum()} times by about a turn; it is continued over the turns",)
 
 
 def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], columns: Mapping[str, str]) -> PoseLog:
@@ -77,7 +121,8 @@ def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], col
     Raises BadInput as `read_log`, and if the log has no poses or no other coordinate; and OSError.
     """
     others = [q.name for q in system.mechanism.coordinates if q.name not in pose]
-    values = _columns(file, system, ["t", *others, *pose], {"t", *pose[:2]}, columns)
+    units = {q.name: q.unit for q in system.mechanism.coordinates}
+    values = _columns(file, units, {"t", *pose[:2]}, columns)
     names = [name for name in others if name in values]
     if not names:
         existing = f"those of {system.mechanism.name} are {', '.join(others)}" if others else f"{system.mechanism.name} has none"
@@ -87,35 +132,35 @@ def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], col
     rows, stretches, remarks = _cleaned(str(file), rows, 1 + len(names), 2)
     angles = rows[:, 1 : 1 + len(names)]
     for k, name in enumerate(names):
-        jumps = np.abs(np.diff(angles[:, k])) > math.pi
-        if jumps.any() and np.ptp(angles[:, k]) <= 2 * math.pi * (1 + 1e-6):
-            angles[:, k] = np.unwrap(angles[:, k])
-            remarks = (*remarks, f"{name} jumps {jumps.sum()} times by about a turn; it is continued over the turns")
+        angles[:, k], remark = continued(angles[:, k], name)
+        remarks = (*remarks, *remark)
     return PoseLog(rows[:, 0], tuple(names), angles, rows[:, 1 + len(names) :], stretches, remarks)
 
 
 def _columns(
-    file: str | Path, system: ReducedSystem, names: Sequence[str], needed: Collection[str], columns: Mapping[str, str]
+    file: str | Path, units: Mapping[str, str], needed: Collection[str], columns: Mapping[str, str]
 ) -> dict[str, np.ndarray]:
-    """Return the columns of these names as far as the file has them, in SI; those `needed` must be there."""
-    table = read_table(file)
-    units = {q.name: q.unit for q in (*system.state, *system.mechanism.inputs)} | {"t": "s"}
+    """Return t and the columns of these names, given with their units, as far as the file has them, in SI; those `needed` must be
+    there. `columns`: quantity -> column, as "COLUMN", "-COLUMN" for the negative of it, or "COLUMN [UNIT]".
+    """
+    table, units = read_table(file), {"t": "s", **units}
     for name in columns:
-        check_known("--map", name, "quantity", names)
+        check_known("--map", name, "quantity", units)
     values = {}
-    for name in names:
-        column = columns.get(name, name)
+    for name, unit in units.items():
+        column, sign, stated = _mapped(columns.get(name, name), table)
         if column in table:
-            values[name] = table[column].numbers(units[name])
+            values[name] = sign * replace(table[column], unit=stated or table[column].unit).numbers(unit)
         elif name in needed or name in columns:
             raise BadInput(f"{file}: column {column!r} is missing{suggestion(column, table)}")
     return values
 
 
-def _read_by_dynamics(system: ReducedSystem) -> list[str]:
-    """Return the coordinates that S'MS, the bias or S'E depend on."""
-    dynamics = ca.veccat(system.Mbar, system.bias, system.input_map)
-    return [q.name for q in system.mechanism.coordinates if ca.depends_on(dynamics, q.symbol)]
+def _mapped(text: str, table: Collection[str]) -> tuple[str, float, str | None]:
+    """Return column, sign and unit of an entry of --map."""
+    parts = WITH_UNIT.fullmatch(text)
+    name, unit = (parts[1], parts[2]) if parts else (text, None)
+    return (name[1:], -1.0, unit) if name.startswith("-") and name not in table else (name, 1.0, unit)
 
 
 def _cleaned(file: str, rows: np.ndarray, dense: int, fewest: int) -> tuple[np.ndarray, tuple[range, ...], tuple[str, ...]]:

@@ -1,7 +1,7 @@
 """Output error: parameters of a model from windows of a log, each predicted from an initial state that is fitted too."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -16,8 +16,12 @@ ITERATIONS = 60
 CONVERGED = 1e-9  # relative change of the parameters
 GAIN = 1e-12  # expected decrease of the squared errors, relative, that is not worth a step
 WEAKEST = 1e-7  # smallest singular value of the sensitivities, relative to the largest, that is regarded as a number
+TIED = 1e-3  # change relative to that of a parameter that is not seen, from which another is not seen by itself
+DOUBTFUL = 1e-4  # the same, where the fit does not converge
+BEYOND = "the model grows beyond all bounds with these parameters; give better ones with --set NAME=VALUE"
 WEIGHTINGS, ROBUST_WEIGHTINGS = 2, 4
 FEWEST = 20  # measurements beyond the unknowns from which the size of each output's error can be told
+CHANCE = 3.09  # standard deviations that a sum of random sign exceeds in one case of 1000
 HUBER = 1.345  # standard deviations from which an error has less weight
 MEDIAN = 1.4826  # standard deviation of a normal distribution in units of its median absolute value
 
@@ -64,13 +68,15 @@ class OutputError:
         quantities: Sequence[Quantity],
         values: np.ndarray,
         progress: Reported = silent,
+        upper: Mapping[str, float] | None = None,
     ):
-        """`quantities` and `values`: all parameters, in the order in which `step` takes them."""
-        self.windows, self.progress, self.values = windows, progress, values.copy()
+        """`quantities` and `values`: all parameters, in the order of those of `step`; `upper`: the largest values of some."""
+        self.windows, self.progress, self.values, self._given = windows, progress, values.copy(), values
         self.names, self._all_names = list(prediction.names), prediction.names
         self._angles = prediction.angles
         self.places = {q.name: k for k, q in enumerate(quantities)}
         self.quantities = {q.name: q for q in quantities}
+        self._upper = upper or {}
         self.start = windows.start[:, windows.fitted].copy()
         count, rows, _ = windows.measured.shape
         forward, observe = _with_sensitivities(prediction, len(windows.fitted))
@@ -79,7 +85,7 @@ class OutputError:
         with np.errstate(invalid="ignore"):
             spread = np.nanmax(windows.measured, axis=(0, 1)) - np.nanmin(windows.measured, axis=(0, 1))
         self.scale = np.maximum(spread, 1e-9 * spread.max())
-        self.unseen: list[str] = []
+        self.unseen: dict[str, list[str]] = {}  # what the log does not show, with parameters that it shows only beside it
         self.cost = math.inf
 
     def fit(self, robust: bool = False) -> "OutputError":
@@ -89,7 +95,7 @@ class OutputError:
         then have the same weight, 1 m that of 1 rad.
         """
         spread = self.scale
-        self.unseen = self._unseen()
+        self.leave_out_unseen()
         if self.surplus < FEWEST:
             self.scale = np.ones_like(spread)
             self._converge()
@@ -102,12 +108,39 @@ class OutputError:
         self.cost = float(np.sum(np.log(self.scale)))
         return self
 
+    def leave_out_unseen(self) -> None:
+        """Remove parameters that the outputs do not depend on, or not by themselves, from those fitted; they keep their values.
+        """
+        while weak := self._weakest(WEAKEST):
+            name, *others = weak
+            self.unseen[name] = others
+            self.names.remove(name)
+            self.values[self.places[name]] = self._given[self.places[name]]
+            if not self.names:
+                raise BadInput(f"the log does not show {', '.join(self.unseen)}: the motion depends too little on them")
+
+    def begin(self, values: np.ndarray) -> None:
+        """Begin with these parameters if the outputs are then predicted better than with those given. Raises BadInput if neither
+        predicts them.
+        """
+        pairs = [(each, self._tried(each)) for each in (self.values, values)]
+        possible = [(float(np.sum(after[1] ** 2)), k) for k, (_, after) in enumerate(pairs) if after is not None]
+        if not possible:
+            raise BadInput(BEYOND)
+        self.values = pairs[min(possible)[1]][0].copy()
+
+    def at_bound(self) -> list[str]:
+        """Return the fitted parameters that are 0 or at their largest value, and would go on beyond."""
+        left, rows = self._projected(self.values, self.start, self.windows.used)
+        blocked = self._blocked(np.einsum("wrp,wr->p", rows, left))
+        return [name for name, each in zip(self.names, blocked, strict=True) if each]
+
     def expected_deviations(self, noise: np.ndarray) -> dict[str, float]:
         """Return the standard deviations that a fit will have if the errors of each output have the standard deviation `noise`
         and are independent: the bound of Cramer and Rao, before anything is fitted. Infinite for a parameter without effect.
         """
         self.scale = noise
-        self.unseen = self._unseen()
+        self.leave_out_unseen()
         rows = self._projected(self.values, self.start, slice(None))[1].reshape(-1, len(self.names))
         sizes = np.linalg.norm(rows, axis=0)
         variance = np.diag(np.linalg.inv((rows / sizes).T @ (rows / sizes))) / sizes**2
@@ -133,18 +166,30 @@ class OutputError:
         return self._errors(slice(None))
 
     def deviations(self) -> dict[str, float]:
-        """Return the standard deviations of the parameters, in their units: the larger of the one for errors that are independent
-        from row to row, and of the one for errors that are correlated within a window.
+        """Return the standard deviations of the parameters, in their units: for errors that are independent from row to row, or,
+        where successive errors are correlated beyond chance, for errors that are correlated in any way within a window: by the
+        change of the fit without each window (jackknife).
         """
         used = self.windows.used
         left, rows = self._projected(self.values, self.start, used)
         sizes = np.linalg.norm(rows, axis=(0, 1))
         rows = rows / sizes
-        inverse = np.linalg.inv(np.einsum("wrp,wrq->pq", rows, rows))
-        scores = np.einsum("wrp,wr->wp", rows, left)
-        independent = np.sum(left**2) / max(1, self.surplus) * inverse
-        variance = np.maximum(np.diag(independent), np.diag(inverse @ (scores.T @ scores) @ inverse))
-        return dict(zip(self.names, np.sqrt(variance) / sizes, strict=True)) | dict.fromkeys(self.unseen, math.inf)
+        each = np.einsum("wrp,wrq->wpq", rows, rows)  # information of each window
+        if self._correlated(left):
+            without, scores = each.sum(axis=0) - each, np.einsum("wrp,wr->wp", rows, left)
+            changes = np.array([np.linalg.lstsq(a, b)[0] for a, b in zip(without, scores, strict=True)])
+            covariance = changes.T @ changes * (len(changes) - 1) / len(changes)
+        else:
+            covariance = np.sum(left**2) / max(1, self.surplus) * np.linalg.inv(each.sum(axis=0))
+        return dict(zip(self.names, np.sqrt(np.diag(covariance)) / sizes, strict=True)) | dict.fromkeys(self.unseen, math.inf)
+
+    def _correlated(self, left: np.ndarray) -> bool:
+        """Whether products of successive errors of an output are on average positive, by more than chance."""
+        measured = np.isfinite(self.windows.measured[self.windows.used])
+        errors = left.reshape(measured.shape)
+        successive = [errors[w, measured[w, :, k], k] for w in range(len(errors)) for k in range(errors.shape[2])]
+        products = np.concatenate([each[1:] * each[:-1] for each in successive])
+        return bool(products.sum() > CHANCE * np.linalg.norm(products))
 
     def _errors(self, windows: np.ndarray | slice) -> np.ndarray:
         """Return the errors of the outputs, (windows, R, ny), after fitting the initial states; NaN where not measured."""
@@ -168,60 +213,86 @@ class OutputError:
         bases = bases * (sizes > 1e-10 * sizes.max(initial=0.0))[:, None, :]
         return residual - _apply(bases, residual), by_values - _apply(bases, by_values)
 
-    def _unseen(self) -> list[str]:
-        """Remove parameters that the outputs do not depend on, or not by themselves, from those fitted."""
-        removed: list[str] = []
-        while True:
-            rows = self._projected(self.values, self.start, slice(None))[1].reshape(-1, len(self.names))
-            rows = rows * [self._size(name) for name in self.names]
-            _, singular, directions = np.linalg.svd(rows, full_matrices=False)
-            if singular[-1] > WEAKEST * singular[0] and singular[0] > 0:
-                return removed
-            weak = self.names[int(np.argmax(np.abs(directions[-1])))]
-            removed.append(weak)
-            self.names.remove(weak)
-            if not self.names:
-                raise BadInput(f"the log does not show {', '.join(removed)}: the motion depends too little on them")
+    def _weakest(self, limit: float) -> list[str]:
+        """Return the fitted parameter that is seen least, by this limit, and those that change with it while the outputs
+        stay; empty if all are seen.
+        """
+        residual, *derivatives = self._predicted(self.values, self.start)
+        if not all(np.isfinite(each).all() for each in (residual, *derivatives)):
+            raise BadInput(BEYOND)
+        rows = self._projected(self.values, self.start, slice(None))[1].reshape(-1, len(self.names))
+        rows = rows * [self._size(name) for name in self.names]
+        _, singular, directions = np.linalg.svd(rows, full_matrices=False)
+        if singular[-1] > limit * singular[0] and singular[0] > 0:
+            return []
+        order = np.argsort(-np.abs(directions[-1]), kind="stable")
+        return [self.names[k] for k in order if k == order[0] or abs(directions[-1, k]) > TIED]
 
     def _size(self, name: str) -> float:
-        return abs(self.value(name)) or 1.0
+        """Return what a change of a parameter is compared with; a value may be near 0."""
+        return max(abs(self.value(name)), abs(float(self._given[self.places[name]])) or 1.0)
 
     def _converge(self) -> None:
         damping, used = 1e-3, self.windows.used
         left, rows = self._projected(self.values, self.start, used)
         for iteration in range(ITERATIONS):
             self.progress(iteration, ITERATIONS, "iterations, or fewer")
-            sizes = np.array([self._size(name) for name in self.names])
-            rows, left = rows.reshape(-1, len(self.names)) * sizes, left.ravel()
-            cost = float(left @ left)
-            normal, gradient = rows.T @ rows, rows.T @ left
+            rows, left = rows.reshape(-1, len(self.names)), left.ravel()
+            free = ~self._blocked(left @ rows)
+            sizes = np.array([self._size(name) for name in self.names])[free]
+            rows, cost = rows[:, free] * sizes, float(left @ left)
             best = -np.linalg.lstsq(rows, left, rcond=None)[0]
-            if np.abs(best).max() < CONVERGED or -gradient @ best <= GAIN * cost:
+            if np.abs(best).max(initial=0.0) < CONVERGED or -left @ rows @ best <= GAIN * cost:
                 return
             while True:
-                move = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-                values = self._moved(move * sizes)
-                if values is not None:
-                    start = self._starts(values)
-                    left, rows = self._projected(values, start, used)
-                    if np.sum(left**2) <= cost * (1 + 1e-12):
-                        break
+                move = np.zeros(len(self.names))
+                damped = np.vstack([rows, math.sqrt(damping) * np.diag(np.linalg.norm(rows, axis=0))])
+                move[free] = -np.linalg.lstsq(damped, np.append(left, np.zeros(free.sum())), rcond=None)[0] * sizes
+                values = self._moved(move)
+                after = None if values is None else self._tried(values)
+                if values is not None and after is not None and np.sum(after[1] ** 2) <= cost * (1 + 1e-12):
+                    break
                 damping *= 10.0
                 if damping > 1e12:
                     return
-            self.values, self.start, damping = values, start, damping / 10.0
-        raise BadInput("the fit does not converge; start from better values with --set NAME=VALUE")
+            self.values, damping = values, damping / 10.0
+            self.start, left, rows = after
+        weak, better = self._weakest(DOUBTFUL), "start from better values with --set NAME=VALUE"
+        hint = f"this log hardly tells {', '.join(weak)} apart: give one with --set and do not fit it" if weak[1:] else better
+        raise BadInput(f"the fit does not converge; {hint}")
+
+    def _bounds(self, name: str) -> tuple[float, float]:
+        """Return the least and the largest value that a parameter may take; a positive one may not be 0."""
+        least = -math.inf if self.quantities[name].sign == "any" else 0.0
+        return least, self._upper.get(name, math.inf)
+
+    def _blocked(self, gradient: np.ndarray) -> np.ndarray:
+        """Return which fitted parameters are at a bound that the decrease of the squared errors would cross."""
+        bounds = np.array([self._bounds(name) for name in self.names])
+        values = np.array([self.value(name) for name in self.names])
+        near = CONVERGED * np.array([self._size(name) for name in self.names])
+        return (values <= bounds[:, 0] + near) & (gradient > 0) | (values >= bounds[:, 1] - near) & (gradient < 0)
 
     def _moved(self, move: np.ndarray) -> np.ndarray | None:
-        """Return all parameters after a change of those fitted, or None if one would have the wrong sign."""
+        """Return all parameters after a change of those fitted, cut at their bounds, or None if one has the wrong sign."""
         tried = self.values.copy()
         for name, change in zip(self.names, move, strict=True):
-            tried[self.places[name]] += change
+            value = tried[self.places[name]] + change
             try:
-                self.quantities[name].check(tried[self.places[name]])
+                cut = value if self.quantities[name].sign == "positive" else max(value, self._bounds(name)[0])
+                tried[self.places[name]] = self.quantities[name].check(min(cut, self._bounds(name)[1]))
             except ModelError:
                 return None
         return tried
+
+    def _tried(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Return initial states, residuals and their derivatives with these parameters; None if they are not finite."""
+        try:
+            start = self._starts(values)
+            left, rows = self._projected(values, start, self.windows.used)
+        except np.linalg.LinAlgError:
+            return None
+        return (start, left, rows) if np.isfinite(left).all() and np.isfinite(rows).all() else None
 
     def _starts(self, values: np.ndarray) -> np.ndarray:
         """Return the initial states that fit best with these parameters."""

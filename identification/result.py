@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.mechanism import Quantity
+from ..readers.errors import BadInput
 from .identifiability import Combination
 from .output_error import OutputError
 
@@ -55,7 +56,15 @@ def result_of(
 ) -> Identification:
     """Return the result of a fit of the pivots of `basis`, combinations of the parameters `names`."""
     sentences = [*_by_structure(names, basis), *(_by_log(name) for name in fit.unseen)]
-    alone = {c.pivot for c in basis if not c.others} - set(fit.unseen)
+    tied = {name: unseen for unseen, others in fit.unseen.items() for name in others if name not in fit.unseen}
+    stuck = [name for name in fit.at_bound() if name in tied]
+    if stuck:
+        raise BadInput(
+            f"{stuck[0]} is at its bound, {fit.value(stuck[0]):g}, with {tied[stuck[0]]} = {fit.value(tied[stuck[0]]):g}, and "
+            "the log shows only both together: give another value with --set"
+        )
+    sentences += [f"{name}: this log shows it only together with {unseen}" for name, unseen in tied.items()]
+    alone = {c.pivot for c in basis if not c.others} - set(fit.unseen) - set(tied)
     sd = fit.deviations()
     for name in sorted(alone, key=names.index):
         may_be_zero = fit.quantities[name].sign == "any" and not fit.quantities[name].default
@@ -65,7 +74,10 @@ def result_of(
             )
             alone.remove(name)
     estimates = {name: Estimate(fit.quantities[name], fit.value(name), sd[name]) for name in names if name in alone}
-    windows = fit.windows
+    bounds = (
+        f"{name} is at its bound, {fit.value(name):g}; beyond it the log would be predicted better" for name in fit.at_bound()
+    )
+    remarks, windows = (*remarks, *bounds), fit.windows
     left = (outputs, windows.t, fit.residuals(), windows.used)
     return Identification(estimates, tuple(sentences), fit.rms(), fit.rms(used=False), rows, inputs, remarks, *left)
 

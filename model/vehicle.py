@@ -9,11 +9,25 @@ import casadi as ca
 from .algebra.exact import canonical
 from .algebra.linear import solve
 from .errors import ModelError
-from .mechanism import quantity
+from .mechanism import Mechanism, Quantity, quantity
 from .outputs import axle, forward_speed, velocity
 from .reduction import ReducedSystem
 
 VELOCITIES = (quantity("forward_speed", "m/s"), quantity("yaw_rate", "rad/s"))
+
+
+def body_pose(mechanism: Mechanism) -> tuple[Quantity, Quantity, Quantity] | None:
+    """Return the coordinates that displace the vehicle in x and y and turn it: the pose of a body; None if there are none.
+
+    The vehicle's own heading may be that of a steered wheel, whose angle against the body is another coordinate.
+    """
+    vehicle = mechanism.vehicle
+    if vehicle is None:
+        return None
+    found = []
+    for place, unit in ((vehicle.x, "m"), (vehicle.y, "m"), (vehicle.heading, "rad")):
+        found += [q for q in mechanism.coordinates if q.unit == unit and ca.jacobian(place, q.symbol).is_one()][:1]
+    return (found[0], found[1], found[2]) if len({q.name for q in found}) == 3 else None
 
 
 def velocity_map(system: ReducedSystem) -> ca.SX | None:

@@ -150,6 +150,7 @@ NIGHTLY = {
         r"no_double\[-O0-",
         r"no_library\[-O0-gcc\]",
     ),
+    "test_identify_motors": (r"exact_logs_give_exact_numbers\[(current|winding)\]",),
     "test_import": (
         r"robot_file_is_the_urdf\[two_wheels\]",
         r"\[two_trailers\]",

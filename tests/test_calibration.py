@@ -56,10 +56,11 @@ def log_of(
     random = np.random.default_rng(seed)
     axle = reckoned(right, left, start)
     pose = of_center(axle)
-    if late:  # on the arc before each row
-        part = 1 - late / PERIOD
-        ends = zip(part * np.asarray(right), part * np.asarray(left), axle[:-1], strict=True)
-        pose[1:] = of_center(np.array([reckoned([a], [b], place)[1] for a, b, place in ends]))
+    if late:  # on the arc before each row, for the first on its own arc backwards
+        part = -late / PERIOD
+        before = [np.concatenate([each[:1], each]) for each in (np.asarray(right), np.asarray(left))]
+        ends = zip(part * before[0], part * before[1], axle, strict=True)
+        pose = of_center(np.array([reckoned([a], [b], place)[1] for a, b, place in ends]))
     cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])
     x, y, turned = offset
     pose = pose + np.column_stack([x * cosine - y * sine, x * sine + y * cosine, np.full(len(pose), turned)])

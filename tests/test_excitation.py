@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from noslip.cli.main import main
+from noslip.identification.dynamics import Dynamics
 from noslip.identification.excitation import parameters_of_motion
 from noslip.identification.fit import identify, predicted
 from noslip.identification.log import Log
@@ -37,7 +38,9 @@ def log_of(run: Run, noise: float = 0.0, seed: int = 0) -> Log:
 
 
 def expected(run: Run) -> dict[str, float]:
-    fit = predicted(log_of(run), run.law.system, ["m_c", "I_c"], run.plant.parameters, True)
+    dynamics = Dynamics.of(run.law.system)
+    values = dynamics.values({p.name: v for p, v in zip(run.law.parameters, run.plant.parameters, strict=True)})
+    fit = predicted(log_of(run), dynamics, ["m_c", "I_c"], values, True)
     return fit.expected_deviations(np.full(2, NOISE))
 
 
@@ -50,7 +53,7 @@ def test_the_log_tells_as_much_as_was_said(eight):
     values = {p.name: v for p, v in zip(eight.law.parameters, eight.plant.parameters, strict=True)}
     stated, off = expected(eight), []
     for seed in range(8):
-        estimates = identify(log_of(eight, NOISE, seed), eight.law.system, list(stated), values, True).estimates
+        estimates = identify(log_of(eight, NOISE, seed), Dynamics.of(eight.law.system), list(stated), values, True).estimates
         off.append([(estimates[name].value - values[name]) / sd for name, sd in stated.items()])
     # four fifths of the windows are fitted, the rest validates: sqrt(1.25) times the deviation with all of them
     assert 0.6 < np.std(off) / math.sqrt(1.25) < 1.5
@@ -60,8 +63,8 @@ def test_the_log_tells_as_much_as_was_said(eight):
 
 def test_the_parameters_that_the_dynamics_determine():
     """By hand: m_c, I_c and m_w, which stands for m_w + I_w/r^2; I_m is seen with I_c only. Lengths are for calibration."""
-    system = system_of(find_robot("labmate"))
-    assert set(parameters_of_motion(system, [p.default or 0.15 for p in system.mechanism.parameters])) == {"m_c", "I_c", "m_w"}
+    dynamics = Dynamics.of(system_of(find_robot("labmate")))
+    assert set(parameters_of_motion(dynamics, dynamics.values({"r": 0.15}).tolist())) == {"m_c", "I_c", "m_w"}
 
 
 @pytest.mark.parametrize("file", SPECS, ids=[file.stem for file in SPECS])

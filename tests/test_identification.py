@@ -10,8 +10,8 @@ import noslip
 import numpy as np
 import pytest
 from noslip.cli.main import main
+from noslip.identification.dynamics import Dynamics, combinations
 from noslip.identification.fit import identify, predicted
-from noslip.identification.identifiability import combinations
 from noslip.identification.log import FEWEST, Log, read_log
 from noslip.readers.robots import find_robot, system_of
 from noslip.simulation.closed_loop import simulate
@@ -21,6 +21,7 @@ from noslip.simulation.specification.vary import read_varied
 
 PLANT = {"m_c": 47.0, "I_c": 11.0}
 SYSTEM = system_of(find_robot("labmate"))
+DYNAMICS = Dynamics.of(SYSTEM)
 VALUES = {p.name: p.default for p in SYSTEM.mechanism.parameters} | {"r": 0.15}
 
 
@@ -82,7 +83,7 @@ NOISE = 0.02  # rad/s
 
 def deviations(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Errors of m_c and I_c, and their standard deviations, of logs with noisy rates."""
-    results = [identify(log_of(NOISE, seed), SYSTEM, list(PLANT), VALUES, True).estimates for seed in range(count)]
+    results = [identify(log_of(NOISE, seed), DYNAMICS, list(PLANT), VALUES, True).estimates for seed in range(count)]
     errors = np.array([[e[name].value - PLANT[name] for name in PLANT] for e in results])
     return errors, np.array([[e[name].sd for name in PLANT] for e in results])
 
@@ -99,8 +100,8 @@ def test_values_lie_in_their_intervals_in_most_logs():
     Rao for the whole log. (The larger of two estimates is taken for a deviation, so that it may be more than 95 %.)
     """
     errors, sd = deviations(1000)
-    every = np.array([(VALUES | PLANT)[p.name] for p in SYSTEM.mechanism.parameters])
-    bound = predicted(log_of(), SYSTEM, list(PLANT), every, True).expected_deviations(np.full(2, NOISE))
+    every = DYNAMICS.values(VALUES | PLANT)
+    bound = predicted(log_of(), DYNAMICS, list(PLANT), every, True).expected_deviations(np.full(2, NOISE))
     inside, size = np.mean(np.abs(errors) < 1.96 * sd, axis=0), np.sqrt(np.mean(errors**2, axis=0))
     print(dict(zip(PLANT, zip(inside, size / list(bound.values()), strict=True), strict=True)))
     assert (inside > 0.93).all()
@@ -109,16 +110,16 @@ def test_values_lie_in_their_intervals_in_most_logs():
 
 def test_what_a_motion_cannot_tell():
     """By hand: speed sees m_c + 2 m_w + 2 I_w/r^2, turning I_c + 2 I_m + 2 (m_w + I_w/r^2) b^2, both m_c d."""
-    every = [VALUES[p.name] for p in SYSTEM.mechanism.parameters]
+    every = DYNAMICS.values(VALUES).tolist()
     r = VALUES["r"]
-    others_of = {c.pivot: dict(c.others) for c in combinations(SYSTEM, ["m_c", "I_c", "m_w", "I_w", "I_m"], every)}
+    others_of = {c.pivot: dict(c.others) for c in combinations(DYNAMICS, ["m_c", "I_c", "m_w", "I_w", "I_m"], every)}
     assert set(others_of) == {"m_c", "I_c", "m_w"} and others_of["m_c"] == {}
     assert others_of["m_w"] == {"I_w": pytest.approx(1 / r**2, rel=1e-12)}
     assert others_of["I_c"] == {"I_m": pytest.approx(2.0, rel=1e-12)}
 
 
 def test_a_mass_that_is_seen_only_with_others_is_not_answered():
-    result = identify(log_of(), SYSTEM, ["I_c", "I_m", "m_c"], VALUES, True)
+    result = identify(log_of(), DYNAMICS, ["I_c", "I_m", "m_c"], VALUES, True)
     assert list(result.estimates) == ["m_c"] and result.estimates["m_c"].value == pytest.approx(47.0, rel=1e-6)
     assert result.unidentifiable == ("I_c, I_m: any motion shows only I_c + 2 I_m (factors at the given values)",)
 
@@ -131,7 +132,7 @@ def test_a_log_without_turning_does_not_show_the_inertia():
     per_torque = acceleration(0, 0, 1, list(VALUES.values())).full()
     nu = (per_torque * (1 - np.cos(t))).T  # of equal torques sin t
     log = Log(t, np.hstack([np.zeros((500, 5)), nu]), np.sin(t)[:, None] * [1.0, 1.0], (range(500),), ())
-    result = identify(log, SYSTEM, ["m_c", "I_c"], VALUES, False)
+    result = identify(log, DYNAMICS, ["m_c", "I_c"], VALUES, False)
     assert list(result.estimates) == ["m_c"] and result.estimates["m_c"].value == pytest.approx(VALUES["m_c"], rel=1e-5)
     assert result.unidentifiable[0].startswith("I_c: this log does not show it")
 
@@ -141,22 +142,22 @@ def test_rows_that_are_left_out_are_told(write):
     rows[100][0] = rows[101][6] = ""
     rows.insert(200, rows[199])
     del rows[400:450]
-    log = read_log(write(rows), SYSTEM, {})
+    log = read_log(write(rows), DYNAMICS, {})
     assert [remark.split(",")[0].split(" are")[0] for remark in log.remarks] == [
         "2 rows with an empty or non-finite entry",
         "1 repeated rows",
         "2 gaps in t",
     ]
     assert len(log.stretches) == 3 and sum(map(len, log.stretches)) == len(log.t) == len(rows) - 3
-    result = identify(log, SYSTEM, ["m_c"], VALUES | {"I_c": 11.0}, True)
+    result = identify(log, DYNAMICS, ["m_c"], VALUES | {"I_c": 11.0}, True)
     assert result.estimates["m_c"].value == pytest.approx(47.0, rel=1e-8)
 
 
 def test_columns_by_other_names_and_those_that_are_not_needed(write):
     keep = [0, 6, 7, 8, 9]
     file = write(table()[:, keep].tolist(), ["time", *np.array(columns())[keep][1:]])
-    log = read_log(file, SYSTEM, {"t": "time"})
-    assert np.array_equal(log.t, run().t) and np.array_equal(log.tau, run().tau) and not log.x[:, :5].any()
+    log = read_log(file, DYNAMICS, {"t": "time"})
+    assert np.array_equal(log.t, run().t) and np.array_equal(log.inputs, run().tau) and not log.x[:, :5].any()
 
 
 def bad(change):
@@ -235,7 +236,7 @@ def test_figure_9_with_numbers_from_the_engine():
     rows = len(run.t) - 1
     nu = run.nu[:rows] + NOISE * np.random.default_rng(9).normal(size=(rows, 2))
     log = Log(run.t[:rows], np.hstack([run.q[:rows], nu]), run.tau[:rows], (range(rows),), ())
-    fitted = {name: e.value for name, e in identify(log, SYSTEM, ["m_c", "I_c", "m_w"], VALUES, True).estimates.items()}
+    fitted = {name: e.value for name, e in identify(log, DYNAMICS, ["m_c", "I_c", "m_w"], VALUES, True).estimates.items()}
     nudot, p = ca.SX.sym("nudot", 2), SYSTEM.mechanism.p
     inverse = ca.solve(SYSTEM.input_map, SYSTEM.Mbar @ nudot + SYSTEM.bias)
     torque = ca.Function("torque", [ca.vertcat(*[q.symbol for q in SYSTEM.state]), nudot, p], [inverse])

@@ -57,11 +57,11 @@ FUNCTIONS: dict[int, Callable] = {
 }
 
 
-def evaluate(expression: ca.SX, symbols: Sequence[ca.SX], values: Iterable[float]) -> list[mpmath.mpf]:
+def evaluate(expression: ca.SX, symbols: Sequence[ca.SX], values: Iterable[float | mpmath.mpf]) -> list[mpmath.mpf]:
     """Return the entries of `expression`, column by column, with DIGITS digits; `values` of `symbols` are taken as exact.
 
     Raises KeyError for an operation that is not in FUNCTIONS.
     """
     with mpmath.workdps(DIGITS):
-        numbers = [mpmath.mpf(float(value)) for value in values]
+        numbers = [value if isinstance(value, mpmath.mpf) else mpmath.mpf(float(value)) for value in values]
         return fold(expression, symbols, numbers.__getitem__, mpmath.mpf, lambda code, arguments: FUNCTIONS[code](*arguments))

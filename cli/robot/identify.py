@@ -32,8 +32,19 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         epilog=EXAMPLE,
     )
     parser.add_argument("log", metavar="LOG", help="CSV, .parquet or .mcap with the columns of `noslip simulate`, SI units")
-    parser.add_argument("--fit", required=True, nargs="+", metavar="NAME", help="parameters to fit, such as m_c I_c")
+    parser.add_argument("--fit", required=True, nargs="+", metavar="NAME", help="parameters to fit, such as m_c I_c friction")
     add_options(parser)
+    parser.add_argument(
+        "--drive",
+        choices=("torque", "current", "voltage"),
+        help="what the log has of each input: a column such as tau_r, current_tau_r or voltage_tau_r (default: what it has)",
+    )
+    parser.add_argument(
+        "--outputs",
+        nargs="+",
+        metavar="NAME",
+        help="what is compared: quasi-velocities, coordinates, gyro (default: the quasi-velocities, or angles that give them)",
+    )
     parser.add_argument(
         "--inputs",
         choices=("held", "smooth"),
@@ -44,21 +55,30 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run `noslip identify`. Return 0, or 1 if a parameter is not identified. Raises BadInput, ModelError, OSError."""
+    from ...identification.dynamics import GYRO, Dynamics, described, usual_outputs
     from ...identification.fit import identify
-    from ...identification.log import read_log
+    from ...identification.log import check_known, names_of, read_log
+    from ...identification.motors import kind_of_inputs
     from ...readers.progress import Progress
     from ...readers.robots import find_robot, system_of
 
     check_targets([], [args.plot] if args.plot else [], inputs=[args.log])
     robot = find_robot(args.robot)
-    values = fitted_and_set(args, robot.parameters)
     system = system_of(robot)
-    log = read_log(args.log, system, columns(args))
+    values = fitted_and_set(args, described(system))
+    there = names_of(args.log, columns(args))
+    for name in args.outputs or ():
+        check_known("--outputs", name, "quantity", [*(q.name for q in system.state), GYRO])
+    kind = args.drive or kind_of_inputs(system, there)
+    dynamics = Dynamics.of(system, kind, args.outputs or usual_outputs(system, there), {*args.fit, *values})
+    dynamics.check(args.fit, values)
+    log = read_log(args.log, dynamics, columns(args))
     with Progress() as progress:
-        result = identify(log, system, args.fit, values, None if args.inputs is None else args.inputs == "held", progress)
+        result = identify(log, dynamics, args.fit, values, None if args.inputs is None else args.inputs == "held", progress)
     held = "constant" if result.inputs == "held" else "smooth"
-    head = f"{result.rows} rows, one in {log.interval:.4g} s; inputs {held} between rows"
-    return show_result(args, robot, result, head, "each quasi-velocity, and over the rows that were not fitted")
+    head = f"{result.rows} rows, one in {log.interval:.4g} s; inputs: {kind}, {held} between rows"
+    outputs = ", ".join(f"{name} ({unit})" for name, unit in result.outputs)
+    return show_result(args, robot, result, head, f"{outputs}, in parentheses over the rows that were not fitted")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -76,11 +96,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def fitted_and_set(args: argparse.Namespace, parameters: Iterable["Quantity"]) -> dict[str, float]:
-    """Return the values with which the fit begins: those of --set, else defaults. Raises BadInput, ModelError."""
+    """Return the values of --set; check the names of --fit. Raises BadInput, ModelError."""
     from ...identification.log import check_known
 
     by_name = {p.name: p for p in parameters}
-    values = {name: p.default for name, p in by_name.items()}
+    values = {}
     for name, text in _pairs(args.set, "--set"):
         check_known("--set", name, "parameter", by_name)
         values[name] = by_name[name].check(_number(text, f"--set {name}={text}"), "--set ")
