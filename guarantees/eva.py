@@ -53,6 +53,7 @@ MAY_WRITE = {  # function -> objects and members, named as in the programs, that
 }
 MOST_IN_PATH = {"noslip_path_init": 2000, "noslip_first_fault": 1000, "noslip_path_look": 1000, "noslip_path_update": 5000}
 MOST_IN_DRIVES = {f"noslip_velocity_{part}": 0 for part in ("limit", "roll", "hold_curve", "within", "make")}
+MOST_IN_COURSE = {f"noslip_course_{part}": 20 for part in ("place", "curvature", "direction", "bend", "add")}
 MOST_IN_FRAMES = {"noslip_crc32": 0, "noslip_frame_begin": 0, "noslip_frame_word": 20}  # the bytes are arbitrary
 MOST_IN_PATH |= {"noslip_path_advance": 2000, "noslip_path_step": 20000, "check_init": 2000, "check_update": 3000, "main": 10000}
 
@@ -77,12 +78,12 @@ class AnalysedProgram:
         """
         suffix = SCALARS[self.scalar][0]
         of_frames = MOST_IN_FRAMES if self.source == "telemetry" else {}
-        own = {"path": MOST_IN_PATH, "drives": MOST_IN_DRIVES}.get(self.source, {})
+        own = {"path": MOST_IN_PATH, "drives": MOST_IN_DRIVES, "course": MOST_IN_COURSE}.get(self.source, {})
         most = {"noslip_limit": 0, "noslip_abs": 0} | own
         most = {f"{name}{suffix if name.startswith('noslip') else ''}": n for name, n in most.items()} | of_frames
         each = ",".join(f"{function}:{n}" for function, n in most.items())
         split = ["-eva-split-return", "full", "-eva-split-return-function", f"noslip_abs{suffix}:-1"]
-        level = {"path": "100", "slip": "20", "telemetry": "300"}.get(self.source, "2000")
+        level = {"path": "100", "slip": "20", "course": "300", "telemetry": "300"}.get(self.source, "2000")
         return ["-eva-slevel", level, "-eva-slevel-function", each, *split]
 
     def sources(self, task: Task) -> list[Path]:
@@ -122,7 +123,8 @@ def programs(task: Task) -> list[AnalysedProgram]:
     """Return the programs to analyse; the short version has the last law, with `follow`, and all but the path, in float."""
     laws = task.laws[-1:] if task.short else task.laws
     scalars = ["float"] if task.short else list(SCALARS)
-    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", ""), ("telemetry", "")]
+    parts = [("runtime", ""), ("drives", ""), ("path", ""), ("slip", ""), ("ekf", ""), ("course", "")]
+    parts += [("telemetry", "")]
     grips = [("grip", law) for law in task.laws[:: len(task.laws) - 1]]  # the first, without a speed, and the last, with follow
     named = [("law", law) for law in laws] + ([] if task.short else grips) + parts[: 2 if task.short else None]
     return [AnalysedProgram(source, scalar, law) for source, law in named for scalar in scalars]

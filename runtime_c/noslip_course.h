@@ -122,7 +122,12 @@ static inline void noslip_course_place(const noslip_stretch *stretch, double alo
         return;
     }
     half = noslip_abs(along) * noslip_course_bend(stretch, along / stretch->length);
-    pieces = (stretch->terms > 2 ? 3 : 1) + (half < NOSLIP_COURSE_TURN ? (int)half : NOSLIP_COURSE_TURN);
+    pieces = stretch->terms > 2 ? 3 : 1;
+    if (noslip_is_finite(half) && half >= 0 && half < NOSLIP_COURSE_TURN) {
+        pieces += (int)half;
+    } else {
+        pieces += NOSLIP_COURSE_TURN;
+    }
     half = along / (double)(2 * pieces);
     for (k = 0; k < pieces; k++) {
         for (node = 0; node < 8; node++) {
@@ -477,7 +482,12 @@ static inline void noslip_course_place_f(const noslip_stretch_f *stretch, float 
         return;
     }
     half = noslip_abs_f(along) * noslip_course_bend_f(stretch, along / stretch->length);
-    pieces = (stretch->terms > 2 ? 3 : 1) + (half < NOSLIP_COURSE_TURN ? (int)half : NOSLIP_COURSE_TURN);
+    pieces = stretch->terms > 2 ? 3 : 1;
+    if (noslip_is_finite_f(half) && half >= 0 && half < NOSLIP_COURSE_TURN) {
+        pieces += (int)half;
+    } else {
+        pieces += NOSLIP_COURSE_TURN;
+    }
     half = along / (float)(2 * pieces);
     for (k = 0; k < pieces; k++) {
         for (node = 0; node < 8; node++) {

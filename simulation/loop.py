@@ -201,7 +201,8 @@ def make_loop(spec: Spec) -> Loop:
         followed = leg, _reference(law, spec), ShortWay(law, believed, leg.config)
         if (course := spec.reference.course) and course.follow == "path":
             _check_along(law, gains)
-            guidance = OnCourse(*followed, smooth_curve(course, spec.reference.position or ()), start)
+            x, y, *_ = spec.reference.position or ()
+            guidance = OnCourse(*followed, smooth_curve(course, x, y), start)
         else:
             guidance = OnePath(*followed)
     sensing: Sensing | None = None
@@ -414,9 +415,9 @@ def _reference(law: ControlLaw, spec: Spec) -> Callable[[float], np.ndarray]:
     return at
 
 
-def smooth_curve(course: CourseSection, begin: Sequence[float] = (0.0, 0.0)) -> SmoothCurve:
-    """Return the curve of a course that begins at the first two numbers of `begin`, m."""
-    return SmoothCurve(begin[0], begin[1], course.heading, course.speed, course.lengths, course.curvatures, course.rounding)
+def smooth_curve(course: CourseSection, x: float = 0.0, y: float = 0.0) -> SmoothCurve:
+    """Return the curve of a course that begins at (x, y), m."""
+    return SmoothCurve(x, y, course.heading, course.speed, course.lengths, course.curvatures, course.rounding)
 
 
 def _check_along(law: ControlLaw, gains: Sequence[float]) -> None:

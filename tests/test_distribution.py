@@ -378,21 +378,23 @@ def test_theorems_without_integrals():
 
 
 @pytest.mark.parametrize(
-    "robot, driven, dof, reached",
+    "robot, driven, dof, reached, controllable",
     [
-        (lambda: systems.sleigh(0.3), 1, 2, 5),
-        (lambda: systems.sleigh(0.0), 1, 2, 4),
-        (systems.snakeboard, 2, 3, 8),
+        (lambda: systems.sleigh(0.3), 1, 2, 5, False),
+        (lambda: systems.sleigh(0.0), 1, 2, 4, False),
+        (systems.snakeboard, 2, 3, 8, True),
     ],
 )
-def test_underactuated_robots_are_judged_as_they_are_driven(robot, driven, dof, reached):
+def test_underactuated_robots_are_judged_as_they_are_driven(robot, driven, dof, reached, controllable):
     """Chaplygin's sleigh: v' = d omega^2, so that with d = 0 no torque changes v (Neimark, Fufaev 1972). The snakeboard: locally
-    accessible (J. Ostrowski, J. Burdick, Int. J. Robotics Research 17(7), 1998). What feedback (12) would allow is not said.
+    accessible (J. Ostrowski, J. Burdick, Int. J. Robotics Research 17(7), 1998), and from rest small-time locally controllable
+    (F. Bullo, A. D. Lewis, IEEE Trans. Robotics Autom. 19(3), 2003), which the sleigh is not. What feedback (12) would allow is
+    not said.
     """
     analysis = analyse(robot())
     assert (analysis.actuation.driven, analysis.actuation.dof, analysis.actuation.reached) == (driven, dof, reached)
     assert analysis.check("accessible").verdict is (reached == 2 * analysis.n - analysis.m)
-    assert analysis.check("controllable").verdict is (None if reached == 2 * analysis.n - analysis.m else False)
+    assert analysis.check("controllable").verdict is controllable
     for name in ("lagrange_stable", "dynamic_feedback_linearizable"):
         assert analysis.check(name).verdict is None and f"{driven} of {dof} quasi-velocities" in analysis.check(name).reason
     assert "nu' = u" not in analysis.controlled and analysis.as_json()["properties_of"] == analysis.controlled

@@ -17,7 +17,7 @@ from noslip.model.underactuated import PartialLinearization, partial_linearizati
 from noslip.readers.errors import BadInput
 from noslip.readers.robots import find_robot
 
-NAMES = ("balancer", "roller_racer")
+NAMES = ("balancer", "roller_racer", "sleigh", "snakeboard")
 WEIGHTS = {"pitch": 10.0, "x": 40.0, "phi": 20.0, "speed": 1.0, "pitch_rate": 0.1, "yaw_rate": 0.5}
 
 
@@ -103,6 +103,31 @@ def test_the_balancers_modes_are_those_of_a_pencil():
     for modes, expected, still in ((rest.modes, falls, 4), (rest.zero, rolls, 5)):
         np.testing.assert_allclose(sorted(modes.real), [-expected, *[0.0] * still, expected], atol=1e-5)
     assert rest.stabilizable and rest.left == 3 and len(rest.unreached) == 3
+
+
+def test_the_sleigh_is_chaplygins():
+    """v' = a w^2 and (I + m a^2) w' = torque - m a v w."""
+    robot = find_robot("sleigh")
+    v = values(robot)
+    for _, (speed, turning), (torque,), (faster, turned) in states(partial_linearization(robot), 50):
+        expected = [v["a"] * turning**2, (torque - v["m"] * v["a"] * speed * turning) / (v["I"] + v["m"] * v["a"] ** 2)]
+        np.testing.assert_allclose([faster, turned], expected, atol=1e-10)
+
+
+def test_the_snakeboard_is_that_of_its_source():
+    """theta' = v tan(phi) / l; the momenta of rotor, wheels, and of the whole along the constraints: Lagrange's equations of
+    m v^2 / 2 + J_0 theta'^2 / 2 + J_r (2 theta' psi' + psi'^2) / 2 + J_w phi'^2 with the inertia J_0 = J + J_r + 2 J_w.
+    """
+    robot = find_robot("snakeboard")
+    v = values(robot)
+    whole = v["J"] + v["J_r"] + 2 * v["J_w"]
+    for q, (speed, _, wheels), (tau_psi, tau_phi), (faster, spun, steered) in states(partial_linearization(robot), 50):
+        t = np.tan(q[4])
+        turned = (faster * t + speed * wheels * (1 + t**2)) / v["l"]
+        np.testing.assert_allclose(v["J_r"] * (turned + spun), tau_psi, atol=1e-9)
+        np.testing.assert_allclose(2 * v["J_w"] * steered, tau_phi, atol=1e-9)
+        along = v["m"] * faster + t / v["l"] * (whole * turned + v["J_r"] * spun)
+        np.testing.assert_allclose(along, 0.0, atol=1e-9 * (1 + abs(whole * turned)))
 
 
 def two_pendulums() -> Mechanism:

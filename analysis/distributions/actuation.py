@@ -63,26 +63,69 @@ class Actuation:
         except (ModelError, KeyError, ZeroDivisionError, RuntimeError, ValueError):
             return None
 
-    def _reached(self, seed: int) -> int:
-        system = self._system
-        mechanism, draw = system.mechanism, random.Random(seed)
-        x = ca.vertcat(mechanism.q, system.nu)
+    @cached_property
+    def at_rest(self) -> bool | None:
+        """Whether it is small-time locally controllable at rest at generic configurations, at the default parameters; None if
+        that is not decided, or cannot be computed.
+
+        No: a single input g, and [g, [f, g]] is not a combination of the ad_f^k g (H. J. Sussmann, 1983, proposition 6.3). Yes,
+        without potential and dissipation, where Delta* is the whole space: the g_j and their symmetric products
+        [g_i, [f, g_j]], i < j, span all velocities, and [g_j, [f, g_j]] is a combination of the g_j (A. D. Lewis, 2000).
+        """
+        try:
+            (verdict, *others) = [self._at_rest(seed) for seed in range(STATES)]
+            return verdict if all(other == verdict for other in others) else None
+        except (ModelError, KeyError, ZeroDivisionError, RuntimeError, ValueError):
+            return None
+
+    def _at_rest(self, seed: int) -> bool | None:
+        x, drift, driving = self._fields
+        count, value, resting = len(driving), self._value(seed), self._value(seed, rest=True)
         with mpmath.workdps(DIGITS):
-            at = [
-                mpmath.mpf(value)
-                for value in (*[draw.uniform(-1.0, 1.0) for _ in range(x.numel())], *[p.default for p in mechanism.parameters])
-            ]
+            if any(resting(drift)):
+                return None
+            twice = ca.substitute(drift, self._system.nu, 2 * self._system.nu)[-self.dof :]
+            once = value(drift)[-self.dof :]
+            free = _size([fast - 4 * slow for fast, slow in zip(value(twice), once, strict=True)]) <= ROUNDING * max(
+                1, _size(once)
+            )
+            products = [[_bracket(one, _bracket(drift, other, x), x) for other in driving] for one in driving]
+            own, usual = [resting(each) for each in driving], max(_size(value(each)) for row in products for each in row)
+            bad = [product for j in range(count) if _size(product := resting(products[j][j])) > ROUNDING * usual]
+            if count == 1 and bad:
+                linear, candidate = list(own), driving[0]
+                for _ in range(x.numel() - 1):
+                    candidate = _bracket(drift, candidate, x)
+                    linear.append(resting(candidate))
+                return False if _rank([*linear, *bad]) > _rank(linear) else None
+            good = [resting(products[i][j]) for j in range(count) for i in range(j)]
+            spans = _rank([*own, *good]) == self.dof
+            return True if free and spans and _rank([*own, *bad]) == _rank(own) else None
+
+    @cached_property
+    def _fields(self) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+        """The state x = [q; nu], the drift f and the g_j."""
+        system, inputs = self._system, len(self.mechanism.inputs)
 
         def field(tau: ca.SX) -> ca.SX:
             return ca.densify(ca.vertcat(system.qdot, system.acceleration(tau)))
 
-        def value(vector: ca.SX) -> list[mpmath.mpf]:
-            symbols = ca.vertsplit(ca.vertcat(x, mechanism.p))
-            return fold(vector, symbols, lambda k: at[k], mpmath.mpf, lambda code, parts: NUMERIC[code](*parts))
-
-        inputs = len(mechanism.inputs)
         drift = field(ca.SX.zeros(inputs))
-        driving = [field(ca.SX.eye(inputs)[:, j]) - drift for j in range(inputs)]
+        return ca.vertcat(self.mechanism.q, system.nu), drift, [field(ca.SX.eye(inputs)[:, j]) - drift for j in range(inputs)]
+
+    def _value(self, seed: int, rest: bool = False) -> Callable[[ca.SX], list[mpmath.mpf]]:
+        """Return the function from a vector to its numbers at a random state, or at one with nu = 0."""
+        (x, _, _), draw, parameters = self._fields, random.Random(seed), self.mechanism.parameters
+        state = [draw.uniform(-1.0, 1.0) for _ in range(x.numel())]
+        if rest:
+            state[-self.dof :] = [0.0] * self.dof
+        with mpmath.workdps(DIGITS):
+            at = [mpmath.mpf(number) for number in (*state, *[p.default for p in parameters])]
+        symbols = ca.vertsplit(ca.vertcat(x, self.mechanism.p))
+        return lambda vector: fold(vector, symbols, at.__getitem__, mpmath.mpf, lambda code, parts: NUMERIC[code](*parts))
+
+    def _reached(self, seed: int) -> int:
+        (x, drift, driving), value = self._fields, self._value(seed)
         values: list[list[mpmath.mpf]] = []
         with mpmath.workdps(DIGITS):
             sizes = [_size(value(other)) for other in (drift, *driving)]
@@ -121,6 +164,11 @@ def actuation(mechanism: Mechanism) -> Actuation | None:
 
 def _size(vector: list[mpmath.mpf]) -> mpmath.mpf:
     return max(map(abs, vector))
+
+
+def _rank(vectors: list[list[mpmath.mpf]]) -> int:
+    """Return the rank of vectors of any size."""
+    return rank([[entry / _size(vector) for entry in vector] for vector in vectors if any(vector)], ROUNDING)
 
 
 def _bracket(f: ca.SX, g: ca.SX, x: ca.SX) -> ca.SX:

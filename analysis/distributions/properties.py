@@ -19,6 +19,11 @@ TWO_INPUTS = "P. Martin, P. Rouchon, Feedback linearization and driftless system
 FIVE_STATES = (
     "P. Martin, P. Rouchon, Any (controllable) driftless system with 3 inputs and 5 states is flat, Syst. Control Lett. 25, 1995"
 )
+ONE_INPUT = (
+    "H. J. Sussmann, Lie brackets and local controllability: a sufficient condition for scalar-input systems, SIAM J. Control "
+    "Optim. 21(3), 1983"
+)
+SYMMETRIC = "A. D. Lewis, Simple mechanical control systems with constraints, IEEE TAC 45(8), 2000"
 ACCESSIBILITY = "H. J. Sussmann, V. Jurdjevic, Controllability of nonlinear systems, J. Differential Equations 12, 1972"
 PFAFF = "the normal form of Pfaff and Darboux of one one-form"
 
@@ -104,7 +109,19 @@ def _underactuated(Delta: Distribution, check: Check, inputs: Actuation) -> Chec
         return replace(check, hypotheses=check.hypotheses[1:])
     if check.name in ("controllable", "input_state_linearizable") and reached is not None and reached < states:
         return replace(check, verdict=False, reason="it is not accessible", hypotheses=driven, reference=ACCESSIBILITY)
+    if check.name == "controllable" and inputs.at_rest is not None:
+        return replace(check, verdict=inputs.at_rest, hypotheses=driven, **_at_rest(inputs.at_rest, reason))
     return replace(check, verdict=None, reason=reason, hypotheses=driven, reference="the theorems used here apply to (13)")
+
+
+def _at_rest(verdict: bool, reason: str) -> dict[str, str]:
+    """Return reason and reference of a verdict about small-time local controllability at rest."""
+    numbers = "at random configurations, at the default parameters"
+    if verdict:
+        found = f"the inputs and their symmetric products span all velocities, and no bad product is outside, {numbers}"
+        return {"reason": f"{reason}; {found}", "reference": SYMMETRIC}
+    found = f"[g, [f, g]] of the only input g is outside the span of g, [f, g], [f, [f, g]], ..., {numbers}"
+    return {"reason": f"{reason}; {found}", "reference": ONE_INPUT}
 
 
 def _generic(Delta: Distribution) -> Hypothesis:

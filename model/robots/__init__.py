@@ -13,7 +13,9 @@ from .labmate import labmate
 from .mobile_manipulator import mobile_manipulator
 from .roller_racer import roller_racer
 from .rolling_disk import rolling_disk
+from .sleigh import sleigh
 from .slope_platform import slope_platform
+from .snakeboard import snakeboard
 from .steered import car, f1tenth, forklift, tricycle
 from .tractor_trailer import tractor_trailer
 from .turntable_ball import turntable_ball
@@ -38,4 +40,9 @@ ROBOTS: dict[str, Callable[..., Mechanism]] = {
     "turntable_ball": turntable_ball,
 }
 
-UNDERACTUATED: dict[str, Callable[..., Mechanism]] = {"balancer": balancer, "roller_racer": roller_racer}  # without laws
+UNDERACTUATED: dict[str, Callable[..., Mechanism]] = {  # without laws
+    "balancer": balancer,
+    "roller_racer": roller_racer,
+    "sleigh": sleigh,
+    "snakeboard": snakeboard,
+}
