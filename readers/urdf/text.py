@@ -80,8 +80,9 @@ class _Names:
         layout = self.layout
         driven = self.mecanum if layout.kind == "mecanum" else self.steering if layout.steered else self.two_wheels
         entries = {"corners": [], "steered": [], "base": self.base(), **driven()}
-        entries["arm"] = [self.link(k) for k in range(1, len(layout.arm) + 1)]
-        entries["angles"] = ", ".join(f'("angle_{a.k}", "rad", q_{a.k}, "joint {a.joint}")' for a in entries["arm"])
+        arm = [self.link(k) for k in range(1, len(layout.arm) + 1)]
+        angles = ", ".join(f'("angle_{link.k}", "rad", q_{link.k}, "joint {link.joint}")' for link in arm)
+        entries |= {"arm": arm, "angles": angles}
         entries["trailers"] = [self.trailer(k) for k in range(1, len(layout.trailers) + 1)]
         total = f"({' + '.join(self.masses)})" if len(self.masses) > 1 else self.masses[0]
         return {"coordinates": self.coordinates, "parameters": self.parameters, "total": total, **entries}
