@@ -271,6 +271,10 @@ BAD = {
         replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0.3 0.0 -1.0"'),
         "link 'right': its cylinder is not centred on the axle",
     ),
+    "no axis": (
+        replaced('<axis xyz="0.0 0.0 -1.0"/>', ""),
+        "; without <axis>, so that it is 1 0 0: joints 'right_joint'",
+    ),
     "axis zero": (replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0 0 0"'), "joint 'right_joint': its axis has length zero"),
     "no mesh": (
         replaced(CYLINDER, MESH),

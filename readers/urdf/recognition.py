@@ -31,7 +31,13 @@ UNBALANCED = 0.1  # of the radius: how far its centre of mass may be from the ax
 
 def recognize(document: Document, options: Options) -> Layout:
     """Return the layout of the robot. Raises BadInput, naming joints and links, if a robot file cannot describe it."""
-    return _Recognition(document, options).layout()
+    try:
+        return _Recognition(document, options).layout()
+    except BadInput as error:
+        named = [name for name in sorted(document.without_axis) if repr(name) in str(error)]
+        if not named:
+            raise
+        raise BadInput(f"{error}; without <axis>, so that it is 1 0 0: joints {_joints(named)}") from error
 
 
 class _Recognition:
