@@ -154,6 +154,7 @@ NIGHTLY = {
     "test_import": (
         r"robot_file_is_the_urdf\[two_wheels\]",
         r"\[two_trailers\]",
+        r"(pinocchio|is_the_urdf)\[arm_on_",
         r"robot_file_is_the_urdf\[(mecanum|trailer|tricycle_driven_at_the_rear)\]",
         r"number_is_found\[b\]",
     ),

@@ -22,7 +22,19 @@ from noslip.readers.urdf.text import name_of, robot_file
 from noslip.simulation.contact import contact_forces
 from noslip.simulation.plant import Plant
 from noslip.simulation.specification.spec import ContactSection
-from noslip.tests.urdfs import QUARTER, ROBOTS, WHEEL, Urdf, four_wheels, mecanum, steered, turtlebot3, two_wheels
+from noslip.tests.urdfs import (
+    BESIDE,
+    QUARTER,
+    ROBOTS,
+    WHEEL,
+    Urdf,
+    four_wheels,
+    mecanum,
+    steered,
+    turtlebot3,
+    two_wheels,
+    with_arm,
+)
 
 pytestmark = pytest.mark.skipif(find_spec("yourdfpy") is None, reason="yourdfpy, of the extra `physics`, reads URDFs")
 STATES = 5
@@ -41,12 +53,17 @@ def made(tmp_path_factory):
     @cache
     def made(name: str) -> tuple[ReducedSystem, Layout]:
         folder = tmp_path_factory.mktemp(name)
-        layout = recognize(read(written(folder, ROBOTS[name]())), Options(track=0.8 if name == "skid_steer" else None))
+        layout = recognize(read(written(folder, ROBOTS[name]())), options(name))
         file = folder / f"{name}.py"
         file.write_text(robot_file(layout))
         return system_of(find_robot(f"{file}:{name_of(layout.document.name)}")), layout
 
     return made
+
+
+def options(name: str) -> Options:
+    """What is named on the command line for the URDFs in tests/urdfs.py."""
+    return Options(track=0.8 if name == "skid_steer" else None, arm=("elbow", "shoulder") if "arm" in name else ())
 
 
 def along(angle: ca.SX) -> ca.SX:
@@ -55,6 +72,9 @@ def along(angle: ca.SX) -> ca.SX:
 
 def rates(name: str, q: dict, qdot: dict) -> dict[str, ca.SX]:
     """The rate of every joint of the URDFs in tests/urdfs.py, written down by hand from their sizes; wheels have radius 0.1 m."""
+    if "arm" in name:
+        below = {"arm": "two_wheels", "arm_on_rollers": "mecanum", "arm_on_a_car": "car"}[name]
+        return rates(below, q, qdot) | {"shoulder": qdot["q_1"], "elbow": -qdot["q_2"], "wrist": 0}
     forward = ca.cos(q["phi"]) * qdot["x"] + ca.sin(q["phi"]) * qdot["y"]
     if name == "skid_steer":
         return {f"{end}_{side}_joint": qdot[f"theta_{side[0]}"] for end in ("front", "rear") for side in ("left", "right")}
@@ -125,6 +145,8 @@ def positions(name: str, model, angles: dict, q: dict) -> list:
     """The angle of every joint; those of wheels do not matter, except that they turn."""
     known = {"steering": q.get("delta"), "steering_right": q.get("delta"), "lidar_joint": 0}
     known["steering_left"] = -q["delta"] if "delta" in q else None
+    if "q_1" in q:
+        known |= {"shoulder": q["q_1"], "elbow": -q["q_2"], "wrist": 0}
     if "phi_2" in q:
         known |= {"hitch_1": q["phi_1"] - q["phi"], "hitch_2": -(q["phi_2"] - q["phi_1"])}
     elif "phi_1" in q:
@@ -138,7 +160,7 @@ def test_a_robot_file_is_the_urdf(name, made):
     system, layout = made(name)
     difference, slip = compare(system, layout)
     assert difference < SAME / 100 and (slip is None or slip < SAME / 100)
-    assert (slip is None) == (name in ("car", "skid_steer"))
+    assert (slip is None) == (name in ("car", "skid_steer", "arm_on_a_car"))
     assert abs(sum(layout.shares.values()) - 1) < 0.35  # castors carry the rest
 
 
@@ -249,6 +271,10 @@ BAD = {
         replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0.3 0.0 -1.0"'),
         "link 'right': its cylinder is not centred on the axle",
     ),
+    "no axis": (
+        replaced('<axis xyz="0.0 0.0 -1.0"/>', ""),
+        "; without <axis>, so that it is 1 0 0: joints 'right_joint'",
+    ),
     "axis zero": (replaced('axis xyz="0.0 0.0 -1.0"', 'axis xyz="0 0 0"'), "joint 'right_joint': its axis has length zero"),
     "no mesh": (
         replaced(CYLINDER, MESH),
@@ -335,6 +361,9 @@ def test_bad_input_is_one_line(case, tmp_path, bad_input):
         (["--wheels", "lidar_joint"], "joint 'lidar_joint' cannot be a wheel: its axis is 90 deg from horizontal"),
         (["--castors", "left_joint"], "wheels on 'base', without castors and those on vertical joints: 'right_joint'"),
         (["--castors", "box"], "--castors: link 'box'"),
+        (["--arm", "lidar"], "there is no 'lidar'; did you mean 'lidar_joint'?"),
+        (["--arm", "left_joint"], "--arm: joint 'left_joint' is that of a wheel"),
+        (["--arm", "castor_joint"], "--arm: joint 'castor_joint' is fixed; those of an arm turn"),
         (["--radius", "left"], "give LINK=METRES"),
         (["--radius", "left=-1"], "positive radius"),
         (["--radius", "door=1"], "there is no 'door'"),
@@ -346,6 +375,33 @@ def test_bad_options_are_one_line(more, said, tmp_path, bad_input):
     assert said in bad_input(["import", written(tmp_path, two_wheels()), *more, "-o", str(tmp_path / "robot.py")])
 
 
+def test_an_arm_is_driven_from_its_file(tmp_path, capsys, bad_input):
+    """It has as many outputs as inputs, and the loop holds them, on a floor, too. What does not move in the plane is held, with a
+    word, or refused if it is named.
+    """
+    file, target = written(tmp_path, with_arm(two_wheels())), tmp_path / "cart.py"
+    assert main(["import", file, "--arm", "elbow", "shoulder", "-o", str(target), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["arm"] == ["shoulder", "elbow"]
+    assert "held fixed at zero, with all that they carry: joints lidar_joint, wrist; --arm makes" in err
+    assert "wrist': its axis is 90 deg from vertical" in bad_input(["import", file, "--arm", "wrist", "-o", str(target)])
+    (tmp_path / "arm.toml").write_text(ARM)
+    for engine in ([], ["--engine", "mujoco"] if find_spec("mujoco") else []):
+        assert main(["simulate", str(tmp_path / "arm.toml"), *engine, "-o", str(tmp_path / "run.csv"), "--json"]) == 0
+        said = json.loads(capsys.readouterr().out)
+        assert {name: abs(e["final"]) < 0.01 for name, e in said["errors"].items()} == dict.fromkeys(
+            ("x_p", "y_p", "angle_1", "angle_2"), True
+        )
+        assert said["errors"]["angle_1"]["peak"] > 0.5
+
+
+ARM = """robot = "cart.py:cart"
+gains = { kp = 9.0, kd = 6.0 }
+output = { type = "point_and_arm" }
+reference = { position = [0.5, 0.2, 0.6, -0.9] }
+initial = { q = [0, 0, 0, 0, 0, 0, 0], nu = [0, 0, 0, 0] }
+simulation = { duration = 3.0, period = 0.005 }
+"""
 ROLLERS = {"front_right": 45, "rear_left": 45, "front_left": -45, "rear_right": -45}
 
 
@@ -426,6 +482,25 @@ def test_a_wheel_from_a_scaled_and_turned_mesh(tmp_path):
         file.write_text(urdf.text.replace(CYLINDER, mesh.replace("0.002 0.002 0.001", scale)))
         with pytest.raises(BadInput, match=said):
             recognize(read(str(file)), Options(wheels=("left_joint", "right_joint")))
+
+
+def test_a_mirrored_mesh_is_mirrored(tmp_path):
+    """A negative scale across the axle leaves the wheel as it is; along the axle it moves the middle to the other side."""
+    trimesh = pytest.importorskip("trimesh")
+    (tmp_path / "cart").mkdir()
+    shape = trimesh.creation.cylinder(0.1, 0.04, sections=64)
+    shape.apply_translation([0.0, 0.0, 0.03])
+    shape.export(tmp_path / "cart" / "left.stl")
+    file, sides = tmp_path / "cart.urdf", {}
+    for scale in ("1 1 1", "-1 1 1", "1 1 -1", "-1 -1 -1"):
+        mesh = MESH.replace("/></", f' scale="{scale}"/></')
+        file.write_text(two_wheels().text.replace(f'<origin xyz="0 0 {BESIDE}"/>', "").replace(CYLINDER, mesh))
+        wheels = recognize(read(str(file)), Options()).base.wheels
+        assert [wheel.radius for wheel in wheels] == pytest.approx([0.1, 0.1], rel=1e-6)
+        sides[scale] = [float(wheel.centre[1]) for wheel in wheels]
+    joints = np.array([-0.2, 0.2]) - BESIDE
+    assert sides["1 1 1"] == sides["-1 1 1"] == pytest.approx(joints + 0.03, abs=1e-7)
+    assert sides["1 1 -1"] == sides["-1 -1 -1"] == pytest.approx(joints - 0.03, abs=1e-7)
 
 
 def test_text_of_a_urdf_stays_text(tmp_path):

@@ -146,6 +146,19 @@ def mecanum(rollers: int = 8) -> Urdf:
     return made
 
 
+def with_arm(made: Urdf) -> Urdf:
+    """With an arm: two vertical joints, the second upside down on a flange, and a wrist that cannot move in the plane."""
+    made.link("upper_arm", 1.2, (0.2, 0.01, 0.05))
+    made.joint("shoulder", "revolute", "base", "upper_arm", (-0.3, 0.03, 0.4), "0 0 0.5")
+    made.link("flange", 0.1, (0.01, 0, 0))
+    made.joint("flange_joint", "fixed", "upper_arm", "flange", (0.4, 0.02, 0.1), "0 0 -0.3")
+    made.link("forearm", 0.8, (0.15, -0.02, 0.02))
+    made.joint("elbow", "continuous", "flange", "forearm", axis=(0, 0, -1))
+    made.link("hand", 0.3, (0.05, 0, 0))
+    made.joint("wrist", "revolute", "forearm", "hand", (0.3, 0, 0), axis=(0, 1, 0))
+    return made
+
+
 def turtlebot3(model: str) -> Urdf:
     """The links of a TurtleBot3 that have mass, from ROBOTIS' turtlebot3_burger.urdf or turtlebot3_waffle_pi.urdf, without
     meshes.
@@ -188,4 +201,7 @@ ROBOTS = {
     "mecanum": mecanum,
     "trailer": lambda: trailers(1),
     "two_trailers": lambda: trailers(2),
+    "arm": lambda: with_arm(two_wheels()),
+    "arm_on_rollers": lambda: with_arm(mecanum()),
+    "arm_on_a_car": lambda: with_arm(steered(pair=True)),
 }

@@ -24,9 +24,9 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
         "import",
         help="write a robot file from a URDF or an MJCF",
         description="Write a robot file from a URDF or an MJCF: two driven wheels, a car or a tricycle, trailers behind it, "
-        "four wheels with rollers. "
-        "Joints that are not wheels, steering or hitches are held fixed. Before the file is put in place, its mass matrix is "
-        "compared with that of the links. Requires pip install 'noslip[physics]'.",
+        "four wheels with rollers. Joints that are not wheels, steering or hitches are held fixed, but for vertical joints that "
+        "--arm names. Before the file is put in place, its mass matrix is compared with that of the links. "
+        "Requires pip install 'noslip[physics]'.",
         epilog=EXAMPLE,
     )
     parser.add_argument("urdf", metavar="FILE.urdf", help="a URDF, a xacro file expanded first, or an MJCF")
@@ -48,6 +48,13 @@ def add_parser(subparsers: argparse._SubParsersAction) -> None:
     parser.add_argument(
         "--skid-steer-track", type=quantity("m"), metavar="METRES", help="describe a skid steer by two wheels this far apart"
     )
+    parser.add_argument(
+        "--arm",
+        nargs="+",
+        metavar="JOINT",
+        default=[],
+        help="vertical joints of an arm on the body: they become coordinates with inputs; others are held fixed",
+    )
     parser.add_argument("-o", "--output", metavar="ROBOT.py", required=True, help="the robot file")
     parser.set_defaults(run=run)
 
@@ -63,7 +70,12 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput(f"{args.output}: a robot file ends in .py")
         check_own(Path(args.output))
     options = Options(
-        args.wheels, args.castors, dict(map(_radius, args.radius)), args.skid_steer_track, dict(map(_roller, args.rollers))
+        args.wheels,
+        args.castors,
+        dict(map(_radius, args.radius)),
+        args.skid_steer_track,
+        dict(map(_roller, args.rollers)),
+        args.arm,
     )
     text, described = import_urdf(args.urdf, options, Path(args.output).parent)
     write_whole(args.output, text)

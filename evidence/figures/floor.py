@@ -40,7 +40,8 @@ SURVIVE: Mapping[Floor, int] = {  # of the paper's claims
 SHOWN = "IV C"
 FAR, OF_FRICTION = 0.75, 0.2  # m: from there a path is approached at up to half the desired speed, but by this part of friction
 
-FLOORS_OF_ROBOTS: tuple[Floor, ...] = tuple((mu, limits) for mu in (0.3, 0.15) for limits in (BARE, LIMITED))
+FLOORS = (0.7, 0.3, 0.15)
+FLOORS_OF_ROBOTS: tuple[Floor, ...] = tuple((mu, limits) for mu in FLOORS for limits in (BARE, LIMITED))
 OTHERS = ("knife_edge", "ball_plate", "geared_arm", "turntable_ball")  # without wheels on a floor
 ROBOTS = tuple(name for name in ("labmate", *robots.TITLES) if name not in OTHERS)
 LEAST, MOST = 1e-5, 10.0  # m/s: slips that are drawn
@@ -226,14 +227,15 @@ def reckoning_error(run: FigureRun) -> float | None:
 
 
 def draw_robots(runs: Runs) -> matplotlib.figure.Figure:
-    """Peak slip of each robot on either floor, and how far dead reckoning is off."""
-    figure, axes = panels("peak slip, μ 0.3", "peak slip, μ 0.15", "dead reckoning off at the end, μ 0.15", height=5.4)
-    for panel, mu in zip(axes, (0.3, 0.15), strict=False):
+    """Peak slip of each robot on each floor, and how far dead reckoning is off."""
+    titles = [f"peak slip, μ {mu:g}" for mu in FLOORS]
+    figure, axes = panels(*titles, f"dead reckoning off, μ {FLOORS[-1]:g}", height=5.4)
+    for panel, mu in zip(axes, FLOORS, strict=False):
         _compare(panel, runs, mu, lambda run: run.slipping)
         panel.axvline(SLIPS, color=EDGE, linestyle=":", linewidth=1.0)
         panel.set(xlabel="m/s (dotted: 1 cm/s)", xlim=(LEAST, 3 * MOST))
-    _compare(axes[2], runs, 0.15, reckoning_error)
-    axes[2].set(xlabel="m", xlim=(LEAST, 3 * MOST))
+    _compare(axes[-1], runs, FLOORS[-1], reckoning_error)
+    axes[-1].set(xlabel="m, at the end", xlim=(LEAST, 3 * MOST))
     for panel in axes[1:]:
         panel.tick_params(labelleft=False)
     axes[0].plot([], [], "o", color=COLOUR[BARE], markerfacecolor="none", label=BARE)

@@ -38,6 +38,8 @@ class LinkMotion:
 
     def angle(self, part: Part, values: Mapping[str, float], suffix: str = "") -> float:
         """Return the angle (or with a suffix, the rate) of the vertical joint of a part."""
+        if part in self.layout.arm:
+            return part.sign * values[f"q_{self.layout.arm.index(part) + 1}{suffix}"]
         if part in self.layout.steered:
             return part.sign * values[f"delta{suffix}"]
         k = self.layout.trailers.index(part)

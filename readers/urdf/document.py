@@ -42,7 +42,7 @@ TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 @dataclass(frozen=True)
 class Document:
     """A URDF as a tree. `links` and `joints` are yourdfpy's, by name; `driven` the joints that have a transmission; `notes` what
-    was not taken literally.
+    was not taken literally; `without_axis` the joints that turn about the x axis of their frame because the file names none.
     """
 
     path: Path
@@ -51,6 +51,7 @@ class Document:
     joints: Mapping[str, Any]
     driven: frozenset[str]
     notes: tuple[str, ...] = ()
+    without_axis: frozenset[str] = frozenset()
     _inertials: dict[str, Inertial | None] = field(default_factory=dict)
 
     @cached_property
@@ -123,6 +124,7 @@ def read(file: str) -> Document:
     driven = {
         j.get("name") for path in ("transmission/joint", "ros2_control/joint[command_interface]") for j in root.iterfind(path)
     }
+    without_axis = {j.get("name") for j in root.iterfind("joint") if j.get("type") != "fixed" and j.find("axis") is None}
     rubbing = [e.getparent().get("name") for e in root.iterfind("joint/dynamics") if _rubs(e)]
     if rubbing:
         notes = (*notes, f"damping and friction are left out: joints {', '.join(rubbing)}")
@@ -132,9 +134,8 @@ def read(file: str) -> Document:
     except Exception as error:  # what has not been checked above
         raise BadInput(f"{file}: yourdfpy cannot read it: {type(error).__name__}: {error}") from error
     joints = {joint.name: joint for joint in robot.joints}
-    document = Document(
-        Path(file), robot.name, {link.name: link for link in robot.links}, joints, frozenset(driven & joints.keys()), notes
-    )
+    links, transmitted = {link.name: link for link in robot.links}, frozenset(driven & joints.keys())
+    document = Document(Path(file), robot.name, links, joints, transmitted, notes, frozenset(without_axis))
     _check_tree(document)
     return document
 
@@ -178,7 +179,8 @@ def _refuse_unexpanded(file: str, root: Any) -> None:
     if file.endswith(".xacro") or lines:
         stem = re.sub(r"(\.urdf)?(\.xacro)?$", "", Path(file).name)
         line = f", line {lines[0]}" if lines else ""
-        raise BadInput(f"{file}{line}: a xacro file; expand it with `xacro {file} -o {stem}.expanded.urdf` and import that")
+        expanded = f"`xacro {file} -o {stem}.expanded.urdf` (pip install xacro)"
+        raise BadInput(f"{file}{line}: a xacro file; expand it with {expanded} and give that")
 
 
 def checked(file: str, root: Any) -> tuple[str, ...]:

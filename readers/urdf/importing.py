@@ -51,6 +51,7 @@ def _described(name: str, layout: Layout, difference: float, robot: Any) -> dict
         "castors": list(layout.castors),
         "steered": [part.joint for part in layout.steered],
         "trailers": [part.joint for part in layout.trailers],
+        "arm": [part.joint for part in layout.arm],
         "notes": list(layout.notes),
         "parameters": {p.name: {"default": p.default, "unit": p.unit, "about": p.about} for p in robot.parameters},
         "mass_matrix_difference": difference,

@@ -14,7 +14,7 @@ CORNERS = {(False, False): "fr", (False, True): "fl", (True, False): "rr", (True
 @dataclass(frozen=True)
 class Options:
     """What the user names: joints of wheels, joints or links of castors, radii (m) by link, track (m) of a skid steer, directions
-    of rollers (rad, see `LinkWheel`) by the joint of their wheel.
+    of rollers (rad, see `LinkWheel`) by the joint of their wheel, joints of an arm.
     """
 
     wheels: Sequence[str] = ()
@@ -22,6 +22,7 @@ class Options:
     radii: Mapping[str, float] = field(default_factory=dict)
     track: float | None = None
     rollers: Mapping[str, float] = field(default_factory=dict)
+    arm: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,8 @@ class Layout:
 
     `heading` is its direction in the frame of the root, `half` (m) half the distance of the base's wheels, or of the effective
     track. The motor drives the wheels of the base, or with `front` the steered wheels. `castors` are links with the places where
-    they stand, `shares` the part of the weight on each group of wheels (see `text`).
+    they stand, `shares` the part of the weight on each group of wheels (see `text`). `arm` are the links of an arm, each after
+    the one that carries it.
     """
 
     document: Document
@@ -86,11 +88,17 @@ class Layout:
     castors: Mapping[str, np.ndarray]
     shares: Mapping[str, float]
     notes: tuple[str, ...]
+    arm: tuple[Part, ...] = ()
 
     @property
     def parts(self) -> tuple[Part, ...]:
         """All bodies."""
-        return (self.base, *self.steered, *self.trailers)
+        return (self.base, *self.steered, *self.trailers, *self.arm)
+
+    def carrier(self, part: Part) -> Part:
+        """The part that carries a link of the arm."""
+        by_link = {link: each for each in self.parts for link in each.links}
+        return by_link[self.document.joints[part.joint].parent]
 
     @property
     def corners(self) -> dict[str, LinkWheel]:

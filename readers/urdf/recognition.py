@@ -31,7 +31,13 @@ UNBALANCED = 0.1  # of the radius: how far its centre of mass may be from the ax
 
 def recognize(document: Document, options: Options) -> Layout:
     """Return the layout of the robot. Raises BadInput, naming joints and links, if a robot file cannot describe it."""
-    return _Recognition(document, options).layout()
+    try:
+        return _Recognition(document, options).layout()
+    except BadInput as error:
+        named = [name for name in sorted(document.without_axis) if repr(name) in str(error)]
+        if not named:
+            raise
+        raise BadInput(f"{error}; without <axis>, so that it is 1 0 0: joints {_joints(named)}") from error
 
 
 class _Recognition:
@@ -45,6 +51,7 @@ class _Recognition:
             ("--castors", options.castors, both),
             ("--radius", options.radii, document.links),
             ("--rollers", options.rollers, document.joints),
+            ("--arm", options.arm, document.joints),
         ):
             for name in names:
                 if name not in candidates:
@@ -88,9 +95,10 @@ class _Recognition:
         for wheel in wheels:
             if joint := self.turning[wheel.joint]:
                 groups.setdefault(joint, []).append(wheel)
-        self.hold([*(wheel.joint for wheel in wheels), *self.on_rims], groups)
+        arm = self.arm([*(wheel.joint for wheel in wheels), *self.on_rims, *groups])
+        self.hold([*(wheel.joint for wheel in wheels), *self.on_rims, *arm], groups)
         steering = [joint for joint, own in groups.items() if self.steers(joint, own)]
-        self.carrying = {document.joints[joint].child: joint for joint in groups}
+        self.carrying = {document.joints[joint].child: joint for joint in (*groups, *arm)}
         base = self.part("", fixed, origin)
         steered = self.steered([self.part(joint, groups[joint], self.pivot(joint)) for joint in steering], base)
         trailers = self.chain({joint: own for joint, own in groups.items() if joint not in steering}, base)
@@ -107,7 +115,13 @@ class _Recognition:
                 raise self.wrong(f"wheels on several axles ({_joints(fixed)}) and steered wheels ({_joints(groups)})")
             kind = "car" if len(steered) == 2 else "tricycle"
         front = self.driven_in_front(fixed, steered)
-        weights, note = shares(base, steered, trailers, self.castors, self.heading)
+        links = tuple(self.part(joint, [], self.pivot(joint)) for joint in arm)
+        for joint in arm:
+            if above := [each.name for each in self.ancestors(joint) if each.name in groups]:
+                raise self.wrong(f"--arm: joint {joint!r} is on joint {above[0]!r}, not on the body; that is not described")
+        if arm:
+            self.notes.append("the contacts carry what they do with the arm at zero; their loads do not follow its motion")
+        weights, note = shares(base, (*steered, *links), trailers, self.castors, self.heading)
         self.notes += note
         return Layout(
             document,
@@ -121,6 +135,7 @@ class _Recognition:
             self.castors,
             weights,
             tuple(dict.fromkeys(self.notes)),
+            links,
         )
 
     # -- wheels -------------------------------------------------------------------------------------------------
@@ -227,7 +242,7 @@ class _Recognition:
     def turning_joint(self, wheel: LinkWheel) -> str | None:
         """Return the nearest vertical joint that carries a wheel."""
         for joint in self.ancestors(wheel.joint):
-            if joint.type in ("continuous", "revolute") and abs(self.document.axis(joint)[2]) > math.cos(ALIGNED):
+            if self.vertical(joint):
                 return joint.name
         return None
 
@@ -365,6 +380,30 @@ class _Recognition:
         if self.on_rims:
             self.notes.append("the rollers count as parts of their wheels; that they also turn about their own axes is left out")
 
+    def arm(self, others: Sequence[str]) -> list[str]:
+        """Return the joints of the arm, each after those that carry it. Raises BadInput for one that is not vertical."""
+        for name in self.options.arm:
+            joint = self.document.joints[name]
+            if name in others:
+                raise self.wrong(f"--arm: joint {name!r} is that of a wheel, or carries wheels")
+            if joint.type not in ("continuous", "revolute"):
+                raise self.wrong(
+                    f"--arm: joint {name!r} is {joint.type}; those of an arm turn. Leave it out, and it is held fixed"
+                )
+            tilt = math.degrees(math.acos(min(1.0, abs(self.document.axis(joint)[2]))))
+            if tilt > math.degrees(ALIGNED):
+                raise self.wrong(
+                    f"--arm: joint {name!r}: its axis is {tilt:.3g} deg from vertical, and a robot file describes motion in the "
+                    "plane; leave it out, and it is held fixed at zero"
+                )
+            if joint.mimic is not None:
+                raise self.wrong(f"--arm: joint {name!r} mimics {joint.mimic.joint!r}; remove <mimic>, or leave it out")
+        return sorted(dict.fromkeys(self.options.arm), key=lambda name: len(self.ancestors(name)))
+
+    def vertical(self, joint: Any) -> bool:
+        """Return whether a joint turns about a vertical axis."""
+        return joint.type in ("continuous", "revolute") and abs(self.document.axis(joint)[2]) > math.cos(ALIGNED)
+
     def hold(self, used: list[str], groups: Mapping[str, list[LinkWheel]]) -> None:
         """Note which castors are left out and which joints are held fixed."""
         document = self.document
@@ -381,7 +420,9 @@ class _Recognition:
                 )
         if held:
             names = ", ".join(joint.name for joint in held)
-            self.notes.append(f"held fixed at zero, with all that they carry: joints {names}")
+            vertical = " ".join(joint.name for joint in held if self.vertical(joint))
+            kept = f"; --arm makes joints of an arm of those that are vertical: {vertical}" if vertical else ""
+            self.notes.append(f"held fixed at zero, with all that they carry: joints {names}{kept}")
 
     def joints_above(self, link: str) -> list[Any]:
         joint = self.document.carrier.get(link)

@@ -8,16 +8,16 @@ from .parts import Part, ahead_and_left
 
 
 def shares(
-    base: Part, steered: Sequence[Part], trailers: Sequence[Part], castors: Mapping[str, np.ndarray], heading: np.ndarray
+    base: Part, others: Sequence[Part], trailers: Sequence[Part], castors: Mapping[str, np.ndarray], heading: np.ndarray
 ) -> tuple[dict[str, float], list[str]]:
     """Return the part of the whole weight on each wheel, by joint, with the robot straight and level, and notes.
 
-    A trailer rests on its axle and on its hitch. The base with its steered parts rests on wheels and castors; if these are
-    more than three, the loads are taken as linear in the place, as on equal springs.
+    A trailer rests on its axle and on its hitch. The base with `others`, its steered parts and links of an arm, rests on wheels
+    and castors; if these are more than three, the loads are taken as linear in the place, as on equal springs.
     """
-    total = sum(part.mass for part in (base, *steered, *trailers))
+    total = sum(part.mass for part in (base, *others, *trailers))
     carried: dict[str, float] = {}
-    weights = [(part.mass, *_place(part, base, heading)) for part in (base, *steered)]
+    weights = [(part.mass, *_place(part, base, heading)) for part in (base, *others)]
     pulled = 0.0  # kg on the hitch of the trailer before
     for k in reversed(range(len(trailers))):
         part, after = trailers[k], trailers[k + 1] if k + 1 < len(trailers) else None
@@ -30,7 +30,7 @@ def shares(
         pulled = on_hitch
     if trailers:
         weights.append((pulled, *ahead_and_left(trailers[0].pivot - base.origin, heading)))
-    wheels = [*base.wheels, *[wheel for part in steered for wheel in part.wheels]]
+    wheels = [*base.wheels, *[wheel for part in others for wheel in part.wheels]]
     places = [wheel.centre for wheel in wheels] + list(castors.values())
     stands = np.array([ahead_and_left(place - base.origin, heading) for place in places])
     loads, stable = _loads(np.array(weights), stands, len(wheels))

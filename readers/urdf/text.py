@@ -19,7 +19,7 @@ NONE = 1e-9  # m, or relative: a smaller offset is none, as is a smaller differe
 WIDTH = 118
 SIDES = ("right", "left")
 WHERE = {"fr": "front right", "fl": "front left", "rr": "rear right", "rl": "rear left"}
-IMPORTED = ("cos", "sin", "Mechanism", "box", "placed", "wheels")
+IMPORTED = ("cos", "sin", "Mechanism", "box", "placed", "wheels", "config")
 ABOUT = {
     "two wheels": "two driven wheels on one axle",
     "mecanum": "four wheels with rollers (mecanum)",
@@ -60,6 +60,7 @@ def robot_file(layout: Layout) -> str:
         words=[*textwrap.wrap(WORDS, WIDTH), *([""] if notes else []), *notes],
         minus=lambda name, rate: _term("-", name, rate),
         plus=lambda name, rate: _term("+", name, rate),
+        lookahead=_number(round(layout.half, 3)),
         **_Names(layout).collected(),
     )
 
@@ -79,6 +80,9 @@ class _Names:
         layout = self.layout
         driven = self.mecanum if layout.kind == "mecanum" else self.steering if layout.steered else self.two_wheels
         entries = {"corners": [], "steered": [], "base": self.base(), **driven()}
+        arm = [self.link(k) for k in range(1, len(layout.arm) + 1)]
+        angles = ", ".join(f'("angle_{link.k}", "rad", q_{link.k}, "joint {link.joint}")' for link in arm)
+        entries |= {"arm": arm, "angles": angles}
         entries["trailers"] = [self.trailer(k) for k in range(1, len(layout.trailers) + 1)]
         total = f"({' + '.join(self.masses)})" if len(self.masses) > 1 else self.masses[0]
         return {"coordinates": self.coordinates, "parameters": self.parameters, "total": total, **entries}
@@ -139,10 +143,12 @@ class _Names:
         self.parameter("b", layout.half, "m", about, "--skid-steer-track" if skid else _joints(part.wheels))
         return SimpleNamespace(e=self.body(part, "", "I_z", "the body"), box=self.box(part), **vars(self.axle(part, "")))
 
-    def body(self, part: Part, suffix: str, inertia: str, name: str, origin: str = "its axle") -> str:
+    def body(
+        self, part: Part, suffix: str, inertia: str, name: str, origin: str = "its axle", about: str = " with its wheels"
+    ) -> str:
         """Add mass, inertia and centre of mass of a part on an axle. Return the name of its offset to the left, or nothing."""
         source = f"links {', '.join(part.links)}"
-        self.masses.append(self.parameter(f"m{suffix}", part.mass, "kg", f"mass of {name} with its wheels", source))
+        self.masses.append(self.parameter(f"m{suffix}", part.mass, "kg", f"mass of {name}{about}", source))
         self.parameter(inertia, part.inertia, "kg m^2", f"{name} about the vertical through its centre of mass", source)
         ahead = part.ahead if abs(part.ahead) > NONE else 0.0
         self.parameter(f"d{suffix}", ahead, "m", f"centre of mass of {name} ahead of {origin}", source, "any")
@@ -241,6 +247,22 @@ class _Names:
         axle = self.axle(part, f"_{k}")
         self.loads(f"load_{k}", [part.wheels], f"part of the weight on the wheels of trailer {k}")
         return SimpleNamespace(k=k, after=after, a=a, e=e, box=self.box(part), **vars(axle))
+
+    def link(self, k: int) -> SimpleNamespace:
+        """A link of an arm on its vertical joint."""
+        layout, part = self.layout, self.layout.arm[k - 1]
+        before, joint, name = layout.carrier(part), _joints([part]), f"link {k} of the arm"
+        after = "" if before is layout.base else f"_q{layout.arm.index(before) + 1}"
+        self.coordinate(f"q_{k}", "rad", f"{name}, from what carries it", _angles([part]))
+        ahead, aside = layout.seen(part.pivot, before.origin)
+        middle = "the middle of the wheels" if layout.kind in ("mecanum", "skid steer") else "the axle"
+        about = f"joint {k} of the arm ahead of {f'joint {after[2:]} of the arm' if after else middle}"
+        a = self.offsets(f"l_q{k}", [ahead], about, joint)[0]
+        w = self.offsets(f"w_q{k}", [aside], f"joint {k} of the arm to the left of it", joint)[0]
+        e = self.body(part, f"_q{k}", f"I_q{k}", name, "its joint", "")
+        tips = [layout.seen(each.pivot, part.origin) for each in layout.arm if layout.carrier(each) is part]
+        tip = tips[0] if tips else (2 * part.ahead, 2 * part.left)
+        return SimpleNamespace(k=k, after=after, a=a, w=w, e=e, joint=_plain(part.joint), tip=f"{tip[0]:.3g}, {tip[1]:.3g}")
 
     def loads(self, name: str, groups: Sequence[Sequence[LinkWheel]], about: str) -> list[str]:
         """Add the part of the weight on each group of wheels and return the names."""
