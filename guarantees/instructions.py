@@ -20,7 +20,7 @@ KINDS = {
     "refused": "refuses",
 }
 PAGE = HERE / "README.md"  # contains the table of the budgeted numbers
-ROUTE = ("odometry_good", "odometry_refused", "path_line", "path_arc", "path_next", "path_refused")
+ROUTE = ("odometry_good", "odometry_refused", "path_line", "path_arc", "path_next", "path_jump", "path_refused")
 SPEED = ("profile_line", "profile_arc", "slip_quiet", "slip_noticed", "slip_refused")
 EKF = ("ekf_gyro", "ekf_wheels", "ekf_fix", "ekf_refused")
 ENTRIES = {"odometry": "odometry_move", "path": "noslip_path_update_f", "ekf": "labmate_ekf_tick_f"}
@@ -58,8 +58,9 @@ def with_table(page: str, numbers: str) -> str:
     path, odometry, profile, slip = (modules[f"noslip_{name}_f"] for name in ("path", "odometry", "profile", "slip"))
     words = (
         f"Odometry {_range(odometry, 'good')}; of a path (update, which takes the heading) on a line {_range(path, 'line')}, "
-        f"on an arc {_range(path, 'arc')},\nat the end of a segment {_range(path, 'next')}. A profile of speed on a line "
-        f"{_range(profile, 'line')}, on an arc {_range(profile, 'arc')};\nslip while rolling {_range(slip, 'quiet')}, "
+        f"on an arc {_range(path, 'arc')},\nat the end of a segment {_range(path, 'next')}, after a jump of 95 m over 5000 arcs, "
+        f"64 of which end in each update, {_range(path, 'jump')}.\nA profile of speed on a line {_range(profile, 'line')}, "
+        f"on an arc {_range(profile, 'arc')};\nslip while rolling {_range(slip, 'quiet')}, "
         f"where it is noticed {_range(slip, 'noticed')}."
     )
     return re.sub(r"\| Cortex-M4F, float.*?noticed \d+(?: to \d+)?\.", f"{table}\n\n{words}", page, flags=re.S)
@@ -75,7 +76,8 @@ def _image(task: Task, folder):
     laws = "".join(task.driver(law, "_f", "instructions.inc") for law in task.laws)
     states = STATES // 10 if task.short else STATES
     calls = "".join(f"    count_{law}_f({states});\n" for law in task.laws)
-    main = f"int main(void)\n{{\n{calls}    count_route({states});\n    count_ekf({states});\n    return 0;\n}}\n"
+    calls += f"    count_route({states});\n    count_jump();\n    count_ekf({states});\n"
+    main = f"int main(void)\n{{\n{calls}    return 0;\n}}\n"
     (folder / "main.c").write_text(
         f'#include "instructions.h"\n#define ROBOT labmate\n{laws}#include "instructions_route.inc"\n{main}'
     )
