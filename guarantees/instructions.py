@@ -23,13 +23,14 @@ PAGE = HERE / "README.md"  # contains the table of the budgeted numbers
 ROUTE = ("odometry_good", "odometry_refused", "path_line", "path_arc", "path_next", "path_jump", "path_refused")
 SPEED = ("profile_line", "profile_arc", "slip_quiet", "slip_noticed", "slip_refused")
 EKF = ("ekf_gyro", "ekf_wheels", "ekf_fix", "ekf_refused")
+ADAPTATION = ("adaptation_learns", "adaptation_quiet", "adaptation_refused")
 ENTRIES = {"odometry": "odometry_move", "path": "noslip_path_update_f", "ekf": "labmate_ekf_tick_f"}
-ENTRIES |= {"profile": "profile_speed", "slip": "slip_tick"}
+ENTRIES |= {"profile": "profile_speed", "slip": "slip_tick", "adaptation": "adaptation_step"}
 MACHINE = "qemu-system-arm -M mps2-an386 -display none -monitor none -serial none -semihosting-config enable=on,target=native"
 
 
 def instructions(task: Task) -> str:
-    """Count the instructions of all laws, odometry, path, profile and slip; compare the maxima with the budget."""
+    """Count the instructions of all laws, odometry, path, profile, slip, filter and adaptation; compare with the budget."""
     need("qemu-system-arm", "qemu-system-arm")
     folder = task.folder / "instructions"
     folder.mkdir(parents=True, exist_ok=True)
@@ -76,15 +77,16 @@ def _image(task: Task, folder):
     laws = "".join(task.driver(law, "_f", "instructions.inc") for law in task.laws)
     states = STATES // 10 if task.short else STATES
     calls = "".join(f"    count_{law}_f({states});\n" for law in task.laws)
-    calls += f"    count_route({states});\n    count_jump();\n    count_ekf({states});\n"
-    main = f"int main(void)\n{{\n{calls}    return 0;\n}}\n"
+    calls += f"    count_route({states});\n    count_jump();\n    count_ekf({states});\n    count_adaptation({states});\n"
+    main = f"void count_adaptation(uint32_t n);\nint main(void)\n{{\n{calls}    return 0;\n}}\n"
     (folder / "main.c").write_text(
         f'#include "instructions.h"\n#define ROBOT labmate\n{laws}#include "instructions_route.inc"\n{main}'
     )
     boards = task.root / "firmware/boards"
     include = [f"-I{HERE / 'c'}", f"-I{task.root / 'tests/c'}"]
     objects = M4F.compile(task, task.float_sources)
-    objects += M4F.compile(task, [folder / "main.c"], "-fno-optimize-sibling-calls", *include)
+    counted = [folder / "main.c", HERE / "c/instructions_adaptation.c"]
+    objects += M4F.compile(task, counted, "-fno-optimize-sibling-calls", *include)
     objects += M4F.compile(task, [boards / "start_cortex_m.c", boards / "string.c"], "-ffreestanding", f"-I{boards}")
     image = folder / "image"
     run([M4F.compiler, *M4F.flags, "-nostdlib", f"-T{boards / 'mps2-an386.ld'}", *objects, "-lgcc", "-o", image])
@@ -98,7 +100,7 @@ def _count(task: Task, folder, image) -> dict[tuple[str, str], tuple[int, int]]:
     steps = [(law, f"{law}_f", f"{law}_step_f") for law in task.laws]
     steps += [(law, f"{law}_follow_f", f"{law}_follow_f") for law in task.laws if task.follows(law)]
     selected = {(module, kind): (entry, f"{kind}_{law}_f") for law, module, entry in steps for kind in KINDS}
-    for name in (*ROUTE, *SPEED, *EKF):
+    for name in (*ROUTE, *SPEED, *EKF, *ADAPTATION):
         module, kind = name.split("_")
         selected[f"noslip_{module}_f", kind] = ("ekf_correct" if kind == "fix" else ENTRIES[module], name)
     plugin, log = folder / "count.so", folder / "count.log"

@@ -142,6 +142,14 @@ class Dynamics:
             k for k in range(len(self.outputs)) if not ca.depends_on(jacobian[k, :], self.parameters) and jacobian[k, :].nnz()
         ]
 
+    def logged_as(self, velocity: Quantity, state: Collection[str]) -> str:
+        """Return the column that a quasi-velocity comes from, of a log with these columns of the state."""
+        if velocity.name not in state:
+            for k, q in enumerate(self.system.mechanism.coordinates):
+                if q.name in state and ca.is_equal(self.system.qdot[k], velocity.symbol, 2):
+                    return q.name
+        return velocity.name
+
     @cached_property
     def start_places(self) -> list[int]:
         """The entries of the state that the start of a window leaves unknown: measured coordinates and quasi-velocities."""

@@ -14,6 +14,7 @@ from .dynamics import Dynamics, combinations
 from .inverse import InverseDynamics
 from .log import Log
 from .output_error import OutputError, Prediction, Windows, runge_kutta, with_derivatives
+from .plausibility import check_dynamics, check_kinematics
 from .result import Identification, result_of
 
 WINDOW = 25  # rows that are predicted from one initial state
@@ -44,14 +45,39 @@ def identify(
     if not basis:
         raise BadInput(f"--fit {' '.join(names)}: the motion of {mechanism.name} does not depend on these parameters")
     free = [c.pivot for c in basis]
+    _check_motions(log, dynamics, every)
     fits = {way: predicted(log, dynamics, free, every, way, progress) for way in ((True, False) if held is None else (held,))}
     for fit in fits.values():
         fit.leave_out_unseen()
-        fit.begin(InverseDynamics(log, dynamics, fit.names, every).fit(dynamics.upper))
+        equations = InverseDynamics(log, dynamics, fit.names, every)
+        _check_inputs(log, dynamics, equations)
+        fit.begin(equations.fit(dynamics.upper))
         fit.fit()
     way = min(fits, key=lambda each: fits[each].cost)
     outputs = [(q.name, q.unit) for q in dynamics.outputs]
     return result_of(fits[way], names, basis, len(log.t), log.remarks, outputs, inputs="held" if way else "smooth")
+
+
+def _check_motions(log: Log, dynamics: Dynamics, values: np.ndarray) -> None:
+    """Raise BadInput if columns of the log contradict each other, unless one is changed."""
+    mechanism = dynamics.system.mechanism
+    known = {q.name: each for q, each in zip(dynamics.system.state, log.x.T, strict=True) if q.name in log.state}
+    coordinates = {q.name for q in mechanism.coordinates}
+    angles = [name for k in dynamics.direct if (name := dynamics.outputs[k].name) in coordinates]
+    check_kinematics(log.t, known, dynamics.system, values[: len(mechanism.parameters)].tolist(), log.stretches, angles)
+
+
+def _check_inputs(log: Log, dynamics: Dynamics, equations: InverseDynamics) -> None:
+    """Raise BadInput if inputs and velocities of the log contradict the equations of motion, unless one is changed."""
+    n, inputs = len(dynamics.system.mechanism.coordinates), [q.name for q in dynamics.inputs]
+    velocities = [dynamics.logged_as(q, log.state) for q in dynamics.system.quasi_velocities]
+    columns = dict(zip((*velocities, *inputs), np.hstack([log.x[:, n:], log.inputs]).T, strict=True))
+
+    def misfit(changed: Mapping[str, np.ndarray]) -> float:
+        nu, given = (np.column_stack([changed[name] for name in names]) for names in (velocities, inputs))
+        return equations.misfit_of(nu, given, log, dynamics.upper)
+
+    check_dynamics(columns, misfit, velocities, inputs)
 
 
 def predicted(

@@ -14,8 +14,9 @@ from ..readers.errors import BadInput
 from ..readers.progress import Reported, silent
 from .dynamics import pose_names
 from .identifiability import Combination, determined
-from .log import PoseLog
+from .log import PoseLog, filled
 from .output_error import FEWEST, OutputError, Prediction, Windows, runge_kutta, with_derivatives
+from .plausibility import check_kinematics
 from .result import Identification, result_of
 
 WINDOWS = 10  # into which the log is divided, about; each has an initial pose of its own
@@ -57,6 +58,12 @@ def calibrate(
     if any(log.names != first.names for log in logs):
         raise BadInput("the logs have different columns; calibrate them one by one")
     geometry = _Geometry.of(system, first.names)
+    given = [values.get(p.name, p.default) for p in system.mechanism.parameters]
+    for log in logs:
+        pose = zip(pose_names(system), log.pose.T, strict=True)
+        measured = {name: filled(log.t, each) for name, each in pose if np.isfinite(each).any()}
+        columns = {**dict(zip(log.names, log.angles.T, strict=True)), **measured}
+        check_kinematics(log.t, columns, system, given, log.stretches, log.names)
     quantities = (*system.mechanism.parameters, *geometry.sensors)
     every = np.array([values.get(q.name, q.default) for q in quantities])
     if names is None:

@@ -25,7 +25,7 @@ class InverseDynamics:
         inside = np.concatenate([np.arange(s.start + 1, s.stop - 1) for s in log.stretches])
         rows = inside[:: 1 + len(inside) // MOST_ROWS]
         signals = (log.x[:, :n], nu, slopes(log.t, nu, log.stretches), smooth(log.inputs, log.stretches))
-        self._rows = [each[rows].T for each in signals]
+        self._taken, self._rows = rows, [each[rows].T for each in signals]
         self._values, self._quantities = values, {q.name: q for q in dynamics.quantities}
         self.names = list(names)
         self._places = [list(self._quantities).index(name) for name in names]
@@ -51,6 +51,18 @@ class InverseDynamics:
             x_scale=sizes,
         )
         return self._with(fitted.x)
+
+    def misfit_of(self, velocities: np.ndarray, inputs: np.ndarray, log: Log, upper: dict[str, float]) -> float:
+        """Return `misfit` after a fit with other columns of the log: quasi-velocities (N, n-m) and inputs (N, r)."""
+        kept = self._rows, self._scale
+        nu = smooth(velocities, log.stretches)
+        signals = (nu, slopes(log.t, nu, log.stretches), smooth(inputs, log.stretches))
+        self._rows = [kept[0][0], *(each[self._taken].T for each in signals)]
+        self._scale = self._rms(self._at(self._values)[1])
+        try:
+            return self.misfit(self.fit(upper))
+        finally:
+            self._rows, self._scale = kept
 
     def misfit(self, values: np.ndarray) -> float:
         """Return the RMS error of the equations, relative to that of the forces."""

@@ -22,8 +22,9 @@ FEWEST = 20  # rows
 class Log:
     """Rows of a log in the order of time: t (N) s, states x = [q; nu] (N, 2n-m) and logged inputs (N, r), SI.
 
-    `stretches` are ranges of rows without a gap in time; `remarks` state what was left out. `outputs` (N, ny) are what was
-    measured, NaN where it was not; None: the quasi-velocities in x. What is not measured directly in x is an estimate.
+    `state` names what x has from the log. `stretches` are ranges of rows without a gap in time; `remarks` state what was left
+    out. `outputs` (N, ny) are what was measured, NaN where it was not; None: the quasi-velocities in x. What is not measured
+    directly in x is an estimate.
     """
 
     t: np.ndarray
@@ -32,6 +33,7 @@ class Log:
     stretches: tuple[range, ...]
     remarks: tuple[str, ...]
     outputs: np.ndarray | None = None
+    state: tuple[str, ...] = ()
 
     def measured(self, n: int) -> np.ndarray:
         """Return the outputs; `n` is the number of coordinates in x."""
@@ -81,23 +83,24 @@ def read_log(file: str | Path, dynamics: Dynamics, columns: Mapping[str, str]) -
     units = {q.name: q.unit for q in (*system.state, *dynamics.inputs, *dynamics.outputs)}
     needed = {"t", *inputs, *outputs, *dynamics.coordinates_needed}
     values = _columns(file, units, needed, columns)
-    sparse = [name for name in outputs if name not in rates]
-    dense = [name for name in ("t", *state, *inputs) if name in values and name not in sparse]
+    dense = ["t", *inputs, *(name for name in state if name in needed and not (name in outputs and name not in rates))]
+    sparse = [name for name in values if name not in dense]
     rows, stretches, remarks = _cleaned(str(file), np.column_stack([values[n] for n in (*dense, *sparse)]), len(dense), FEWEST)
     clean = dict(zip((*dense, *sparse), rows.T, strict=True))
     units["t"] = "s"
-    for name in outputs:
+    for name in sparse:
         if units[name] == "rad":
             clean[name], remark = continued(clean[name], name)
             remarks = (*remarks, *remark)
     measured = np.column_stack([clean[name] for name in outputs])
-    x = np.column_stack([_filled(clean["t"], clean[name]) if name in clean else np.zeros(len(rows)) for name in state])
+    x = np.column_stack([filled(clean["t"], clean[name]) if name in clean else np.zeros(len(rows)) for name in state])
     if not rates <= clean.keys():
         x[:, -system.dof :] = velocities(clean["t"], x, dynamics, stretches)
-    return Log(clean["t"], x, np.column_stack([clean[name] for name in inputs]), stretches, remarks, measured)
+    known = tuple(name for name in state if name in clean)
+    return Log(clean["t"], x, np.column_stack([clean[name] for name in inputs]), stretches, remarks, measured, known)
 
 
-def _filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+def filled(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return a column interpolated where nothing was measured."""
     known = np.isfinite(values)
     return np.interp(t, t[known], values[known]) if known.any() else np.zeros(len(t))
@@ -134,7 +137,9 @@ def read_poses(file: str | Path, system: ReducedSystem, pose: Sequence[str], col
     for k, name in enumerate(names):
         angles[:, k], remark = continued(angles[:, k], name)
         remarks = (*remarks, *remark)
-    return PoseLog(rows[:, 0], tuple(names), angles, rows[:, 1 + len(names) :], stretches, remarks)
+    poses = rows[:, 1 + len(names) :]
+    poses[:, 2], _ = continued(poses[:, 2], pose[2])
+    return PoseLog(rows[:, 0], tuple(names), angles, poses, stretches, remarks)
 
 
 def _columns(

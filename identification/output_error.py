@@ -109,8 +109,7 @@ class OutputError:
         return self
 
     def leave_out_unseen(self) -> None:
-        """Remove parameters that the outputs do not depend on, or not by themselves, from those fitted; they keep their values.
-        """
+        """Remove fitted parameters that the outputs do not depend on, or not by themselves; they keep their values."""
         while weak := self._weakest(WEAKEST):
             name, *others = weak
             self.unseen[name] = others

@@ -9,7 +9,7 @@ import casadi as ca
 from .algebra.exact import canonical
 from .algebra.linear import solve
 from .errors import ModelError
-from .mechanism import Mechanism, Quantity, quantity
+from .mechanism import Mechanism, Quantity, Vehicle, quantity
 from .outputs import axle, forward_speed, velocity
 from .reduction import ReducedSystem
 
@@ -28,6 +28,16 @@ def body_pose(mechanism: Mechanism) -> tuple[Quantity, Quantity, Quantity] | Non
     for place, unit in ((vehicle.x, "m"), (vehicle.y, "m"), (vehicle.heading, "rad")):
         found += [q for q in mechanism.coordinates if q.unit == unit and ca.jacobian(place, q.symbol).is_one()][:1]
     return (found[0], found[1], found[2]) if len({q.name for q in found}) == 3 else None
+
+
+def estimated_pose(mechanism: Mechanism) -> Vehicle | None:
+    """Return the pose that a filter estimates: the vehicle's if its heading is a coordinate, else `body_pose`; None if there is
+    neither.
+    """
+    if mechanism.vehicle and mechanism.vehicle.heading.is_symbolic():
+        return mechanism.vehicle
+    pose = body_pose(mechanism)
+    return Vehicle(*(q.symbol for q in pose)) if pose else None
 
 
 def velocity_map(system: ReducedSystem) -> ca.SX | None:

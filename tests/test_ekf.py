@@ -96,6 +96,30 @@ def _compare(ours: Filter, truth: Reference, tolerance: float) -> None:
     assert (np.abs(ours.covariance - P) / np.outer(sd, sd)).max() <= tolerance * 100
 
 
+@pytest.mark.parametrize("robot", ["car", "tricycle"])
+def test_steered_vehicles(robot):
+    """By hand, with c = cos delta: the rear axle rolls r theta (car) or r theta c (tricycle), and the body
+    turns r theta tan(delta)/l or r theta sin(delta)/l. Poses show the wheel's true radius, 2 % smaller.
+    """
+    system = system_of(find_robot(robot))
+    sizes = {p.name: p.default for p in system.mechanism.parameters}
+    options = FilterOptions(noise=(1e-3, 1e-3), start_sd=(0.02, 0.02, 0.01), scale_sd={"thetadot": 0.03})
+    ours = Filter(system, list(sizes.values()), options)
+    x = y = heading = 0.0
+    for k in range(400):
+        delta, theta = 0.5 * math.sin(0.05 * k), 0.05
+        rolled = 0.98 * sizes["r"] * theta
+        forward = rolled * (math.cos(delta) if robot == "tricycle" else 1.0)
+        turn = forward * math.tan(delta) / sizes["l"]
+        x, y = x + forward * math.cos(heading + turn / 2), y + forward * math.sin(heading + turn / 2)
+        heading += turn
+        assert ours.tick((theta, 0.0), DT, measured=(delta,)) == "ok"
+        if k % 20 == 19:
+            assert ours.correct("pose", x=x, y=y, heading=heading, sd=1e-3, heading_sd=1e-3) == "ok"
+    assert ours.state[4] == pytest.approx(0.98, abs=4 * math.sqrt(ours.covariance[4, 4])) and abs(ours.state[4] - 0.98) < 1e-3
+    assert ours.pose == pytest.approx([x, y, heading], abs=1e-3)
+
+
 # -- statistics -----------------------------------------------------------------------------------------------------------
 
 

@@ -37,6 +37,7 @@ from ..model.law import ControlLaw, symbols
 from ..model.linearization import SINGULAR
 from ..model.outputs import body_offsets
 from ..model.reduction import ReducedSystem
+from ..model.vehicle import estimated_pose
 from ..readers.errors import BadInput
 from ..readers.kept import keep, kept
 from ..readers.progress import Reported, silent
@@ -531,7 +532,7 @@ class _FilterInC(_InC):
         factors = [scales.get(q.name, ca.SX(1)) for q in self.system.quasi_velocities]
         nominal = [p.symbol for p in mechanism.parameters]
         real = [scales.get(p.name, ca.SX(1)) * p.symbol for p in mechanism.parameters]
-        vehicle = mechanism.required_vehicle
+        vehicle = estimated_pose(mechanism) or mechanism.required_vehicle
         rate = ca.jacobian(ca.vertcat(vehicle.x, vehicle.y, vehicle.heading), mechanism.q) @ self.system.S
         moved = ca.substitute([rate], nominal, real)[0] @ (ca.vertcat(*factors) * turned)
         turn = ca.substitute(moved[2], vehicle.heading, joint[2])

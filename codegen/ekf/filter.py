@@ -24,6 +24,7 @@ from ...model.algebra.exact import canonical
 from ...model.errors import ModelError
 from ...model.mechanism import Quantity, quantity
 from ...model.reduction import ReducedSystem
+from ...model.vehicle import estimated_pose
 from ..derivation.stages import Result, inner_velocities
 from ..dynamics import DynamicsProgram
 from ..graph import Group
@@ -81,13 +82,13 @@ def why_no_filter(system: ReducedSystem) -> str:
 @lru_cache(maxsize=16)
 def _motion(system: ReducedSystem, scaled: tuple[str, ...]) -> TickMotion:
     """Return the motion of a tick. Raises ModelError if the robot has none, or for names that cannot be scaled."""
-    mechanism, vehicle = system.mechanism, system.mechanism.vehicle
+    mechanism, vehicle = system.mechanism, estimated_pose(system.mechanism)
     name = mechanism.name
-    if vehicle is None:
+    if mechanism.vehicle is None:
         raise ModelError(f"{name}: a filter needs a vehicle: use moves_in_plane(x, y, heading)")
+    if vehicle is None:
+        raise ModelError(f"{name}: a filter needs coordinates that displace the vehicle in x and y and turn it")
     place = ca.vertcat(vehicle.x, vehicle.y, vehicle.heading)
-    if not vehicle.heading.is_symbolic():
-        raise ModelError(f"{name}: a filter needs the heading of the vehicle to be one of the coordinates")
     inner, W = inner_velocities(system)
     S_pose = canonical(ca.jacobian(place, mechanism.q) @ inner.S)
     w = ca.vertcat(*[ca.SX.sym(each) for each in _motions(inner)])
@@ -175,8 +176,6 @@ class _FilterBuilder(StepBuilder):
             raise ModelError(
                 f"{system.mechanism.name}: a filter has at most {MOST_STATES - POSE - 1} scales, not {count - POSE - 1}"
             )
-        place = system.mechanism.vehicle
-        assert place is not None
         heading = Quantity("heading", "rad", "", symbol=motion.heading)
         self.bias = quantity("gyro_bias", "rad/s", "bias of the gyro")
         estimate = (quantity("x", "m"), quantity("y", "m"), heading, self.bias, *motion.scales)
