@@ -360,6 +360,14 @@ def test_trailers_back_along_an_s(N):
         np.testing.assert_allclose(run.q[row, 3 : 3 + N], expected, atol=1e-8)
 
 
+def test_a_car_backs_along_clothoids():
+    """From beside the course and at half its speed; on the arc the steering angle is that of its radius."""
+    run = simulate(read_varied(BACKING / "clothoids.toml", {"simulation.period": 0.02}))
+    assert run.stopped is None and np.abs(run.error[-1]).max() < 1e-4 and run.nu[-1, 0] == pytest.approx(-1.0 / 0.3, abs=1e-4)
+    delta = run.q[:, [c.name for c in run.law.system.mechanism.coordinates].index("delta")]
+    assert delta.min() == pytest.approx(-np.arctan(0.2 * 2.6), abs=1e-3)
+
+
 def test_the_train_is_the_tractor_with_trailers():
     """The same motion and inputs as the shipped robot, which has other coordinates and velocities."""
     other, own = (find_robot(name) for name in ("tractor_trailer:2", f"{BACKING / 'train.py'}:train:2"))
